@@ -1,0 +1,35 @@
+# make demo: a small benchmark, rendered, answered, scored and reported in ./demo
+# make test: lint, types, tests
+# Both make .venv from constraints.txt when it is missing; Python 3.11 is all they need.
+
+PYTHON ?= python3.11
+VENV := .venv
+BIN := $(VENV)/bin
+OUT ?= demo
+
+.PHONY: demo test lint types unit venv clean
+
+venv: $(VENV)/.installed
+
+$(VENV)/.installed: pyproject.toml constraints.txt
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[all,dev]'
+	touch $@
+
+demo: venv
+	$(BIN)/pliant demo --out $(OUT)
+
+test: venv lint types unit
+
+lint: venv
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: venv
+	$(BIN)/mypy
+
+unit: venv
+	$(BIN)/pytest -n 2
+
+clean:
+	rm -rf $(VENV) build dist *.egg-info

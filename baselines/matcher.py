@@ -1,0 +1,90 @@
+"""What a matching method must offer: the `Matcher` protocol."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+
+@dataclass(frozen=True)
+class View:
+    """One frame, as a method is allowed to see it.
+
+    Attributes:
+        rgb: uint8 (H, W, 3), sRGB.
+        mask: bool (H, W), True on the objects, or None where masks are not given out.
+        depth_m: float32 (H, W), planar z in metres, +inf is background, or None.
+        key: Stable name of the frame (`sequence/frame`), for caches of descriptors.
+    """
+
+    rgb: npt.NDArray[np.uint8]
+    mask: npt.NDArray[np.bool_] | None = None
+    depth_m: npt.NDArray[np.float32] | None = None
+    key: str = ""
+
+
+@dataclass(frozen=True)
+class Answers:
+    """Where a method sees N query pixels in the target image.
+
+    Attributes:
+        uv_px: float32 (N, 2), finite.
+        visible: float32 (N,), probabilities, or None.
+        sigma_px: float32 (N,), > 0, or None.
+        modes: one float32 (M_i, 4) array a query of (u, v, sigma, weight), or None.
+    """
+
+    uv_px: npt.NDArray[np.float32]
+    visible: npt.NDArray[np.float32] | None = None
+    sigma_px: npt.NDArray[np.float32] | None = None
+    modes: list[npt.NDArray[np.float32]] | None = None
+
+
+@dataclass(frozen=True)
+class Matches:
+    """A sparse method's own keypoint matches.
+
+    Attributes:
+        uv_a_px: float32 (M, 2), keypoints in the source image.
+        uv_b_px: float32 (M, 2), their matches in the target image.
+        score: float32 (M,), higher is better.
+    """
+
+    uv_a_px: npt.NDArray[np.float32]
+    uv_b_px: npt.NDArray[np.float32]
+    score: npt.NDArray[np.float32]
+
+
+class Matcher(Protocol):
+    """A method that finds query pixels of a source image in a target image."""
+
+    name: str
+
+    def describe(self) -> Mapping[str, Any]:
+        """Return JSON-able facts for the submission's footer: name, settings, versions."""
+        ...
+
+    def answer(self, source: View, target: View, uv_a_px: npt.NDArray[np.float32]) -> Answers:
+        """Answer query pixels.
+
+        Args:
+            source: The image the queries are in.
+            target: The image to find them in.
+            uv_a_px: float32 (N, 2), query pixels, centre of the first pixel at (0.5, 0.5).
+
+        Returns:
+            One answer for every query, in order.
+        """
+        ...
+
+
+class KeypointMatcher(Matcher, Protocol):
+    """A sparse method that also has keypoint matches of its own."""
+
+    def match(self, source: View, target: View) -> Matches:
+        """Return the method's own matches between two images."""
+        ...

@@ -1,0 +1,1 @@
+"""The `pliant` command: thin click commands over the other folders."""

@@ -1,0 +1,1 @@
+"""Scores anybody's answers by a named protocol; needs neither torch, Blender nor OpenCV."""

@@ -1,0 +1,1 @@
+"""Makes datasets: samplers, simulators, truth, rendering and the runner."""

@@ -1,0 +1,1 @@
+"""The cloth: a mass-and-spring simulator and its tiers."""

@@ -1,0 +1,1 @@
+"""The render styles: `photo`, `fast` and `raster`."""

@@ -1,0 +1,1 @@
+"""The rope: curves, strands, knots and episodes."""

@@ -1,0 +1,1 @@
+"""PyTorch datasets over Pliant files: pairs, clips and frames."""

@@ -1,0 +1,1 @@
+"""Learned methods: networks, losses, trainers, and their matchers."""

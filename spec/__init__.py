@@ -1,0 +1,1 @@
+"""The Pliant specification: conventions, schemas, reading and writing, validation."""

@@ -1,0 +1,118 @@
+"""What can go wrong, and the two ways of saying it: an exception, or a list of issues."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Literal
+
+Severity = Literal["error", "warning"]
+
+
+class PliantError(Exception):
+    """The base of every error that Pliant raises on purpose.
+
+    Args:
+        message: What is wrong, in one sentence.
+        path: The file concerned.
+        where: The field, row or frame inside it.
+        found: What stands there.
+        required: What the specification, or the call, requires.
+        fix: What the reader should do.
+    """
+
+    exit_code = 1
+    """1: the data is wrong. 2: the call is wrong."""
+
+    def __init__(
+        self,
+        message: str,
+        *,
+        path: Path | str | None = None,
+        where: str | None = None,
+        found: object | None = None,
+        required: object | None = None,
+        fix: str | None = None,
+    ) -> None:
+        self.message = message
+        self.path = None if path is None else str(path)
+        self.where = where
+        self.found = found
+        self.required = required
+        self.fix = fix
+        super().__init__(self._sentence())
+
+    def _sentence(self) -> str:
+        place = ", ".join(part for part in (self.path, self.where) if part)
+        text = f"{place}: {self.message}" if place else self.message
+        if self.found is not None:
+            text += f"; found {self.found}"
+        if self.required is not None:
+            text += f"; required: {self.required}"
+        if self.fix is not None:
+            text += f". {self.fix}"
+        return text
+
+
+class SpecError(PliantError):
+    """A dataset file breaks the specification, or its version cannot be read."""
+
+
+class SubmissionError(PliantError):
+    """A submission cannot be scored; `issues` says why, all of it."""
+
+    def __init__(self, message: str, *, issues: Sequence[Issue] = (), **kwargs: object) -> None:
+        self.issues = list(issues)
+        super().__init__(message, **kwargs)  # type: ignore[arg-type]
+
+
+class GenerationError(PliantError):
+    """A sequence could not be made."""
+
+
+class TrainingError(PliantError):
+    """A training run cannot start or go on."""
+
+
+class CallError(PliantError):
+    """The call is wrong: an argument, a setting, an output folder, a missing extra."""
+
+    exit_code = 2
+
+
+class MissingExtraError(CallError):
+    """An optional dependency is not installed."""
+
+    def __init__(self, feature: str, extra: str) -> None:
+        super().__init__(
+            f"{feature} needs the optional dependencies '{extra}'",
+            fix=f"Install them with: pip install 'pliant[{extra}]'",
+        )
+
+
+@dataclass(frozen=True, order=True)
+class Issue:
+    """One problem found by a validator or by the submission check.
+
+    Attributes:
+        code: Stable code from the catalogue, such as `DEPTH_DISAGREES`.
+        severity: `error` makes the file invalid; `warning` does not.
+        path: File, relative to the dataset (or the submission's own path).
+        where: Field, row, frame or query inside the file; empty for the whole file.
+        message: Found, required and what to do, in words.
+    """
+
+    code: str
+    severity: Severity
+    path: str
+    where: str
+    message: str
+
+    def as_dict(self) -> dict[str, str]:
+        """Return the issue as a JSON object."""
+        return asdict(self)
+
+    def __str__(self) -> str:
+        place = f"{self.path} [{self.where}]" if self.where else self.path
+        return f"{self.severity.upper()} {self.code} {place}: {self.message}"
