@@ -1,0 +1,285 @@
+"""Parquet tables: written with a footer that says what they are, read within limits."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+from pliant.spec import limits
+from pliant.spec.conventions import FOOTER_KEY, SPEC_VERSION
+from pliant.spec.jsonfiles import parse_json
+from pliant.spec.reading import FileRefusedError, check_regular
+from pliant.spec.tables import TABLES
+
+_ROW_GROUP_ROWS: Final = 65536
+_THRIFT_LIMIT: Final = 16 * 2**20
+
+
+def write_table(
+    path: Path | str, table: pa.Table, name: str, footer: Mapping[str, Any] | None = None
+) -> None:
+    """Write a table; equal tables give equal bytes.
+
+    Args:
+        path: Where to; replaced if it exists.
+        table: Columns of `TABLES[name]` (a submission may have more), in any order and of
+            types that cast to the declared ones without loss.
+        name: A key of `TABLES`.
+        footer: What the `pliant` footer object holds besides `spec_version` and `table`.
+
+    Raises:
+        ValueError: A column is missing, of another type, or holds a null it must not.
+    """
+    schema = TABLES[name]
+    missing = [field.name for field in schema if field.name not in table.column_names]
+    if missing:
+        raise ValueError(f"table {name} lacks the columns {missing}")
+    columns, fields = [], []
+    for field in schema:
+        column = table.column(field.name)
+        if column.type != field.type:
+            column = column.cast(field.type)
+        if not field.nullable and column.null_count:
+            raise ValueError(f"table {name}, column {field.name}: null is not allowed")
+        columns.append(column)
+        fields.append(field)
+    for extra in table.schema:
+        if extra.name not in schema.names:
+            if name not in ("answers", "matches"):
+                raise ValueError(f"table {name} has no column {extra.name}")
+            columns.append(table.column(extra.name))
+            fields.append(extra)
+    content = {"spec_version": SPEC_VERSION, "table": name, **(footer or {})}
+    text = json.dumps(content, sort_keys=True, allow_nan=False, ensure_ascii=False)
+    described = pa.schema(fields, metadata={FOOTER_KEY: text.encode()})
+    pq.write_table(
+        pa.Table.from_arrays(columns, schema=described),
+        path,
+        compression="zstd",
+        compression_level=3,
+        row_group_size=_ROW_GROUP_ROWS,
+        version="2.6",
+        data_page_version="1.0",
+        write_statistics=True,
+    )
+
+
+def open_table(path: Path | str, *, max_rows: int = limits.MAX_TABLE_ROWS) -> pq.ParquetFile:
+    """Open a Parquet file after checking, from its footer alone, how much it announces.
+
+    Args:
+        path: The file.
+        max_rows: The most rows allowed.
+
+    Raises:
+        FileRefusedError: Missing, no Parquet, damaged, or it announces too much.
+    """
+    check_regular(path, limits.MAX_TABLE_BYTES)
+    try:
+        file = pq.ParquetFile(
+            path,
+            memory_map=False,
+            thrift_string_size_limit=_THRIFT_LIMIT,
+            thrift_container_size_limit=_THRIFT_LIMIT,
+        )
+    except Exception as error:  # Arrow's errors do not share a base
+        raise _unreadable(path, error) from error
+    metadata = file.metadata
+    groups = [metadata.row_group(index) for index in range(metadata.num_row_groups)]
+    if metadata.num_rows < 0 or metadata.num_rows != sum(group.num_rows for group in groups):
+        raise _unreadable(path, "row counts that contradict each other")
+    if metadata.num_rows > max_rows:
+        raise FileRefusedError(
+            "FILE_TOO_LARGE",
+            "the table announces more rows than allowed",
+            path=path,
+            found=f"{metadata.num_rows} rows",
+            required=f"at most {max_rows}",
+        )
+    for group in groups:
+        for index in range(group.num_columns):
+            column = group.column(index)
+            if column.total_uncompressed_size > limits.MAX_CHUNK_BYTES or (
+                column.num_values > limits.MAX_CHUNK_VALUES
+            ):
+                raise FileRefusedError(
+                    "FILE_TOO_LARGE",
+                    "a column chunk announces more than allowed",
+                    path=path,
+                    where=column.path_in_schema,
+                    found=f"{column.num_values} values, {column.total_uncompressed_size} bytes",
+                    required=f"at most {limits.MAX_CHUNK_VALUES} values, "
+                    f"{limits.MAX_CHUNK_BYTES} bytes",
+                )
+    return file
+
+
+def read_table(
+    path: Path | str,
+    name: str,
+    columns: Sequence[str] | None = None,
+    *,
+    max_rows: int = limits.MAX_TABLE_ROWS,
+) -> pa.Table:
+    """Read a table in the declared types and column order.
+
+    Args:
+        path: The file.
+        name: A key of `TABLES`.
+        columns: Names to read, or None for all declared ones.
+        max_rows: The most rows allowed.
+
+    Returns:
+        Exactly the requested columns, typed as declared, without the file's metadata.
+
+    Raises:
+        FileRefusedError: Missing, damaged, too large; a column missing, of another type or with
+            a null it must not hold.
+    """
+    file = open_table(path, max_rows=max_rows)
+    return load_columns(file, path, select_schema(name, columns))
+
+
+def select_schema(name: str, columns: Sequence[str] | None = None) -> pa.Schema:
+    """Return the declared schema of some columns of a table (all of them for None)."""
+    schema = TABLES[name]
+    return schema if columns is None else pa.schema([schema.field(c) for c in columns])
+
+
+def load_columns(
+    file: pq.ParquetFile,
+    path: Path | str,
+    schema: pa.Schema,
+    row_groups: Sequence[int] | None = None,
+) -> pa.Table:
+    """Decode columns of an open file and bring them to the declared types.
+
+    Other writers may mark every column as optional, store strings as dictionaries or with
+    64-bit offsets: all of that is the same table.
+
+    Args:
+        file: From `open_table`.
+        path: The file, for messages.
+        schema: The columns wanted.
+        row_groups: Indices of row groups, or None for all.
+
+    Raises:
+        FileRefusedError: A column is missing, of another type, damaged or has a null.
+    """
+    names = file.schema_arrow.names
+    for field in schema:
+        problem = column_problem(file.schema_arrow, field)
+        if problem is not None:
+            code, message = problem
+            raise FileRefusedError(code, message, path=path, where=field.name, found=names)
+    try:
+        table = (
+            file.read(schema.names, use_threads=False)
+            if row_groups is None
+            else file.read_row_groups(list(row_groups), schema.names, use_threads=False)
+        )
+        table.validate(full=True)
+        columns = []
+        for field in schema:
+            column = table.column(field.name)
+            columns.append(column if column.type == field.type else column.cast(field.type))
+    except Exception as error:
+        raise _unreadable(path, error) from error
+    for field, column in zip(schema, columns, strict=True):
+        if not field.nullable and column.null_count:
+            raise FileRefusedError(
+                "VALUE_NULL",
+                "null is not allowed",
+                path=path,
+                where=field.name,
+                found=f"{column.null_count} nulls",
+            )
+    return pa.Table.from_arrays(columns, schema=schema)
+
+
+def column_problem(schema: pa.Schema, field: pa.Field) -> tuple[str, str] | None:
+    """Say what is wrong with a file's column, or None.
+
+    Args:
+        schema: The file's Arrow schema.
+        field: The declared field.
+
+    Returns:
+        (issue code, sentence), or None if the column is there with the declared type.
+    """
+    count = schema.names.count(field.name)
+    if count == 0:
+        return "COLUMN_MISSING", f"the column {field.name} is missing"
+    if count > 1:
+        return "COLUMN_EXTRA", f"the column {field.name} is there {count} times"
+    found = schema.field(field.name).type
+    if not _same_type(found, field.type):
+        return "COLUMN_TYPE", f"the column {field.name} is {found}; required: {field.type}"
+    return None
+
+
+def _same_type(found: pa.DataType, declared: pa.DataType) -> bool:
+    if pa.types.is_dictionary(found):
+        found = found.value_type
+    if pa.types.is_string(declared):
+        return pa.types.is_string(found) or pa.types.is_large_string(found)
+    if pa.types.is_list(declared):
+        return (pa.types.is_list(found) or pa.types.is_large_list(found)) and _same_type(
+            found.value_type, declared.value_type
+        )
+    if pa.types.is_struct(declared):
+        if not pa.types.is_struct(found) or found.num_fields != declared.num_fields:
+            return False
+        pairs = zip(list(found), list(declared), strict=True)
+        return all(a.name == b.name and _same_type(a.type, b.type) for a, b in pairs)
+    return bool(found == declared)
+
+
+def read_footer(path: Path | str) -> dict[str, Any]:
+    """Return the `pliant` footer object of a Parquet file.
+
+    Args:
+        path: The file.
+
+    Raises:
+        FileRefusedError: Missing, damaged, or without a footer object.
+    """
+    return footer_of(open_table(path, max_rows=limits.MAX_FOOTER_ONLY_ROWS), path)
+
+
+def footer_of(file: pq.ParquetFile, path: Path | str) -> dict[str, Any]:
+    """Return the `pliant` footer object of an open file; errors as `read_footer`."""
+    metadata = file.metadata.metadata or {}
+    if FOOTER_KEY not in metadata:
+        raise FileRefusedError(
+            "FOOTER_MISSING",
+            "the Parquet footer has no `pliant` entry",
+            path=path,
+            fix="Write the JSON object of SPEC.md under the footer's key `pliant`.",
+        )
+    text = metadata[FOOTER_KEY]
+    if len(text) > limits.MAX_FOOTER_BYTES:
+        raise FileRefusedError("FILE_TOO_LARGE", "the `pliant` footer is too long", path=path)
+    try:
+        footer = parse_json(text, path)
+    except FileRefusedError as error:
+        raise FileRefusedError(
+            "FOOTER_INVALID",
+            "the `pliant` footer is no strict JSON",
+            path=path,
+            found=error.found,
+        ) from error
+    if not isinstance(footer, dict):
+        raise FileRefusedError("FOOTER_INVALID", "the `pliant` footer is no JSON object", path=path)
+    return footer
+
+
+def _unreadable(path: Path | str, error: object) -> FileRefusedError:
+    text = " ".join(str(error).split())
+    return FileRefusedError(
+        "FILE_UNREADABLE", "the Parquet file cannot be decoded", path=path, found=text[:300]
+    )
