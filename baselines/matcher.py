@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
+from pliant.spec.dataset import Dataset
 
 
 @dataclass(frozen=True)
@@ -16,7 +17,8 @@ class View:
 
     Attributes:
         rgb: uint8 (H, W, 3), sRGB.
-        mask: bool (H, W), True on the objects, or None where masks are not given out.
+        mask: bool (H, W), True where the queried object is seen, or None where masks are not
+            given out.
         depth_m: float32 (H, W), planar z in metres, +inf is background, or None.
         key: Stable name of the frame (`sequence/frame`), for caches of descriptors.
     """
@@ -59,6 +61,23 @@ class Matches:
     score: npt.NDArray[np.float32]
 
 
+@dataclass(frozen=True)
+class Heat:
+    """How strongly a method believes in each pixel of the target, for one query.
+
+    Attributes:
+        values: float32 (H, W), higher is better, NaN where the method does not look.
+        label: What the values are, for a colour bar.
+        confidence: How sure the method is of its answer, 0 to 1.
+        confidence_label: What that number is.
+    """
+
+    values: npt.NDArray[np.float32]
+    label: str
+    confidence: float
+    confidence_label: str
+
+
 class Matcher(Protocol):
     """A method that finds query pixels of a source image in a target image."""
 
@@ -82,9 +101,45 @@ class Matcher(Protocol):
         ...
 
 
+@runtime_checkable
 class KeypointMatcher(Matcher, Protocol):
     """A sparse method that also has keypoint matches of its own."""
 
     def match(self, source: View, target: View) -> Matches:
         """Return the method's own matches between two images."""
+        ...
+
+
+@runtime_checkable
+class HeatMatcher(Matcher, Protocol):
+    """A method that can show where else it would have looked."""
+
+    def heat(self, source: View, target: View, uv_a_px: npt.NDArray[np.float32]) -> Heat:
+        """Return the method's belief over the target for one query.
+
+        Args:
+            source: The image the query is in.
+            target: The image to find it in.
+            uv_a_px: float32 (2,), the query pixel.
+        """
+        ...
+
+
+@runtime_checkable
+class SplitMatcher(Protocol):
+    """A method that answers a whole split at once, without looking at images."""
+
+    name: str
+
+    def describe(self) -> Mapping[str, Any]:
+        """Return JSON-able facts for the submission's footer."""
+        ...
+
+    def answer_split(self, dataset: Dataset, split: str) -> Answers:
+        """Answer every query of a split, in the order of the queries file.
+
+        Args:
+            dataset: The dataset.
+            split: The split.
+        """
         ...

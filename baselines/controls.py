@@ -1,0 +1,143 @@
+"""Controls: answers that need no looking, the floor and the ceiling of every table."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+from pliant.baselines.matcher import Answers, View
+from pliant.baselines.pixels import central_position, pixel_centres, searched_mask
+from pliant.spec.dataset import Dataset
+from pliant.spec.errors import CallError, SpecError
+from pliant.spec.layout import truth_path
+
+_UINT64: Final = 2**64
+
+
+class Identity:
+    """Answers with the query's own pixel: as if nothing had moved."""
+
+    name = "identity"
+
+    def describe(self) -> Mapping[str, Any]:
+        """Return the method's name."""
+        return {"name": self.name}
+
+    def answer(self, source: View, target: View, uv_a_px: npt.NDArray[np.float32]) -> Answers:
+        """Return the queries as answers.
+
+        Args:
+            source: Not looked at.
+            target: Not looked at.
+            uv_a_px: float32 (N, 2).
+        """
+        return Answers(uv_px=uv_a_px.astype(np.float32))
+
+
+class RandomInMask:
+    """Answers with a random place on the target's object.
+
+    The place depends on the seed, the two frames and the query alone, so that neither other
+    queries nor the order of pairs change it.
+
+    Args:
+        seed: Any whole number.
+    """
+
+    name = "random"
+
+    def __init__(self, seed: int = 0) -> None:
+        self._seed = seed
+
+    def describe(self) -> Mapping[str, Any]:
+        """Return name and seed."""
+        return {"name": self.name, "seed": self._seed}
+
+    def answer(self, source: View, target: View, uv_a_px: npt.NDArray[np.float32]) -> Answers:
+        """Return places uniform over the object's pixels (over the image without a mask).
+
+        Args:
+            source: Only its key is used.
+            target: Its mask is used.
+            uv_a_px: float32 (N, 2).
+        """
+        places = pixel_centres(searched_mask(target))  # (G, 2)
+        if len(places) == 0:
+            return Answers(uv_px=np.tile(central_position(target), (len(uv_a_px), 1)))
+        prefix = f"{self._seed}\0{source.key}\0{target.key}\0".encode()
+        draws = np.array(
+            [
+                np.frombuffer(hashlib.sha256(prefix + uv.tobytes()).digest()[:24], dtype="<u8")
+                for uv in uv_a_px.astype("<f4")
+            ],
+            dtype=np.uint64,
+        ).reshape(-1, 3)  # per query: which pixel, and where in it
+        pixel = (draws[:, 0] % np.uint64(len(places))).astype(np.int64)
+        inside = draws[:, 1:].astype(np.float64) / _UINT64 - 0.5  # (N, 2) in [-0.5, 0.5]
+        return Answers(uv_px=places[pixel] + inside.astype(np.float32))
+
+
+class MaskCentroid:
+    """Answers with the centroid of the target's object, which may lie beside the object."""
+
+    name = "centroid"
+
+    def describe(self) -> Mapping[str, Any]:
+        """Return the method's name."""
+        return {"name": self.name}
+
+    def answer(self, source: View, target: View, uv_a_px: npt.NDArray[np.float32]) -> Answers:
+        """Return the mean of the mask's pixel centres, or the image's centre without a mask.
+
+        Args:
+            source: Not looked at.
+            target: Its mask is used.
+            uv_a_px: float32 (N, 2).
+        """
+        return Answers(uv_px=np.tile(central_position(target), (len(uv_a_px), 1)))
+
+
+class Oracle:
+    """Answers with the truth: the ceiling, and a check of the evaluator.
+
+    It is not a `Matcher`, since it looks at no image, but a `SplitMatcher`. It gives no sigma:
+    without an error there is no best one.
+    """
+
+    name = "oracle"
+
+    def describe(self) -> Mapping[str, Any]:
+        """Return the method's name."""
+        return {"name": self.name}
+
+    def answer_split(self, dataset: Dataset, split: str) -> Answers:
+        """Return the true position and visibility of every query of a split, in order.
+
+        Args:
+            dataset: A dataset with its truth.
+            split: The split.
+
+        Raises:
+            CallError: The truth of this split is not there.
+            SpecError: The truth does not belong to the queries.
+        """
+        path = truth_path(dataset.root, split)
+        if not path.is_file():
+            raise CallError(
+                "the oracle answers from the truth, which this dataset leaves out",
+                path=path,
+                fix="Take the dataset with its private half, or another method",
+            )
+        truth = dataset.truth(split)
+        queries = dataset.queries(split)
+        for column in ("pair_id", "query_id"):
+            if not truth.column(column).equals(queries.column(column)):
+                raise SpecError(
+                    "the truth does not answer the queries row by row", path=path, where=column
+                )
+        uv_px = np.stack([truth.column("u_b").to_numpy(), truth.column("v_b").to_numpy()], axis=1)
+        state = np.array(truth.column("visibility_b").to_pylist())
+        return Answers(uv_px=uv_px, visible=(state == "visible").astype(np.float32))

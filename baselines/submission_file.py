@@ -1,0 +1,204 @@
+"""Writing submission files: columns, footer, and never a half-written one."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+from pliant.baselines.matcher import Answers, Matches
+from pliant.spec.dataset import Dataset
+from pliant.spec.errors import CallError, PliantError
+from pliant.spec.parquet import read_footer, write_table
+from pliant.spec.tables import ANSWERS_OPTIONAL
+
+Kind = Literal["answers", "matches"]
+
+
+@dataclass(frozen=True)
+class Keys:
+    """Which queries a submission's rows answer.
+
+    Attributes:
+        pair_id: int32 (N,).
+        query_id: int32 (N,).
+    """
+
+    pair_id: npt.NDArray[np.int32]
+    query_id: npt.NDArray[np.int32]
+
+
+def query_keys(dataset: Dataset, split: str) -> Keys:
+    """Return the keys of a split's queries, in the order of the file."""
+    queries = dataset.queries(split)
+    return Keys(queries.column("pair_id").to_numpy(), queries.column("query_id").to_numpy())
+
+
+def submission_footer(dataset: Dataset, split: str, method: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what a submission's footer says besides its spec version and table.
+
+    Args:
+        dataset: The dataset whose queries are answered.
+        split: The split.
+        method: JSON-able facts of the method, at least `name`.
+    """
+    return {
+        "dataset": {"id": dataset.id, "version": dataset.version},
+        "split": split,
+        "queries_sha256": dataset.queries_sha256(split),
+        "method": dict(method),
+    }
+
+
+def write_answers(
+    path: Path | str,
+    dataset: Dataset,
+    split: str,
+    keys: Keys,
+    answers: Answers,
+    method: Mapping[str, Any],
+) -> None:
+    """Write a submission of kind `answers`.
+
+    Args:
+        path: Where to; an earlier submission there is replaced.
+        dataset: The dataset whose queries are answered.
+        split: The split.
+        keys: Which queries, N of them.
+        answers: Their answers, in the same order.
+        method: JSON-able facts of the method, at least `name`.
+
+    Raises:
+        CallError: The file cannot be written there.
+    """
+    columns: dict[str, Any] = {
+        "pair_id": pa.array(keys.pair_id, pa.int32()),
+        "query_id": pa.array(keys.query_id, pa.int32()),
+        "u": pa.array(answers.uv_px[:, 0].astype(np.float32)),
+        "v": pa.array(answers.uv_px[:, 1].astype(np.float32)),
+    }
+    if answers.visible is not None:
+        columns["visible"] = pa.array(answers.visible.astype(np.float32))
+    if answers.sigma_px is not None:
+        columns["sigma"] = pa.array(answers.sigma_px.astype(np.float32))
+    if answers.modes is not None:
+        columns["modes"] = _modes_column(answers.modes)
+    _write(path, pa.table(columns), "answers", submission_footer(dataset, split, method))
+
+
+def write_matches(
+    path: Path | str,
+    dataset: Dataset,
+    split: str,
+    matches: Sequence[tuple[int, Matches]],
+    method: Mapping[str, Any],
+) -> None:
+    """Write a submission of kind `matches`.
+
+    Args:
+        path: Where to; an earlier submission there is replaced.
+        dataset: The dataset whose pairs were matched.
+        split: The split.
+        matches: (pair_id, matches) of each pair, ascending.
+        method: JSON-able facts of the method, at least `name`.
+
+    Raises:
+        CallError: The file cannot be written there.
+    """
+    counts = [len(found.score) for _, found in matches]
+    pair_id = np.repeat(np.array([pair for pair, _ in matches], dtype=np.int32), counts)
+    nothing = np.zeros((0, 2), dtype=np.float32)
+    uv_a_px = np.concatenate([nothing, *(found.uv_a_px for _, found in matches)])
+    uv_b_px = np.concatenate([nothing, *(found.uv_b_px for _, found in matches)])
+    score = np.concatenate([nothing[:, 0], *(found.score for _, found in matches)])
+    columns = {
+        "pair_id": pa.array(pair_id, pa.int32()),
+        "u_a": pa.array(uv_a_px[:, 0]),
+        "v_a": pa.array(uv_a_px[:, 1]),
+        "u": pa.array(uv_b_px[:, 0]),
+        "v": pa.array(uv_b_px[:, 1]),
+        "score": pa.array(score),
+    }
+    _write(path, pa.table(columns), "matches", submission_footer(dataset, split, method))
+
+
+def write_template(dataset: Dataset, split: str, out: Path | str) -> None:
+    """Write a submission that lacks nothing but its answers.
+
+    Keys and footer are right; every `u` and `v` is NaN, which no check passes, so that a row
+    forgotten is a row reported. The method's name, `template`, wants replacing too.
+
+    Args:
+        dataset: The dataset.
+        split: The split.
+        out: Where to; an earlier submission there is replaced.
+
+    Raises:
+        CallError: The file cannot be written there.
+    """
+    keys = query_keys(dataset, split)
+    empty = np.full((len(keys.pair_id), 2), np.nan, dtype=np.float32)
+    write_answers(out, dataset, split, keys, Answers(uv_px=empty), {"name": "template"})
+
+
+def check_writable(path: Path | str) -> None:
+    """Refuse an output file that could not be written, before the work is done.
+
+    Args:
+        path: The submission to be written.
+
+    Raises:
+        CallError: Its folder is missing or cannot be written to, or something that is no
+            submission stands there.
+    """
+    path = Path(path)
+    folder = path.parent
+    if not folder.is_dir():
+        raise CallError(
+            "the output folder does not exist", path=folder, fix=f"Create it: mkdir -p {folder}"
+        )
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise CallError("the output folder cannot be written to", path=folder)
+    if path.exists() and not _is_submission(path):
+        raise CallError(
+            "something that is no submission stands here and is not replaced",
+            path=path,
+            fix="Choose another file",
+        )
+
+
+def _is_submission(path: Path) -> bool:
+    if not path.is_file():
+        return False
+    try:
+        return read_footer(path).get("table") in ("answers", "matches")
+    except PliantError:
+        return False
+
+
+def _modes_column(modes: Sequence[npt.NDArray[np.float32]]) -> Any:
+    rows = [row.reshape(-1, 4).astype(np.float32) for row in modes]
+    offsets = np.concatenate([[0], np.cumsum([len(row) for row in rows])]).astype(np.int32)
+    flat = np.concatenate([np.zeros((0, 4), dtype=np.float32), *rows])  # (sum of M_i, 4)
+    kind = ANSWERS_OPTIONAL.field("modes").type
+    fields = [kind.value_type.field(index) for index in range(4)]
+    values = pa.StructArray.from_arrays([pa.array(column) for column in flat.T], fields=fields)
+    return pa.ListArray.from_arrays(pa.array(offsets), values, type=kind)
+
+
+def _write(path: Path | str, table: pa.Table, name: Kind, footer: Mapping[str, Any]) -> None:
+    path = Path(path)
+    check_writable(path)
+    partial = path.with_name(f".{path.name}.partial")
+    try:
+        write_table(partial, table, name, footer)
+        os.replace(partial, path)
+    except OSError as error:
+        raise CallError(f"the file cannot be written ({error.strerror})", path=path) from error
+    finally:
+        partial.unlink(missing_ok=True)

@@ -1,0 +1,202 @@
+"""A dataset of printed cards that turn and slide: every answer is known in closed form."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+import pytest
+from pliant.baselines import View
+from pliant.spec import layout
+from pliant.spec.conventions import CONVENTIONS
+from pliant.spec.dataset import Dataset
+from pliant.spec.exr import Surface, write_surface
+from pliant.spec.jsonfiles import write_json
+from pliant.spec.parquet import write_table
+from pliant.spec.png import write_rgb
+
+WIDTH, HEIGHT = 240, 200
+HALF_SIDE = 64.0  # of the card, in its own px
+
+Floats = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Similarity:
+    """Where a card lies: uv = centre + scale · rotation · card coordinates."""
+
+    angle_deg: float = 0.0
+    scale: float = 1.0
+    centre: tuple[float, float] = (WIDTH / 2, HEIGHT / 2)
+
+    @property
+    def matrix(self) -> Floats:
+        angle = np.radians(self.angle_deg)
+        turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+        return self.scale * turn
+
+    def place(self, card: Floats) -> Floats:
+        return card @ self.matrix.T + self.centre
+
+    def locate(self, uv_px: Floats) -> Floats:
+        return (uv_px - self.centre) @ np.linalg.inv(self.matrix).T
+
+
+def print_of(card: Floats) -> Floats:
+    """Brightness of the card's print: plane waves of 5 to 40 px, evaluated exactly."""
+    rng = np.random.default_rng(7)
+    total = np.zeros(card.shape[:-1])
+    for _ in range(40):
+        period, direction, phase = rng.uniform(5, 40), rng.uniform(0, np.pi), rng.uniform(0, 6.28)
+        along = card[..., 0] * np.cos(direction) + card[..., 1] * np.sin(direction)
+        total += np.cos(2 * np.pi * along / period + phase)
+    return 128 + 18 * total
+
+
+def card_surface(pose: Similarity) -> tuple[npt.NDArray[np.uint8], Surface]:
+    """Render a card by evaluating its print at every pixel's centre."""
+    v, u = np.mgrid[0:HEIGHT, 0:WIDTH] + 0.5
+    card = pose.locate(np.stack([u, v], axis=-1))
+    on = (np.abs(card) < HALF_SIDE).all(axis=-1)
+    grey = np.where(on, print_of(card), 90)
+    rgb = np.repeat(np.clip(np.rint(grey), 0, 255).astype(np.uint8)[..., None], 3, axis=2)
+    material = np.where(on[..., None], card / HALF_SIDE / 2 + 0.5, 0).astype(np.float32)
+    surface = Surface(
+        depth_m=np.where(on, 1.0, np.inf).astype(np.float32),
+        m0=np.ascontiguousarray(material[..., 0]),
+        m1=np.ascontiguousarray(material[..., 1]),
+        object_id=on.astype(np.uint32),
+    )
+    return rgb, surface
+
+
+def card_view(pose: Similarity, key: str = "") -> View:
+    rgb, surface = card_surface(pose)
+    return View(rgb=rgb, mask=surface.object_id == 1, depth_m=surface.depth_m, key=key)
+
+
+@pytest.fixture(scope="session")
+def pose() -> type[Similarity]:
+    return Similarity
+
+
+@pytest.fixture(scope="session")
+def view_of() -> Callable[[Similarity], View]:
+    return card_view
+
+
+@pytest.fixture(scope="session")
+def card_queries() -> Floats:
+    """Sixty places well inside the card, in its own px."""
+    return np.random.default_rng(3).uniform(-45, 45, (60, 2))
+
+
+POSES = (
+    Similarity(),
+    Similarity(angle_deg=25, centre=(122.3, 97.6)),
+    Similarity(angle_deg=-70, centre=(118.2, 104.9)),
+)
+PAIRS = ((0, 1), (0, 2), (2, 1))
+
+
+def write_cards(root: Path) -> None:
+    """Write the dataset: one sequence of three frames, three pairs of twenty queries."""
+    sequence = "card-test-000000"
+    folder = layout.sequence_dir(root, "card", sequence)
+    for name in ("rgb", "depth"):
+        (folder / name).mkdir(parents=True)
+    for frame, pose in enumerate(POSES):
+        rgb, surface = card_surface(pose)
+        write_rgb(folder / layout.rgb_name(frame), rgb)
+        write_surface(folder / layout.depth_name(frame), surface)
+    write_json(root / layout.DATASET_JSON, description(), "dataset")
+    row: dict[str, Any] = {
+        "id": [sequence],
+        "tier": ["card"],
+        "split": ["test"],
+        "shape": [None],
+        "frames": [len(POSES)],
+        "temporal": [False],
+        "seed": [0],
+        "style": ["external"],
+        "coverage": [None],
+        "self_occluded": [0.0],
+    }
+    write_table(root / layout.SEQUENCES_TABLE, pa.table(row), "sequences")
+    rng = np.random.default_rng(11)
+    queries: list[dict[str, Any]] = []
+    truth: list[dict[str, Any]] = []
+    for pair, (a, b) in enumerate(PAIRS):
+        for query, card in enumerate(rng.uniform(-45, 45, (20, 2))):
+            key = {"pair_id": pair, "query_id": query, "tier": "card"}
+            u_a, v_a = POSES[a].place(card)
+            u_b, v_b = POSES[b].place(card)
+            frames = {"sequence_a": sequence, "frame_a": a, "sequence_b": sequence, "frame_b": b}
+            queries.append({**key, **frames, "u_a": u_a, "v_a": v_a})
+            hidden = query == 19
+            answer = {"u_b": u_b, "v_b": v_b, "visibility_b": "occluded" if hidden else "visible"}
+            truth.append({**key, "point": query, **answer, "box_px": 128.0, "alternatives": []})
+    for path, rows, name in (
+        (layout.queries_path(root, "test"), queries, "queries"),
+        (layout.truth_path(root, "test"), truth, "truth"),
+    ):
+        path.parent.mkdir()
+        columns = {key: [row[key] for row in rows] for key in rows[0]}
+        types = {
+            key: pa.array(values, pa.float32() if isinstance(values[0], float) else None)
+            for key, values in columns.items()
+            if key != "alternatives"
+        }
+        if name == "truth":
+            from pliant.spec.tables import TRUTH
+
+            types["alternatives"] = pa.array(
+                columns["alternatives"], TRUTH.field("alternatives").type
+            )
+        write_table(path, pa.table(types), name)
+
+
+def description() -> dict[str, Any]:
+    side = {"min": 0, "max": 1, "metres_per_unit": 0.128, "period": None}
+    material = [{"name": "u", **side}, {"name": "v", **side}]
+    return {
+        "spec_version": "1.0.0",
+        "id": "cards",
+        "version": "1.0.0",
+        "title": "Printed cards",
+        "description": "Flat cards that turn and slide.",
+        "licence": "CC0-1.0",
+        "conventions": CONVENTIONS,
+        "image_size": {"width": WIDTH, "height": HEIGHT},
+        "tiers": [
+            {
+                "name": "card",
+                "kind": "cloth",
+                "variant": "printed",
+                "queried_object": 1,
+                "objects": [{"id": 1, "name": "card", "material": material}],
+                "symmetries": [],
+            }
+        ],
+        "splits": ["test"],
+        "provenance": {"generator": "a test", "seed": None, "config": {}, "tools": {}},
+    }
+
+
+@pytest.fixture(scope="session")
+def cards_root(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The dataset's folder; tests that damage it copy it first."""
+    root = tmp_path_factory.mktemp("cards") / "cards"
+    root.mkdir()
+    write_cards(root)
+    return root
+
+
+@pytest.fixture(scope="session")
+def cards(cards_root: Path) -> Dataset:
+    return Dataset.open(cards_root)
