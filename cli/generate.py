@@ -1,0 +1,341 @@
+"""`pliant generate`: make a dataset, or go on with one."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+import yaml
+from pliant.spec.errors import CallError
+
+if TYPE_CHECKING:
+    from pliant.generator.config import GenerateConfig
+    from pliant.generator.plan import Plan
+    from pliant.generator.runner import Progress, Summary
+
+
+@click.command("generate")
+@click.argument("tiers", nargs=-1, metavar="[TIER]...")
+@click.option("--out", required=True, type=click.Path(path_type=Path), help="Dataset folder.")
+@click.option("--sequences", type=int, metavar="N", help="Sequences per tier.  [default: 20]")
+@click.option(
+    "--splits", metavar="S=N,...", help="Sequences per tier by split, such as train=80,test=20."
+)
+@click.option("--frames", type=int, metavar="F", help="Frames per sequence.  [default: 1]")
+@click.option(
+    "--episodes/--configurations",
+    default=None,
+    help="Frames in time, or independent configurations (the default).",
+)
+@click.option("--size", metavar="WxH", help="Image size in pixels.  [default: 640x480]")
+@click.option("--seed", type=int, help="Seed of everything.  [default: 0]")
+@click.option("--style", metavar="fast|photo|raster", help="How to render.  [default: fast]")
+@click.option(
+    "--config",
+    "config_file",
+    type=click.Path(path_type=Path),
+    help="YAML or JSON file with these fields and more; flags win.",
+)
+@click.option(
+    "--set",
+    "settings",
+    multiple=True,
+    metavar="FIELD=VALUE",
+    help="Set any field of the config, such as rope.structure=braid.",
+)
+@click.option("--workers", type=int, metavar="N", help="Worker processes.  [default: one a core]")
+@click.option(
+    "--engine",
+    type=click.Choice(["local", "ray"]),
+    default="local",
+    show_default=True,
+    help="Processes of this machine, or a Ray cluster.",
+)
+@click.option("--dry-run", is_flag=True, help="Say what would be done and how long it takes.")
+@click.option("--json", "as_json", is_flag=True, help="Report as one JSON document on stdout.")
+def command(
+    tiers: tuple[str, ...],
+    out: Path,
+    settings: tuple[str, ...],
+    config_file: Path | None,
+    workers: int | None,
+    engine: str,
+    dry_run: bool,
+    as_json: bool,
+    **flags: Any,
+) -> int:
+    """Render datasets of the given TIERs (rope, cloth-1, cloth-2, cloth-3) into a folder.
+
+    The same command again goes on where it was interrupted, and says so if nothing is left to
+    do. More --sequences or more TIERs may be added later; other settings on the same folder
+    are refused. Exit code 1 if a sequence failed three times; the rest is kept.
+    """
+    from pliant.generator.runner import generate
+
+    config = build_config(tiers, config_file, settings, flags)
+    count = workers or len(os.sched_getaffinity(0))
+    if dry_run:
+        return _dry_run(config, out, count, as_json)
+    with _terminated_like_interrupted(), _bar(out, count) as show:
+        summary = generate(
+            config,
+            out,
+            workers=count,
+            engine="ray" if engine == "ray" else "local",
+            progress=show,
+        )
+    _report(summary, as_json)
+    return 1 if summary.failed else 0
+
+
+def build_config(
+    tiers: tuple[str, ...],
+    config_file: Path | None,
+    settings: tuple[str, ...],
+    flags: dict[str, Any],
+) -> GenerateConfig:
+    """Merge config file, flags and `--set` into one config; later ones win.
+
+    Args:
+        tiers: Tier names, empty for the file's.
+        config_file: YAML or JSON file, or None.
+        settings: `FIELD=VALUE` texts; dots go into sections, values are YAML.
+        flags: The other flags, None where not given.
+
+    Raises:
+        CallError: A value cannot be read or is refused.
+    """
+    from pliant.generator.config import GenerateConfig, read_config_file
+
+    values = read_config_file(config_file) if config_file else {}
+    if tiers:
+        values["tiers"] = list(tiers)
+    given = {name: value for name, value in flags.items() if value is not None}
+    if "sequences" in given and "splits" in given:
+        raise CallError("give either --sequences or --splits, not both", where="--sequences")
+    for name, other in (("sequences", "splits"), ("splits", "sequences")):
+        if name in given:
+            values.pop(other, None)
+    if "size" in given:
+        values["width"], values["height"] = _parse_size(given.pop("size"))
+    if "splits" in given:
+        given["splits"] = _parse_splits(given["splits"])
+    values.update(given)
+    for text in settings:
+        _set(values, text)
+    return GenerateConfig.from_dict(values)
+
+
+def _parse_size(text: str) -> tuple[int, int]:
+    try:
+        width, height = (int(part) for part in text.lower().split("x"))
+    except ValueError as error:
+        raise CallError(
+            "the size cannot be read", where="--size", found=text, required="WxH, such as 640x480"
+        ) from error
+    return width, height
+
+
+def _parse_splits(text: str) -> dict[str, int]:
+    try:
+        pairs = [part.split("=") for part in text.split(",")]
+        return {name.strip(): int(count) for name, count in pairs}
+    except ValueError as error:
+        raise CallError(
+            "the splits cannot be read",
+            where="--splits",
+            found=text,
+            required="SPLIT=N,..., such as train=80,val=10,test=20",
+        ) from error
+
+
+def _set(values: dict[str, Any], text: str) -> None:
+    name, equals, value = text.partition("=")
+    if not equals:
+        raise CallError(
+            "the setting cannot be read", where="--set", found=text, required="FIELD=VALUE"
+        )
+    *sections, last = name.strip().split(".")
+    inner = values
+    for section in sections:
+        inner = inner.setdefault(section, {})
+        if not isinstance(inner, dict):
+            raise CallError("this setting has no fields", where=f"--set {name}", found=section)
+    try:
+        inner[last] = yaml.safe_load(value)
+    except yaml.YAMLError as error:
+        raise CallError("the value is no YAML", where=f"--set {name}", found=value) from error
+
+
+def _dry_run(config: GenerateConfig, out: Path, workers: int, as_json: bool) -> int:
+    from pliant.generator.estimate import Estimate, estimate_run
+    from pliant.generator.manifest import RunFolder, refuse_changes
+    from pliant.generator.plan import plan_run
+
+    stored = RunFolder(out).stored_config()
+    if stored is not None:
+        refuse_changes(stored, config.resolved(), out)
+    plan = plan_run(config, out)
+    estimate = estimate_run(config, plan, workers) if plan.missing else Estimate(0.0, 0, 0)
+    if as_json:
+        document = {
+            "sequences": len(plan.tasks),
+            "missing": len(plan.missing),
+            "frames": plan.frames,
+            "estimated_seconds": round(estimate.seconds, 1),
+            "estimated_bytes": estimate.bytes,
+            "files": estimate.files,
+        }
+        click.echo(json.dumps(document, indent=1))
+        return 0
+    click.echo(describe_plan(plan, config, out, workers))
+    click.echo(
+        f"By a trial of each tier: about {duration(estimate.seconds)}, "
+        f"{size(estimate.bytes)} in {estimate.files:,} files. Nothing was written."
+    )
+    return 0
+
+
+def describe_plan(plan: Plan, config: GenerateConfig, out: Path, workers: int) -> str:
+    """Return the plan in one sentence or two."""
+    splits = ", ".join(f"{split} {count}" for split, count in config.counts.items())
+    kind = "episodes" if config.episodes else "configurations"
+    text = (
+        f"{out}: {len(plan.tasks)} sequences ({', '.join(config.tiers)}; per tier {splits}) of "
+        f"{config.frames} {'frame' if config.frames == 1 else 'frames'} ({kind}): "
+        f"{plan.frames:,} images of {config.width}x{config.height}, style {config.style}."
+    )
+    if plan.finished:
+        text += f" {len(plan.finished)} sequences are there already."
+    return f"{text} {workers} {'worker' if workers == 1 else 'workers'}."
+
+
+@contextmanager
+def _bar(out: Path, workers: int) -> Iterator[Any]:
+    """Show a progress bar on stderr; yields the function that updates it."""
+    from rich.console import Console
+    from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bar
+
+    console = Console(stderr=True)
+    bar = Bar(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.completed:.0f}/{task.total:.0f} images"),
+        TextColumn("{task.fields[facts]}"),
+        TimeRemainingColumn(),
+        console=console,
+        transient=True,
+    )
+    job = None
+    measured = False
+
+    def show(state: Progress) -> None:
+        nonlocal job, measured
+        if job is None:
+            plan = state.plan
+            sentence = f"{out}: {len(plan.missing)} of {len(plan.tasks)} sequences to make"
+            console.print(
+                f"{sentence}, {state.frames_wanted:,} images, {workers} workers; log {state.log}",
+                highlight=False,
+                soft_wrap=True,
+            )
+            bar.start()
+            job = bar.add_task("generate", total=state.frames_wanted, facts="")
+        if state.measured and not measured:
+            measured = True
+            name, frames, seconds, written = state.measured
+            left = seconds / frames * state.frames_wanted / workers
+            total = written / frames * state.frames_wanted
+            console.print(
+                f"{name}: {seconds / frames:.2f} s and {size(written / frames)} an image, so "
+                f"about {duration(left)} and {size(total)} in all",
+                highlight=False,
+                soft_wrap=True,
+            )
+        facts = f"{state.images_per_s:.1f} images/s"
+        if state.memory_bytes:
+            facts += f", {size(state.memory_bytes)} a worker"
+        if state.failures:
+            facts += f", {state.failures} failed attempts"
+        bar.update(job, completed=state.frames, facts=facts)
+
+    try:
+        yield show
+    finally:
+        bar.stop()
+
+
+@contextmanager
+def _terminated_like_interrupted() -> Iterator[None]:
+    """Let SIGTERM (a cluster's preemption) stop the run as Ctrl-C does."""
+
+    def interrupt(number: int, frame: object) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield
+    except KeyboardInterrupt:
+        click.echo("Interrupted: finished sequences are kept, the same command goes on.", err=True)
+        raise
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _report(summary: Summary, as_json: bool) -> None:
+    if as_json:
+        document = {
+            "out": str(summary.root),
+            "sequences": summary.sequences,
+            "made": summary.made,
+            "frames": summary.frames,
+            "bytes": summary.bytes,
+            "seconds": round(summary.seconds, 3),
+            "failed": [
+                {"id": each.id, "attempts": each.attempts, "error": each.error}
+                for each in summary.failed
+            ],
+        }
+        click.echo(json.dumps(document, indent=1))
+        return
+    if summary.unchanged:
+        click.echo(f"{summary.root} is finished: {summary.sequences} sequences, nothing to do.")
+        return
+    click.echo(
+        f"{summary.root}: {summary.sequences} sequences, {summary.made} made now "
+        f"({summary.frames:,} images, {size(summary.bytes)}, {duration(summary.seconds)})."
+    )
+    for each in summary.failed:
+        last = each.error.splitlines()[-1]
+        click.echo(f"FAILED {each.id} after {each.attempts} attempts: {last}", err=True)
+    if summary.failed:
+        click.echo(
+            f"{len(summary.failed)} sequences are missing; tracebacks in "
+            f"{summary.root / '.pliant' / 'failures.json'}. The same command tries them again.",
+            err=True,
+        )
+
+
+def duration(seconds: float) -> str:
+    """Return a length of time for people."""
+    if seconds < 90:
+        return f"{seconds:.1f} s"
+    if seconds < 5400:
+        return f"{seconds / 60:.0f} min"
+    return f"{seconds / 3600:.1f} h"
+
+
+def size(count: float) -> str:
+    """Return a number of bytes for people, in powers of 1000."""
+    for unit in ("B", "kB", "MB", "GB"):
+        if count < 1000:
+            return f"{count:.0f} {unit}" if unit == "B" else f"{count:.1f} {unit}"
+        count /= 1000
+    return f"{count:.1f} TB"

@@ -1,0 +1,279 @@
+"""The frozen benchmark: which pairs of frames are asked about, at which points, and the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+from pliant.generator.config import QuerySettings
+from pliant.generator.plan import SequenceTask
+from pliant.generator.seeding import random_generator
+from pliant.spec.checksums import sha256_file
+from pliant.spec.jsonfiles import read_json
+from pliant.spec.layout import (
+    CORRESPONDENCES_TABLE,
+    POINTS_TABLE,
+    SEQUENCE_JSON,
+    queries_path,
+    truth_path,
+)
+from pliant.spec.parquet import read_table, write_table
+from pliant.spec.tables import QUERIES, TRUTH
+
+_SEQUENCES_IN_MEMORY = 64
+
+
+@dataclass(frozen=True)
+class FrameRef:
+    """One image: a frame of a sequence."""
+
+    task: SequenceTask
+    frame: int
+
+
+@dataclass(frozen=True)
+class _Tracks:
+    """The tables of a sequence, one row per frame, as queries need them.
+
+    Attributes:
+        uv_px: float32 (F, P, 2).
+        visibility: object (F, P), states.
+        boxes_px: per frame the visible box of the queried object, or None.
+    """
+
+    uv_px: npt.NDArray[np.float32]
+    visibility: npt.NDArray[np.object_]
+    boxes_px: list[list[int] | None]
+
+
+def build_queries(
+    root: Path,
+    tiers: Sequence[Mapping[str, Any]],
+    tasks: Sequence[SequenceTask],
+    settings: QuerySettings,
+    *,
+    seed: int,
+    dataset: Mapping[str, str],
+    queries_dir: Path | None = None,
+    truth_dir: Path | None = None,
+) -> list[str]:
+    """Write `queries/SPLIT.parquet` and `truth/SPLIT.parquet` of a dataset's splits.
+
+    A pair's target lies in one sequence, its source in the same sequence where that has
+    several frames, else in another sequence of the same tier and split. Episodes ask half of
+    their pairs from frame 0, whose targets are spread over the episode, and half between any
+    two frames. Query points are drawn among the tabulated surface points of the queried object
+    that frame A sees, so that their positions are exact. A target that does not show the
+    object at all, or a source that shows none of its points, makes no pair.
+
+    Args:
+        root: The dataset's folder, whose sequences are finished.
+        tiers: The tiers of `dataset.json`.
+        tasks: The finished sequences.
+        settings: How many pairs and queries, and of which splits.
+        seed: The dataset's seed.
+        dataset: `id` and `version` for the footers.
+        queries_dir: Where to write instead of `root/queries`.
+        truth_dir: Where to write instead of `root/truth`.
+
+    Returns:
+        The splits that got queries.
+    """
+    written: list[str] = []
+    for split in settings.splits:
+        queries, truth = _split_tables(root, tiers, tasks, settings, seed, split)
+        if len(queries) == 0:
+            continue
+        path = queries_path(root, split)
+        path = path if queries_dir is None else queries_dir / path.name
+        answers = truth_path(root, split)
+        answers = answers if truth_dir is None else truth_dir / answers.name
+        footer: dict[str, Any] = {"dataset": dict(dataset), "split": split}
+        path.parent.mkdir(parents=True, exist_ok=True)
+        answers.parent.mkdir(parents=True, exist_ok=True)
+        write_table(path, queries, "queries", footer)
+        write_table(answers, truth, "truth", {**footer, "queries_sha256": sha256_file(path)})
+        written.append(split)
+    return written
+
+
+def _split_tables(
+    root: Path,
+    tiers: Sequence[Mapping[str, Any]],
+    tasks: Sequence[SequenceTask],
+    settings: QuerySettings,
+    seed: int,
+    split: str,
+) -> tuple[pa.Table, pa.Table]:
+    tracks = lru_cache(_SEQUENCES_IN_MEMORY)(lambda task: _read_tracks(task.folder(root)))
+    queries: list[pa.Table] = []
+    truth: list[pa.Table] = []
+    for tier in tiers:
+        members = [task for task in tasks if (task.tier, task.split) == (tier["name"], split)]
+        if not members:
+            continue
+        points = read_table(members[0].folder(root) / POINTS_TABLE, "points")
+        asked = _queried_points(points, int(tier["queried_object"]))
+        partners = np.array(points["partners"].to_pylist(), np.int64).reshape(len(points), -1)
+        for task in members:
+            rng = random_generator(seed, task.tier, split, task.index, stream="queries")
+            pairs = _frame_pairs(
+                rng, task, members, len(tracks(task).boxes_px), settings.pairs_per_sequence
+            )
+            made = 0
+            for source, target in pairs:
+                if made == settings.pairs_per_sequence:
+                    break
+                pair = _Pair(len(queries), source, target)
+                tables = pair.tables(
+                    rng,
+                    tracks(source.task),
+                    tracks(target.task),
+                    asked,
+                    partners,
+                    settings.queries_per_pair,
+                )
+                if tables is not None:
+                    queries.append(tables[0])
+                    truth.append(tables[1])
+                    made += 1
+    if not queries:
+        return QUERIES.empty_table(), TRUTH.empty_table()
+    return pa.concat_tables(queries), pa.concat_tables(truth)
+
+
+def _queried_points(points: pa.Table, queried: int) -> npt.NDArray[np.int64]:
+    """Return the ids of the surface points of the queried object."""
+    kind = np.array(points["kind"].to_pylist())
+    return np.flatnonzero((points["object"].to_numpy() == queried) & (kind == "surface"))
+
+
+def _frame_pairs(
+    rng: np.random.Generator,
+    target: SequenceTask,
+    members: Sequence[SequenceTask],
+    frames: int,
+    wanted: int,
+) -> Iterator[tuple[FrameRef, FrameRef]]:
+    """Yield candidate (source, target) frames without repetition, more than wanted.
+
+    Args:
+        rng: Source of randomness.
+        target: The sequence the targets lie in.
+        members: All sequences of its tier and split.
+        frames: Frames of the target's sequence.
+        wanted: Pairs the caller will take.
+    """
+    if frames == 1:
+        others = [task for task in members if task != target]
+        for k in rng.permutation(len(others)):
+            yield FrameRef(others[k], 0), FrameRef(target, 0)
+        return
+    seen: set[tuple[int, int]] = set()
+    # Half of the pairs: from frame 0 to frames spread over the sequence, one from each stretch.
+    edges = np.linspace(1, frames, num=wanted // 2 + 1).astype(int)
+    for low, high in pairwise(edges):
+        if high > low:
+            seen.add((0, int(rng.integers(low, high))))
+    for a, b in sorted(seen):
+        yield FrameRef(target, a), FrameRef(target, b)
+    for _ in range(20 * wanted):
+        a, b = (int(k) for k in rng.choice(frames, size=2, replace=False))
+        if (a, b) not in seen:
+            seen.add((a, b))
+            yield FrameRef(target, a), FrameRef(target, b)
+
+
+@dataclass(frozen=True)
+class _Pair:
+    """One image pair: its number in the file, its source and its target."""
+
+    pair_id: int
+    source: FrameRef
+    target: FrameRef
+
+    def tables(
+        self,
+        rng: np.random.Generator,
+        source: _Tracks,
+        target: _Tracks,
+        asked: npt.NDArray[np.int64],
+        partners: npt.NDArray[np.int64],
+        most: int,
+    ) -> tuple[pa.Table, pa.Table] | None:
+        """Return the rows of queries and truth, or None if this pair cannot be asked about.
+
+        Args:
+            rng: Draws the points.
+            source: Tracks of the source's sequence.
+            target: Tracks of the target's sequence.
+            asked: Ids of the points that may be asked.
+            partners: int64 (P, S), per symmetry the point each is mapped to.
+            most: Queries wanted.
+        """
+        a, b = self.source.frame, self.target.frame
+        box = target.boxes_px[b]
+        visible = asked[source.visibility[a, asked] == "visible"]
+        if box is None or len(visible) == 0:
+            return None
+        chosen = np.sort(rng.choice(visible, size=min(most, len(visible)), replace=False))
+        count = len(chosen)
+        tier = [self.source.task.tier] * count
+        ids = np.arange(count, dtype=np.int32)
+        pair_ids = np.full(count, self.pair_id, np.int32)
+        uv_a = source.uv_px[a, chosen]
+        queries = [
+            pair_ids,
+            ids,
+            tier,
+            [self.source.task.id] * count,
+            np.full(count, a, np.int32),
+            [self.target.task.id] * count,
+            np.full(count, b, np.int32),
+            np.ascontiguousarray(uv_a[:, 0]),
+            np.ascontiguousarray(uv_a[:, 1]),
+        ]
+        uv_b = target.uv_px[b]
+        states = target.visibility[b]
+        alternatives = [
+            [
+                {"u": uv_b[partner, 0], "v": uv_b[partner, 1], "visibility": states[partner]}
+                for partner in partners[point]
+            ]
+            for point in chosen
+        ]
+        truth = [
+            pair_ids,
+            ids,
+            tier,
+            chosen.astype(np.int32),
+            np.ascontiguousarray(uv_b[chosen, 0]),
+            np.ascontiguousarray(uv_b[chosen, 1]),
+            states[chosen].tolist(),
+            np.full(count, max(box[2] - box[0], box[3] - box[1]), np.float32),
+            pa.array(alternatives, TRUTH.field("alternatives").type),
+        ]
+        return _table(queries, QUERIES), _table(truth, TRUTH)
+
+
+def _table(columns: Sequence[Any], schema: pa.Schema) -> pa.Table:
+    arrays = [pa.array(c, field.type) for c, field in zip(columns, schema, strict=True)]
+    return pa.Table.from_arrays(arrays, schema=schema)
+
+
+def _read_tracks(folder: Path) -> _Tracks:
+    names = ["u_px", "v_px", "visibility"]
+    table = read_table(folder / CORRESPONDENCES_TABLE, "correspondences", names)
+    boxes = [info["box_px"] for info in read_json(folder / SEQUENCE_JSON)["frame_info"]]
+    frames = len(boxes)
+    uv_px = np.stack([table["u_px"].to_numpy(), table["v_px"].to_numpy()], axis=-1)
+    states = table["visibility"].combine_chunks().dictionary_encode()
+    visibility = np.array(states.dictionary.to_pylist(), object)[states.indices.to_numpy()]
+    return _Tracks(uv_px.reshape(frames, -1, 2), visibility.reshape(frames, -1), boxes)

@@ -1,0 +1,229 @@
+"""Making one sequence: draw it, pose it, see it, render it, write it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from pliant.generator.camera import sample_camera
+from pliant.generator.config import GenerateConfig
+from pliant.generator.engine import SequenceResult
+from pliant.generator.look import sample_look
+from pliant.generator.noise import apply_noise
+from pliant.generator.plan import SequenceTask
+from pliant.generator.render import open_renderer
+from pliant.generator.seeding import random_generator
+from pliant.generator.sequence_writer import SequenceWriter
+from pliant.generator.settings import settings_to_dict
+from pliant.generator.subject import Pose, Subject
+from pliant.generator.tiers import describe_tier, sample_subject
+from pliant.generator.truth import FrameTruth, frame_truth
+
+T = TypeVar("T")
+
+
+class SequenceMaker:
+    """Makes sequences with one renderer, whose scene it keeps.
+
+    Args:
+        config: The dataset's config.
+        root: The dataset's folder.
+        scratch: Folder for unfinished sequences, on the same file system.
+        threads: Threads of the renderer.
+        overlap: Pose and annotate the next frame on a second thread while one renders.
+    """
+
+    def __init__(
+        self,
+        config: GenerateConfig,
+        root: Path,
+        scratch: Path,
+        *,
+        threads: int = 1,
+        overlap: bool = True,
+    ) -> None:
+        self.config = config
+        self.root = root
+        self.scratch = scratch
+        self.overlap = overlap
+        self.renderer = open_renderer(config.style, config.size, threads=threads)
+        self._camera_settings = config.section("camera")
+        self._look_settings = config.section("look")
+        self._noise_settings = config.section("noise")
+        self._tools = tool_versions(config.style)
+
+    def make(self, task: SequenceTask, on_frame: Callable[[], None]) -> SequenceResult:
+        """Make one sequence: populate, pose, annotate, render, write.
+
+        Args:
+            task: Which sequence.
+            on_frame: Called after each frame.
+
+        Raises:
+            GenerationError: No acceptable configuration was found.
+            OSError: The disk is full or cannot be written.
+        """
+        started, cpu_started = time.perf_counter(), time.process_time()
+        clock = _StageClock()
+        config = self.config
+        with clock("sample"):
+            subject = sample_subject(config, task)
+            camera = sample_camera(
+                self._random(task, "camera"), subject, self._camera_settings, config.size
+            )
+            look = sample_look(self._random(task, "look"), subject, self._look_settings)
+        queried = int(describe_tier(config, task.tier)["queried_object"])
+
+        def seen() -> Iterator[tuple[Pose, FrameTruth]]:
+            for frame in range(subject.frames):
+                with clock("pose"):
+                    pose = subject.pose(frame)
+                with clock("truth"):
+                    truth = frame_truth(subject, pose, camera)
+                yield pose, truth
+
+        frame_info: list[dict[str, Any]] = []
+        with SequenceWriter(task.folder(self.root), self.scratch) as writer:
+            with clock("render"):
+                self.renderer.begin(subject, look, camera)
+            for frame, (pose, truth) in enumerate(_ahead(seen()) if self.overlap else seen()):
+                with clock("render"):
+                    rgb = self.renderer.render(pose, truth)
+                if self._noise_settings is not None:
+                    with clock("noise"):
+                        rng = self._random(task, "noise", frame)
+                        rgb = apply_noise(rng, rgb, truth.surface, self._noise_settings)
+                with clock("tables"):
+                    writer.add_frame(rgb, truth, camera)
+                frame_info.append(_frame_info(subject, pose, truth, queried))
+                on_frame()
+            with clock("tables"):
+                size = writer.commit(
+                    self._info(task, subject, settings_to_dict(look), frame_info), subject.points
+                )
+        clock.seconds["encode"] = writer.encode_cpu_s
+        return SequenceResult(
+            id=task.id,
+            frames=subject.frames,
+            bytes=size,
+            seconds=time.perf_counter() - started,
+            cpu_s=time.process_time() - cpu_started,
+            stage_cpu_s=clock.seconds,
+            memory_bytes=resident_bytes(),
+        )
+
+    def close(self) -> None:
+        """Release the renderer."""
+        self.renderer.close()
+
+    def _random(
+        self, task: SequenceTask, stream: str, frame: int | None = None
+    ) -> np.random.Generator:
+        return random_generator(
+            self.config.seed, task.tier, task.split, task.index, frame, stream=stream
+        )
+
+    def _info(
+        self,
+        task: SequenceTask,
+        subject: Subject,
+        look: dict[str, Any],
+        frame_info: list[dict[str, Any]],
+    ) -> dict[str, Any]:
+        noise = self._noise_settings
+        return {
+            "id": task.id,
+            "tier": task.tier,
+            "split": task.split,
+            "shape": subject.shape,
+            "index": task.index,
+            "seed": self.config.seed,
+            "temporal": subject.temporal,
+            "frames": subject.frames,
+            "style": self.config.style,
+            "noise": None if noise is None else settings_to_dict(noise),
+            "parameters": {**settings_to_dict(subject.info), "look": look},
+            "frame_info": frame_info,
+            "tools": self._tools,
+        }
+
+
+def tool_versions(style: str) -> dict[str, str]:
+    """Return name -> version of what decides the bytes of a sequence."""
+    names = ["pliant", "numpy", "numba", "pyarrow", "OpenEXR"] + ["bpy"] * (style != "raster")
+    found: dict[str, str] = {}
+    for name in names:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            continue
+    return found
+
+
+def resident_bytes() -> int:
+    """Return this process's resident memory, bytes."""
+    import psutil
+
+    return int(psutil.Process().memory_info().rss)
+
+
+def _frame_info(subject: Subject, pose: Pose, truth: FrameTruth, queried: int) -> dict[str, Any]:
+    """Return a frame's entry of `sequence.json`: the sampler's facts and what the camera sees."""
+    states = np.asarray(truth.visibility)[~subject.points.centreline]
+    return {
+        **settings_to_dict(pose.info),
+        "self_occluded": float(np.mean(states == "self_occluded")),
+        "box_px": visible_box(truth.surface.object_id == queried),
+    }
+
+
+def visible_box(mask: np.ndarray[Any, np.dtype[np.bool_]]) -> list[int] | None:
+    """Return the bounding box of a mask.
+
+    Args:
+        mask: bool (H, W).
+
+    Returns:
+        [left, top, right, bottom], px, the edges of the outermost pixels; None if it is empty.
+    """
+    columns = np.flatnonzero(mask.any(axis=0))
+    rows = np.flatnonzero(mask.any(axis=1))
+    if len(columns) == 0:
+        return None
+    return [int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1]
+
+
+class _StageClock:
+    """CPU seconds of the calling thread, summed by stage."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+
+    def __call__(self, stage: str) -> _Stage:
+        return _Stage(self.seconds, stage)
+
+
+class _Stage:
+    def __init__(self, seconds: dict[str, float], stage: str) -> None:
+        self._seconds, self._stage = seconds, stage
+
+    def __enter__(self) -> None:
+        self._start = time.thread_time()
+
+    def __exit__(self, *exc: object) -> None:
+        spent = time.thread_time() - self._start
+        self._seconds[self._stage] = self._seconds.get(self._stage, 0.0) + spent
+
+
+def _ahead(items: Iterator[T]) -> Iterator[T]:
+    """Yield items while the one after is computed on another thread."""
+    with ThreadPoolExecutor(1, thread_name_prefix="ahead") as pool:
+        coming = pool.submit(next, items, None)
+        while (item := coming.result()) is not None:
+            coming = pool.submit(next, items, None)
+            yield item

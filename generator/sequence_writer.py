@@ -1,0 +1,210 @@
+"""Writing one sequence: into a scratch folder, synced, and renamed into place when whole."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import time
+from collections import deque
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+from pliant.spec.checksums import sha256_file
+from pliant.spec.conventions import POINT_KINDS, SPEC_VERSION
+from pliant.spec.images import Surface, write_rgb, write_surface
+from pliant.spec.jsonfiles import write_json
+from pliant.spec.layout import (
+    CAMERAS_JSON,
+    CORRESPONDENCES_TABLE,
+    POINTS_TABLE,
+    SEQUENCE_JSON,
+    depth_name,
+    rgb_name,
+)
+from pliant.spec.parquet import write_table
+from pliant.spec.tables import CORRESPONDENCES, POINTS
+
+if TYPE_CHECKING:
+    from pliant.generator.camera import Camera
+    from pliant.generator.subject import Points
+    from pliant.generator.truth import FrameTruth
+
+PNG_LEVEL: Final = 1
+_FRAMES_IN_FLIGHT: Final = 4
+
+
+class SequenceWriter:
+    """Collects the frames of a sequence and puts the whole of it into place, or nothing.
+
+    Images are encoded on a thread of their own, at most four frames behind, so that the next
+    frame renders meanwhile. Use it as a context manager: leaving it without `commit` removes
+    what was written.
+
+    Args:
+        folder: The sequence's folder in the dataset.
+        scratch: A folder on the same file system for unfinished sequences.
+    """
+
+    def __init__(self, folder: Path, scratch: Path) -> None:
+        self.folder = folder
+        self.encode_cpu_s = 0.0
+        self._partial = scratch / f"{folder.name}-{os.uname().nodename}-{os.getpid()}"
+        self._encoder = ThreadPoolExecutor(1, thread_name_prefix="encode")
+        self._pending: deque[Future[float]] = deque()
+        self._cameras: list[dict[str, Any]] = []
+        self._size = (0, 0)
+        self._tables: list[pa.Table] = []
+
+    def __enter__(self) -> SequenceWriter:
+        shutil.rmtree(self._partial, ignore_errors=True)
+        for name in (rgb_name(0), depth_name(0)):
+            (self._partial / name).parent.mkdir(parents=True)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self._encoder.shutdown(wait=True, cancel_futures=True)
+        shutil.rmtree(self._partial, ignore_errors=True)
+
+    def add_frame(self, rgb: npt.NDArray[np.uint8], truth: FrameTruth, camera: Camera) -> None:
+        """Take the next frame; the arrays must not be changed afterwards.
+
+        Args:
+            rgb: uint8 (H, W, 3), sRGB.
+            truth: What the camera sees and where the points are.
+            camera: The frame's camera.
+        """
+        frame = len(self._cameras)
+        while len(self._pending) >= _FRAMES_IN_FLIGHT:
+            self.encode_cpu_s += self._pending.popleft().result()
+        self._pending.append(self._encoder.submit(self._encode, frame, rgb, truth.surface))
+        self._cameras.append(
+            {
+                "frame": frame,
+                "K": camera.K.tolist(),
+                "world_to_camera": camera.world_to_camera.tolist(),
+            }
+        )
+        self._size = (camera.width, camera.height)
+        self._tables.append(correspondence_rows(frame, truth))
+
+    def commit(self, info: Mapping[str, Any], points: Points) -> int:
+        """Write the tables and `sequence.json`, sync everything and rename it into place.
+
+        Args:
+            info: Fields of `sequence.json` except `spec_version` and `files`.
+            points: The sequence's material points.
+
+        Returns:
+            Bytes of the sequence.
+        """
+        while self._pending:
+            self.encode_cpu_s += self._pending.popleft().result()
+        footer = {"sequence": self.folder.name}
+        write_table(self._partial / POINTS_TABLE, point_rows(points), "points", footer)
+        write_table(
+            self._partial / CORRESPONDENCES_TABLE,
+            pa.concat_tables(self._tables),
+            "correspondences",
+            footer,
+        )
+        width, height = self._size
+        write_json(
+            self._partial / CAMERAS_JSON,
+            {
+                "spec_version": SPEC_VERSION,
+                "width": width,
+                "height": height,
+                "frames": self._cameras,
+            },
+            "cameras",
+        )
+        files: list[dict[str, Any]] = [
+            {
+                "path": path.relative_to(self._partial).as_posix(),
+                "sha256": sha256_file(path),
+                "bytes": path.stat().st_size,
+            }
+            for path in sorted(self._partial.rglob("*"))
+            if path.is_file()
+        ]
+        document = {"spec_version": SPEC_VERSION, **info, "files": files}
+        write_json(self._partial / SEQUENCE_JSON, document, "sequence")
+        _sync_tree(self._partial)
+        self._move_into_place()
+        json_bytes = (self.folder / SEQUENCE_JSON).stat().st_size
+        total: int = json_bytes + sum(file["bytes"] for file in files)
+        return total
+
+    def _encode(self, frame: int, rgb: npt.NDArray[np.uint8], surface: Surface) -> float:
+        start = time.thread_time()
+        write_rgb(self._partial / rgb_name(frame), rgb, level=PNG_LEVEL)
+        write_surface(self._partial / depth_name(frame), surface)
+        return time.thread_time() - start
+
+    def _move_into_place(self) -> None:
+        self.folder.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            self._partial.rename(self.folder)
+        except OSError:
+            # Another worker (a lost one that was not lost) may have put the same bytes there.
+            if not (self.folder / SEQUENCE_JSON).is_file():
+                raise
+        _sync(self.folder.parent)
+
+
+def point_rows(points: Points) -> pa.Table:
+    """Return the rows of `points.parquet`."""
+    count, symmetries = points.partners.shape
+    offsets = np.arange(count + 1, dtype=np.int32) * np.int32(symmetries)
+    kinds = np.array(POINT_KINDS)[points.centreline.astype(np.intp)]
+    columns: Sequence[Any] = [
+        np.arange(count, dtype=np.int32),
+        points.object_id,
+        pa.array(kinds.tolist(), pa.string()),
+        np.ascontiguousarray(points.material[:, 0], np.float32),
+        np.ascontiguousarray(points.material[:, 1], np.float32),
+        pa.ListArray.from_arrays(offsets, points.partners.reshape(-1)).cast(
+            POINTS.field("partners").type
+        ),
+    ]
+    return pa.Table.from_arrays([pa.array(c) for c in columns], schema=POINTS)
+
+
+def correspondence_rows(frame: int, truth: FrameTruth) -> pa.Table:
+    """Return one frame's rows of `correspondences.parquet`."""
+    count = len(truth.depth_m)
+    columns: Sequence[Any] = [
+        np.full(count, frame, np.int32),
+        np.arange(count, dtype=np.int32),
+        truth.uv_px[:, 0].astype(np.float32),
+        truth.uv_px[:, 1].astype(np.float32),
+        np.asarray(truth.depth_m, np.float32),
+        pa.array(truth.visibility, pa.string()),
+        *(truth.xyz_m[:, axis].astype(np.float32) for axis in range(3)),
+    ]
+    return pa.Table.from_arrays([pa.array(c) for c in columns], schema=CORRESPONDENCES)
+
+
+def _sync_tree(folder: Path) -> None:
+    for path in sorted(folder.rglob("*")):
+        _sync(path)
+    _sync(folder)
+
+
+def _sync(path: Path) -> None:
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

@@ -1,0 +1,54 @@
+"""The tiers by name: what each declares in `dataset.json`, and how its subjects are drawn."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pliant.generator.config import TIER_KINDS, GenerateConfig
+from pliant.generator.plan import SequenceTask
+from pliant.generator.subject import Subject
+
+
+def describe_tier(config: GenerateConfig, tier: str) -> dict[str, Any]:
+    """Return a tier's entry of `dataset.json`: objects, material coordinates, symmetries.
+
+    Args:
+        config: The dataset's config.
+        tier: One of `TIER_KINDS`.
+    """
+    if TIER_KINDS[tier] == "rope":
+        from pliant.generator.rope import rope_tier
+
+        return rope_tier(config.section("rope"), tier)
+    from pliant.generator.cloth import cloth_tier
+
+    return cloth_tier(config.section("cloth"), tier)
+
+
+def sample_subject(config: GenerateConfig, task: SequenceTask) -> Subject:
+    """Draw the object of one sequence; it depends on config and task alone.
+
+    Args:
+        config: The dataset's config.
+        task: Which sequence.
+
+    Raises:
+        GenerationError: No acceptable configuration was found.
+    """
+    if TIER_KINDS[task.tier] == "rope":
+        from pliant.generator.rope import sample_rope
+
+        sample, settings = sample_rope, config.section("rope")
+    else:
+        from pliant.generator.cloth import sample_cloth
+
+        sample, settings = sample_cloth, config.section("cloth")
+    return sample(
+        settings,
+        tier=task.tier,
+        seed=config.seed,
+        split=task.split,
+        index=task.index,
+        frames=config.frames,
+        temporal=config.episodes,
+    )

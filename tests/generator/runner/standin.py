@@ -1,0 +1,154 @@
+"""A stand-in for the real maker: a flat sheet that costs nothing, and faults on demand.
+
+It lies outside the test modules because worker processes import it by name.
+"""
+
+from __future__ import annotations
+
+import errno
+import functools
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+from pliant.generator.config import GenerateConfig
+from pliant.generator.engine import SequenceResult
+from pliant.generator.plan import SequenceTask
+from pliant.generator.seeding import random_generator
+from pliant.generator.sequence_writer import SequenceWriter
+from pliant.generator.subject import Points
+from pliant.spec.images import Surface
+
+SIDE = 4  # points along a side of the sheet
+
+
+class StandInMaker:
+    """Draws a square that moves; `faults` maps a sequence id to what goes wrong with it."""
+
+    def __init__(
+        self, config: GenerateConfig, root: Path, faults: Mapping[str, str], frame_s: float
+    ) -> None:
+        self.config, self.root, self.faults, self.frame_s = config, root, faults, frame_s
+
+    def make(self, task: SequenceTask, on_frame: Callable[[], None]) -> SequenceResult:
+        width, height = self.config.size
+        grid = np.stack(np.meshgrid(np.arange(SIDE), np.arange(SIDE)), -1).reshape(-1, 2)
+        count = len(grid)
+        infos = []
+        scratch = self.root / ".pliant" / "partial"
+        with SequenceWriter(task.folder(self.root), scratch) as writer:
+            for frame in range(self.config.frames):
+                rng = random_generator(
+                    self.config.seed, task.tier, task.split, task.index, frame, stream="standin"
+                )
+                time.sleep(self.frame_s)
+                if frame == self.config.frames // 2:
+                    self._fail(task)
+                left, top = rng.integers(0, width - 8), rng.integers(0, height - 8)
+                mask = np.zeros((height, width), bool)
+                mask[top : top + 8, left : left + 8] = True
+                surface = Surface(
+                    np.where(mask, 1.0, np.inf).astype(np.float32),
+                    mask.astype(np.float32) * 0.5,
+                    mask.astype(np.float32) * 0.5,
+                    mask.astype(np.uint32),
+                )
+                rgb = rng.integers(0, 256, (height, width, 3), dtype=np.uint8)
+                truth = SimpleNamespace(
+                    surface=surface,
+                    uv_px=grid * 2.0 + (left + 1.0, top + 1.0),
+                    depth_m=np.ones(count),
+                    visibility=["visible"] * count,
+                    xyz_m=np.zeros((count, 3)),
+                )
+                camera = SimpleNamespace(
+                    K=np.diag([100.0, 100.0, 1.0]),
+                    world_to_camera=np.eye(4),
+                    width=width,
+                    height=height,
+                )
+                writer.add_frame(rgb, truth, camera)
+                box = [int(left), int(top), int(left) + 8, int(top) + 8]
+                infos.append({"box_px": box, "self_occluded": 0.0})
+                on_frame()
+            points = Points(
+                np.ones(count, np.int32),
+                np.arange(count, dtype=np.int32),
+                np.zeros(count, bool),
+                (grid / SIDE).astype(np.float32),
+                np.zeros((count, 0), np.int32),
+            )
+            size = writer.commit(self._info(task, infos), points)
+        return SequenceResult(task.id, self.config.frames, size, 0.01, 0.01, {}, 1)
+
+    def close(self) -> None:
+        pass
+
+    def _info(self, task: SequenceTask, infos: list[dict]) -> dict:
+        return {
+            "id": task.id,
+            "tier": task.tier,
+            "split": task.split,
+            "shape": None,
+            "index": task.index,
+            "seed": self.config.seed,
+            "temporal": self.config.episodes,
+            "frames": self.config.frames,
+            "style": self.config.style,
+            "noise": None,
+            "parameters": {},
+            "frame_info": infos,
+            "tools": {},
+        }
+
+    def _fail(self, task: SequenceTask) -> None:
+        fault = self.faults.get(task.id)
+        if fault == "raise":
+            raise ValueError("no such knot")
+        if fault == "segfault":
+            os.kill(os.getpid(), signal.SIGSEGV)
+        if fault == "full":
+            raise OSError(errno.ENOSPC, "No space left on device", "000000.exr")
+        if fault == "once":
+            marker = self.root / ".pliant" / f"failed-{task.id}"
+            if not marker.exists():
+                marker.touch()
+                os.kill(os.getpid(), signal.SIGKILL)
+
+
+def maker(
+    config: GenerateConfig,
+    root: Path,
+    faults: Mapping[str, str] | None = None,
+    frame_s: float = 0.0,
+) -> Callable[[], StandInMaker]:
+    """Return what `generate` takes as `open_maker`."""
+    return functools.partial(StandInMaker, config, Path(root), faults or {}, frame_s)
+
+
+def small_config(**changes: object) -> GenerateConfig:
+    """Return a config of six rope sequences of four tiny frames."""
+    fields = {
+        "tiers": ("rope",),
+        "splits": {"train": 3, "test": 3},
+        "frames": 4,
+        "episodes": True,
+        "width": 48,
+        "height": 32,
+        "style": "raster",
+        **changes,
+    }
+    return GenerateConfig(**fields)
+
+
+if __name__ == "__main__":  # OUT WORKERS: a run in a process of its own, to be killed
+    from pliant.generator.runner import generate
+
+    out, workers = Path(sys.argv[1]), int(sys.argv[2])
+    config = small_config()
+    generate(config, out, workers=workers, open_maker=maker(config, out, frame_s=0.05))
