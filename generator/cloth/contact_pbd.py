@@ -1,0 +1,289 @@
+"""Self-contact by positions on a pair list that cannot miss a pair.
+
+All pairs nearer than the contact distance plus a margin are listed. No two masses can meet
+that are not on the list until one of them has moved half the margin, and then the list is
+made anew. In each step every listed pair that is nearer than its target is parted to it at
+once (position-based dynamics: Müller et al. 2007), with Coulomb friction between layers.
+
+The target of a pair is min(d, 0.98 x its rest distance in the sheet): masses that are
+neighbours in the material are nearer than d by nature, and contact must not fight their
+springs.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int32]
+
+REST_SHARE = 0.98
+"""A pair's target is at most this share of its rest distance."""
+
+FRICTIONLESS_STEPS = 2.9
+"""Masses within this many grid steps in the material are one layer: no friction between them."""
+
+
+@dataclass
+class PairContact:
+    """The contact of one cloth: settings, and the pair list it keeps between steps.
+
+    Attributes:
+        rest: float64 (N, 3), the sheet at rest, metres.
+        distance_m: d, the distance at which two layers touch.
+        friction: Coulomb's coefficient between layers.
+        layer_m: Masses nearer than this in the sheet rub without friction.
+        margin_m: How much farther than d the list looks.
+        rebuilds: How often the list was made.
+    """
+
+    rest: FloatArray
+    distance_m: float
+    friction: float
+    layer_m: float
+    margin_m: float
+    rebuilds: int = 0
+    _listed_at: FloatArray | None = None
+    _count: int = 0
+    _first: IntArray = field(default_factory=lambda: np.zeros(0, np.int32))
+    _second: IntArray = field(default_factory=lambda: np.zeros(0, np.int32))
+    _target: FloatArray = field(default_factory=lambda: np.zeros(0))
+    _friction: FloatArray = field(default_factory=lambda: np.zeros(0))
+
+    def collide(self, positions: FloatArray, previous: FloatArray, free: FloatArray) -> None:
+        """Part the masses that are too near; relist first if the list may have aged.
+
+        Args:
+            positions: float64 (N, 3), metres; changed in place.
+            previous: float64 (N, 3), metres, before the step: friction works on the slip.
+            free: float64 (N,), 0 for a pinned or held mass.
+        """
+        if self._listed_at is None or moved_farther(
+            positions, self._listed_at, 0.5 * self.margin_m
+        ):
+            self._list_pairs(positions)
+        part_pairs(
+            positions,
+            previous,
+            free,
+            self._first,
+            self._second,
+            self._target,
+            self._friction,
+            self._count,
+        )
+
+    def forget(self) -> None:
+        """Drop the list: positions were set from outside."""
+        self._listed_at = None
+
+    def _list_pairs(self, positions: FloatArray) -> None:
+        reach_m = self.distance_m + self.margin_m
+        while True:
+            count = list_pairs(
+                positions,
+                self.rest,
+                reach_m,
+                self.distance_m,
+                self.friction,
+                self.layer_m,
+                self._first,
+                self._second,
+                self._target,
+                self._friction,
+            )
+            if count <= self._first.shape[0]:
+                break
+            room = count + count // 2
+            self._first = np.zeros(room, np.int32)
+            self._second = np.zeros(room, np.int32)
+            self._target = np.zeros(room)
+            self._friction = np.zeros(room)
+        self._count = count
+        self._listed_at = positions.copy()
+        self.rebuilds += 1
+
+
+@njit(cache=True)
+def moved_farther(positions: FloatArray, reference: FloatArray, distance_m: float) -> bool:
+    """Whether any mass is farther than a distance from where it was."""
+    limit = distance_m * distance_m
+    for i in range(positions.shape[0]):
+        dx = positions[i, 0] - reference[i, 0]
+        dy = positions[i, 1] - reference[i, 1]
+        dz = positions[i, 2] - reference[i, 2]
+        if not dx * dx + dy * dy + dz * dz <= limit:
+            return True
+    return False
+
+
+@njit(cache=True)
+def list_pairs(
+    positions: FloatArray,
+    rest: FloatArray,
+    reach_m: float,
+    distance_m: float,
+    friction: float,
+    layer_m: float,
+    first: IntArray,
+    second: IntArray,
+    target_m: FloatArray,
+    pair_friction: FloatArray,
+) -> int:
+    """List every pair of masses nearer than `reach_m`, by a grid over their box.
+
+    Args:
+        positions: float64 (N, 3), metres.
+        rest: float64 (N, 3), metres.
+        reach_m: Pairs nearer than this are listed.
+        distance_m: Contact distance d.
+        friction: Coulomb's coefficient of pairs of two layers.
+        layer_m: Pairs nearer than this at rest get no friction.
+        first: int32 (room,), filled.
+        second: int32 (room,), filled.
+        target_m: float64 (room,), filled.
+        pair_friction: float64 (room,), filled.
+
+    Returns:
+        Number of pairs; where it exceeds the room, the lists are incomplete.
+    """
+    count = positions.shape[0]
+    low = np.empty(3)
+    cells = np.empty(3, np.int64)
+    edge = reach_m
+    for c in range(3):
+        low[c] = positions[:, c].min()
+    while True:
+        total = 1.0
+        for c in range(3):
+            cells[c] = int((positions[:, c].max() - low[c]) / edge) + 1
+            total *= cells[c]
+        if total <= 64.0 * count + 1024.0:
+            break
+        edge *= 1.5  # a wide box: larger cells find the same pairs, only slower
+    start = np.zeros(cells[0] * cells[1] * cells[2] + 1, np.int32)
+    cell = np.empty((count, 3), np.int32)
+    key = np.empty(count, np.int32)
+    for i in range(count):
+        for c in range(3):
+            cell[i, c] = min(int((positions[i, c] - low[c]) / edge), cells[c] - 1)
+        key[i] = (cell[i, 0] * cells[1] + cell[i, 1]) * cells[2] + cell[i, 2]
+        start[key[i] + 1] += 1
+    for k in range(start.shape[0] - 1):
+        start[k + 1] += start[k]
+    members = np.empty(count, np.int32)
+    for i in range(count - 1, -1, -1):
+        start[key[i] + 1] -= 1
+        members[start[key[i] + 1]] = i
+    # start[k + 1] is now the first member of cell k; the last cell ends at count.
+
+    found = 0
+    room = first.shape[0]
+    for i in range(count):
+        z_low = max(cell[i, 2] - 1, 0)
+        z_high = min(cell[i, 2] + 1, cells[2] - 1)
+        for x in range(max(cell[i, 0] - 1, 0), min(cell[i, 0] + 1, cells[0] - 1) + 1):
+            for y in range(max(cell[i, 1] - 1, 0), min(cell[i, 1] + 1, cells[1] - 1) + 1):
+                row = (x * cells[1] + y) * cells[2]
+                begin = start[row + z_low + 1]
+                after = row + z_high + 2
+                end = start[after] if after < start.shape[0] else count
+                for q in range(begin, end):
+                    j = members[q]
+                    if j <= i:
+                        continue
+                    dx = positions[i, 0] - positions[j, 0]
+                    dy = positions[i, 1] - positions[j, 1]
+                    dz = positions[i, 2] - positions[j, 2]
+                    if dx * dx + dy * dy + dz * dz >= reach_m * reach_m:
+                        continue
+                    if found < room:
+                        ex = rest[i, 0] - rest[j, 0]
+                        ey = rest[i, 1] - rest[j, 1]
+                        ez = rest[i, 2] - rest[j, 2]
+                        apart = math.sqrt(ex * ex + ey * ey + ez * ez)
+                        first[found] = i
+                        second[found] = j
+                        target_m[found] = min(distance_m, REST_SHARE * apart)
+                        pair_friction[found] = friction if apart > layer_m else 0.0
+                    found += 1
+    return found
+
+
+@njit(cache=True)
+def part_pairs(
+    positions: FloatArray,
+    previous: FloatArray,
+    free: FloatArray,
+    first: IntArray,
+    second: IntArray,
+    target_m: FloatArray,
+    friction: FloatArray,
+    count: int,
+) -> None:
+    """Part each pair that is nearer than its target, and brake its slip.
+
+    A pair at distance l < target is moved apart along its line by target - l, shared by the
+    free ends; the tangential slip since `previous` is then shortened by at most
+    friction x (target - l).
+
+    Args:
+        positions: float64 (N, 3), metres; changed in place.
+        previous: float64 (N, 3), metres.
+        free: float64 (N,), 1 free, 0 pinned or held.
+        first: int32 (room,).
+        second: int32 (room,).
+        target_m: float64 (room,).
+        friction: float64 (room,), 0 for none.
+        count: Listed pairs.
+    """
+    for q in range(count):
+        i = first[q]
+        j = second[q]
+        dx = positions[i, 0] - positions[j, 0]
+        dy = positions[i, 1] - positions[j, 1]
+        dz = positions[i, 2] - positions[j, 2]
+        square = dx * dx + dy * dy + dz * dz
+        target = target_m[q]
+        if square >= target * target or square == 0.0:
+            continue
+        movable = free[i] + free[j]
+        if movable == 0.0:
+            continue
+        distance = math.sqrt(square)
+        depth = target - distance
+        nx = dx / distance
+        ny = dy / distance
+        nz = dz / distance
+        share_i = free[i] / movable
+        share_j = free[j] / movable
+        positions[i, 0] += depth * nx * share_i
+        positions[i, 1] += depth * ny * share_i
+        positions[i, 2] += depth * nz * share_i
+        positions[j, 0] -= depth * nx * share_j
+        positions[j, 1] -= depth * ny * share_j
+        positions[j, 2] -= depth * nz * share_j
+        if friction[q] == 0.0:
+            continue
+        sx = (positions[i, 0] - previous[i, 0]) - (positions[j, 0] - previous[j, 0])
+        sy = (positions[i, 1] - previous[i, 1]) - (positions[j, 1] - previous[j, 1])
+        sz = (positions[i, 2] - previous[i, 2]) - (positions[j, 2] - previous[j, 2])
+        normal = sx * nx + sy * ny + sz * nz
+        sx -= normal * nx
+        sy -= normal * ny
+        sz -= normal * nz
+        slip = math.sqrt(sx * sx + sy * sy + sz * sz)
+        if slip == 0.0:
+            continue
+        brake = min(1.0, friction[q] * depth / slip)
+        positions[i, 0] -= brake * sx * share_i
+        positions[i, 1] -= brake * sy * share_i
+        positions[i, 2] -= brake * sz * share_i
+        positions[j, 0] += brake * sx * share_j
+        positions[j, 1] += brake * sy * share_j
+        positions[j, 2] += brake * sz * share_j

@@ -1,0 +1,82 @@
+"""The square grid of a cloth: its triangles, its edges and its symmetric vertices.
+
+Vertices are numbered row by row: vertex `row * columns + column`. In a tier, a column is a
+step of u and a row a step of v.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+IntArray = npt.NDArray[np.int32]
+FloatArray = npt.NDArray[np.float64]
+
+
+def grid_faces(columns: int, rows: int) -> IntArray:
+    """Return the two triangles of every cell, wound so that a flat sheet faces up.
+
+    Args:
+        columns: Vertices along u, >= 2.
+        rows: Vertices along v, >= 2.
+
+    Returns:
+        int32 (2 * (columns - 1) * (rows - 1), 3), vertex indices.
+    """
+    row, column = np.meshgrid(np.arange(rows - 1), np.arange(columns - 1), indexing="ij")
+    corner = (row * columns + column).ravel()
+    right, below, opposite = corner + 1, corner + columns, corner + columns + 1
+    first = np.stack([corner, right, opposite], axis=1)
+    second = np.stack([corner, opposite, below], axis=1)
+    return np.stack([first, second], axis=1).reshape(-1, 3).astype(np.int32)
+
+
+def triangle_edges(faces: IntArray) -> IntArray:
+    """Return every edge of a triangle mesh once: int32 (E, 2), ascending."""
+    sides = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    edges: IntArray = np.unique(np.sort(sides, axis=1), axis=0).astype(np.int32)
+    return edges
+
+
+def flat_positions(columns: int, rows: int, width_m: float, height_m: float) -> FloatArray:
+    """Return a flat sheet in the plane z = 0 with its first vertex at the origin.
+
+    Args:
+        columns: Vertices along x.
+        rows: Vertices along y.
+        width_m: Extent along x, metres.
+        height_m: Extent along y, metres.
+
+    Returns:
+        float64 (rows * columns, 3), metres.
+    """
+    y, x = np.meshgrid(
+        np.linspace(0.0, height_m, rows), np.linspace(0.0, width_m, columns), indexing="ij"
+    )
+    return np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
+
+
+def corner_vertices(columns: int, rows: int) -> IntArray:
+    """Return the corners at (u, v) = (0, 0), (1, 0), (0, 1) and (1, 1): int32 (4,)."""
+    last = (rows - 1) * columns
+    return np.array([0, columns - 1, last, last + columns - 1], dtype=np.int32)
+
+
+def mapped_vertices(side: int, matrix: npt.ArrayLike, offset: npt.ArrayLike) -> IntArray:
+    """Return the vertex that a symmetry of the square sends each vertex to.
+
+    The map acts on integers (steps of the grid), so that partners are exact.
+
+    Args:
+        side: Vertices a side of the square grid.
+        matrix: (2, 2) with entries -1, 0 or 1: m' = matrix · m + offset, m = (u, v).
+        offset: (2,) with entries 0 or 1.
+
+    Returns:
+        int32 (side * side,), a permutation of the vertices.
+    """
+    row, column = np.divmod(np.arange(side * side), side)
+    steps = np.stack([column, row])
+    images = np.asarray(matrix, dtype=np.int64) @ steps
+    images += np.asarray(offset, dtype=np.int64)[:, None] * (side - 1)
+    return (images[1] * side + images[0]).astype(np.int32)

@@ -1,0 +1,179 @@
+"""What a cloth shows from straight above: how much it covers and what it hides."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+from scipy.spatial import ConvexHull
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int32]
+BoolArray = npt.NDArray[np.bool_]
+
+PIXELS_A_SIDE = 512
+"""The silhouette is counted on a lattice of side / 512: 0.1 % of a typical cloth."""
+
+
+@dataclass(frozen=True)
+class Cover:
+    """A configuration seen from above.
+
+    Attributes:
+        silhouette: Area of the silhouette over the flat cloth's.
+        hull: Area of the silhouette's convex hull over the flat cloth's.
+        self_occluded: Share of the material with more cloth above it.
+        hidden_corners: Which of the corners (0, 0), (1, 0), (0, 1), (1, 1) have cloth above.
+    """
+
+    silhouette: float
+    hull: float
+    self_occluded: float
+    hidden_corners: tuple[int, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the cover as the JSON object that frames record."""
+        return {
+            "coverage": self.silhouette,
+            "coverage_hull": self.hull,
+            "self_occluded_area": self.self_occluded,
+            "hidden_corners": list(self.hidden_corners),
+        }
+
+
+def measure_cover(vertices: FloatArray, faces: IntArray, corners: IntArray, side_m: float) -> Cover:
+    """Measure a cloth from above.
+
+    Args:
+        vertices: float64 (V, 3), metres, z up.
+        faces: int32 (F, 3), triangles of equal area in the material.
+        corners: int32 (4,), the corner vertices.
+        side_m: Side of the flat cloth, metres.
+
+    Returns:
+        Its cover; the share of the material is taken at the triangles' centroids.
+    """
+    centroids = vertices[faces].mean(axis=1)
+    own_face = np.arange(len(faces), dtype=np.int32)
+    none = np.full(len(faces), -1, dtype=np.int32)
+    hidden = covered_from_above(vertices, faces, centroids, own_face, none)
+    hidden_corners = covered_from_above(
+        vertices, faces, vertices[corners], np.full(4, -1, dtype=np.int32), corners
+    )
+    return Cover(
+        silhouette=silhouette_m2(vertices, faces, side_m / PIXELS_A_SIDE) / side_m**2,
+        hull=float(ConvexHull(vertices[:, :2]).volume) / side_m**2,
+        self_occluded=float(hidden.mean()),
+        hidden_corners=tuple(int(k) for k in np.flatnonzero(hidden_corners)),
+    )
+
+
+@njit(cache=True)
+def silhouette_m2(vertices: FloatArray, faces: IntArray, pixel_m: float) -> float:
+    """Return the area of the union of all triangles seen from above.
+
+    Args:
+        vertices: float64 (V, 3), metres.
+        faces: int32 (F, 3).
+        pixel_m: Spacing of the lattice whose covered points are counted.
+
+    Returns:
+        Square metres.
+    """
+    x_low = vertices[:, 0].min()
+    y_low = vertices[:, 1].min()
+    width = int((vertices[:, 0].max() - x_low) / pixel_m) + 2
+    height = int((vertices[:, 1].max() - y_low) / pixel_m) + 2
+    covered = np.zeros((height, width), np.uint8)
+    for t in range(faces.shape[0]):
+        ax = (vertices[faces[t, 0], 0] - x_low) / pixel_m
+        ay = (vertices[faces[t, 0], 1] - y_low) / pixel_m
+        bx = (vertices[faces[t, 1], 0] - x_low) / pixel_m
+        by = (vertices[faces[t, 1], 1] - y_low) / pixel_m
+        cx = (vertices[faces[t, 2], 0] - x_low) / pixel_m
+        cy = (vertices[faces[t, 2], 1] - y_low) / pixel_m
+        for y in range(int(np.ceil(min(ay, by, cy))), int(np.floor(max(ay, by, cy))) + 1):
+            for x in range(int(np.ceil(min(ax, bx, cx))), int(np.floor(max(ax, bx, cx))) + 1):
+                one = (bx - ax) * (y - ay) - (by - ay) * (x - ax)
+                two = (cx - bx) * (y - by) - (cy - by) * (x - bx)
+                three = (ax - cx) * (y - cy) - (ay - cy) * (x - cx)
+                if (one >= 0.0 and two >= 0.0 and three >= 0.0) or (
+                    one <= 0.0 and two <= 0.0 and three <= 0.0
+                ):
+                    covered[y, x] = 1
+    return covered.sum() * pixel_m * pixel_m
+
+
+@njit(cache=True)
+def covered_from_above(
+    vertices: FloatArray,
+    faces: IntArray,
+    points: FloatArray,
+    own_face: IntArray,
+    own_vertex: IntArray,
+) -> BoolArray:
+    """Say which points have a triangle above them.
+
+    Args:
+        vertices: float64 (V, 3).
+        faces: int32 (F, 3).
+        points: float64 (P, 3), on the mesh.
+        own_face: int32 (P,), the triangle a point lies in, which cannot cover it; -1 for none.
+        own_vertex: int32 (P,), the vertex a point is; its triangles cannot cover it; -1 for none.
+
+    Returns:
+        bool (P,).
+    """
+    x_low = vertices[:, 0].min()
+    y_low = vertices[:, 1].min()
+    x_span = vertices[:, 0].max() - x_low
+    y_span = vertices[:, 1].max() - y_low
+    edge = max(np.sqrt(x_span * y_span / faces.shape[0]), 1e-9) * 2.0
+    across = int(x_span / edge) + 1
+    down = int(y_span / edge) + 1
+    box = np.empty((faces.shape[0], 4), np.int64)
+    start = np.zeros(across * down + 1, np.int64)
+    for t in range(faces.shape[0]):
+        a, b, c = vertices[faces[t, 0]], vertices[faces[t, 1]], vertices[faces[t, 2]]
+        box[t, 0] = int((min(a[0], b[0], c[0]) - x_low) / edge)
+        box[t, 1] = int((max(a[0], b[0], c[0]) - x_low) / edge)
+        box[t, 2] = int((min(a[1], b[1], c[1]) - y_low) / edge)
+        box[t, 3] = int((max(a[1], b[1], c[1]) - y_low) / edge)
+        for y in range(box[t, 2], box[t, 3] + 1):
+            for x in range(box[t, 0], box[t, 1] + 1):
+                start[y * across + x + 1] += 1
+    for k in range(start.shape[0] - 1):
+        start[k + 1] += start[k]
+    filled = start.copy()
+    members = np.empty(start[-1], np.int32)
+    for t in range(faces.shape[0]):
+        for y in range(box[t, 2], box[t, 3] + 1):
+            for x in range(box[t, 0], box[t, 1] + 1):
+                members[filled[y * across + x]] = t
+                filled[y * across + x] += 1
+    covered = np.zeros(points.shape[0], np.bool_)
+    for i in range(points.shape[0]):
+        px, py, pz = points[i, 0], points[i, 1], points[i, 2]
+        k = int((py - y_low) / edge) * across + int((px - x_low) / edge)
+        for q in range(start[k], start[k + 1]):
+            t = members[q]
+            f, g, h = faces[t, 0], faces[t, 1], faces[t, 2]
+            if t == own_face[i] or f == own_vertex[i] or g == own_vertex[i] or h == own_vertex[i]:
+                continue
+            a, b, c = vertices[f], vertices[g], vertices[h]
+            one = (b[0] - a[0]) * (py - a[1]) - (b[1] - a[1]) * (px - a[0])
+            two = (c[0] - b[0]) * (py - b[1]) - (c[1] - b[1]) * (px - b[0])
+            three = (a[0] - c[0]) * (py - c[1]) - (a[1] - c[1]) * (px - c[0])
+            inside = (one >= 0.0 and two >= 0.0 and three >= 0.0) or (
+                one <= 0.0 and two <= 0.0 and three <= 0.0
+            )
+            double_area = one + two + three
+            if not inside or double_area == 0.0:
+                continue
+            if (two * a[2] + three * b[2] + one * c[2]) / double_area > pz:
+                covered[i] = True
+                break
+    return covered
