@@ -143,8 +143,10 @@ class LocalFeatureMatcher:
             Positions alone: pixel centres of the target.
         """
         uv_b_px = np.tile(central_position(target), (len(uv_a_px), 1))  # (N, 2)
+        if len(uv_a_px) == 0:
+            return Answers(uv_px=uv_b_px)
         dense = self._dense_of(target)
-        if len(dense.uv_px) and len(uv_a_px):
+        if len(dense.uv_px):
             queries = self._features.describe_at(luma(source.rgb), uv_a_px)
             row, decided = nearest(queries, dense.descriptors, self._features.metric)
             uv_b_px[decided] = dense.uv_px[row[decided]]

@@ -89,10 +89,21 @@ def intensity_centroid_deg(
     lever = (padded * (np.arange(padded.shape[1]) - 1)).cumsum(axis=1)
     m10 = np.zeros(len(uv_px), dtype=np.int64)
     m01 = np.zeros(len(uv_px), dtype=np.int64)
+    widths = _disc(radius_px)
     for down in range(-radius_px, radius_px + 1):
-        half = int(np.sqrt(radius_px**2 - down**2))
+        half = widths[abs(down)]
         low, high = column - half, column + half + 1
         along = mass[row + down, high] - mass[row + down, low]  # (N,)
         m01 += down * along
         m10 += lever[row + down, high] - lever[row + down, low] - column * along
     return np.degrees(np.arctan2(m01, m10)) % 360
+
+
+def _disc(radius_px: int) -> list[int]:
+    """Return a disc's half width on each row from its centre, the same if axes are swapped."""
+    rows = np.arange(radius_px + 1)
+    rounded = np.rint(np.sqrt(radius_px**2 - rows**2)).astype(int).tolist()
+    return [
+        half if 2 * row**2 <= radius_px**2 else max(u for u, v in enumerate(rounded) if v >= row)
+        for row, half in enumerate(rounded)
+    ]

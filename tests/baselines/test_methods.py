@@ -1,0 +1,166 @@
+"""The classical methods on cards whose motion is known, and on images with nothing to see."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from pliant.baselines import METHODS, HeatMatcher, KeypointMatcher, View
+from pliant.baselines.local_features import LocalFeatureMatcher
+
+CLASSICAL = ("sift", "surf", "orb")
+
+ViewOf = Callable[..., View]
+Floats = npt.NDArray[np.float64]
+
+
+def method(name: str) -> LocalFeatureMatcher:
+    matcher = METHODS[name]()
+    assert isinstance(matcher, LocalFeatureMatcher)
+    return matcher
+
+
+@pytest.mark.parametrize(("name", "median_px"), [("sift", 0.8), ("orb", 0.8), ("surf", 1.5)])
+@pytest.mark.parametrize(
+    "motion",
+    [
+        {"centre": (127.3, 95.4)},
+        {"angle_deg": 40, "centre": (121.7, 98.2)},
+        {"angle_deg": -115, "scale": 1.05, "centre": (117.4, 101.8)},
+    ],
+    ids=["slide", "turn", "turn and grow"],
+)
+def test_answers_follow_a_similarity(
+    name: str,
+    median_px: float,
+    motion: dict[str, Any],
+    pose: Any,
+    view_of: ViewOf,
+    card_queries: Floats,
+) -> None:
+    before, after = pose(), pose(**motion)
+    answers = method(name).answer(
+        view_of(before), view_of(after), before.place(card_queries).astype(np.float32)
+    )
+    error_px = np.hypot(*(answers.uv_px - after.place(card_queries)).T)
+    assert np.median(error_px) < median_px
+    assert (error_px < 3).mean() > 0.8
+
+
+@pytest.mark.parametrize(("name", "least"), [("sift", 0.98), ("orb", 0.9), ("surf", 0.8)])
+def test_keypoint_matches_follow_a_similarity(
+    name: str, least: float, pose: Any, view_of: ViewOf
+) -> None:
+    before, after = pose(), pose(angle_deg=45, centre=(121.7, 98.2))
+    found = method(name).match(view_of(before), view_of(after))
+    expected = after.place(before.locate(found.uv_a_px.astype(np.float64)))
+    right = np.hypot(*(found.uv_b_px - expected).T) < 3
+    assert len(right) > 25
+    assert right.mean() > least
+    assert (np.abs(before.locate(found.uv_a_px)) < 64).all()
+    assert found.score.dtype == found.uv_a_px.dtype == found.uv_b_px.dtype == np.float32
+
+
+@pytest.mark.parametrize("name", CLASSICAL)
+def test_keypoints_beside_the_object_are_left_out(name: str, pose: Any, view_of: ViewOf) -> None:
+    view = view_of(pose())
+    bare = View(rgb=view.rgb)
+    left = View(rgb=view.rgb, mask=np.zeros(view.rgb.shape[:2], dtype=np.bool_))
+    left.mask[:, :120] = True  # type: ignore[index]
+    assert (method(name).match(left, bare).uv_a_px[:, 0] < 120).all()
+    assert (method(name).match(bare, left).uv_b_px[:, 0] < 120).all()
+    assert (method(name).match(bare, bare).uv_a_px[:, 0] > 120).any()
+
+
+def grey_view(height: int, width: int, mask: bool | None = None) -> View:
+    rgb = np.full((height, width, 3), 127, dtype=np.uint8)
+    return View(rgb, None if mask is None else np.full((height, width), mask))
+
+
+@pytest.mark.parametrize("name", CLASSICAL)
+@pytest.mark.parametrize("size", [(1, 1), (2, 9), (31, 40), (48, 64)])
+@pytest.mark.parametrize("mask", [None, True, False])
+def test_blank_and_tiny_images_are_answered(
+    name: str, size: tuple[int, int], mask: bool | None
+) -> None:
+    view = grey_view(*size, mask)
+    matcher = method(name)
+    queries = np.array([[0.5, 0.5], [0.25, 0.75]], dtype=np.float32)
+    answers = matcher.answer(view, view, queries)
+    assert answers.uv_px.tolist() == [[size[1] / 2, size[0] / 2]] * 2  # the mask's centroid
+    assert len(matcher.match(view, view).score) == 0
+    heat = matcher.heat(view, view, queries[0])
+    assert np.isnan(heat.values).all() == (mask is False)
+    assert heat.confidence == 0
+
+
+@pytest.mark.parametrize("name", CLASSICAL)
+def test_no_queries_no_answers(name: str, pose: Any, view_of: ViewOf) -> None:
+    view = view_of(pose())
+    answers = method(name).answer(view, view, np.zeros((0, 2), dtype=np.float32))
+    assert answers.uv_px.shape == (0, 2)
+
+
+@pytest.mark.parametrize("name", CLASSICAL)
+def test_object_of_one_pixel_is_the_answer(name: str, pose: Any, view_of: ViewOf) -> None:
+    view = view_of(pose())
+    speck = np.zeros(view.rgb.shape[:2], dtype=np.bool_)
+    speck[60, 90] = True
+    answers = method(name).answer(
+        view, View(view.rgb, speck), np.array([[120, 100]], dtype=np.float32)
+    )
+    assert answers.uv_px.tolist() == [[90.5, 60.5]]
+
+
+@pytest.mark.parametrize("name", CLASSICAL)
+def test_queries_at_the_border_are_described(name: str) -> None:
+    rgb = np.random.default_rng(0).integers(0, 256, (50, 60, 3)).astype(np.uint8)
+    corners = np.array([[0.5, 0.5], [59.5, 0.5], [0.5, 49.5], [59.5, 49.5]], dtype=np.float32)
+    answers = method(name).answer(View(rgb), View(rgb), corners)
+    assert np.array_equal(answers.uv_px, corners)
+
+
+@pytest.mark.parametrize("name", CLASSICAL)
+def test_large_objects_are_searched_on_a_grid(name: str, pose: Any, view_of: ViewOf) -> None:
+    rng = np.random.default_rng(0)
+    rgb = np.repeat(rng.integers(0, 256, (160, 150, 1)).astype(np.uint8), 3, axis=2)  # 24,000 px
+    heat = method(name).heat(View(rgb), View(rgb), np.array([75.5, 81.5], dtype=np.float32))
+    assert np.isfinite(heat.values).all()
+    best_v, best_u = np.unravel_index(heat.values.argmax(), heat.values.shape)
+    assert abs(best_u + 0.5 - 75.5) <= 1
+    assert abs(best_v + 0.5 - 81.5) <= 1
+    queries = rng.integers(20, 130, (30, 2)) + 0.5
+    answers = method(name).answer(View(rgb), View(rgb), queries.astype(np.float32))
+    assert (answers.uv_px % 2 == 1.5).all()  # every second row and column
+
+
+@pytest.mark.parametrize("name", CLASSICAL)
+def test_heat_peaks_at_the_answer(
+    name: str, pose: Any, view_of: ViewOf, card_queries: Floats
+) -> None:
+    before, after = pose(), pose(angle_deg=40)
+    matcher = method(name)
+    assert isinstance(matcher, HeatMatcher)
+    assert isinstance(matcher, KeypointMatcher)
+    source, target = view_of(before), view_of(after)
+    query = before.place(card_queries).astype(np.float32)[:1]
+    heat = matcher.heat(source, target, query[0])
+    v, u = np.unravel_index(np.nanargmax(heat.values), heat.values.shape)
+    assert matcher.answer(source, target, query).uv_px.tolist() == [[u + 0.5, v + 0.5]]
+    np.testing.assert_array_equal(np.isfinite(heat.values), target.mask)
+    assert 0.1 < heat.confidence <= 1
+
+
+def test_remembered_frames_change_nothing(pose: Any, view_of: ViewOf, card_queries: Floats) -> None:
+    poses = [pose(angle_deg=angle) for angle in range(0, 70, 10)]
+    queries = poses[0].place(card_queries).astype(np.float32)
+    remembering, forgetting = method("orb"), method("orb")
+    for index in (1, 2, 3, 4, 5, 6, 1, 6):  # more frames than are remembered
+        source, target = view_of(poses[0], "0"), view_of(poses[index], str(index))
+        np.testing.assert_array_equal(
+            remembering.answer(source, target, queries).uv_px,
+            forgetting.answer(view_of(poses[0]), view_of(poses[index]), queries).uv_px,
+        )
