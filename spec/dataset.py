@@ -134,7 +134,7 @@ class Sequence:
             The correspondences table; of one frame, row i is point i.
         """
         path = self.dir / layout.CORRESPONDENCES_TABLE
-        file = open_table(path)
+        file = open_table(path, text_as_dictionary=True)
         if frame is None:
             return load_columns(file, path, CORRESPONDENCES)
         self._check(frame)

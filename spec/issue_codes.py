@@ -202,6 +202,12 @@ ISSUE_CODES: Final[dict[str, IssueCode]] = _catalogue(
         "dataset",
         "The point table of a sequence differs from that of the other sequences of its tier.",
     ),
+    IssueCode(
+        "SUMMARY_DISAGREES",
+        "error",
+        "dataset",
+        "self_occluded in sequences.parquet does not follow from the correspondences.",
+    ),
     # Queries and truth
     IssueCode(
         "QUERY_INVALID",

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from pliant.spec import limits
 from pliant.spec.conventions import FOOTER_KEY, SPEC_VERSION
@@ -68,26 +69,22 @@ def write_table(
     )
 
 
-def open_table(path: Path | str, *, max_rows: int = limits.MAX_TABLE_ROWS) -> pq.ParquetFile:
+def open_table(
+    path: Path | str, *, max_rows: int = limits.MAX_TABLE_ROWS, text_as_dictionary: bool = False
+) -> pq.ParquetFile:
     """Open a Parquet file after checking, from its footer alone, how much it announces.
 
     Args:
         path: The file.
         max_rows: The most rows allowed.
+        text_as_dictionary: Decode text to dictionaries, so that a long text repeated in every
+            row takes the memory of one.
 
     Raises:
         FileRefusedError: Missing, no Parquet, damaged, or it announces too much.
     """
     check_regular(path, limits.MAX_TABLE_BYTES)
-    try:
-        file = pq.ParquetFile(
-            path,
-            memory_map=False,
-            thrift_string_size_limit=_THRIFT_LIMIT,
-            thrift_container_size_limit=_THRIFT_LIMIT,
-        )
-    except Exception as error:  # Arrow's errors do not share a base
-        raise _unreadable(path, error) from error
+    file = _open(path)
     metadata = file.metadata
     groups = [metadata.row_group(index) for index in range(metadata.num_row_groups)]
     if metadata.num_rows < 0 or metadata.num_rows != sum(group.num_rows for group in groups):
@@ -115,7 +112,23 @@ def open_table(path: Path | str, *, max_rows: int = limits.MAX_TABLE_ROWS) -> pq
                     required=f"at most {limits.MAX_CHUNK_VALUES} values, "
                     f"{limits.MAX_CHUNK_BYTES} bytes",
                 )
+    if text_as_dictionary:
+        leaves = [file.schema.column(index) for index in range(metadata.num_columns)]
+        text = [leaf.path for leaf in leaves if leaf.physical_type == "BYTE_ARRAY"]
+        file = _open(path, read_dictionary=text, metadata=metadata)
     return file
+
+
+def _open(path: Path | str, **options: Any) -> pq.ParquetFile:
+    try:
+        return pq.ParquetFile(
+            path,
+            thrift_string_size_limit=_THRIFT_LIMIT,
+            thrift_container_size_limit=_THRIFT_LIMIT,
+            **options,
+        )
+    except Exception as error:  # Arrow's errors do not share a base
+        raise _unreadable(path, error) from error
 
 
 def read_table(
@@ -140,7 +153,7 @@ def read_table(
         FileRefusedError: Missing, damaged, too large; a column missing, of another type or with
             a null it must not hold.
     """
-    file = open_table(path, max_rows=max_rows)
+    file = open_table(path, max_rows=max_rows, text_as_dictionary=True)
     return load_columns(file, path, select_schema(name, columns))
 
 
@@ -170,12 +183,7 @@ def load_columns(
     Raises:
         FileRefusedError: A column is missing, of another type, damaged or has a null.
     """
-    names = file.schema_arrow.names
-    for field in schema:
-        problem = column_problem(file.schema_arrow, field)
-        if problem is not None:
-            code, message = problem
-            raise FileRefusedError(code, message, path=path, where=field.name, found=names)
+    _require_columns(file, path, schema)
     try:
         table = (
             file.read(schema.names, use_threads=False)
@@ -183,22 +191,109 @@ def load_columns(
             else file.read_row_groups(list(row_groups), schema.names, use_threads=False)
         )
         table.validate(full=True)
-        columns = []
-        for field in schema:
-            column = table.column(field.name)
-            columns.append(column if column.type == field.type else column.cast(field.type))
     except Exception as error:
         raise _unreadable(path, error) from error
-    for field, column in zip(schema, columns, strict=True):
-        if not field.nullable and column.null_count:
+    return _as_declared(table, path, schema)
+
+
+def load_batches(
+    file: pq.ParquetFile, path: Path | str, schema: pa.Schema, *, batch_rows: int = _ROW_GROUP_ROWS
+) -> Iterator[pa.Table]:
+    """Decode columns of an open file little by little; arguments and errors as `load_columns`.
+
+    Args:
+        file: From `open_table`.
+        path: The file, for messages.
+        schema: The columns wanted.
+        batch_rows: The most rows at a time.
+
+    Yields:
+        Tables of the declared types.
+    """
+    _require_columns(file, path, schema)
+    batches = file.iter_batches(batch_rows, columns=schema.names, use_threads=False)
+    while True:
+        try:
+            batch = next(batches, None)
+            if batch is None:
+                return
+            table = pa.Table.from_batches([batch])
+            table.validate(full=True)
+        except Exception as error:
+            raise _unreadable(path, error) from error
+        yield _as_declared(table, path, schema)
+
+
+def _require_columns(file: pq.ParquetFile, path: Path | str, schema: pa.Schema) -> None:
+    for field in schema:
+        problem = column_problem(file.schema_arrow, field)
+        if problem is not None:
+            raise FileRefusedError(
+                problem[0], problem[1], path=path, where=field.name, found=file.schema_arrow.names
+            )
+
+
+def _as_declared(table: pa.Table, path: Path | str, schema: pa.Schema) -> pa.Table:
+    columns = []
+    for field in schema:
+        column = table.column(field.name)
+        if not field.nullable and _null_count(column):
             raise FileRefusedError(
                 "VALUE_NULL",
                 "null is not allowed",
                 path=path,
                 where=field.name,
-                found=f"{column.null_count} nulls",
+                found=f"{_null_count(column)} nulls",
             )
+        if column.type != field.type:
+            _refuse_long_text(column, path, field.name)
+            try:
+                column = column.cast(field.type)
+            except Exception as error:
+                raise _unreadable(path, error) from error
+        columns.append(column)
     return pa.Table.from_arrays(columns, schema=schema)
+
+
+def _null_count(column: pa.ChunkedArray) -> int:
+    """Count the nulls of a column and of what its lists and structs hold."""
+    return sum(_array_null_count(chunk) for chunk in column.chunks)
+
+
+def _array_null_count(array: pa.Array) -> int:
+    count: int = array.null_count
+    if pa.types.is_dictionary(array.type) and array.dictionary.null_count:
+        count += array.dictionary_decode().null_count
+    elif pa.types.is_list(array.type) or pa.types.is_large_list(array.type):
+        count += _array_null_count(array.flatten())
+    elif pa.types.is_struct(array.type):
+        count += sum(_array_null_count(child) for child in array.flatten())
+    return count
+
+
+def _refuse_long_text(column: pa.ChunkedArray, path: Path | str, name: str) -> None:
+    """Refuse a column whose text, written out, would pass the limit."""
+    size = sum(_text_bytes(chunk) for chunk in column.chunks)
+    if size > limits.MAX_TEXT_BYTES:
+        raise FileRefusedError(
+            "FILE_TOO_LARGE",
+            "the text of a column is longer than allowed",
+            path=path,
+            where=name,
+            found=f"{size} bytes",
+            required=f"at most {limits.MAX_TEXT_BYTES}",
+        )
+
+
+def _text_bytes(array: pa.Array) -> int:
+    if pa.types.is_dictionary(array.type):
+        lengths = pc.binary_length(array.dictionary).cast(pa.int64())
+        return int(pc.sum(lengths.take(array.indices)).as_py() or 0)
+    if pa.types.is_list(array.type) or pa.types.is_large_list(array.type):
+        return _text_bytes(array.flatten())
+    if pa.types.is_struct(array.type):
+        return sum(_text_bytes(child) for child in array.flatten())
+    return 0
 
 
 def column_problem(schema: pa.Schema, field: pa.Field) -> tuple[str, str] | None:

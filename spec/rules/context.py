@@ -1,0 +1,46 @@
+"""What a dataset's own description tells the rules of its sequences."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Context:
+    """The facts of dataset.json that every sequence is checked against.
+
+    Attributes:
+        root: The dataset.
+        quick: True leaves images and geometry alone.
+        width: Of every image, px.
+        height: Of every image, px.
+        tiers: Tier name -> its entry.
+        splits: The splits declared.
+        id: The dataset's id.
+        version: The dataset's version.
+    """
+
+    root: Path
+    quick: bool
+    width: int
+    height: int
+    tiers: dict[str, dict[str, Any]]
+    splits: tuple[str, ...]
+    id: str
+    version: str
+
+    @classmethod
+    def of(cls, root: Path, info: dict[str, Any], quick: bool) -> Context:
+        """Take the facts from a dataset.json that satisfies its schema."""
+        return cls(
+            root=root,
+            quick=quick,
+            width=info["image_size"]["width"],
+            height=info["image_size"]["height"],
+            tiers={tier["name"]: tier for tier in info["tiers"]},
+            splits=tuple(info["splits"]),
+            id=info["id"],
+            version=info["version"],
+        )

@@ -1,0 +1,319 @@
+"""Whether the states of points agree with the surface image of their frame.
+
+States are decided against the deformed surface itself, at a point's exact position; the
+image samples that surface at pixel centres only. Between two centres there can be a fold
+or an edge that no pixel shows, so no rule on pixels can hold everywhere. The rules here
+are strict where the image leaves no doubt, and count where it does.
+
+*Smooth* is a point whose 5x5 pixels lie in the image, hold one object id and, unless that
+is the background, change from pixel to neighbour by at most `SLOPE` pixel footprints in
+depth and on the material. There, exactly:
+
+- a visible point is matched by a pixel of its 3x3: the same object, depth and material
+  within `MATCH` footprints;
+- a hidden point is not nearer than its 3x3 by more than `MATCH` footprints; the state names
+  the object that the 5x5 shows (`self_occluded` its own, `occluded` another); and on a
+  cloth, whose material coordinates are those of one surface point, it is no match.
+
+Elsewhere a frame's visible points may miss, but not half of them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from pliant.spec.exr import Surface
+from pliant.spec.rules.cameras import Cameras
+from pliant.spec.rules.correspondences import (
+    OCCLUDED,
+    OUT_OF_FRAME,
+    SELF_OCCLUDED,
+    VISIBLE,
+    FrameRows,
+)
+from pliant.spec.rules.findings import Findings
+from pliant.spec.rules.points import PointSet
+
+SLOPE = 3.0
+"""Largest step between neighbouring pixels of a smooth place, in pixel footprints."""
+
+MATCH = 6.0
+"""How far a point may be from a pixel that shows it, in pixel footprints."""
+
+SURE = 0.5
+"""How near a hidden cloth point may come to the surface shown, in pixel footprints."""
+
+LOOSE_SHARE = 0.5
+"""The share of visible points that must be matched wherever they are."""
+
+CENTRELINE_REACH = 1.25
+"""How far below the surface, and along it, a visible centre-line point may be, in diameters."""
+
+_CHUNK = 8192
+_AROUND = np.arange(-2, 3)
+_INNER = slice(1, 4)
+
+
+@dataclass(frozen=True)
+class _Window:
+    """The 5x5 pixels around N points that are far enough from the border.
+
+    Attributes:
+        depth_m: float64 (N, 5, 5).
+        object_id: int64 (N, 5, 5).
+        away_m: float64 (N, 5, 5), distance on the material from the point to the pixel's
+            surface; infinite where that is another object.
+        along_m: float64 (N, 5, 5), the same along the first coordinate alone.
+        footprint_m: float64 (N,), a pixel's width at the point's depth.
+        smooth: bool (N,).
+        uniform: bool (N,), one object id.
+    """
+
+    depth_m: npt.NDArray[np.float64]
+    object_id: npt.NDArray[np.int64]
+    away_m: npt.NDArray[np.float64]
+    along_m: npt.NDArray[np.float64]
+    footprint_m: npt.NDArray[np.float64]
+    smooth: npt.NDArray[np.bool_]
+    uniform: npt.NDArray[np.bool_]
+
+
+def check_visibility(
+    tier: dict[str, Any],
+    cameras: Cameras,
+    points: PointSet,
+    rows: FrameRows,
+    good: npt.NDArray[np.bool_],
+    surface: Surface,
+    shown: str,
+    findings: Findings,
+) -> None:
+    """Check the states of a frame's points against its surface image.
+
+    Args:
+        tier: The sequence's tier.
+        cameras: The sequence's cameras.
+        points: The sequence's points.
+        rows: The frame's rows.
+        good: bool (N,), rows that project to where they say; the others are left out.
+        surface: The frame's surface image, valid.
+        shown: The table's path in issues.
+        findings: Gets `VISIBLE_DISAGREES`, `MATERIAL_DISAGREES`, `OCCLUDED_DISAGREES`.
+    """
+    height, width = surface.depth_m.shape
+    pixel = np.floor(rows.uv_px).astype(np.int64)
+    inner = np.all((pixel >= 2) & (pixel < np.array([width, height]) - 2), axis=1)
+    chosen = np.flatnonzero(good & inner & (rows.state != OUT_OF_FRAME))
+    tally = np.zeros(2, np.int64)
+    for low in range(0, chosen.size, _CHUNK):
+        part = chosen[low : low + _CHUNK]
+        tally += _check_points(
+            tier, cameras, points, rows, part, pixel[part], surface, shown, findings
+        )
+    count, missed = int(tally[0]), int(tally[1])
+    if count >= 8 and missed > (1 - LOOSE_SHARE) * count:
+        findings.add(
+            "VISIBLE_DISAGREES",
+            shown,
+            f"frame {rows.frame}",
+            f"{missed} of {count} visible points are on no surface that the depth image shows "
+            "around them",
+        )
+
+
+def _check_points(
+    tier: dict[str, Any],
+    cameras: Cameras,
+    points: PointSet,
+    rows: FrameRows,
+    chosen: npt.NDArray[np.int64],
+    pixel: npt.NDArray[np.int64],
+    surface: Surface,
+    shown: str,
+    findings: Findings,
+) -> npt.NDArray[np.int64]:
+    """Check some rows of a frame; return how many are visible and how many of these miss."""
+    K = cameras.K[rows.frame]
+    window = _window(tier, points, rows, chosen, pixel, surface, float(min(K[0, 0], K[1, 1])))
+    own = points.object_id[rows.point[chosen]]
+    line = points.centreline[rows.point[chosen]]
+    depth = rows.depth_m[chosen]
+    reach = MATCH * window.footprint_m
+    # A surface point lies on the surface shown; a centre-line point up to a diameter below.
+    below = np.where(line, CENTRELINE_REACH * _diameter(tier, own), 0.0)
+
+    near = window.depth_m[:, _INNER, _INNER]
+    same = window.object_id[:, _INNER, _INNER] == own[:, None, None]
+    lower = depth[:, None, None] - near
+    on_depth = same & (lower >= -reach[:, None, None]) & (lower <= (reach + below)[:, None, None])
+    away = np.where(
+        line[:, None, None],
+        window.along_m[:, _INNER, _INNER],
+        window.away_m[:, _INNER, _INNER],
+    )
+    matched = np.any(on_depth & (away <= (reach + below)[:, None, None]), axis=(1, 2))
+    visible = rows.state[chosen] == VISIBLE
+    _report_visible(
+        rows,
+        chosen,
+        visible & window.smooth & ~matched,
+        on_depth.any(axis=(1, 2)),
+        near,
+        depth,
+        shown,
+        findings,
+    )
+    _report_hidden(tier, rows, chosen, window, own, shown, findings)
+    return np.array([np.count_nonzero(visible), np.count_nonzero(visible & ~matched)])
+
+
+def _window(
+    tier: dict[str, Any],
+    points: PointSet,
+    rows: FrameRows,
+    chosen: npt.NDArray[np.int64],
+    pixel: npt.NDArray[np.int64],
+    surface: Surface,
+    focal: float,
+) -> _Window:
+    """Gather the 5x5 pixels around points and judge whether they are smooth."""
+    v = pixel[:, 1, None, None] + _AROUND[None, :, None]
+    u = pixel[:, 0, None, None] + _AROUND[None, None, :]
+    depth = surface.depth_m[v, u].astype(np.float64)
+    object_id = surface.object_id[v, u].astype(np.int64)
+    shown_m = np.stack([surface.m0[v, u], surface.m1[v, u]], axis=-1).astype(np.float64)
+    own = points.object_id[rows.point[chosen]]
+    own_m = points.material[rows.point[chosen]]
+    footprint = rows.depth_m[chosen] / focal
+    uniform = np.all(object_id == object_id[:, :1, :1], axis=(1, 2))
+    smooth = uniform.copy()
+    away = np.full(depth.shape, np.inf)
+    along = np.full(depth.shape, np.inf)
+    centre_id = object_id[:, 2, 2]
+    with np.errstate(invalid="ignore"):
+        for thing in tier["objects"]:
+            mine = uniform & (centre_id == thing["id"])
+            # The footprint is that of the surface shown, which may not be the point's.
+            step = SLOPE * (depth[mine, 2, 2] / focal)[:, None, None]
+            rough = np.zeros(np.count_nonzero(mine), np.bool_)
+            for axis in (1, 2):
+                rough |= np.any(np.abs(np.diff(depth[mine], axis=axis)) > step, axis=(1, 2))
+                jump = material_distance(np.diff(shown_m[mine], axis=axis), thing["material"])
+                rough |= np.any(jump > step, axis=(1, 2))
+            smooth[mine] &= ~rough
+            belongs = (own == thing["id"])[:, None, None] & (object_id == thing["id"])
+            index = np.nonzero(belongs)
+            gap = shown_m[index] - own_m[index[0]]
+            away[index] = material_distance(gap, thing["material"])
+            along[index] = np.abs(gap[:, 0]) * thing["material"][0]["metres_per_unit"]
+    return _Window(depth, object_id, away, along, footprint, smooth, uniform)
+
+
+def material_distance(
+    gap: npt.NDArray[np.float64], material: list[dict[str, Any]]
+) -> npt.NDArray[np.float64]:
+    """Return the distance on the undeformed material for differences of its coordinates.
+
+    Args:
+        gap: float64 (..., 2).
+        material: The object's two coordinates, as in dataset.json.
+
+    Returns:
+        float64 (...), metres: sqrt of the sum of (metres_per_unit * difference)², the
+        difference wrapped to half a period where the coordinate has one.
+    """
+    total = np.zeros(gap.shape[:-1])
+    for axis, coordinate in enumerate(material):
+        delta = gap[..., axis]
+        if coordinate["period"] is not None:
+            delta = delta - coordinate["period"] * np.round(delta / coordinate["period"])
+        total += (coordinate["metres_per_unit"] * delta) ** 2
+    return np.sqrt(total)
+
+
+def _diameter(tier: dict[str, Any], own: npt.NDArray[np.int32]) -> npt.NDArray[np.float64]:
+    """Return, for each point, the diameter of its object: a closed coordinate's length over pi."""
+    found = np.zeros(len(own))
+    for thing in tier["objects"]:
+        second = thing["material"][1]
+        if second["period"] is not None:
+            length = second["period"] * second["metres_per_unit"]
+            found[own == thing["id"]] = length / np.pi
+    return found
+
+
+def _report_visible(
+    rows: FrameRows,
+    chosen: npt.NDArray[np.int64],
+    bad: npt.NDArray[np.bool_],
+    on_depth: npt.NDArray[np.bool_],
+    near: npt.NDArray[np.float64],
+    depth: npt.NDArray[np.float64],
+    shown: str,
+    findings: Findings,
+) -> None:
+    findings.add_rows(
+        "VISIBLE_DISAGREES",
+        shown,
+        bad & ~on_depth,
+        lambda i: (
+            rows.where(chosen[i]),
+            f"visible at depth {depth[i]:.4f} m; around its pixel the surface of its object is "
+            f"at {near[i].min():.4f} to {near[i].max():.4f} m, or not seen",
+        ),
+    )
+    findings.add_rows(
+        "MATERIAL_DISAGREES",
+        shown,
+        bad & on_depth,
+        lambda i: (
+            rows.where(chosen[i]),
+            "visible, but the surface layer shows another part of the material there",
+        ),
+    )
+
+
+def _report_hidden(
+    tier: dict[str, Any],
+    rows: FrameRows,
+    chosen: npt.NDArray[np.int64],
+    window: _Window,
+    own: npt.NDArray[np.int32],
+    shown: str,
+    findings: Findings,
+) -> None:
+    state = rows.state[chosen]
+    depth = rows.depth_m[chosen]
+    hidden = (state == SELF_OCCLUDED) | (state == OCCLUDED)
+    near = window.depth_m[:, _INNER, _INNER]
+    reach = MATCH * window.footprint_m
+    nearer = depth < near.min(axis=(1, 2)) - reach
+    shows_own = window.object_id[:, 2, 2] == own
+    misnamed = (
+        window.uniform
+        & (window.object_id[:, 2, 2] != 0)
+        & (((state == SELF_OCCLUDED) & ~shows_own) | ((state == OCCLUDED) & shows_own))
+    )
+    surely = np.zeros(len(chosen), np.bool_)
+    if tier["kind"] == "cloth":
+        close = (SURE * window.footprint_m)[:, None, None]
+        surely = np.any(
+            (window.away_m[:, _INNER, _INNER] <= close)
+            & (np.abs(near - depth[:, None, None]) <= close),
+            axis=(1, 2),
+        )
+    bad = hidden & ((window.smooth & (nearer | surely)) | misnamed)
+    findings.add_rows(
+        "OCCLUDED_DISAGREES",
+        shown,
+        bad,
+        lambda i: (
+            rows.where(chosen[i]),
+            f"hidden by {'its own' if state[i] == SELF_OCCLUDED else 'another'} object at depth "
+            f"{depth[i]:.4f} m; around its pixel object {window.object_id[i, 2, 2]} is seen at "
+            f"{near[i].min():.4f} to {near[i].max():.4f} m",
+        ),
+    )
