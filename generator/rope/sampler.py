@@ -89,8 +89,11 @@ def sample_rope(
 
     pose = still
     if temporal:
-        rng = random_generator(seed, tier, split, index, stream="rope episode")
-        pose = Episode(body, shape, rng).pose
+        pose = Episode(
+            body,
+            shape,
+            lambda: random_generator(seed, tier, split, index, stream="rope episode"),
+        ).pose
     return Subject(
         tier=tier,
         kind="rope",

@@ -92,10 +92,10 @@ class RopeSettings:
     centreline_points: int = 101
     particles: int = 65
     frame_rate_hz: float = 60.0
-    substeps: int = 12
+    substeps: int = 24
     lift_m: tuple[float, float] = (0.025, 0.06)
     hand_speed_m_s: tuple[float, float] = (0.2, 0.5)
-    hand_force_weights: float = 4.0
+    hand_force_weights: float = 1.6
     spread_share: float = 0.4
 
     def __post_init__(self) -> None:
@@ -282,11 +282,11 @@ class RopeSettings:
         _within("frame_rate_hz", self.frame_rate_hz, 1.0, 1000.0)
         _within("substeps", self.substeps, 1, 1000)
         step_s = 1.0 / (self.frame_rate_hz * self.substeps)
-        if step_s > 1.0 / 500.0:
+        if step_s > 1.0 / 1000.0:
             _refuse(
                 "substeps",
                 self.substeps,
-                f"at least {math.ceil(500.0 / self.frame_rate_hz)} at this frame rate, "
+                f"at least {math.ceil(1000.0 / self.frame_rate_hz)} at this frame rate, "
                 "or strands pass through each other",
             )
         low, high = self.lift_m
