@@ -75,10 +75,10 @@ def lies_on(uv_px: npt.NDArray[np.float32], mask: npt.NDArray[np.bool_]) -> npt.
         bool (N,); positions outside the image are False.
     """
     height, width = mask.shape
-    column, row = np.floor(uv_px).astype(np.int64).T  # (N,) each
-    inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+    inside = ((uv_px >= 0) & (uv_px < [width, height])).all(axis=1)  # NaN is nowhere
+    column, row = np.floor(uv_px[inside]).astype(np.int64).T
     hit = np.zeros(len(uv_px), dtype=np.bool_)
-    hit[inside] = mask[row[inside], column[inside]]
+    hit[inside] = mask[row, column]
     return hit
 
 

@@ -1,0 +1,81 @@
+"""`pliant match`: one pixel of a picture found in another."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import click
+
+_FILE = click.Path(path_type=Path)
+
+
+def _position(ctx: click.Context, param: click.Parameter, value: str) -> tuple[float, float]:
+    try:
+        u, v = (float(part) for part in value.split(","))
+    except ValueError as error:
+        raise click.BadParameter(
+            f"found {value!r}; required: two numbers, such as 320.5,240.5", ctx, param
+        ) from error
+    return u, v
+
+
+@click.command()
+@click.argument("method")
+@click.option("--source", required=True, type=_FILE, metavar="A.png", help="Has the pixel.")
+@click.option("--target", required=True, type=_FILE, metavar="B.png", help="Is searched.")
+@click.option(
+    "--at",
+    required=True,
+    callback=_position,
+    metavar="U,V",
+    help="The pixel; the centre of the first one is 0.5,0.5.",
+)
+@click.option(
+    "--out", required=True, type=_FILE, metavar="FIG.png", help="The figure: png, pdf, svg or jpg."
+)
+@click.option(
+    "--mask-source",
+    type=_FILE,
+    metavar="FILE",
+    help="Picture that is black beside the object; one on black is its own mask.",
+)
+@click.option("--mask-target", type=_FILE, metavar="FILE", help="The same for the target.")
+@click.option("--json", "as_json", is_flag=True, help="Report as one JSON document.")
+def command(
+    method: str,
+    source: Path,
+    target: Path,
+    at: tuple[float, float],
+    out: Path,
+    mask_source: Path | None,
+    mask_target: Path | None,
+    as_json: bool,
+) -> None:
+    """Find a pixel of one picture in another, and draw match, heat map and confidence.
+
+    METHOD is sift, surf, orb, identity, random, centroid, or the folder of a training run.
+    Without --mask-target the whole target is searched.
+    """
+    from pliant.baselines.match_figure import check_figure_path, draw_match, match_photo
+    from pliant.baselines.matcher import SplitMatcher
+    from pliant.baselines.photo import read_view
+    from pliant.cli.methods import open_method
+    from pliant.spec.errors import CallError
+
+    check_figure_path(out)
+    matcher = open_method(method)
+    if isinstance(matcher, SplitMatcher):
+        raise CallError(f"the method {method!r} answers the queries of a dataset, not photographs")
+    view_a, view_b = read_view(source, mask_source), read_view(target, mask_target)
+    match = match_photo(matcher, view_a, view_b, at)
+    draw_match(match, view_a, view_b, out)
+    if as_json:
+        files = {"source": str(source), "target": str(target), "figure": str(out)}
+        click.echo(json.dumps({**match.as_dict(), **files}))
+        return
+    confidence = "" if match.heat is None else f", confidence {match.heat.confidence:.2f}"
+    click.echo(
+        f"{matcher.name}: ({at[0]:g}, {at[1]:g}) of {source} is at ({match.uv_b_px[0]:.1f}, "
+        f"{match.uv_b_px[1]:.1f}) of {target}{confidence}; drawn in {out}"
+    )

@@ -1,0 +1,163 @@
+"""`pliant predict` and `pliant match` as they are typed."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from PIL import Image
+from pliant.baselines import METHODS
+from pliant.baselines.controls import Identity
+from pliant.cli.main import run
+from pliant.spec.parquet import read_footer, read_table
+
+
+def outcome(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
+    code = run([str(argument) for argument in arguments])
+    captured = capsys.readouterr()
+    return code, captured.out, captured.err
+
+
+def test_predict_says_what_it_wrote(
+    cards_root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "surf.parquet"
+    code, said, _ = outcome(capsys, "predict", "surf", "--data", cards_root, "--out", out)
+    assert code == 0
+    assert "60 answers for 3 pairs of cards/test by surf (mahotas " in said
+    assert len(read_table(out, "answers")) == 60
+
+
+def test_predict_reports_as_json(
+    cards_root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "orb.parquet"
+    code, said, _ = outcome(
+        capsys,
+        *("predict", "orb", "--data", cards_root, "--out", out),
+        *("--kind", "matches", "--json"),
+    )
+    document = json.loads(said)
+    assert code == 0
+    assert document["rows"] == len(read_table(out, "matches"))
+    assert document["method"] == read_footer(out)["method"]
+
+
+def test_run_folder_is_a_method(
+    cards_root: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked: list[Path] = []
+
+    def load_matcher(folder: Path) -> Identity:
+        asked.append(folder)
+        return Identity()
+
+    models = SimpleNamespace(load_matcher=load_matcher)
+    monkeypatch.setitem(sys.modules, "pliant.models", models)  # type: ignore[arg-type]
+    out = tmp_path / "run.parquet"
+    code, _, _ = outcome(capsys, "predict", tmp_path, "--data", cards_root, "--out", out)
+    assert (code, asked) == (0, [tmp_path])
+
+
+@pytest.mark.parametrize(
+    ("change", "code", "message"),
+    [
+        ({"METHOD": "siftt"}, 2, "no method 'siftt'; required: one of sift, surf, orb, identity"),
+        ({"METHOD": "siftt"}, 2, "Did you mean sift?"),
+        ({"--data": "nowhere"}, 1, "nowhere: this is no Pliant dataset"),
+        ({"--split": "train"}, 2, "no queries for split 'train'"),
+        ({"--out": "missing/out.parquet"}, 2, "output folder does not exist"),
+        ({"--kind": "matches"}, 2, "no keypoint matches of its own"),
+        ({"--kind": "guesses"}, 2, "guesses"),
+    ],
+)
+def test_bad_predict_calls(
+    change: dict[str, str],
+    code: int,
+    message: str,
+    cards_root: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    call = {"METHOD": "centroid", "--data": str(cards_root), "--out": "out.parquet", **change}
+    method = call.pop("METHOD")
+    options = [part for pair in call.items() for part in pair]
+    found, said, complaint = outcome(capsys, "predict", method, *options)
+    assert (found, said) == (code, "")
+    assert message in complaint
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_missing_extra_is_one_sentence(
+    cards_root: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setitem(sys.modules, "cv2", None)
+    code, _, complaint = outcome(
+        capsys, "predict", "sift", "--data", cards_root, "--out", tmp_path / "out.parquet"
+    )
+    assert code == 2
+    assert complaint == (
+        "Error: SIFT needs the optional dependencies 'classical'. "
+        "Install them with: pip install 'pliant[classical]'\n"
+    )
+
+
+def test_match_draws_and_reports(
+    cards_root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    frames = cards_root / "sequences/card/card-test-000000/rgb"
+    out = tmp_path / "figure.png"
+    arguments = ["--source", frames / "000000.png", "--target", frames / "000001.png"]
+    code, said, _ = outcome(
+        capsys, "match", "sift", *arguments, "--at", "120,100", "--out", out, "--json"
+    )
+    document = json.loads(said)
+    assert code == 0
+    assert document["match_px"] == pytest.approx([122.3, 97.6], abs=2)  # the card's middle
+    assert document["figure"] == str(out)
+    with Image.open(out) as figure:
+        assert figure.width > 1000
+
+
+@pytest.mark.parametrize(
+    ("method", "at", "message"),
+    [
+        ("oracle", "120,100", "answers the queries of a dataset"),
+        ("sift", "120", "two numbers"),
+        ("sift", "a,b", "two numbers"),
+        ("sift", "400,100", "outside the source picture"),
+    ],
+)
+def test_bad_match_calls(
+    method: str,
+    at: str,
+    message: str,
+    cards_root: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    picture = cards_root / "sequences/card/card-test-000000/rgb/000000.png"
+    code, said, complaint = outcome(
+        capsys,
+        *("match", method, "--source", picture, "--target", picture),
+        *("--at", at, "--out", tmp_path / "figure.png"),
+    )
+    assert (code, said) == (2, "")
+    assert message in complaint
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_help_names_every_photo_method(capsys: pytest.CaptureFixture[str]) -> None:
+    _, said, _ = outcome(capsys, "match", "--help")
+    assert all(name in said for name in METHODS if name != "oracle")
