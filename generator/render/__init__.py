@@ -1,1 +1,69 @@
 """The render styles: `photo`, `fast` and `raster`."""
+
+from __future__ import annotations
+
+from typing import Final, Protocol
+
+import numpy as np
+import numpy.typing as npt
+from pliant.generator.camera import Camera
+from pliant.generator.look import Look
+from pliant.generator.subject import Pose, Subject
+from pliant.generator.truth import FrameTruth
+from pliant.spec.errors import CallError, MissingExtraError
+
+STYLES: Final = ("photo", "fast", "raster")
+
+
+class Renderer(Protocol):
+    """Makes the colour images of sequences, one after the other, with one scene."""
+
+    style: str
+
+    def begin(self, subject: Subject, look: Look, camera: Camera) -> None:
+        """Take what stays the same over a sequence: topology, colours, light, camera."""
+        ...
+
+    def render(self, pose: Pose, truth: FrameTruth) -> npt.NDArray[np.uint8]:
+        """Render one frame.
+
+        Args:
+            pose: The frame's geometry.
+            truth: The frame's truth under the camera given to `begin`.
+
+        Returns:
+            uint8 (H, W, 3), sRGB; a new array.
+        """
+        ...
+
+    def close(self) -> None:
+        """Release the scene."""
+        ...
+
+
+def open_renderer(
+    style: str, size: tuple[int, int], threads: int = 1, device: str = "auto"
+) -> Renderer:
+    """Open a renderer.
+
+    Args:
+        style: `photo`, `fast` or `raster`.
+        size: Width and height, px.
+        threads: Threads that Blender may use; `raster` uses one.
+        device: `cpu`, `gpu`, or `auto`: a GPU if Cycles finds one (OptiX, then CUDA).
+
+    Raises:
+        CallError: The style or the device is unknown, or no GPU is found.
+        MissingExtraError: `photo` and `fast` need Blender (bpy), `raster` needs numba.
+    """
+    if style not in STYLES:
+        raise CallError("unknown style", where="style", found=style, required=", ".join(STYLES))
+    try:
+        if style == "raster":
+            from pliant.generator.render.raster_style import RasterRenderer
+
+            return RasterRenderer(size)
+        from pliant.generator.render.cycles_styles import FastRenderer, PhotoRenderer
+    except ImportError as error:
+        raise MissingExtraError(f"the render style '{style}'", "generate") from error
+    return (PhotoRenderer if style == "photo" else FastRenderer)(size, threads, device)

@@ -1,0 +1,308 @@
+"""What a sequence looks like: colours, patterns, table and light, drawn within named ranges.
+
+A look holds nothing but numbers and names, so that it can be kept in `sequence.json`. All
+styles render the same look. Colours are linear RGB reflectances.
+
+A look never breaks a symmetry that its tier declares: a rope's odd strand is strand 0, on
+which the reversal lands again; a plain cloth is woven alike under the eight maps of the
+square; stripes depend on u alone. Patterns lie on the material in the same place in every
+sequence of a tier; only their colours change.
+"""
+
+from __future__ import annotations
+
+import colorsys
+import math
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+from pliant.generator.subject import Subject
+from pliant.spec.errors import CallError
+
+Colour = tuple[float, float, float]
+Range = tuple[float, float]
+
+TABLES: Final = ("plain", "mottled", "wood")
+ROPE_COLOURINGS: Final = ("solid", "tracer", "two-tone")
+
+
+@dataclass(frozen=True)
+class TableLook:
+    """The table's surface.
+
+    Attributes:
+        kind: `plain`, `mottled` or `wood`.
+        colour: Mean reflectance.
+        contrast: Strength of the texture, 0 to 1.
+        scale_m: Size of its largest features, metres.
+        angle_rad: Direction of the grain.
+        seed: Which piece of the texture lies there.
+    """
+
+    kind: str
+    colour: Colour
+    contrast: float
+    scale_m: float
+    angle_rad: float
+    seed: int
+
+
+@dataclass(frozen=True)
+class Light:
+    """A sun and a uniform sky.
+
+    Attributes:
+        sun_direction: Unit vector from the table towards the sun.
+        sun_irradiance: RGB, on a surface facing the sun, before the division by pi.
+        sun_angle_rad: Diameter of the sun's disc; it softens the shadows.
+        sky_radiance: RGB, the same from everywhere above.
+    """
+
+    sun_direction: Colour
+    sun_irradiance: Colour
+    sun_angle_rad: float
+    sky_radiance: Colour
+
+
+@dataclass(frozen=True)
+class Look:
+    """How one sequence looks.
+
+    Attributes:
+        light: Sun and sky; the exposure is part of their strength.
+        table: The table.
+        strand_colours: Rope: colour per strand. Cloth: empty.
+        fibre_contrast: Rope: strength of the fibres' mottling.
+        ball_colour: Colour of the rope's ball.
+        cloth_colours: Cloth: the colours that its pattern is made of, the ground first.
+        back_colour: Cloth: colour of the back's ground, the front's own where both are alike.
+        pattern: Cloth: `plain`, `two-sided`, `striped` or `printed`.
+        pattern_seed: The pattern's layout; it follows from the tier's name alone.
+        weave_contrast: Cloth: strength of the weave.
+        specular: Strength of the highlights, 0 to 1.
+    """
+
+    light: Light
+    table: TableLook
+    strand_colours: tuple[Colour, ...]
+    fibre_contrast: float
+    ball_colour: Colour
+    cloth_colours: tuple[Colour, ...]
+    back_colour: Colour
+    pattern: str
+    pattern_seed: int
+    weave_contrast: float
+    specular: float
+
+
+def _even_tables() -> dict[str, float]:
+    return {"plain": 0.25, "mottled": 0.45, "wood": 0.30}
+
+
+def _even_ropes() -> dict[str, float]:
+    return {"solid": 0.25, "tracer": 0.50, "two-tone": 0.25}
+
+
+@dataclass(frozen=True)
+class LookSettings:
+    """Ranges a look is drawn from, uniformly; (low, high) with low <= high.
+
+    Attributes:
+        tables: Table kind -> weight.
+        table_value: Brightness of the table's colour (HSV value, sRGB).
+        table_saturation: Its saturation.
+        table_contrast: Strength of its texture.
+        table_scale_m: Size of the texture's largest features, metres.
+        object_value: Brightness of the object's colours.
+        object_saturation: Their saturation.
+        rope_colourings: `solid`, `tracer` (strand 0 in another colour), `two-tone` -> weight.
+        fibre_contrast: Mottling of a rope's fibres.
+        weave_contrast: Visibility of a cloth's weave.
+        specular: Strength of highlights.
+        sun_elevation_deg: Height of the sun, degrees.
+        sun_azimuth_deg: Its direction, degrees.
+        sun_angle_deg: Diameter of its disc, degrees: small is hard light, large is soft.
+        sun_share: Share of the light on the open table that comes from the sun.
+        sun_warmth: 0 is white, 1 is the orange of a low sun.
+        brightness: What a white table would reflect: the exposure.
+        least_contrast: Smallest distance between object and table, in sRGB units of 0 to 1.
+    """
+
+    tables: dict[str, float] = field(default_factory=_even_tables)
+    table_value: Range = (0.25, 0.85)
+    table_saturation: Range = (0.0, 0.40)
+    table_contrast: Range = (0.15, 0.6)
+    table_scale_m: Range = (0.04, 0.25)
+    object_value: Range = (0.45, 0.95)
+    object_saturation: Range = (0.10, 0.85)
+    rope_colourings: dict[str, float] = field(default_factory=_even_ropes)
+    fibre_contrast: Range = (0.10, 0.35)
+    weave_contrast: Range = (0.02, 0.10)
+    specular: Range = (0.0, 0.35)
+    sun_elevation_deg: Range = (35.0, 75.0)
+    sun_azimuth_deg: Range = (-180.0, 180.0)
+    sun_angle_deg: Range = (1.0, 7.0)
+    sun_share: Range = (0.50, 0.80)
+    sun_warmth: Range = (0.0, 0.6)
+    brightness: Range = (0.70, 1.0)
+    least_contrast: float = 0.30
+
+    def __post_init__(self) -> None:
+        _check_weights("tables", self.tables, TABLES)
+        _check_weights("rope_colourings", self.rope_colourings, ROPE_COLOURINGS)
+        for name, low, high in (
+            ("table_value", 0.0, 1.0),
+            ("table_saturation", 0.0, 1.0),
+            ("table_contrast", 0.0, 1.0),
+            ("table_scale_m", 0.005, 5.0),
+            ("object_value", 0.0, 1.0),
+            ("object_saturation", 0.0, 1.0),
+            ("fibre_contrast", 0.0, 1.0),
+            ("weave_contrast", 0.0, 1.0),
+            ("specular", 0.0, 1.0),
+            ("sun_elevation_deg", 10.0, 90.0),
+            ("sun_azimuth_deg", -360.0, 360.0),
+            ("sun_angle_deg", 0.1, 20.0),
+            ("sun_share", 0.0, 1.0),
+            ("sun_warmth", 0.0, 1.0),
+            ("brightness", 0.05, 4.0),
+        ):
+            values = getattr(self, name)
+            if len(values) != 2 or not low <= values[0] <= values[1] <= high:
+                raise CallError(
+                    "the range cannot be used",
+                    where=f"look.{name}",
+                    found=tuple(values),
+                    required=f"[low, high] with {low:g} <= low <= high <= {high:g}",
+                )
+        if not 0.0 <= self.least_contrast <= 0.5:
+            raise CallError(
+                "the contrast cannot be kept",
+                where="look.least_contrast",
+                found=self.least_contrast,
+                required="0 to 0.5",
+            )
+
+
+def sample_look(rng: np.random.Generator, subject: Subject, settings: LookSettings) -> Look:
+    """Draw the look of one sequence.
+
+    Args:
+        rng: Source of every random number.
+        subject: What is looked at: its kind, variant and strands.
+        settings: The ranges.
+
+    Raises:
+        CallError: The ranges leave no object colour that stands out from the table.
+    """
+    light = _sample_light(rng, settings)
+    table_srgb = _sample_hsv(rng, settings.table_saturation, settings.table_value)
+    table = TableLook(
+        kind=_choice(rng, settings.tables),
+        colour=_linear(table_srgb),
+        contrast=float(rng.uniform(*settings.table_contrast)),
+        scale_m=float(rng.uniform(*settings.table_scale_m)),
+        angle_rad=float(rng.uniform(-math.pi, math.pi)),
+        seed=int(rng.integers(0, 2**31)),
+    )
+    main = _standing_out(rng, settings, (table_srgb,))
+    second = _standing_out(rng, settings, (main,))
+    third = _standing_out(rng, settings, (main,))
+    strands: tuple[Colour, ...] = ()
+    cloth: tuple[Colour, ...] = ()
+    back = main
+    if subject.kind == "rope":
+        count = int(subject.parts[0].strand.max()) + 1
+        colouring = _choice(rng, settings.rope_colourings)
+        # These sets of strands are kept by the reversal of laid and of braided ropes.
+        odd = {"solid": set(), "tracer": {0}, "two-tone": {0, count // 2 if count % 2 == 0 else 0}}[
+            colouring
+        ]
+        strands = tuple(_linear(second if k in odd else main) for k in range(count))
+    else:
+        cloth = (_linear(main), _linear(second), _linear(third))
+        back = second if subject.variant == "two-sided" else main
+    return Look(
+        light=light,
+        table=table,
+        strand_colours=strands,
+        fibre_contrast=float(rng.uniform(*settings.fibre_contrast)),
+        ball_colour=_linear(third),
+        cloth_colours=cloth,
+        back_colour=_linear(back),
+        pattern=subject.variant,
+        pattern_seed=sum(subject.tier.encode()) + 1,
+        weave_contrast=float(rng.uniform(*settings.weave_contrast)),
+        specular=float(rng.uniform(*settings.specular)),
+    )
+
+
+def _sample_light(rng: np.random.Generator, settings: LookSettings) -> Light:
+    elevation = math.radians(rng.uniform(*settings.sun_elevation_deg))
+    azimuth = math.radians(rng.uniform(*settings.sun_azimuth_deg))
+    share = float(rng.uniform(*settings.sun_share))
+    warmth = float(rng.uniform(*settings.sun_warmth))
+    brightness = float(rng.uniform(*settings.brightness))
+    sun = np.array([1.0, 1.0 - 0.22 * warmth, 1.0 - 0.5 * warmth])
+    sky = np.array([1.0 - 0.3 * warmth, 1.0 - 0.12 * warmth, 1.0 + 0.1 * warmth])
+    # The open table gets brightness * pi in all: share from the sun, the rest from the sky.
+    sun *= math.pi * brightness * share / math.sin(elevation) / sun.mean()
+    sky *= brightness * (1.0 - share) / sky.mean()
+    flat = math.cos(elevation)
+    return Light(
+        sun_direction=(flat * math.cos(azimuth), flat * math.sin(azimuth), math.sin(elevation)),
+        sun_irradiance=_colour(sun),
+        sun_angle_rad=math.radians(rng.uniform(*settings.sun_angle_deg)),
+        sky_radiance=_colour(sky),
+    )
+
+
+def _standing_out(
+    rng: np.random.Generator, settings: LookSettings, others: tuple[Colour, ...]
+) -> Colour:
+    """Draw an object colour (sRGB) at a distance from others."""
+    for _ in range(200):
+        colour = _sample_hsv(rng, settings.object_saturation, settings.object_value)
+        if all(math.dist(colour, other) >= settings.least_contrast for other in others):
+            return colour
+    raise CallError(
+        "no colour within the ranges stands out from the table",
+        where="look.least_contrast",
+        found=settings.least_contrast,
+        fix="Widen look.object_value and look.object_saturation, or lower look.least_contrast.",
+    )
+
+
+def _sample_hsv(rng: np.random.Generator, saturation: Range, value: Range) -> Colour:
+    return colorsys.hsv_to_rgb(rng.random(), rng.uniform(*saturation), rng.uniform(*value))
+
+
+def _linear(srgb: Colour) -> Colour:
+    """Return an sRGB colour (0 to 1) as linear reflectance."""
+    c = np.asarray(srgb)
+    return _colour(np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4))
+
+
+def _colour(values: Any) -> Colour:
+    r, g, b = (float(value) for value in values)
+    return r, g, b
+
+
+def _choice(rng: np.random.Generator, weights: dict[str, float]) -> str:
+    names = sorted(weights)
+    shares = np.array([weights[name] for name in names])
+    return names[int(rng.choice(len(names), p=shares / shares.sum()))]
+
+
+def _check_weights(name: str, weights: dict[str, float], allowed: tuple[str, ...]) -> None:
+    for key, weight in weights.items():
+        if key not in allowed or not weight >= 0:
+            raise CallError(
+                "unknown name or negative weight",
+                where=f"look.{name}.{key}",
+                found=weight,
+                required="a weight >= 0 of one of " + ", ".join(allowed),
+            )
+    if sum(weights.values()) <= 0:
+        raise CallError("the weights must not all be 0", where=f"look.{name}", found=dict(weights))

@@ -1,0 +1,40 @@
+"""Linear light to the 8 bits of the files."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+_STEPS: Final = 4096
+
+
+def _table() -> npt.NDArray[np.uint8]:
+    x = (np.arange(_STEPS) + 0.5) / _STEPS
+    curve = np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055)
+    return np.round(255.0 * curve).astype(np.uint8)
+
+
+_CURVE: Final = _table()
+
+
+@njit(cache=True, nogil=True)
+def encode_channel(value: float) -> int:
+    """Return the sRGB byte of a linear value; below 0 and above 1 are clipped."""
+    k = int(value * _STEPS)
+    return _CURVE[min(max(k, 0), _STEPS - 1)]
+
+
+def encode_srgb(linear: npt.NDArray[np.floating[Any]]) -> npt.NDArray[np.uint8]:
+    """Encode an image.
+
+    Args:
+        linear: float (H, W, 3), linear light, 1 is white.
+
+    Returns:
+        uint8 (H, W, 3), sRGB.
+    """
+    steps = np.clip(linear * _STEPS, 0, _STEPS - 1).astype(np.int16)
+    return _CURVE[steps]
