@@ -190,12 +190,17 @@ class GenerateConfig:
         return settings_from(_section_class(name), values, name)
 
     def resolved(self) -> dict[str, Any]:
-        """Return the config as JSON values with the defaults of every section filled in."""
-        sections = {
-            name: settings_to_dict(self.section(name))
-            for name in ("rope", "cloth", "look", "camera", "noise")
-        }
-        return {**self.to_dict(), **sections}
+        """Return the config as JSON values with the defaults of its sections filled in.
+
+        `rope` or `cloth` is left out where no tier uses it.
+        """
+        values = self.to_dict()
+        kinds = {TIER_KINDS[tier] for tier in self.tiers}
+        for unused in {"rope", "cloth"} - kinds:
+            del values[unused]
+        for name in (*kinds, "look", "camera", "noise"):
+            values[name] = settings_to_dict(self.section(name))
+        return values
 
     def to_dict(self) -> dict[str, Any]:
         """Return the config as JSON values; `from_dict` gives an equal config back."""

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from collections import deque
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Final
 
 from pliant.generator.engine import (
@@ -20,6 +20,9 @@ from pliant.generator.engine import (
 )
 from pliant.generator.plan import SequenceTask
 from pliant.spec.errors import MissingExtraError
+
+RECYCLE_SEQUENCES: Final = 500
+"""A Ray worker is replaced after so many sequences."""
 
 SYSTEM_RETRIES: Final = 5
 """How often Ray repeats a sequence whose worker or node was lost."""
@@ -38,11 +41,12 @@ class RayEngine:
 
     Attributes:
         workers: Sequences in work at a time.
-        gpus_per_worker: GPUs Ray reserves, and makes visible, for each sequence in work.
+        gpus_per_worker: GPUs Ray reserves, and makes visible, for each sequence in work; None
+            is one where the cluster has any, else none.
     """
 
     workers: int
-    gpus_per_worker: float = 0.0
+    gpus_per_worker: float | None = None
 
     def events(
         self, tasks: Sequence[SequenceTask], open_maker: OpenMaker
@@ -64,8 +68,11 @@ class RayEngine:
         started_here = not ray.is_initialized()
         if started_here:
             ray.init(log_to_driver=False, include_dashboard=False, **self._local_cluster())
+        gpus = self.gpus_per_worker
+        if gpus is None:
+            gpus = 1.0 if ray.cluster_resources().get("GPU") else 0.0
         make = ray.remote(
-            max_retries=SYSTEM_RETRIES, max_calls=500, num_cpus=1, num_gpus=self.gpus_per_worker
+            max_retries=SYSTEM_RETRIES, max_calls=RECYCLE_SEQUENCES, num_cpus=1, num_gpus=gpus
         )(_make)
         queue = deque(tasks)
         running: dict[Any, SequenceTask] = {}
@@ -91,8 +98,6 @@ class RayEngine:
                 ray.shutdown()
 
     def _local_cluster(self) -> dict[str, Any]:
-        import os
-
         return {} if os.environ.get("RAY_ADDRESS") else {"num_cpus": self.workers}
 
 
@@ -108,20 +113,3 @@ def _make(open_maker: OpenMaker, task: SequenceTask) -> Finished | Failed:
     except Exception as error:
         return failure(task, error)
     return attempt(_MAKERS[key], task, lambda: None)
-
-
-def require_shared(folder: Path, event: Finished) -> None:
-    """Check that what a node wrote can be seen here.
-
-    Raises:
-        GenerationError: The folder is not on a shared file system.
-    """
-    from pliant.spec.errors import GenerationError
-
-    if not folder.is_dir():
-        raise GenerationError(
-            "a worker finished this sequence, but it is not here",
-            path=folder,
-            where=event.task.id,
-            fix="With --engine ray the output must lie on a file system all nodes share",
-        )

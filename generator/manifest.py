@@ -162,13 +162,15 @@ def refuse_changes(stored: Mapping[str, Any], wanted: Mapping[str, Any], root: P
         CallError: Fields differ; the message names each with both values.
     """
     free = {*GROWING_FIELDS, *LABEL_FIELDS}
+    free |= {kind for kind in ("rope", "cloth") if kind not in stored or kind not in wanted}
     differences = _differences(
         {key: value for key, value in stored.items() if key not in free},
         {key: value for key, value in wanted.items() if key not in free},
     )
     for split, count in stored.get("splits", {}).items():
-        if wanted["splits"].get(split, 0) < count:
-            differences.append(f"splits.{split} ({count} there, {wanted['splits'].get(split, 0)})")
+        asked = wanted["splits"].get(split, 0)
+        if asked < count:
+            differences.append(f"splits.{split} ({count} there, {asked} in this call)")
     missing = [tier for tier in stored.get("tiers", []) if tier not in wanted["tiers"]]
     if missing:
         differences.append(f"tiers ({', '.join(missing)} there, not in this call)")

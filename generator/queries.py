@@ -39,7 +39,7 @@ class FrameRef:
 
 
 @dataclass(frozen=True)
-class _Tracks:
+class Tracks:
     """The tables of a sequence, one row per frame, as queries need them.
 
     Attributes:
@@ -124,14 +124,14 @@ def _split_tables(
         partners = np.array(points["partners"].to_pylist(), np.int64).reshape(len(points), -1)
         for task in members:
             rng = random_generator(seed, task.tier, split, task.index, stream="queries")
-            pairs = _frame_pairs(
+            pairs = frame_pairs(
                 rng, task, members, len(tracks(task).boxes_px), settings.pairs_per_sequence
             )
             made = 0
             for source, target in pairs:
                 if made == settings.pairs_per_sequence:
                     break
-                pair = _Pair(len(queries), source, target)
+                pair = Pair(len(queries), source, target)
                 tables = pair.tables(
                     rng,
                     tracks(source.task),
@@ -155,7 +155,7 @@ def _queried_points(points: pa.Table, queried: int) -> npt.NDArray[np.int64]:
     return np.flatnonzero((points["object"].to_numpy() == queried) & (kind == "surface"))
 
 
-def _frame_pairs(
+def frame_pairs(
     rng: np.random.Generator,
     target: SequenceTask,
     members: Sequence[SequenceTask],
@@ -192,7 +192,7 @@ def _frame_pairs(
 
 
 @dataclass(frozen=True)
-class _Pair:
+class Pair:
     """One image pair: its number in the file, its source and its target."""
 
     pair_id: int
@@ -202,8 +202,8 @@ class _Pair:
     def tables(
         self,
         rng: np.random.Generator,
-        source: _Tracks,
-        target: _Tracks,
+        source: Tracks,
+        target: Tracks,
         asked: npt.NDArray[np.int64],
         partners: npt.NDArray[np.int64],
         most: int,
@@ -268,7 +268,7 @@ def _table(columns: Sequence[Any], schema: pa.Schema) -> pa.Table:
     return pa.Table.from_arrays(arrays, schema=schema)
 
 
-def _read_tracks(folder: Path) -> _Tracks:
+def _read_tracks(folder: Path) -> Tracks:
     names = ["u_px", "v_px", "visibility"]
     table = read_table(folder / CORRESPONDENCES_TABLE, "correspondences", names)
     boxes = [info["box_px"] for info in read_json(folder / SEQUENCE_JSON)["frame_info"]]
@@ -276,4 +276,4 @@ def _read_tracks(folder: Path) -> _Tracks:
     uv_px = np.stack([table["u_px"].to_numpy(), table["v_px"].to_numpy()], axis=-1)
     states = table["visibility"].combine_chunks().dictionary_encode()
     visibility = np.array(states.dictionary.to_pylist(), object)[states.indices.to_numpy()]
-    return _Tracks(uv_px.reshape(frames, -1, 2), visibility.reshape(frames, -1), boxes)
+    return Tracks(uv_px.reshape(frames, -1, 2), visibility.reshape(frames, -1), boxes)

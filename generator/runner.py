@@ -152,11 +152,11 @@ def generate(
         logger.info("%d of %d sequences to make in %s", len(plan.missing), len(plan.tasks), root)
         failed: list[Failure] = []
         if plan.missing:
-            chosen = _open_engine(engine, workers, log)
+            chosen = _open_engine(engine, workers, log, config.style)
             maker = open_maker or functools.partial(
                 open_sequence_maker, config, root, run.partial, _threads_each(chosen)
             )
-            failed = _make_missing(plan, chosen, maker, state, progress or _ignore)
+            failed = _make_missing(root, plan, chosen, maker, state, progress or _ignore)
         run.store_failures(failed)
         missing = {failure.id for failure in failed}
         tasks = [task for task in plan.tasks if task.id not in missing]
@@ -180,6 +180,7 @@ def generate(
 
 
 def _make_missing(
+    root: Path,
     plan: Plan,
     engine: Engine,
     open_maker: OpenMaker,
@@ -198,6 +199,7 @@ def _make_missing(
                 if isinstance(event, Rendered):
                     state.frames += event.frames
                 elif isinstance(event, Finished):
+                    _require_here(root, event)
                     _count(state, event)
                 else:
                     state.failures += 1
@@ -211,6 +213,17 @@ def _make_missing(
             break
         tasks = again
     return list(failed.values())
+
+
+def _require_here(root: Path, event: Finished) -> None:
+    """Check that what another node may have written can be seen here."""
+    folder = event.task.folder(root)
+    if not folder.is_dir():
+        raise GenerationError(
+            "a worker finished this sequence, but it is not here",
+            path=folder,
+            fix="With --engine ray the output must lie on a file system that all nodes share",
+        )
 
 
 def _count(state: Progress, event: Finished) -> None:
@@ -243,18 +256,18 @@ def _stopped(event: Failed, state: Progress) -> GenerationError:
     )
 
 
-def _open_engine(engine: str | Engine, workers: int, log: Path) -> Engine:
+def _open_engine(engine: str | Engine, workers: int, log: Path, style: str) -> Engine:
     if not isinstance(engine, str):
         return engine
     # Imported here: a finished set is told so without them.
     if engine == "local":
         from pliant.generator.engine_local import LocalEngine, count_gpus
 
-        return LocalEngine(workers, log, count_gpus())
+        return LocalEngine(workers, log, 0 if style == "raster" else count_gpus())
     if engine == "ray":
         from pliant.generator.engine_ray import RayEngine
 
-        return RayEngine(workers)
+        return RayEngine(workers, 0.0 if style == "raster" else None)
     raise CallError(
         "unknown engine", where="engine", found=engine, required="one of " + ", ".join(ENGINES)
     )

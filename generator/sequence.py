@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from importlib.metadata import PackageNotFoundError, version
+from itertools import chain, islice
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 
 import numpy as np
-from pliant.generator.camera import sample_camera
+from pliant.generator.camera import Camera, sample_camera
 from pliant.generator.config import GenerateConfig
 from pliant.generator.engine import SequenceResult
-from pliant.generator.look import sample_look
+from pliant.generator.look import Look, sample_look
 from pliant.generator.noise import apply_noise
 from pliant.generator.plan import SequenceTask
 from pliant.generator.render import open_renderer
@@ -25,6 +26,9 @@ from pliant.generator.tiers import describe_tier, sample_subject
 from pliant.generator.truth import FrameTruth, frame_truth
 
 T = TypeVar("T")
+
+FRAMED_POSES: Final = 32
+"""Independent configurations share a camera that sees so many of them whole."""
 
 
 class SequenceMaker:
@@ -73,16 +77,18 @@ class SequenceMaker:
         config = self.config
         with clock("sample"):
             subject = sample_subject(config, task)
-            camera = sample_camera(
-                self._random(task, "camera"), subject, self._camera_settings, config.size
-            )
-            look = sample_look(self._random(task, "look"), subject, self._look_settings)
+        poses = (subject.pose(frame) for frame in range(subject.frames))
+        with clock("pose"):
+            framed = list(islice(poses, 1 if subject.temporal else FRAMED_POSES))
+        with clock("sample"):
+            camera, look = self.view(task, subject, framed)
         queried = int(describe_tier(config, task.tier)["queried_object"])
 
         def seen() -> Iterator[tuple[Pose, FrameTruth]]:
-            for frame in range(subject.frames):
+            coming = chain(framed, poses)
+            for _ in range(subject.frames):
                 with clock("pose"):
-                    pose = subject.pose(frame)
+                    pose = next(coming)
                 with clock("truth"):
                     truth = frame_truth(subject, pose, camera)
                 yield pose, truth
@@ -116,6 +122,22 @@ class SequenceMaker:
             stage_cpu_s=clock.seconds,
             memory_bytes=resident_bytes(),
         )
+
+    def view(
+        self, task: SequenceTask, subject: Subject, framed: Sequence[Pose]
+    ) -> tuple[Camera, Look]:
+        """Draw a sequence's camera and look.
+
+        Args:
+            task: Which sequence.
+            subject: Its object.
+            framed: Poses that the camera must see whole.
+        """
+        camera = sample_camera(
+            self._random(task, "camera"), subject, self._camera_settings, self.config.size, framed
+        )
+        look = sample_look(self._random(task, "look"), subject, self._look_settings)
+        return camera, look
 
     def close(self) -> None:
         """Release the renderer."""

@@ -35,20 +35,18 @@ def sample_subject(config: GenerateConfig, task: SequenceTask) -> Subject:
     Raises:
         GenerationError: No acceptable configuration was found.
     """
+    which: dict[str, Any] = {
+        "tier": task.tier,
+        "seed": config.seed,
+        "split": task.split,
+        "index": task.index,
+        "frames": config.frames,
+        "temporal": config.episodes,
+    }
     if TIER_KINDS[task.tier] == "rope":
         from pliant.generator.rope import sample_rope
 
-        sample, settings = sample_rope, config.section("rope")
-    else:
-        from pliant.generator.cloth import sample_cloth
+        return sample_rope(config.section("rope"), **which)
+    from pliant.generator.cloth import sample_cloth
 
-        sample, settings = sample_cloth, config.section("cloth")
-    return sample(
-        settings,
-        tier=task.tier,
-        seed=config.seed,
-        split=task.split,
-        index=task.index,
-        frames=config.frames,
-        temporal=config.episodes,
-    )
+    return sample_cloth(config.section("cloth"), **which)

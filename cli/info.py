@@ -1,0 +1,136 @@
+"""`pliant info`: what is in a dataset."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+if TYPE_CHECKING:
+    from pliant.spec.dataset import Dataset
+
+
+@click.command("info")
+@click.argument("folder", metavar="DIR", type=click.Path(path_type=Path))
+@click.option("--json", "as_json", is_flag=True, help="Report as one JSON document on stdout.")
+def command(folder: Path, as_json: bool) -> int:
+    """Say what is in the dataset DIR: tiers, splits, sequences, frames, queries, provenance.
+
+    It reads the tables at the top alone; `pliant validate` looks at everything.
+    """
+    from pliant.spec.dataset import Dataset
+
+    document = describe(Dataset.open(folder))
+    if as_json:
+        click.echo(json.dumps(document, indent=1))
+    else:
+        _print(document)
+    return 0
+
+
+def describe(dataset: Dataset) -> dict[str, Any]:
+    """Return the content of a dataset as one JSON object.
+
+    Args:
+        dataset: An open dataset.
+    """
+    import pyarrow.compute as pc
+    from pliant.spec.layout import SEQUENCES_TABLE, queries_path, truth_path
+    from pliant.spec.parquet import read_table
+
+    table = read_table(dataset.root / SEQUENCES_TABLE, "sequences")
+    tiers = []
+    for name, tier in dataset.tiers.items():
+        rows = table.filter(pc.equal(table["tier"], name))
+        tiers.append(
+            {
+                "name": name,
+                "kind": tier["kind"],
+                "variant": tier["variant"],
+                "symmetries": [symmetry["name"] for symmetry in tier["symmetries"]],
+                "sequences": dict(Counter(rows["split"].to_pylist())),
+                "frames": pc.sum(rows["frames"]).as_py() or 0,
+                "episodes": pc.sum(rows["temporal"]).as_py() or 0,
+                "shapes": dict(Counter(each for each in rows["shape"].to_pylist() if each)),
+                "styles": sorted(set(rows["style"].to_pylist())),
+                "coverage": _spread(rows["coverage"]),
+                "self_occluded": _spread(rows["self_occluded"]),
+            }
+        )
+    queries = {}
+    for split in dataset.splits_with_queries():
+        pairs = read_table(queries_path(dataset.root, split), "queries", ["pair_id"])["pair_id"]
+        queries[split] = {
+            "pairs": pc.count_distinct(pairs).as_py(),
+            "queries": len(pairs),
+            "sha256": dataset.queries_sha256(split),
+            "truth": truth_path(dataset.root, split).is_file(),
+        }
+    info = dataset.info
+    return {
+        **{name: info[name] for name in ("id", "version", "spec_version", "title")},
+        **{name: info[name] for name in ("description", "licence", "image_size")},
+        "sequences": len(table),
+        "frames": pc.sum(table["frames"]).as_py() or 0,
+        "tiers": tiers,
+        "queries": queries,
+        **{name: info["provenance"][name] for name in ("generator", "seed", "tools")},
+    }
+
+
+def _spread(column: Any) -> dict[str, float] | None:
+    import pyarrow.compute as pc
+
+    if column.null_count == len(column):
+        return None
+    bounds = pc.min_max(column).as_py()
+    mean = pc.mean(column).as_py()
+    return {key: round(value, 4) for key, value in (*bounds.items(), ("mean", mean))}
+
+
+def _print(document: dict[str, Any]) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console(highlight=False, soft_wrap=True)
+    size = document["image_size"]
+    console.print(
+        f"[bold]{document['title']}[/bold]\n"
+        f"{document['id']} {document['version']}, specification {document['spec_version']}, "
+        f"{document['licence']}, {size['width']}x{size['height']} px\n"
+        f"{document['sequences']:,} sequences, {document['frames']:,} frames; made by "
+        f"{document['generator']}, seed {document['seed']}"
+    )
+    table = Table()
+    for name in ("tier", "sequences", "frames", "shapes", "coverage", "self-occluded"):
+        table.add_column(name, justify="right" if name == "frames" else "left")
+    table.add_column("symmetries")
+    for tier in document["tiers"]:
+        episodes = f" ({tier['episodes']} episodes)" if tier["episodes"] else ""
+        table.add_row(
+            tier["name"],
+            _counts(tier["sequences"]) + episodes,
+            f"{tier['frames']:,}",
+            _counts(tier["shapes"]) or "-",
+            _mean(tier["coverage"]),
+            _mean(tier["self_occluded"]),
+            ", ".join(tier["symmetries"]) or "none",
+        )
+    console.print(table)
+    for split, asked in document["queries"].items():
+        truth = "" if asked["truth"] else ", truth held out"
+        console.print(
+            f"queries {split}: {asked['queries']:,} in {asked['pairs']:,} pairs{truth}, "
+            f"sha256 {asked['sha256'][:16]}…"
+        )
+
+
+def _counts(counts: dict[str, int]) -> str:
+    return ", ".join(f"{name} {count}" for name, count in counts.items())
+
+
+def _mean(values: dict[str, float] | None) -> str:
+    return "-" if values is None else f"{values['mean']:.2f}"

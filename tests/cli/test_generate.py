@@ -1,0 +1,86 @@
+from __future__ import annotations
+
+import json
+
+import pytest
+from pliant.cli.generate import build_config, duration, size
+from pliant.cli.main import run
+from pliant.spec.errors import CallError
+
+SMALL = ["--size", "64x48", "--style", "raster", "--splits", "test=2", "--workers", "2"]
+
+
+def flags(**given):
+    names = ("sequences", "splits", "frames", "episodes", "size", "seed", "style")
+    return {name: given.get(name) for name in names}
+
+
+def test_flags_win_over_the_file_and_settings_over_flags(tmp_path):
+    (tmp_path / "c.yaml").write_text(
+        "tiers: [cloth-1]\nsequences: 9\nseed: 5\nrope: {length_m: 2.0}\n"
+    )
+    config = build_config(
+        ("rope",),
+        tmp_path / "c.yaml",
+        ("rope.structure=braid", "rope.strands=8", "queries.queries_per_pair=7"),
+        flags(splits="train=2,test=1", seed=0, size="320x240"),
+    )
+    assert config.tiers == ("rope",)
+    assert config.counts == {"train": 2, "test": 1}
+    assert (config.size, config.seed) == ((320, 240), 0)
+    assert config.rope == {"length_m": 2.0, "structure": "braid", "strands": 8}
+    assert config.queries.queries_per_pair == 7
+
+
+@pytest.mark.parametrize(
+    ("settings", "given", "named"),
+    [
+        ((), {"size": "640"}, "--size"),
+        ((), {"splits": "train"}, "--splits"),
+        ((), {"splits": "train=1", "sequences": 3}, "--sequences"),
+        (("frames",), {}, "--set"),
+        (("frames.more=1",), {"frames": 3}, "--set frames.more"),
+        (("rope.length=[",), {}, "--set rope.length"),
+    ],
+)
+def test_flags_that_cannot_be_read(settings, given, named):
+    with pytest.raises(CallError, match=named):
+        build_config(("rope",), None, settings, flags(**given))
+
+
+def test_generate_resume_refuse_and_dry_run(tmp_path, capsys):
+    out = str(tmp_path / "set")
+    call = ["generate", "rope", "--out", out, *SMALL, "--json"]
+    assert run([*call, "--dry-run"]) == 0
+    plan = json.loads(capsys.readouterr().out)
+    assert (plan["sequences"], plan["missing"], plan["frames"]) == (2, 2, 2)
+    assert plan["estimated_bytes"] > 0
+    assert plan["files"] == 12
+    assert not (tmp_path / "set").exists()
+
+    assert run(call) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert (report["made"], report["frames"], report["failed"]) == (2, 2, [])
+    assert run(call) == 0
+    assert json.loads(capsys.readouterr().out)["made"] == 0
+    assert run(call[:-1]) == 0
+    assert "finished: 2 sequences, nothing to do" in capsys.readouterr().out
+
+    assert run([*call, "--seed", "1"]) == 2
+    assert "seed (0 there, 1 in this call)" in capsys.readouterr().err
+    assert run(["generate", "ropes", "--out", out]) == 2
+    assert run(["generate", "--out", out]) == 2
+
+
+def test_a_plan_in_words(tmp_path, capsys):
+    assert run(["generate", "rope", "--out", str(tmp_path / "s"), *SMALL, "--dry-run"]) == 0
+    text = capsys.readouterr().out
+    assert "2 sequences (rope; per tier test 2) of 1 frame (configurations): 2 images" in text
+    assert "Nothing was written." in text
+
+
+def test_figures_for_people():
+    assert [size(n) for n in (0, 999, 1500, 2.5e9, 3e13)] == [
+        "0 B", "999 B", "1.5 kB", "2.5 GB", "30.0 TB",
+    ]  # fmt: skip
+    assert [duration(s) for s in (3, 600, 36000)] == ["3.0 s", "10 min", "10.0 h"]

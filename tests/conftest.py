@@ -1,0 +1,106 @@
+"""What the whole suite shares: one tiny dataset and one tiny episode, made once and really.
+
+`PLIANT_TEST_CACHE=DIR` keeps them between runs; delete DIR after a change of the generator.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+if TYPE_CHECKING:
+    from pliant.generator.config import GenerateConfig
+
+# One thread a process: the suite runs beside itself (pytest -n), and results must not depend
+# on how many threads a library takes.
+for _name in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")
+
+if find_spec("hypothesis"):
+    from hypothesis import settings
+
+    settings.register_profile("pliant", deadline=None)  # this machine's speed is not under test
+    settings.load_profile("pliant")
+
+
+@pytest.fixture(scope="session")
+def tiny_dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A dataset of `rope`, `cloth-1` and `cloth-3`: its folder, to be read only.
+
+    160x120 px, per tier 2 training, 1 validation and 2 test sequences of 2 independent
+    configurations, with queries for validation and test. Rendered in style `fast` by Blender
+    where it is installed, else by our own rasteriser. Cloths are coarser than by default.
+    """
+    from pliant.generator.config import GenerateConfig, QuerySettings
+
+    _require_generator()
+    config = GenerateConfig(
+        tiers=("rope", "cloth-1", "cloth-3"),
+        splits={"train": 2, "val": 1, "test": 2},
+        frames=2,
+        width=160,
+        height=120,
+        style="fast" if find_spec("bpy") else "raster",
+        cloth=TINY_CLOTH,
+        queries=QuerySettings(pairs_per_sequence=2, queries_per_pair=24),
+        id="tiny",
+    )
+    return _made_once(config, "tiny-dataset", tmp_path_factory)
+
+
+@pytest.fixture(scope="session")
+def tiny_episode(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A dataset of two rope episodes of 24 frames (`train`, `test`): to be read only.
+
+    160x120 px, style `raster`, with queries for test.
+    """
+    from pliant.generator.config import GenerateConfig, QuerySettings
+
+    _require_generator()
+    config = GenerateConfig(
+        tiers=("rope",),
+        splits={"train": 1, "test": 1},
+        frames=24,
+        episodes=True,
+        width=160,
+        height=120,
+        style="raster",
+        queries=QuerySettings(pairs_per_sequence=4, queries_per_pair=24),
+        id="tiny-episode",
+    )
+    return _made_once(config, "tiny-episode", tmp_path_factory)
+
+
+TINY_CLOTH: dict[str, Any] = {"points_a_side": 33, "tracked_a_side": 17}
+
+
+def _require_generator() -> None:
+    for name in ("numba", "scipy", "psutil"):
+        pytest.importorskip(name, reason="making the tiny dataset needs the extra 'generate'")
+
+
+def _made_once(config: GenerateConfig, name: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Make a dataset once for all workers of pytest-xdist."""
+    from filelock import FileLock
+    from pliant.generator.runner import generate
+    from pliant.spec.errors import CallError
+
+    base = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        base = base.parent
+    base = Path(os.environ.get("PLIANT_TEST_CACHE", base))
+    base.mkdir(parents=True, exist_ok=True)
+    out = base / name
+    with FileLock(base / f"{name}.lock"):
+        try:
+            summary = generate(config, out, workers=2)
+        except CallError:  # a cached set of other settings
+            shutil.rmtree(out)
+            summary = generate(config, out, workers=2)
+    assert not summary.failed, summary.failed[0].error
+    return out

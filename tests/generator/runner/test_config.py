@@ -1,0 +1,82 @@
+from __future__ import annotations
+
+import json
+
+import pytest
+from pliant.generator.config import GenerateConfig, QuerySettings, split_counts
+from pliant.generator.plan import plan_tasks
+from pliant.spec.errors import CallError
+
+
+def test_round_trip_through_yaml_and_json(tmp_path):
+    config = GenerateConfig(
+        tiers=("cloth-1", "rope"),
+        splits={"test": 2, "train": 5},
+        frames=7,
+        episodes=True,
+        seed=0,
+        rope={"length_m": 1.0},
+        queries=QuerySettings(queries_per_pair=9, splits=("test",)),
+    )
+    (tmp_path / "c.yaml").write_text(config.to_yaml())
+    (tmp_path / "c.json").write_text(json.dumps(config.to_dict()))
+    assert GenerateConfig.from_file(tmp_path / "c.yaml") == config
+    assert GenerateConfig.from_file(tmp_path / "c.json") == config
+    assert config.tiers == ("rope", "cloth-1")
+    assert list(config.counts) == ["train", "test"]
+
+
+@pytest.mark.parametrize(
+    ("values", "named"),
+    [
+        ({"tiers": ["ropes"]}, "tiers"),
+        ({"tiers": []}, "tiers"),
+        ({}, "tiers"),
+        ({"tiers": ["rope"], "frame": 3}, "frame: unknown setting"),
+        ({"tiers": ["rope"], "frames": 0}, "frames"),
+        ({"tiers": ["rope"], "frames": "3"}, "frames"),
+        ({"tiers": ["rope"], "frames": True}, "frames"),
+        ({"tiers": ["rope"], "episodes": True}, "frames"),
+        ({"tiers": ["rope"], "seed": -1}, "seed"),
+        ({"tiers": ["rope"], "style": "eevee"}, "style"),
+        ({"tiers": ["rope"], "width": 8}, "width"),
+        ({"tiers": ["rope"], "sequences": 0}, "sequences"),
+        ({"tiers": ["rope"], "sequences": 3, "splits": {"test": 3}}, "sequences"),
+        ({"tiers": ["rope"], "splits": {"dev": 3}}, "splits"),
+        ({"tiers": ["rope"], "splits": {"test": -1}}, "splits.test"),
+        ({"tiers": ["rope"], "splits": {}}, "splits"),
+        ({"tiers": ["rope"], "rope": {"colour": 1}}, "rope.colour"),
+        ({"tiers": ["rope"], "rope": 3}, "rope"),
+        ({"tiers": ["rope"], "queries": {"pairs": 3}}, "queries.pairs"),
+        ({"tiers": ["rope"], "queries": {"pairs_per_sequence": 0}}, "queries.pairs_per_sequence"),
+    ],
+)
+def test_refuses_and_names_the_field(values, named):
+    with pytest.raises(CallError, match=named):
+        GenerateConfig.from_dict(values)
+
+
+def test_config_files_that_are_none(tmp_path):
+    (tmp_path / "list.yaml").write_text("- rope\n")
+    (tmp_path / "broken.yaml").write_text("tiers: [rope\n")
+    (tmp_path / "broken.json").write_text("{")
+    for name in ("list.yaml", "broken.yaml", "broken.json", "missing.yaml"):
+        with pytest.raises(CallError, match=name):
+            GenerateConfig.from_file(tmp_path / name)
+
+
+def test_splits_never_shrink_as_a_set_grows():
+    before = {"train": 0, "val": 0, "test": 0}
+    for count in range(1, 60):
+        now = {**dict.fromkeys(before, 0), **split_counts(count)}
+        assert sum(now.values()) == count
+        assert all(now[split] >= before[split] for split in before)
+        before = now
+    assert split_counts(10) == {"train": 7, "val": 1, "test": 2}
+
+
+def test_a_larger_plan_holds_the_smaller_one():
+    small = plan_tasks(GenerateConfig(tiers=("rope",), sequences=13))
+    large = plan_tasks(GenerateConfig(tiers=("rope", "cloth-3"), sequences=57))
+    assert set(small) < set(large)
+    assert len({task.id for task in large}) == len(large) == 2 * 57

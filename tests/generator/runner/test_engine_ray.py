@@ -1,0 +1,41 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from pliant.generator.engine_ray import RayEngine
+from pliant.generator.runner import generate
+
+
+@pytest.fixture
+def cluster(monkeypatch, standin):
+    """A local Ray of two CPUs, whose workers can import the stand-in."""
+    ray = pytest.importorskip("ray")
+    monkeypatch.setenv("PYTHONPATH", str(Path(standin.__file__).parent))
+    monkeypatch.setenv("RAY_USAGE_STATS_ENABLED", "0")
+    monkeypatch.setenv("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
+    ray.init(num_cpus=2, include_dashboard=False, log_to_driver=False)
+    yield ray
+    ray.shutdown()
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::ResourceWarning")  # Ray leaves its log files open
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_a_local_ray_of_two_makes_the_same_bytes(
+    standin, digests, uninterrupted, cluster, tmp_path
+):
+    out = tmp_path / "set"
+    config = standin.small_config()
+    faults = {"rope-test-000000": "raise", "rope-train-000001": "once"}
+    maker = standin.maker(config, out, faults)
+    summary = generate(config, out, engine=RayEngine(2), open_maker=maker)
+    # One sequence always raises: recorded. One kills its worker once: Ray made it again.
+    assert [each.id for each in summary.failed] == ["rope-test-000000"]
+    assert "no such knot" in summary.failed[0].error
+    assert summary.sequences == 5
+    # The driver starts again, and goes on.
+    summary = generate(config, out, engine="ray", workers=2, open_maker=standin.maker(config, out))
+    assert summary.made == 1
+    assert digests(out) == uninterrupted
+    assert cluster.is_initialized()  # the engine leaves a cluster alone that it did not start

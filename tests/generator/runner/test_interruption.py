@@ -1,0 +1,79 @@
+"""Killed at random moments and resumed: the set is byte-identical to one made at once.
+
+`PLIANT_KILLS=20` runs as many kills as the benchmark promises; the suite runs four.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+KILLS = int(os.environ.get("PLIANT_KILLS", "4"))
+SCRIPT = Path(__file__).with_name("standin.py")
+
+
+def start(out: Path) -> subprocess.Popen[bytes]:
+    with out.with_suffix(".err").open("wb") as errors:
+        return subprocess.Popen(
+            [sys.executable, str(SCRIPT), str(out), "2"], start_new_session=True, stderr=errors
+        )
+
+
+def files(out: Path) -> int:
+    """How many images were written, those of unfinished sequences included."""
+    names = [name for _, _, found in os.walk(out) for name in found]  # folders may vanish
+    return sum(name.endswith((".png", ".exr")) for name in names)
+
+
+def sequences(out: Path) -> int:
+    return len(list((out / "sequences").glob("*/*")))
+
+
+def test_killed_at_random_moments(digests, uninterrupted, tmp_path):
+    out = tmp_path / "set"
+    moments = random.Random(KILLS)
+    held = 0
+    for kill in range(KILLS):
+        run = start(out)
+        # A moment is a number of new files, so that it does not depend on the machine's load.
+        wanted = files(out) + moments.randint(0, 35)
+        while run.poll() is None and files(out) < wanted:
+            time.sleep(0.005)
+        time.sleep(moments.uniform(0.0, 0.1))
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(run.pid, signal.SIGKILL)
+        run.wait()
+        held = max(held, sequences(out))
+        if (out / "dataset.json").exists():  # finished before the kill: begin another set
+            assert digests(out) == uninterrupted
+            out = tmp_path / f"set-{kill}"
+    run = start(out)
+    assert run.wait(60) == 0, out.with_suffix(".err").read_text()
+    assert digests(out) == uninterrupted
+    assert held, "no kill ever came after a finished sequence"
+    assert not list((out / ".pliant" / "partial").iterdir())
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT])
+def test_interrupted_in_a_terminal(number, digests, uninterrupted, tmp_path):
+    out = tmp_path / "set"
+    run = start(out)
+    deadline = time.monotonic() + 30
+    while sequences(out) < 1 and time.monotonic() < deadline:
+        time.sleep(0.02)
+    os.killpg(run.pid, number)  # as a terminal does: parent and workers alike
+    assert run.wait(30) != 0
+    assert "KeyboardInterrupt" in out.with_suffix(".err").read_text()
+    assert 1 <= sequences(out) < 6
+    assert not (out / "dataset.json").exists()
+    run = start(out)
+    assert run.wait(60) == 0
+    assert digests(out) == uninterrupted

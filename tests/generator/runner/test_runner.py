@@ -1,0 +1,172 @@
+from __future__ import annotations
+
+import json
+import logging
+import shutil
+
+import pytest
+from pliant.generator.runner import generate
+from pliant.spec.errors import CallError, GenerationError
+
+
+@pytest.fixture
+def make(standin):
+    """Run the small set with some changes; returns the summary."""
+
+    def run(out, *, workers=1, faults=None, config=None, **changes):
+        config = config or standin.small_config(**changes)
+        maker = standin.maker(config, out, faults)
+        return generate(config, out, workers=workers, open_maker=maker)
+
+    return run
+
+
+def test_workers_do_not_change_a_byte(make, digests, uninterrupted, tmp_path):
+    summary = make(tmp_path / "set", workers=3)
+    assert (summary.sequences, summary.made, summary.frames) == (6, 6, 24)
+    assert digests(tmp_path / "set") == uninterrupted
+    assert "dataset.json" in uninterrupted
+    assert "truth/test.parquet" in uninterrupted
+
+
+def test_a_finished_set_is_left_alone(make, digests, tmp_path):
+    out = tmp_path / "set"
+    make(out)
+    before = {path: path.stat().st_mtime_ns for path in out.rglob("*.*") if path.is_file()}
+    summary = make(out)
+    assert summary.unchanged
+    assert summary.made == 0
+    assert {path: path.stat().st_mtime_ns for path in before} == before
+
+
+def test_a_lost_sequence_is_made_again(make, digests, uninterrupted, tmp_path):
+    out = tmp_path / "set"
+    make(out)
+    shutil.rmtree(out / "sequences" / "rope" / "rope-test-000001")
+    assert make(out).made == 1
+    assert digests(out) == uninterrupted
+
+
+def test_a_grown_set_equals_one_made_at_once(make, digests, uninterrupted, tmp_path):
+    out = tmp_path / "set"
+    make(out, splits={"test": 2})
+    assert make(out).made == 4
+    assert digests(out) == uninterrupted
+    with pytest.raises(CallError, match=r"splits.test \(3 there, 1 in this call\)"):
+        make(out, splits={"train": 3, "test": 1})
+
+
+def test_growth_that_was_interrupted_before_the_tables_is_finished(
+    make, digests, uninterrupted, tmp_path, monkeypatch
+):
+    out = tmp_path / "set"
+    make(out, splits={"test": 2})
+    with monkeypatch.context() as patch:
+        patch.setattr("pliant.generator.runner._finish", lambda *_: 1 / 0)
+        with pytest.raises(ZeroDivisionError):
+            make(out)
+    assert make(out).made == 0
+    assert digests(out) == uninterrupted
+
+
+def test_other_settings_are_refused_and_named(make, digests, tmp_path):
+    out = tmp_path / "set"
+    make(out)
+    before = digests(out)
+    with pytest.raises(CallError, match=r"seed \(0 there, 1 in this call\)"):
+        make(out, seed=1)
+    with pytest.raises(CallError, match=r"rope.length_m \(1.2 there, 1.1 in this call\)"):
+        make(out, rope={"length_m": 1.1})
+    assert digests(out) == before
+    shutil.rmtree(out / ".pliant")  # a copy without the run's records still knows
+    with pytest.raises(CallError, match="frames"):
+        make(out, frames=5)
+    assert make(out).made == 0
+
+
+def test_labels_may_change(make, digests, tmp_path):
+    out = tmp_path / "set"
+    make(out)
+    make(out, title="Six ropes", version="1.1.0")
+    info = json.loads((out / "dataset.json").read_text())
+    assert (info["title"], info["version"]) == ("Six ropes", "1.1.0")
+
+
+def test_foreign_folders_and_files_are_refused(make, tmp_path):
+    (tmp_path / "photos").mkdir()
+    (tmp_path / "photos" / "cat.png").touch()
+    (tmp_path / "file").touch()
+    with pytest.raises(CallError, match=r"photos: the output folder holds something else.*cat"):
+        make(tmp_path / "photos")
+    with pytest.raises(CallError, match="not a folder"):
+        make(tmp_path / "file")
+    with pytest.raises(CallError, match="cannot be written"):
+        make(tmp_path / "file" / "below")
+    assert sorted(p.name for p in (tmp_path / "photos").iterdir()) == ["cat.png"]
+
+
+def test_one_run_at_a_time(make, standin, tmp_path):
+    from pliant.generator.manifest import RunFolder
+
+    run = RunFolder(tmp_path / "set")
+    run.open()
+    with run.locked(), pytest.raises(CallError, match=r"another process .* process \d+ on"):
+        make(tmp_path / "set")
+    make(tmp_path / "set")
+
+
+@pytest.mark.parametrize("fault", ["raise", "segfault"])
+def test_failures_are_counted_named_and_made_up_later(
+    fault, make, digests, uninterrupted, tmp_path
+):
+    out = tmp_path / "set"
+    summary = make(out, workers=2, faults={"rope-test-000001": fault})
+    assert [(each.id, each.attempts) for each in summary.failed] == [("rope-test-000001", 3)]
+    recorded = json.loads((out / ".pliant" / "failures.json").read_text())
+    expected = {"raise": "ValueError: no such knot", "segfault": "SIGSEGV"}[fault]
+    assert expected in recorded[0]["error"]
+    assert summary.sequences == 5
+    assert not (out / "sequences" / "rope" / "rope-test-000001").exists()
+    assert (out / "dataset.json").is_file()
+
+    assert make(out).made == 1
+    assert digests(out) == uninterrupted
+    assert not (out / ".pliant" / "failures.json").exists()
+
+
+def test_a_worker_that_dies_once_costs_nothing(make, digests, uninterrupted, tmp_path):
+    summary = make(tmp_path / "set", faults={"rope-train-000002": "once"})
+    assert not summary.failed
+    assert digests(tmp_path / "set") == uninterrupted
+
+
+def test_a_full_disk_stops_the_run_and_keeps_what_is_finished(
+    make, digests, uninterrupted, tmp_path
+):
+    out = tmp_path / "set"
+    with pytest.raises(GenerationError, match=r"No space left on device.* of 6 sequences"):
+        make(out, faults={"rope-test-000001": "full"})
+    assert not (out / "dataset.json").exists()
+    make(out)
+    assert digests(out) == uninterrupted
+
+
+def test_no_sequence_at_all_is_an_error(make, tmp_path):
+    faults = {f"rope-test-{k:06d}": "raise" for k in range(2)}
+    with pytest.raises(GenerationError, match=r"no sequence could be made.*no such knot"):
+        make(tmp_path / "set", splits={"test": 2}, faults=faults)
+
+
+def test_each_run_has_a_log_and_leaves_the_logger_as_it_was(make, tmp_path):
+    logger = logging.getLogger("pliant.generator")
+    before = logger.level, list(logger.handlers)
+    make(tmp_path / "set")
+    (log,) = (tmp_path / "set" / ".pliant" / "logs").iterdir()
+    assert "rope-test-000002: 4 frames" in log.read_text()
+    assert (logger.level, logger.handlers) == before
+
+
+@pytest.mark.parametrize(("workers", "engine"), [(0, "local"), (1, "slurm")])
+def test_impossible_calls(workers, engine, standin, tmp_path):
+    with pytest.raises(CallError, match=r"workers|engine"):
+        generate(standin.small_config(), tmp_path / "set", workers=workers, engine=engine)
