@@ -1,0 +1,1 @@
+"""The conformance suite: valid data worked out by hand, and named ways of breaking it."""
