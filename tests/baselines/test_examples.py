@@ -1,0 +1,55 @@
+"""The programs and snippets that the documentation shows."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+from pliant.baselines.submission import predict
+from pliant.spec.dataset import Dataset
+from pliant.spec.parquet import read_footer, read_table
+
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+EXAMPLE = DOCS / "examples" / "submit_without_pliant.py"
+
+
+def test_submission_without_pliant_is_the_same_submission(cards: Dataset, tmp_path: Path) -> None:
+    theirs, ours = tmp_path / "theirs.parquet", tmp_path / "ours.parquet"
+    subprocess.run([sys.executable, EXAMPLE, cards.root, "test", theirs], check=True)
+    from pliant.baselines.controls import Identity
+
+    predict(cards, "test", Identity(), ours)
+    assert read_table(theirs, "answers").equals(read_table(ours, "answers"))
+    footers = [read_footer(path) for path in (theirs, ours)]
+    assert footers[0].pop("method") == {"name": "where-it-was"}
+    footers[1].pop("method")
+    assert footers[0] == footers[1]
+    assert pq.read_schema(theirs).field("u").type == "float"
+
+
+def test_example_needs_nothing_of_ours() -> None:
+    text = EXAMPLE.read_text()
+    assert not re.search(r"^\s*(import|from) pliant", text, re.MULTILINE)
+    assert len(text.splitlines()) <= 42
+
+
+def test_documented_matcher_answers_a_split(
+    cards: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The page's own code, run as it stands, with its dataset replaced by ours."""
+    page = (DOCS / "add-a-method.md").read_text()
+    blocks = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    code = next(block for block in blocks if "class BrightestNeighbour" in block)
+    monkeypatch.chdir(tmp_path)
+    Path("DATA").symlink_to(cards.root)
+    exec(compile(code, "add-a-method.md", "exec"), {"__name__": "page"})
+    assert read_footer("mine.parquet")["method"] == {
+        "name": "brightest-neighbour",
+        "radius_px": 5,
+        "mask": "given",
+    }
+    assert len(read_table("mine.parquet", "answers")) == 60
