@@ -27,7 +27,7 @@ from pliant.spec.layout import (
     depth_name,
     rgb_name,
 )
-from pliant.spec.parquet import write_table
+from pliant.spec.parquet import TableWriter, write_table
 from pliant.spec.tables import CORRESPONDENCES, POINTS
 
 if TYPE_CHECKING:
@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 
 PNG_LEVEL: Final = 1
 _FRAMES_IN_FLIGHT: Final = 4
+_ROWS_IN_MEMORY: Final = 32768
 
 
 class SequenceWriter:
@@ -59,7 +60,9 @@ class SequenceWriter:
         self._pending: deque[Future[float]] = deque()
         self._cameras: list[dict[str, Any]] = []
         self._size = (0, 0)
-        self._tables: list[pa.Table] = []
+        self._footer = {"sequence": folder.name}
+        self._rows: list[pa.Table] = []
+        self._table: TableWriter | None = None
 
     def __enter__(self) -> SequenceWriter:
         shutil.rmtree(self._partial, ignore_errors=True)
@@ -74,6 +77,7 @@ class SequenceWriter:
         traceback: TracebackType | None,
     ) -> None:
         self._encoder.shutdown(wait=True, cancel_futures=True)
+        self._close_table()
         shutil.rmtree(self._partial, ignore_errors=True)
 
     def add_frame(self, rgb: npt.NDArray[np.uint8], truth: FrameTruth, camera: Camera) -> None:
@@ -96,7 +100,9 @@ class SequenceWriter:
             }
         )
         self._size = (camera.width, camera.height)
-        self._tables.append(correspondence_rows(frame, truth))
+        self._rows.append(correspondence_rows(frame, truth))
+        if sum(map(len, self._rows)) >= _ROWS_IN_MEMORY:
+            self._write_rows()
 
     def commit(self, info: Mapping[str, Any], points: Points) -> int:
         """Write the tables and `sequence.json`, sync everything and rename it into place.
@@ -110,14 +116,9 @@ class SequenceWriter:
         """
         while self._pending:
             self.encode_cpu_s += self._pending.popleft().result()
-        footer = {"sequence": self.folder.name}
-        write_table(self._partial / POINTS_TABLE, point_rows(points), "points", footer)
-        write_table(
-            self._partial / CORRESPONDENCES_TABLE,
-            pa.concat_tables(self._tables),
-            "correspondences",
-            footer,
-        )
+        self._write_rows()
+        self._close_table()
+        write_table(self._partial / POINTS_TABLE, point_rows(points), "points", self._footer)
         width, height = self._size
         write_json(
             self._partial / CAMERAS_JSON,
@@ -145,6 +146,19 @@ class SequenceWriter:
         json_bytes = (self.folder / SEQUENCE_JSON).stat().st_size
         total: int = json_bytes + sum(file["bytes"] for file in files)
         return total
+
+    def _write_rows(self) -> None:
+        if self._rows:
+            if self._table is None:
+                path = self._partial / CORRESPONDENCES_TABLE
+                self._table = TableWriter(path, "correspondences", self._footer)
+            self._table.write(pa.concat_tables(self._rows))
+            self._rows.clear()
+
+    def _close_table(self) -> None:
+        if self._table is not None:
+            self._table.close()
+            self._table = None
 
     def _encode(self, frame: int, rgb: npt.NDArray[np.uint8], surface: Surface) -> float:
         start = time.thread_time()

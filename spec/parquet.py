@@ -20,6 +20,15 @@ _ROW_GROUP_ROWS: Final = 65536
 _THRIFT_LIMIT: Final = 16 * 2**20
 
 
+_OPTIONS: Final[dict[str, Any]] = {
+    "compression": "zstd",
+    "compression_level": 3,
+    "version": "2.6",
+    "data_page_version": "1.0",
+    "write_statistics": True,
+}
+
+
 def write_table(
     path: Path | str, table: pa.Table, name: str, footer: Mapping[str, Any] | None = None
 ) -> None:
@@ -35,6 +44,47 @@ def write_table(
     Raises:
         ValueError: A column is missing, of another type, or holds a null it must not.
     """
+    described = _described(table, name, footer)
+    pq.write_table(described, path, row_group_size=_ROW_GROUP_ROWS, **_OPTIONS)
+
+
+class TableWriter:
+    """Writes a table piece by piece, so that a long one is never in memory whole.
+
+    Every piece becomes a row group (several, if it has more than 65,536 rows). Use it as a
+    context manager: the file is whole once that is left.
+
+    Args:
+        path: Where to; replaced if it exists.
+        name: A key of `TABLES`.
+        footer: What the `pliant` footer object holds besides `spec_version` and `table`.
+    """
+
+    def __init__(
+        self, path: Path | str, name: str, footer: Mapping[str, Any] | None = None
+    ) -> None:
+        self._name, self._footer = name, footer
+        schema = _described(TABLES[name].empty_table(), name, footer).schema
+        self._file = pq.ParquetWriter(path, schema, **_OPTIONS)
+
+    def __enter__(self) -> TableWriter:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Write the footer; the file is whole now."""
+        self._file.close()
+
+    def write(self, table: pa.Table) -> None:
+        """Append rows; columns and errors as in `write_table`."""
+        described = _described(table, self._name, self._footer)
+        self._file.write_table(described, row_group_size=_ROW_GROUP_ROWS)
+
+
+def _described(table: pa.Table, name: str, footer: Mapping[str, Any] | None) -> pa.Table:
+    """Return a table in the declared types and order, with the footer as its metadata."""
     schema = TABLES[name]
     missing = [field.name for field in schema if field.name not in table.column_names]
     if missing:
@@ -56,16 +106,8 @@ def write_table(
             fields.append(extra)
     content = {"spec_version": SPEC_VERSION, "table": name, **(footer or {})}
     text = json.dumps(content, sort_keys=True, allow_nan=False, ensure_ascii=False)
-    described = pa.schema(fields, metadata={FOOTER_KEY: text.encode()})
-    pq.write_table(
-        pa.Table.from_arrays(columns, schema=described),
-        path,
-        compression="zstd",
-        compression_level=3,
-        row_group_size=_ROW_GROUP_ROWS,
-        version="2.6",
-        data_page_version="1.0",
-        write_statistics=True,
+    return pa.Table.from_arrays(
+        columns, schema=pa.schema(fields, metadata={FOOTER_KEY: text.encode()})
     )
 
 
