@@ -16,7 +16,6 @@ from pliant.generator.cloth.surface import (
     PART,
     Placement,
     cover_of,
-    pokes_through,
     render_vertices,
 )
 from pliant.generator.seeding import random_generator
@@ -112,8 +111,8 @@ def _try_configuration(
     positions = handling.simulator.positions
     yaw_rad = float(rng.uniform(-settings.yaw_max_rad, settings.yaw_max_rad))
     placement = Placement.centred(positions, yaw_rad)
-    vertices = render_vertices(settings, placement.apply(positions))
-    if pokes_through(settings, vertices):
+    vertices, pierced = render_vertices(settings, placement.apply(positions))
+    if pierced:
         return "pokes through itself"
     cover = cover_of(settings, vertices)
     if not band[0] <= cover.silhouette <= band[1]:

@@ -166,52 +166,64 @@ def list_pairs(
         if total <= 64.0 * count + 1024.0:
             break
         edge *= 1.5  # a wide box: larger cells find the same pairs, only slower
+    # Masses in the order of their cells, so that a cell's are neighbours in memory.
     start = np.zeros(cells[0] * cells[1] * cells[2] + 1, np.int32)
-    cell = np.empty((count, 3), np.int32)
     key = np.empty(count, np.int32)
     for i in range(count):
-        for c in range(3):
-            cell[i, c] = min(int((positions[i, c] - low[c]) / edge), cells[c] - 1)
-        key[i] = (cell[i, 0] * cells[1] + cell[i, 1]) * cells[2] + cell[i, 2]
+        x = min(int((positions[i, 0] - low[0]) / edge), cells[0] - 1)
+        y = min(int((positions[i, 1] - low[1]) / edge), cells[1] - 1)
+        z = min(int((positions[i, 2] - low[2]) / edge), cells[2] - 1)
+        key[i] = (x * cells[1] + y) * cells[2] + z
         start[key[i] + 1] += 1
     for k in range(start.shape[0] - 1):
         start[k + 1] += start[k]
-    members = np.empty(count, np.int32)
-    for i in range(count - 1, -1, -1):
-        start[key[i] + 1] -= 1
-        members[start[key[i] + 1]] = i
-    # start[k + 1] is now the first member of cell k; the last cell ends at count.
+    place = start[:-1].copy()
+    mass = np.empty(count, np.int32)
+    sorted_key = np.empty(count, np.int32)
+    at = np.empty((count, 3))
+    for i in range(count):
+        q = place[key[i]]
+        place[key[i]] += 1
+        mass[q] = i
+        sorted_key[q] = key[i]
+        for c in range(3):
+            at[q, c] = positions[i, c]
 
+    # Half of the 27 cells about each mass, so that a pair is met once: what follows it in its
+    # own column of cells, and four of the eight columns around.
     found = 0
     room = first.shape[0]
-    for i in range(count):
-        z_low = max(cell[i, 2] - 1, 0)
-        z_high = min(cell[i, 2] + 1, cells[2] - 1)
-        for x in range(max(cell[i, 0] - 1, 0), min(cell[i, 0] + 1, cells[0] - 1) + 1):
-            for y in range(max(cell[i, 1] - 1, 0), min(cell[i, 1] + 1, cells[1] - 1) + 1):
-                row = (x * cells[1] + y) * cells[2]
-                begin = start[row + z_low + 1]
-                after = row + z_high + 2
-                end = start[after] if after < start.shape[0] else count
-                for q in range(begin, end):
-                    j = members[q]
-                    if j <= i:
-                        continue
-                    dx = positions[i, 0] - positions[j, 0]
-                    dy = positions[i, 1] - positions[j, 1]
-                    dz = positions[i, 2] - positions[j, 2]
-                    if dx * dx + dy * dy + dz * dz >= reach_m * reach_m:
-                        continue
-                    if found < room:
-                        ex = rest[i, 0] - rest[j, 0]
-                        ey = rest[i, 1] - rest[j, 1]
-                        ez = rest[i, 2] - rest[j, 2]
-                        apart = math.sqrt(ex * ex + ey * ey + ez * ez)
-                        first[found] = i
-                        second[found] = j
-                        target_m[found] = min(distance_m, REST_SHARE * apart)
-                        pair_friction[found] = friction if apart > layer_m else 0.0
-                    found += 1
+    for p in range(count):
+        z = sorted_key[p] % cells[2]
+        column = sorted_key[p] // cells[2]
+        x = column // cells[1]
+        y = column % cells[1]
+        for side in range(5):
+            nx = x + (0 if side < 2 else 1)
+            ny = y + (0, 1, -1, 0, 1)[side]
+            if nx >= cells[0] or ny < 0 or ny >= cells[1]:
+                continue
+            base = (nx * cells[1] + ny) * cells[2]
+            begin = p + 1 if side == 0 else start[base + max(z - 1, 0)]
+            end = start[base + min(z + 1, cells[2] - 1) + 1]
+            for q in range(begin, end):
+                dx = at[p, 0] - at[q, 0]
+                dy = at[p, 1] - at[q, 1]
+                dz = at[p, 2] - at[q, 2]
+                if dx * dx + dy * dy + dz * dz >= reach_m * reach_m:
+                    continue
+                if found < room:
+                    i = mass[p]
+                    j = mass[q]
+                    ex = rest[i, 0] - rest[j, 0]
+                    ey = rest[i, 1] - rest[j, 1]
+                    ez = rest[i, 2] - rest[j, 2]
+                    apart = math.sqrt(ex * ex + ey * ey + ez * ez)
+                    first[found] = i
+                    second[found] = j
+                    target_m[found] = min(distance_m, REST_SHARE * apart)
+                    pair_friction[found] = friction if apart > layer_m else 0.0
+                found += 1
     return found
 
 

@@ -24,7 +24,6 @@ from pliant.generator.cloth.surface import (
     PART,
     Placement,
     cover_of,
-    pokes_through,
     render_vertices,
 )
 from pliant.generator.seeding import random_generator
@@ -47,6 +46,7 @@ class _Moment:
     """A frame that is simulated and waits to be asked for."""
 
     vertices: FloatArray
+    pierced: int
     action: int | None
     hand_m: FloatArray | None
     moved_m: FloatArray
@@ -96,10 +96,10 @@ class Episode:
         self._actions: list[dict[str, Any]] = []
         self._waiting: deque[_Moment] = deque()
         self._frame = 0
-        self._moment = _Moment(self._surface(), None, None, np.zeros(3))
+        self._moment = _Moment(*self._surface(), None, None, np.zeros(3))
         self._pose = None
 
-    def _surface(self) -> FloatArray:
+    def _surface(self) -> tuple[FloatArray, int]:
         positions = self._handling.simulator.positions
         return render_vertices(self._settings, self._placement.apply(positions))
 
@@ -153,7 +153,7 @@ class Episode:
                 if since < per_frame:
                     continue
                 moments.append(self._moment_now(number, where, last))
-                if pokes_through(self._settings, moments[-1].vertices):
+                if moments[-1].pierced:
                     return None
                 last, since = where, 0
             if since:  # the last frame of an action ends with the hand let go
@@ -161,15 +161,12 @@ class Episode:
                 moments.append(self._moment_now(number, where, last))
         for _ in range(rest):
             simulator.run(per_frame)
-            moments.append(_Moment(self._surface(), None, None, np.zeros(3)))
-        checked = moments[-rest - 1 :]
-        if any(pokes_through(self._settings, moment.vertices) for moment in checked):
-            return None
-        return moments
+            moments.append(_Moment(*self._surface(), None, None, np.zeros(3)))
+        return None if any(moment.pierced for moment in moments) else moments
 
     def _moment_now(self, number: int, where: FloatArray, last: FloatArray) -> _Moment:
         ends = self._placement.apply(np.stack([last, where]))
-        return _Moment(self._surface(), number, ends[1], ends[1] - ends[0])
+        return _Moment(*self._surface(), number, ends[1], ends[1] - ends[0])
 
     def _choose(self) -> Action:
         """Choose an action: gather a spread cloth, spread a gathered one, most of the time."""

@@ -6,6 +6,8 @@ step of u and a row a step of v.
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 import numpy.typing as npt
 
@@ -29,6 +31,16 @@ def grid_faces(columns: int, rows: int) -> IntArray:
     first = np.stack([corner, right, opposite], axis=1)
     second = np.stack([corner, opposite, below], axis=1)
     return np.stack([first, second], axis=1).reshape(-1, 3).astype(np.int32)
+
+
+@lru_cache(maxsize=8)
+def grid_mesh(columns: int, rows: int) -> tuple[IntArray, IntArray]:
+    """Return the triangles of a grid and their edges; shared, so read-only."""
+    faces = grid_faces(columns, rows)
+    edges = triangle_edges(faces)
+    faces.setflags(write=False)
+    edges.setflags(write=False)
+    return faces, edges
 
 
 def triangle_edges(faces: IntArray) -> IntArray:

@@ -21,9 +21,13 @@ UNEVEN_SHARE = 1e-4
 """Height of the random unevenness of a flat cloth over its side: without any, nothing buckles."""
 
 CALM_SPEED_M_S = 1e-3
-CALM_DAMPING_PERCENT = 1.5  # per 1/2700 s, against 0.2 in motion
+CALM_DAMPING_PERCENT = (1.5, 3.0, 6.0, 12.0, 24.0)
+"""Motion lost per 1/2700 s (0.2 while the cloth moves), one stage after another."""
+
+CALM_CHECKS = 8
+"""Looks at the speed per stage."""
+
 CALM_CHECK_S = 0.05
-CALM_LIMIT_S = 4.0
 SETTLED_SPEED_M_S = 0.01
 
 
@@ -111,36 +115,59 @@ class Handling:
                 break
 
     def calm(self) -> float:
-        """Brake the cloth until its mean speed is under 1 mm/s.
+        """Brake the cloth, harder and harder, until its mean speed is under 1 mm/s.
 
         Returns:
             The mean speed reached, m/s; it is over the limit where the time ran out.
         """
-        moving = self.simulator.damping
-        kept = (1.0 - CALM_DAMPING_PERCENT / 100.0) ** (2700.0 * self.simulator.dt_s)
-        self.simulator.damping = 1.0 - kept
-        check = max(1, round(CALM_CHECK_S / self.simulator.dt_s))
+        simulator = self.simulator
+        moving = simulator.damping
+        check = max(1, round(CALM_CHECK_S / simulator.dt_s))
         speed = math.inf
-        for _ in range(round(CALM_LIMIT_S / CALM_CHECK_S)):
-            self.simulator.run(check)
-            speed = float(self.simulator.speeds().mean())
-            if not speed >= CALM_SPEED_M_S:
-                break
-        self.simulator.damping = moving
+        for percent in CALM_DAMPING_PERCENT:
+            kept = (1.0 - percent / 100.0) ** (2700.0 * simulator.dt_s)
+            simulator.damping = 1.0 - kept
+            for _ in range(CALM_CHECKS):
+                simulator.run(check)
+                speed = float(simulator.speeds().mean())
+                if not speed >= CALM_SPEED_M_S:  # not a number ends it as well
+                    simulator.damping = moving
+                    return speed
+        simulator.damping = moving
         return speed
 
-    def stand_up(self) -> None:
-        """Stand the cloth on an edge, leaning, as if it had just been let go of."""
-        tilt = self.rng.uniform(math.radians(25.0), math.radians(50.0))
-        towards = -1.0 if self.rng.random() < 0.5 else 1.0
+    def stand_up(self) -> int:
+        """Stand the cloth on an edge, leaning and a little twisted, and let go of it.
+
+        Returns:
+            Which of the four edges is up: 0 and 1 the ends of u, 2 and 3 those of v.
+        """
+        rng, side_m = self.rng, self.side_m
+        upper = int(rng.integers(4))
+        tilt_rad = rng.uniform(math.radians(25.0), math.radians(50.0))
+        twist_rad = rng.uniform(math.radians(-15.0), math.radians(15.0))
+        towards = -1.0 if rng.random() < 0.5 else 1.0
+        up_axis = upper // 2
         rest = self.simulator.rest
+        raised = rest[:, up_axis] if upper % 2 else side_m - rest[:, up_axis]
+        along = rest[:, 1 - up_axis] - 0.5 * side_m
+        lean_rad = tilt_rad + twist_rad * along / side_m
         positions = np.empty_like(rest)
-        wobble = self.rng.uniform(-0.005, 0.005, len(rest)) * self.side_m
-        positions[:, 0] = rest[:, 0] - 0.5 * self.side_m
-        positions[:, 1] = towards * math.sin(tilt) * rest[:, 1] + wobble
-        positions[:, 2] = 0.5 * self.settings.thickness_m + math.cos(tilt) * rest[:, 1]
+        positions[:, 1 - up_axis] = along
+        positions[:, up_axis] = towards * np.sin(lean_rad) * raised
+        positions[:, up_axis] += rng.uniform(-0.005, 0.005, len(rest)) * side_m
+        positions[:, 2] = 0.5 * self.settings.thickness_m + np.cos(lean_rad) * raised
         self.simulator.place(positions)
-        self.record.append({"name": "stand", "tilt_rad": float(tilt), "towards": [0.0, towards]})
+        self.record.append(
+            {
+                "name": "stand",
+                "upper_edge": ("u=0", "u=1", "v=0", "v=1")[upper],
+                "tilt_rad": float(tilt_rad),
+                "twist_rad": float(twist_rad),
+                "towards": towards,
+            }
+        )
+        return upper
 
     def corner(self) -> int:
         """Return a random corner mass."""

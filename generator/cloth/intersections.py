@@ -5,28 +5,27 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 from numba import njit
-from pliant.generator.cloth.grid import triangle_edges
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int32]
 
 
-def find_intersections(vertices: FloatArray, faces: IntArray) -> IntArray:
+def find_intersections(vertices: FloatArray, faces: IntArray, edges: IntArray) -> IntArray:
     """Return every edge that properly pierces a triangle it shares no vertex with.
 
     Args:
         vertices: float64 (V, 3).
         faces: int32 (F, 3).
+        edges: int32 (E, 2), every edge of the triangles once.
 
     Returns:
         int32 (K, 5): the edge's two vertices, then the triangle's three.
     """
-    edges = triangle_edges(faces)
     lengths = np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1)
     room = 1024
     while True:
         hits = np.empty((room, 2), np.int32)
-        count = _pierced(vertices, faces, edges, 2.0 * float(lengths.mean()), hits)
+        count = _pierced(vertices, faces, edges, float(lengths.mean()), hits)
         if count <= room:
             break
         room = count

@@ -73,17 +73,21 @@ def _pull_rim(cloth: Handling) -> None:
 
 
 def _begin_wrinkled(cloth: Handling) -> None:
-    """Let a standing cloth fall, then pull a corner of its upper edge in and over."""
+    """Let a standing cloth fall and pull a corner of it in; or drag it by an inner point."""
     rng, side = cloth.rng, cloth.side
-    cloth.stand_up()
+    if rng.random() < 0.4:
+        xy = cloth.middle() + rng.uniform(-0.3, 0.3, 2) * cloth.side_m
+        angle = rng.uniform(-math.pi, math.pi)
+        carry = rng.uniform(0.25, 0.5) * np.array([math.cos(angle), math.sin(angle)])
+        cloth.act("drag", cloth.top_vertex(xy), carry, rng.uniform(0.15, 0.3), 0.3)
+        return
+    upper = cloth.stand_up()
     cloth.settle(1.0)
-    top = corner_vertices(side, side)[2:]  # the edge that stood up
-    which = int(rng.integers(2))
-    vertex = int(top[which])
-    sideways = rng.uniform(0.2, 0.45) * (1.0 if which == 0 else -1.0)
-    inwards = rng.uniform(0.15, 0.4)
-    towards = np.sign(cloth.middle()[1] - cloth.simulator.positions[vertex, 1])
-    cloth.act("pull", vertex, (sideways, towards * inwards), rng.uniform(0.1, 0.2))
+    corners = corner_vertices(side, side)
+    ends = corners[list(((0, 2), (1, 3), (0, 1), (2, 3))[upper])]
+    vertex = int(rng.choice(ends))
+    carry = cloth.inwards(vertex, 0.8) * rng.uniform(0.25, 0.5)
+    cloth.act("pull", vertex, carry, rng.uniform(0.1, 0.2))
 
 
 def _cover(cloth: Handling) -> None:
@@ -98,7 +102,7 @@ def _begin_scrunched(cloth: Handling) -> None:
     rng = cloth.rng
     xy = rng.uniform(-0.2, 0.2, 2) * cloth.side_m
     carry = rng.uniform(0.10, 0.25, 2) * rng.choice([-1.0, 1.0], 2)
-    lift = rng.uniform(0.4, 0.6)
+    lift = rng.uniform(0.3, 0.5)
     cloth.act("drop", cloth.top_vertex(xy), carry, lift, rng.uniform(0.0, 0.4), settle_s=1.0)
 
 

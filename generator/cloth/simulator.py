@@ -115,7 +115,13 @@ class Simulator:
         self.sheet = sheet
         self.rest = flat_positions(sheet.columns, sheet.rows, sheet.width_m, sheet.height_m)
         self.springs = build_springs(
-            self.rest, sheet.columns, sheet.rows, sheet.ks, sheet.bending_ratio, sheet.enabled
+            sheet.columns,
+            sheet.rows,
+            sheet.width_m,
+            sheet.height_m,
+            sheet.ks,
+            sheet.bending_ratio,
+            sheet.enabled,
         )
         self.positions = np.array(positions, dtype=np.float64)
         self.previous = self.positions.copy()
@@ -137,7 +143,7 @@ class Simulator:
             distance_m=sheet.contact_distance_m,
             friction=sheet.contact_friction,
             layer_m=FRICTIONLESS_STEPS * sheet.spacing_m,
-            margin_m=0.5 * sheet.spacing_m,
+            margin_m=0.75 * sheet.spacing_m,
         )
 
     @property
@@ -152,14 +158,7 @@ class Simulator:
             hand_m: float64 (3,), how far held masses move in this step, metres.
         """
         sheet, springs = self.sheet, self.springs
-        add_spring_forces(
-            self.positions,
-            self.forces,
-            springs.a,
-            springs.b,
-            springs.rest_m,
-            springs.stiffness,
-        )
+        add_spring_forces(self.positions, self.forces, springs, sheet.columns, sheet.rows)
         verlet_step(
             self.positions,
             self.previous,

@@ -25,109 +25,193 @@ COURSE_BENDING_RATIO = 0.2
 
 
 @dataclass(frozen=True)
-class Springs:
-    """The springs of a sheet, in the order in which they are limited.
+class Family:
+    """All springs of one kind and direction: they have one rest length and one stiffness.
 
     Attributes:
-        a: int32 (S,), vertex at one end.
-        b: int32 (S,), vertex at the other end.
-        rest_m: float64 (S,), rest length, metres.
-        stiffness: float64 (S,), newtons per metre.
-        kind: int8 (S,), STRUCTURAL, SHEAR or BENDING.
+        kind: STRUCTURAL, SHEAR or BENDING.
+        rows: Steps down the grid from a spring's first mass to its second, >= 0.
+        columns: Steps along the row, negative for a shear spring that leans back.
+        rest_m: Rest length, metres.
+        stiffness: Newtons per metre; 0 for a kind that is switched off.
     """
 
+    kind: int
+    rows: int
+    columns: int
+    rest_m: float
+    stiffness: float
+
+
+@dataclass(frozen=True)
+class Springs:
+    """The springs of a sheet, as families for the forces and one by one for the limit.
+
+    The list is ordered by a spring's later mass, and for each mass: structural (left, above),
+    shear (above left, above right), bending (two to the left, two above).
+
+    Attributes:
+        families: The six families.
+        a: int32 (S,), the later mass of each spring.
+        b: int32 (S,), the earlier mass.
+        family: int32 (S,), which family each spring belongs to.
+        rest_m: float64 (S,), rest length, metres.
+        stiffness: float64 (S,), N/m.
+    """
+
+    families: tuple[Family, ...]
     a: IntArray
     b: IntArray
+    family: IntArray
     rest_m: FloatArray
     stiffness: FloatArray
-    kind: npt.NDArray[np.int8]
 
 
 def build_springs(
-    positions: FloatArray,
     columns: int,
     rows: int,
+    width_m: float,
+    height_m: float,
     ks: float,
     bending_ratio: float = COURSE_BENDING_RATIO,
     enabled: tuple[bool, bool, bool] = (True, True, True),
 ) -> Springs:
-    """Join the point masses of a grid.
+    """Join the point masses of a flat grid.
 
-    Springs are ordered by their later mass, and for each mass: structural (left, above),
-    shear (above left, above right), bending (two to the left, two above). A kind that is
-    switched off keeps its length limit, as in the course, and loses its force.
+    A kind that is switched off keeps its length limit, as in the course, and loses its force.
 
     Args:
-        positions: float64 (rows * columns, 3), the sheet at rest, metres.
         columns: Masses in a row.
         rows: Masses in a column.
+        width_m: Length of a row, metres.
+        height_m: Length of a column, metres.
         ks: Stiffness of structural and shear springs, N/m.
         bending_ratio: Stiffness of a bending spring over `ks`.
         enabled: Whether structural, shear and bending springs pull.
 
     Returns:
-        The springs, at rest in `positions`.
+        The springs.
     """
-    ends: list[tuple[int, int, int]] = []
-    for row in range(rows):
-        for column in range(columns):
-            mass = row * columns + column
-            if column > 0:
-                ends.append((mass, mass - 1, STRUCTURAL))
-            if row > 0:
-                ends.append((mass, mass - columns, STRUCTURAL))
-            if row > 0 and column > 0:
-                ends.append((mass, mass - columns - 1, SHEAR))
-            if row > 0 and column < columns - 1:
-                ends.append((mass, mass - columns + 1, SHEAR))
-            if column > 1:
-                ends.append((mass, mass - 2, BENDING))
-            if row > 1:
-                ends.append((mass, mass - 2 * columns, BENDING))
-    table = np.array(ends, dtype=np.int32)
-    a, b, kind = (np.ascontiguousarray(table[:, i]) for i in range(3))
-    by_kind = np.array([ks * enabled[0], ks * enabled[1], bending_ratio * ks * enabled[2]])
+    stiffness = (ks * enabled[0], ks * enabled[1], bending_ratio * ks * enabled[2])
+    across, down = width_m / (columns - 1), height_m / (rows - 1)
+    families = tuple(
+        Family(kind, row, column, math.hypot(row * down, column * across), stiffness[kind])
+        for kind, row, column in (
+            (STRUCTURAL, 0, 1),
+            (STRUCTURAL, 1, 0),
+            (SHEAR, 1, 1),
+            (SHEAR, 1, -1),
+            (BENDING, 0, 2),
+            (BENDING, 2, 0),
+        )
+    )
+    # later - earlier mass is (rows, columns) of the family, for both shear directions
+    ends = [
+        (
+            row * columns + column,
+            (row - family.rows) * columns + column - family.columns,
+            number,
+        )
+        for row in range(rows)
+        for column in range(columns)
+        for number, family in enumerate(families)
+        if row >= family.rows and 0 <= column - family.columns < columns
+    ]
+    a, b, family = (np.array(part, dtype=np.int32) for part in zip(*ends, strict=True))
     return Springs(
+        families=families,
         a=a,
         b=b,
-        rest_m=np.linalg.norm(positions[a] - positions[b], axis=1),
-        stiffness=by_kind[kind],
-        kind=kind.astype(np.int8),
+        family=family,
+        rest_m=np.array([f.rest_m for f in families])[family],
+        stiffness=np.array([f.stiffness for f in families])[family],
     )
 
 
-@njit(cache=True)
 def add_spring_forces(
-    positions: FloatArray,
-    forces: FloatArray,
-    a: IntArray,
-    b: IntArray,
-    rest_m: FloatArray,
-    stiffness: FloatArray,
+    positions: FloatArray, forces: FloatArray, springs: Springs, columns: int, rows: int
 ) -> None:
     """Add every spring's force to the masses at its two ends.
 
     Args:
-        positions: float64 (N, 3), metres.
-        forces: float64 (N, 3), newtons; changed in place.
-        a: int32 (S,), as in `Springs`, and so the rest.
-        b: int32 (S,).
-        rest_m: float64 (S,).
-        stiffness: float64 (S,).
+        positions: float64 (rows * columns, 3), metres.
+        forces: float64 (rows * columns, 3), newtons; changed in place.
+        springs: The springs.
+        columns: Masses in a row.
+        rows: Masses in a column.
     """
-    for s in range(a.shape[0]):
-        i = a[s]
-        j = b[s]
-        dx = positions[j, 0] - positions[i, 0]
-        dy = positions[j, 1] - positions[i, 1]
-        dz = positions[j, 2] - positions[i, 2]
-        length = math.sqrt(dx * dx + dy * dy + dz * dz)
-        if length == 0.0:
-            continue  # two masses in one place: no direction to push them in
-        pull = stiffness[s] * (length - rest_m[s]) / length
-        forces[i, 0] += pull * dx
-        forces[i, 1] += pull * dy
-        forces[i, 2] += pull * dz
-        forces[j, 0] -= pull * dx
-        forces[j, 1] -= pull * dy
-        forces[j, 2] -= pull * dz
+    x, y, z = (np.ascontiguousarray(positions[:, c]).reshape(rows, columns) for c in range(3))
+    fx, fy, fz = (np.zeros((rows, columns)) for _ in range(3))
+    for family in springs.families:
+        if family.stiffness != 0.0:
+            _add_family(
+                x,
+                y,
+                z,
+                fx,
+                fy,
+                fz,
+                family.rows,
+                family.columns,
+                family.rest_m,
+                family.stiffness,
+            )
+    for c, component in enumerate((fx, fy, fz)):
+        forces[:, c] += component.ravel()
+
+
+@njit(cache=True)
+def _add_family(
+    x: FloatArray,
+    y: FloatArray,
+    z: FloatArray,
+    fx: FloatArray,
+    fy: FloatArray,
+    fz: FloatArray,
+    down: int,
+    along: int,
+    rest_m: float,
+    stiffness: float,
+) -> None:
+    """Add the forces of one family, row by row.
+
+    A row's forces are worked out first and then added to the masses at either end: loops
+    without a dependence from one spring to the next, which the compiler runs four at a time.
+    """
+    rows, columns = x.shape
+    first = max(0, -along)
+    count = columns - abs(along)
+    px = np.empty(count)
+    py = np.empty(count)
+    pz = np.empty(count)
+    for row in range(rows - down):
+        ax = x[row, first : first + count]
+        ay = y[row, first : first + count]
+        az = z[row, first : first + count]
+        bx = x[row + down, first + along : first + along + count]
+        by = y[row + down, first + along : first + along + count]
+        bz = z[row + down, first + along : first + along + count]
+        for j in range(count):
+            dx = bx[j] - ax[j]
+            dy = by[j] - ay[j]
+            dz = bz[j] - az[j]
+            length = math.sqrt(dx * dx + dy * dy + dz * dz)
+            # Two masses in one place: there is no direction to push them in.
+            pull = stiffness * (length - rest_m) / length if length > 0.0 else 0.0
+            px[j] = pull * dx
+            py[j] = pull * dy
+            pz[j] = pull * dz
+        ax = fx[row, first : first + count]
+        ay = fy[row, first : first + count]
+        az = fz[row, first : first + count]
+        for j in range(count):
+            ax[j] += px[j]
+            ay[j] += py[j]
+            az[j] += pz[j]
+        bx = fx[row + down, first + along : first + along + count]
+        by = fy[row + down, first + along : first + along + count]
+        bz = fz[row + down, first + along : first + along + count]
+        for j in range(count):
+            bx[j] -= px[j]
+            by[j] -= py[j]
+            bz[j] -= pz[j]

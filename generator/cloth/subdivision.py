@@ -1,16 +1,18 @@
-"""From the simulated grid to the rendered one: smooth, through the same masses, never crossing.
+"""From the simulated grid to the rendered one: smooth, and never crossing itself.
 
-A cloth drawn on the grid of its simulation shows facets. The four-point scheme (Dyn, Levin,
-Gregory 1987) puts a smooth surface through the masses: a new vertex is
-(9 (p1 + p2) - (p0 + p3)) / 16. Where two layers nearly touch, the smooth surface could pierce
-itself; there, and only there, it is drawn towards the flat triangles of the simulated mesh.
+Two layers that touch are held apart mass by mass, and the masses of the upper one sink between
+those of the lower: the sheet gets the dimples of a grid that no cloth has. One pass of
+neighbour averaging takes them out. The four-point scheme (Dyn, Levin, Gregory 1987) then puts
+a smooth surface through the masses: a new vertex is (9 (p1 + p2) - (p0 + p3)) / 16. Where
+either would make the surface pierce itself, there and only there, it is drawn back: the first
+towards the masses as simulated, the second towards the flat triangles between them.
 """
 
 from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from pliant.generator.cloth.grid import grid_faces
+from pliant.generator.cloth.grid import grid_mesh
 from pliant.generator.cloth.intersections import find_intersections
 
 FloatArray = npt.NDArray[np.float64]
@@ -19,48 +21,78 @@ _TRIES = 6
 
 
 def subdivide(
-    positions: FloatArray, columns: int, rows: int, doublings: int, floor_m: float
-) -> FloatArray:
+    positions: FloatArray,
+    columns: int,
+    rows: int,
+    doublings: int,
+    floor_m: float,
+    smoothing: float = 0.0,
+) -> tuple[FloatArray, int]:
     """Refine a grid of masses for rendering.
 
     Args:
         positions: float64 (rows * columns, 3), metres.
         columns: Masses in a row.
         rows: Masses in a column.
-        doublings: How often the cells are halved; 0 returns the masses.
+        doublings: How often the cells are halved.
         floor_m: No vertex is left below this height, metres.
+        smoothing: How far every mass first goes towards the mean of its four neighbours, 0 to
+            1. At 0 the masses stand unmoved in the result (but for the floor), every
+            2**doublings-th vertex in a row and a column.
 
     Returns:
-        float64 (((rows - 1) * 2**doublings + 1) * ((columns - 1) * 2**doublings + 1), 3). The
-        masses stand in it unmoved (but for the floor), every 2**doublings-th vertex.
+        The vertices, float64 (((rows - 1) * 2**doublings + 1) * ((columns - 1) *
+        2**doublings + 1), 3); and the number of edges that pierce a triangle of them: 0
+        unless the simulated mesh pokes through itself.
     """
-    grid = positions.reshape(rows, columns, 3).copy()
-    np.maximum(grid[..., 2], floor_m, out=grid[..., 2])
+    grid = _above(positions.reshape(rows, columns, 3), floor_m)
+    pierced = 0
+    if smoothing > 0.0 or doublings == 0:
+        averaged = grid + smoothing * (_neighbour_mean(grid) - grid)
+        grid, pierced = _unpierced(_above(averaged, floor_m), grid)
     for _ in range(doublings):
-        grid = _double(grid, floor_m)
-    return np.ascontiguousarray(grid.reshape(-1, 3))
+        smooth = _four_point(_four_point(grid, 0), 1)
+        grid, pierced = _unpierced(_above(smooth, floor_m), _on_triangles(grid))
+    return np.ascontiguousarray(grid.reshape(-1, 3)), pierced
 
 
-def _double(grid: FloatArray, floor_m: float) -> FloatArray:
-    smooth = _four_point(_four_point(grid, 0), 1)
-    np.maximum(smooth[..., 2], floor_m, out=smooth[..., 2])
-    flat = _on_triangles(grid)
-    rows, columns = smooth.shape[:2]
-    faces = grid_faces(columns, rows)
-    tension = np.zeros((rows, columns, 1))
-    fine = smooth
+def _unpierced(wanted: FloatArray, safe: FloatArray) -> tuple[FloatArray, int]:
+    """Return the wanted surface, drawn to the safe one where it pierces itself."""
+    share = np.zeros((*wanted.shape[:2], 1))  # of the safe surface
+    grid = wanted
+    pierced = _pierced(grid)
     for attempt in range(_TRIES):
-        pierced = find_intersections(fine.reshape(-1, 3), faces)
         if len(pierced) == 0:
             break
-        touched = np.zeros((rows, columns), dtype=bool)
+        touched = np.zeros(wanted.shape[:2], dtype=bool)
         touched.flat[pierced.ravel()] = True
-        tension[_grown(touched)] += 0.5
-        if attempt == _TRIES - 2:
-            tension[:] = 1.0
-        np.minimum(tension, 1.0, out=tension)
-        fine = smooth + tension * (flat - smooth)
-    return fine
+        share[_grown(touched)] += 0.5
+        if attempt == _TRIES - 1:
+            share[:] = 1.0
+        np.minimum(share, 1.0, out=share)
+        grid = wanted + share * (safe - wanted)
+        pierced = _pierced(grid)
+    return grid, len(pierced)
+
+
+def _pierced(grid: FloatArray) -> npt.NDArray[np.int32]:
+    rows, columns = grid.shape[:2]
+    return find_intersections(grid.reshape(-1, 3), *grid_mesh(columns, rows))
+
+
+def _above(grid: FloatArray, floor_m: float) -> FloatArray:
+    raised = grid.copy()
+    np.maximum(raised[..., 2], floor_m, out=raised[..., 2])
+    return raised
+
+
+def _neighbour_mean(grid: FloatArray) -> FloatArray:
+    """Return the mean of each vertex's four neighbours; the sheet goes on straight past an edge."""
+    around = np.pad(grid, ((1, 1), (1, 1), (0, 0)), mode="reflect", reflect_type="odd")
+    mean: FloatArray = 0.25 * (
+        around[2:, 1:-1] + around[:-2, 1:-1] + around[1:-1, 2:] + around[1:-1, :-2]
+    )
+    return mean
 
 
 def _four_point(grid: FloatArray, axis: int) -> FloatArray:

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
-from pliant.generator.cloth.grid import corner_vertices, grid_faces
-from pliant.generator.cloth.intersections import find_intersections
+from pliant.generator.cloth.grid import corner_vertices, grid_mesh
 from pliant.generator.cloth.measure import Cover, measure_cover
 from pliant.generator.cloth.settings import ClothSettings
 from pliant.generator.cloth.subdivision import subdivide
 
 FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int32]
 
 PART = "cloth"
 
@@ -47,26 +44,30 @@ class Placement:
         return placed
 
 
-@lru_cache(maxsize=8)
-def render_faces(side: int) -> IntArray:
-    """Return the triangles of a square grid; shared, so read-only."""
-    faces = grid_faces(side, side)
-    faces.setflags(write=False)
-    return faces
+def render_vertices(settings: ClothSettings, positions: FloatArray) -> tuple[FloatArray, int]:
+    """Return the rendered grid through the masses, and how often it pokes through itself.
 
+    Args:
+        settings: The tier's settings.
+        positions: float64 (points_a_side², 3), masses in the world, metres.
 
-def render_vertices(settings: ClothSettings, positions: FloatArray) -> FloatArray:
-    """Return the rendered grid through the masses: float64 (render_a_side², 3), metres."""
+    Returns:
+        float64 (render_a_side², 3), metres, and the number of edges that pierce a triangle.
+    """
     side = settings.points_a_side
-    return subdivide(positions, side, side, settings.doublings, 0.5 * settings.thickness_m)
-
-
-def pokes_through(settings: ClothSettings, vertices: FloatArray) -> bool:
-    """Whether an edge of the rendered surface pierces one of its triangles."""
-    return len(find_intersections(vertices, render_faces(settings.render_a_side))) > 0
+    return subdivide(
+        positions,
+        side,
+        side,
+        settings.doublings,
+        0.5 * settings.thickness_m,
+        settings.smoothing,
+    )
 
 
 def cover_of(settings: ClothSettings, vertices: FloatArray) -> Cover:
     """Return what the rendered surface shows from above."""
     side = settings.render_a_side
-    return measure_cover(vertices, render_faces(side), corner_vertices(side, side), settings.side_m)
+    return measure_cover(
+        vertices, grid_mesh(side, side)[0], corner_vertices(side, side), settings.side_m
+    )
