@@ -8,6 +8,8 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
+import pyarrow as pa
+import pyarrow.compute as pc
 from pliant.baselines.matcher import Answers, View
 from pliant.baselines.pixels import central_position, pixel_centres, searched_mask
 from pliant.spec.dataset import Dataset
@@ -139,5 +141,5 @@ class Oracle:
                     "the truth does not answer the queries row by row", path=path, where=column
                 )
         uv_px = np.stack([truth.column("u_b").to_numpy(), truth.column("v_b").to_numpy()], axis=1)
-        state = np.array(truth.column("visibility_b").to_pylist())
-        return Answers(uv_px=uv_px, visible=(state == "visible").astype(np.float32))
+        visible = pc.equal(truth.column("visibility_b"), "visible").cast(pa.float32())
+        return Answers(uv_px=uv_px, visible=visible.to_numpy())

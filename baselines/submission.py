@@ -12,6 +12,8 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
+import pyarrow as pa
+import pyarrow.compute as pc
 from pliant.baselines.matcher import Answers, KeypointMatcher, Matcher, Matches, SplitMatcher
 from pliant.baselines.submission_file import (
     Keys,
@@ -178,29 +180,32 @@ def _read_pairs(dataset: Dataset, split: str) -> list[_Pair]:
     pair_id = table.column("pair_id").to_numpy()
     if len(pair_id) == 0:
         return []
-    names = ("sequence_a", "frame_a", "sequence_b", "frame_b")
-    frames = [np.array(table.column(name).to_pylist()) for name in names]
-    changes = pair_id[1:] != pair_id[:-1]
     if (pair_id[1:] < pair_id[:-1]).any():
         raise SpecError("pair_id is not ascending", path=path, where="pair_id")
-    for name, values in zip(names, frames, strict=True):
-        strays = (values[1:] != values[:-1]) & ~changes
-        if strays.any():
-            row = int(np.argmax(strays)) + 1
-            raise SpecError(
-                f"one pair has two values of {name}", path=path, where=f"row {row}, {name}"
-            )
-    uv_a_px = np.stack([table.column("u_a").to_numpy(), table.column("v_a").to_numpy()], axis=1)
+    changes = pair_id[1:] != pair_id[:-1]
     starts = np.concatenate([[0], np.nonzero(changes)[0] + 1])
     stops = np.append(starts[1:], len(pair_id))
+    frames = {}
+    for name in ("sequence_a", "frame_a", "sequence_b", "frame_b"):
+        column = table.column(name).combine_chunks()
+        differs = pc.not_equal(column[1:], column[:-1]).to_numpy(zero_copy_only=False)
+        strays = np.nonzero(differs & ~changes)[0]
+        if len(strays):
+            raise SpecError(
+                f"one pair has two values of {name}",
+                path=path,
+                where=f"row {strays[0] + 1}, {name}",
+            )
+        frames[name] = column.take(pa.array(starts)).to_pylist()
+    uv_a_px = np.stack([table.column("u_a").to_numpy(), table.column("v_a").to_numpy()], axis=1)
     return [
         _Pair(
             pair_id=int(pair_id[start]),
-            source=(str(frames[0][start]), int(frames[1][start])),
-            target=(str(frames[2][start]), int(frames[3][start])),
+            source=(frames["sequence_a"][row], frames["frame_a"][row]),
+            target=(frames["sequence_b"][row], frames["frame_b"][row]),
             uv_a_px=uv_a_px[start:stop],
         )
-        for start, stop in zip(starts, stops, strict=True)
+        for row, (start, stop) in enumerate(zip(starts, stops, strict=True))
     ]
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from pliant.baselines import METHODS, Answers, View
@@ -206,3 +207,27 @@ def test_keys_may_be_a_part_of_the_queries(cards: Dataset, tmp_path: Path) -> No
     answers = Answers(uv_px=np.ones((5, 2), np.float32))
     write_answers(out, cards, "test", first, answers, {"name": "part"})
     assert len(read_table(out, "answers")) == 5
+
+
+@pytest.mark.parametrize(
+    ("column", "row", "value", "message"),
+    [
+        ("frame_b", 25, 0, r"row 25, frame_b: one pair has two values of frame_b"),
+        ("sequence_a", 41, "other", r"row 41, sequence_a: one pair has two values"),
+        ("pair_id", 30, 0, "pair_id is not ascending"),
+    ],
+)
+def test_queries_that_contradict_themselves_are_refused(
+    column: str, row: int, value: Any, message: str, cards_root: Path, tmp_path: Path
+) -> None:
+    root = tmp_path / "cards"
+    shutil.copytree(cards_root, root)
+    path = layout.queries_path(root, "test")
+    table = pq.read_table(path)
+    values = table.column(column).to_pylist()
+    values[row] = value
+    index = table.schema.get_field_index(column)
+    field = table.schema.field(column)
+    pq.write_table(table.set_column(index, field, pa.array(values, field.type)), path)
+    with pytest.raises(SpecError, match=message):
+        predict(Dataset.open(root), "test", Fixed(), tmp_path / "out.parquet")
