@@ -178,7 +178,9 @@ def _dry_run(config: GenerateConfig, out: Path, workers: int, as_json: bool) -> 
     from pliant.generator.manifest import RunFolder, refuse_changes
     from pliant.generator.plan import plan_run
 
-    stored = RunFolder(out).stored_config()
+    folder = RunFolder(out)
+    folder.check()
+    stored = folder.stored_config()
     if stored is not None:
         refuse_changes(stored, config.resolved(), out)
     plan = plan_run(config, out)

@@ -117,7 +117,7 @@ def _print(document: dict[str, Any]) -> None:
             _counts(tier["shapes"]) or "-",
             _mean(tier["coverage"]),
             _mean(tier["self_occluded"]),
-            ", ".join(tier["symmetries"]) or "none",
+            str(len(tier["symmetries"])),
         )
     console.print(table)
     for split, asked in document["queries"].items():

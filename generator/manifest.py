@@ -50,24 +50,32 @@ class RunFolder:
         self._config = self.path / "config.json"
         self._failures = self.path / "failures.json"
 
-    def open(self) -> None:
-        """Make the folder, refusing one that holds anything but a dataset of ours.
+    def check(self) -> None:
+        """Refuse a folder that holds anything but a dataset of ours; write nothing.
 
         Raises:
-            CallError: The folder holds something else, is no folder, or cannot be written.
+            CallError: The folder holds something else, or is no folder.
+        """
+        if self.root.exists() and not self.root.is_dir():
+            raise CallError("the output is a file, not a folder", path=self.root)
+        if self.root.is_dir() and self.stored_config() is None:
+            others = sorted(p.name for p in self.root.iterdir() if p.name != RUN_DIR)
+            if others:
+                raise CallError(
+                    "the output folder holds something else",
+                    path=self.root,
+                    found=", ".join(others[:3]) + (" …" if len(others) > 3 else ""),
+                    fix="Name a new or empty folder",
+                )
+
+    def open(self) -> None:
+        """Make the folder, after `check`.
+
+        Raises:
+            CallError: As `check`, or the folder cannot be written.
         """
         try:
-            if self.root.exists() and not self.root.is_dir():
-                raise CallError("the output is a file, not a folder", path=self.root)
-            if self.root.is_dir() and self.stored_config() is None:
-                others = sorted(p.name for p in self.root.iterdir() if p.name != RUN_DIR)
-                if others:
-                    raise CallError(
-                        "the output folder holds something else",
-                        path=self.root,
-                        found=", ".join(others[:3]) + (" …" if len(others) > 3 else ""),
-                        fix="Name a new or empty folder",
-                    )
+            self.check()
             self.logs.mkdir(parents=True, exist_ok=True)
             self.partial.mkdir(exist_ok=True)
         except OSError as error:

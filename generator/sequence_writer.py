@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import shutil
 import time
@@ -163,7 +164,12 @@ class SequenceWriter:
     def _encode(self, frame: int, rgb: npt.NDArray[np.uint8], surface: Surface) -> float:
         start = time.thread_time()
         write_rgb(self._partial / rgb_name(frame), rgb, level=PNG_LEVEL)
-        write_surface(self._partial / depth_name(frame), surface)
+        try:
+            write_surface(self._partial / depth_name(frame), surface)
+        except RuntimeError as error:  # all that OpenEXR says is that the output failed
+            if _free_bytes(self._partial) < surface.depth_m.nbytes:
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)) from error
+            raise
         return time.thread_time() - start
 
     def _move_into_place(self) -> None:
@@ -208,6 +214,10 @@ def correspondence_rows(frame: int, truth: FrameTruth) -> pa.Table:
         *(truth.xyz_m[:, axis].astype(np.float32) for axis in range(3)),
     ]
     return pa.Table.from_arrays([pa.array(c) for c in columns], schema=CORRESPONDENCES)
+
+
+def _free_bytes(folder: Path) -> int:
+    return shutil.disk_usage(folder).free
 
 
 def _sync_tree(folder: Path) -> None:

@@ -1,0 +1,101 @@
+from __future__ import annotations
+
+import errno
+import json
+import shutil
+
+import pyarrow as pa
+import pytest
+from pliant.generator import sequence_writer
+from pliant.generator.plan import SequenceTask
+from pliant.spec.checksums import sha256_file
+from pliant.spec.parquet import TableWriter, read_footer, read_table, write_table
+
+TASK = SequenceTask("rope", "train", 0)
+
+
+@pytest.fixture
+def make(standin, tmp_path):
+    """Make one stand-in sequence of some frames; returns its folder."""
+
+    def run(frames=4, **faults):
+        config = standin.small_config(frames=frames)
+        maker = standin.maker(config, tmp_path, faults)()
+        (tmp_path / ".pliant" / "partial").mkdir(parents=True, exist_ok=True)
+        maker.make(TASK, lambda: None)
+        return TASK.folder(tmp_path)
+
+    return run
+
+
+def test_every_file_is_listed_with_its_sum(make):
+    folder = make()
+    info = json.loads((folder / "sequence.json").read_text())
+    listed = {entry["path"]: entry for entry in info["files"]}
+    there = {p.relative_to(folder).as_posix(): p for p in folder.rglob("*") if p.is_file()}
+    assert set(there) == {*listed, "sequence.json"}
+    assert len(listed) == 2 * 4 + 3
+    for name, entry in listed.items():
+        assert entry["bytes"] == there[name].stat().st_size
+        assert entry["sha256"] == sha256_file(there[name])
+
+
+def test_a_failure_leaves_nothing(make, tmp_path):
+    with pytest.raises(ValueError, match="no such knot"):
+        make(**{TASK.id: "raise"})
+    assert not list((tmp_path / ".pliant" / "partial").iterdir())
+    assert not TASK.folder(tmp_path).exists()
+
+
+def test_an_encoder_that_fails_fails_the_sequence(make, tmp_path, monkeypatch):
+    def full(*arguments, **options):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(sequence_writer, "write_surface", full)
+    with pytest.raises(OSError, match="No space left"):
+        make()
+    assert not TASK.folder(tmp_path).exists()
+
+
+def test_a_failed_exr_on_a_full_disk_is_a_full_disk(make, tmp_path, monkeypatch):
+    def fail(*arguments, **options):
+        raise RuntimeError("File output failed")  # what OpenEXR says, whatever the cause
+
+    monkeypatch.setattr(sequence_writer, "write_surface", fail)
+    with pytest.raises(RuntimeError, match="File output failed"):
+        make()
+    monkeypatch.setattr(sequence_writer, "_free_bytes", lambda folder: 100)
+    with pytest.raises(OSError, match="No space left"):
+        make()
+
+
+def test_the_table_is_the_same_in_one_piece_or_many(make, monkeypatch):
+    folder = make(6)
+    whole = read_table(folder / "correspondences.parquet", "correspondences")
+    shutil.rmtree(folder)
+    monkeypatch.setattr(sequence_writer, "_ROWS_IN_MEMORY", 30)
+    pieces = read_table(make(6) / "correspondences.parquet", "correspondences")
+    assert len(whole) == 6 * 16
+    assert pieces.equals(whole)
+
+
+def test_the_first_of_two_writers_wins(make):
+    folder = make()
+    before = sha256_file(folder / "sequence.json")
+    assert make() == folder  # a lost worker that was not lost: its work is dropped
+    assert sha256_file(folder / "sequence.json") == before
+
+
+def test_table_writer_equals_write_table(tmp_path):
+    rows = [{"pair_id": k, "query_id": 0, "u": 1.0, "v": 2.0} for k in range(6)]
+    table = pa.Table.from_pylist(rows)
+    write_table(tmp_path / "whole", table, "answers", {"split": "test"})
+    with TableWriter(tmp_path / "pieces", "answers", {"split": "test"}) as writer:
+        writer.write(table.slice(0, 4))
+        writer.write(table.slice(4))
+    assert read_footer(tmp_path / "pieces") == read_footer(tmp_path / "whole")
+    assert read_table(tmp_path / "pieces", "answers").equals(
+        read_table(tmp_path / "whole", "answers")
+    )
+    with TableWriter(tmp_path / "none", "answers") as writer, pytest.raises(ValueError, match="u"):
+        writer.write(table.drop(["u"]))
