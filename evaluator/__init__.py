@@ -1,1 +1,32 @@
 """Scores anybody's answers by a named protocol; needs neither torch, Blender nor OpenCV."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pliant.evaluator.check import check, inspect
+from pliant.evaluator.evaluate import evaluate
+from pliant.evaluator.protocol import PROTOCOL_NAMES, read_protocol
+from pliant.evaluator.scores import Scores, read_scores
+from pliant.spec.dataset import Dataset
+
+__all__ = [
+    "PROTOCOL_NAMES",
+    "Scores",
+    "check",
+    "evaluate",
+    "inspect",
+    "read_protocol",
+    "read_scores",
+    "write_report",
+]
+
+
+def write_report(
+    scores: Scores, out_dir: Path | str, *, data: Dataset | Path | str | None = None
+) -> None:
+    """Write scores.json, per_pair.parquet and report.html; see `report.write_report`."""
+    # Imported here: matplotlib takes longer to import than a small submission to score.
+    from pliant.evaluator.report import write_report as write
+
+    write(scores, out_dir, data=data)

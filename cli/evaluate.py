@@ -1,0 +1,100 @@
+"""`pliant evaluate`: score a submission by a named protocol."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+if TYPE_CHECKING:
+    from pliant.evaluator import Scores
+
+
+@click.command("evaluate")
+@click.argument("submission", metavar="SUB.parquet", type=click.Path(path_type=Path))
+@click.option(
+    "--data", required=True, metavar="DIR", type=click.Path(path_type=Path), help="The dataset."
+)
+@click.option(
+    "--truth",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="The split's truth, where the dataset does not hold it.",
+)
+@click.option(
+    "--protocol",
+    default=None,
+    metavar="NAME",
+    help="paper, standard, tapvid or matches; default: standard, and matches for matches.",
+)
+@click.option("--out", metavar="REPORT", type=click.Path(path_type=Path), help="Report folder.")
+@click.option(
+    "--allow-missing", is_flag=True, help="Score a missing answer as a failure; print the coverage."
+)
+@click.option("--json", "as_json", is_flag=True, help="Print scores.json on stdout.")
+def command(
+    submission: Path,
+    data: Path,
+    truth: Path | None,
+    protocol: str | None,
+    out: Path | None,
+    allow_missing: bool,
+    as_json: bool,
+) -> int:
+    """Score SUB.parquet against its dataset.
+
+    Writes scores.json, per_pair.parquet and report.html into REPORT. A submission with anything
+    wrong in it is refused with every reason, exit code 1.
+    """
+    from pliant.evaluator import evaluate, write_report
+    from pliant.spec.errors import SubmissionError
+
+    if out is not None:
+        from pliant.evaluator.report import check_out_dir
+
+        check_out_dir(out)
+    try:
+        scores = evaluate(
+            submission, data, truth=truth, protocol=protocol, allow_missing=allow_missing
+        )
+    except SubmissionError as error:
+        for issue in error.issues:
+            click.echo(str(issue), err=True)
+        raise
+    if out is not None:
+        write_report(scores, out, data=data)
+    if as_json:
+        click.echo(json.dumps(scores.document, indent=1, sort_keys=True))
+    else:
+        _print(scores, out)
+    return 0
+
+
+def _print(scores: Scores, out: Path | None) -> None:
+    """Print the headline table."""
+    from pliant.evaluator.wording import about, label, written, written_unit
+
+    document = scores.document
+    dataset = document["dataset"]
+    click.echo(
+        f"{scores.method} on {dataset['id']} {dataset['version']}, split {document['split']}, "
+        f"protocol {document['protocol']} {document['protocol_version']}"
+    )
+    if document["coverage"] < 1:
+        click.echo(f"Coverage: {document['coverage'] * 100:.2f} %")
+    groups = {"overall": scores.overall, **scores.tiers}
+    width = max(len(name) for name in groups)
+    for metric in document["headline"]:
+        _, unit, _ = about(metric, document["protocol"])
+        cells = "  ".join(
+            f"{name:>{width}} {written(values.get(metric), unit):>8}"
+            for name, values in groups.items()
+        )
+        shown = written_unit(unit)
+        click.echo(f"  {label(metric) + (f' ({shown})' if shown else ''):32} {cells}")
+    for name, note in document["notes"].items():
+        click.echo(f"Note, {name}: {note}", err=True)
+    if out is not None:
+        click.echo(f"Report: {out / 'report.html'}")

@@ -1,0 +1,216 @@
+"""Scores a submission by a named protocol."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pliant.evaluator.answers import Answers
+from pliant.evaluator.blocks import check_truth, read_blocks
+from pliant.evaluator.bootstrap import Clusters, intervals
+from pliant.evaluator.examples import choose_examples
+from pliant.evaluator.loading import Loaded, load
+from pliant.evaluator.match_scoring import score_matches
+from pliant.evaluator.matches import Matches
+from pliant.evaluator.problems import Problems
+from pliant.evaluator.protocol import Protocol, read_protocol
+from pliant.evaluator.ratios import ratios_of
+from pliant.evaluator.scorers import Groups, PairTable, Setting, Summary, scorers_of
+from pliant.evaluator.scores import SCORES_VERSION, Scores, pair_table, tool_versions
+from pliant.evaluator.scratch import MEMORY_LIMIT_BYTES, Scratch
+from pliant.evaluator.surfaces import Surfaces
+from pliant.spec import layout
+from pliant.spec.checksums import sha256_file
+from pliant.spec.dataset import Dataset
+from pliant.spec.errors import CallError, SubmissionError
+
+
+def evaluate(
+    submission: Path | str,
+    data: Dataset | Path | str,
+    *,
+    truth: Path | str | None = None,
+    protocol: str | None = None,
+    allow_missing: bool = False,
+    memory_limit_bytes: int = MEMORY_LIMIT_BYTES,
+) -> Scores:
+    """Score a submission.
+
+    Args:
+        submission: The submission's file.
+        data: The dataset, or its folder.
+        truth: The split's truth; None takes the dataset's own.
+        protocol: Name of a protocol; None takes `standard` for answers, `matches` for matches.
+        allow_missing: Score a query without an answer as a failure instead of refusing.
+        memory_limit_bytes: Arrays as long as the split go to temporary files beyond this.
+
+    Returns:
+        The scores.
+
+    Raises:
+        SubmissionError: Something is wrong with the submission; `issues` has it all.
+        SpecError: The dataset or the truth is at fault.
+        CallError: No such protocol, or one for another kind of submission.
+    """
+    dataset = data if isinstance(data, Dataset) else Dataset.open(data)
+    chosen = None if protocol is None else read_protocol(protocol)
+    path = Path(submission)
+    problems = Problems(submission)
+    with Scratch(memory_limit_bytes) as scratch:
+        loaded = load(path, dataset, problems, scratch, allow_missing=allow_missing)
+        if loaded is None:
+            raise _refusal(path, problems)
+        kind = loaded.submission.kind
+        rules = chosen or read_protocol("matches" if kind == "matches" else "standard")
+        if kind != rules.kind:
+            raise CallError(
+                f"protocol {rules.name} scores submissions of kind {rules.kind}",
+                path=path,
+                found=f"kind {kind}",
+                fix="Use --protocol matches for keypoint matches, another for answers.",
+            )
+        split = loaded.submission.split
+        truth_path = Path(truth) if truth else layout.truth_path(dataset.root, split)
+        if rules.kind == "answers":
+            queries_sha256 = str(loaded.submission.footer["queries_sha256"])
+            check_truth(truth_path, dataset.id, dataset.version, split, queries_sha256)
+        return _score(loaded, dataset, truth_path, rules, scratch)
+
+
+def _refusal(path: Path, problems: Problems) -> SubmissionError:
+    issues = problems.issues()
+    codes = ", ".join(f"{code} {total:,}" for code, total in problems.totals.items())
+    return SubmissionError(
+        "the submission cannot be scored",
+        issues=issues,
+        path=path,
+        found=f"{problems.total:,} problem{'s' if problems.total > 1 else ''} ({codes})",
+        fix=f"The first: {issues[0].where + ': ' if issues[0].where else ''}{issues[0].message}",
+    )
+
+
+def _score(
+    loaded: Loaded, dataset: Dataset, truth: Path, protocol: Protocol, scratch: Scratch
+) -> Scores:
+    questions = loaded.questions
+    table = PairTable(questions.pairs)
+    groups = Groups.of(questions)
+    summary = Summary()
+    surfaces = Surfaces(dataset, _search_px(protocol))
+    if isinstance(loaded.answers, Matches):
+        score_matches(
+            loaded.answers, dataset, questions, protocol.metrics, table, groups, summary, surfaces
+        )
+        coverage = float((np.diff(loaded.answers.starts) > 0).mean())
+    else:
+        setting = Setting(dataset, questions, loaded.answers, table, scratch, surfaces)
+        _score_answers(setting, truth, protocol, groups, summary)
+        coverage = loaded.answers.answered / questions.rows
+    ratios = [
+        ratio
+        for ratio in ratios_of(protocol.metrics)
+        if ratio.numerator in table.columns and ratio.denominator in table.columns
+    ]
+    for ratio in ratios:
+        above, below = ratio.terms(table.columns)
+        for index, name in groups:
+            mask = groups.masks[index]
+            value = ratio.finish(np.array(above[mask].sum()), np.array(below[mask].sum()))
+            summary.set(name, ratio.name, float(value))
+    clusters = Clusters.of(questions.sequence_a, questions.tier, len(questions.tiers))
+    found = intervals(ratios, table.columns, clusters, protocol.bootstrap)
+    document = _document(loaded, dataset, truth, protocol, groups, summary, coverage, found, table)
+    examples = choose_examples(loaded.answers, questions, table.columns, truth)
+    return Scores(document, pair_table(questions, table.columns), examples)
+
+
+def _score_answers(
+    setting: Setting, truth: Path, protocol: Protocol, groups: Groups, summary: Summary
+) -> None:
+    scorers = scorers_of(protocol.metrics, setting)
+    wanted = sorted({column for scorer in scorers for column in scorer.truth_columns})
+    answers: Answers = setting.answers
+    if "distribution" in protocol.metrics and "symmetry" not in protocol.metrics:
+        has = answers.sigma_px is not None or answers.modes is not None
+        wanted = wanted if has else [name for name in wanted if name != "alternatives"]
+    blocks = read_blocks(
+        setting.questions,
+        truth,
+        answers,
+        truth_columns=wanted,
+        query_pixels=any(scorer.query_pixels for scorer in scorers),
+    )
+    for block in blocks:
+        for scorer in scorers:
+            scorer.update(block)
+    for scorer in scorers:
+        scorer.finish(groups, summary)
+
+
+def _search_px(protocol: Protocol) -> int:
+    return int(protocol.metrics.get("geodesic", {}).get("search_px", 1))
+
+
+def _document(
+    loaded: Loaded,
+    dataset: Dataset,
+    truth: Path,
+    protocol: Protocol,
+    groups: Groups,
+    summary: Summary,
+    coverage: float,
+    found: list[dict[str, list[float]]],
+    table: PairTable,
+) -> dict[str, Any]:
+    """Return what scores.json holds."""
+    submission, questions = loaded.submission, loaded.questions
+    counts: Mapping[str, Any] = table.columns
+
+    def total(name: str) -> int:
+        return int(counts[name].sum()) if name in counts else 0
+
+    sequences = [len(np.unique(questions.sequence_a[mask])) for mask in groups.masks]
+    return {
+        "scores_version": SCORES_VERSION,
+        "protocol": protocol.name,
+        "protocol_version": protocol.version,
+        "protocol_sha256": protocol.sha256,
+        "headline": list(protocol.headline),
+        "dataset": {
+            "id": dataset.id,
+            "version": dataset.version,
+            "title": dataset.info["title"],
+            "image_size": list(questions.size),
+            "queries_sha256": submission.footer["queries_sha256"],
+            "truth_sha256": sha256_file(truth) if protocol.kind == "answers" else None,
+        },
+        "split": questions.split,
+        "submission": {
+            "file": submission.path.name,
+            "sha256": sha256_file(submission.path),
+            "kind": submission.kind,
+            "rows": submission.rows,
+            "columns": sorted(submission.columns),
+            "method": dict(submission.footer["method"]),
+        },
+        "coverage": coverage,
+        "counts": {
+            "pairs": questions.pairs,
+            "queries": questions.rows,
+            "counted": total("counted"),
+            "sequences": dict(zip(groups.names, sequences, strict=True)),
+        },
+        "overall": summary.values.get(groups.names[0], {}),
+        "tiers": {name: summary.values.get(name, {}) for name in groups.names[1:]},
+        "intervals": {
+            "level": protocol.bootstrap["level"],
+            "overall": found[0],
+            "tiers": dict(zip(groups.names[1:], found[1:], strict=True)),
+        },
+        "curves": summary.curves,
+        "slices": summary.slices,
+        "notes": summary.notes,
+        "tools": tool_versions(),
+    }

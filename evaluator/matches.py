@@ -1,0 +1,74 @@
+"""A sparse method's own keypoint matches, grouped by image pair."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from pliant.evaluator import limits
+from pliant.evaluator.arrays import FloatArray, IntArray
+from pliant.evaluator.batches import read_batches
+from pliant.evaluator.problems import Problems
+from pliant.evaluator.questions import Questions
+from pliant.evaluator.submission import Submission
+
+
+@dataclass(frozen=True)
+class Matches:
+    """Keypoint matches, by pair.
+
+    Attributes:
+        starts: int64 (P + 1,), first match of each pair, and M.
+        uv_a_px: float64 (M, 2), keypoints in the source frames.
+        uv_b_px: float64 (M, 2), their matches in the target frames.
+    """
+
+    starts: IntArray
+    uv_a_px: FloatArray
+    uv_b_px: FloatArray
+
+
+def read_matches(submission: Submission, questions: Questions, problems: Problems) -> Matches:
+    """Read every row of a submission of kind `matches`.
+
+    Args:
+        submission: From `open_submission`.
+        questions: The split's queries, which name the pairs.
+        problems: Receives whatever is wrong with a row.
+
+    Returns:
+        The matches; to be used only if `problems` stays empty.
+    """
+    pairs: list[IntArray] = [np.empty(0, np.int64)]
+    positions: list[FloatArray] = [np.empty((0, 4))]
+    for batch in read_batches(submission, problems):
+        pair = batch.keys["pair_id"]
+        known = (pair >= 0) & (pair < questions.pairs)
+        _note_unknown(pair, batch.begin, np.flatnonzero(~known), questions, problems)
+        pairs.append(pair[known])
+        names = ("u_a", "v_a", "u", "v")
+        positions.append(np.stack([batch.values[n] for n in names], axis=1)[known] * 1.0)
+    pair = np.concatenate(pairs)
+    count = np.bincount(pair, minlength=questions.pairs)
+    crowded = np.flatnonzero(count > limits.MAX_MATCHES_PER_PAIR)
+
+    def describe(index: int) -> tuple[str, str]:
+        required = f"at most {limits.MAX_MATCHES_PER_PAIR:,}"
+        return f"pair {index}", f"found {count[index]:,} matches; required: {required}"
+
+    problems.add_rows("VALUE_OUT_OF_RANGE", crowded.tolist(), len(crowded), describe)
+    order = np.argsort(pair, kind="stable")
+    uv = np.concatenate(positions).astype(np.float64)[order]
+    return Matches(np.concatenate([[0], np.cumsum(count)]), uv[:, :2], uv[:, 2:])
+
+
+def _note_unknown(
+    pair: IntArray, begin: int, unknown: IntArray, questions: Questions, problems: Problems
+) -> None:
+    def describe(row: int) -> tuple[str, str]:
+        return (
+            f"row {begin + row} (pair {pair[row]})",
+            f"split {questions.split} has no such pair; required: pair ids below {questions.pairs}",
+        )
+
+    problems.add_rows("ROW_UNKNOWN", unknown.tolist(), len(unknown), describe)

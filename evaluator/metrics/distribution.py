@@ -1,0 +1,213 @@
+"""Whether a predicted distribution is right: density, probability and regions.
+
+An answer's distribution is a mixture of isotropic Gaussians in the target frame; one with
+`sigma` alone is a mixture of one. Every mixture of a batch is written as flat arrays of modes
+with the row they belong to.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from pliant.evaluator.arrays import BoolArray, FloatArray, IntArray
+
+_RIM_NODES: Final = 128
+"""Nodes on the rim of a disc. For a disc of 8 px and a standard deviation of 0.5 px or more the
+trapezoidal sum is exact to double precision (its error falls like exp(-2 (pi sigma / h)^2),
+h the distance of the nodes)."""
+
+_CHUNK_DISCS: Final = 4096
+_RINGS: Final = 8
+_SPOKES: Final = 8
+
+
+@dataclass(frozen=True)
+class Mixtures:
+    """The distributions of N answers.
+
+    Attributes:
+        row: int64 (M,), the answer a mode belongs to, ascending; every answer has a mode.
+        uv_px: float64 (M, 2), centres.
+        sigma_px: float64 (M,), standard deviations, > 0.
+        weight: float64 (M,), weights that sum to 1 in each answer.
+        rows: N.
+    """
+
+    row: IntArray
+    uv_px: FloatArray
+    sigma_px: FloatArray
+    weight: FloatArray
+    rows: int
+
+
+def density(mixtures: Mixtures, at_px: FloatArray) -> FloatArray:
+    """Return each answer's probability density at a position, float64 (N,), per square pixel.
+
+    Args:
+        mixtures: N distributions.
+        at_px: float64 (N, 2), one position for each.
+    """
+    offset = at_px[mixtures.row] - mixtures.uv_px
+    variance = mixtures.sigma_px**2
+    squared = np.einsum("mk,mk->m", offset, offset)
+    terms = mixtures.weight / (2 * np.pi * variance) * np.exp(-squared / (2 * variance))
+    return np.bincount(mixtures.row, terms, minlength=mixtures.rows)
+
+
+def negative_log_likelihood(
+    mixtures: Mixtures, true_px: FloatArray, *, outlier_weight: float, area_px2: float
+) -> FloatArray:
+    """Return -log p(truth) in nats, p per square pixel, with a floor.
+
+    The density is mixed with a uniform one over the image, so that one confident error costs
+    much but not everything: p' = (1 - e) p + e / area.
+
+    Args:
+        mixtures: N distributions; their sigma is floored beforehand.
+        true_px: float64 (N, 2).
+        outlier_weight: e.
+        area_px2: Area of the image.
+
+    Returns:
+        float64 (N,), nats; at most log(area / e).
+    """
+    p = density(mixtures, true_px)
+    return -np.log((1 - outlier_weight) * p + outlier_weight / area_px2)
+
+
+def probability_within(mixtures: Mixtures, centre_px: FloatArray, radius_px: float) -> FloatArray:
+    """Return the probability each distribution gives to a disc.
+
+    For a Gaussian about the disc's own centre it is 1 - exp(-r^2 / (2 sigma^2)). Otherwise the
+    integral of the density over the disc is turned, by the divergence theorem, into one over
+    its rim of the field (1 - exp(-d^2 / (2 sigma^2))) / (2 pi d^2) x, whose divergence is the
+    density; a smooth periodic integrand, which the trapezoidal rule integrates to rounding.
+
+    Args:
+        mixtures: N distributions.
+        centre_px: float64 (N, 2), centres of the discs.
+        radius_px: Their radius.
+
+    Returns:
+        float64 (N,), 0 to 1.
+    """
+    offset = centre_px[mixtures.row] - mixtures.uv_px  # (M, 2)
+    two_variances = 2 * mixtures.sigma_px**2
+    share = -np.expm1(-(radius_px**2) / two_variances)
+    away = np.flatnonzero(np.any(offset != 0, axis=1))
+    for first in range(0, len(away), _CHUNK_DISCS):
+        part = away[first : first + _CHUNK_DISCS]
+        share[part] = _disc_share(offset[part], two_variances[part], radius_px)
+    total = np.bincount(mixtures.row, mixtures.weight * share, minlength=mixtures.rows)
+    return np.clip(total, 0.0, 1.0)
+
+
+def _disc_share(offset: FloatArray, two_variances: FloatArray, radius_px: float) -> FloatArray:
+    angle = 2 * np.pi * np.arange(_RIM_NODES) / _RIM_NODES
+    normal = np.stack([np.cos(angle), np.sin(angle)])  # (2, nodes)
+    along = offset @ normal + radius_px  # (M, nodes): rim point dot normal
+    squared = radius_px**2 + np.einsum("mk,mk->m", offset, offset)[:, None]
+    squared = squared + 2 * radius_px * (offset @ normal)
+    squared = np.maximum(squared, 1e-12)
+    field = -np.expm1(-squared / two_variances[:, None]) / squared
+    return radius_px * np.mean(field * along, axis=1)
+
+
+def in_region(mixtures: Mixtures, true_px: FloatArray, level: float) -> BoolArray:
+    """Return whether the truth lies in the smallest region that holds a probability.
+
+    For one Gaussian that is the disc of radius sigma sqrt(-2 log(1 - level)), exactly. For a
+    mixture the region's density is found from 64 points of equal probability in every mode
+    (8 radii, 8 directions).
+
+    Args:
+        mixtures: N distributions.
+        true_px: float64 (N, 2).
+        level: Probability the region holds, 0 to 1.
+
+    Returns:
+        bool (N,).
+    """
+    count = np.bincount(mixtures.row, minlength=mixtures.rows)
+    single = count[mixtures.row] == 1
+    result = np.zeros(mixtures.rows, bool)
+    offset = true_px[mixtures.row[single]] - mixtures.uv_px[single]
+    radius = mixtures.sigma_px[single] * np.sqrt(-2 * np.log1p(-level))
+    result[mixtures.row[single]] = np.einsum("mk,mk->m", offset, offset) <= radius**2
+    if not single.all():
+        _mixture_regions(mixtures, true_px, level, count, result)
+    return result
+
+
+def _mixture_regions(
+    mixtures: Mixtures, true_px: FloatArray, level: float, count: IntArray, result: BoolArray
+) -> None:
+    ring = np.sqrt(-2 * np.log1p(-(np.arange(_RINGS) + 0.5) / _RINGS))  # of equal probability
+    angle = 2 * np.pi * (np.arange(_SPOKES)[None] + 0.5 * (np.arange(_RINGS)[:, None] % 2))
+    angle = angle / _SPOKES
+    pattern = np.stack([ring[:, None] * np.cos(angle), ring[:, None] * np.sin(angle)], axis=-1)
+    pattern = pattern.reshape(-1, 2)  # (64, 2), standard deviations
+    begin = np.cumsum(count) - count
+    true_density = density(mixtures, true_px)
+    for modes in np.unique(count[count > 1]).tolist():
+        rows = np.flatnonzero(count == modes)
+        step = max(1, (1 << 20) // (modes * modes * len(pattern)))
+        for first in range(0, len(rows), step):
+            chosen = rows[first : first + step]
+            index = begin[chosen, None] + np.arange(modes)  # (n, m)
+            centre, sigma = mixtures.uv_px[index], mixtures.sigma_px[index]
+            weight = mixtures.weight[index]
+            points = centre[:, :, None] + sigma[:, :, None, None] * pattern  # (n, m, 64, 2)
+            offset = points[:, :, :, None] - centre[:, None, None]  # (n, m, 64, m, 2)
+            squared = np.einsum("napbk,napbk->napb", offset, offset)
+            variance = (sigma**2)[:, None, None]
+            p = weight[:, None, None] / (2 * np.pi * variance) * np.exp(-squared / (2 * variance))
+            p = p.sum(axis=3).reshape(len(chosen), -1)  # density at every point
+            mass = np.repeat(weight / len(pattern), len(pattern), axis=1)
+            order = np.argsort(-p, axis=1, kind="stable")
+            held = np.cumsum(np.take_along_axis(mass, order, axis=1), axis=1)
+            last = np.minimum((held < level).sum(axis=1), p.shape[1] - 1)
+            least = np.take_along_axis(np.take_along_axis(p, order, axis=1), last[:, None], axis=1)
+            result[chosen] = true_density[chosen] >= least[:, 0]
+
+
+def spread_px(mixtures: Mixtures) -> FloatArray:
+    """Return the standard deviation of each distribution per axis, float64 (N,), pixels.
+
+    The root of half the trace of the covariance; for one Gaussian its sigma.
+    """
+
+    def total(values: FloatArray) -> FloatArray:
+        return np.bincount(mixtures.row, mixtures.weight * values, minlength=mixtures.rows)
+
+    weight = total(np.ones(len(mixtures.row)))
+    mean = np.stack([total(mixtures.uv_px[:, 0]), total(mixtures.uv_px[:, 1])], axis=1)
+    mean /= weight[:, None]
+    offset = mixtures.uv_px - mean[mixtures.row]
+    inner = 2 * mixtures.sigma_px**2 + np.einsum("mk,mk->m", offset, offset)
+    return np.sqrt(total(inner) / weight / 2)
+
+
+def modes_near(
+    mixtures: Mixtures, at_px: FloatArray, radius_px: float, min_weight: float
+) -> BoolArray:
+    """Return which positions have a mode of theirs within a radius.
+
+    Args:
+        mixtures: N distributions.
+        at_px: float64 (N, S, 2), S positions for each.
+        radius_px: How near.
+        min_weight: Modes of a smaller weight do not count.
+
+    Returns:
+        bool (N, S).
+    """
+    heavy = mixtures.weight >= min_weight
+    row = mixtures.row[heavy]
+    offset = at_px[row] - mixtures.uv_px[heavy][:, None]  # (M, S, 2)
+    near = np.einsum("msk,msk->ms", offset, offset) <= radius_px**2
+    result = np.zeros(at_px.shape[:2], bool)
+    np.logical_or.at(result, row, near)
+    return result

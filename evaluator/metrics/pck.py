@@ -1,0 +1,45 @@
+"""Percentage of correct keypoints: the share of answers within a distance of the truth.
+
+Source: Yang and Ramanan, Articulated Human Detection with Flexible Mixtures of Parts, 2013,
+section 6: within alpha times the longer side of the object's box. Pliant also takes distances
+in pixels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from pliant.evaluator.arrays import FloatArray, IntArray
+
+
+def threshold_level(distance: FloatArray, thresholds: Sequence[float], comparison: str) -> IntArray:
+    """Return the first threshold each distance is within.
+
+    Args:
+        distance: float64 (N,), any unit.
+        thresholds: T ascending thresholds, the same unit.
+        comparison: `<` or `<=`: whether a distance equal to a threshold is within it.
+
+    Returns:
+        int64 (N,): index into `thresholds`, or T where the distance is within none.
+    """
+    side = "left" if comparison == "<=" else "right"
+    return np.searchsorted(np.asarray(thresholds, np.float64), distance, side=side)
+
+
+def within_by_pair(level: IntArray, pair: IntArray, pairs: int, thresholds: int) -> IntArray:
+    """Count, for each pair and threshold, the answers that are within.
+
+    Args:
+        level: int64 (N,), from `threshold_level`.
+        pair: int64 (N,), 0 to `pairs` - 1.
+        pairs: Number of pairs, P.
+        thresholds: Number of thresholds, T.
+
+    Returns:
+        int64 (P, T).
+    """
+    width = thresholds + 1
+    counts = np.bincount(pair * width + level, minlength=pairs * width).reshape(pairs, width)
+    return np.cumsum(counts[:, :thresholds], axis=1)

@@ -1,0 +1,78 @@
+"""The paper's own analysis: histograms of errors and of each pair's RMSE, and the CDF.
+
+The paper draws, per tier, distances divided by the image diagonal and L2 distances in pixels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+from pliant.evaluator.arrays import FloatArray
+from pliant.evaluator.blocks import Block
+from pliant.evaluator.scorers.base import Groups, Scorer, Setting, Summary
+
+_CDF_PX: Final = (0.5, 1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512)
+
+
+class AnalysisScorer(Scorer):
+    """Histograms of errors, counted in narrow bins while the blocks pass."""
+
+    def __init__(self, settings: Mapping[str, Any], setting: Setting) -> None:
+        super().__init__(settings, setting)
+        self._bin_px = float(settings["bin_px"])
+        self._fine = int(np.ceil(setting.questions.diagonal_px / self._bin_px))
+        # The last bin takes everything beyond the diagonal.
+        self._counts = np.zeros((len(setting.questions.tiers), self._fine + 1))
+
+    def update(self, block: Block) -> None:
+        """Take in one block."""
+        counted = block.counted
+        scaled = np.minimum(block.error_px[counted] / self._bin_px, self._fine)
+        width = self._fine + 1
+        tier = self.setting.questions.tier[block.pairs]
+        key = tier[block.pair[counted]] * width + scaled.astype(np.int64)
+        self._counts += np.bincount(key, minlength=self._counts.size).reshape(self._counts.shape)
+
+    def finish(self, groups: Groups, summary: Summary) -> None:
+        """Add histograms, the CDF and the boxes."""
+        diagonal = self.setting.questions.diagonal_px
+        bins = int(self.settings["bins"])
+        columns = self.table.columns
+        counted = columns["counted"]
+        pair_rmse = np.sqrt(columns["sum_squared_px2"] / np.maximum(counted, 1))
+        for index, name in groups:
+            fine = self._counts.sum(axis=0) if index == 0 else self._counts[index - 1]
+            total = fine.sum()
+            if not total:
+                continue
+            held = np.concatenate([[0.0], np.cumsum(fine)]) / total
+            edges_px = [x for x in _CDF_PX if x < diagonal]
+            at = (np.array(edges_px) / self._bin_px).round().astype(int)
+            cdf = {"error_px": edges_px, "share_below": held[at].tolist()}
+            summary.add_curve(name, "cdf", cdf)
+            edges = np.linspace(0, 1, bins + 1)
+            summary.add_curve(
+                name,
+                "normalised_error",
+                {
+                    "edges": edges.tolist(),
+                    "edges_px": (edges * diagonal).tolist(),
+                    "share": self._coarse(fine, bins).tolist(),
+                },
+            )
+            rmse = pair_rmse[groups.masks[index] & (counted > 0)]
+            share = np.histogram(np.minimum(rmse / diagonal, 1), edges)[0] / len(rmse)
+            summary.add_curve(
+                name, "normalised_pair_rmse", {"edges": edges.tolist(), "share": share.tolist()}
+            )
+            levels = (0.05, 0.25, 0.5, 0.75, 0.95)
+            box = {f"p{level * 100:g}": float(np.quantile(rmse, level)) for level in levels}
+            summary.add_curve(name, "pair_rmse_box_px", box)
+
+    def _coarse(self, fine: FloatArray, bins: int) -> FloatArray:
+        """Return the shares in `bins` equal bins up to the diagonal; the rest joins the last."""
+        middle = (np.arange(len(fine)) + 0.5) * self._bin_px
+        index = np.minimum(middle / self.setting.questions.diagonal_px * bins, bins - 1)
+        return np.bincount(index.astype(np.int64), fine, bins) / fine.sum()

@@ -1,0 +1,123 @@
+"""The result of an evaluation: figures with their provenance, and the table of pairs."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import metadata, resources
+from pathlib import Path
+from typing import Any, Final
+
+import jsonschema
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from pliant.evaluator.arrays import FloatArray
+from pliant.evaluator.questions import Questions
+from pliant.spec.errors import SubmissionError
+from pliant.spec.jsonfiles import write_json
+
+SCORES_VERSION: Final = "1.0"
+SCORES_JSON: Final = "scores.json"
+PER_PAIR_TABLE: Final = "per_pair.parquet"
+REPORT_HTML: Final = "report.html"
+
+
+@dataclass(frozen=True)
+class Scores:
+    """Everything an evaluation found.
+
+    Attributes:
+        document: What `scores.json` holds; see `schemas/scores.schema.json`.
+        per_pair: One row an image pair: ids, frames, and the sums every metric is made of.
+        examples: Worst and median pairs with their queries, truth and answers, for pictures;
+            empty for scores that were read back from files.
+    """
+
+    document: dict[str, Any]
+    per_pair: pa.Table
+    examples: tuple[Any, ...] = ()
+
+    @property
+    def overall(self) -> dict[str, float | None]:
+        """The metrics over the whole split."""
+        values: dict[str, float | None] = self.document["overall"]
+        return values
+
+    @property
+    def tiers(self) -> dict[str, dict[str, float | None]]:
+        """The metrics of each tier."""
+        values: dict[str, dict[str, float | None]] = self.document["tiers"]
+        return values
+
+    @property
+    def method(self) -> str:
+        """Name of the method."""
+        return str(self.document["submission"]["method"]["name"])
+
+    def write(self, folder: Path) -> None:
+        """Write scores.json and per_pair.parquet into an existing folder."""
+        write_json(folder / SCORES_JSON, self.document)
+        pq.write_table(self.per_pair, folder / PER_PAIR_TABLE, compression="zstd")
+
+
+def tool_versions() -> dict[str, str]:
+    """Return the versions of what computes the figures."""
+    names = ("pliant", "numpy", "pyarrow")
+    return {name: metadata.version(name) for name in names}
+
+
+def pair_table(questions: Questions, columns: Mapping[str, FloatArray]) -> pa.Table:
+    """Return the pair table as Arrow, ids and frames first, sums after."""
+
+    def texts(codes: Any, names: list[str]) -> pa.Array:
+        return pa.DictionaryArray.from_arrays(pa.array(codes, pa.int32()), names).cast(pa.string())
+
+    data: dict[str, Any] = {
+        "pair_id": np.arange(questions.pairs, dtype=np.int32),
+        "tier": texts(questions.tier, questions.tiers),
+        "sequence_a": texts(questions.sequence_a, questions.sequences),
+        "frame_a": questions.frame_a,
+        "sequence_b": texts(questions.sequence_b, questions.sequences),
+        "frame_b": questions.frame_b,
+    }
+    data |= {name: values for name, values in sorted(columns.items()) if name != "one"}
+    return pa.table(data)
+
+
+def read_scores(folder: Path) -> Scores:
+    """Read a report's figures back.
+
+    Args:
+        folder: A folder that `write_report` wrote.
+
+    Raises:
+        SubmissionError: It is no report, or a file of it is damaged.
+    """
+    path = folder / SCORES_JSON
+    try:
+        document = json.loads(path.read_bytes())
+        jsonschema.validate(document, scores_schema())
+        table = pq.read_table(folder / PER_PAIR_TABLE)
+    except (OSError, ValueError, RecursionError, pa.ArrowException) as error:
+        raise _no_report(folder, error) from error
+    except jsonschema.ValidationError as error:
+        raise _no_report(path, error.message) from error
+    return Scores(document, table)
+
+
+def _no_report(path: Path, reason: object) -> SubmissionError:
+    return SubmissionError(
+        "this is no report of pliant evaluate",
+        path=path,
+        found=" ".join(str(reason).split())[:200],
+        fix=f"Give a folder that holds {SCORES_JSON} and {PER_PAIR_TABLE}.",
+    )
+
+
+def scores_schema() -> dict[str, Any]:
+    """Return the JSON Schema of scores.json."""
+    path = resources.files("pliant.evaluator") / "schemas" / "scores.schema.json"
+    schema: dict[str, Any] = json.loads(path.read_bytes())
+    return schema

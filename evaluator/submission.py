@@ -1,0 +1,284 @@
+"""Opens a submission without trusting it: the file, its footer and its columns."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+from pliant.evaluator import limits
+from pliant.evaluator.problems import Problems
+from pliant.spec.dataset import Dataset, check_version
+from pliant.spec.jsonfiles import schema_errors
+from pliant.spec.parquet import footer_of, open_table
+from pliant.spec.reading import FileRefusedError
+
+_KEYS: Final = {"pair_id": "integer", "query_id": "integer"}
+REQUIRED: Final[dict[str, dict[str, str]]] = {
+    "answers": {**_KEYS, "u": "real", "v": "real"},
+    "matches": {
+        "pair_id": "integer",
+        **dict.fromkeys(("u_a", "v_a", "u", "v", "score"), "real"),
+    },
+}
+OPTIONAL: Final[dict[str, dict[str, str]]] = {
+    "answers": {"visible": "probability", "sigma": "real", "modes": "modes"},
+    "matches": {},
+}
+MODE_FIELDS: Final = ("u", "v", "sigma", "weight")
+
+_WANTED: Final = {
+    "integer": "an integer type",
+    "real": "float32 or float64",
+    "probability": "float32, float64 or bool",
+    "modes": "list<struct<u, v, sigma, weight>> of float32 or float64",
+}
+
+
+@dataclass(frozen=True)
+class Submission:
+    """A submission whose file, footer and columns may be used.
+
+    Attributes:
+        path: The file.
+        file: The open Parquet file.
+        kind: `answers` or `matches`.
+        footer: The footer object.
+        columns: The columns to read, by name: `integer`, `real`, `probability` or `modes`.
+        rows: Rows the footer announces.
+    """
+
+    path: Path
+    file: pq.ParquetFile
+    kind: str
+    footer: Mapping[str, Any]
+    columns: Mapping[str, str]
+    rows: int
+
+    @property
+    def split(self) -> str:
+        """The split it answers."""
+        return str(self.footer["split"])
+
+
+def open_submission(path: Path, dataset: Dataset, problems: Problems) -> Submission | None:
+    """Open a submission; everything that is wrong with it goes to `problems`.
+
+    Args:
+        path: The file.
+        dataset: The dataset it must answer.
+        problems: Receives the problems of the file, its footer and its columns.
+
+    Returns:
+        The submission, or None where its rows cannot be read or matched with queries.
+    """
+    file = _open(path, problems)
+    if file is None:
+        return None
+    footer = _footer(file, path, dataset, problems)
+    kind = None if footer is None else str(footer["table"])
+    columns = _columns(file, kind or "answers", problems)
+    if footer is None or kind is None or columns is None:
+        return None
+    if not _sizes_sane(file, columns, problems):
+        return None
+    return Submission(path, file, kind, footer, columns, file.metadata.num_rows)
+
+
+def _open(path: Path, problems: Problems) -> pq.ParquetFile | None:
+    try:
+        resolved = path.resolve(strict=True)
+        regular = resolved.is_file()
+        size = resolved.stat().st_size
+    except (OSError, ValueError, RuntimeError):
+        problems.add("FILE_MISSING", "", "the file is not there; give the path of a Parquet file")
+        return None
+    if not regular:
+        problems.add(
+            "FILE_UNREADABLE", "", "this is a folder or a special file, not a Parquet file"
+        )
+        return None
+    if size > limits.MAX_SUBMISSION_BYTES:
+        problems.add(
+            "FILE_TOO_LARGE",
+            "",
+            f"found {size:,} bytes; required: at most {limits.MAX_SUBMISSION_BYTES:,}",
+        )
+        return None
+    try:
+        file = open_table(resolved)
+        _ = file.schema_arrow.names
+    except FileRefusedError as error:
+        problems.add(error.code, error.where or "", _reason(error))
+        return None
+    except Exception as error:  # Arrow's errors on a hostile file do not share a base
+        problems.add("FILE_UNREADABLE", "", f"its schema cannot be read: {_short(error)}")
+        return None
+    return file
+
+
+def _footer(
+    file: pq.ParquetFile, path: Path, dataset: Dataset, problems: Problems
+) -> Mapping[str, Any] | None:
+    """Return the footer, or None where it does not say which queries the rows answer."""
+    try:
+        footer = footer_of(file, path)
+    except FileRefusedError as error:
+        problems.add(error.code, "", _reason(error))
+        return None
+    try:
+        check_version(footer.get("spec_version"), path)
+    except FileRefusedError as error:
+        problems.add(error.code, "footer spec_version", _reason(error))
+        return None
+    table = footer.get("table")
+    if table not in REQUIRED:
+        problems.add(
+            "FOOTER_INVALID",
+            "footer table",
+            f"found {table!r:.80}; required: {' or '.join(REQUIRED)}",
+        )
+        return None
+    broken = list(schema_errors(footer, f"footer-{table}"))
+    if broken:
+        for where, message in broken:
+            problems.add("FOOTER_INVALID", f"footer {where}".strip(), message)
+        return None
+    found, required = footer["dataset"], {"id": dataset.id, "version": dataset.version}
+    usable = True
+    for field, value in required.items():
+        if found[field] != value:
+            usable = False
+            problems.add(
+                "DATASET_MISMATCH",
+                f"footer dataset.{field}",
+                f"found {found[field]!r:.80}; required: {value!r}, the dataset at {dataset.root}",
+            )
+    splits = dataset.splits_with_queries()
+    if footer["split"] not in splits:
+        problems.add(
+            "SPLIT_MISMATCH",
+            "footer split",
+            f"found {footer['split']!r:.80}; required: one of {', '.join(splits) or 'none'}",
+        )
+        return None
+    sha256 = dataset.queries_sha256(footer["split"])
+    if footer["queries_sha256"] != sha256:
+        usable = False
+        problems.add(
+            "QUERIES_MISMATCH",
+            "footer queries_sha256",
+            f"found {footer['queries_sha256']!r:.80}; required: {sha256}; the answers belong to "
+            "other queries: predict again with this dataset",
+        )
+    return footer if usable else None
+
+
+def _columns(file: pq.ParquetFile, kind: str, problems: Problems) -> dict[str, str] | None:
+    """Return the columns to read, or None where one is missing or of a wrong type."""
+    schema = file.schema_arrow
+    columns: dict[str, str] = {}
+    fine = True
+    for name, wanted in (REQUIRED[kind] | OPTIONAL[kind]).items():
+        count = schema.names.count(name)
+        if count == 0:
+            if name in REQUIRED[kind]:
+                fine = False
+                present = ", ".join(schema.names[:20])
+                problems.add(
+                    "COLUMN_MISSING",
+                    name,
+                    f"found the columns {present[:300] or 'none'}; required: {name}, "
+                    f"{_WANTED[wanted]}",
+                )
+            continue
+        if count > 1:
+            fine = False
+            problems.add("COLUMN_TYPE", name, f"found {count} columns of this name; required: one")
+            continue
+        found = schema.field(name).type
+        if _accepts(wanted, found):
+            columns[name] = wanted
+        else:
+            fine = False
+            problems.add(
+                "COLUMN_TYPE", name, f"found {str(found)[:120]}; required: {_WANTED[wanted]}"
+            )
+    if "sigma" in columns and "modes" in columns:
+        fine = False
+        problems.add("MODES_INVALID", "sigma, modes", "found both; required: one of them or none")
+    return columns if fine else None
+
+
+def _accepts(wanted: str, found: pa.DataType) -> bool:
+    """Return whether a column can be read as `wanted` without losing anything."""
+    types = pa.types
+    if types.is_dictionary(found):
+        return wanted != "modes" and _accepts(wanted, found.value_type)
+    if wanted == "integer":
+        return bool(types.is_integer(found))
+    real = types.is_float32(found) or types.is_float64(found)
+    if wanted == "real":
+        return bool(real)
+    if wanted == "probability":
+        return bool(real or types.is_boolean(found))
+    listed = types.is_list(found) or types.is_large_list(found) or types.is_fixed_size_list(found)
+    if not listed or not types.is_struct(found.value_type):
+        return False
+    fields = list(found.value_type)
+    names = [field.name for field in fields]
+    return all(
+        names.count(name) == 1 and _accepts("real", fields[names.index(name)].type)
+        for name in MODE_FIELDS
+    )
+
+
+def _sizes_sane(file: pq.ParquetFile, columns: Mapping[str, str], problems: Problems) -> bool:
+    """Check, before a page is decoded, what the metadata announces for the columns we read."""
+    metadata = file.metadata
+    for group_index in range(metadata.num_row_groups):
+        group = metadata.row_group(group_index)
+        for column_index in range(group.num_columns):
+            chunk = group.column(column_index)
+            name = chunk.path_in_schema.split(".")[0]
+            if name not in columns:
+                continue
+            most = group.num_rows * (limits.MAX_MODES if columns[name] == "modes" else 1)
+            if chunk.num_values > most:
+                code = "MODES_INVALID" if columns[name] == "modes" else "FILE_UNREADABLE"
+                problems.add(
+                    code,
+                    f"{name}, row group {group_index}",
+                    f"found {chunk.num_values:,} values in {group.num_rows:,} rows; required: at "
+                    f"most {most:,}",
+                )
+                return False
+            allowed = limits.MAX_VALUE_BYTES * max(chunk.num_values, 0) + 2**20
+            if chunk.total_uncompressed_size > allowed:
+                problems.add(
+                    "FILE_TOO_LARGE",
+                    f"{name}, row group {group_index}",
+                    f"found {chunk.total_uncompressed_size:,} bytes for {chunk.num_values:,} "
+                    f"numbers; required: at most {allowed:,}",
+                )
+                return False
+    return True
+
+
+def _reason(error: FileRefusedError) -> str:
+    """Return an error's words without its path, which the issue carries already."""
+    text = error.message
+    if error.found is not None:
+        text += f"; found {_short(error.found)}"
+    if error.required is not None:
+        text += f"; required: {error.required}"
+    if error.fix is not None:
+        text += f". {error.fix}"
+    return text
+
+
+def _short(text: object) -> str:
+    return " ".join(str(text).split())[:200]

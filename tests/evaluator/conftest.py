@@ -1,0 +1,312 @@
+"""An analytic dataset whose truth is a formula, and submissions to it.
+
+A flat cloth lies under an affine map in every frame: material (x, y) is seen at
+centre + R(angle) (W (x - 0.5), H (y - 0.5)). A rope is such a strip whose second coordinate
+is an angle: (s, theta) is seen at centre + R(angle) (L (s - 0.5), r sin theta), and hidden by
+itself where cos theta < 0.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from pliant.spec import layout, tables
+from pliant.spec.conventions import CONVENTIONS, SPEC_VERSION
+from pliant.spec.dataset import Dataset
+from pliant.spec.images import Surface, write_rgb, write_surface
+from pliant.spec.jsonfiles import write_json
+from pliant.spec.parquet import write_table
+
+WIDTH, HEIGHT = 160, 120
+CLOTH = {
+    "name": "cloth",
+    "kind": "cloth",
+    "variant": "two-sided",
+    "queried_object": 1,
+    "objects": [
+        {
+            "id": 1,
+            "name": "cloth",
+            "material": [
+                {"name": "x", "min": 0, "max": 1, "metres_per_unit": 0.8, "period": None},
+                {"name": "y", "min": 0, "max": 1, "metres_per_unit": 0.5, "period": None},
+            ],
+        }
+    ],
+    "symmetries": [{"name": "half-turn", "matrix": [[-1, 0], [0, -1]], "offset": [1, 1]}],
+}
+ROPE = {
+    "name": "rope",
+    "kind": "rope",
+    "variant": "plain",
+    "queried_object": 1,
+    "objects": [
+        {
+            "id": 1,
+            "name": "rope",
+            "material": [
+                {"name": "s", "min": 0, "max": 1, "metres_per_unit": 1.2, "period": None},
+                {
+                    "name": "theta",
+                    "min": -np.pi,
+                    "max": np.pi,
+                    "metres_per_unit": 0.012,
+                    "period": 2 * np.pi,
+                },
+            ],
+        },
+    ],
+    "symmetries": [],
+}
+SIZES = {"cloth": (96.0, 60.0), "rope": (110.0, 8.0)}  # px
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A dataset on disk with its tables in memory."""
+
+    root: Path
+    split: str
+    queries: pa.Table
+    truth: pa.Table
+
+    @property
+    def dataset(self) -> Dataset:
+        return Dataset.open(self.root)
+
+    @property
+    def rows(self) -> int:
+        return self.queries.num_rows
+
+    @property
+    def true_px(self) -> np.ndarray:
+        return np.stack([self.truth[n].to_numpy() for n in ("u_b", "v_b")], axis=1).astype(float)
+
+    @property
+    def visible(self) -> np.ndarray:
+        return np.array([s == "visible" for s in self.truth["visibility_b"].to_pylist()])
+
+    @property
+    def pair(self) -> np.ndarray:
+        return self.queries["pair_id"].to_numpy()
+
+    def footer(self, **changes: Any) -> dict[str, Any]:
+        dataset = self.dataset
+        return {
+            "dataset": {"id": dataset.id, "version": dataset.version},
+            "split": self.split,
+            "queries_sha256": dataset.queries_sha256(self.split),
+            "method": {"name": "test"},
+        } | changes
+
+    def table(self, uv: np.ndarray | None = None, **columns: Any) -> pa.Table:
+        """Return answers, by default the truth; further columns as given."""
+        uv = self.true_px if uv is None else uv
+        data = {
+            "pair_id": self.queries["pair_id"],
+            "query_id": self.queries["query_id"],
+            "u": pa.array(uv[:, 0].astype(np.float32)),
+            "v": pa.array(uv[:, 1].astype(np.float32)),
+        }
+        return pa.table(data | {name: pa.array(v) for name, v in columns.items()})
+
+    def submit(
+        self, path: Path, table: pa.Table | None = None, *, kind: str = "answers", **footer: Any
+    ) -> Path:
+        """Write a submission without checking anything about its table."""
+        content = {"spec_version": SPEC_VERSION, "table": kind, **self.footer(**footer)}
+        table = self.table() if table is None else table
+        metadata = {b"pliant": json.dumps(content).encode()}
+        pq.write_table(table.replace_schema_metadata(metadata), path)
+        return path
+
+
+def project(kind: str, pose: np.ndarray, material: np.ndarray) -> np.ndarray:
+    """Project material (N, 2) under a pose (centre u, centre v, angle): (N, 2), pixels."""
+    length, breadth = SIZES[kind]
+    across = (material[:, 1] - 0.5) * breadth
+    if kind == "rope":
+        across = np.sin(material[:, 1]) * breadth / 2
+    local = np.stack([(material[:, 0] - 0.5) * length, across], axis=1)
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    return pose[:2] + local @ np.array([[c, s], [-s, c]])
+
+
+def surface_of(kind: str, pose: np.ndarray) -> Surface:
+    """Return the exact surface image of a pose."""
+    length, breadth = SIZES[kind]
+    u, v = np.meshgrid(np.arange(WIDTH) + 0.5, np.arange(HEIGHT) + 0.5)
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    along = (u - pose[0]) * c + (v - pose[1]) * s
+    across = -(u - pose[0]) * s + (v - pose[1]) * c
+    on = (np.abs(along) <= length / 2) & (np.abs(across) <= breadth / 2)
+    m0 = along / length + 0.5
+    m1 = across / breadth + 0.5
+    if kind == "rope":
+        m1 = np.arcsin(np.clip(across / (breadth / 2), -1, 1))
+    zero = np.float32(0)
+    return Surface(
+        depth_m=np.where(on, np.float32(1), np.float32(np.inf)),
+        m0=np.where(on, m0, zero).astype(np.float32),
+        m1=np.where(on, m1, zero).astype(np.float32),
+        object_id=on.astype(np.uint32),
+    )
+
+
+def material_points(kind: str) -> np.ndarray:
+    """Return the named points, symmetric as a set: (P, 2)."""
+    if kind == "rope":
+        s, theta = np.meshgrid(np.linspace(0.02, 0.98, 40), [-2.2, -1.1, 0.0, 1.1, 2.2])
+        return np.stack([s.ravel(), theta.ravel()], axis=1).astype(np.float32)
+    x, y = np.meshgrid(np.linspace(0.05, 0.95, 15), np.linspace(0.05, 0.95, 11))
+    return np.stack([x.ravel(), y.ravel()], axis=1).astype(np.float32)
+
+
+def make_scene(
+    root: Path,
+    *,
+    tiers: tuple[str, ...] = ("cloth", "rope"),
+    sequences: int = 3,
+    frames: int = 2,
+    temporal: bool = False,
+    queries: int = 20,
+    seed: int = 0,
+    images: bool = True,
+    split: str = "test",
+) -> Scene:
+    """Write a dataset: in every sequence frame 0 is asked against every later frame."""
+    rng = np.random.default_rng(seed)
+    described = [{"cloth": CLOTH, "rope": ROPE}[name] for name in tiers]
+    root.mkdir(parents=True, exist_ok=True)
+    rows: list[dict[str, Any]] = []
+    asked: dict[str, list[Any]] = {name: [] for name in tables.QUERIES.names}
+    true: dict[str, list[Any]] = {name: [] for name in tables.TRUTH.names}
+    pair = 0
+    for tier in described:
+        kind = tier["name"]
+        points = material_points(kind)
+        for index in range(sequences):
+            name = f"{kind}-{split}-{index:06d}"
+            folder = layout.sequence_dir(root, kind, name)
+            poses = np.stack(
+                [
+                    rng.uniform(70, 90, frames),
+                    rng.uniform(50, 70, frames),
+                    rng.uniform(-0.5, 0.5, frames),
+                ],
+                axis=1,
+            )
+            rows.append(
+                {
+                    "id": name,
+                    "tier": kind,
+                    "split": split,
+                    "shape": "open" if kind == "rope" else None,
+                    "frames": frames,
+                    "temporal": temporal,
+                    "seed": 0,
+                    "style": "raster",
+                    "coverage": 0.6 + 0.1 * index if kind == "cloth" else None,
+                    "self_occluded": 0.1,
+                }
+            )
+            if images:
+                _write_images(folder, kind, poses, points, tier)
+            for frame in range(1, frames):
+                facing = np.cos(points[:, 1]) > 0 if kind == "rope" else np.ones(len(points), bool)
+                chosen = rng.choice(len(points), queries, replace=False)
+                at_a = project(kind, poses[0], points[chosen].astype(float))
+                at_b = project(kind, poses[frame], points[chosen].astype(float))
+                twin = 1 - points[chosen].astype(float)
+                twin_b = project(kind, poses[frame], twin)
+                for query in range(queries):
+                    values = (pair, query, kind, name, 0, name, frame, *at_a[query])
+                    for column, value in zip(asked, values, strict=True):
+                        asked[column].append(value)
+                    state = "visible" if facing[chosen[query]] else "self_occluded"
+                    other = [
+                        {"u": twin_b[query, 0], "v": twin_b[query, 1], "visibility": "visible"}
+                    ]
+                    others = other if tier["symmetries"] else []
+                    values = (
+                        pair, query, kind, int(chosen[query]), *at_b[query], state,
+                        SIZES[kind][0], others,
+                    )  # fmt: skip
+                    for column, value in zip(true, values, strict=True):
+                        true[column].append(value)
+                pair += 1
+    info = {
+        "spec_version": SPEC_VERSION,
+        "id": "analytic",
+        "version": "1.0.0",
+        "title": "Analytic strips",
+        "description": "Truth by a formula.",
+        "licence": "CC-BY-4.0",
+        "conventions": CONVENTIONS,
+        "image_size": {"width": WIDTH, "height": HEIGHT},
+        "tiers": described,
+        "splits": [split],
+        "provenance": {"generator": "tests", "seed": seed, "config": {}, "tools": {}},
+    }
+    write_json(root / layout.DATASET_JSON, info, "dataset")
+    table = pa.Table.from_pylist(rows, schema=tables.SEQUENCES)
+    identity = {"dataset": {"id": "analytic", "version": "1.0.0"}}
+    write_table(root / layout.SEQUENCES_TABLE, table, "sequences", identity)
+    queries_table = pa.table(asked, schema=tables.QUERIES)
+    truth_table = pa.table(true, schema=tables.TRUTH)
+    for path in (layout.queries_path(root, split), layout.truth_path(root, split)):
+        path.parent.mkdir(exist_ok=True)
+    footer = {**identity, "split": split}
+    write_table(layout.queries_path(root, split), queries_table, "queries", footer)
+    sha = Dataset.open(root).queries_sha256(split)
+    footer["queries_sha256"] = sha
+    write_table(layout.truth_path(root, split), truth_table, "truth", footer)
+    return Scene(root, split, queries_table, truth_table)
+
+
+def _write_images(
+    folder: Path, kind: str, poses: np.ndarray, points: np.ndarray, tier: dict[str, Any]
+) -> None:
+    (folder / "rgb").mkdir(parents=True)
+    (folder / "depth").mkdir()
+    partners = [[len(points) - 1 - i] if tier["symmetries"] else [] for i in range(len(points))]
+    table = pa.table(
+        {
+            "point": np.arange(len(points), dtype=np.int32),
+            "object": np.ones(len(points), np.int32),
+            "kind": ["surface"] * len(points),
+            "m0": points[:, 0],
+            "m1": points[:, 1],
+            "partners": partners,
+        },
+        schema=tables.POINTS,
+    )
+    identity = {"sequence": folder.name}
+    write_table(folder / layout.POINTS_TABLE, table, "points", identity)
+    for frame, pose in enumerate(poses):
+        surface = surface_of(kind, pose)
+        write_surface(folder / layout.depth_name(frame), surface)
+        on = surface.object_id > 0
+        hue = np.stack([surface.m0, (surface.m1 + 1.6) / 3.2, 0.5 + 0 * surface.m0], axis=-1)
+        rgb = np.where(on[..., None], 40 + 200 * np.clip(hue, 0, 1), 30)
+        write_rgb(folder / layout.rgb_name(frame), rgb.astype(np.uint8))
+
+
+@pytest.fixture(scope="session")
+def scene(tmp_path_factory: pytest.TempPathFactory) -> Scene:
+    """A cloth and a rope tier, three sequences each, with images; to be read only."""
+    return make_scene(tmp_path_factory.mktemp("analytic"))
+
+
+@pytest.fixture(scope="session")
+def scene_maker() -> Callable[..., Scene]:
+    """The function that makes other scenes."""
+    return make_scene
