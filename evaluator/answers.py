@@ -177,10 +177,11 @@ class _Store:
             int(np.isnan(self._uv[begin : begin + (1 << 20)].real).sum())
             for begin in range(0, len(self._uv), 1 << 20)
         )
-        real = np.float32 if self._uv.dtype == np.complex64 else np.float64
         modes = self._modes
+        real = np.float32 if self._uv.dtype == np.complex64 else np.float64
+        uv: RealArray = self._uv.view(real)
         return Answers(
-            uv_px=self._uv.view(real).reshape(-1, 2),
+            uv_px=uv.reshape(-1, 2),
             visible=self._reals.get("visible"),
             sigma_px=self._reals.get("sigma"),
             modes=modes,

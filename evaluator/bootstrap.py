@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from pliant.evaluator.arrays import FloatArray, IntArray
+from pliant.evaluator.arrays import FloatArray, IndexArray, IntArray
 from pliant.evaluator.ratios import Ratio
 
 _CHUNK_CELLS: Final = 1 << 22
@@ -34,7 +34,7 @@ class Clusters:
     tiers: int
 
     @classmethod
-    def of(cls, sequence: IntArray, tier: IntArray, tiers: int) -> Clusters:
+    def of(cls, sequence: IndexArray, tier: IndexArray, tiers: int) -> Clusters:
         """Number the sequences that occur.
 
         Args:

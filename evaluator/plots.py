@@ -88,7 +88,8 @@ def histogram_svg(
         series: Name -> share of each bin, (B,).
         edges: Bin edges, (B + 1,).
         title: Heading.
-        xlabel, ylabel: Axis labels.
+        xlabel: Axis label.
+        ylabel: Axis label.
     """
 
     def draw(axes: Axes) -> None:

@@ -8,7 +8,7 @@ leaderboards alike.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -103,12 +103,17 @@ def ratios_of(metrics: Mapping[str, Mapping[str, Any]]) -> list[Ratio]:
 
 
 def _localisation() -> list[Ratio]:
-    squared = ("sum_squared_px2", "counted", "lower", "px")
+    pooled = Ratio(
+        "rmse_px", "sum_squared_px2", "counted", "lower", "px",
+        "root mean squared error, pooled over queries", root=True,
+    )  # fmt: skip
     return [
-        Ratio("rmse_px", *squared, "root mean squared error, pooled over queries", root=True),
-        Ratio(
-            "rmse_px_mean_over_pairs", *squared, "mean over image pairs of each pair's RMSE",
-            root=True, over_pairs=True,
+        pooled,
+        replace(
+            pooled,
+            name="rmse_px_mean_over_pairs",
+            about="mean over image pairs of each pair's RMSE",
+            over_pairs=True,
         ),
         Ratio("mean_px", "sum_error_px", "counted", "lower", "px", "mean error"),
         Ratio(
@@ -119,20 +124,18 @@ def _localisation() -> list[Ratio]:
 
 
 def _pck(settings: Mapping[str, Any]) -> list[Ratio]:
-    result = []
+    result: list[Ratio] = []
     kinds = (("thresholds_px", "px", " px"), ("thresholds_box", "box", " of the object's box"))
     for key, suffix, words in kinds:
         for threshold in settings[key]:
             name = f"{threshold_name(threshold)}{suffix}"
             about = f"share of answers within {threshold_name(threshold)}{words}"
-            columns = (f"within_{name}", "counted", "higher", "")
-            result.append(Ratio(f"pck_{name}", *columns, about))  # type: ignore[arg-type]
-            result.append(
-                Ratio(
-                    f"pck_{name}_mean_over_pairs", *columns,  # type: ignore[arg-type]
-                    f"{about}, mean over image pairs", over_pairs=True,
-                )
-            )  # fmt: skip
+            pooled = Ratio(f"pck_{name}", f"within_{name}", "counted", "higher", "", about)
+            mean = f"{about}, mean over image pairs"
+            over_pairs = replace(
+                pooled, name=f"pck_{name}_mean_over_pairs", about=mean, over_pairs=True
+            )
+            result += [pooled, over_pairs]
     return result
 
 

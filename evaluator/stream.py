@@ -99,7 +99,8 @@ def read_rows(path: Path, begin: int, end: int, columns: Sequence[str]) -> pa.Ta
 
     Args:
         path: The file.
-        begin, end: Row numbers.
+        begin: First row.
+        end: The row after the last.
         columns: The columns.
     """
     file = open_table(path)

@@ -75,7 +75,8 @@ def distance_px(uv_px: RealArray, row: IntArray, other: IntArray) -> FloatArray:
 
     Args:
         uv_px: float (N, 2), pixels.
-        row, other: int64 (K,), rows.
+        row: int64 (K,), rows.
+        other: int64 (K,), rows.
     """
     offset = uv_px[row].astype(np.float64) - uv_px[other]
     return np.sqrt(np.einsum("nk,nk->n", offset, offset))

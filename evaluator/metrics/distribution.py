@@ -42,6 +42,12 @@ class Mixtures:
     rows: int
 
 
+def _total(mixtures: Mixtures, values: FloatArray) -> FloatArray:
+    """Sum a value of every mode over the modes of each answer, float64 (N,)."""
+    sums: FloatArray = np.bincount(mixtures.row, values, mixtures.rows).astype(np.float64)
+    return sums
+
+
 def density(mixtures: Mixtures, at_px: FloatArray) -> FloatArray:
     """Return each answer's probability density at a position, float64 (N,), per square pixel.
 
@@ -53,7 +59,7 @@ def density(mixtures: Mixtures, at_px: FloatArray) -> FloatArray:
     variance = mixtures.sigma_px**2
     squared = np.einsum("mk,mk->m", offset, offset)
     terms = mixtures.weight / (2 * np.pi * variance) * np.exp(-squared / (2 * variance))
-    return np.bincount(mixtures.row, terms, minlength=mixtures.rows)
+    return _total(mixtures, terms)
 
 
 def negative_log_likelihood(
@@ -100,8 +106,7 @@ def probability_within(mixtures: Mixtures, centre_px: FloatArray, radius_px: flo
     for first in range(0, len(away), _CHUNK_DISCS):
         part = away[first : first + _CHUNK_DISCS]
         share[part] = _disc_share(offset[part], two_variances[part], radius_px)
-    total = np.bincount(mixtures.row, mixtures.weight * share, minlength=mixtures.rows)
-    return np.clip(total, 0.0, 1.0)
+    return np.clip(_total(mixtures, mixtures.weight * share), 0.0, 1.0)
 
 
 def _disc_share(offset: FloatArray, two_variances: FloatArray, radius_px: float) -> FloatArray:
@@ -178,16 +183,13 @@ def spread_px(mixtures: Mixtures) -> FloatArray:
 
     The root of half the trace of the covariance; for one Gaussian its sigma.
     """
-
-    def total(values: FloatArray) -> FloatArray:
-        return np.bincount(mixtures.row, mixtures.weight * values, minlength=mixtures.rows)
-
-    weight = total(np.ones(len(mixtures.row)))
-    mean = np.stack([total(mixtures.uv_px[:, 0]), total(mixtures.uv_px[:, 1])], axis=1)
+    weight = _total(mixtures, mixtures.weight)
+    weighted = mixtures.weight[:, None] * mixtures.uv_px
+    mean = np.stack([_total(mixtures, weighted[:, axis]) for axis in (0, 1)], axis=1)
     mean /= weight[:, None]
     offset = mixtures.uv_px - mean[mixtures.row]
     inner = 2 * mixtures.sigma_px**2 + np.einsum("mk,mk->m", offset, offset)
-    return np.sqrt(total(inner) / weight / 2)
+    return np.sqrt(_total(mixtures, mixtures.weight * inner) / weight / 2)
 
 
 def modes_near(

@@ -1,4 +1,4 @@
-"""Errors on the material: which matter lies under an answer, and how far it is from the right one."""
+"""Errors on the material: which matter lies under an answer, how far from the right one."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ def material_distance_m(
     """Return the distance of two material coordinates in the flat metric of the object.
 
     Args:
-        first, second: float64 (N, 2), material coordinates (they broadcast).
+        first: float64 (N, 2), material coordinates.
+        second: float64 (N, 2), material coordinates; the two broadcast.
         material: The object's two coordinates as in `dataset.json`: `metres_per_unit`, and
             `period` where a coordinate closes upon itself.
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+import numpy.typing as npt
 from pliant.evaluator.arrays import FloatArray, IntArray, RealArray
 
 
@@ -37,11 +40,11 @@ def squared_error_px2(predicted_px: RealArray, true_px: RealArray) -> FloatArray
     return du
 
 
-def sum_by_pair(values: FloatArray, starts: IntArray) -> FloatArray:
+def sum_by_pair(values: npt.NDArray[Any], starts: IntArray) -> FloatArray:
     """Return the sum of consecutive values for each image pair.
 
     Args:
-        values: float64 (N,), or bool (N,), which is counted.
+        values: float64 (N,), or bool or integers (N,), which are counted.
         starts: int64 (P,), ascending, the first row of each pair; no pair is empty.
 
     Returns:

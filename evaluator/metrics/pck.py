@@ -24,8 +24,10 @@ def threshold_level(distance: FloatArray, thresholds: Sequence[float], compariso
     Returns:
         int64 (N,): index into `thresholds`, or T where the distance is within none.
     """
-    side = "left" if comparison == "<=" else "right"
-    return np.searchsorted(np.asarray(thresholds, np.float64), distance, side=side)
+    edges = np.asarray(thresholds, np.float64)
+    if comparison == "<=":
+        return np.searchsorted(edges, distance, side="left")
+    return np.searchsorted(edges, distance, side="right")
 
 
 def within_by_pair(level: IntArray, pair: IntArray, pairs: int, thresholds: int) -> IntArray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from typing import Any, ClassVar
 
 import numpy as np
@@ -141,6 +142,6 @@ class SlicesScorer(Scorer):
 
 def _labels(edges: Sequence[float], unit: str) -> list[str]:
     words = [f"{edge:g}" for edge in edges]
-    inner = [f"{low} to {high} {unit}" for low, high in zip(words, words[1:], strict=False)]
+    inner = [f"{low} to {high} {unit}" for low, high in pairwise(words)]
     result = [f"below {words[0]} {unit}", *inner, f"{words[-1]} {unit} and more"]
     return [" ".join(label.split()) for label in result]
