@@ -1,0 +1,129 @@
+"""`pliant train`: train a learned method."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+from pliant.spec.errors import MissingExtraError
+
+if TYPE_CHECKING:
+    from pliant.models.training import Progress
+
+
+@click.group("train")
+def command() -> None:
+    """Train a learned method on a dataset.
+
+    A run is a folder; `pliant predict RUN` and `pliant match RUN` answer with it afterwards.
+    """
+
+
+@command.command("don")
+@click.option("--data", required=True, type=click.Path(path_type=Path), help="Dataset folder.")
+@click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder of the run.")
+@click.option(
+    "--config",
+    "config_file",
+    type=click.Path(path_type=Path),
+    help="YAML file of settings; what it leaves out keeps its default.",
+)
+@click.option(
+    "--set",
+    "overrides",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="One setting, dotted, in YAML: optimiser.learning_rate=1e-3. Wins over --config.",
+)
+@click.option("--resume", is_flag=True, help="Go on from the run's newest checkpoint.")
+@click.option("--json", "as_json", is_flag=True, help="Report as one JSON document on stdout.")
+def don(
+    data: Path,
+    out: Path,
+    config_file: Path | None,
+    overrides: tuple[str, ...],
+    resume: bool,
+    as_json: bool,
+) -> None:
+    """Train Dense Object Nets: a descriptor at every pixel, the same for the same point.
+
+    Start it under `torchrun --nproc-per-node N -m pliant.cli.main train don …` for N processes.
+    With --resume and no settings of its own, a run goes on with those it began with.
+    """
+    try:
+        from pliant.models.don import train_don
+        from pliant.models.settings import DonSettings, read_settings
+    except ImportError as error:
+        raise MissingExtraError("training", "train") from error
+    from pliant.spec.dataset import Dataset
+
+    dataset = Dataset.open(data)
+    begun = out / "config.yaml"
+    if resume and config_file is None and begun.is_file():
+        config_file = begun
+    settings = read_settings(DonSettings, config_file, overrides)
+    first = os.environ.get("RANK", "0") == "0"
+    with _bar(settings.steps, shown=first) as progress:
+        facts = train_don(dataset, out, settings, resume=resume, progress=progress)
+    if not first:
+        return
+    if as_json:
+        click.echo(json.dumps({"run": str(out), **facts}, indent=1, sort_keys=True))
+        return
+    figures = facts.get("validation", {})
+    click.echo(
+        f"{facts['steps']} steps; validation RMSE {figures.get('rmse_px', float('nan')):.1f} px "
+        f"pooled, {figures.get('rmse_px_mean_over_pairs', float('nan')):.1f} px mean over pairs, "
+        f"median {figures.get('median_px', float('nan')):.1f} px"
+    )
+    click.echo(f"Report: {out / 'report.html'}")
+    click.echo(f"Answer with it: pliant predict {out} --data {data} --split test --out SUB.parquet")
+
+
+@contextmanager
+def _bar(steps: int, *, shown: bool) -> Iterator[Progress]:
+    """Yield a progress callback that draws on stderr."""
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    columns: list[Any] = [
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[rate]} steps/s"),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+        TextColumn("{task.fields[figures]}"),
+    ]
+    with Progress(*columns, console=Console(stderr=True), disable=not shown) as bar:
+        task = bar.add_task("Training", total=steps, rate="…", figures="")
+        latest: dict[str, float] = {}
+
+        def show(step: int, figures: Mapping[str, float]) -> None:
+            latest.update(figures)
+            texts = []
+            if "loss" in latest:
+                texts.append(f"loss {latest['loss']:.3f}")
+            if "val/rmse_px" in latest:
+                texts.append(f"val RMSE {latest['val/rmse_px']:.1f} px")
+            speed = bar.tasks[0].speed
+            bar.update(
+                task,
+                completed=step,
+                rate="…" if speed is None else f"{speed:.1f}",
+                figures=", ".join(texts),
+            )
+
+        yield show

@@ -1,0 +1,160 @@
+"""Augmentations: colour, noise, background, rotation; the truth moves with the pixels.
+
+All geometry is one affine map of pixel coordinates, applied to the image by interpolation
+and to the points exactly.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from PIL import Image
+from pliant.loaders.views import FrameView
+
+
+@dataclass(frozen=True)
+class AugmentSettings:
+    """What may happen to a training frame. Zero switches each off.
+
+    Attributes:
+        rotate_deg: Rotation about the image's centre, uniform within plus or minus this.
+        scale: Relative size, log-uniform within 1/(1 + scale) to 1 + scale.
+        colour: Gain, offset and gamma of each channel vary by about this share.
+        noise: Standard deviation of pixel noise, uniform from 0 to this (of 255).
+        background: Probability that everything but the object is replaced.
+    """
+
+    rotate_deg: float = 180.0
+    scale: float = 0.0
+    colour: float = 0.2
+    noise: float = 4.0
+    background: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.rotate_deg <= 180:
+            raise ValueError("rotate_deg must be 0 to 180")
+        if not 0 <= self.scale <= 1 or not 0 <= self.colour <= 1:
+            raise ValueError("scale and colour must be 0 to 1")
+        if not 0 <= self.noise <= 128 or not 0 <= self.background <= 1:
+            raise ValueError("noise must be 0 to 128, background 0 to 1")
+
+
+def rotation_about_centre(
+    size: tuple[int, int], angle_rad: float, scale: float = 1.0
+) -> npt.NDArray[np.float64]:
+    """Return the map of pixel coordinates that turns an image about its centre.
+
+    Args:
+        size: (w, h).
+        angle_rad: Positive turns u towards v (clockwise on the screen).
+        scale: Relative size.
+
+    Returns:
+        float64 (2, 3): new (u, v) = M (u, v, 1).
+    """
+    cos, sin = scale * math.cos(angle_rad), scale * math.sin(angle_rad)
+    linear = np.array([[cos, -sin], [sin, cos]])
+    centre = np.array(size) / 2.0
+    return np.column_stack([linear, centre - linear @ centre])
+
+
+def warp_view(view: FrameView, affine: npt.NDArray[np.float64]) -> FrameView:
+    """Return a frame moved by an affine map of its pixel coordinates.
+
+    The image is interpolated bilinearly, mask and depth take the nearest pixel, the points
+    are mapped exactly; a point that leaves the image is no longer visible. What comes in from
+    outside has the mean colour of the image's border and no object.
+
+    Args:
+        view: The frame.
+        affine: float64 (2, 3), new (u, v) = M (u, v, 1).
+    """
+    height, width = view.mask.shape
+    inverse = np.linalg.inv(np.vstack([affine, [0.0, 0.0, 1.0]]))[:2]
+    # Pillow evaluates the map at pixel centres (x + 0.5, y + 0.5): our own convention.
+    coefficients = tuple(float(value) for value in inverse.ravel())
+    border = np.concatenate([view.rgb[0], view.rgb[-1], view.rgb[:, 0], view.rgb[:, -1]])
+    fill = tuple(int(value) for value in border.mean(axis=0).round())
+    size = (width, height)
+
+    def moved(array: npt.NDArray[Any], method: int, outside: object) -> Image.Image:
+        return Image.fromarray(array).transform(
+            size, Image.Transform.AFFINE, coefficients, resample=method, fillcolor=outside
+        )
+
+    nearest = Image.Resampling.NEAREST
+    rgb = np.asarray(moved(view.rgb, Image.Resampling.BILINEAR, fill))
+    mask = np.asarray(moved(view.mask.astype(np.uint8), nearest, 0)) > 0
+    depth_m = np.asarray(moved(view.depth_m, nearest, math.inf))
+    uv = (view.uv_px.astype(np.float64) @ affine[:, :2].T + affine[:, 2]).astype(np.float32)
+    inside = (uv >= 0).all(axis=1) & (uv < size).all(axis=1)
+    return FrameView(rgb, mask, depth_m, uv, view.visible & inside)
+
+
+def recolour(
+    rng: np.random.Generator, rgb: npt.NDArray[np.uint8], strength: float, noise: float
+) -> npt.NDArray[np.uint8]:
+    """Return an image with another exposure, tint and contrast, and noise.
+
+    Args:
+        rng: Source of randomness.
+        rgb: uint8 (h, w, 3).
+        strength: Spread of gain, offset and gamma.
+        noise: Largest standard deviation of the pixel noise, of 255.
+    """
+    if strength > 0:
+        gain = 1 + strength * rng.uniform(-1, 1, 3) * 0.5 + strength * rng.uniform(-1, 1)
+        offset = strength * rng.uniform(-0.25, 0.25)
+        gamma = math.exp(strength * rng.uniform(-1, 1))
+        levels = np.arange(256)[:, None] / 255.0  # (256, 1): a table is cheaper than the image
+        table = (np.clip(levels * gain + offset, 0, 1) ** gamma * 255).round().astype(np.uint8)
+        rgb = np.stack([table[:, channel][rgb[..., channel]] for channel in range(3)], axis=-1)
+    if noise > 0:
+        sigma = rng.uniform(0, noise)
+        grain = rng.standard_normal(rgb.shape, dtype=np.float32) * np.float32(sigma)
+        rgb = np.clip(rgb + grain, 0, 255).astype(np.uint8)
+    return rgb
+
+
+def replace_background(
+    rng: np.random.Generator, view: FrameView, mask: npt.NDArray[np.bool_]
+) -> npt.NDArray[np.uint8]:
+    """Return the image with smooth random blotches wherever the mask is False.
+
+    Args:
+        rng: Source of randomness.
+        view: The frame.
+        mask: bool (h, w), what to keep.
+    """
+    height, width = mask.shape
+    cells = int(rng.integers(2, 12))
+    coarse = rng.integers(0, 256, (cells, cells, 3), dtype=np.uint8)
+    blotches = np.asarray(Image.fromarray(coarse).resize((width, height), Image.Resampling.BICUBIC))
+    mean = rng.uniform(0, 255, 3)
+    contrast = rng.uniform(0, 0.6)
+    backdrop = np.clip(mean + contrast * (blotches.astype(np.float64) - 127.5), 0, 255)
+    return np.where(mask[..., None], view.rgb, backdrop.astype(np.uint8))
+
+
+def augment(rng: np.random.Generator, view: FrameView, settings: AugmentSettings) -> FrameView:
+    """Return a randomly changed frame, its truth changed along.
+
+    Args:
+        rng: Source of randomness.
+        view: The frame.
+        settings: What may happen.
+    """
+    if settings.background > 0 and rng.random() < settings.background:
+        rgb = replace_background(rng, view, view.mask)
+        view = FrameView(rgb, view.mask, view.depth_m, view.uv_px, view.visible)
+    if settings.rotate_deg > 0 or settings.scale > 0:
+        height, width = view.mask.shape
+        angle = math.radians(rng.uniform(-settings.rotate_deg, settings.rotate_deg))
+        factor = math.exp(rng.uniform(-1, 1) * math.log1p(settings.scale))
+        view = warp_view(view, rotation_about_centre((width, height), angle, factor))
+    rgb = recolour(rng, view.rgb, settings.colour, settings.noise)
+    return FrameView(rgb, view.mask, view.depth_m, view.uv_px, view.visible)

@@ -1,0 +1,164 @@
+"""Frames of a dataset by number, decoded once and then read from a memory-mapped file.
+
+Decoding a PNG and an EXR costs more than a training step can hide on a small machine. The
+store keeps each frame at the working size in one fixed-size record of a sparse file, so a
+second look costs a page read. Memory stays flat: the pages belong to the file, and the
+system drops them when it likes.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from pliant.loaders.views import FrameView, read_view, surface_points
+from pliant.spec import layout
+from pliant.spec.dataset import Dataset, Sequence
+from pliant.spec.errors import CallError
+
+
+@dataclass(frozen=True)
+class FrameRef:
+    """Which frame of which sequence."""
+
+    sequence: Sequence
+    frame: int
+
+    @property
+    def key(self) -> str:
+        """`SEQUENCE/FRAME`, unique in the dataset."""
+        return f"{self.sequence.id}/{self.frame}"
+
+
+class FrameStore:
+    """All frames of one tier in one split, at one size.
+
+    Args:
+        dataset: The dataset.
+        tier: Name of one of its tiers.
+        split: Name of a split.
+        size: (w, h) to bring frames to.
+        cache: A folder for decoded frames, or None to decode each time.
+        limit: Use the first so many sequences only; None uses all.
+
+    Raises:
+        CallError: No such tier, or the split has no sequence of it.
+    """
+
+    def __init__(
+        self,
+        dataset: Dataset,
+        tier: str,
+        split: str,
+        size: tuple[int, int],
+        *,
+        cache: Path | None = None,
+        limit: int | None = None,
+    ) -> None:
+        if tier not in dataset.tiers:
+            raise CallError(
+                "the dataset has no such tier",
+                path=dataset.root,
+                found=repr(tier),
+                required="one of " + ", ".join(dataset.tiers),
+            )
+        sequences = [s for s in dataset.sequences if s.tier == tier and s.split == split][:limit]
+        if not sequences:
+            held = sorted({s.split for s in dataset.sequences if s.tier == tier})
+            raise CallError(
+                f"tier {tier} has no sequence in split {split!r}",
+                path=dataset.root,
+                required=f"one of {held}",
+            )
+        self.tier: dict[str, Any] = dataset.tiers[tier]
+        self.size = size
+        self.full_size = dataset.size
+        self.frames = [FrameRef(s, f) for s in sequences for f in range(s.frames)]
+        points = sequences[0].points()
+        ids = self._surface_points = surface_points(sequences[0], self.tier["queried_object"])
+        self.material = np.stack([points["m0"].to_numpy(), points["m1"].to_numpy()], axis=1)[ids]
+        self.partners = _partners(points["partners"].to_pylist(), ids, len(self.tier["symmetries"]))
+        self._path: Path | None = None
+        self._records: npt.NDArray[np.void] | None = None
+        if cache is not None:
+            digest = hashlib.sha256(
+                (dataset.root / layout.SEQUENCES_TABLE).read_bytes()
+                + json.dumps([dataset.info, tier, split, size, limit], sort_keys=True).encode()
+            ).hexdigest()[:16]
+            cache.mkdir(parents=True, exist_ok=True)
+            self._path = cache / f"{tier}-{split}-{size[0]}x{size[1]}-{digest}.frames"
+
+    @property
+    def points(self) -> int:
+        """Number of surface points P; the same ids in every frame of the tier."""
+        return len(self.material)
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    def view(self, index: int) -> FrameView:
+        """Return a frame.
+
+        Args:
+            index: Its number in `frames`.
+
+        Raises:
+            SpecError: A file of it is missing or damaged.
+        """
+        if self._path is None:
+            return self._decode(index)
+        if self._records is None:  # opened on first use: each worker process maps the file itself
+            self._records = self._open(self._path)
+        record = self._records[index]
+        if not record["done"]:
+            view = self._decode(index)
+            for name in ("rgb", "mask", "depth_m", "uv_px", "visible"):
+                self._records[name][index] = getattr(view, name)
+            self._records["done"][index] = 1  # last: a half-written record is decoded again
+            return view
+        return FrameView(
+            rgb=np.array(record["rgb"]),
+            mask=np.array(record["mask"]),
+            depth_m=np.array(record["depth_m"]),
+            uv_px=np.array(record["uv_px"]),
+            visible=np.array(record["visible"]),
+        )
+
+    def _decode(self, index: int) -> FrameView:
+        ref = self.frames[index]
+        queried = int(self.tier["queried_object"])
+        return read_view(ref.sequence, ref.frame, queried, self.size, self._surface_points)
+
+    def _open(self, path: Path) -> npt.NDArray[np.void]:
+        width, height = self.size
+        record = np.dtype(
+            [
+                ("done", np.uint8),
+                ("rgb", np.uint8, (height, width, 3)),
+                ("mask", np.bool_, (height, width)),
+                ("depth_m", np.float32, (height, width)),
+                ("uv_px", np.float32, (self.points, 2)),
+                ("visible", np.bool_, (self.points,)),
+            ]
+        )
+        with open(path, "ab") as file:
+            file.truncate(record.itemsize * len(self))  # sparse: no byte is written yet
+        return np.memmap(path, dtype=record, mode="r+", shape=(len(self),))
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave the mapping out: a worker opens its own."""
+        return {**self.__dict__, "_records": None}
+
+
+def _partners(
+    lists: list[list[int]], ids: npt.NDArray[np.intp], symmetries: int
+) -> npt.NDArray[np.int32]:
+    """Return the symmetry partners as rows of the surface points: int32 (P, S)."""
+    row_of = {int(point): row for row, point in enumerate(ids)}
+    rows = [[row_of[partner] for partner in lists[int(point)]] for point in ids]
+    return np.array(rows, dtype=np.int32).reshape(len(ids), symmetries)

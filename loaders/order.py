@@ -1,0 +1,46 @@
+"""The order of samples: seeded, shared out over processes, and resumable at any step."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from torch.utils.data import Sampler
+
+
+class StepOrder(Sampler[list[int]]):
+    """Batches of sample numbers, step after step; step k never depends on where a run began.
+
+    The datasets here draw sample n from the seed and n alone, so handing out numbers is all
+    that an order has to do. Process r of R takes every R-th batch-sized slice.
+
+    Args:
+        batch: Samples a step and process, >= 1.
+        start: First step.
+        stop: Step to end before.
+        rank: This process's number.
+        world: Number of processes.
+    """
+
+    def __init__(self, batch: int, start: int, stop: int, *, rank: int = 0, world: int = 1) -> None:
+        self.batch, self.start, self.stop = batch, start, stop
+        self.rank, self.world = rank, world
+
+    def __iter__(self) -> Iterator[list[int]]:
+        for step in range(self.start, self.stop):
+            first = (step * self.world + self.rank) * self.batch
+            yield list(range(first, first + self.batch))
+
+    def __len__(self) -> int:
+        return max(0, self.stop - self.start)
+
+
+def sample_generator(seed: int, sample: int, stream: int = 0) -> np.random.Generator:
+    """Return the random generator of one sample.
+
+    Args:
+        seed: The run's seed, >= 0.
+        sample: The sample's number, >= 0.
+        stream: Which dataset (training 0, validation 1 …).
+    """
+    return np.random.default_rng(np.random.SeedSequence([seed, stream, sample]))

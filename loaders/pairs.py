@@ -1,0 +1,214 @@
+"""`PairDataset`: views of one object in different shapes, and where the same points are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+import torch
+from pliant.loaders.augment import AugmentSettings, augment
+from pliant.loaders.frame_store import FrameStore
+from pliant.loaders.material import symmetry_orbit
+from pliant.loaders.order import sample_generator
+from pliant.loaders.surface_matches import draw_surface_pixels, find_on_surface
+from pliant.loaders.views import FrameView, InputKind, input_channels
+from pliant.spec.dataset import Dataset
+from pliant.spec.errors import CallError
+from torch.utils.data import Dataset as TorchDataset
+
+Pairing = Literal["any", "sequence", "next"]
+MatchSource = Literal["points", "surface"]
+
+
+@dataclass(frozen=True)
+class PairSettings:
+    """What one sample holds.
+
+    Attributes:
+        views: Frames in a sample, >= 2; every ordered pair of them is a training pair.
+        queries: Material points in a sample, >= 1.
+        pairing: `any` two frames of the tier, two of one `sequence`, or `next` to each other.
+        matches: From the tables' `points` (exact) or from the dense `surface` (any pixel).
+        input: `rgb`, `depth` or `rgbd`.
+    """
+
+    views: int = 2
+    queries: int = 48
+    pairing: Pairing = "any"
+    matches: MatchSource = "points"
+    input: InputKind = "rgb"
+
+    def __post_init__(self) -> None:
+        if self.views < 2 or self.queries < 1:
+            raise ValueError("views must be >= 2 and queries >= 1")
+
+
+class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
+    """Any two (or more) frames of a tier and the same material points in each.
+
+    Sample n depends on the seed and n alone, so any order, any number of workers and any
+    resumed run see the same samples. Its length is how many samples an epoch is said to have;
+    larger numbers are drawn just as well.
+
+    A sample holds (V views, Q queries, S symmetries of the tier):
+
+    * `image` float32 (V, C, h, w), see `input_channels`;
+    * `mask` bool (V, h, w), the queried object;
+    * `uv_px` float32 (V, Q, 1 + S, 2): slot 0 is the point itself, the others its symmetry
+      partners, in working pixels; 0 where unknown;
+    * `visible` bool (V, Q, 1 + S);
+    * `frames` int64 (V,), numbers in `store.frames`;
+    * `action_px` float32 (V, V), the largest distance in the image that any surface point
+      visible in both moves between two views of one episode; +inf between others. This is
+      the d_action of the temporal Lipschitz loss.
+
+    Args:
+        dataset: The dataset.
+        tier: Name of a tier.
+        split: Name of a split.
+        settings: What a sample holds.
+        size: (w, h) of the network's input.
+        seed: Seed of the draws.
+        stream: Keeps datasets of one run apart (0 training, 1 validation).
+        augmentation: Random changes, or None.
+        cache: Folder for decoded frames, or None.
+        limit: Use the first so many sequences only.
+
+    Raises:
+        CallError: The split has too few frames for the pairing.
+    """
+
+    def __init__(
+        self,
+        dataset: Dataset,
+        tier: str,
+        split: str,
+        settings: PairSettings | None = None,
+        *,
+        size: tuple[int, int] = (160, 120),
+        seed: int = 0,
+        stream: int = 0,
+        augmentation: AugmentSettings | None = None,
+        cache: Path | None = None,
+        limit: int | None = None,
+    ) -> None:
+        self.settings = settings or PairSettings()
+        self.store = FrameStore(dataset, tier, split, size, cache=cache, limit=limit)
+        self.seed, self.stream = seed, stream
+        self.augmentation = augmentation
+        self._groups = self._frames_by_sequence()
+        if not self._groups:
+            raise CallError(
+                f"tier {tier}, split {split} has too few frames for pairs of kind "
+                f"{self.settings.pairing!r}",
+                path=dataset.root,
+                required=f"{self.settings.views} frames "
+                + ("of one sequence" if self.settings.pairing != "any" else "in all"),
+            )
+
+    def __len__(self) -> int:
+        return len(self.store)
+
+    def __getitem__(self, index: int) -> dict[str, torch.Tensor]:
+        """Draw sample number `index` (any number >= 0)."""
+        rng = sample_generator(self.seed, index, self.stream)
+        frames = self._draw_frames(rng)
+        views = [self.store.view(frame) for frame in frames]
+        action = self._action_px(frames, views)
+        if self.settings.matches == "points":
+            views = self._points_of(rng, views)
+        else:
+            views = self._surface_matches(rng, frames, views)
+        if self.augmentation is not None:
+            views = [augment(rng, view, self.augmentation) for view in views]
+        return self._tensors(frames, views, action)
+
+    def _frames_by_sequence(self) -> list[npt.NDArray[np.int64]]:
+        if self.settings.pairing == "any":
+            enough = len(self.store) >= self.settings.views
+            return [np.arange(len(self.store))] if enough else []
+        groups: dict[str, list[int]] = {}
+        for number, ref in enumerate(self.store.frames):
+            if ref.sequence.temporal or self.settings.pairing == "sequence":
+                groups.setdefault(ref.sequence.id, []).append(number)
+        return [np.array(g) for g in groups.values() if len(g) >= self.settings.views]
+
+    def _draw_frames(self, rng: np.random.Generator) -> npt.NDArray[np.int64]:
+        group = self._groups[int(rng.integers(len(self._groups)))]
+        if self.settings.pairing == "next":
+            start = int(rng.integers(len(group) - self.settings.views + 1))
+            return group[start : start + self.settings.views]
+        return rng.choice(group, size=self.settings.views, replace=False)
+
+    def _points_of(self, rng: np.random.Generator, views: list[FrameView]) -> list[FrameView]:
+        """Return the views with the drawn points' orbits as their points: Q (1 + S) rows."""
+        seen = np.stack([view.visible for view in views]).sum(axis=0)  # (P,)
+        candidates = np.flatnonzero(seen >= 2)
+        count = self.settings.queries
+        if len(candidates) == 0:
+            candidates = np.arange(self.store.points)
+        drawn = rng.choice(candidates, size=count, replace=len(candidates) < count)
+        orbit = np.column_stack([drawn, self.store.partners[drawn]]).ravel()  # (Q (1 + S),)
+        return [
+            replace(view, uv_px=view.uv_px[orbit], visible=view.visible[orbit]) for view in views
+        ]
+
+    def _surface_matches(
+        self, rng: np.random.Generator, frames: npt.NDArray[np.int64], views: list[FrameView]
+    ) -> list[FrameView]:
+        """Return the views with points drawn from the first one's surface, found in the others."""
+        tier, count = self.store.tier, self.settings.queries
+        queried = int(tier["queried_object"])
+        refs = [self.store.frames[frame] for frame in frames]
+        surfaces = [ref.sequence.surface(ref.frame) for ref in refs]
+        _, material = draw_surface_pixels(rng, surfaces[0], queried, count)
+        orbit = symmetry_orbit(tier, material).reshape(-1, 2)
+        scale = np.array(self.store.size) / np.array(self.store.full_size)
+        matched = []
+        for view, surface in zip(views, surfaces, strict=True):
+            uv, found = find_on_surface(tier, queried, surface, orbit)
+            missing = count * (1 + len(tier["symmetries"])) - len(uv)
+            uv = np.concatenate([uv * scale, np.full((missing, 2), np.nan)])
+            found = np.concatenate([found, np.zeros(missing, dtype=np.bool_)])
+            matched.append(replace(view, uv_px=uv.astype(np.float32), visible=found))
+        return matched
+
+    def _action_px(
+        self, frames: npt.NDArray[np.int64], views: list[FrameView]
+    ) -> npt.NDArray[np.float32]:
+        action = np.full((len(views), len(views)), np.inf, dtype=np.float32)
+        refs = [self.store.frames[frame] for frame in frames]
+        for a, view_a in enumerate(views):
+            for b, view_b in enumerate(views):
+                same = refs[a].sequence.id == refs[b].sequence.id and refs[a].sequence.temporal
+                both = view_a.visible & view_b.visible
+                if same and both.any():
+                    moved = np.linalg.norm(view_a.uv_px[both] - view_b.uv_px[both], axis=1)
+                    action[a, b] = moved.max()
+        return action
+
+    def _tensors(
+        self,
+        frames: npt.NDArray[np.int64],
+        views: list[FrameView],
+        action: npt.NDArray[np.float32],
+    ) -> dict[str, torch.Tensor]:
+        slots = 1 + len(self.store.tier["symmetries"])
+        kind = self.settings.input
+        images = [input_channels(view.rgb, view.depth_m, kind) for view in views]
+        shape = (len(views), self.settings.queries, slots)
+        visible = np.stack([view.visible for view in views]).reshape(shape)
+        uv = np.stack([view.uv_px for view in views]).reshape(*shape, 2)
+        sample: Mapping[str, npt.NDArray[Any]] = {
+            "image": np.stack(images),
+            "mask": np.stack([view.mask for view in views]),
+            "uv_px": np.nan_to_num(uv, nan=0.0, posinf=0.0, neginf=0.0),
+            "visible": visible & np.isfinite(uv).all(axis=-1),
+            "frames": frames,
+            "action_px": action,
+        }
+        return {name: torch.from_numpy(np.ascontiguousarray(a)) for name, a in sample.items()}

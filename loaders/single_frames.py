@@ -1,0 +1,59 @@
+"""`FrameDataset`: every frame of a tier once, in order."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import torch
+from pliant.loaders.frame_store import FrameStore
+from pliant.loaders.views import InputKind, input_channels
+from pliant.spec.dataset import Dataset
+from torch.utils.data import Dataset as TorchDataset
+
+
+class FrameDataset(TorchDataset[dict[str, torch.Tensor]]):
+    """Every frame of a tier and split, with all its surface points.
+
+    A sample holds `image` float32 (C, h, w), `mask` bool (h, w), `uv_px` float32 (P, 2) in
+    working pixels (0 where unknown), `visible` bool (P,) and `material` float32 (P, 2).
+
+    Args:
+        dataset: The dataset.
+        tier: Name of a tier.
+        split: Name of a split.
+        input: `rgb`, `depth` or `rgbd`.
+        size: (w, h) of the network's input.
+        cache: Folder for decoded frames, or None.
+        limit: Use the first so many sequences only.
+    """
+
+    def __init__(
+        self,
+        dataset: Dataset,
+        tier: str,
+        split: str,
+        *,
+        input: InputKind = "rgb",
+        size: tuple[int, int] = (160, 120),
+        cache: Path | None = None,
+        limit: int | None = None,
+    ) -> None:
+        self.store = FrameStore(dataset, tier, split, size, cache=cache, limit=limit)
+        self.input = input
+
+    def __len__(self) -> int:
+        return len(self.store)
+
+    def __getitem__(self, index: int) -> dict[str, torch.Tensor]:
+        if not 0 <= index < len(self):
+            raise IndexError(index)
+        view = self.store.view(index)
+        known = np.isfinite(view.uv_px).all(axis=-1)
+        return {
+            "image": torch.from_numpy(input_channels(view.rgb, view.depth_m, self.input)),
+            "mask": torch.from_numpy(np.array(view.mask)),
+            "uv_px": torch.from_numpy(np.where(known[:, None], view.uv_px, np.float32(0))),
+            "visible": torch.from_numpy(view.visible & known),
+            "material": torch.from_numpy(self.store.material),
+        }

@@ -1,0 +1,187 @@
+"""One frame at a working size: image, mask, depth and where its material points are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+import pyarrow.compute as pc
+from PIL import Image
+from pliant.spec.dataset import Sequence
+from pliant.spec.errors import CallError, SpecError
+
+InputKind = Literal["rgb", "depth", "rgbd"]
+
+INPUT_CHANNELS: Final[dict[str, int]] = {"rgb": 3, "depth": 1, "rgbd": 4}
+"""How many channels a network gets for each kind of input."""
+
+_COVERED: Final = 0.5
+
+
+@dataclass(frozen=True)
+class FrameView:
+    """One frame at a working size (w, h), in that size's own pixels.
+
+    Attributes:
+        rgb: uint8 (h, w, 3), sRGB.
+        mask: bool (h, w), True where at least half the pixel shows the queried object.
+        depth_m: float32 (h, w), planar z at the pixel's centre, +inf is background.
+        uv_px: float32 (P, 2), where each surface point projects to; NaN is behind the camera.
+        visible: bool (P,), True where the camera sees the point.
+    """
+
+    rgb: npt.NDArray[np.uint8]
+    mask: npt.NDArray[np.bool_]
+    depth_m: npt.NDArray[np.float32]
+    uv_px: npt.NDArray[np.float32]
+    visible: npt.NDArray[np.bool_]
+
+
+def resize_rgb(rgb: npt.NDArray[np.uint8], size: tuple[int, int]) -> npt.NDArray[np.uint8]:
+    """Return an image at another size, each pixel the mean of the area it covers.
+
+    A position (u, v) of the old image lies at (u w / W, v h / H) of the new one.
+
+    Args:
+        rgb: uint8 (H, W, 3).
+        size: (w, h).
+    """
+    if (rgb.shape[1], rgb.shape[0]) == size:
+        return rgb
+    return np.asarray(Image.fromarray(rgb).resize(size, Image.Resampling.BOX))
+
+
+def resize_mask(mask: npt.NDArray[np.bool_], size: tuple[int, int]) -> npt.NDArray[np.bool_]:
+    """Return a mask at another size: True where half the pixel or more was True.
+
+    Args:
+        mask: bool (H, W).
+        size: (w, h).
+    """
+    if (mask.shape[1], mask.shape[0]) == size:
+        return mask
+    cover = Image.fromarray(mask.astype(np.float32)).resize(size, Image.Resampling.BOX)
+    return np.asarray(cover) >= _COVERED
+
+
+def resize_depth(
+    depth_m: npt.NDArray[np.float32], size: tuple[int, int]
+) -> npt.NDArray[np.float32]:
+    """Return a depth map at another size: the value under each new pixel's centre.
+
+    Depths are never averaged: a mean of two surfaces lies on neither.
+
+    Args:
+        depth_m: float32 (H, W).
+        size: (w, h).
+    """
+    height, width = depth_m.shape
+    if (width, height) == size:
+        return depth_m
+    columns = ((np.arange(size[0]) + 0.5) * width / size[0]).astype(np.intp)
+    rows = ((np.arange(size[1]) + 0.5) * height / size[1]).astype(np.intp)
+    return depth_m[np.ix_(rows, columns)]
+
+
+def surface_points(sequence: Sequence, queried_object: int) -> npt.NDArray[np.intp]:
+    """Return the ids of the queried object's surface points (a centre line is on no pixel).
+
+    Args:
+        sequence: The sequence.
+        queried_object: Object id.
+
+    Returns:
+        intp (P,), ascending.
+    """
+    table = sequence.points()
+    own = table["object"].to_numpy() == queried_object
+    return np.flatnonzero(_equals(table["kind"], "surface") & own)
+
+
+def _equals(column: pa.ChunkedArray, text: str) -> npt.NDArray[np.bool_]:
+    return np.asarray(pc.equal(column, text).combine_chunks().to_numpy(zero_copy_only=False))
+
+
+def read_view(
+    sequence: Sequence,
+    frame: int,
+    queried_object: int,
+    size: tuple[int, int],
+    points: npt.NDArray[np.intp],
+) -> FrameView:
+    """Read a frame and bring it to a working size, the truth with it.
+
+    Args:
+        sequence: The sequence.
+        frame: 0 to frames - 1.
+        queried_object: Object id that the mask shows.
+        size: (w, h).
+        points: intp (P,), ids of the points to keep (`surface_points`).
+
+    Returns:
+        The frame; its points are in the order of `points`.
+
+    Raises:
+        SpecError: A file is missing or damaged, or the tables disagree.
+    """
+    surface = sequence.surface(frame)
+    table = sequence.correspondences(frame)
+    if table.num_rows <= points.max(initial=-1):
+        raise SpecError(
+            "the correspondences hold fewer points than points.parquet",
+            path=sequence.dir,
+            where=f"frame {frame}",
+            found=table.num_rows,
+        )
+    scale = np.array([size[0] / sequence.size[0], size[1] / sequence.size[1]])
+    uv_full = np.stack([table["u_px"].to_numpy(), table["v_px"].to_numpy()], axis=1)[points]
+    return FrameView(
+        rgb=resize_rgb(sequence.rgb(frame), size),
+        mask=resize_mask(surface.object_id == queried_object, size),
+        depth_m=resize_depth(surface.depth_m, size),
+        uv_px=(uv_full * scale).astype(np.float32),
+        visible=_equals(table["visibility"], "visible")[points],
+    )
+
+
+DEPTH_SCALE_M: Final = 0.1
+"""One unit of the depth channel, metres."""
+
+_DEPTH_LIMIT: Final = 3.0
+
+
+def input_channels(
+    rgb: npt.NDArray[np.uint8] | None, depth_m: npt.NDArray[np.float32] | None, kind: InputKind
+) -> npt.NDArray[np.float32]:
+    """Return what a network sees of a frame.
+
+    Colour becomes (value / 255 - 0.5) * 4, about zero mean and unit spread. Depth becomes the
+    distance behind the object's median, in units of 0.1 m, within -3 to 3; background is 3.
+
+    Args:
+        rgb: uint8 (h, w, 3); may be None for `depth`.
+        depth_m: float32 (h, w), +inf is background; may be None for `rgb`.
+        kind: Which of the two.
+
+    Returns:
+        float32 (C, h, w), C as in `INPUT_CHANNELS`.
+
+    Raises:
+        CallError: What the kind needs is None.
+    """
+    channels = []
+    if kind != "depth":
+        if rgb is None:
+            raise CallError("this network needs a colour image, and there is none", where="rgb")
+        channels.append((rgb.astype(np.float32) * (4 / 255) - 2).transpose(2, 0, 1))
+    if kind != "rgb":
+        if depth_m is None:
+            raise CallError("this network needs a depth map, and there is none", where="depth_m")
+        finite = np.isfinite(depth_m)
+        middle = float(np.median(depth_m[finite])) if finite.any() else 0.0
+        scaled = np.where(finite, (depth_m - middle) / DEPTH_SCALE_M, _DEPTH_LIMIT)
+        channels.append(np.clip(scaled, -_DEPTH_LIMIT, _DEPTH_LIMIT)[None].astype(np.float32))
+    return np.concatenate(channels)

@@ -1,0 +1,90 @@
+"""Which pixels of a target image compete to be the match."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch.nn import functional
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """M competing pixels (or bins) in each of N images.
+
+    Attributes:
+        descriptors: float (N, M, D).
+        uv_px: float (N, M, 2), their centres in the network's pixels.
+        valid: bool (N, M), False for padding.
+        on_object: bool (N, M).
+    """
+
+    descriptors: torch.Tensor
+    uv_px: torch.Tensor
+    valid: torch.Tensor
+    on_object: torch.Tensor
+
+
+def pixel_grid(height: int, width: int, step: int, device: torch.device) -> torch.Tensor:
+    """Return the centres of cells of `step` x `step` pixels, row-major: float (h w, 2) as (u, v).
+
+    Args:
+        height: Rows of cells.
+        width: Columns of cells.
+        step: Side of a cell, px.
+        device: Where to.
+    """
+    v, u = torch.meshgrid(
+        torch.arange(height, device=device), torch.arange(width, device=device), indexing="ij"
+    )
+    return (torch.stack([u, v], dim=-1).reshape(-1, 2) + 0.5) * step
+
+
+def all_bins(descriptors: torch.Tensor, mask: torch.Tensor, bin_px: int = 1) -> Candidates:
+    """Let every bin of the image compete.
+
+    Args:
+        descriptors: float (N, D, h, w).
+        mask: bool (N, h, w).
+        bin_px: Side of a bin; its descriptor is the mean of its pixels', and it lies on the
+            object if any of them does. Pixels beyond the last whole bin are left out.
+    """
+    if bin_px > 1:
+        descriptors = functional.avg_pool2d(descriptors, bin_px)
+        mask = functional.max_pool2d(mask.float()[:, None], bin_px)[:, 0] > 0
+    n, _, height, width = descriptors.shape
+    uv = pixel_grid(height, width, bin_px, descriptors.device)[None].expand(n, -1, -1)
+    on_object = mask.flatten(1)
+    return Candidates(
+        descriptors.flatten(2).transpose(1, 2), uv, torch.ones_like(on_object), on_object
+    )
+
+
+def object_and_background(
+    descriptors: torch.Tensor,
+    mask: torch.Tensor,
+    background: int,
+    generator: torch.Generator | None = None,
+) -> Candidates:
+    """Let every pixel on the object compete, and some drawn from the rest.
+
+    Most of a rope's image is table: with all of its pixels the loss costs more than the
+    network, and nearly all of them are easy.
+
+    Args:
+        descriptors: float (N, D, h, w).
+        mask: bool (N, h, w).
+        background: Background pixels, at least (an image with a smaller object gets more).
+        generator: Source of randomness, on the mask's device.
+    """
+    _, _, height, width = descriptors.shape
+    flat = mask.flatten(1)
+    count = min(int(flat.sum(dim=1).max()) + background, height * width)
+    draw = torch.rand(flat.shape, generator=generator, device=flat.device)
+    # Object pixels have priority 2, the others a random one below 1.
+    chosen = torch.where(flat, 2.0, draw).topk(max(count, 1), dim=1).indices  # (N, M)
+    grid = pixel_grid(height, width, 1, descriptors.device)
+    rows = descriptors.flatten(2).transpose(1, 2)
+    index = chosen[..., None].expand(-1, -1, rows.shape[-1])
+    on_object = flat.gather(1, chosen)
+    return Candidates(rows.gather(1, index), grid[chosen], torch.ones_like(on_object), on_object)

@@ -1,0 +1,100 @@
+"""From probabilities over pixels to a position, and to a few Gaussians."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import torch
+
+Decode = Literal["argmax", "median", "soft"]
+
+REFINE_PX = 1.5
+"""Radius of the neighbourhood whose mean gives the fraction of a pixel."""
+
+_MEDIAN_PIXELS = 256
+_MODES = 5
+_MODE_RADIUS_PX = 4.0
+_LEAST_WEIGHT = 0.02
+
+
+def decode_position(log_p: torch.Tensor, uv_px: torch.Tensor, how: Decode) -> torch.Tensor:
+    """Return one position a query.
+
+    Args:
+        log_p: float (Q, M), log probabilities over the candidates.
+        uv_px: float (M, 2), the candidates.
+        how: `argmax`, the most probable pixel; `median`, the pixel with the least expected
+            distance; both then moved to the mean of their neighbourhood. `soft`, the mean.
+
+    Returns:
+        float (Q, 2).
+    """
+    p = log_p.exp()
+    if how == "soft":
+        return p @ uv_px
+    if how == "argmax":
+        chosen = p.argmax(dim=1)
+    else:
+        weight, index = p.topk(min(_MEDIAN_PIXELS, p.shape[1]), dim=1)  # (Q, k)
+        places = uv_px[index]  # (Q, k, 2)
+        expected = (torch.cdist(places, places) @ weight[..., None])[..., 0]  # (Q, k)
+        chosen = index.gather(1, expected.argmin(dim=1, keepdim=True))[:, 0]
+    near = (uv_px[None] - uv_px[chosen][:, None]).square().sum(dim=-1) <= REFINE_PX**2
+    weight = p * near
+    return weight @ uv_px / weight.sum(dim=1, keepdim=True).clamp_min(1e-30)
+
+
+def mixture_of_modes(
+    log_p: torch.Tensor, uv_px: torch.Tensor, sigma_floor_px: float
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """Sum probabilities up as a few isotropic Gaussians.
+
+    The most probable pixel takes everything within 4 px as one mode, then the next of what
+    remains, up to four times; the rest becomes one wide mode.
+
+    Args:
+        log_p: float (Q, M).
+        uv_px: float (M, 2).
+        sigma_floor_px: Added to every mode's spread in squares: a pixel is not a point.
+
+    Returns:
+        modes float (Q, 5, 4) of (u, v, sigma, weight); used bool (Q, 5). Weights of the used
+        modes sum to 1; modes of less than 2 % are left out, the first never.
+    """
+    left = log_p.exp()
+    modes = []
+    for number in range(_MODES):
+        if number < _MODES - 1:
+            peak = uv_px[left.argmax(dim=1)]  # (Q, 2)
+            near = (uv_px[None] - peak[:, None]).square().sum(dim=-1) <= _MODE_RADIUS_PX**2
+            part = left * near
+        else:
+            part = left
+        left = left - part
+        weight = part.sum(dim=1)
+        share = part / weight.clamp_min(1e-30)[:, None]
+        mean = share @ uv_px
+        spread = (share[..., None] * (uv_px[None] - mean[:, None]).square()).sum(dim=(1, 2)) / 2
+        sigma = (spread.clamp_min(0) + sigma_floor_px**2).sqrt()
+        modes.append(torch.cat([mean, sigma[:, None], weight[:, None]], dim=1))
+    stacked = torch.stack(modes, dim=1)
+    used = stacked[..., 3] >= _LEAST_WEIGHT
+    used[:, 0] = True
+    weight = torch.where(used, stacked[..., 3], 0.0)
+    stacked[..., 3] = weight / weight.sum(dim=1, keepdim=True)
+    return stacked, used
+
+
+def spread_about(
+    log_p: torch.Tensor, uv_px: torch.Tensor, position_px: torch.Tensor, sigma_floor_px: float
+) -> torch.Tensor:
+    """Return the standard deviation per axis of p about given positions: float (Q,).
+
+    Args:
+        log_p: float (Q, M).
+        uv_px: float (M, 2).
+        position_px: float (Q, 2).
+        sigma_floor_px: Added in squares.
+    """
+    squared = (uv_px[None] - position_px[:, None]).square().sum(dim=-1)  # (Q, M)
+    return ((log_p.exp() * squared).sum(dim=1) / 2 + sigma_floor_px**2).sqrt()

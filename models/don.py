@@ -1,0 +1,281 @@
+"""Training Dense Object Nets: from a dataset and a config to a run that can answer."""
+
+from __future__ import annotations
+
+import json
+import platform
+from collections.abc import Iterable, Mapping
+from contextlib import nullcontext
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import torch
+import yaml
+from pliant.loaders import PairDataset, StepOrder
+from pliant.loaders.frame_store import FrameStore
+from pliant.loaders.views import INPUT_CHANNELS
+from pliant.models.calibration import calibrate
+from pliant.models.checkpoint import BEST, latest_checkpoint, read_weights_file
+from pliant.models.don_loss import don_loss
+from pliant.models.matching import CALIBRATION, CONFIG, RUN_FACTS, DonMatcher
+from pliant.models.networks import DescriptorNetwork, build_network
+from pliant.models.processes import Processes, joined_processes
+from pliant.models.settings import DonSettings, read_settings, settings_to_dict
+from pliant.models.training import Batch, LoopSettings, Progress, train
+from pliant.models.validation import draw_validation_pairs, validate
+from pliant.spec.dataset import Dataset
+from pliant.spec.errors import CallError, TrainingError
+from torch.utils.data import DataLoader
+
+RESUMABLE = ("threads", "workers", "cache", "checkpoint_every", "answer")
+"""Settings that may differ when a run goes on: they change no step."""
+
+
+class DonTask:
+    """What `pliant.models.training.train` needs to know of Dense Object Nets.
+
+    Args:
+        dataset: The dataset.
+        settings: The config, its tier named.
+        run: The run's folder.
+        processes: Which process this is.
+    """
+
+    network: DescriptorNetwork
+
+    def __init__(
+        self, dataset: Dataset, settings: DonSettings, run: Path, processes: Processes
+    ) -> None:
+        self.settings, self.processes = settings, processes
+        self.full_size = dataset.size
+        self._size = (settings.width, settings.height)
+        cache = run / "cache" if settings.cache else None
+        self.pairs = PairDataset(
+            dataset,
+            settings.tier,
+            settings.split,
+            settings.pairs,
+            size=self._size,
+            seed=settings.seed,
+            augmentation=settings.augment,
+            cache=cache,
+            limit=settings.limit or None,
+        )
+        held_out = settings.validation
+        self._held_out = FrameStore(dataset, settings.tier, held_out.split, self._size, cache=cache)
+        self.validation_pairs = draw_validation_pairs(
+            self._held_out, held_out.pairs, held_out.queries, settings.seed
+        )
+        torch.manual_seed(settings.seed)  # the same first weights in every process
+        self.network = build_network(
+            settings.network,
+            INPUT_CHANNELS[settings.pairs.input],
+            initial_scale=settings.loss.initial_scale,
+            learn_scale=settings.loss.learn_scale,
+        ).to(processes.device, memory_format=torch.channels_last)
+
+    def batches(self, start: int, stop: int) -> Iterable[Batch]:
+        """Return the batches of steps start to stop - 1 for this process."""
+        order = StepOrder(
+            self.settings.batch,
+            start,
+            stop,
+            rank=self.processes.rank,
+            world=self.processes.world,
+        )
+        workers = self.settings.workers
+        return DataLoader(
+            self.pairs,
+            batch_sampler=order,
+            num_workers=workers,
+            pin_memory=self.processes.device.type == "cuda",
+            persistent_workers=False,
+            multiprocessing_context="spawn" if workers else None,
+        )
+
+    def loss(
+        self, batch: Batch, progress: float, generator: torch.Generator
+    ) -> tuple[torch.Tensor, Mapping[str, torch.Tensor]]:
+        """Return the loss of a batch and its named parts."""
+        device = self.processes.device
+        batch = {name: tensor.to(device, non_blocking=True) for name, tensor in batch.items()}
+        images = batch["image"].flatten(0, 1).contiguous(memory_format=torch.channels_last)
+        half = self.settings.precision == "bfloat16"
+        with torch.autocast(device.type, torch.bfloat16) if half else nullcontext():
+            descriptors = self.network(images)
+        loss, figures = don_loss(
+            descriptors,
+            self.network.scale,
+            batch,
+            self.settings.loss,
+            progress=progress,
+            generator=generator,
+        )
+        return loss, {**figures, "scale": self.network.scale.detach()}
+
+    def validate(self) -> Mapping[str, float]:
+        """Return the errors on the validation pairs, px of the dataset."""
+        return validate(self.matcher(), self.validation_pairs, self.full_size)
+
+    def matcher(self, facts: Mapping[str, Any] | None = None) -> DonMatcher:
+        """Return a matcher around the network as it is."""
+        # One upright look while training: turned copies are for the final answers.
+        return DonMatcher(
+            self.network,
+            self._size,
+            self.settings.pairs.input,
+            replace(self.settings.answer, rotations=1),
+            facts=facts,
+        )
+
+    def calibrated(self, facts: Mapping[str, Any]) -> DonMatcher:
+        """Return the final matcher, calibrated on pairs of the validation split."""
+        held_out = self.settings.validation
+        pairs = draw_validation_pairs(
+            self._held_out, held_out.calibration_pairs, held_out.queries, self.settings.seed + 1
+        )
+        matcher = DonMatcher(
+            self.network, self._size, self.settings.pairs.input, self.settings.answer, facts=facts
+        )
+        matcher.calibration = calibrate(matcher, pairs, self.full_size)
+        return matcher
+
+
+def train_don(
+    dataset: Dataset,
+    run: Path,
+    settings: DonSettings,
+    *,
+    resume: bool = False,
+    progress: Progress | None = None,
+    stop_at: int | None = None,
+) -> dict[str, Any]:
+    """Train Dense Object Nets; afterwards `load_matcher(run)` answers.
+
+    Under `torchrun` every process calls this with the same arguments; process 0 writes.
+
+    Args:
+        dataset: The dataset.
+        run: The run's folder: new or empty, or with `resume` one that was begun.
+        settings: The config.
+        resume: Go on from the newest checkpoint.
+        progress: Told after each step.
+        stop_at: Stop after this many steps with a checkpoint, as an interruption would.
+
+    Returns:
+        The run's facts, as in `run.json`, with the final validation and calibration figures.
+
+    Raises:
+        CallError: The config does not fit the dataset, or the folder is in use.
+        TrainingError: Nothing to resume, another config than it began with, or divergence.
+    """
+    settings = with_tier(settings, dataset)
+    if settings.threads:
+        torch.set_num_threads(settings.threads)
+    with joined_processes() as processes:
+        if processes.first:
+            _open_run(run, settings, resume)
+        task = DonTask(dataset, settings, run, processes)
+        loop = LoopSettings(
+            steps=settings.steps,
+            seed=settings.seed,
+            checkpoint_every=settings.checkpoint_every,
+            validate_every=settings.validation.every,
+            patience=settings.validation.patience,
+        )
+        state = train(
+            task,
+            run,
+            settings.optimiser,
+            loop,
+            processes,
+            resume=resume,
+            progress=progress,
+            stop_at=stop_at,
+        )
+        facts = _facts(dataset, settings, state.step, processes)
+        if processes.first and (run / BEST).is_file():
+            task.network.load_state_dict(read_weights_file(run / BEST))
+            matcher = task.calibrated(facts)
+            figures = validate(matcher, task.validation_pairs, dataset.size)
+            facts["validation"] = figures
+            calibration = matcher.calibration
+            if calibration is not None:
+                _write_json(run / CALIBRATION, asdict(calibration))
+                facts["calibration"] = dict(calibration.figures or {})
+            _write_json(run / RUN_FACTS, {k: v for k, v in facts.items() if k != "calibration"})
+            from pliant.models.run_report import write_run_report
+
+            write_run_report(run, matcher, task.validation_pairs, state.history, facts)
+    return facts
+
+
+def with_tier(settings: DonSettings, dataset: Dataset) -> DonSettings:
+    """Return the settings with their tier named.
+
+    Raises:
+        CallError: No tier is named and the dataset has several.
+    """
+    if settings.tier:
+        return settings
+    names = list(dataset.tiers)
+    if len(names) != 1:
+        raise CallError(
+            "name the tier to train on",
+            where="tier",
+            required="one of " + ", ".join(names),
+            fix=f"Add --set tier={names[0]}",
+        )
+    return replace(settings, tier=names[0])
+
+
+def _open_run(run: Path, settings: DonSettings, resume: bool) -> None:
+    """Make the run's folder, or check that it was begun with the same settings."""
+    if resume:
+        if latest_checkpoint(run) is None:
+            raise TrainingError(
+                "there is no checkpoint to resume", path=run, fix="Start it without --resume."
+            )
+        begun = settings_to_dict(read_settings(DonSettings, run / CONFIG))
+        wanted = settings_to_dict(settings)
+        for name, value in wanted.items():
+            if name not in RESUMABLE and begun[name] != value:
+                raise TrainingError(
+                    "a run goes on with the settings it began with",
+                    path=run / CONFIG,
+                    where=name,
+                    found=value,
+                    required=begun[name],
+                    fix="Leave --config and --set out, or start another run.",
+                )
+    elif run.exists() and (not run.is_dir() or any(run.iterdir())):
+        raise CallError(
+            "the folder of a new run must be empty",
+            path=run,
+            fix="Name another one, or go on with --resume.",
+        )
+    run.mkdir(parents=True, exist_ok=True)
+    text = yaml.safe_dump(settings_to_dict(settings), sort_keys=False)
+    (run / CONFIG).write_text(text, encoding="utf-8")
+
+
+def _facts(
+    dataset: Dataset, settings: DonSettings, steps: int, processes: Processes
+) -> dict[str, Any]:
+    return {
+        "dataset": {"id": dataset.id, "version": dataset.version},
+        "tier": settings.tier,
+        "split": settings.split,
+        "steps": steps,
+        "seed": settings.seed,
+        "processes": processes.world,
+        "loss": settings.loss.kind,
+        "network": settings.network.name,
+        "descriptor_dim": settings.network.descriptor_dim,
+        "python": platform.python_version(),
+    }
+
+
+def _write_json(path: Path, document: Mapping[str, Any]) -> None:
+    path.write_text(json.dumps(document, indent=1, sort_keys=True) + "\n", encoding="utf-8")

@@ -1,0 +1,112 @@
+"""The pixelwise contrastive loss of Dense Object Nets (Schmidt 2016, Florence et al. 2018).
+
+For a query with descriptor f, its match g and non-matches h_k, with margin M:
+
+    L = mean over matches ||f - g||^2  +  sum_k max(0, M - ||f - h_k||)^e / (number counted)
+
+e is 2 (`squared`) or 1. The number counted is that of the hard non-matches, those inside the
+margin (`hard_scaling`), or of all of them. A non-match within `guard_px` of the match (or of
+a symmetry partner of it) is none: it is left out and not counted.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch.utils.checkpoint import checkpoint
+
+_TINY = 1e-12
+
+
+def contrastive_loss(
+    query: torch.Tensor,
+    match: torch.Tensor,
+    valid: torch.Tensor,
+    non_match: torch.Tensor,
+    non_match_uv_px: torch.Tensor,
+    match_uv_px: torch.Tensor,
+    match_valid: torch.Tensor,
+    *,
+    margin: float = 0.5,
+    guard_px: float = 2.0,
+    squared: bool = True,
+    hard_scaling: bool = True,
+    chunk: int | None = None,
+) -> torch.Tensor:
+    """Return the contrastive loss of a batch.
+
+    Args:
+        query: float (N, Q, D), descriptors of the queries.
+        match: float (N, Q, D), descriptors at their matches.
+        valid: bool (N, Q), which queries have a match.
+        non_match: float (N, Q, K, D), descriptors at other pixels.
+        non_match_uv_px: float (N, Q, K, 2), where those are.
+        match_uv_px: float (N, Q, R, 2), where the match and its symmetry partners are.
+        match_valid: bool (N, Q, R), which of these exist.
+        margin: M, > 0.
+        guard_px: Radius around a match inside which nothing is a non-match.
+        squared: Whether the hinge is squared.
+        hard_scaling: Whether to divide by the hard non-matches alone.
+        chunk: Queries at a time, recomputed in the backward pass; None for all at once.
+
+    Returns:
+        A scalar; 0 if no query has a match.
+    """
+
+    def parts(
+        query: torch.Tensor,
+        match: torch.Tensor,
+        valid: torch.Tensor,
+        non_match: torch.Tensor,
+        non_match_uv: torch.Tensor,
+        match_uv: torch.Tensor,
+        match_valid: torch.Tensor,
+    ) -> torch.Tensor:
+        """Return (sum over matches, sum over non-matches, non-matches counted)."""
+        pull = ((query - match) ** 2).sum(dim=-1)  # (N, q)
+        gap = (non_match_uv[:, :, :, None] - match_uv[:, :, None]).norm(dim=-1)  # (N, q, K, R)
+        near = ((gap <= guard_px) & match_valid[:, :, None]).any(dim=-1)  # (N, q, K)
+        counted = valid[..., None] & ~near
+        square = ((query[:, :, None] - non_match) ** 2).sum(dim=-1)
+        # sqrt has no gradient at 0: a collapsed network would yield NaN.
+        hinge = (margin - (square + _TINY).sqrt()).clamp_min(0)
+        push = hinge**2 if squared else hinge
+        number = (counted & (hinge > 0)) if hard_scaling else counted
+        return torch.stack(
+            [(pull * valid).sum(), (push * counted).sum(), number.sum().to(push.dtype)]
+        )
+
+    inputs = (query, match, valid, non_match, non_match_uv_px, match_uv_px, match_valid)
+    size = chunk or query.shape[1]
+    total = query.new_zeros(3)
+    for start in range(0, query.shape[1], size):
+        piece = [tensor[:, start : start + size] for tensor in inputs]
+        total = total + (
+            parts(*piece) if chunk is None else checkpoint(parts, *piece, use_reentrant=False)
+        )
+    return total[0] / valid.sum().clamp_min(1) + total[1] / total[2].detach().clamp_min(1)
+
+
+def draw_non_matches(
+    mask: torch.Tensor, queries: int, count: int, generator: torch.Generator | None = None
+) -> torch.Tensor:
+    """Draw pixels to be non-matches: the first half on the object, the rest anywhere else.
+
+    Args:
+        mask: bool (N, h, w), the object.
+        queries: Q.
+        count: K, pixels for each query.
+        generator: Source of randomness, on the mask's device.
+
+    Returns:
+        int64 (N, Q, K), flat pixel numbers row-major. An image with nothing on one side of the
+        mask is drawn from as a whole.
+    """
+    flat = mask.flatten(1)
+    picked = []
+    for side, number in ((flat, count // 2), (~flat, count - count // 2)):
+        usable = torch.where(side.any(dim=1, keepdim=True), side, torch.ones_like(side))
+        drawn = torch.multinomial(
+            usable.float(), queries * max(number, 1), replacement=True, generator=generator
+        )
+        picked.append(drawn.view(len(mask), queries, max(number, 1))[..., :number])
+    return torch.cat(picked, dim=-1)

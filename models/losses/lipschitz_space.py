@@ -1,0 +1,98 @@
+"""A Lipschitz condition in space: neighbouring pixels must not map far apart.
+
+With x_b the pixels of a patch and x̂_a the positions predicted for them (soft-argmax),
+
+    L = mean over pairs (i, j)  max(0, mu ( ||x̂_a,i - x̂_a,j|| - lipschitz ||x_b,i - x_b,j|| )).
+
+The penalty weight mu grows on a schedule, as in a penalty method.
+"""
+
+from __future__ import annotations
+
+import torch
+
+_TINY = 1e-12
+
+
+def soft_argmax(log_p: torch.Tensor, candidate_uv_px: torch.Tensor) -> torch.Tensor:
+    """Return the mean position under p, which has a gradient (an argmax has none).
+
+    Args:
+        log_p: float (N, Q, M), log probabilities over the candidates.
+        candidate_uv_px: float (N, M, 2), their positions, in the same order.
+
+    Returns:
+        float (N, Q, 2).
+    """
+    return log_p.exp() @ candidate_uv_px
+
+
+def lipschitz_space_loss(
+    predicted_uv_px: torch.Tensor,
+    pixel_uv_px: torch.Tensor,
+    valid: torch.Tensor,
+    *,
+    lipschitz: float,
+    mu: float,
+) -> torch.Tensor:
+    """Return the mean violation over all pairs of a patch.
+
+    Args:
+        predicted_uv_px: float (N, P, 2), where the patch's pixels are predicted to be.
+        pixel_uv_px: float (N, P, 2), the pixels themselves.
+        valid: bool (N, P).
+        lipschitz: The constant, > 0: how far neighbours may be stretched.
+        mu: Penalty weight, >= 0.
+
+    Returns:
+        A scalar; 0 if no patch has two valid pixels.
+    """
+    first, second = torch.triu_indices(
+        pixel_uv_px.shape[1], pixel_uv_px.shape[1], offset=1, device=pixel_uv_px.device
+    )
+    moved = predicted_uv_px[:, first] - predicted_uv_px[:, second]  # (N, pairs, 2)
+    apart = (pixel_uv_px[:, first] - pixel_uv_px[:, second]).norm(dim=-1)
+    stretched = ((moved**2).sum(dim=-1) + _TINY).sqrt()
+    both = valid[:, first] & valid[:, second]
+    violation = (mu * (stretched - lipschitz * apart)).clamp_min(0)
+    return (violation * both).sum() / both.sum().clamp_min(1)
+
+
+def draw_patch(
+    mask: torch.Tensor, radius_px: float, count: int, generator: torch.Generator | None = None
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """Draw pixels of the object from one small disc in each image.
+
+    Args:
+        mask: bool (N, h, w).
+        radius_px: Radius of the disc.
+        count: Pixels P, with replacement where the disc holds fewer.
+        generator: Source of randomness, on the mask's device.
+
+    Returns:
+        uv_px float32 (N, P, 2), pixel centres; valid bool (N, P), False where an image shows
+        no object.
+    """
+    height, width = mask.shape[-2:]
+    seen = mask.flatten(1)
+    some = seen.any(dim=1, keepdim=True)
+    weights = torch.where(some, seen, torch.ones_like(seen)).float()
+    numbers = torch.arange(height * width, device=mask.device)
+    centres = torch.stack([numbers % width, numbers // width], dim=-1) + 0.5  # (h w, 2)
+    middle = torch.multinomial(weights, 1, generator=generator)  # (N, 1)
+    gap = (centres[None] - centres[middle]).norm(dim=-1)
+    drawn = torch.multinomial(
+        weights * (gap <= radius_px), count, replacement=True, generator=generator
+    )
+    return centres[drawn], some.expand(-1, count)
+
+
+def penalty_weight(progress: float, start: float, end: float) -> float:
+    """Return mu, growing geometrically from `start` to `end` as progress goes from 0 to 1.
+
+    Args:
+        progress: Share of the training done, 0 to 1.
+        start: First value, > 0.
+        end: Last value, >= start.
+    """
+    return float(start * (end / start) ** min(max(progress, 0.0), 1.0))

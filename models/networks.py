@@ -1,0 +1,155 @@
+"""Networks by name: an image in, a descriptor at every pixel out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+import torch
+from pliant.models.resnet import DEPTHS, ResNetFCN
+from pliant.models.unet import UNet
+from pliant.spec.errors import CallError
+from torch import nn
+from torch.nn import functional
+
+
+@dataclass(frozen=True)
+class NetworkSettings:
+    """Which network, and what it puts out.
+
+    Attributes:
+        name: `unet`, `resnet18`, `resnet34` or `resnet50`.
+        descriptor_dim: Channels D of a descriptor, >= 1.
+        normalise: True for descriptors of unit length.
+        widths: U-Net: channels of each level, finest first.
+        global_blocks: U-Net: attention blocks at the coarsest level.
+        patch: U-Net: pixels a side that share one position of the finest level.
+        pretrained: Weights to start from: a `.safetensors` file (or a `.pt`/`.pth` state
+            dictionary), `hub:REPO:NAME` for torch.hub, `timm:NAME` for timm; empty for none.
+    """
+
+    name: str = "unet"
+    descriptor_dim: int = 16
+    normalise: bool = False
+    widths: tuple[int, ...] = (24, 48, 96, 160)
+    global_blocks: int = 2
+    patch: int = 1
+    pretrained: str = ""
+
+    def __post_init__(self) -> None:
+        if self.name not in NETWORKS:
+            raise ValueError(f"network.name must be one of {', '.join(NETWORKS)}")
+        if self.descriptor_dim < 1 or self.patch not in (1, 2, 4):
+            raise ValueError("descriptor_dim must be >= 1 and patch 1, 2 or 4")
+        if len(self.widths) < 2 or any(w % 8 for w in self.widths) or self.widths[-1] % 32:
+            raise ValueError("widths must be at least two multiples of 8, the last one of 32")
+
+
+def _unet(settings: NetworkSettings, channels_in: int) -> nn.Module:
+    return UNet(
+        channels_in,
+        settings.descriptor_dim,
+        settings.widths,
+        settings.global_blocks,
+        settings.patch,
+    )
+
+
+def _resnet(settings: NetworkSettings, channels_in: int) -> nn.Module:
+    return ResNetFCN(settings.name, channels_in, settings.descriptor_dim)
+
+
+NETWORKS: Final[dict[str, Callable[[NetworkSettings, int], nn.Module]]] = {
+    "unet": _unet,
+    **dict.fromkeys(DEPTHS, _resnet),
+}
+"""Name -> what builds it."""
+
+
+class DescriptorNetwork(nn.Module):
+    """A backbone, optional normalisation, and the learned scale of the distributional loss.
+
+    Args:
+        settings: Which network.
+        channels_in: Channels of the input.
+        initial_scale: First value of the scale (inverse temperature), > 0.
+        learn_scale: False keeps it there.
+    """
+
+    def __init__(
+        self,
+        settings: NetworkSettings,
+        channels_in: int,
+        *,
+        initial_scale: float = 1.0,
+        learn_scale: bool = True,
+    ) -> None:
+        super().__init__()
+        self.normalise = settings.normalise
+        self.backbone = NETWORKS[settings.name](settings, channels_in)
+        log_scale = torch.log(torch.tensor(float(initial_scale)))
+        self.log_scale = nn.Parameter(log_scale, requires_grad=learn_scale)
+
+    def forward(self, image: torch.Tensor) -> torch.Tensor:
+        """Map images (N, C, h, w) to descriptors (N, D, h, w), float32."""
+        descriptors: torch.Tensor = self.backbone(image).float()
+        return functional.normalize(descriptors, dim=1) if self.normalise else descriptors
+
+    @property
+    def scale(self) -> torch.Tensor:
+        """Inverse temperature of p = softmax(-scale * squared distance), a scalar."""
+        return self.log_scale.exp()
+
+
+def build_network(
+    settings: NetworkSettings,
+    channels_in: int,
+    *,
+    initial_scale: float = 1.0,
+    learn_scale: bool = True,
+) -> DescriptorNetwork:
+    """Return a network with its starting weights.
+
+    Args:
+        settings: Which network, and where its weights start.
+        channels_in: Channels of the input.
+        initial_scale: First value of the scale (inverse temperature).
+        learn_scale: False keeps it there.
+
+    Raises:
+        CallError: The pretrained weights cannot be found or do not fit.
+    """
+    network = DescriptorNetwork(
+        settings, channels_in, initial_scale=initial_scale, learn_scale=learn_scale
+    )
+    if settings.pretrained:
+        from pliant.models.pretrained import load_pretrained
+
+        loaded = load_pretrained(network.backbone, settings.pretrained)
+        if loaded == 0:
+            raise CallError(
+                "none of the pretrained weights fits this network",
+                where="network.pretrained",
+                found=settings.pretrained,
+                required=f"weights of {settings.name}",
+            )
+    return network
+
+
+def sample_descriptors(descriptors: torch.Tensor, uv_px: torch.Tensor) -> torch.Tensor:
+    """Return descriptors between pixels, bilinearly; pixel (0, 0) has its centre at (0.5, 0.5).
+
+    Args:
+        descriptors: float (N, D, h, w).
+        uv_px: float (N, Q, 2), (u, v) in pixels of the map.
+
+    Returns:
+        float (N, Q, D).
+    """
+    size = uv_px.new_tensor([descriptors.shape[-1], descriptors.shape[-2]])
+    grid = uv_px / size * 2 - 1  # align_corners=False puts -1 and 1 at the image's edges
+    sampled = functional.grid_sample(
+        descriptors, grid[:, None], mode="bilinear", padding_mode="border", align_corners=False
+    )  # (N, D, 1, Q)
+    return sampled[:, :, 0].transpose(1, 2)
