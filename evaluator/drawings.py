@@ -14,7 +14,8 @@ from pliant.spec import layout
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import SpecError
 
-_GAP_PX = 12
+PAIR_GAP = 12
+"""Gap between the two images of a pair, in symbol units (image width over 160)."""
 
 
 def pair_svg(example: Example, dataset: Dataset | None, size: tuple[int, int]) -> str:
@@ -31,15 +32,15 @@ def pair_svg(example: Example, dataset: Dataset | None, size: tuple[int, int]) -
     """
     width, height = size
     unit = width / 160  # symbols keep their size relative to the picture
-    shift = width + _GAP_PX * unit
+    shift = width + PAIR_GAP * unit
     total = shift + width
     parts = [
         f'<svg class="pair" role="img" aria-label="{example.rank} pair of {_escape(example.tier)}" '
         f'viewBox="0 0 {total:g} {height:g}" xmlns="http://www.w3.org/2000/svg">',
         f'<defs><clipPath id="clip-{example.pair}-{example.rank}"><rect x="{shift:g}" y="0" '
         f'width="{width}" height="{height}"/></clipPath></defs>',
-        _panel(dataset, example.sequence_a, example.frame_a, 0.0, size),
-        _panel(dataset, example.sequence_b, example.frame_b, shift, size),
+        panel_svg(dataset, example.sequence_a, example.frame_a, 0.0, size),
+        panel_svg(dataset, example.sequence_b, example.frame_b, shift, size),
     ]
     colours = [_colour(index, len(example.uv_a_px)) for index in range(len(example.uv_a_px))]
     for (u, v), colour in zip(example.uv_a_px, colours, strict=True):
@@ -74,9 +75,10 @@ def _colour(index: int, count: int) -> str:
     return f"#{int(red * 255):02x}{int(green * 255):02x}{int(blue * 255):02x}"
 
 
-def _panel(
+def panel_svg(
     dataset: Dataset | None, sequence: str, frame: int, x: float, size: tuple[int, int]
 ) -> str:
+    """Draw one image of a pair at a horizontal offset, or a plain panel where there is none."""
     width, height = size
     rgb = None if dataset is None else _image(dataset, sequence, frame)
     if rgb is None:

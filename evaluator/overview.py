@@ -45,14 +45,14 @@ class TierSection:
         facts: A line about it (sequences, frames, pairs, queries).
         frames_png: PNG bytes of its contact sheet.
         histogram_svg: SVG text of the methods' error histograms.
-        matches_png: method -> PNG bytes of its ten best matches.
+        matches_svg: caption -> SVG text of a method's best matches.
     """
 
     name: str
     facts: str
     frames_png: bytes
     histogram_svg: str
-    matches_png: Mapping[str, bytes] = field(default_factory=dict)
+    matches_svg: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -68,13 +68,15 @@ def table_rows(
 ) -> list[tuple[str, list[Cell]]]:
     """Return the table's rows: (tier, a cell a column).
 
-    The best figure of a row is the lowest among the methods; controls do not compete.
+    The best figure of a row is the lowest among the methods (the highest, of a PCK); controls
+    do not compete.
 
     Args:
         columns: The methods.
         tiers: Row names, in order.
         metric: Key under `scores["tiers"][tier]`.
     """
+    higher_is_better = metric.startswith("pck")
     rows = []
     for tier in tiers:
         values = [column.scores["tiers"].get(tier, {}).get(metric) for column in columns]
@@ -83,10 +85,10 @@ def table_rows(
             for value, column in zip(values, columns, strict=True)
             if value is not None and not column.control
         ]
-        best = min(competing, default=None)
+        best = (max if higher_is_better else min)(competing, default=None)
         cells = [
             Cell(
-                "not scored" if value is None else format_px(value),
+                "–" if value is None else f"{value:.3f}" if higher_is_better else format_px(value),
                 value is not None and not column.control and value == best,
             )
             for value, column in zip(values, columns, strict=True)
@@ -106,9 +108,8 @@ def render_overview(
     *,
     title: str,
     intro: str,
-    columns: Sequence[Column],
+    tables: Sequence[tuple[Sequence[Column], str, str]],
     tiers: Sequence[TierSection],
-    metrics: Mapping[str, str],
     facts: Mapping[str, str],
 ) -> str:
     """Return the page: one self-contained HTML text.
@@ -116,20 +117,21 @@ def render_overview(
     Args:
         title: The page's heading.
         intro: A sentence under it.
-        columns: The methods, in the table's order.
-        tiers: The tiers, in the table's order.
-        metrics: metric key -> caption; a table each, the first one large.
+        tables: (columns, metric, caption): a table each, in order.
+        tiers: The tiers, in the tables' order.
         facts: Provenance: label -> value.
     """
     environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
     environment.filters["data_uri"] = _data_uri
     source = (resources.files("pliant.evaluator") / "templates" / "overview.html").read_text()
-    tables = [
-        {"caption": caption, "rows": table_rows(columns, [tier.name for tier in tiers], metric)}
-        for metric, caption in metrics.items()
+    names = [tier.name for tier in tiers]
+    drawn = [
+        {"caption": caption, "columns": columns, "rows": table_rows(columns, names, metric)}
+        for columns, metric, caption in tables
     ]
+    notes = {column.name: column.note for columns, _, _ in tables for column in columns}
     return environment.from_string(source).render(
-        title=title, intro=intro, columns=columns, tiers=tiers, tables=tables, facts=facts
+        title=title, intro=intro, tables=drawn, notes=notes, tiers=tiers, facts=facts
     )
 
 
