@@ -78,10 +78,6 @@ class PairContact:
             self._count,
         )
 
-    def forget(self) -> None:
-        """Drop the list: positions were set from outside."""
-        self._listed_at = None
-
     def _list_pairs(self, positions: FloatArray) -> None:
         reach_m = self.distance_m + self.margin_m
         while True:

@@ -200,7 +200,6 @@ class Simulator:
         """
         self.positions[:] = positions
         self.previous[:] = positions
-        self._pairs.forget()
 
     def energy(self) -> float:
         """Return kinetic, elastic and gravitational energy together, joules."""
