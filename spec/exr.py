@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -113,16 +113,34 @@ def read_surface(path: Path | str, *, size: tuple[int, int] | None = None) -> Su
     refuse_large(header.width, header.height, path)
     _require_kind(header, path)
     require_size((header.width, header.height), size, path)
+    arrays = _decode(path, (header.height, header.width))
+    return Surface(
+        arrays["Z"], arrays["surface.m0"], arrays["surface.m1"], arrays["surface.object"]
+    )
+
+
+def _decode(path: Path | str, shape: tuple[int, int]) -> dict[str, npt.NDArray[Any]]:
+    """Decode the four channels of a file whose header was checked.
+
+    `InputFile` raises on damaged pixels, where `OpenEXR.File` prints to stdout and goes on.
+    """
+    names = list(CHANNELS)
     try:
-        with OpenEXR.File(str(path), True, False, 1) as image:
-            pixels = {name: channel.pixels for name, channel in image.channels().items()}
-    except Exception as error:  # the binding raises RuntimeError and others
+        image = OpenEXR.InputFile(str(path))
+        try:
+            planes = image.channels(names)
+        finally:
+            image.close()
+        return {
+            name: np.frombuffer(plane, np.uint32 if CHANNELS[name][1] == 0 else np.float32)
+            .reshape(shape)
+            .copy()
+            for name, plane in zip(names, planes, strict=True)
+        }
+    except Exception as error:  # the binding raises OSError, TypeError and others
         raise FileRefusedError(
             "FILE_UNREADABLE", "the EXR cannot be decoded", path=path, found=str(error)
         ) from error
-    return Surface(
-        pixels["Z"], pixels["surface.m0"], pixels["surface.m1"], pixels["surface.object"]
-    )
 
 
 def read_header(path: Path | str) -> ExrHeader:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Iterator
 from functools import cache
 from importlib.resources import files
@@ -116,12 +117,27 @@ def _validator(name: str) -> Draft202012Validator:
 def schema_errors(document: Any, name: str) -> Iterator[tuple[str, str]]:
     """Yield (place, message) for everything in which a document breaks a schema.
 
+    Unknown fields are no fault of a document whose minor version is newer than this code's.
+
     Args:
         document: Parsed JSON.
         name: Name of the schema.
     """
+    newer = isinstance(document, dict) and is_newer_minor(document.get("spec_version"))
     for error in _validator(name).iter_errors(document):
-        yield _place(error), _shortened(error.message)
+        if not (newer and error.validator == "additionalProperties"):
+            yield _place(error), _shortened(error.message)
+
+
+def is_newer_minor(version: object) -> bool:
+    """Return whether a version is of this code's major and of a newer minor version.
+
+    Args:
+        version: A `spec_version`, of any type.
+    """
+    found = re.fullmatch(r"(\d{1,6})\.(\d{1,6})\.\d{1,6}", str(version))
+    major, minor, _ = SPEC_VERSION.split(".")
+    return found is not None and found[1] == major and int(found[2]) > int(minor)
 
 
 def _place(error: ValidationError) -> str:

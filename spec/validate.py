@@ -14,6 +14,7 @@ import numpy as np
 from pliant.spec import layout
 from pliant.spec.conventions import SPEC_VERSION, SPLITS
 from pliant.spec.errors import CallError, Issue
+from pliant.spec.jsonfiles import is_newer_minor
 from pliant.spec.rules.context import Context
 from pliant.spec.rules.files import read_document
 from pliant.spec.rules.findings import Findings
@@ -147,6 +148,13 @@ def _read_context(root: Path, quick: bool, findings: Findings) -> Context | None
     info = read_document(path, layout.DATASET_JSON, "dataset", findings)
     if info is None:
         return None
+    if is_newer_minor(info["spec_version"]):
+        findings.add(
+            "SPEC_VERSION_NEWER",
+            layout.DATASET_JSON,
+            "spec_version",
+            f"found {info['spec_version']}; this validator knows {SPEC_VERSION}",
+        )
     before = findings.counts.get("TIER_INVALID", 0)
     check_tiers(info, findings)
     if findings.counts.get("TIER_INVALID", 0) > before:

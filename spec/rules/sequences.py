@@ -30,6 +30,7 @@ from pliant.spec.rules.points import PointSet, check_points
 from pliant.spec.rules.surfaces import check_rgb, check_surface, visible_box_px
 from pliant.spec.rules.visibility import check_visibility
 
+_SHARE = "self_occluded"
 _FROM_ROW = ("id", "tier", "split", "shape", "frames", "temporal", "seed", "style")
 
 
@@ -200,7 +201,6 @@ def _check_frames(
     findings, frames = result.findings, info["frames"]
     shown = f"{files.shown}/{layout.CORRESPONDENCES_TABLE}"
     stream: Iterator[FrameRows] = iter(())
-    before = findings.total
     if files.verified(layout.CORRESPONDENCES_TABLE, findings):
         table = open_correspondences(files.folder / layout.CORRESPONDENCES_TABLE, shown, findings)
         if table is not None and points is not None:
@@ -209,6 +209,7 @@ def _check_frames(
                 stream = frame_rows(table, frames, len(points), grouped, findings)
     result.boxes_px = np.full(frames, np.nan, np.float32)
     shares = np.full(frames, np.nan)
+    count = 0
     rows = next(stream, None)
     for frame in range(frames):
         check_rgb(context, files, frame, findings)
@@ -217,6 +218,7 @@ def _check_frames(
             result.boxes_px[frame] = visible_box_px(surface, tier["queried_object"])
         if rows is None or rows.frame != frame or points is None:
             continue
+        count += len(rows.point)
         outer = ~points.centreline[rows.point]
         shares[frame] = np.mean((rows.state == SELF_OCCLUDED)[outer]) if outer.any() else np.nan
         if cameras is not None:
@@ -226,15 +228,16 @@ def _check_frames(
         rows = next(stream, None)
     while rows is not None:  # so that broken values after the last frame are reported too
         rows = next(stream, None)
-    if row is not None and findings.total == before and np.isfinite(shares).all():
+    whole = points is not None and count == frames * len(points)
+    if row is not None and whole and np.isfinite(shares).all() and np.isfinite(row[_SHARE]):
         _check_summary(row, float(np.mean(shares)), findings)
 
 
 def _check_summary(row: dict[str, Any], share: float, findings: Findings) -> None:
-    if abs(row["self_occluded"] - share) > 1e-5:
+    if abs(row[_SHARE] - share) > 1e-5:
         findings.add(
             "SUMMARY_DISAGREES",
             layout.SEQUENCES_TABLE,
-            f"{row['id']}, self_occluded",
-            f"found {row['self_occluded']:.6f}; its correspondences give {share:.6f}",
+            f"{row['id']}, {_SHARE}",
+            f"found {row[_SHARE]:.6f}; its correspondences give {share:.6f}",
         )

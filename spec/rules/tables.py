@@ -13,7 +13,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from pliant.spec.dataset import check_version
-from pliant.spec.jsonfiles import schema_errors
+from pliant.spec.jsonfiles import is_newer_minor, schema_errors
 from pliant.spec.parquet import column_problem, footer_of, load_batches, open_table
 from pliant.spec.reading import FileRefusedError
 from pliant.spec.rules.findings import Findings, reason
@@ -94,7 +94,8 @@ def check_table(
             good.add(field.name)
         else:
             findings.add(problem[0], shown, field.name, problem[1])
-    for extra in sorted(set(found.names) - set(TABLES[name].names)):
+    unknown = () if is_newer_minor(footer.get("spec_version")) else set(found.names)
+    for extra in sorted(set(unknown) - set(TABLES[name].names)):
         findings.add("COLUMN_EXTRA", shown, extra[:80], "the specification has no such column")
     return CheckedTable(file, path, shown, name, frozenset(good), footer)
 

@@ -27,10 +27,11 @@ def check_tiers(info: dict[str, Any], findings: Findings) -> None:
         findings.add("TIER_INVALID", DATASET_JSON, "tiers", f"two tiers are named {name!r}")
     for index, tier in enumerate(info["tiers"]):
         where = f"tiers[{index}]"
-        for message in _tier_problems(tier):
+        problems = _tier_problems(tier)
+        for message in problems:
             findings.add("TIER_INVALID", DATASET_JSON, where, message)
         queried = queried_object(tier)
-        if queried is not None:
+        if queried is not None and not problems:
             for number, message in _symmetry_problems(tier["symmetries"], queried["material"]):
                 findings.add(
                     "SYMMETRY_INVALID", DATASET_JSON, f"{where}.symmetries[{number}]", message
