@@ -59,6 +59,7 @@ class SequenceWriter:
         self._partial = scratch / f"{folder.name}-{os.uname().nodename}-{os.getpid()}"
         self._encoder = ThreadPoolExecutor(1, thread_name_prefix="encode")
         self._pending: deque[Future[float]] = deque()
+        self._images: list[dict[str, Any]] = []
         self._cameras: list[dict[str, Any]] = []
         self._size = (0, 0)
         self._footer = {"sequence": folder.name}
@@ -131,22 +132,22 @@ class SequenceWriter:
             },
             "cameras",
         )
-        files: list[dict[str, Any]] = [
-            {
-                "path": path.relative_to(self._partial).as_posix(),
-                "sha256": sha256_file(path),
-                "bytes": path.stat().st_size,
-            }
-            for path in sorted(self._partial.rglob("*"))
-            if path.is_file()
-        ]
+        names = (CAMERAS_JSON, CORRESPONDENCES_TABLE, POINTS_TABLE)
+        files = [*map(self._entry, names), *self._images]
+        files.sort(key=lambda file: str(file["path"]))
         document = {"spec_version": SPEC_VERSION, **info, "files": files}
         write_json(self._partial / SEQUENCE_JSON, document, "sequence")
-        _sync_tree(self._partial)
+        for path in (*self._partial.glob("*"), self._partial):  # the images are synced already
+            _sync(path)
         self._move_into_place()
         json_bytes = (self.folder / SEQUENCE_JSON).stat().st_size
         total: int = json_bytes + sum(file["bytes"] for file in files)
         return total
+
+    def _entry(self, name: str) -> dict[str, Any]:
+        """Return a file's entry in `sequence.json`."""
+        path = self._partial / name
+        return {"path": name, "sha256": sha256_file(path), "bytes": path.stat().st_size}
 
     def _write_rows(self) -> None:
         if self._rows:
@@ -170,6 +171,9 @@ class SequenceWriter:
             if _free_bytes(self._partial) < surface.depth_m.nbytes:
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)) from error
             raise
+        for name in (rgb_name(frame), depth_name(frame)):
+            _sync(self._partial / name)  # here, beside the rendering, and not all at the end
+            self._images.append(self._entry(name))
         return time.thread_time() - start
 
     def _move_into_place(self) -> None:
@@ -218,12 +222,6 @@ def correspondence_rows(frame: int, truth: FrameTruth) -> pa.Table:
 
 def _free_bytes(folder: Path) -> int:
     return shutil.disk_usage(folder).free
-
-
-def _sync_tree(folder: Path) -> None:
-    for path in sorted(folder.rglob("*")):
-        _sync(path)
-    _sync(folder)
 
 
 def _sync(path: Path) -> None:

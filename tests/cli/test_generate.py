@@ -8,6 +8,7 @@ from pliant.cli.main import run
 from pliant.spec.errors import CallError
 
 SMALL = ["--size", "64x48", "--style", "raster", "--splits", "test=2", "--workers", "2"]
+SMALL += ["--set", "rope.shapes={open: 1}"]
 
 
 def flags(**given):
@@ -22,13 +23,13 @@ def test_flags_win_over_the_file_and_settings_over_flags(tmp_path):
     config = build_config(
         ("rope",),
         tmp_path / "c.yaml",
-        ("rope.structure=braid", "rope.strands=8", "queries.queries_per_pair=7"),
+        ("rope.ball=false", "rope.turns=10", "queries.queries_per_pair=7"),
         flags(splits="train=2,test=1", seed=0, size="320x240"),
     )
     assert config.tiers == ("rope",)
     assert config.counts == {"train": 2, "test": 1}
     assert (config.size, config.seed) == ((320, 240), 0)
-    assert config.rope == {"length_m": 2.0, "structure": "braid", "strands": 8}
+    assert config.rope == {"length_m": 2.0, "ball": False, "turns": 10}
     assert config.queries.queries_per_pair == 7
 
 
