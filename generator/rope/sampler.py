@@ -112,6 +112,7 @@ def sample_rope(
             "structure": settings.structure,
             "strands": settings.strands,
             "turns": settings.turns,
+            "workspace_m": [extent * settings.length_m for extent in settings.workspace],
             "ball_radius_m": settings.ball_radius_m if settings.ball else None,
         },
     )

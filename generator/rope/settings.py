@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
-from typing import Any, Final, Self
+from dataclasses import dataclass, field, fields
+from typing import Final
 
 from pliant.spec.errors import CallError
 
@@ -13,7 +13,7 @@ SHAPES: Final = ("open", "loop", "overlap", "knot")
 KNOTS: Final = ("overhand", "figure-eight")
 STRUCTURES: Final = ("laid", "braid", "tube")
 
-SHORTEST_KNOT_DIAMETERS: Final[Mapping[str, float]] = {"overhand": 20.0, "figure-eight": 29.0}
+SHORTEST_KNOT_DIAMETERS: Final[Mapping[str, float]] = {"overhand": 20.0, "figure-eight": 28.0}
 """Rope lengths, in diameters, under which the flat knot would press strands into each other."""
 
 LONGEST_KNOT_SHARE: Final = 0.92
@@ -29,7 +29,7 @@ def _even_knots() -> dict[str, float]:
 
 
 def _knot_sizes() -> dict[str, tuple[float, float]]:
-    return {"overhand": (21.0, 30.0), "figure-eight": (31.0, 38.0)}
+    return {"overhand": (22.0, 32.0), "figure-eight": (31.0, 39.0)}
 
 
 @dataclass(frozen=True)
@@ -128,35 +128,6 @@ class RopeSettings:
     def ball_radius_m(self) -> float:
         """Radius of the ball, metres (also where the tier has none)."""
         return self.ball_strand_radii * self.strand_radius_m
-
-    @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> Self:
-        """Return the settings of a JSON or YAML object; absent keys take their defaults.
-
-        Raises:
-            CallError: A key is unknown or a value is refused.
-        """
-        known = {each.name for each in fields(cls)}
-        unknown = sorted(set(values) - known)
-        if unknown:
-            raise CallError(
-                "unknown rope setting",
-                where=f"rope.{unknown[0]}",
-                required="one of " + ", ".join(sorted(known)),
-            )
-        return cls(**values)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the settings as a JSON object that `from_dict` reads back."""
-        out: dict[str, Any] = {}
-        for name, value in asdict(self).items():
-            if isinstance(value, Mapping):
-                value = {
-                    key: list(entry) if isinstance(entry, tuple) else entry
-                    for key, entry in value.items()
-                }
-            out[name] = list(value) if isinstance(value, tuple) else value
-        return out
 
     def _check_types(self) -> None:
         for each in fields(self):

@@ -13,8 +13,8 @@ from typing import Final
 
 import numpy as np
 import numpy.typing as npt
-from pliant.generator.rope.curve import resample
-from pliant.generator.rope.settings import RopeSettings
+from pliant.generator.rope.curve import arc_length, automatic_handles, bezier_curve, resample
+from pliant.generator.rope.settings import KNOTS, RopeSettings
 from pliant.generator.subject import FloatArray
 
 BoolArray = npt.NDArray[np.bool_]
@@ -44,11 +44,14 @@ class Plan:
     detail: dict[str, float | str | bool]
 
 
-def plan_shape(shape: str, settings: RopeSettings, rng: np.random.Generator) -> Plan:
+def plan_shape(
+    shape: str, knot: str | None, settings: RopeSettings, rng: np.random.Generator
+) -> Plan:
     """Return one random plan of a shape.
 
     Args:
         shape: One of `SHAPES`.
+        knot: Which knot, for the shape `knot` (`sample_knot`).
         settings: Proportions.
         rng: Where the numbers come from.
 
@@ -61,10 +64,14 @@ def plan_shape(shape: str, settings: RopeSettings, rng: np.random.Generator) -> 
         return _loop(settings, rng)
     if shape == "overlap":
         return _overlap(settings, rng)
+    return _knot(knot or KNOTS[0], settings, rng)
+
+
+def sample_knot(settings: RopeSettings, rng: np.random.Generator) -> str:
+    """Return a knot drawn by the settings' weights."""
     names = [name for name, weight in settings.knots.items() if weight > 0]
     weights = np.array([settings.knots[name] for name in names])
-    knot = names[int(rng.choice(len(names), p=weights / weights.sum()))]
-    return _knot(knot, settings, rng)
+    return names[int(rng.choice(len(names), p=weights / weights.sum()))]
 
 
 def _wander(
@@ -170,78 +177,92 @@ def _overlap(settings: RopeSettings, rng: np.random.Generator) -> Plan:
     return Plan(nodes, layers[int(rng.integers(2))], (1, 3), (0.33, 1.0), {})
 
 
-def _knot_core(knot: str) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return parameter, plan and height hint of a knot opened on an outer lobe.
+# Two knots drawn as a lying figure of eight: three strands run through the waist, and each
+# tail leaves through the loop at the other end. Going along either, over and under alternate.
+# In the overhand the two tails cross in the waist; in the figure-eight the middle strand goes
+# from one loop's bottom to the other's top and crosses both.
+_THROUGH_LOOPS: Final = {
+    "overhand": np.array(
+        [
+            *[(3.9, -0.1), (2.6, 0.05), (1.1, 0.0), (-1.0, -0.9), (-2.2, -1.1), (-3.2, -0.1)],
+            *[(-2.3, 1.0), (-0.9, 1.25), (0.9, 1.25), (2.3, 1.0), (3.2, -0.1), (2.2, -1.1)],
+            *[(1.0, -0.9), (-1.1, 0.0), (-2.6, 0.05), (-3.9, -0.1)],
+        ]
+    ),
+    "figure-eight": np.array(
+        [
+            *[(4.1, 0.0), (2.7, 0.05), (1.3, 0.3), (0.0, 0.8), (-1.2, 1.15), (-2.4, 1.15)],
+            *[(-3.3, 0.1), (-2.5, -1.1), (-1.3, -0.75), (0.0, 0.0), (1.3, 0.75), (2.5, 1.1)],
+            *[(3.3, -0.1), (2.4, -1.15), (1.2, -1.15), (0.0, -0.8), (-1.3, -0.3)],
+            *[(-2.7, -0.05), (-4.1, 0.0)],
+        ]
+    ),
+}
 
-    The overhand is the trefoil (sin t + 2 sin 2t, cos t - 2 cos 2t, -sin 3t), the figure-eight
-    ((2 + cos 2t) cos 3t, (2 + cos 2t) sin 3t, sin 4t), both textbook curves.
-    """
-    if knot == "overhand":
-        start, cut = math.pi / 3.0, 0.50
-        t = np.linspace(start + cut, start + 2.0 * math.pi - cut, _SAMPLES)
-        plan = np.stack(
-            [np.sin(t) + 2.0 * np.sin(2.0 * t), np.cos(t) - 2.0 * np.cos(2.0 * t)], axis=1
-        )
-        return t, plan, -np.sin(3.0 * t)
-    cut = 0.30
-    t = np.linspace(cut, 2.0 * math.pi - cut, _SAMPLES)
-    reach = 2.0 + np.cos(2.0 * t)
-    plan = np.stack([reach * np.cos(3.0 * t), reach * np.sin(3.0 * t)], axis=1)
-    return t, plan, np.sin(4.0 * t)
+
+def _pretzel() -> FloatArray:
+    """Return the trefoil (sin t + 2 sin 2t, cos t - 2 cos 2t), opened on an outer lobe."""
+    start, cut = math.pi / 3.0, 0.50
+    t = np.linspace(start + cut, start + 2.0 * math.pi - cut, _SAMPLES)
+    return np.stack([np.sin(t) + 2.0 * np.sin(2.0 * t), np.cos(t) - 2.0 * np.cos(2.0 * t)], axis=1)
 
 
-_KNOT_NODES: Final = {"overhand": 14, "figure-eight": 20}
+def _knot_core(knot: str, pretzel: bool) -> FloatArray:
+    """Return the knotted stretch as seen from above: (samples, 2), no particular size."""
+    if pretzel:
+        return _pretzel()
+    nodes = _THROUGH_LOOPS[knot]
+    return resample(bezier_curve(nodes, automatic_handles(nodes)), _SAMPLES)
+
+
+_KNOT_NODES: Final = {"overhand": 16, "figure-eight": 18}
 _TAIL_NODES: Final = 4
 
 
 def _knot(knot: str, settings: RopeSettings, rng: np.random.Generator) -> Plan:
-    low, high = settings.knot_diameters[knot]
-    size = rng.uniform(low, high)
+    size = rng.uniform(*settings.knot_diameters[knot])
     core_length = size * settings.diameter_m
-    _, core, hint = _knot_core(knot)
-    # A little irregularity, in the plane only: stretch, and a smooth bulge.
-    stretch = rng.uniform(0.9, 1.12)
-    core = core * np.array([stretch, 1.0 / stretch])
-    if rng.random() < 0.5:
-        core, hint = core * np.array([1.0, -1.0]), -hint  # the mirror image of both: a turn over
-    if rng.random() < 0.5:
-        hint = -hint  # the other hand
-    length = float(np.sqrt((np.diff(core, axis=0) ** 2).sum(axis=1)).sum())
-    core = core * (core_length / length)
+    pretzel = knot == "overhand" and bool(rng.random() < 0.4)
+    # A little irregularity: stretched one way, mirrored, nodes displaced.
+    stretch = rng.uniform(0.92, 1.12)
+    mirror = -1.0 if rng.random() < 0.5 else 1.0
+    core = _knot_core(knot, pretzel) * np.array([stretch, mirror / stretch])
+    core *= core_length / arc_length(core)[-1]
     spare = settings.length_m - core_length
     share = rng.uniform(0.35, 0.65)
-    before = _tail(core[0] - core[1], core[0] - core.mean(axis=0), spare * share, rng)
-    after = _tail(core[-1] - core[-2], core[-1] - core.mean(axis=0), spare * (1 - share), rng)
+    # Each tail bends away from the other one.
+    across = core[0] - core[-1] if pretzel else core[len(core) // 2] - core[0]
+    before = _tail(core[0] - core[1], across, spare * share, rng)
+    after = _tail(core[-1] - core[-2], -across, spare * (1 - share), rng)
     inner = resample(core, _KNOT_NODES[knot])
-    wiggle = rng.normal(0.0, 0.004 * core_length, inner.shape)
+    wiggle = rng.normal(0.0, 0.003 * core_length, inner.shape)
     wiggle[[0, -1]] = 0.0
     nodes = np.concatenate([core[0] + before[::-1], inner + wiggle, core[-1] + after])
-    first = spare * share / settings.length_m
-    last = 1.0 - spare * (1 - share) / settings.length_m
-    along = np.linspace(first, last, len(hint))
-    core_arc = np.concatenate(
-        [np.zeros(1), np.cumsum(np.sqrt((np.diff(core, axis=0) ** 2).sum(axis=1)))]
-    )
-    along = first + (last - first) * core_arc / core_arc[-1]
+    starts_over = bool(rng.random() < 0.5)
 
     def late_over(early: FloatArray, late: FloatArray) -> BoolArray:
-        return np.asarray(np.interp(late, along, hint) > np.interp(early, along, hint))
+        # Over and under alternate along the rope; which comes first is the knot's hand.
+        passages = np.sort(np.concatenate([early, late]))
+        return np.asarray((np.searchsorted(passages, late) % 2 == 0) == starts_over)
 
     count = 3 if knot == "overhand" else 4
-    detail: dict[str, float | str | bool] = {"knot": knot, "knot_diameters": size}
+    detail: dict[str, float | str | bool] = {
+        "knot": knot,
+        "knot_diameters": size,
+        "pretzel": pretzel,
+    }
     return Plan(nodes, late_over, (count, count), (0.0, 1.0), detail)
 
 
 def _tail(
-    direction: FloatArray, outward: FloatArray, length_m: float, rng: np.random.Generator
+    direction: FloatArray, side: FloatArray, length_m: float, rng: np.random.Generator
 ) -> FloatArray:
-    """Return control points of a tail that leaves the knot and bends outward: (nodes, 2)."""
+    """Return control points of a tail that leaves the knot and bends to a side: (nodes, 2)."""
     heading = math.atan2(direction[1], direction[0])
-    away = math.atan2(outward[1], outward[0])
-    turn = (away - heading + math.pi) % (2.0 * math.pi) - math.pi
+    left = direction[0] * side[1] - direction[1] * side[0] > 0
     t = np.linspace(0.0, 1.0, 65)
-    bend = rng.uniform(0.3, 1.5) * turn * t + rng.normal(0.0, 0.5) * np.sin(math.pi * t)
-    angle = heading + bend
+    bend = rng.uniform(-0.2, 1.8) * (1.0 if left else -1.0) * np.sqrt(t)
+    angle = heading + bend + rng.normal(0.0, 0.5) * np.sin(math.pi * t) * t
     step = length_m / 64.0
     moves = step * np.stack([np.cos(angle), np.sin(angle)], axis=1)[1:]
     path = np.concatenate([np.zeros((1, 2)), np.cumsum(moves, axis=0)])

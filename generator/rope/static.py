@@ -22,14 +22,14 @@ from pliant.generator.rope.curve import (
 )
 from pliant.generator.rope.lift import lift
 from pliant.generator.rope.settings import RopeSettings
-from pliant.generator.rope.shapes import Plan, plan_shape
+from pliant.generator.rope.shapes import Plan, plan_shape, sample_knot
 from pliant.generator.subject import FloatArray
 from pliant.spec.errors import GenerationError
 
 MIN_BEND_RADII: Final = 1.8
 """Tightest bend of a sampled centre line, in rope radii: below 1 the surface would fold."""
 
-ATTEMPTS: Final = 3000
+ATTEMPTS: Final = 1500
 """Plans drawn before a shape is given up; most shapes take fewer than 30."""
 
 
@@ -70,12 +70,14 @@ def sample_configuration(
     Raises:
         GenerationError: None held; the settings leave the shape too little room.
     """
+    # The knot is drawn once: one that is harder to make must not become rarer for it.
+    knot = sample_knot(settings, rng) if shape == "knot" else None
     for attempt in range(1, ATTEMPTS + 1):
-        made = _build(plan_shape(shape, settings, rng), settings, rng, attempt)
+        made = _build(plan_shape(shape, knot, settings, rng), settings, rng, attempt)
         if made is not None:
             return made
     raise GenerationError(
-        f"no possible {shape} was found in {ATTEMPTS} attempts",
+        f"no possible {knot or shape} was found in {ATTEMPTS} attempts",
         where="rope",
         fix="Make the rope longer or thinner, widen the workspace, or leave this shape out.",
     )
