@@ -1,7 +1,7 @@
 """Builds the conformance suite: `python -m pliant.spec.conformance.build`.
 
-It writes the base datasets under `datasets/`, `cases.json`, and `cases.zip`, which holds
-for every case the files that differ from its base.
+It writes the base datasets under `datasets/`, `cases.json`, `cases.zip`, which holds for
+every case the files that differ from its base, and the submissions with their index.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from pliant.spec.conformance import (
     broken_geometry,
     broken_queries,
     broken_tables,
+    submissions,
 )
 from pliant.spec.conformance.base import BASES
 from pliant.spec.conformance.edits import Case
@@ -32,6 +33,8 @@ HERE = Path(__file__).resolve().parent
 DATASETS = HERE / "datasets"
 INDEX = HERE / "cases.json"
 FILES = HERE / "cases.zip"
+SUBMISSIONS = HERE / "submissions"
+SUBMISSIONS_INDEX = HERE / "submissions.json"
 
 CASES: list[Case] = [
     *accepted.CASES,
@@ -134,6 +137,25 @@ def build() -> None:
                 archive.writestr(info, data)
     document = {"spec_version": SPEC_VERSION, "archive": FILES.name, "datasets": entries}
     INDEX.write_text(json.dumps(document, indent=1) + "\n")
+    build_submissions()
+
+
+def build_submissions() -> None:
+    """Write the submissions and their index anew."""
+    shutil.rmtree(SUBMISSIONS, ignore_errors=True)
+    SUBMISSIONS.mkdir()
+    entries = []
+    for case in submissions.CASES:
+        path = SUBMISSIONS / f"{case.name}.parquet"
+        submissions.write_submission(case, DATASETS / "full", path)
+        entries.append({"name": path.name, "is": case.text, "codes": sorted(case.codes)})
+    document = {
+        "spec_version": SPEC_VERSION,
+        "dataset": "full",
+        "split": submissions.SPLIT,
+        "submissions": entries,
+    }
+    SUBMISSIONS_INDEX.write_text(json.dumps(document, indent=1) + "\n")
 
 
 def main() -> None:
