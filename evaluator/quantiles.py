@@ -10,6 +10,8 @@ from pliant.evaluator.arrays import FloatArray, IntArray
 
 _CHUNK: Final = 1 << 18
 _CELLS: Final = 4096
+_SELECT: Final = 1 << 23
+"""Up to so many values are simply copied and partitioned."""
 _COLLECT: Final = 1 << 21
 """So many values are looked at in one piece."""
 
@@ -17,7 +19,7 @@ _COLLECT: Final = 1 << 21
 def exact_quantiles(chunks: Sequence[FloatArray], levels: Sequence[float]) -> list[float | None]:
     """Return quantiles by linear interpolation between order statistics (numpy's `linear`).
 
-    The values are counted into cells, and only the cells that hold a wanted order statistic
+    Many values are counted into cells, and only the cells that hold a wanted order statistic
     are looked into, again by cells if there are too many: memory does not grow with the number
     of values, and nothing is approximated.
 
@@ -40,7 +42,13 @@ def exact_quantiles(chunks: Sequence[FloatArray], levels: Sequence[float]) -> li
     below = np.floor(positions).astype(np.int64)
     above = np.minimum(below + 1, count - 1)
     wanted = np.unique(np.concatenate([below, above]))
-    found = dict(zip(wanted.tolist(), _order_statistics(chunks, low, high, wanted), strict=True))
+    if count <= _SELECT:
+        values = np.concatenate(list(_pieces(chunks)))
+        values.partition(wanted)
+        statistics = values[wanted].tolist()
+    else:
+        statistics = _order_statistics(chunks, low, high, wanted)
+    found = dict(zip(wanted.tolist(), statistics, strict=True))
     result: list[float | None] = []
     for position, lower, upper in zip(positions, below.tolist(), above.tolist(), strict=True):
         share = position - lower

@@ -30,7 +30,7 @@ def nearest_neighbours(
             square.
 
     Returns:
-        row, neighbour: int64 (K,) each, ascending in `row`; ties go to the lower row.
+        row, neighbour: int64 (K,) each, ascending in `row`; ties (in float32) go to the lower row.
     """
     rows: list[IntArray] = []
     neighbours: list[IntArray] = []
@@ -53,10 +53,10 @@ def nearest_neighbours(
 def _nearest_in_blocks(
     uv_a_px: RealArray, usable: BoolArray, index: IntArray
 ) -> tuple[IntArray, IntArray]:
-    uv = uv_a_px[index]  # (p, w, 2)
+    uv = uv_a_px[index].astype(np.float32)  # (p, w, 2), the precision queries are stored in
     fine = usable[index]
     # An unusable query is moved so far away that it is nobody's nearest.
-    u = np.where(fine, uv[..., 0], 1e9)
+    u = np.where(fine, uv[..., 0], np.float32(1e9))
     v = uv[..., 1]
     squared = u[:, :, None] - u[:, None, :]
     squared *= squared

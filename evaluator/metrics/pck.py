@@ -24,10 +24,12 @@ def threshold_level(distance: FloatArray, thresholds: Sequence[float], compariso
     Returns:
         int64 (N,): index into `thresholds`, or T where the distance is within none.
     """
-    edges = np.asarray(thresholds, np.float64)
-    if comparison == "<=":
-        return np.searchsorted(edges, distance, side="left")
-    return np.searchsorted(edges, distance, side="right")
+    # Thresholds are few: counting those that are failed is faster than searching.
+    level = np.zeros(len(distance), np.int64)
+    for threshold in thresholds:
+        within = distance <= threshold if comparison == "<=" else distance < threshold
+        level += ~within
+    return level
 
 
 def within_by_pair(level: IntArray, pair: IntArray, pairs: int, thresholds: int) -> IntArray:

@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 from pliant.evaluator.arrays import BoolArray, FloatArray, IntArray
 from pliant.evaluator.blocks import Block
-from pliant.evaluator.metrics.localisation import sum_by_pair
+from pliant.evaluator.metrics.localisation import endpoint_error_px, sum_by_pair
 from pliant.evaluator.scorers.base import Groups, Scorer, Setting, Summary
 from pliant.spec import layout
 from pliant.spec.conventions import VISIBILITY_STATES
@@ -70,7 +70,7 @@ class SlicesScorer(Scorer):
         error = block.error_px[counted]
         hit = within[counted]
         if block.uv_a_px is not None:
-            moved = np.linalg.norm(block.true_px[counted] - block.uv_a_px[counted], axis=1)
+            moved = endpoint_error_px(block.true_px[counted], block.uv_a_px[counted])
             index = np.digitize(moved, self.settings["displacement_px"])
             self._displacement.add(index, error, hit)
         self.table.put(

@@ -1,0 +1,249 @@
+"""What scoring costs: CPU time over that of merely reading both files, memory, linearity.
+
+A split of N queries (200 a pair, half of the pairs with a symmetry) and a shuffled submission are
+written once; every figure is then taken in a process of its own, alternating with a process that
+only reads the submission and the truth with pyarrow, and the median is kept. CPU time is that of
+all threads, without imports.
+
+`ratio_to_reading` and `peak_gib` are the `paper` protocol's on the largest N.
+`ratio_to_reading_needed_columns` holds it against reading only the columns the protocol uses.
+"""
+
+from __future__ import annotations
+
+import json
+import resource
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from record import Value, main
+
+QUERIES_PER_PAIR = 200
+WIDTH, HEIGHT = 640, 480
+TIER: dict[str, Any] = {
+    "kind": "cloth",
+    "variant": "two-sided",
+    "queried_object": 1,
+    "objects": [
+        {
+            "id": 1,
+            "name": "cloth",
+            "material": [
+                {"name": "u", "min": 0, "max": 1, "metres_per_unit": 0.5, "period": None},
+                {"name": "v", "min": 0, "max": 1, "metres_per_unit": 0.5, "period": None},
+            ],
+        }
+    ],
+}
+HALF_TURN = {"name": "half-turn", "matrix": [[-1, 0], [0, -1]], "offset": [1, 1]}
+NEEDED = {
+    "submission": ["pair_id", "query_id", "u", "v"],
+    "truth": ["pair_id", "query_id", "u_b", "v_b", "visibility_b"],
+}
+
+
+def write_dataset(root: Path, rows: int) -> None:
+    """Write a dataset without images and a shuffled submission of `rows` rows."""
+    from pliant.spec import layout, tables
+    from pliant.spec.checksums import sha256_file
+    from pliant.spec.conventions import CONVENTIONS, SPEC_VERSION, VISIBILITY_STATES
+    from pliant.spec.jsonfiles import write_json
+    from pliant.spec.parquet import write_table
+
+    rng = np.random.default_rng(0)
+    tiers = [
+        {"name": "plain", **TIER, "symmetries": []},
+        {"name": "turned", **TIER, "symmetries": [HALF_TURN]},
+    ]
+    pairs = rows // QUERIES_PER_PAIR
+    info = {
+        "spec_version": SPEC_VERSION,
+        "id": "scale",
+        "version": "1.0.0",
+        "title": "Rows to score",
+        "description": "Random rows for a benchmark of the evaluator.",
+        "licence": "CC-BY-4.0",
+        "conventions": CONVENTIONS,
+        "image_size": {"width": WIDTH, "height": HEIGHT},
+        "tiers": tiers,
+        "splits": ["test"],
+        "provenance": {"generator": "benchmark", "seed": 0, "config": {}, "tools": {}},
+    }
+    root.mkdir(parents=True, exist_ok=True)
+    write_json(root / layout.DATASET_JSON, info, "dataset")
+    sequence_count = max(2, pairs // 20)
+    tier_of = [tiers[2 * index // sequence_count]["name"] for index in range(sequence_count)]
+    names = [f"{tier}-test-{index:06d}" for index, tier in enumerate(tier_of)]
+    sequences = {
+        "id": names,
+        "tier": tier_of,
+        "split": ["test"] * sequence_count,
+        "shape": [None] * sequence_count,
+        "frames": [21] * sequence_count,
+        "temporal": [False] * sequence_count,
+        "seed": [0] * sequence_count,
+        "style": ["external"] * sequence_count,
+        "coverage": [0.5] * sequence_count,
+        "self_occluded": [0.2] * sequence_count,
+    }
+    identity = {"dataset": {"id": "scale", "version": "1.0.0"}}
+    table = pa.table(sequences, schema=tables.SEQUENCES)
+    write_table(root / layout.SEQUENCES_TABLE, table, "sequences", identity)
+
+    pair = np.repeat(np.arange(pairs, dtype=np.int32), QUERIES_PER_PAIR)
+    query = np.tile(np.arange(QUERIES_PER_PAIR, dtype=np.int32), pairs)
+    sequence = np.minimum(np.arange(pairs) * sequence_count // pairs, sequence_count - 1)
+
+    def text(codes: Any, words: list[str]) -> Any:
+        # A dictionary keeps ten million strings small until they are written.
+        codes = pa.array(np.asarray(codes, np.int32))
+        return pa.DictionaryArray.from_arrays(codes, words).cast(pa.string())
+
+    per_row = np.repeat(sequence, QUERIES_PER_PAIR)
+    tier_codes = np.array([tier == "turned" for tier in tier_of], np.int32)[per_row]
+    uv_a = rng.uniform((0, 0), (WIDTH, HEIGHT), (len(pair), 2)).astype(np.float32)
+    uv_b = np.clip(uv_a + rng.normal(0, 20, uv_a.shape), 1, HEIGHT - 1).astype(np.float32)
+    queries = {
+        "pair_id": pair,
+        "query_id": query,
+        "tier": text(tier_codes, ["plain", "turned"]),
+        "sequence_a": text(per_row, names),
+        "frame_a": np.zeros(len(pair), np.int32),
+        "sequence_b": text(per_row, names),
+        "frame_b": (pair % 20 + 1).astype(np.int32),
+        "u_a": uv_a[:, 0],
+        "v_a": uv_a[:, 1],
+    }
+    footer = {**identity, "split": "test"}
+    for folder in (layout.QUERIES_DIR, layout.TRUTH_DIR):
+        (root / folder).mkdir(exist_ok=True)
+    path = layout.queries_path(root, "test")
+    write_table(path, pa.table(queries, schema=tables.QUERIES), "queries", footer)
+    footer["queries_sha256"] = sha256_file(path)
+    state = rng.choice(4, len(pair), p=[0.75, 0.2, 0.03, 0.02])
+    offsets = np.concatenate([[0], np.cumsum(tier_codes)]).astype(np.int32)
+    partner = uv_b[tier_codes > 0][:, ::-1]
+    partner_state = text(state[tier_codes > 0], list(VISIBILITY_STATES))
+    items = pa.StructArray.from_arrays(
+        [pa.array(np.ascontiguousarray(partner[:, axis])) for axis in (0, 1)] + [partner_state],
+        fields=list(tables.TRUTH.field("alternatives").type.value_type),
+    )
+    truth = {
+        "pair_id": pair,
+        "query_id": query,
+        "tier": queries["tier"],
+        "point": rng.integers(0, 5000, len(pair), dtype=np.int32),
+        "u_b": uv_b[:, 0],
+        "v_b": uv_b[:, 1],
+        "visibility_b": text(state, list(VISIBILITY_STATES)),
+        "box_px": np.full(len(pair), 300, np.float32),
+        "alternatives": pa.ListArray.from_arrays(
+            pa.array(offsets), items, type=tables.TRUTH.field("alternatives").type
+        ),
+    }
+    write_table(
+        layout.truth_path(root, "test"), pa.table(truth, schema=tables.TRUTH), "truth", footer
+    )
+    order = rng.permutation(len(pair))
+    answer = (uv_b + rng.normal(0, 6, uv_b.shape)).astype(np.float32)[order]
+    answers = pa.table(
+        {"pair_id": pair[order], "query_id": query[order], "u": answer[:, 0], "v": answer[:, 1]}
+    )
+    footer["method"] = {"name": "noise"}
+    write_table(root / "submission.parquet", answers, "answers", footer)
+
+
+def job(what: str, root: Path) -> dict[str, float]:
+    """Do one thing in this process; return its CPU seconds and the peak memory."""
+    submission, truth = root / "submission.parquet", root / "truth" / "test.parquet"
+    if what.startswith("read"):
+        start = time.process_time()
+        columns = NEEDED if what == "read-needed" else {"submission": None, "truth": None}
+        tables = [
+            pq.read_table(submission, columns=columns["submission"]),
+            pq.read_table(truth, columns=columns["truth"]),
+        ]
+        used = time.process_time() - start
+        del tables
+    else:
+        from pliant.evaluator import evaluate
+
+        start = time.process_time()
+        evaluate(submission, root, protocol=what)
+        used = time.process_time() - start
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
+    return {"cpu_s": used, "peak_gib": peak}
+
+
+def run_job(what: str, root: Path) -> dict[str, float]:
+    """Run `job` in a process of its own."""
+    command = [sys.executable, __file__, "--job", what, str(root)]
+    done = subprocess.run(command, check=True, capture_output=True, text=True)
+    found: dict[str, float] = json.loads(done.stdout.splitlines()[-1])
+    return found
+
+
+def compare(root: Path, jobs: list[str], rounds: int) -> dict[str, dict[str, float]]:
+    """Run jobs in turns; return the median CPU time and the largest peak of each."""
+    runs: dict[str, list[dict[str, float]]] = {name: [] for name in jobs}
+    for _ in range(rounds):
+        for name in jobs:
+            runs[name].append(run_job(name, root))
+    return {
+        name: {
+            "cpu_s": statistics.median(run["cpu_s"] for run in done),
+            "peak_gib": max(run["peak_gib"] for run in done),
+        }
+        for name, done in runs.items()
+    }
+
+
+def measure(quick: bool) -> dict[str, Value]:
+    """Measure at 2 million rows (quick), or at 1, 10 and 20 million."""
+    sizes = [500_000, 2_000_000] if quick else [1_000_000, 10_000_000, 20_000_000]
+    largest = 2_000_000 if quick else 10_000_000
+    result: dict[str, Value] = {"rows": largest}
+    paper_s: dict[int, float] = {}
+    for rows in sizes:
+        with tempfile.TemporaryDirectory(prefix="pliant-bench-") as folder:
+            root = Path(folder)
+            write_dataset(root, rows)
+            if rows != largest:
+                paper_s[rows] = compare(root, ["paper"], 3)["paper"]["cpu_s"]
+                continue
+            jobs = ["read", "read-needed", "paper", "standard"]
+            found = compare(root, jobs, 3)
+            paper_s[rows] = found["paper"]["cpu_s"]
+            read = found["read"]["cpu_s"]
+            result |= {
+                "ratio_to_reading": found["paper"]["cpu_s"] / read,
+                "ratio_to_reading_standard": found["standard"]["cpu_s"] / read,
+                "ratio_to_reading_needed_columns": found["paper"]["cpu_s"]
+                / found["read-needed"]["cpu_s"],
+                "peak_gib": found["paper"]["peak_gib"],
+                "peak_gib_standard": found["standard"]["peak_gib"],
+                "rows_per_s": rows / found["paper"]["cpu_s"],
+                "rows_per_s_standard": rows / found["standard"]["cpu_s"],
+                "reading_cpu_s": read,
+            }
+    small, large = min(paper_s), max(paper_s)
+    # 1 is linear: the cost of a row in the largest split over that in the smallest.
+    result["cost_per_row_largest_over_smallest"] = (paper_s[large] / large) / (
+        paper_s[small] / small
+    )
+    return result
+
+
+if __name__ == "__main__":
+    if sys.argv[1:2] == ["--job"]:
+        print(json.dumps(job(sys.argv[2], Path(sys.argv[3]))))
+    else:
+        main("evaluation", measure, __doc__)
