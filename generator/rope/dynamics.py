@@ -31,6 +31,7 @@ _TABLE_FRICTION: Final = 0.7
 _ROPE_FRICTION: Final = 0.3
 _BALL_FRICTION: Final = 0.25
 _FASTEST_M_S: Final = 2.0
+_STEPS_PER_SEARCH: Final = 4
 _BALL_INVERSE_MASS: Final = 0.25
 _PRESSED_INVERSE_MASS: Final = 2.0
 _CONTACT_MARGIN: Final = 1.05
@@ -331,14 +332,16 @@ def _frame(
     straighten = 1.0 - math.exp(-step / _STRAIGHTENING_S)
     half_angle = min(0.5 * spacing / (_TIGHTEST_BEND_RADII * radius), 1.2)
     sharpest = 2.0 * spacing * math.sin(half_angle)
-    # No pair left out can touch before the next search.
-    reach = contact + spacing + 2.0 * furthest * substeps
-    count = _find_pairs(now, pairs, n, apart, reach)
+    # No pair left out of the list can touch before the next search.
+    reach = contact + spacing + 2.0 * furthest * _STEPS_PER_SEARCH
+    count = 0
     start = np.zeros(3)
     if held >= 0:
         for c in range(3):
             start[c] = now[held, c]
     for sub in range(substeps):
+        if sub % _STEPS_PER_SEARCH == 0:
+            count = _find_pairs(now, pairs, n, apart, reach)
         for i in range(now.shape[0]):
             speed = 0.0
             for c in range(3):

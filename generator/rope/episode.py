@@ -24,6 +24,11 @@ class Episode:
     """The frames of one episode, simulated as they are asked for.
 
     A frame depends on those before it: asking for an earlier one starts the episode again.
+
+    Attributes:
+        frame: Index of the current frame.
+        state: The particles in it.
+        info: Facts of it: action, phase, hand; at the start the shape it was drawn in.
     """
 
     def __init__(
@@ -48,37 +53,20 @@ class Episode:
         Args:
             frame: Frame index, >= 0.
         """
-        if frame < self._frame:
+        if frame < self.frame:
             self._start()
-        while self._frame < frame:
-            self._advance()
-        return self._pose
+        while self.frame < frame:
+            self.step()
+        centreline = self.centreline()
+        return self._body.pose(centreline, self._normal, self.state.ball, self.info)
 
-    def _start(self) -> None:
-        settings = self._settings
-        self._rng = self._new_generator()
-        made = sample_configuration(self._shape, settings, self._rng)
-        limit = np.deg2rad(settings.roll_deg)
-        self._roll = float(self._rng.uniform(-limit, limit))
-        curve = resample(made.centreline, settings.particles)
-        self.state = RopeState(settings, curve, made.ball_centre)
-        for _ in range(_SETTLE_FRAMES):
-            self.state.advance()
-        self._normal = np.empty(0)
-        self._tangent = np.empty(0)
-        self._action: Action | None = None
-        self._actions = 0
-        self._frame = 0
-        start = {
-            "shape": self._shape,
-            "roll_rad": self._roll,
-            "start_control_points_m": made.control_points.tolist(),
-            "start_handles_m": made.handles.tolist(),
-            **made.detail,
-        }
-        self._show({**start, "action": -1, "phase": "start", "d_action_m": [0.0, 0.0, 0.0]})
+    def centreline(self) -> FloatArray:
+        """Return the curve of the current frame: float64 (rows, 3), metres, equal steps."""
+        smooth = smooth_curve(self.state.chain, self._settings.radius_m)
+        return resample(smooth, self._settings.rows)
 
-    def _advance(self) -> None:
+    def step(self) -> None:
+        """Simulate the next frame."""
         settings, state = self._settings, self.state
         action = self._action
         if action is None or action.done:
@@ -91,30 +79,49 @@ class Episode:
         stray = float(outside_by(state.chain[:, :2], settings).max())
         if action.kind != "gather" and stray > _STRAY_LENGTHS * settings.length_m:
             action.let_go()
-        info: dict[str, Any] = action.record(settings.particles)
+        self.info = action.record(settings.particles)
         if action.phase == "wait":
             state.advance()
-            info["d_action_m"] = [0.0, 0.0, 0.0]
+            self.info["d_action_m"] = [0.0, 0.0, 0.0]
         else:
             target = action.hand()
             state.advance(action.held, target)
-            info["hand_m"] = target.tolist()
-            info["d_action_m"] = (target - hand).tolist()
-        self._frame += 1
-        self._show(info)
+            self.info["hand_m"] = target.tolist()
+            self.info["d_action_m"] = (target - hand).tolist()
+        # The surface turns with the rope's first stretch, by no more than that does.
+        tangent = _direction(state.chain)
+        self._normal = turned(self._normal, self._tangent, tangent)
+        self._tangent = tangent
+        self.frame += 1
 
-    def _show(self, info: dict[str, Any]) -> None:
-        centreline = self.centreline()
-        tangent = centreline[1] - centreline[0]
-        tangent = tangent / np.sqrt((tangent**2).sum())
-        if len(self._normal):
-            normal = turned(self._normal, self._tangent, tangent)
-        else:
-            normal = upward_normal(centreline, self._roll)
-        self._pose, frames = self._body.pose(centreline, normal, self.state.ball, info)
-        self._normal, self._tangent = frames[0, 1].copy(), tangent
+    def _start(self) -> None:
+        settings = self._settings
+        self._rng = self._new_generator()
+        made = sample_configuration(self._shape, settings, self._rng)
+        limit = np.deg2rad(settings.roll_deg)
+        roll = float(self._rng.uniform(-limit, limit))
+        curve = resample(made.centreline, settings.particles)
+        self.state = RopeState(settings, curve, made.ball_centre)
+        for _ in range(_SETTLE_FRAMES):
+            self.state.advance()
+        self._normal = upward_normal(self.state.chain, roll)
+        self._tangent = _direction(self.state.chain)
+        self._action: Action | None = None
+        self._actions = 0
+        self.frame = 0
+        self.info: dict[str, Any] = {
+            "shape": self._shape,
+            "roll_rad": roll,
+            "start_control_points_m": made.control_points.tolist(),
+            "start_handles_m": made.handles.tolist(),
+            **made.detail,
+            "action": -1,
+            "phase": "start",
+            "d_action_m": [0.0, 0.0, 0.0],
+        }
 
-    def centreline(self) -> FloatArray:
-        """Return the curve of the current frame: float64 (rows, 3), metres, equal steps."""
-        smooth = smooth_curve(self.state.chain, self._settings.radius_m)
-        return resample(smooth, self._settings.rows)
+
+def _direction(chain: FloatArray) -> FloatArray:
+    """Return the unit direction of the first stretch: float64 (3,)."""
+    step = chain[1] - chain[0]
+    return np.asarray(step / np.sqrt((step**2).sum()))

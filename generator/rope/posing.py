@@ -57,8 +57,8 @@ class RopeBody:
         normal: FloatArray,
         ball_centre: FloatArray | None,
         info: Mapping[str, Any],
-    ) -> tuple[Pose, FloatArray]:
-        """Return the frame's geometry and the frames along its centre line.
+    ) -> Pose:
+        """Return the geometry of a frame.
 
         Args:
             centreline: float64 (rows, 3), metres, equal arc length.
@@ -67,7 +67,7 @@ class RopeBody:
             info: Facts of the frame; its crossings are added.
 
         Returns:
-            The pose, and float64 (rows, 3, 3) tangent, normal and binormal.
+            The pose; its centre line is sampled at the tier's centre-line points.
         """
         frames = twist_free_frames(centreline, normal)
         vertices = {"rope": bend(self._mesh, centreline, frames)}
@@ -75,7 +75,7 @@ class RopeBody:
             vertices["ball"] = place_ball(self.parts[1].rest, ball_centre, frames[0])
         line = resample(centreline, self.settings.centreline_points)
         facts = {**info, "crossings": [each.as_dict() for each in crossings(centreline)]}
-        return Pose(vertices=vertices, centreline=line, info=facts), frames
+        return Pose(vertices=vertices, centreline=line, info=facts)
 
 
 def upward_normal(centreline: FloatArray, roll_rad: float) -> FloatArray:

@@ -85,7 +85,7 @@ def sample_rope(
             **made.detail,
         }
         normal = upward_normal(made.centreline, roll)
-        return body.pose(made.centreline, normal, made.ball_centre, info)[0]
+        return body.pose(made.centreline, normal, made.ball_centre, info)
 
     pose = still
     if temporal:
