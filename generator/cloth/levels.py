@@ -47,7 +47,7 @@ def _begin_smooth(cloth: Handling) -> None:
 def _pull_rim(cloth: Handling) -> None:
     """Pull a corner or a stretch of the rim inwards, or pinch the sheet."""
     rng, side = cloth.rng, cloth.side
-    kind = rng.choice(["fold", "pull", "pinch"], p=[0.5, 0.3, 0.2])
+    kind = rng.choice(["fold", "pull", "pinch"], p=[0.4, 0.3, 0.3])
     if kind == "fold":
         corner = cloth.corner()
         row, column = divmod(corner, side)

@@ -40,7 +40,7 @@ class ClothSettings:
         side_m: Side of the square, metres.
         points_a_side: Point masses along a side.
         doublings: How often the simulated cells are halved for rendering.
-        smoothing: How far a mass goes towards the mean of its neighbours before the rendered
+        smoothing: How far a mass goes towards the average of its neighbours before the rendered
             surface is laid through it, 0 to 1; it takes out the dimples of the contact.
         tracked_a_side: Named material points along a side; its steps must divide the
             rendered grid's.
@@ -63,7 +63,7 @@ class ClothSettings:
     side_m: float = 0.6
     points_a_side: int = 81
     doublings: int = 1
-    smoothing: float = 0.5
+    smoothing: float = 1.0
     tracked_a_side: int = 33
     thickness_m: float = 0.002
     contact_spacings: float = 1.0

@@ -1,0 +1,117 @@
+"""How fast cloth and rope are simulated, in CPU time on one core.
+
+    python benchmarks/simulation.py [--quick] [--json FILE]
+
+`cloth_ms_per_step_N`: the course's cloth of N x N points held by two corners, without
+self-contact; `…_self`: with position-based contact; `…_cs184`: with the course's own. Besides
+the hanging cloth, which touches itself little, `…_heap_…` times a cloth that falls in folds on a
+table. `cloth_cpu_s_tier_N`: a finished cloth of a tier, refused tries and the calm phase
+included. `rope_frames_per_s`: rope episodes.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib.util
+import time
+
+import numpy as np
+from pliant.generator.cloth import ClothSettings, sample_cloth
+from pliant.generator.cloth.grid import flat_positions
+from pliant.generator.cloth.obstacles import Table
+from pliant.generator.cloth.simulator import Contact, Sheet, Simulator
+from record import Value, main
+
+POINTS_A_SIDE = (25, 50, 100)
+CONTACTS: dict[str, Contact] = {"": "none", "_self": "pbd", "_cs184": "cs184"}
+GRAVITY = (0.0, 0.0, -9.8)
+
+
+def measure(quick: bool) -> dict[str, Value]:
+    figures: dict[str, Value] = {}
+    repeats = 3 if quick else 7
+    for points in POINTS_A_SIDE:
+        for suffix, contact in CONTACTS.items():
+            steps = max(50, (200_000 if quick else 800_000) // points**2)
+            figures[f"cloth_ms_per_step_{points}{suffix}"] = _best_ms_per_step(
+                lambda p=points, c=contact: _hanging(p, c), steps, repeats
+            )
+        for suffix in ("_self", "_cs184"):
+            steps = max(50, (100_000 if quick else 400_000) // points**2)
+            figures[f"cloth_ms_per_step_{points}_heap{suffix}"] = _best_ms_per_step(
+                lambda p=points, c=CONTACTS[suffix]: _heap(p, c), steps, 1 if quick else 3
+            )
+        course = figures[f"cloth_ms_per_step_{points}_heap_cs184"]
+        ours = figures[f"cloth_ms_per_step_{points}_heap_self"]
+        assert isinstance(course, float)
+        assert isinstance(ours, float)
+        figures[f"cloth_pbd_over_cs184_{points}"] = ours / course
+    for level in (1, 2, 3):
+        figures[f"cloth_cpu_s_tier_{level}"] = _cpu_s_per_cloth(level, 2 if quick else 12)
+    if importlib.util.find_spec("rope_frames") is not None:
+        from rope_frames import measure_rope
+
+        figures.update(measure_rope(quick))
+    return figures
+
+
+def _best_ms_per_step(make, steps: int, repeats: int) -> float:  # type: ignore[no-untyped-def]
+    """Return the least CPU time of several runs: what other processes disturb least."""
+    best = float("inf")
+    for _ in range(repeats):
+        simulator = make()
+        simulator.run(5)  # compiles, and fills the caches
+        begin = time.process_time()
+        simulator.run(steps)
+        best = min(best, (time.process_time() - begin) / steps * 1e3)
+    return best
+
+
+def _sheet(points: int, contact: Contact) -> Sheet:
+    # The course's thickness at 50 points; at other sizes in proportion to the spacing.
+    spacing_m = 1.0 / (points - 1)
+    return dataclasses.replace(
+        Sheet(columns=points, rows=points),
+        contact=contact,
+        contact_distance_m=spacing_m,
+        thickness_m=min(0.0095, 0.5 * spacing_m),
+    )
+
+
+def _hanging(points: int, contact: Contact) -> Simulator:
+    pinned = np.zeros(points * points, dtype=bool)
+    pinned[[0, points - 1]] = True
+    start = flat_positions(points, points, 1.0, 1.0)
+    return Simulator(_sheet(points, contact), start, gravity=GRAVITY, pinned=pinned)
+
+
+def _heap(points: int, contact: Contact) -> Simulator:
+    """Return a standing cloth that has fallen for 0.4 s."""
+    flat = flat_positions(points, points, 1.0, 1.0)
+    wobble = np.random.default_rng(0).uniform(-1e-3, 1e-3, len(flat))
+    standing = np.stack([flat[:, 0], 0.3 * flat[:, 1] + wobble, 0.95 * flat[:, 1]], axis=1)
+    simulator = Simulator(
+        _sheet(points, contact), standing, gravity=GRAVITY, obstacles=[Table(0.0, 0.5)]
+    )
+    simulator.run(int(0.4 * simulator.sheet.steps_per_second))
+    return simulator
+
+
+def _cpu_s_per_cloth(level: int, cloths: int) -> float:
+    subject = sample_cloth(
+        ClothSettings(),
+        tier=f"cloth-{level}",
+        seed=7,
+        split="train",
+        index=0,
+        frames=cloths,
+        temporal=False,
+    )
+    begin = time.process_time()
+    for frame in range(cloths):
+        subject.pose(frame)
+    return (time.process_time() - begin) / cloths
+
+
+if __name__ == "__main__":
+    main("simulation", measure, __doc__)
