@@ -149,6 +149,20 @@ def _score_answers(
         scorer.finish(groups, summary)
 
 
+def _ordered(values: Mapping[str, float | None]) -> dict[str, float | None]:
+    """Return metrics in the order a reader looks for them: quantiles after the mean error …"""
+    quantiles = [n for n in values if n == "median_px" or (n[0] == "p" and n[1:2].isdigit())]
+    after = {"mean_px": quantiles, "jump_rate": [n for n in values if n.startswith("stretch_")]}
+    after["nll"] = [name for name in ("ece", "ause") if name in values]
+    moved = {name for names in after.values() for name in names}
+    order: list[str] = []
+    for name in values:
+        if name not in moved:
+            order += [name, *after.pop(name, [])]
+    order += [name for names in after.values() for name in names]
+    return {name: values[name] for name in order}
+
+
 def _search_px(protocol: Protocol) -> int:
     return int(protocol.metrics.get("geodesic", {}).get("search_px", 1))
 
@@ -202,8 +216,8 @@ def _document(
             "counted": total("counted"),
             "sequences": dict(zip(groups.names, sequences, strict=True)),
         },
-        "overall": summary.values.get(groups.names[0], {}),
-        "tiers": {name: summary.values.get(name, {}) for name in groups.names[1:]},
+        "overall": _ordered(summary.values.get(groups.names[0], {})),
+        "tiers": {name: _ordered(summary.values.get(name, {})) for name in groups.names[1:]},
         "intervals": {
             "level": protocol.bootstrap["level"],
             "overall": found[0],

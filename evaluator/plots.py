@@ -180,7 +180,7 @@ def sparsification_svg(curves: Mapping[str, Mapping[str, Any]]) -> str:
         axes.set_ylim(bottom=0)
         axes.set_xlabel("share of the most uncertain answers removed (faint: best possible)")
         axes.set_ylabel("RMSE of the rest, px")
-        _legend(axes, len(curves), "upper right")
+        _legend(axes, len(curves), "lower left")
 
     return _render(draw, "Sparsification")
 
@@ -234,7 +234,11 @@ def _render(draw: Any, title: str, *, width_in: float = 4.6, height_in: float = 
     text = buffer.getvalue()
     text = text[text.index("<svg") :]
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
-    text = re.sub(r"'DejaVu Sans'[^;\"]*sans-serif", "system-ui, sans-serif", text)
+    text = re.sub(
+        r"'DejaVu Sans'[^;\"]*sans-serif",
+        "-apple-system, 'Segoe UI', Roboto, Arial, 'DejaVu Sans', sans-serif",
+        text,
+    )
     # Ids are unique to a figure, so that several can stand in one page.
     prefix = "p" + hashlib.sha256(text.encode()).hexdigest()[:8] + "-"
     text = re.sub(r'\bid="', f'id="{prefix}', text)

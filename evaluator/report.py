@@ -205,6 +205,23 @@ def _head(metric: str) -> str:
     return label(metric) + (", px" if metric.endswith("_px") else "")
 
 
+def error_histogram(curves: Mapping[str, Mapping[str, Any]], *, title: str) -> str:
+    """Draw L2 histograms over each other, with the share beyond the axis in the legend.
+
+    Args:
+        curves: Name (a tier, a method) -> the curve `error_px` of scores.json.
+        title: Heading.
+    """
+    longest = max(curves.values(), key=lambda curve: len(curve["edges_px"]))
+    series = {}
+    for name, curve in curves.items():
+        beyond = curve["share_beyond"]
+        text = f"{name} ({beyond * 100:.0f} % beyond)" if beyond >= 0.005 else name
+        share = list(curve["share"])
+        series[text] = share + [0.0] * (len(longest["share"]) - len(share))
+    return plots.histogram_svg(series, longest["edges_px"], title=title)
+
+
 def report_plots(document: Mapping[str, Any]) -> list[str]:
     """Return the plots of a report as SVG, one series a tier.
 
@@ -224,15 +241,15 @@ def report_plots(document: Mapping[str, Any]) -> list[str]:
     boxes = of("pair_rmse_box_px")
     if boxes:
         result.append(plots.box_svg(boxes, title="RMSE of the image pairs"))
+    errors = of("error_px")
+    if errors:
+        result.append(error_histogram(errors, title="L2 error of each query"))
     errors = of("normalised_error")
     if errors:
-        edges = next(iter(errors.values()))
-        shares = {tier: curve["share"] for tier, curve in errors.items()}
-        result.append(plots.histogram_svg(shares, edges["edges_px"], title="Error of each query"))
         result.append(
             plots.histogram_svg(
-                shares,
-                edges["edges"],
+                {tier: curve["share"] for tier, curve in errors.items()},
+                next(iter(errors.values()))["edges"],
                 title="Normalised pair distance",
                 xlabel="error / image diagonal",
             )

@@ -15,6 +15,9 @@ from pliant.evaluator.scorers.base import Groups, Scorer, Setting, Summary
 
 _CDF_PX: Final = (0.5, 1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512)
 
+_L2_STEP_PX: Final = 4.0
+_L2_BINS: Final = 32
+
 
 class AnalysisScorer(Scorer):
     """Histograms of errors, counted in narrow bins while the blocks pass."""
@@ -52,15 +55,12 @@ class AnalysisScorer(Scorer):
             at = (np.array(edges_px) / self._bin_px).round().astype(int)
             cdf = {"error_px": edges_px, "share_below": held[at].tolist()}
             summary.add_curve(name, "cdf", cdf)
+            summary.add_curve(name, "error_px", self._l2(fine))
             edges = np.linspace(0, 1, bins + 1)
             summary.add_curve(
                 name,
                 "normalised_error",
-                {
-                    "edges": edges.tolist(),
-                    "edges_px": (edges * diagonal).tolist(),
-                    "share": self._coarse(fine, bins).tolist(),
-                },
+                {"edges": edges.tolist(), "share": self._coarse(fine, bins).tolist()},
             )
             rmse = pair_rmse[groups.masks[index] & (counted > 0)]
             share = np.histogram(np.minimum(rmse / diagonal, 1), edges)[0] / len(rmse)
@@ -70,6 +70,17 @@ class AnalysisScorer(Scorer):
             levels = (0.05, 0.25, 0.5, 0.75, 0.95)
             box = {f"p{level * 100:g}": float(np.quantile(rmse, level)) for level in levels}
             summary.add_curve(name, "pair_rmse_box_px", box)
+
+    def _l2(self, fine: FloatArray) -> dict[str, Any]:
+        """Return the histogram of errors in steps of 4 px up to 128 px, and the share beyond."""
+        step = round(_L2_STEP_PX / self._bin_px)
+        count = min(_L2_BINS, (len(fine) - 1) // step)
+        share = fine[: count * step].reshape(count, step).sum(axis=1) / fine.sum()
+        return {
+            "edges_px": [index * _L2_STEP_PX for index in range(count + 1)],
+            "share": share.tolist(),
+            "share_beyond": float(max(0.0, 1 - share.sum())),
+        }
 
     def _coarse(self, fine: FloatArray, bins: int) -> FloatArray:
         """Return the shares in `bins` equal bins up to the diagonal; the rest joins the last."""

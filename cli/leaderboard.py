@@ -1,0 +1,39 @@
+"""`pliant leaderboard`: one sortable page from many reports."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+
+@click.command("leaderboard")
+@click.argument(
+    "reports", metavar="REPORTS…", nargs=-1, required=True, type=click.Path(path_type=Path)
+)
+@click.option(
+    "--out",
+    required=True,
+    metavar="FILE.html",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="The page; replaced if it is there.",
+)
+def command(reports: tuple[Path, ...], out: Path) -> int:
+    """Write one page from REPORTS: report folders, or folders that hold them.
+
+    Reports of different protocols, datasets or splits are refused.
+    """
+    from pliant.evaluator.leaderboard import read_reports, render_leaderboard
+    from pliant.spec.errors import CallError
+
+    scores = read_reports(reports)
+    page = render_leaderboard(scores)
+    temporary = out.with_name(f".{out.name}.part")
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        temporary.write_text(page, encoding="utf-8")
+        temporary.replace(out)
+    except OSError as error:
+        raise CallError("the page cannot be written", path=out, found=error.strerror) from error
+    click.echo(f"{len(scores)} reports: {out}")
+    return 0

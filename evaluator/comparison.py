@@ -1,0 +1,220 @@
+"""Compares reports: paired differences with intervals, plain verdicts, honest ranks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, Final, Literal
+
+import numpy as np
+import pyarrow as pa
+from pliant.evaluator.arrays import FloatArray
+from pliant.evaluator.bootstrap import Clusters, percentile_interval, replicates
+from pliant.evaluator.protocol import read_protocol
+from pliant.evaluator.ratios import Ratio, ratios_of
+from pliant.evaluator.scorers.base import OVERALL
+from pliant.evaluator.scores import Scores
+from pliant.spec.errors import CallError
+
+Verdict = Literal["better", "worse", "no clear difference"]
+
+_SAME: Final = (
+    (("protocol",), "protocol"),
+    (("protocol_sha256",), "protocol file"),
+    (("dataset", "id"), "dataset"),
+    (("dataset", "version"), "dataset version"),
+    (("split",), "split"),
+    (("dataset", "queries_sha256"), "queries"),
+    (("dataset", "truth_sha256"), "truth"),
+)
+
+
+@dataclass(frozen=True)
+class Difference:
+    """One method against another by one metric.
+
+    Attributes:
+        group: `overall` or a tier.
+        metric: Name of the metric.
+        method: The method judged.
+        against: The method it is held against.
+        value: Its score minus the other's.
+        low: Lower end of the interval of the difference, NaN where there is none.
+        high: Upper end.
+        verdict: What the interval says; no interval, no verdict in favour of anybody.
+    """
+
+    group: str
+    metric: str
+    method: str
+    against: str
+    value: float
+    low: float
+    high: float
+    verdict: Verdict
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the difference as a JSON object; no interval is null."""
+        return {
+            key: None if isinstance(value, float) and not np.isfinite(value) else value
+            for key, value in asdict(self).items()
+        }
+
+
+def check_comparable(reports: Sequence[Scores]) -> None:
+    """Refuse reports of different protocols, datasets, splits or queries.
+
+    Raises:
+        CallError: Two reports differ in one of these; it says in which.
+    """
+    if not reports:
+        raise CallError("there is no report to compare", required="at least one report folder")
+    first = reports[0].document
+    for other in reports[1:]:
+        for keys, words in _SAME:
+            a, b = _get(first, keys), _get(other.document, keys)
+            if a != b:
+                raise CallError(
+                    f"reports of different {words}s cannot be held against each other"
+                    if not words.endswith(("queries", "truth"))
+                    else f"reports scored with other {words} cannot be held against each other",
+                    found=f"{reports[0].method}: {a}; {other.method}: {b}",
+                    fix="Evaluate both submissions by one protocol on one dataset.",
+                )
+
+
+def method_names(reports: Sequence[Scores]) -> list[str]:
+    """Return the methods' names, told apart by their files where they are equal."""
+    names = [report.method for report in reports]
+    result: list[str] = []
+    for report, name in zip(reports, names, strict=True):
+        if names.count(name) > 1:
+            submission = report.document["submission"]
+            name = f"{name} ({submission['file']}, {submission['sha256'][:8]})"
+        result.append(name)
+    return result
+
+
+def differences(
+    reports: Sequence[Scores], metrics: Sequence[str] | None = None
+) -> list[Difference]:
+    """Return the difference of every report from every earlier one.
+
+    Both methods of a difference are resampled with the same draws of sequences, so what makes a
+    sequence hard for both cancels out.
+
+    Args:
+        reports: Comparable reports.
+        metrics: Names of averaged metrics; None takes the averaged ones of the headline.
+
+    Raises:
+        CallError: The reports are not comparable, or a metric is no averaged one.
+    """
+    check_comparable(reports)
+    protocol = read_protocol(str(reports[0].document["protocol"]))
+    known = {ratio.name: ratio for ratio in ratios_of(protocol.metrics)}
+    wanted = [m for m in protocol.headline if m in known] if metrics is None else list(metrics)
+    for name in wanted:
+        if name not in known:
+            raise CallError(
+                "only averaged metrics can be compared with intervals",
+                found=name,
+                required=", ".join(known),
+            )
+    ratios = [known[name] for name in wanted]
+    names = method_names(reports)
+    columns = [_columns(report.per_pair) for report in reports]
+    sequences, tiers = _clusters(reports[0].per_pair)
+    clusters = Clusters.of(sequences[0], tiers[0], len(tiers[1]))
+    groups = [OVERALL, *tiers[1]]
+    result: list[Difference] = []
+    for ratio in ratios:
+        usable = [
+            i for i, c in enumerate(columns) if {ratio.numerator, ratio.denominator} <= set(c)
+        ]
+        if len(usable) < 2:
+            continue
+        terms = [ratio.terms(columns[index]) for index in usable]
+        flat = np.stack([side for pair in terms for side in pair], axis=1)
+        drawn = replicates(clusters, flat, protocol.bootstrap)  # (B, T, 2 per report)
+        for position, group in enumerate(groups):
+            mask = np.ones(len(flat), bool) if position == 0 else tiers[0] == position - 1
+            exact = flat[mask].sum(axis=0)[None]
+            sums = drawn.sum(axis=1) if position == 0 else drawn[:, position - 1]
+            sizes = clusters.sizes()
+            enough = (sizes > 1).all() if position == 0 else sizes[position - 1] > 1
+            for b in range(1, len(usable)):
+                for a in range(b):
+                    value = _finish(ratio, exact, b) - _finish(ratio, exact, a)
+                    spread = _finish(ratio, sums, b) - _finish(ratio, sums, a)
+                    found = _difference(
+                        ratio, group, names[usable[b]], names[usable[a]], float(value[0]),
+                        spread[np.isfinite(spread)] if enough else spread[:0],
+                        float(protocol.bootstrap["level"]),
+                    )  # fmt: skip
+                    if np.isfinite(found.value):
+                        result.append(found)
+    return result
+
+
+def _difference(
+    ratio: Ratio, group: str, method: str, against: str, value: float, spread: FloatArray,
+    level: float,
+) -> Difference:  # fmt: skip
+    low, high = percentile_interval(spread, level) if len(spread) else (np.nan, np.nan)
+    verdict: Verdict = "no clear difference"
+    if ratio.better != "neither" and (low > 0 or high < 0):
+        verdict = "better" if (high < 0) == (ratio.better == "lower") else "worse"
+    return Difference(group, ratio.name, method, against, value, low, high, verdict)
+
+
+def _finish(ratio: Ratio, sums: FloatArray, index: int) -> FloatArray:
+    return ratio.finish(sums[:, 2 * index], sums[:, 2 * index + 1])
+
+
+def ranks(found: Sequence[Difference], names: Sequence[str]) -> dict[tuple[str, str], list[int]]:
+    """Return ranks that intervals bear out.
+
+    A method's rank is one more than the number of methods clearly better than it, so methods
+    that cannot be told apart may share one.
+
+    Args:
+        found: From `differences`.
+        names: The methods in the order of the result.
+
+    Returns:
+        (group, metric) -> the rank of each method.
+    """
+    result: dict[tuple[str, str], list[int]] = {}
+    for item in found:
+        standing = result.setdefault((item.group, item.metric), [1] * len(names))
+        if item.verdict == "better":
+            standing[names.index(item.against)] += 1
+        elif item.verdict == "worse":
+            standing[names.index(item.method)] += 1
+    return result
+
+
+def _get(document: Any, keys: tuple[str, ...]) -> Any:
+    for key in keys:
+        document = document[key]
+    return document
+
+
+def _columns(table: pa.Table) -> dict[str, FloatArray]:
+    columns = {
+        name: table[name].to_numpy()
+        for name in table.column_names
+        if pa.types.is_float64(table.schema.field(name).type)
+    }
+    return {**columns, "one": np.ones(table.num_rows)}
+
+
+def _clusters(table: pa.Table) -> tuple[Any, Any]:
+    """Return (codes, names) of the source sequences and of the tiers, tiers in file order."""
+    found = []
+    for name in ("sequence_a", "tier"):
+        encoded = table[name].combine_chunks().dictionary_encode()
+        chunk = encoded.combine_chunks() if isinstance(encoded, pa.ChunkedArray) else encoded
+        found.append((chunk.indices.to_numpy(), chunk.dictionary.to_pylist()))
+    return found[0], found[1]
