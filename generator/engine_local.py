@@ -206,6 +206,7 @@ def _work(pipe: Connection, open_maker: OpenMaker, log: Path) -> None:
         os.dup2(stream.fileno(), 1)
         os.dup2(stream.fileno(), 2)
     faulthandler.enable()
+    sys.path[:] = [path for path in sys.path if not _is_blenders(path)]
     maker = None
     while (task := pipe.recv()) is not None:
         frames, told = 0, time.monotonic()
@@ -230,6 +231,16 @@ def _work(pipe: Connection, open_maker: OpenMaker, log: Path) -> None:
         pipe.send(event)
     if maker is not None:
         maker.close()
+
+
+def _is_blenders(path: str) -> bool:
+    """Return whether an entry of `sys.path` was added by an imported bpy.
+
+    A parent that has imported bpy hands its path on, and there the child would find a `bpy`
+    without its compiled half before the real one.
+    """
+    parts = Path(path).parts
+    return "bpy" in parts and "scripts" in parts
 
 
 def _end_with_parent() -> None:

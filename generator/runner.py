@@ -156,7 +156,10 @@ def generate(
             maker = open_maker or functools.partial(
                 open_sequence_maker, config, root, run.partial, _threads_each(chosen)
             )
-            failed = _make_missing(root, plan, chosen, maker, state, progress or _ignore)
+            try:
+                failed = _make_missing(root, plan, chosen, maker, state, progress or _ignore)
+            finally:
+                run.clear_partial()
         run.store_failures(failed)
         missing = {failure.id for failure in failed}
         tasks = [task for task in plan.tasks if task.id not in missing]
