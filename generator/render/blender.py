@@ -206,8 +206,11 @@ def move_vertices(made: Any, vertices: FloatArray) -> None:
     made.data.update()
 
 
-def remove_meshes() -> None:
+def remove_meshes(scene: Any) -> None:
     """Remove every mesh, material and image, so that nothing is left of a sequence."""
+    # Cycles keeps textures by the address of their data block, and a new image may get the
+    # address of one that was removed. Turning persistent data off drops what it keeps.
+    scene.render.use_persistent_data = False
     for mesh in list(bpy.data.meshes):
         bpy.data.meshes.remove(mesh)  # its object goes with it
     for made in [item for item in bpy.data.objects if item.type == "MESH" or item.data is None]:
@@ -216,6 +219,7 @@ def remove_meshes() -> None:
         bpy.data.materials.remove(material)
     for image in list(bpy.data.images):
         bpy.data.images.remove(image)
+    scene.render.use_persistent_data = True
 
 
 def add_image(name: str, pixels: npt.NDArray[np.float32]) -> Any:

@@ -75,7 +75,7 @@ class CyclesRenderer:
         """Take what stays the same over a sequence: topology, colours, light, camera."""
         self._own_scene()
         self._camera, self._look = camera, look
-        blender.remove_meshes()
+        blender.remove_meshes(self._scene)
         blender.place_camera(self._scene, camera)
         blender.place_light(self._scene, look.light)
         self._mesh = SceneMesh.of(subject)
@@ -115,7 +115,7 @@ class CyclesRenderer:
     def close(self) -> None:
         """Empty the scene."""
         if CyclesRenderer._owner is self:
-            blender.remove_meshes()
+            blender.remove_meshes(self._scene)
             CyclesRenderer._owner = None
 
     def _own_scene(self) -> None:
