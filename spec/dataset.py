@@ -243,6 +243,11 @@ class Dataset:
         """(width, height) of every image."""
         return self.info["image_size"]["width"], self.info["image_size"]["height"]
 
+    @property
+    def held_out(self) -> list[str]:
+        """The splits whose sequences come as colour images alone, without any truth."""
+        return list(self.info.get("held_out", ()))
+
     @cached_property
     def tiers(self) -> dict[str, dict[str, Any]]:
         """The tiers of `dataset.json` by name."""

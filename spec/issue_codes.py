@@ -105,6 +105,12 @@ ISSUE_CODES: Final[dict[str, IssueCode]] = _catalogue(
         "dataset",
         "A symmetry is no bijection of the queried object's material, or is the identity.",
     ),
+    IssueCode(
+        "HELD_OUT_LEAKS",
+        "error",
+        "dataset",
+        "A held-out split comes with its truth, or with what gives it away.",
+    ),
     # Tables
     IssueCode("FOOTER_MISSING", "error", "both", "A Parquet file has no `pliant` footer object."),
     IssueCode("FOOTER_INVALID", "error", "both", "The footer object breaks its JSON Schema."),
@@ -242,7 +248,8 @@ ISSUE_CODES: Final[dict[str, IssueCode]] = _catalogue(
         "MODES_INVALID",
         "error",
         "submission",
-        "The modes of a row are empty, or their weights do not sum to 1 within 1e-3.",
+        "The modes of a row are empty, their weights do not sum to 1 within 1e-3, or there is a "
+        "column sigma beside them.",
     ),
 )
 """Every issue code by its name."""

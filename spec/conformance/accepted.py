@@ -14,6 +14,7 @@ from pliant.spec.conformance.edits import (
     both,
     change_exr,
     change_json,
+    change_rows,
     change_table,
     listed,
     remove,
@@ -60,6 +61,25 @@ def _other_png(root: Path) -> None:
             image.save(path, "PNG", optimize=True)
 
 
+def held_out(root: Path) -> None:
+    """Hold the test split out: take away all that tells its truth."""
+    change_json("dataset.json", lambda document: document.update(held_out=["test"]))(root)
+    remove("truth")(root)
+    names = []
+    for path in sorted(root.glob("sequences/*/*-test-*")):
+        for name in ("points.parquet", "correspondences.parquet", "depth"):
+            remove(f"{path.relative_to(root)}/{name}")(root)
+        relative = f"{path.relative_to(root)}/sequence.json"
+        change_json(relative, lambda document: document.update(seed=0, parameters={}))(root)
+        names.append(path.name)
+
+    def unseed(rows: list[dict[str, Any]]) -> None:
+        for row in rows:
+            row["seed"] = 0 if row["id"] in names else row["seed"]
+
+    listed(change_rows("sequences.parquet", unseed))(root)
+
+
 def _nothing(_: Any) -> None:
     return None
 
@@ -67,7 +87,14 @@ def _nothing(_: Any) -> None:
 CASES = [
     Case("unchanged-full", "full", "nothing is changed", (), _nothing),
     Case("unchanged-minimal", "minimal", "nothing is changed", (), _nothing),
-    Case("held-out", "full", "the truth is left out, as a publisher does", (), remove("truth")),
+    Case("truth-left-out", "full", "the truth is left out", (), remove("truth")),
+    Case(
+        "held-out",
+        "full",
+        "the test split is held out: colour images and cameras alone",
+        (),
+        held_out,
+    ),
     Case(
         "no-queries",
         "full",

@@ -5,10 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from pliant.spec.conformance.accepted import held_out
 from pliant.spec.conformance.edits import (
+    ROPE_TEST,
     Case,
+    both,
     change_footer,
+    change_json,
     change_rows,
+    listed,
     rebound,
     remove,
 )
@@ -89,6 +94,19 @@ def _gap_both(root: Path) -> None:
     change_rows(_QUERIES, _gap)(root)
     change_rows(_TRUTH, _gap)(root)
     rebound(_QUERIES)(root)
+
+
+def _held_out_but(path: str) -> Any:
+    """Hold the test split out, and leave one telling file where it was."""
+
+    def edit(root: Path) -> None:
+        data = (root / path).read_bytes()
+        held_out(root)
+        (root / path).parent.mkdir(exist_ok=True)
+        (root / path).write_bytes(data)
+        listed()(root)
+
+    return edit
 
 
 _BARE = "rope-bare-test-000000"
@@ -268,6 +286,47 @@ CASES = [
         "two answers change places",
         ("ROW_ORDER",),
         change_rows(_TRUTH, _swap),
+    ),
+    Case(
+        "held-out-with-truth",
+        "full",
+        "a held-out split comes with its truth",
+        ("HELD_OUT_LEAKS",),
+        _held_out_but("truth/test.parquet"),
+    ),
+    Case(
+        "held-out-with-depth",
+        "full",
+        "a held-out sequence comes with a depth image",
+        ("HELD_OUT_LEAKS",),
+        _held_out_but(f"{ROPE_TEST}/depth/000000.exr"),
+    ),
+    Case(
+        "held-out-with-tracks",
+        "full",
+        "a held-out sequence comes with its correspondences",
+        ("HELD_OUT_LEAKS",),
+        _held_out_but(f"{ROPE_TEST}/correspondences.parquet"),
+    ),
+    Case(
+        "held-out-with-parameters",
+        "full",
+        "a held-out sequence.json tells the sampled parameters",
+        ("HELD_OUT_LEAKS",),
+        both(
+            held_out,
+            change_json(
+                f"{ROPE_TEST}/sequence.json",
+                lambda document: document.update(parameters={"knots": 1}),
+            ),
+        ),
+    ),
+    Case(
+        "held-out-query-outside",
+        "full",
+        "a query of a held-out split lies outside the image",
+        ("VALUE_OUT_OF_RANGE",),
+        both(held_out, change_rows(_QUERIES, _set(2, u_a=64.0))),
     ),
 ]
 """Every mutation of this kind."""

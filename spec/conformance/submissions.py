@@ -314,6 +314,7 @@ CASES = [
         ("MODES_INVALID",),
         _column("modes", _modes((1, 2, 3, 0.9))),
     ),
+    SubmissionCase("sigma-and-modes", "sigma beside modes", ("MODES_INVALID",), _sigma_and_modes),
     SubmissionCase("not-parquet", "a CSV file", ("FILE_UNREADABLE",), _csv),
     SubmissionCase("truncated", "half of a file", ("FILE_UNREADABLE",), _truncated),
     SubmissionCase("empty", "a file of no bytes", ("FILE_UNREADABLE",), _empty_file),

@@ -18,6 +18,7 @@ class Context:
         height: Of every image, px.
         tiers: Tier name -> its entry.
         splits: The splits declared.
+        held_out: Those of them published without their truth.
         id: The dataset's id.
         version: The dataset's version.
     """
@@ -28,6 +29,7 @@ class Context:
     height: int
     tiers: dict[str, dict[str, Any]]
     splits: tuple[str, ...]
+    held_out: frozenset[str]
     id: str
     version: str
 
@@ -41,6 +43,7 @@ class Context:
             height=info["image_size"]["height"],
             tiers={tier["name"]: tier for tier in info["tiers"]},
             splits=tuple(info["splits"]),
+            held_out=frozenset(info.get("held_out", ())),
             id=info["id"],
             version=info["version"],
         )

@@ -121,17 +121,21 @@ def list_sequence(folder: Path, shown: str, findings: Findings) -> SequenceFiles
     return SequenceFiles(folder, shown, present)
 
 
-def check_files(files: SequenceFiles, info: dict[str, Any], findings: Findings) -> None:
+def check_files(
+    files: SequenceFiles, info: dict[str, Any], findings: Findings, *, held_out: bool
+) -> None:
     """Compare the files listed in sequence.json, those required, and those there.
 
     Args:
         files: The folder; gets the listed checksums.
         info: The sequence.json, valid by its schema.
         findings: Gets the problems.
+        held_out: True if the sequence's split is published without its truth.
     """
-    required = {layout.CAMERAS_JSON, layout.POINTS_TABLE, layout.CORRESPONDENCES_TABLE}
-    for frame in range(info["frames"]):
-        required |= {layout.rgb_name(frame), layout.depth_name(frame)}
+    pictures = {layout.rgb_name(frame) for frame in range(info["frames"])}
+    telling = {layout.POINTS_TABLE, layout.CORRESPONDENCES_TABLE}
+    telling |= {layout.depth_name(frame) for frame in range(info["frames"])}
+    required = pictures if held_out else pictures | telling | {layout.CAMERAS_JSON}
     document = f"{files.shown}/{layout.SEQUENCE_JSON}"
     for index, entry in enumerate(info["files"]):
         name = entry["path"]
@@ -161,6 +165,15 @@ def check_files(files: SequenceFiles, info: dict[str, Any], findings: Findings) 
         elif name not in files.hashes:
             findings.add("FILE_UNLISTED", document, "files", f"{name} is not listed")
     extra = files.present - required - {layout.SEQUENCE_JSON}
+    if held_out:
+        for name in sorted(extra & telling):
+            findings.add(
+                "HELD_OUT_LEAKS",
+                f"{files.shown}/{name}",
+                "",
+                f"the split {info['split']} is held out, and this file tells its truth",
+            )
+        extra -= telling | {layout.CAMERAS_JSON}
     report_extra(findings, files.shown, extra, f"{info['frames']} frames need no such file")
 
 

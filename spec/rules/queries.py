@@ -86,7 +86,9 @@ def check_split_queries(
     elif not path.is_symlink():
         findings.add("FILE_MISSING", shown, "", f"{truth_shown} answers queries that are not there")
     truth = None
-    if truth_path.is_file() and not truth_path.is_symlink():
+    if split in context.held_out and truth_path.is_file():
+        findings.add("HELD_OUT_LEAKS", truth_shown, "", f"the split {split} is held out")
+    elif truth_path.is_file() and not truth_path.is_symlink():
         truth = check_table(
             truth_path, truth_shown, "truth", findings, max_rows=limits.MAX_TABLE_ROWS
         )
@@ -201,8 +203,6 @@ class _SplitCheck:
         self._last_pair = pair
         if not self._check_frames(shown, pair_id, pair):
             return
-        where = [f"pair {pair_id}, query {query}" for query in query_ids[:1]]
-        del where
         uv_a = np.stack([rows["u_a"][low:high], rows["v_a"][low:high]], axis=1)
         answers = None if beside is None else {k: v[low:high] for k, v in beside.items()}
         point = self._check_sources(shown, pair_id, query_ids, pair, uv_a, answers)
@@ -252,6 +252,16 @@ class _SplitCheck:
         )
         tracks = self._tracks_of(pair["sequence_a"])
         if tracks is None:
+            size = np.array([self.context.width, self.context.height])
+            self.findings.add_rows(
+                "VALUE_OUT_OF_RANGE",
+                shown,
+                ~bad_value & np.any((uv_a < 0) | (uv_a >= size), axis=1),
+                lambda i: (
+                    f"pair {pair_id}, query {query_ids[i]}",
+                    f"found {uv_a[i].tolist()}, outside the image",
+                ),
+            )
             return None
         frame = int(pair["frame_a"])
         seen = np.flatnonzero(tracks.askable & (tracks.state[frame] == VISIBLE))

@@ -84,7 +84,8 @@ def check_sequence(
     if info is None:
         return result
     result.split, result.frames = info["split"], info["frames"]
-    check_files(files, info, findings)
+    held_out = info["split"] in context.held_out
+    check_files(files, info, findings, held_out=held_out)
     depths = [layout.depth_name(frame) for frame in range(info["frames"])]
     result.pictures = np.array(
         [int(files.hashes[name][0][:16], 16) for name in depths if name in files.hashes],
@@ -94,6 +95,11 @@ def check_sequence(
     if tier is None:
         return result
     cameras = _cameras(context, files, info, findings)
+    if held_out:
+        _check_held_out(info, f"{shown}/{layout.SEQUENCE_JSON}", findings)
+        for frame in range(info["frames"]):
+            check_rgb(context, files, frame, findings)
+        return result
     points = None
     if files.verified(layout.POINTS_TABLE, findings):
         path = f"{shown}/{layout.POINTS_TABLE}"
@@ -173,6 +179,23 @@ def _read_info(
             f"{info['tier'][:80]!r} is none of {list(context.tiers)}",
         )
     return info
+
+
+def _check_held_out(info: dict[str, Any], path: str, findings: Findings) -> None:
+    """Check that a held-out sequence.json says nothing from which its truth could be made."""
+    telling = {
+        "parameters": info["parameters"] != {},
+        "frame_info": any(info["frame_info"]),
+        "seed": info["seed"] != 0,
+    }
+    for field_name in (name for name, tells in telling.items() if tells):
+        findings.add(
+            "HELD_OUT_LEAKS",
+            path,
+            field_name,
+            f"the split {info['split']} is held out; required: seed 0, parameters {{}} and an "
+            "empty object for each frame",
+        )
 
 
 def _cameras(
