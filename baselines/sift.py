@@ -20,40 +20,51 @@ from pliant.baselines.opencv import (
 from pliant.baselines.orientation import dominant_gradient_deg
 
 OCTAVE: Final = 0
-LAYER: Final = 1
-"""Where in the pyramid a query's descriptor is taken: the first layer a keypoint can be
-detected in at full resolution."""
+"""Octave of the pyramid in which given pixels are described."""
 
-SCALE_PX: Final = 1.6 * 2 ** (OCTAVE + LAYER / 3)
-"""Gaussian scale of that layer; OpenCV calls twice as much a keypoint's size. The descriptor's
-4x4 cells then cover a square of 12 scales: 24 px."""
+LAYER: Final = 1
+"""Layer of that octave: the first one in which a keypoint can be detected."""
+
+
+def scale_px(octave: int) -> float:
+    """Return the Gaussian scale of the layer in which given pixels are described.
+
+    OpenCV calls twice as much a keypoint's size; the descriptor's 4x4 cells cover a square of 12
+    scales.
+    """
+    return float(1.6 * 2 ** (octave + LAYER / 3))
 
 
 class Sift:
     """SIFT descriptors at its own keypoints or at given pixels.
 
-    Given pixels are described at one fixed scale, `SCALE_PX`, and turned by the dominant
-    gradient direction, as SIFT does at its keypoints.
+    Given pixels are described at one fixed scale and turned by the dominant gradient direction,
+    as SIFT does at its keypoints.
+
+    Args:
+        octave: Octave in which given pixels are described, >= 0.
     """
 
     name = "sift"
     metric: Metric = "euclidean"
 
-    def __init__(self) -> None:
+    def __init__(self, octave: int = OCTAVE) -> None:
+        self._octave = octave
+        self._scale_px = scale_px(octave)
         self._cv2 = load_opencv("SIFT")
         # The default pyramid, doubled by plain resizing, puts keypoints 0.25 px too far to the
         # right and down; the precise one does not.
         self._detector = self._cv2.SIFT_create(enable_precise_upscale=True)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Sift, ()  # OpenCV's objects cannot be sent to another process
+        return Sift, (self._octave,)  # OpenCV's objects cannot be sent to another process
 
     def facts(self) -> Mapping[str, Any]:
         """Return settings and versions for the submission's footer."""
         return {
             "implementation": "opencv",
             "version": str(self._cv2.__version__),
-            "query_scale_px": round(SCALE_PX, 3),
+            "query_scale_px": round(self._scale_px, 3),
             "query_orientation": "dominant gradient",
         }
 
@@ -81,13 +92,13 @@ class Sift:
             float32 (N, 128), whole numbers from 0 to 255.
         """
         image = padded(grey)
-        angle_deg = dominant_gradient_deg(self._cv2, image, uv_px + PADDING_PX, SCALE_PX)
+        angle_deg = dominant_gradient_deg(self._cv2, image, uv_px + PADDING_PX, self._scale_px)
         keypoints = keypoints_at(
             self._cv2,
             uv_px,
             angle_deg,
-            size_px=2 * SCALE_PX,
-            octave=OCTAVE | LAYER << 8,
+            size_px=2 * self._scale_px,
+            octave=self._octave | LAYER << 8,
         )
         return described(self._detector, image, keypoints)
 

@@ -23,7 +23,7 @@ from pliant.baselines.opencv import described, keypoints_at, load_opencv, padded
 from pliant.baselines.pixels import HALF_PIXEL
 from pliant.spec.errors import MissingExtraError
 
-QUERY_SCALE_PX: Final = 2.0
+QUERY_SCALE_PX: Final = 3.0
 """Scale at which given pixels are described; the descriptor covers a square of 20 scales."""
 
 HESSIAN_THRESHOLD: Final = 100.0
@@ -102,12 +102,17 @@ class OpencvSurf:
 
 
 class MahotasSurf:
-    """SURF of mahotas, 64 numbers a descriptor."""
+    """SURF of mahotas, 64 numbers a descriptor.
+
+    Args:
+        query_scale_px: Scale at which given pixels are described, a whole number.
+    """
 
     name = "surf"
     metric: Metric = "euclidean"
 
-    def __init__(self) -> None:
+    def __init__(self, query_scale_px: float = QUERY_SCALE_PX) -> None:
+        self._query_scale_px = query_scale_px
         try:
             import mahotas
             from mahotas.features import surf
@@ -117,7 +122,7 @@ class MahotasSurf:
         self._surf: Any = surf
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return MahotasSurf, ()
+        return MahotasSurf, (self._query_scale_px,)
 
     def facts(self) -> Mapping[str, Any]:
         """Return settings and versions for the submission's footer."""
@@ -128,7 +133,7 @@ class MahotasSurf:
             "octaves": MAHOTAS_OCTAVES,
             "scales": MAHOTAS_SCALES,
             "max_points": MAHOTAS_MAX_POINTS,
-            "query_scale_px": QUERY_SCALE_PX,
+            "query_scale_px": self._query_scale_px,
             "query_orientation": "the method's own",
         }
 
@@ -163,7 +168,7 @@ class MahotasSurf:
         """
         points = np.ones((len(uv_px), _POINT_COLUMNS))
         points[:, [_X, _Y]] = uv_px.astype(np.float64) - HALF_PIXEL
-        points[:, _SCALE] = QUERY_SCALE_PX
+        points[:, _SCALE] = self._query_scale_px
         return self._described(grey, points)
 
     def _described(

@@ -60,7 +60,7 @@ def test_opencvs_surf_is_preferred_and_named() -> None:
     uv_px = np.array([[1.5, 2.5], [4.0, 5.0]], dtype=np.float32)
     described = features.describe_at(image, uv_px)
     np.testing.assert_array_equal(described[:, :2], uv_px - 0.5 + 64)
-    np.testing.assert_allclose(described[:, 2], 15.0)  # scale 2: 2 · 9 / 1.2
+    np.testing.assert_allclose(described[:, 2], 22.5)  # scale 3: 3 · 9 / 1.2
 
 
 def test_mahotas_runs_where_opencv_has_none() -> None:
