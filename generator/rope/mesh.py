@@ -186,7 +186,8 @@ def _outer(sections: FloatArray) -> npt.NDArray[np.bool_]:
         # Side of each edge's ends with respect to each ray; a crossing changes side.
         side_a = ray[:, None, 0] * a[None, :, 1] - ray[:, None, 1] * a[None, :, 0]
         side_b = ray[:, None, 0] * b[None, :, 1] - ray[:, None, 1] * b[None, :, 0]
-        crosses = side_a * side_b < 0
+        # A corner exactly on the ray counts to one side, so that one of its edges is crossed.
+        crosses = (side_a < 0) != (side_b < 0)
         with np.errstate(divide="ignore", invalid="ignore"):
             share = side_a / (side_a - side_b)
             met = a[None] + share[..., None] * (b - a)[None]
