@@ -130,9 +130,9 @@ class ClothSettings:
         """
         if self.level is not None:
             return self.level
-        last = tier.rsplit("-", 1)[-1]
-        if last.isdigit() and int(last) in COVERAGE_BANDS:
-            return int(last)
+        for level in COVERAGE_BANDS:
+            if tier.endswith(f"-{level}"):
+                return level
         raise CallError(
             f"tier '{tier}' names no cloth level",
             where="level",
