@@ -31,12 +31,12 @@ def tube_subject(rows: int = 160, ring: int = 12) -> Subject:
     after = np.roll(index, -1, axis=1)
     wall = np.concatenate(
         [
-            np.stack([index[:-1], after[:-1], after[1:]], axis=-1).reshape(-1, 3),
-            np.stack([index[:-1], after[1:], index[1:]], axis=-1).reshape(-1, 3),
+            np.stack([index[:-1], after[1:], after[:-1]], axis=-1).reshape(-1, 3),
+            np.stack([index[:-1], index[1:], after[1:]], axis=-1).reshape(-1, 3),
         ]
     )
-    caps = [[index[0, 0], index[0, k + 1], index[0, k]] for k in range(1, ring - 1)]
-    caps += [[index[-1, 0], index[-1, k], index[-1, k + 1]] for k in range(1, ring - 1)]
+    caps = [[index[0, 0], index[0, k], index[0, k + 1]] for k in range(1, ring - 1)]
+    caps += [[index[-1, 0], index[-1, k + 1], index[-1, k]] for k in range(1, ring - 1)]
     rope = Part(
         object_id=1,
         name="rope",
