@@ -150,7 +150,7 @@ def _score_answers(
 
 
 def _ordered(values: Mapping[str, float | None]) -> dict[str, float | None]:
-    """Return metrics in the order a reader looks for them: quantiles after the mean error …"""
+    """Return metrics in the order a reader looks for them: quantiles after the mean, and so on."""
     quantiles = [n for n in values if n == "median_px" or (n[0] == "p" and n[1:2].isdigit())]
     after = {"mean_px": quantiles, "jump_rate": [n for n in values if n.startswith("stretch_")]}
     after["nll"] = [name for name in ("ece", "ause") if name in values]

@@ -69,7 +69,7 @@ def cdf_svg(
         axes.set_xlabel("error, px (log scale)")
         axes.set_ylabel("share of answers")
         axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
-        _legend(axes, len(series), "upper left")
+        _legend(axes, len(series), "best")
 
     return _render(draw, title)
 

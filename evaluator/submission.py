@@ -135,7 +135,7 @@ def _footer(
         problems.add(error.code, "footer spec_version", _reason(error))
         return None
     table = footer.get("table")
-    if table not in REQUIRED:
+    if not isinstance(table, str) or table not in REQUIRED:
         problems.add(
             "FOOTER_INVALID",
             "footer table",

@@ -1,0 +1,492 @@
+"""More than two hundred files that somebody might submit, by mistake or on purpose.
+
+Every case says which issue codes must be reported, all of them; None stands for damaged bytes,
+of which nobody can say beforehand what a reader will see. Whatever the file, `check` and
+`evaluate` give the same verdict and neither raises anything but its own errors.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from datetime import date
+from decimal import Decimal
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.feather
+import pyarrow.parquet as pq
+import pytest
+from pliant.cli.main import run
+from pliant.evaluator import evaluate, inspect
+from pliant.spec.issue_codes import ISSUE_CODES
+
+Build = Callable[[Any, Path], None]
+CASES: dict[str, tuple[set[str] | None, Build]] = {}
+
+
+def case(name: str, *codes: str, damaged: bool = False) -> Callable[[Build], Build]:
+    """Register a case with the codes it must give."""
+
+    def register(build: Build) -> Build:
+        assert name not in CASES
+        CASES[name] = (None if damaged else set(codes), build)
+        return build
+
+    return register
+
+
+def table_case(name: str, change: Callable[[Any, pa.Table], pa.Table], *codes: str) -> None:
+    case(name, *codes)(lambda scene, path: scene.submit(path, change(scene, scene.table())))
+
+
+def replaced(column: str, values: Callable[[pa.Table], Any]) -> Callable[[Any, pa.Table], pa.Table]:
+    """Return a change that puts other values into a column, or adds it."""
+
+    def change(scene: Any, table: pa.Table) -> pa.Table:
+        array = values(table)
+        array = array if isinstance(array, pa.Array | pa.ChunkedArray) else pa.array(array)
+        if column in table.column_names:
+            return table.set_column(table.column_names.index(column), column, array)
+        return table.append_column(column, array)
+
+    return change
+
+
+def edited(column: str, row: int, value: Any) -> Callable[[Any, pa.Table], pa.Table]:
+    """Return a change of one value of a column."""
+
+    def values(table: pa.Table) -> pa.Array:
+        found = table[column].to_pylist()
+        found[row] = value
+        return pa.array(found, table.schema.field(column).type)
+
+    return replaced(column, values)
+
+
+def full(value: Any, kind: pa.DataType) -> Callable[[pa.Table], pa.Array]:
+    return lambda table: pa.array([value] * table.num_rows, kind)
+
+
+# Types -------------------------------------------------------------------------------------
+
+NOT_NUMBERS: dict[str, tuple[Any, pa.DataType]] = {
+    "string": ("1", pa.string()),
+    "binary": (b"1", pa.binary()),
+    "decimal": (Decimal(1), pa.decimal128(10, 2)),
+    "date": (date(2026, 1, 1), pa.date32()),
+    "timestamp": (1, pa.timestamp("us")),
+    "null": (None, pa.null()),
+    "list": ([1], pa.list_(pa.int32())),
+    "struct": ({"x": 1}, pa.struct([("x", pa.int32())])),
+    "map": ([(1, 1)], pa.map_(pa.int32(), pa.int32())),
+    "text dictionary": ("1", pa.dictionary(pa.int8(), pa.string())),
+}
+for _column in ("pair_id", "query_id", "u", "v", "visible", "sigma", "modes"):
+    for _word, (_value, _kind) in NOT_NUMBERS.items():
+        table_case(f"{_column} as {_word}", replaced(_column, full(_value, _kind)), "COLUMN_TYPE")
+for _column in ("pair_id", "query_id"):
+    table_case(f"{_column} as float", replaced(_column, full(0, pa.float64())), "COLUMN_TYPE")
+    table_case(f"{_column} as bool", replaced(_column, full(True, pa.bool_())), "COLUMN_TYPE")
+for _column in ("u", "v", "sigma"):
+    table_case(f"{_column} as int", replaced(_column, full(1, pa.int32())), "COLUMN_TYPE")
+    table_case(f"{_column} as bool", replaced(_column, full(True, pa.bool_())), "COLUMN_TYPE")
+    half = np.float16(1)
+    table_case(f"{_column} as float16", replaced(_column, full(half, pa.float16())), "COLUMN_TYPE")
+for _column in ("pair_id", "query_id", "u", "v"):
+    table_case(f"no {_column}", lambda _, t, c=_column: t.drop_columns([c]), "COLUMN_MISSING")
+    table_case(
+        f"{_column} twice",
+        lambda _, t, c=_column: pa.Table.from_arrays(
+            [*t.columns, t[c]], names=[*t.column_names, c]
+        ),
+        "COLUMN_TYPE",
+    )
+table_case("no column at all", lambda _, t: t.select([]), "COLUMN_MISSING")
+table_case("other names", lambda _, t: t.rename_columns(["a", "b", "c", "d"]), "COLUMN_MISSING")
+
+# What is accepted, and must score as the plain file does -----------------------------------
+
+table_case("good", lambda _, t: t)
+for _width in ("int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64"):
+    for _column in ("pair_id", "query_id"):
+        table_case(
+            f"{_column} as {_width}",
+            replaced(_column, lambda t, c=_column, w=_width: t[c].cast(getattr(pa, w)())),
+        )
+for _column in ("u", "v"):
+    table_case(f"{_column} as float64", replaced(_column, lambda t, c=_column: t[c].cast("double")))
+for _column in ("pair_id", "query_id", "u", "v"):
+    table_case(
+        f"{_column} as dictionary",
+        replaced(_column, lambda t, c=_column: t[c].dictionary_encode()),
+    )
+table_case("columns in another order", lambda _, t: t.select(["v", "query_id", "u", "pair_id"]))
+table_case("rows in another order", lambda _, t: t.take(np.arange(t.num_rows)[::-1].copy()))
+table_case("an extra text column", replaced("note", full("hello", pa.string())))
+table_case("an extra nested column", replaced("extra", full([[{"x": [1]}]], None)))
+table_case("an extra column of long texts", replaced("text", full("x" * 20_000, pa.string())))
+table_case(
+    "an extra column of large lists", replaced("list", full([1] * 500, pa.large_list(pa.int32())))
+)
+table_case("an empty extra name", replaced("", full(1, pa.int8())))
+table_case("an extra name with a dot", replaced("u.v", full(1, pa.int8())))
+table_case("an extra name that sounds like modes", replaced("modes.u", full(1.0, pa.float32())))
+table_case("visible as bool", replaced("visible", full(True, pa.bool_())))
+for _codec in ("none", "snappy", "gzip", "brotli", "lz4", "zstd"):
+
+    @case(f"compressed by {_codec}")
+    def _(scene: Any, path: Path, codec: str = _codec) -> None:
+        rewrite(scene, path, compression=codec)
+
+
+def rewrite(scene: Any, path: Path, **options: Any) -> None:
+    """Write the good submission with other options of the format."""
+    table = pq.read_table(scene.submit(path))
+    footer = pq.read_metadata(path).metadata[b"pliant"]
+    size = options.pop("row_group_size", None)
+    table = table.replace_schema_metadata(None)
+    with pq.ParquetWriter(path, table.schema, **options) as writer:
+        writer.write_table(table, size)
+        writer.add_key_value_metadata({b"pliant": footer})
+
+
+for _name, _options in {
+    "row groups of 7": {"row_group_size": 7},
+    "pages of 64 bytes": {"data_page_size": 64},
+    "data pages of version 2": {"data_page_version": "2.0"},
+    "format version 1": {"version": "1.0"},
+    "no dictionaries": {"use_dictionary": False},
+    "byte stream split": {"use_dictionary": False, "use_byte_stream_split": ["u", "v"]},
+    "delta encoding": {
+        "use_dictionary": False,
+        "column_encoding": {"pair_id": "DELTA_BINARY_PACKED", "query_id": "DELTA_BINARY_PACKED"},
+    },
+    "page checksums": {"write_page_checksum": True},
+    "no statistics": {"write_statistics": False},
+    "no Arrow schema": {"store_schema": False},
+}.items():
+    case(_name)(lambda scene, path, options=_options: rewrite(scene, path, **options))
+
+# Values -----------------------------------------------------------------------------------
+
+for _column in ("u", "v"):
+    for _value in (np.nan, np.inf, -np.inf):
+        table_case(f"{_column} {_value}", edited(_column, 5, _value), "VALUE_NOT_FINITE")
+    for _value in (1e7, -1e7, 3e38):
+        table_case(f"{_column} {_value:g}", edited(_column, 5, _value), "VALUE_OUT_OF_RANGE")
+    table_case(
+        f"{_column} all NaN", replaced(_column, full(np.nan, pa.float32())), "VALUE_NOT_FINITE"
+    )
+    table_case(f"{_column} outside the image", edited(_column, 5, -4000.0))
+for _column in ("pair_id", "query_id", "u", "v"):
+    # A null key is also a row of no query, and its query has none.
+    _more = ("ROW_UNKNOWN", "ROW_MISSING") if _column.endswith("id") else ()
+    table_case(f"{_column} null", edited(_column, 5, None), "VALUE_NULL", *_more)
+
+
+def with_value(good: float, bad: Any) -> Callable[[pa.Table], pa.Array]:
+    return lambda t: pa.array([bad, *[good] * (t.num_rows - 1)], pa.float32())
+
+
+for _value, _codes in (
+    (np.nan, {"VALUE_NOT_FINITE"}),
+    (np.inf, {"VALUE_NOT_FINITE"}),
+    (-0.01, {"VALUE_OUT_OF_RANGE"}),
+    (1.01, {"VALUE_OUT_OF_RANGE"}),
+    (None, {"VALUE_NULL"}),
+    (0.0, set()),
+    (1.0, set()),
+):
+    table_case(f"visible {_value}", replaced("visible", with_value(0.5, _value)), *_codes)
+for _value, _codes in (
+    (np.nan, {"VALUE_NOT_FINITE"}),
+    (np.inf, {"VALUE_NOT_FINITE"}),
+    (-1.0, {"VALUE_OUT_OF_RANGE"}),
+    (0.0, {"VALUE_OUT_OF_RANGE"}),
+    (-0.0, {"VALUE_OUT_OF_RANGE"}),
+    (1e7, {"VALUE_OUT_OF_RANGE"}),
+    (None, {"VALUE_NULL"}),
+    (1e-30, set()),
+    (1e6, set()),
+):
+    table_case(f"sigma {_value}", replaced("sigma", with_value(2.0, _value)), *_codes)
+
+MODE = {"u": 3.0, "v": 4.0, "sigma": 2.0, "weight": 1.0}
+MODES_TYPE = pa.list_(pa.struct([(name, pa.float32()) for name in MODE]))
+
+
+def modes(first: Any, kind: pa.DataType = MODES_TYPE) -> Callable[[Any, pa.Table], pa.Table]:
+    return replaced("modes", lambda t: pa.array([first, *[[MODE]] * (t.num_rows - 1)], kind))
+
+
+def halves(count: int) -> list[dict[str, float]]:
+    return [MODE | {"weight": 1 / count}] * count
+
+
+for _name, _first, _codes in (
+    ("one mode", [MODE], set()),
+    ("64 modes", halves(64), set()),
+    ("65 modes", halves(65), {"MODES_INVALID"}),
+    ("300 modes", halves(300), {"MODES_INVALID"}),
+    ("no mode", [], {"MODES_INVALID"}),
+    ("null modes", None, {"VALUE_NULL", "MODES_INVALID"}),
+    ("a null mode", [None], {"VALUE_NULL"}),
+    ("a null in a mode", [MODE | {"u": None}], {"VALUE_NULL"}),
+    ("weights to 0.9", [MODE | {"weight": 0.9}], {"MODES_INVALID"}),
+    ("weights to 1.2", [*halves(5), MODE | {"weight": 0.2}], {"MODES_INVALID"}),
+    ("weights within the tolerance", [MODE | {"weight": 0.9995}], set()),
+    ("a negative weight", [MODE | {"weight": -1.0}], {"VALUE_OUT_OF_RANGE"}),
+    ("a NaN weight", [MODE | {"weight": np.nan}], {"VALUE_NOT_FINITE"}),
+    ("a mode at infinity", [MODE | {"u": np.inf}], {"VALUE_NOT_FINITE"}),
+    ("a mode far away", [MODE | {"v": 1e9}], {"VALUE_OUT_OF_RANGE"}),
+    ("a mode of no width", [MODE | {"sigma": 0.0}], {"VALUE_OUT_OF_RANGE"}),
+    ("a mode of negative width", [MODE | {"sigma": -2.0}], {"VALUE_OUT_OF_RANGE"}),
+):
+    if _first is None:
+        _codes = {"VALUE_NULL"}
+    table_case(_name, modes(_first), *_codes)
+_item = MODES_TYPE.value_type
+table_case("modes as large list", modes([MODE], pa.large_list(_item)))
+table_case("modes as fixed-size list", modes([MODE], pa.list_(_item, 1)))
+table_case("modes in double", modes([MODE], pa.list_(pa.struct([(n, pa.float64()) for n in MODE]))))
+table_case(
+    "modes with fields in another order",
+    modes([MODE], pa.list_(pa.struct([(n, pa.float32()) for n in reversed(MODE)]))),
+)
+for _word, _kind in {
+    "without weight": pa.list_(pa.struct([(n, pa.float32()) for n in ("u", "v", "sigma")])),
+    "of integers": pa.list_(pa.struct([(n, pa.int32()) for n in MODE])),
+    "of lists": pa.list_(pa.list_(pa.float32())),
+    "with a nested field": pa.list_(
+        pa.struct([*[(n, pa.float32()) for n in ("u", "v", "sigma")], ("weight", MODES_TYPE)])
+    ),
+}.items():
+    table_case(
+        f"modes {_word}", replaced("modes", lambda t, k=_kind: pa.array([[]] * len(t), k)),
+        "COLUMN_TYPE",
+    )  # fmt: skip
+case("sigma and modes", "MODES_INVALID")(
+    lambda scene, path: scene.submit(
+        path, modes([MODE])(scene, scene.table(sigma=np.ones(scene.rows, np.float32)))
+    )
+)
+
+# Keys --------------------------------------------------------------------------------------
+
+
+def rows(picker: Callable[[int], Any]) -> Callable[[Any, pa.Table], pa.Table]:
+    return lambda _, t: t.take(pa.array(np.asarray(picker(t.num_rows), np.int64)))
+
+
+table_case("0 rows", rows(lambda n: []), "ROW_MISSING")
+table_case("1 row", rows(lambda n: [0]), "ROW_MISSING")
+table_case("a row missing", rows(lambda n: range(1, n)), "ROW_MISSING")
+table_case("half of the rows", rows(lambda n: range(0, n, 2)), "ROW_MISSING")
+table_case("a row twice", rows(lambda n: [*range(n), 3]), "ROW_DUPLICATE")
+table_case("every row twice", rows(lambda n: [*range(n), *range(n)]), "ROW_DUPLICATE")
+table_case("one row n times", rows(lambda n: np.zeros(n)), "ROW_DUPLICATE", "ROW_MISSING")
+table_case(
+    "one missing, another twice", rows(lambda n: [*range(1, n), 4]), "ROW_DUPLICATE", "ROW_MISSING"
+)
+for _column in ("pair_id", "query_id"):
+    for _value in (-1, -(2**31), 2**31 - 1, 1000):
+        table_case(f"{_column} {_value}", edited(_column, 5, _value), "ROW_UNKNOWN", "ROW_MISSING")
+    for _value in (2**62, -(2**63)):
+        table_case(
+            f"{_column} {_value}",
+            replaced(_column, lambda t, c=_column, x=_value: pa.array([x, *t[c].to_pylist()[1:]])),
+            "ROW_UNKNOWN",
+            "ROW_MISSING",
+        )
+    table_case(
+        f"{_column} 2**64 - 1",
+        replaced(
+            _column,
+            lambda t, c=_column: pa.array([2**64 - 1, *t[c].to_pylist()[1:]], pa.uint64()),
+        ),
+        "ROW_UNKNOWN",
+        "ROW_MISSING",
+    )
+table_case(
+    "pair and query swapped",
+    lambda _, t: t.rename_columns(["query_id", "pair_id", "u", "v"]),
+    "ROW_UNKNOWN",
+    "ROW_MISSING",
+)
+table_case("an unknown row more", lambda _, t: pa.concat_tables([t, t.slice(0, 1).set_column(
+    0, "pair_id", pa.array([999], pa.int32()))]), "ROW_UNKNOWN")  # fmt: skip
+
+
+@case("a million rows too many", "ROW_UNKNOWN")
+def _(scene: Any, path: Path) -> None:
+    count = 1_100_000
+    zeros = pa.array(np.zeros(count, np.int32))
+    real = pa.array(np.zeros(count, np.float32))
+    table = pa.table({"pair_id": zeros, "query_id": zeros, "u": real, "v": real})
+    scene.submit(path, table)
+
+
+# Footers -----------------------------------------------------------------------------------
+
+
+def footer_case(name: str, text: Callable[[dict[str, Any]], bytes | None], *codes: str) -> None:
+    @case(name, *codes)
+    def _(scene: Any, path: Path) -> None:
+        content = {"spec_version": "1.0.0", "table": "answers", **scene.footer()}
+        data = text(content)
+        metadata = {} if data is None else {b"pliant": data}
+        pq.write_table(scene.table().replace_schema_metadata(metadata), path)
+
+
+def dumped(**changes: Any) -> Callable[[dict[str, Any]], bytes]:
+    return lambda content: json.dumps({**content, **changes}).encode()
+
+
+def without(*names: str) -> Callable[[dict[str, Any]], bytes]:
+    return lambda content: json.dumps(
+        {key: value for key, value in content.items() if key not in names}
+    ).encode()
+
+
+footer_case("no footer", lambda _: None, "FOOTER_MISSING")
+for _name, _data in {
+    "empty": b"",
+    "text": b"hello",
+    "a list": b"[]",
+    "a number": b"1",
+    "null": b"null",
+    "no UTF-8": b"\xff\xfe",
+    "cut short": b'{"spec_version": "1.0.0"',
+    "with a key twice": b'{"table": "answers", "table": "answers"}',
+    "with NaN": b'{"spec_version": NaN}',
+    "very deep": b"[" * 100_000,
+    "very deep and closed": b'{"a":' * 5000 + b"1" + b"}" * 5000,
+}.items():
+    footer_case(f"footer {_name}", lambda _, data=_data: data, "FOOTER_INVALID")
+footer_case("footer of 2 MB", dumped(method={"name": "x" * 2**21}), "FILE_TOO_LARGE")
+for _version in ("2.0.0", "0.9.0", "1", "one", "", None, 1, [1]):
+    footer_case(f"version {_version!r}", dumped(spec_version=_version), "SPEC_VERSION_UNSUPPORTED")
+footer_case("no version", without("spec_version"), "SPEC_VERSION_UNSUPPORTED")
+for _name in ("table", "dataset", "split", "queries_sha256", "method"):
+    footer_case(f"footer without {_name}", without(_name), "FOOTER_INVALID")
+    for _value in (1, None, [], "§"):
+        footer_case(f"footer {_name} {_value!r}", dumped(**{_name: _value}), "FOOTER_INVALID")
+footer_case("footer of a truth", dumped(table="truth"), "FOOTER_INVALID")
+footer_case("footer with another field", dumped(extra=1), "FOOTER_INVALID")
+footer_case("a method without a name", dumped(method={}), "FOOTER_INVALID")
+footer_case("a method with an empty name", dumped(method={"name": ""}), "FOOTER_INVALID")
+footer_case("a method with fields of its own", dumped(method={"name": "m", "x": [1, {"y": 2}]}))
+footer_case("a method named in code", dumped(method={"name": "<script>alert(1)</script>"}))
+footer_case(
+    "another dataset", dumped(dataset={"id": "other", "version": "1.0.0"}), "DATASET_MISMATCH"
+)
+footer_case(
+    "another version", dumped(dataset={"id": "analytic", "version": "2.0.0"}), "DATASET_MISMATCH"
+)
+footer_case("another split", dumped(split="val"), "SPLIT_MISMATCH")
+footer_case("other queries", dumped(queries_sha256="0" * 64), "QUERIES_MISMATCH")
+footer_case(
+    "all of it another's",
+    dumped(dataset={"id": "x", "version": "9.0.0"}, queries_sha256="0" * 64),
+    "DATASET_MISMATCH",
+    "QUERIES_MISMATCH",
+)
+footer_case("answers called matches", dumped(table="matches"), "COLUMN_MISSING")
+
+# Files -------------------------------------------------------------------------------------
+
+for _name, _data in {
+    "an empty file": b"",
+    "four bytes": b"PAR1",
+    "magic numbers alone": b"PAR1" + b"\0" * 100 + b"PAR1",
+    "a footer longer than the file": b"PAR1" + b"\0" * 50 + b"\xff\xff\xff\x7fPAR1",
+    "text": b"pair_id,query_id,u,v\n0,0,1,2\n",
+    "a PNG": b"\x89PNG\r\n\x1a\n" + b"\0" * 200,
+    "a pickle": b"\x80\x04\x95\x10\x00\x00\x00",
+    "an encrypted Parquet": b"PARE" + b"\0" * 100 + b"PARE",
+}.items():
+    case(_name, "FILE_UNREADABLE")(lambda _, path, data=_data: path.write_bytes(data) and None)
+case("no file", "FILE_MISSING")(lambda _, path: None)
+case("a folder", "FILE_UNREADABLE")(lambda _, path: path.mkdir())
+case("a link to nowhere", "FILE_MISSING")(lambda _, path: path.symlink_to("nowhere"))
+case("a link to itself", "FILE_MISSING")(lambda _, path: path.symlink_to(path))
+
+
+@case("a link to a good file")
+def _(scene: Any, path: Path) -> None:
+    path.symlink_to(scene.submit(path.with_name("real.parquet")))
+
+
+@case("CSV renamed", "FILE_UNREADABLE")
+def _(scene: Any, path: Path) -> None:
+    pa.csv.write_csv(scene.table(), path)
+
+
+@case("Feather renamed", "FILE_UNREADABLE")
+def _(scene: Any, path: Path) -> None:
+    pa.feather.write_feather(scene.table(), str(path), compression="uncompressed")
+
+
+for _share in range(1, 20):
+
+    @case(f"cut to {_share * 5} %", "FILE_UNREADABLE")
+    def _(scene: Any, path: Path, share: float = _share / 20) -> None:
+        data = scene.submit(path).read_bytes()
+        path.write_bytes(data[: int(len(data) * share)])
+
+
+for _seed in range(60):
+
+    @case(f"damaged bytes {_seed}", damaged=True)
+    def _(scene: Any, path: Path, seed: int = _seed) -> None:
+        rng = np.random.default_rng(seed)
+        data = bytearray(scene.submit(path).read_bytes())
+        # The first third hits the data, the rest the metadata at the end.
+        low = 0 if seed < 20 else len(data) * 2 // 3
+        for position in rng.integers(low, len(data), 1 + seed % 3):
+            data[position] ^= 1 << int(rng.integers(8))
+        path.write_bytes(bytes(data))
+
+
+def test_there_are_many_cases_and_all_codes_are_of_the_catalogue() -> None:
+    assert len(CASES) >= 200
+    codes = {code for expected, _ in CASES.values() if expected for code in expected}
+    assert codes <= set(ISSUE_CODES)
+    submission_codes = {
+        name for name, code in ISSUE_CODES.items() if code.subject in ("both", "submission")
+    }
+    assert submission_codes - codes <= {"PATH_UNSAFE"}, "a code without a case"
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_hostile_file_gets_its_codes_and_no_traceback(
+    name: str, scene: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    expected, build = CASES[name]
+    path = tmp_path / "submission.parquet"
+    build(scene, path)
+    problems = inspect(path, scene.root)
+    assert expected is None or set(problems.totals) == expected
+    for issue in problems.issues():
+        assert issue.message, issue
+    arguments = [str(path), "--data", str(scene.root)]
+    status = run(["check", *arguments])
+    assert status == (1 if problems else 0)
+    assert run(["evaluate", *arguments, "--protocol", "paper"]) == status
+    out = capsys.readouterr()
+    assert "Traceback" not in out.out + out.err
+
+
+def test_other_encodings_score_like_the_plain_file(scene: Any, tmp_path: Path) -> None:
+    plain = evaluate(scene.submit(tmp_path / "plain.parquet"), scene.root, protocol="paper")
+    assert plain.overall["rmse_px"] == 0
+    same = [name for name, (codes, _) in CASES.items() if codes == set() and "outside" not in name]
+    assert len(same) > 40
+    for name in same:
+        path = tmp_path / f"{name.replace('/', ' ')}.parquet"
+        CASES[name][1](scene, path)
+        assert evaluate(path, scene.root, protocol="paper").overall == plain.overall, name
