@@ -1,0 +1,107 @@
+"""Reading a dataset through `Dataset`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from pliant.spec.conformance.edits import ROPE_TEST, change_json, change_rows, remove
+from pliant.spec.dataset import Dataset
+from pliant.spec.errors import CallError, SpecError
+
+DATASETS = Path(__file__).resolve().parents[2] / "spec" / "conformance" / "datasets"
+Copy = Callable[[str], Path]
+
+
+def test_what_a_dataset_tells() -> None:
+    dataset = Dataset.open(DATASETS / "full")
+    assert (dataset.id, dataset.version, dataset.size) == ("conformance-full", "1.0.0", (64, 48))
+    assert list(dataset.tiers) == ["rope", "rope-bare", "cloth-1"]
+    assert dataset.splits_with_queries() == ["test"]
+    assert dataset.held_out == []
+    assert len(dataset.queries("test")) == len(dataset.truth("test")) == 15
+    sequence = dataset.sequence("rope-test-000000")
+    assert (sequence.tier, sequence.split, sequence.shape) == ("rope", "test", "open")
+    assert (sequence.frames, sequence.temporal, sequence.size) == (2, False, (64, 48))
+    assert sequence.info["id"] == "rope-test-000000"
+    assert sequence.rgb(1).shape == (48, 64, 3)
+    assert sequence.points().num_rows == 93
+
+
+def test_a_frame_is_a_slice_whatever_the_row_groups(copy_of: Copy) -> None:
+    root = copy_of("full")
+    path = root / ROPE_TEST / "correspondences.parquet"
+    whole = Dataset.open(root).sequence("rope-test-000000").correspondences()
+    for size in (1000, 93, 50, 7):
+        pq.write_table(pq.read_table(path), path, row_group_size=size)
+        sequence = Dataset.open(root).sequence("rope-test-000000")
+        for frame in range(2):
+            rows = sequence.correspondences(frame)
+            assert rows.equals(whole.slice(frame * 93, 93))
+            assert set(rows.column("frame").to_pylist()) == {frame}
+
+
+def test_projection_by_the_formula() -> None:
+    sequence = Dataset.open(DATASETS / "full").sequence("rope-test-000000")
+    for frame in range(sequence.frames):
+        K, pose = sequence.camera(frame)
+        rows = sequence.correspondences(frame)
+        xyz = np.stack([rows.column(f"{axis}_m").to_numpy() for axis in "xyz"], axis=1)
+        local = xyz.astype(np.float64) @ pose[:3, :3].T + pose[:3, 3]
+        uv = local[:, :2] / local[:, 2:] * K[[0, 1], [0, 1]] + K[:2, 2]
+        assert np.abs(uv[:, 0] - rows.column("u_px").to_numpy()).max() < 1e-4
+        assert np.abs(local[:, 2] - rows.column("depth_m").to_numpy()).max() < 1e-6
+
+
+def test_cameras_are_copies() -> None:
+    sequence = Dataset.open(DATASETS / "minimal").sequences[0]
+    sequence.camera(0)[0][:] = 0
+    assert sequence.camera(0)[0][0, 0] == 85
+
+
+def test_what_is_not_there_says_so(tmp_path: Path) -> None:
+    with pytest.raises(SpecError, match="no Pliant dataset"):
+        Dataset.open(tmp_path)
+    dataset = Dataset.open(DATASETS / "full")
+    with pytest.raises(SpecError, match="no such sequence"):
+        dataset.sequence("rope-test-000009")
+    with pytest.raises(SpecError, match=r"required: one of \['test'\]"):
+        dataset.queries("val")
+    with pytest.raises(CallError, match="required: 0 to 1"):
+        dataset.sequence("rope-test-000000").rgb(2)
+
+
+def test_other_versions(copy_of: Copy) -> None:
+    root = copy_of("minimal")
+    newer = change_json(
+        "dataset.json", lambda document: document.update(spec_version="1.3.0", funding="none")
+    )
+    newer(root)
+    assert Dataset.open(root).id == "conformance-minimal"
+    change_json("dataset.json", lambda document: document.update(spec_version="2.0.0"))(root)
+    with pytest.raises(SpecError, match=r"found 2\.0\.0; required: 1\.x"):
+        Dataset.open(root)
+
+
+def test_ids_cannot_climb_out(copy_of: Copy) -> None:
+    root = copy_of("minimal")
+    change_rows("sequences.parquet", lambda rows: rows[0].update(id="../../etc"))(root)
+    with pytest.raises(SpecError, match="no name"):
+        Dataset.open(root)
+
+
+def test_a_table_with_a_missing_row_is_refused(copy_of: Copy) -> None:
+    root = copy_of("full")
+    change_rows(f"{ROPE_TEST}/correspondences.parquet", lambda rows: rows.pop() and None)(root)
+    with pytest.raises(SpecError, match="every point of every frame"):
+        Dataset.open(root).sequence("rope-test-000000").correspondences(1)
+
+
+def test_missing_files_are_named(copy_of: Copy) -> None:
+    root = copy_of("full")
+    remove(f"{ROPE_TEST}/cameras.json")(root)
+    with pytest.raises(SpecError, match=r"cameras\.json: the file is not there"):
+        Dataset.open(root).sequence("rope-test-000000").camera(0)

@@ -1,0 +1,143 @@
+"""SPEC.md is what the code declares, and its examples hold."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pyarrow as pa
+import pytest
+from click.testing import CliRunner
+from jsonschema import Draft202012Validator
+from pliant.cli.spec import command
+from pliant.spec import document
+from pliant.spec.conventions import CONVENTIONS, VISIBILITY_STATES
+from pliant.spec.export import JSON_SCHEMAS
+from pliant.spec.issue_codes import ISSUE_CODES
+from pliant.spec.jsonfiles import load_schema, parse_json, schema_errors
+from pliant.spec.tables import TABLES
+
+TEXT = document.TEXT.read_text(encoding="utf-8")
+SPEC = Path(__file__).resolve().parents[2] / "spec"
+
+
+def test_generated_parts_are_fresh() -> None:
+    assert document.stale() == []
+    assert document.render(TEXT) == TEXT
+
+
+def test_a_stale_part_is_found(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    path = tmp_path / "SPEC.md"
+    path.write_text(TEXT.replace("| `m0` | float32 |", "| `m0` | float64 |"))
+    monkeypatch.setattr(document, "TEXT", path)
+    assert document.stale() == ["table points"]
+    path.write_text(
+        re.sub(r"<!-- generated: schema cameras -->.*?<!-- end -->", "", TEXT, flags=re.S)
+    )
+    assert document.stale() == ["schema cameras"]
+
+
+def test_program_says_what_is_stale() -> None:
+    done = subprocess.run([sys.executable, "-m", "pliant.spec.document", "--check"], check=False)
+    assert done.returncode == 0
+
+
+BLOCKS = re.findall(r"^```(\w+) ?([\w-]*)\n(.*?)^```$", TEXT, flags=re.M | re.S)
+
+
+def test_every_block_is_of_a_kind_that_is_tested() -> None:
+    kinds = {(language, bool(name)) for language, name, _ in BLOCKS}
+    assert kinds == {("json", True), ("python", False), ("text", False)}
+    named = {name for language, name, _ in BLOCKS if language == "json"}
+    assert named == {"dataset", "sequence", "cameras", "footer-truth", "footer-answers"}
+
+
+@pytest.mark.parametrize(("language", "name", "text"), [b for b in BLOCKS if b[0] == "json"])
+def test_json_examples_satisfy_their_schemas(language: str, name: str, text: str) -> None:
+    example = parse_json(text.encode(), "SPEC.md")
+    assert list(schema_errors(example, name)) == []
+
+
+@pytest.mark.parametrize("text", [b[2] for b in BLOCKS if b[0] == "python"])
+def test_python_examples_run(text: str) -> None:
+    done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def test_codes_in_the_text_are_in_the_catalogue() -> None:
+    known = set(ISSUE_CODES) | {"FLOAT", "UINT", "NONE", "ZIPS", "PIZ", "DWAA", "DWAB"}
+    for word in re.findall(r"`([A-Z]+_[A-Z_]+)`", TEXT):
+        assert word in known, word
+
+
+@pytest.mark.parametrize("name", JSON_SCHEMAS)
+def test_schemas_are_schemas(name: str) -> None:
+    schema = load_schema(name)
+    Draft202012Validator.check_schema(schema)
+    assert schema["$id"].endswith(name)
+
+
+def test_schema_files_are_all_listed() -> None:
+    folder = SPEC / "schemas" / "1.0.0"
+    assert {path.name for path in folder.iterdir()} == {
+        *(f"{name}.schema.json" for name in JSON_SCHEMAS),
+        *(f"{name}.arrow" for name in TABLES),
+        "answers-optional.arrow",
+        "tables.json",
+    }
+
+
+@pytest.mark.parametrize("name", sorted(TABLES))
+def test_exported_arrow_schemas_are_the_declared_ones(name: str) -> None:
+    data = (SPEC / "schemas" / "1.0.0" / f"{name}.arrow").read_bytes()
+    schema = pa.ipc.read_schema(pa.py_buffer(data))
+    assert schema.equals(TABLES[name], check_metadata=True)
+    for field in schema:
+        assert field.metadata[b"doc"]
+
+
+def test_schema_and_code_have_the_same_conventions() -> None:
+    properties = load_schema("dataset")["properties"]["conventions"]["properties"]
+    assert {name: entry["const"] for name, entry in properties.items()} == CONVENTIONS
+    assert properties["visibility_states"]["const"] == list(VISIBILITY_STATES)
+
+
+def test_links_of_the_text_lead_somewhere() -> None:
+    for target in re.findall(r"\]\(([^)#]+)\)", TEXT):
+        assert (SPEC / target).exists(), target
+    headings = re.findall(r"^#+ (.*)$", TEXT, flags=re.M)
+    anchors = {re.sub(r"[^\w -]", "", h).lower().replace(" ", "-") for h in headings}
+    for anchor in re.findall(r"\]\(#([^)]+)\)", TEXT):
+        assert anchor in anchors, anchor
+
+
+def test_example_reader_imports_nothing_of_ours() -> None:
+    script = SPEC / "examples" / "read_without_pliant.py"
+    code = f"import sys, runpy; sys.argv = ['x', {str(SPEC / 'conformance/datasets/full')!r}]\n"
+    code += f"runpy.run_path({str(script)!r}, run_name='__main__')\n"
+    code += "assert not [m for m in sys.modules if m.split('.')[0] == 'pliant']\n"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.splitlines()
+    assert len(lines) == 6
+    assert lines[-1] == "test: 15 queries"
+    for line in lines[:-1]:
+        error_px = float(re.search(r"within ([\d.]+) px", line)[1])  # type: ignore[index]
+        assert error_px < 0.01
+
+
+def test_command_prints_and_writes(tmp_path: Path) -> None:
+    listing = CliRunner().invoke(command, ["--json"])
+    assert json.loads(listing.output)["spec_version"] == "1.0.0"
+    for name in ("dataset", "points", "codes"):
+        assert json.loads(CliRunner().invoke(command, [name]).output)
+    assert CliRunner().invoke(command, ["text"]).output.startswith("# The Pliant dataset format")
+    done = CliRunner().invoke(command, ["--out", str(tmp_path / "out")])
+    assert done.exit_code == 0
+    assert (tmp_path / "out" / "SPEC.md").read_text() == TEXT
+    assert (tmp_path / "out" / "schemas" / "1.0.0" / "points.arrow").is_file()
+    unknown = CliRunner().invoke(command, ["nothing"])
+    assert "no such schema" in str(unknown.exception)
