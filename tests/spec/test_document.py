@@ -34,9 +34,8 @@ def test_a_stale_part_is_found(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) 
     path.write_text(TEXT.replace("| `m0` | float32 |", "| `m0` | float64 |"))
     monkeypatch.setattr(document, "TEXT", path)
     assert document.stale() == ["table points"]
-    path.write_text(
-        re.sub(r"<!-- generated: schema cameras -->.*?<!-- end -->", "", TEXT, flags=re.S)
-    )
+    part = re.compile(r"<!-- generated: schema cameras -->.*?<!-- end -->", re.DOTALL)
+    path.write_text(part.sub("", TEXT))
     assert document.stale() == ["schema cameras"]
 
 
@@ -106,7 +105,7 @@ def test_schema_and_code_have_the_same_conventions() -> None:
 
 
 def test_links_of_the_text_lead_somewhere() -> None:
-    for target in re.findall(r"\]\(([^)#]+)\)", TEXT):
+    for target in re.findall(r"\[[^\]|]+\]\(([\w./]+)\)", TEXT):
         assert (SPEC / target).exists(), target
     headings = re.findall(r"^#+ (.*)$", TEXT, flags=re.M)
     anchors = {re.sub(r"[^\w -]", "", h).lower().replace(" ", "-") for h in headings}

@@ -116,9 +116,8 @@ def test_an_interrupted_migration_goes_on(
 )
 def test_what_cannot_be_migrated_says_so(stored: Path, version: str, says: str) -> None:
     path = stored / "dataset.json"
-    path.write_text(
-        path.read_text().replace('"spec_version": "1.0.0"', f'"spec_version": "{version}"')
-    )
+    text = path.read_text()
+    path.write_text(text.replace('"spec_version": "1.0.0"', f'"spec_version": "{version}"'))
     with pytest.raises(SpecError, match=says):
         migrate(stored)
 
