@@ -37,6 +37,9 @@ if TYPE_CHECKING:
 @click.option("--seed", type=int, help="Seed of everything.  [default: 0]")
 @click.option("--style", metavar="fast|photo|raster", help="How to render.  [default: fast]")
 @click.option(
+    "--noise", is_flag=True, default=None, help="Add camera noise (strengths: --set noise.…)."
+)
+@click.option(
     "--config",
     "config_file",
     type=click.Path(path_type=Path),
@@ -126,6 +129,8 @@ def build_config(
         values["width"], values["height"] = _parse_size(given.pop("size"))
     if "splits" in given:
         given["splits"] = _parse_splits(given["splits"])
+    if given.pop("noise", False):
+        values["noise"] = values.get("noise") or {}
     values.update(given)
     for text in settings:
         _set(values, text)

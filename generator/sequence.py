@@ -15,6 +15,7 @@ from pliant.generator.camera import Camera, sample_camera
 from pliant.generator.config import GenerateConfig
 from pliant.generator.engine import SequenceResult
 from pliant.generator.look import Look, sample_look
+from pliant.generator.noise import apply_noise
 from pliant.generator.plan import SequenceTask
 from pliant.generator.render import open_renderer
 from pliant.generator.seeding import random_generator
@@ -100,8 +101,6 @@ class SequenceMaker:
                 with clock("render"):
                     rgb = self.renderer.render(pose, truth)
                 if self._noise_settings is not None:
-                    from pliant.generator.noise import apply_noise
-
                     with clock("noise"):
                         rng = self._random(task, "noise", frame)
                         rgb = apply_noise(rng, rgb, truth.surface, self._noise_settings)

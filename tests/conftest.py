@@ -45,7 +45,7 @@ def tiny_dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
         frames=2,
         width=160,
         height=120,
-        style="fast" if _can_render() else "raster",
+        style="fast" if find_spec("bpy") else "raster",
         rope=TINY_ROPE,
         cloth=TINY_CLOTH,
         queries=QuerySettings(pairs_per_sequence=2, queries_per_pair=24),
@@ -80,10 +80,6 @@ def tiny_episode(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 TINY_ROPE: dict[str, Any] = {"knots": {"overhand": 1.0}}
 TINY_CLOTH: dict[str, Any] = {"points_a_side": 33, "tracked_a_side": 17}
-
-
-def _can_render() -> bool:
-    return bool(find_spec("bpy") and find_spec("pliant.generator.render.cycles_styles"))
 
 
 def _require_generator() -> None:

@@ -12,7 +12,7 @@ SMALL += ["--set", "rope.shapes={open: 1}"]
 
 
 def flags(**given):
-    names = ("sequences", "splits", "frames", "episodes", "size", "seed", "style")
+    names = ("sequences", "splits", "frames", "episodes", "size", "seed", "style", "noise")
     return {name: given.get(name) for name in names}
 
 
@@ -24,8 +24,9 @@ def test_flags_win_over_the_file_and_settings_over_flags(tmp_path):
         ("rope",),
         tmp_path / "c.yaml",
         ("rope.ball=false", "rope.turns=10", "queries.queries_per_pair=7"),
-        flags(splits="train=2,test=1", seed=0, size="320x240"),
+        flags(splits="train=2,test=1", seed=0, size="320x240", noise=True),
     )
+    assert config.noise == {}
     assert config.tiers == ("rope",)
     assert config.counts == {"train": 2, "test": 1}
     assert (config.size, config.seed) == ((320, 240), 0)

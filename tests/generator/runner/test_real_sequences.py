@@ -31,6 +31,16 @@ def test_grown_by_three_workers_equals_made_at_once_by_one(style, digests, tmp_p
     assert digests(tmp_path / "grown") == digests(tmp_path / "at-once")
 
 
+def test_noise_changes_the_colours_alone(digests, tmp_path):
+    plain = config("raster", 1).with_changes(tiers=("rope",))
+    noisy = plain.with_changes(noise={"gaussian": [2.0, 2.0]})
+    generate(plain, tmp_path / "plain")
+    generate(noisy, tmp_path / "noisy")
+    before, after = digests(tmp_path / "plain"), digests(tmp_path / "noisy")
+    changed = {name.split("/")[-1] for name in before if before[name] != after[name]}
+    assert changed == {"000000.png", "000001.png", "sequence.json", "dataset.json"}
+
+
 def test_the_camera_sees_every_configuration_whole(tiny_dataset):
     from pliant.spec.dataset import Dataset
 
