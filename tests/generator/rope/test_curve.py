@@ -69,7 +69,8 @@ def test_tightest_bend_of_a_circle_is_its_radius(radius: float) -> None:
 
 def test_frames_are_orthonormal_and_right_handed() -> None:
     rng = np.random.default_rng(1)
-    curve = smooth_curve(np.cumsum(rng.normal(size=(12, 3)) + [1.0, 0, 0], axis=0), -np.inf)
+    steps = rng.normal(size=(12, 3)) + np.array([1.0, 0, 0])
+    curve = smooth_curve(np.cumsum(steps, axis=0), -np.inf)
     frames = twist_free_frames(curve, np.array([0.0, 0.3, 1.0]))
     unit = np.einsum("nij,nkj->nik", frames, frames)
     np.testing.assert_allclose(unit, np.broadcast_to(np.eye(3), unit.shape), atol=1e-12)

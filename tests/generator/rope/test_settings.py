@@ -82,7 +82,13 @@ def test_lists_of_a_config_file_become_tuples() -> None:
 def test_impossible_frames_are_refused(frames: int, temporal: bool) -> None:
     with pytest.raises(CallError, match="frames"):
         sample_rope(
-            RopeSettings(), tier="r", seed=0, split="test", index=0, frames=frames, temporal=temporal
+            RopeSettings(),
+            tier="r",
+            seed=0,
+            split="test",
+            index=0,
+            frames=frames,
+            temporal=temporal,
         )
 
 
