@@ -135,7 +135,7 @@ def _drop_edges(
     scale_px: float,
 ) -> Rgb:
     """Overwrite object pixels near the outline, in patches, with the nearest background."""
-    patches = perlin_noise(rng, *mask.shape, scale_px)
+    patches = perlin_noise(rng, mask.shape[0], mask.shape[1], scale_px)
     inside = mask.copy()
     out = rgb.copy()
     rings = []

@@ -118,6 +118,11 @@ class CyclesRenderer:
             blender.remove_meshes(self._scene)
             CyclesRenderer._owner = None
 
+    @staticmethod
+    def release_scene() -> None:
+        """Take Blender's scene from whatever renderer has it; its next `begin` makes a new one."""
+        CyclesRenderer._owner = None
+
     def _own_scene(self) -> None:
         if CyclesRenderer._owner is not self:
             self._scene = blender.new_scene(self._size, self._threads, self._device)

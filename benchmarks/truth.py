@@ -1,0 +1,97 @@
+"""The truth of a frame: its cost, and how it compares with Cycles' passes and with its own files.
+
+raster_ms_*             CPU ms of `frame_truth`: surface image, projection, visibility (640 x 480)
+cycles_pass_ms_*        CPU ms of Cycles' depth and object passes of the same frames, warm
+id_mismatch_px          pixels whose object differs from Cycles', over all frames
+depth_error_max_m       largest difference of depth from Cycles' where the objects agree
+depth_errors_over_1e5   pixels whose depth differs by more than 1e-5 m
+reprojection_error_max_px  table's position (float32) through the camera file, against the table's
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+from pliant.generator.camera import CameraSettings, sample_camera
+from pliant.generator.cloth import ClothSettings, sample_cloth
+from pliant.generator.render.passes import PassRenderer, compare_with_cycles
+from pliant.generator.rope import RopeSettings, sample_rope
+from pliant.generator.subject import Subject
+from pliant.generator.truth import frame_truth
+from record import Value, main
+
+SIZE = (640, 480)
+
+
+def rope(index: int) -> Subject:
+    """The default rope."""
+    return sample_rope(
+        RopeSettings(), tier="rope", seed=0, split="train", index=index, frames=1, temporal=False
+    )
+
+
+def cloth(index: int) -> Subject:
+    """The default cloth of tiers 1 to 3, one after the other."""
+    return sample_cloth(
+        ClothSettings(),
+        tier=f"cloth-{1 + index % 3}",
+        seed=0,
+        split="train",
+        index=index,
+        frames=1,
+        temporal=False,
+    )
+
+
+def cpu_ms(work: Callable[[], object], repeats: int) -> float:
+    """Return the median CPU ms of a call."""
+    spent = []
+    for _ in range(repeats):
+        started = time.process_time()
+        work()
+        spent.append(1e3 * (time.process_time() - started))
+    return float(np.median(spent))
+
+
+def measure(quick: bool) -> dict[str, Value]:
+    renderer = PassRenderer(SIZE)
+    pixels = frames = mismatches = depth_errors = 0
+    depth_error = reprojection = 0.0
+    record: dict[str, Value] = {}
+    for name, make, count in (("rope", rope, 6 if quick else 40), ("cloth", cloth, 3)):
+        raster_ms, cycles_ms = [], []
+        for index in range(count):
+            subject = make(index)
+            pose = subject.pose(0)
+            for view in range(1 if quick else 4):
+                rng = np.random.default_rng([index, view])
+                camera = sample_camera(rng, subject, CameraSettings(), SIZE, [pose])
+                truth = frame_truth(subject, pose, camera)
+                raster_ms.append(cpu_ms(lambda: frame_truth(subject, pose, camera), 5))  # noqa: B023
+                found = compare_with_cycles(renderer, subject, truth, camera)
+                cycles_ms.append(1e3 * found.cycles_cpu_s)
+                mismatches += found.id_mismatch_px
+                depth_errors += found.depth_errors
+                depth_error = max(depth_error, found.depth_error_max_m)
+                pixels += int((truth.surface.object_id > 0).sum())
+                frames += 1
+                stored = truth.xyz_m.astype(np.float32).astype(np.float64)
+                off = camera.project(stored)[:, :2] - truth.uv_px.astype(np.float32)
+                reprojection = max(reprojection, float(np.abs(off).max()))
+        record[f"raster_ms_{name}"] = float(np.median(raster_ms))
+        record[f"cycles_pass_ms_{name}"] = float(np.median(cycles_ms))
+    record |= {
+        "id_mismatch_px": mismatches,
+        "depth_error_max_m": depth_error,
+        "depth_errors_over_1e5": depth_errors,
+        "reprojection_error_max_px": reprojection,
+        "frames": frames,
+        "object_pixels": pixels,
+    }
+    return record
+
+
+if __name__ == "__main__":
+    main("truth", measure, __doc__)
