@@ -33,9 +33,11 @@ from pliant.spec.layout import queries_path
 __all__ = [
     "Keys",
     "Kind",
+    "Pair",
     "Prediction",
     "predict",
     "query_keys",
+    "read_pairs",
     "submission_footer",
     "write_answers",
     "write_matches",
@@ -79,11 +81,20 @@ class Prediction:
 
 
 @dataclass(frozen=True)
-class _Pair:
+class Pair:
+    """The queries of one image pair.
+
+    Attributes:
+        pair_id: As in the queries.
+        source: Sequence and frame of the queries.
+        target: Sequence and frame to find them in.
+        uv_a_px: float32 (N, 2), the query pixels.
+    """
+
     pair_id: int
-    source: tuple[str, int]  # sequence, frame
+    source: tuple[str, int]
     target: tuple[str, int]
-    uv_a_px: npt.NDArray[np.float32]  # (N, 2)
+    uv_a_px: npt.NDArray[np.float32]
 
 
 def predict(
@@ -130,7 +141,7 @@ def predict(
         write_answers(out, dataset, split, keys, answers, facts)
         return Prediction(out, kind, facts, len(np.unique(keys.pair_id)), len(keys.pair_id))
 
-    pairs = _read_pairs(dataset, split)
+    pairs = read_pairs(dataset, split)
     with_mask = 0
     answered: list[Answers] = []
     matched: list[tuple[int, Matches]] = []
@@ -173,8 +184,16 @@ def _check_call(
         raise CallError("the number of workers is wrong", found=workers, required=">= 1")
 
 
-def _read_pairs(dataset: Dataset, split: str) -> list[_Pair]:
-    """Group a split's queries by image pair, in the order of the file."""
+def read_pairs(dataset: Dataset, split: str) -> list[Pair]:
+    """Group a split's queries by image pair, in the order of the file.
+
+    Args:
+        dataset: The dataset.
+        split: One of its splits with queries.
+
+    Raises:
+        SpecError: Pairs are not ascending, or the rows of one pair disagree about its frames.
+    """
     table = dataset.queries(split)
     path = queries_path(dataset.root, split)
     pair_id = table.column("pair_id").to_numpy()
@@ -199,7 +218,7 @@ def _read_pairs(dataset: Dataset, split: str) -> list[_Pair]:
         frames[name] = column.take(pa.array(starts)).to_pylist()
     uv_a_px = np.stack([table.column("u_a").to_numpy(), table.column("v_a").to_numpy()], axis=1)
     return [
-        _Pair(
+        Pair(
             pair_id=int(pair_id[start]),
             source=(frames["sequence_a"][row], frames["frame_a"][row]),
             target=(frames["sequence_b"][row], frames["frame_b"][row]),
@@ -220,10 +239,10 @@ class _Worker:
         self._kind = kind
         self._reader = ViewReader(dataset)
 
-    def run(self, pairs: Sequence[_Pair]) -> list[_Result]:
+    def run(self, pairs: Sequence[Pair]) -> list[_Result]:
         return [self._one(pair) for pair in pairs]
 
-    def _one(self, pair: _Pair) -> _Result:
+    def _one(self, pair: Pair) -> _Result:
         source = self._reader.view(*pair.source)
         target = self._reader.view(*pair.target)
         masked = target.mask is not None
@@ -242,14 +261,14 @@ def _start_process(root: Path, pickled: bytes, kind: Kind) -> None:
     _process_worker = _Worker(Dataset.open(root), pickle.loads(pickled), kind)
 
 
-def _run_in_process(pairs: Sequence[_Pair]) -> list[_Result]:
+def _run_in_process(pairs: Sequence[Pair]) -> list[_Result]:
     if _process_worker is None:
         raise RuntimeError("the worker process was not started")
     return _process_worker.run(pairs)
 
 
 def _run(
-    dataset: Dataset, matcher: Matcher, kind: Kind, pairs: Sequence[_Pair], workers: int
+    dataset: Dataset, matcher: Matcher, kind: Kind, pairs: Sequence[Pair], workers: int
 ) -> Iterator[list[_Result]]:
     """Yield the results of all pairs in order, a few pairs at a time."""
     if workers == 1:

@@ -1,0 +1,81 @@
+"""The methods on rendered pictures, scored by the evaluator itself."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pliant import evaluator
+from pliant.baselines import METHODS
+from pliant.baselines.pixels import lies_on
+from pliant.baselines.submission import predict
+from pliant.baselines.views import ViewReader
+from pliant.spec.dataset import Dataset
+from pliant.spec.parquet import read_table
+
+pytestmark = pytest.mark.blender
+
+SPLIT = "test"
+
+
+def test_oracle_scores_exactly_zero(tiny_dataset: Path, tmp_path: Path) -> None:
+    out = tmp_path / "oracle.parquet"
+    predict(Dataset.open(tiny_dataset), SPLIT, METHODS["oracle"](), out)
+    assert evaluator.check(out, tiny_dataset) == []
+    scores = evaluator.evaluate(out, tiny_dataset)
+    for figures in (scores.overall, *scores.tiers.values()):
+        for name in ("rmse_px", "mean_px", "median_px", "p95_px"):
+            assert figures[name] == 0
+        pck = {name: value for name, value in figures.items() if name.startswith("pck")}
+        assert pck
+        assert set(pck.values()) == {1.0}
+
+
+@pytest.mark.parametrize("name", ["sift", "surf", "orb", "identity", "random", "centroid"])
+def test_methods_are_scored_and_none_is_perfect(
+    name: str, tiny_dataset: Path, tmp_path: Path
+) -> None:
+    dataset = Dataset.open(tiny_dataset)
+    out = tmp_path / f"{name}.parquet"
+    predict(dataset, SPLIT, METHODS[name](), out)
+    assert evaluator.check(out, tiny_dataset) == []
+    rmse_px = evaluator.evaluate(out, tiny_dataset).overall["rmse_px"]
+    assert rmse_px is not None
+    assert 1 < rmse_px < 200  # the diagonal of 160x120
+
+
+@pytest.mark.parametrize("name", ["sift", "surf", "orb"])
+def test_matches_are_scored(name: str, tiny_dataset: Path, tmp_path: Path) -> None:
+    out = tmp_path / f"{name}.parquet"
+    done = predict(Dataset.open(tiny_dataset), SPLIT, METHODS[name](), out, "matches")
+    errors = [issue for issue in evaluator.check(out, tiny_dataset) if issue.severity == "error"]
+    assert errors == []
+    scores = evaluator.evaluate(out, tiny_dataset)
+    assert (scores.document["protocol"], scores.method) == ("matches", name)
+    assert done.rows == len(read_table(out, "matches"))
+
+
+def test_masks_are_the_queried_object(tiny_dataset: Path) -> None:
+    """The rope without its ball; queries lie on it to within a pixel of its edge."""
+    dataset = Dataset.open(tiny_dataset)
+    reader = ViewReader(dataset)
+    queries = dataset.queries(SPLIT)
+    rope = next(s for s in dataset.sequences if s.tier == "rope" and s.split == SPLIT)
+    view = reader.view(rope.id, 0)
+    surface = rope.surface(0)
+    assert set(np.unique(surface.object_id)) == {0, 1, 2}
+    assert view.mask is not None
+    np.testing.assert_array_equal(view.mask, surface.object_id == 1)
+    assert view.depth_m is not None
+    inside = []
+    for row in queries.to_pylist()[::7]:
+        mask = reader.view(row["sequence_a"], row["frame_a"]).mask
+        assert mask is not None
+        near = mask.copy()
+        for axis in (0, 1):
+            near = near | np.roll(near, 1, axis) | np.roll(near, -1, axis)
+        uv_px = np.array([[row["u_a"], row["v_a"]]], dtype=np.float32)
+        assert lies_on(uv_px, near)[0]
+        inside.append(lies_on(uv_px, mask)[0])
+    assert np.mean(inside) > 0.8
