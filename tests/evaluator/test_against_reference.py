@@ -1,0 +1,457 @@
+"""Every metric against a second implementation, written from the definitions, one query at a time.
+
+The references below share no code with the evaluator and loop where it is vectorised. Their
+figures must agree to 1e-9, relative or absolute.
+"""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from pliant.evaluator import evaluate, read_protocol
+from pliant.spec.tables import ANSWERS_OPTIONAL
+from scipy.stats import multivariate_normal, ncx2
+
+DIAGONAL = 200.0  # of 160x120
+STANDARD = read_protocol("standard").metrics
+
+
+def mean(values: Any) -> float | None:
+    values = list(values)
+    return math.fsum(values) / len(values) if values else None
+
+
+def rms(values: Any) -> float | None:
+    values = list(values)
+    return math.sqrt(math.fsum(v * v for v in values) / len(values)) if values else None
+
+
+class Rows:
+    """The rows of a split as dictionaries, with the answers beside the truth."""
+
+    def __init__(self, scene: Any, answers: pa.Table) -> None:
+        given = {(r["pair_id"], r["query_id"]): r for r in answers.to_pylist()}
+        self.rows = []
+        for query, true in zip(scene.queries.to_pylist(), scene.truth.to_pylist(), strict=True):
+            row = {**query, **true, "answer": given.get((query["pair_id"], query["query_id"]))}
+            row["seen"] = row["visibility_b"] == "visible"
+            row["error"] = DIAGONAL if row["answer"] is None else self.distance(row)
+            row["reach"] = math.inf if row["answer"] is None else row["error"]
+            self.rows.append(row)
+
+    @staticmethod
+    def distance(row: dict[str, Any]) -> float:
+        return math.hypot(row["answer"]["u"] - row["u_b"], row["answer"]["v"] - row["v_b"])
+
+    def of(self, tier: str | None) -> list[dict[str, Any]]:
+        return [row for row in self.rows if tier in (None, row["tier"])]
+
+
+def pairs_of(rows: list[dict[str, Any]]) -> list[list[dict[str, Any]]]:
+    found: dict[int, list[dict[str, Any]]] = {}
+    for row in rows:
+        found.setdefault(row["pair_id"], []).append(row)
+    return list(found.values())
+
+
+def reference_localisation(rows: list[dict[str, Any]]) -> dict[str, float | None]:
+    seen = [row for row in rows if row["seen"]]
+    errors = [row["error"] for row in seen]
+    result = {
+        "rmse_px": rms(errors),
+        "mean_px": mean(errors),
+        "rmse_px_mean_over_pairs": mean(
+            rms(row["error"] for row in pair if row["seen"])
+            for pair in pairs_of(rows)
+            if any(row["seen"] for row in pair)
+        ),
+        "outside_image_rate": mean(
+            not (0 <= row["answer"]["u"] <= 160 and 0 <= row["answer"]["v"] <= 120)
+            for row in rows
+            if row["answer"]
+        ),
+    }
+    names = {0.05: "p5_px", 0.25: "p25_px", 0.5: "median_px", 0.75: "p75_px", 0.95: "p95_px"}
+    ordered = sorted(errors)
+    for level, name in names.items():
+        place = level * (len(ordered) - 1)
+        low = math.floor(place)
+        high = min(low + 1, len(ordered) - 1)
+        result[name] = ordered[low] + (ordered[high] - ordered[low]) * (place - low)
+    for threshold in (1, 2, 4, 8, 16, 32):
+        result |= reference_pck(rows, f"pck_{threshold}px", lambda row, t=threshold: t)
+    for share in (0.05, 0.1):
+        result |= reference_pck(rows, f"pck_{share}box", lambda row, s=share: s * row["box_px"])
+    return result
+
+
+def reference_pck(rows: list[dict[str, Any]], name: str, limit: Any) -> dict[str, float | None]:
+    def hit(row: dict[str, Any]) -> bool:
+        return bool(row["reach"] <= limit(row))
+
+    return {
+        name: mean(hit(row) for row in rows if row["seen"]),
+        f"{name}_mean_over_pairs": mean(
+            mean(hit(row) for row in pair if row["seen"])
+            for pair in pairs_of(rows)
+            if any(row["seen"] for row in pair)
+        ),
+    }
+
+
+def reference_tapvid(rows: list[dict[str, Any]]) -> dict[str, float | None]:
+    """After the published definition, a pair for a video."""
+    thresholds = (1, 2, 4, 8, 16)
+    oa, within, jaccard = [], {t: [] for t in thresholds}, {t: [] for t in thresholds}
+    for pair in pairs_of(rows):
+        right = []
+        for row in pair:
+            answer = row["answer"]
+            row["said"] = answer is not None and answer.get("visible", 1.0) >= 0.5
+            right.append(answer is not None and row["said"] == row["seen"])
+            if answer is not None:
+                du = (answer["u"] - row["u_b"]) * 256 / 160
+                dv = (answer["v"] - row["v_b"]) * 256 / 120
+                row["scaled"] = math.hypot(du, dv)
+            else:
+                row["scaled"] = math.inf
+        oa.append(mean(right))
+        for t in thresholds:
+            visible = sum(row["seen"] for row in pair)
+            hits = sum(row["seen"] and row["scaled"] < t for row in pair)
+            if visible:
+                within[t].append(hits / visible)
+            true_positives = sum(row["seen"] and row["said"] and row["scaled"] < t for row in pair)
+            false_positives = sum(
+                row["said"] and (not row["seen"] or not row["scaled"] < t) for row in pair
+            )
+            if visible + false_positives:
+                jaccard[t].append(true_positives / (visible + false_positives))
+    result = {"oa": mean(oa)}
+    result |= {f"delta_{t}": mean(within[t]) for t in thresholds}
+    result |= {f"jaccard_{t}": mean(jaccard[t]) for t in thresholds}
+    result["delta_avg"] = mean(mean(within[t]) or 0.0 for t in thresholds)
+    result["aj"] = mean(mean(jaccard[t]) or 0.0 for t in thresholds)
+    return result
+
+
+def reference_symmetry(rows: list[dict[str, Any]]) -> dict[str, float | None]:
+    squares, point_squares, flips, point_flips, per_pair = [], [], [], [], []
+    for pair in pairs_of(rows):
+        seen = [row for row in pair if row["seen"]]
+        if not seen:
+            continue
+        candidates = [[row["error"] ** 2 for row in seen]]
+        complete = all(row["answer"] is not None for row in pair)
+        count = len(seen[0]["alternatives"]) if complete else 0
+        for index in range(count):
+            candidates.append([partner_squared(row, index) for row in seen])
+        sums = [math.fsum(values) for values in candidates]
+        best = min(sums)
+        squares.append(best)
+        per_pair.append(math.sqrt(best / len(seen)))
+        if count:
+            flips.append(best < sums[0])
+        for row in seen:
+            own = row["error"] ** 2
+            others = [
+                partner_squared(row, index)
+                for index in range(count)
+                if row["alternatives"][index]["visibility"] == "visible"
+            ]
+            nearest = min([own, *others])
+            point_squares.append(nearest)
+            if count:
+                point_flips.append(nearest < own)
+    counted = sum(row["seen"] for row in rows)
+    return {
+        "symmetric_rmse_px": math.sqrt(math.fsum(squares) / counted),
+        "symmetric_rmse_px_mean_over_pairs": mean(per_pair),
+        "point_symmetric_rmse_px": math.sqrt(math.fsum(point_squares) / counted),
+        "flip_rate": mean(flips),
+        "point_flip_rate": mean(point_flips),
+    }
+
+
+def partner_squared(row: dict[str, Any], index: int) -> float:
+    partner = row["alternatives"][index]
+    return (row["answer"]["u"] - partner["u"]) ** 2 + (row["answer"]["v"] - partner["v"]) ** 2
+
+
+def reference_continuity(rows: list[dict[str, Any]]) -> dict[str, float | None]:
+    s = STANDARD["continuity"]
+    jumps, stretches = [], []
+    for pair in pairs_of(rows):
+        usable = [
+            row
+            for row in pair[: s["queries_per_pair"]]
+            if row["seen"] and row["answer"] is not None
+        ]
+        for row in usable:
+            others = [other for other in usable if other is not row]
+            if not others:
+                continue
+
+            def away(other: dict[str, Any], row: dict[str, Any] = row) -> float:
+                return math.hypot(other["u_a"] - row["u_a"], other["v_a"] - row["v_a"])
+
+            nearest = min(others, key=away)
+            a = away(nearest)
+            true = math.hypot(nearest["u_b"] - row["u_b"], nearest["v_b"] - row["v_b"])
+            if not s["min_distance_a_px"] <= a <= s["max_distance_a_px"]:
+                continue
+            if true > s["max_true_stretch"] * a:
+                continue
+            p, q = nearest["answer"], row["answer"]
+            b = math.hypot(p["u"] - q["u"], p["v"] - q["v"])
+            jumps.append(b > max(s["jump_stretch"] * a, s["jump_min_px"]))
+            stretches.append(b / a)
+    stretch = float(np.quantile(stretches, 0.95)) if stretches else None
+    return {"jump_rate": mean(jumps), "stretch_p95": stretch}
+
+
+def reference_jitter(rows: list[dict[str, Any]]) -> dict[str, float | None]:
+    errors = {}
+    for row in rows:
+        if row["seen"] and row["answer"] is not None:
+            key = (row["sequence_a"], row["frame_a"], row["sequence_b"], row["point"])
+            offset = (row["answer"]["u"] - row["u_b"], row["answer"]["v"] - row["v_b"])
+            errors[(*key, row["frame_b"])] = offset
+    changes = []
+    for key, (du, dv) in errors.items():
+        before = errors.get((*key[:-1], key[-1] - 1))
+        if before is not None:
+            changes.append(math.hypot(du - before[0], dv - before[1]))
+    return {"jitter_px": mean(changes)}
+
+
+def modes_of(answer: dict[str, Any]) -> list[tuple[float, float, float, float]]:
+    if answer.get("modes"):
+        total = math.fsum(m["weight"] for m in answer["modes"])
+        return [
+            (m["u"], m["v"], max(m["sigma"], 0.5), m["weight"] / total) for m in answer["modes"]
+        ]
+    return [(answer["u"], answer["v"], max(answer["sigma"], 0.5), 1.0)]
+
+
+def reference_distribution(rows: list[dict[str, Any]]) -> dict[str, float | None]:
+    nll, bins, recalled, asked, spread = [], [[] for _ in range(15)], 0, 0, []
+    seen = [row for row in rows if row["seen"] and row["answer"] is not None]
+    inside: dict[float, list[bool]] = {0.5: [], 0.9: [], 0.95: []}
+    for row in seen:
+        modes = modes_of(row["answer"])
+        at = (row["u_b"], row["v_b"])
+        p = math.fsum(
+            w * multivariate_normal.pdf(at, (u, v), s * s * np.eye(2)) for u, v, s, w in modes
+        )
+        nll.append(-math.log(0.999 * p + 0.001 / (160 * 120)))
+        said = math.fsum(
+            w * ncx2.cdf(64 / s**2, 2, max(square(row["answer"], u, v) / s**2, 1e-300))
+            for u, v, s, w in modes
+        )
+        index = max(0, math.ceil(min(said, 1.0) * 15) - 1)
+        bins[index].append((said, row["error"] <= 8))
+        mu = [math.fsum(m[3] * m[k] for m in modes) for k in (0, 1)]
+        inner = math.fsum(
+            w * (2 * s * s + (u - mu[0]) ** 2 + (v - mu[1]) ** 2) for u, v, s, w in modes
+        )
+        spread.append(math.sqrt(inner / 2))
+        if len(modes) == 1:
+            u, v, s, _ = modes[0]
+            for level in inside:
+                inside[level].append(
+                    math.dist(at, (u, v)) <= s * math.sqrt(-2 * math.log(1 - level))
+                )
+        partners = [a for a in row["alternatives"] if a["visibility"] == "visible"]
+        if partners:
+            for position in [at, *((a["u"], a["v"]) for a in partners)]:
+                asked += 1
+                recalled += any(
+                    math.dist(position, (u, v)) <= 16 and w >= 0.05 for u, v, _, w in modes
+                )
+    gaps = [abs(math.fsum(s for s, _ in b) - sum(h for _, h in b)) for b in bins]
+    result = {
+        "nll": mean(nll),
+        "ece": math.fsum(gaps) / len(seen),
+        "mode_recall": recalled / asked if asked else None,
+        "ause": reference_ause([row["error"] for row in seen], spread),
+    }
+    if len(inside[0.5]) == len(seen):
+        result |= {f"coverage_{level * 100:g}": mean(inside[level]) for level in inside}
+    return result
+
+
+def square(answer: dict[str, Any], u: float, v: float) -> float:
+    return (answer["u"] - u) ** 2 + (answer["v"] - v) ** 2
+
+
+def reference_ause(errors: list[float], spread: list[float]) -> float:
+    """For uncertainties that are all different."""
+    assert len(set(spread)) == len(spread)
+
+    def curve(order: list[int]) -> list[float]:
+        result = []
+        for step in range(100):
+            keep = len(order) * (1 - step / 100)
+            whole = math.floor(keep)
+            total = math.fsum(errors[i] ** 2 for i in order[:whole])
+            if whole < len(order):
+                total += (keep - whole) * errors[order[whole]] ** 2
+            result.append(math.sqrt(total / keep))
+        return result
+
+    by_spread = curve(sorted(range(len(errors)), key=lambda i: spread[i]))
+    by_error = curve(sorted(range(len(errors)), key=lambda i: errors[i]))
+    gap = [(a - b) / by_spread[0] for a, b in zip(by_spread, by_error, strict=True)]
+    return math.fsum((a + b) / 2 for a, b in pairwise(gap)) / 100
+
+
+def assert_agrees(found: dict[str, Any], expected: dict[str, Any], place: str) -> None:
+    for name, value in expected.items():
+        if value is None:
+            assert found[name] is None, (place, name)
+        else:
+            assert found[name] == pytest.approx(value, rel=1e-9, abs=1e-9), (place, name)
+
+
+def answers_of(scene: Any, seed: int, kind: str) -> pa.Table:
+    """Return answers of mixed quality: near, far, mirrored and outside."""
+    rng = np.random.default_rng(seed)
+    uv = scene.true_px + rng.normal(0, 3, (scene.rows, 2))
+    far = rng.random(scene.rows) < 0.2
+    uv[far] = rng.uniform(-40, 200, (far.sum(), 2))
+    for row, others in enumerate(scene.truth["alternatives"].to_pylist()):
+        if others and (scene.pair[row] % 3 == 0 or rng.random() < 0.1):
+            uv[row] = np.array([others[0]["u"], others[0]["v"]]) + rng.normal(0, 1, 2)
+    if kind == "double":
+        columns = {"u": uv[:, 0], "v": uv[:, 1]}
+        table = scene.table(uv)
+        for name, values in columns.items():
+            table = table.set_column(table.column_names.index(name), name, pa.array(values))
+        return table
+    table = scene.table(uv, visible=rng.random(scene.rows).astype(np.float32))
+    if kind == "sigma":
+        sigma = np.exp(rng.normal(1, 1, scene.rows)).astype(np.float32) + np.float32(0.6)
+        return table.append_column("sigma", pa.array(sigma))
+    if kind == "modes":
+        modes = []
+        for u, v in uv:
+            count = int(rng.integers(1, 4))
+            weight = rng.dirichlet(np.ones(count))
+            modes.append(
+                [
+                    {
+                        "u": u + rng.normal(0, 5) * (k > 0),
+                        "v": v + rng.normal(0, 20) * (k > 0),
+                        "sigma": 0.6 + float(np.exp(rng.normal(1, 1))),
+                        "weight": weight[k],
+                    }
+                    for k in range(count)
+                ]
+            )
+        return table.append_column("modes", pa.array(modes, ANSWERS_OPTIONAL.field("modes").type))
+    if kind == "holes":
+        return table.take(pa.array(np.flatnonzero(rng.random(scene.rows) < 0.8)))
+    return table
+
+
+@pytest.fixture(scope="module")
+def episodes(scene_maker: Any, tmp_path_factory: pytest.TempPathFactory) -> Any:
+    """Episodes of five frames, without images, with points asked in several frames."""
+    root = tmp_path_factory.mktemp("episodes") / "data"
+    return scene_maker(root, frames=5, temporal=True, queries=60, images=False, sequences=2)
+
+
+@pytest.mark.parametrize("kind", ["plain", "double", "sigma", "modes", "holes"])
+def test_every_metric_agrees_with_its_reference(kind: str, episodes: Any, tmp_path: Path) -> None:
+    table = answers_of(episodes, seed=7, kind=kind)
+    rng = np.random.default_rng(1)
+    shuffled = table.take(pa.array(rng.permutation(table.num_rows)))
+    path = episodes.submit(tmp_path / "submission.parquet", shuffled)
+    scores = evaluate(path, episodes.root, allow_missing=kind == "holes")
+    assert scores.document["coverage"] == pytest.approx(table.num_rows / episodes.rows, abs=1e-12)
+    rows = Rows(episodes, table)
+    for tier, found in [(None, scores.overall), *scores.tiers.items()]:
+        part = rows.of(tier)
+        place = f"{kind}, {tier}"
+        assert_agrees(found, reference_localisation(part), place)
+        assert_agrees(found, reference_tapvid(part), place)
+        assert_agrees(found, reference_symmetry(part), place)
+        assert_agrees(found, reference_continuity(part), place)
+        assert_agrees(found, reference_jitter(part), place)
+        if kind in ("sigma", "modes"):
+            assert_agrees(found, reference_distribution(part), place)
+    for name in ("paper", "tapvid"):
+        small = evaluate(path, episodes.root, protocol=name, allow_missing=kind == "holes")
+        for metric, value in small.overall.items():
+            assert value == scores.overall[metric], (name, metric)
+
+
+def test_geodesic_errors_agree_with_a_reference(scene: Any, tmp_path: Path) -> None:
+    table = answers_of(scene, seed=3, kind="plain")
+    scores = evaluate(scene.submit(tmp_path / "s.parquet", table), scene.root)
+    dataset = scene.dataset
+    scale = {"cloth": (0.8, 0.5), "rope": (1.2, 0.012)}
+    for tier in ("cloth", "rope"):
+        metres, off, asked = [], 0, 0
+        for row in Rows(scene, table).of(tier):
+            if not row["seen"]:
+                continue
+            asked += 1
+            sequence = dataset.sequence(row["sequence_b"])
+            surface = sequence.surface(row["frame_b"])
+            point = sequence.points().to_pylist()[row["point"]]
+            u, v = row["answer"]["u"], row["answer"]["v"]
+            home = (math.floor(v), math.floor(u))
+            near = []
+            for r in range(home[0] - 1, home[0] + 2):
+                for c in range(home[1] - 1, home[1] + 2):
+                    if 0 <= r < 120 and 0 <= c < 160 and surface.object_id[r, c] == 1:
+                        own = -1.0 if (r, c) == home else (c + 0.5 - u) ** 2 + (r + 0.5 - v) ** 2
+                        near.append((own, r, c))
+            if not near or not (0 <= home[0] < 120 and 0 <= home[1] < 160):
+                off += 1
+                continue
+            _, r, c = min(near)
+            d0 = abs(float(surface.m0[r, c]) - point["m0"])
+            d1 = abs(float(surface.m1[r, c]) - point["m1"])
+            if tier == "rope":
+                d1 = min(d1 % (2 * math.pi), 2 * math.pi - d1 % (2 * math.pi))
+            metres.append(math.hypot(scale[tier][0] * d0, scale[tier][1] * d1))
+        expected = {
+            "geodesic_mean_m": mean(metres),
+            "geodesic_rmse_m": rms(metres),
+            "off_object_rate": off / asked,
+        }
+        assert_agrees(scores.tiers[tier], expected, tier)
+        assert metres
+        assert off
+
+
+def test_the_mixture_regions_hold_what_they_say(tmp_path: Path) -> None:
+    """Against a large sample: regions of mixtures are found from points, so not to 1e-9."""
+    from pliant.evaluator.metrics.distribution import Mixtures, density, in_region
+
+    rng = np.random.default_rng(0)
+    centre, sigma, weight = np.array([[0.0, 0.0], [9.0, 3.0]]), np.array([2.0, 4.0]), [0.7, 0.3]
+    count = 20_000
+    chosen = rng.choice(2, count, p=weight)
+    drawn = centre[chosen] + sigma[chosen, None] * rng.normal(size=(count, 2))
+    mixtures = Mixtures(
+        row=np.repeat(np.arange(count), 2),
+        uv_px=np.tile(centre, (count, 1)),
+        sigma_px=np.tile(sigma, count),
+        weight=np.tile(weight, count),
+        rows=count,
+    )
+    held = density(mixtures, drawn)
+    for level in (0.5, 0.9, 0.95):
+        inside = in_region(mixtures, drawn, level)
+        assert inside.mean() == pytest.approx(level, abs=0.015)
+        assert held[inside].min() >= held[~inside].max()
