@@ -91,12 +91,11 @@ class Episode:
         self.info = action.record(settings.particles)
         if action.phase == "wait":
             state.advance()
-            self.info["d_action_m"] = [0.0, 0.0, 0.0]
+            self.info |= {"hand_m": None, "d_action": [0.0, 0.0, 0.0]}
         else:
             target = action.hand()
             state.advance(action.held, target)
-            self.info["hand_m"] = target.tolist()
-            self.info["d_action_m"] = (target - hand).tolist()
+            self.info |= {"hand_m": target.tolist(), "d_action": (target - hand).tolist()}
         # The surface turns with the rope's first stretch, by no more than that does.
         tangent = _direction(state.chain)
         self._normal = turned(self._normal, self._tangent, tangent)
@@ -126,7 +125,8 @@ class Episode:
             **made.detail,
             "action": -1,
             "phase": "start",
-            "d_action_m": [0.0, 0.0, 0.0],
+            "hand_m": None,
+            "d_action": [0.0, 0.0, 0.0],
         }
 
 

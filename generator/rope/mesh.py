@@ -134,7 +134,7 @@ def _sections(settings: RopeSettings) -> FloatArray:
         phase = 2.0 * math.pi * (np.arange(strands) % half)[:, None] / half + way * wave * s
         centre = middle + 0.85 * height * way * np.cos(half * wave * s)
         lay_angle = math.atan(wave / settings.length_m * middle)
-        width = 0.56 * 2.0 * math.pi * middle / strands / math.cos(lay_angle)
+        width = 0.74 * 2.0 * math.pi * middle / strands / math.cos(lay_angle)
     radial = centre[..., None] + height * np.cos(turn)
     sideways = width * np.sin(turn)
     # Sideways runs along the circle, so that a wide strand wraps around the rope.

@@ -91,9 +91,9 @@ def test_actions_are_recorded_frame_by_frame() -> None:
             assert len(info["start_control_points_m"]) == len(info["start_handles_m"])
             continue
         assert info["action"] in (last, last + 1)
-        moved = np.array(info["d_action_m"])
+        moved = np.array(info["d_action"])
         if info["phase"] == "wait":
-            assert "hand_m" not in info
+            assert info["hand_m"] is None
             assert not moved.any()
             hand = None
         else:
