@@ -1,0 +1,287 @@
+"""Metrics on cases small enough to be worked out on paper."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from pliant.evaluator.metrics import (
+    calibration,
+    continuity,
+    distribution,
+    geodesic,
+    jitter,
+    localisation,
+    pck,
+    symmetry,
+    tapvid,
+)
+from pliant.evaluator.quantiles import exact_quantiles
+
+
+def test_errors_of_known_triangles() -> None:
+    answers = np.array([[3.0, 4.0], [1.0, 1.0], [6.0, 8.0]], np.float32)
+    truth = np.array([[0.0, 0.0], [1.0, 1.0], [0.0, 0.0]])
+    error = localisation.endpoint_error_px(answers, truth)
+    np.testing.assert_array_equal(error, [5, 0, 10])
+    assert localisation.rmse_px(error) == pytest.approx(math.sqrt(125 / 3))
+    assert math.isnan(localisation.rmse_px(error[:0]))
+    sums = localisation.sum_by_pair(error, np.array([0, 2]))
+    np.testing.assert_array_equal(sums, [5, 10])
+
+
+@pytest.mark.parametrize(("comparison", "level"), [("<=", [0, 0, 1, 2]), ("<", [0, 1, 2, 2])])
+def test_a_distance_on_the_threshold_is_within_only_for_less_or_equal(
+    comparison: str, level: list[int]
+) -> None:
+    distance = np.array([0.5, 1.0, 2.0, np.inf])
+    found = pck.threshold_level(distance, [1, 2], comparison)
+    np.testing.assert_array_equal(found, level)
+
+
+def test_pck_counts_are_cumulative() -> None:
+    level = np.array([0, 1, 2, 0])
+    found = pck.within_by_pair(level, np.array([0, 0, 0, 1]), pairs=2, thresholds=2)
+    np.testing.assert_array_equal(found, [[1, 2], [1, 1]])
+
+
+def test_tapvid_of_four_points() -> None:
+    # visible and right; visible but said hidden; visible but far; hidden but said visible.
+    found = tapvid.tapvid_pairs(
+        scaled_error=np.array([0.5, 0.5, 3.0, 0.1]),
+        visible=np.array([True, True, True, False]),
+        predicted_visible=np.array([True, False, True, True]),
+        right=np.array([True, False, True, False]),
+        pair=np.zeros(4, np.int64),
+        pairs=1,
+        thresholds=[1, 4],
+    )
+    assert found.occlusion_accuracy[0] == 0.5
+    np.testing.assert_allclose(found.points_within[0], [2 / 3, 1])
+    # At 1: one true positive; false positives are the far one and the hidden one: 1 / (3 + 2).
+    # At 4: two true positives, one false positive: 2 / (3 + 1).
+    np.testing.assert_allclose(found.jaccard[0], [1 / 5, 2 / 4])
+
+
+def test_tapvid_of_a_pair_without_visible_points() -> None:
+    hidden = np.array([False])
+    common = {"scaled_error": np.array([1.0]), "visible": hidden, "pair": np.array([0])}
+    quiet = tapvid.tapvid_pairs(
+        **common, predicted_visible=hidden, right=~hidden, pairs=1, thresholds=[1]
+    )
+    assert quiet.occlusion_accuracy[0] == 1
+    assert np.isnan(quiet.points_within).all()
+    assert np.isnan(quiet.jaccard).all()
+    loud = tapvid.tapvid_pairs(
+        **common, predicted_visible=~hidden, right=hidden, pairs=1, thresholds=[1]
+    )
+    assert loud.jaccard[0, 0] == 0
+
+
+def test_a_symmetry_is_chosen_once_for_a_pair() -> None:
+    # Both answers sit on the partners, 10 px away from the points.
+    truth = np.array([[0.0, 0.0], [10.0, 0.0]])
+    partners = truth[::-1][:, None]
+    answers = truth[::-1].copy()
+    own = localisation.squared_error_px2(answers, truth)
+    everything = np.ones(2, bool)
+    seen = np.ones((2, 1), bool)
+    starts = np.array([0])
+    flipped = symmetry.symmetric_errors(answers, own, partners, seen, everything, starts)
+    assert flipped.pair_squared_px2[0] == 0
+    assert flipped.pair_flipped[0]
+    assert flipped.point_flipped.all()
+    # One answer right, one flipped: no single labelling explains both, each point alone does.
+    answers = np.array([[0.0, 0.0], [0.0, 0.0]])
+    own = localisation.squared_error_px2(answers, truth)
+    mixed = symmetry.symmetric_errors(answers, own, partners, seen, everything, starts)
+    assert mixed.pair_squared_px2[0] == 100
+    assert not mixed.pair_flipped[0]
+    np.testing.assert_array_equal(mixed.point_flipped, [False, True])
+    assert mixed.point_squared_px2.sum() == 0
+    # A partner that cannot be seen excuses no single point.
+    hidden = symmetry.symmetric_errors(answers, own, partners, ~seen, everything, starts)
+    assert not hidden.point_flipped.any()
+    assert hidden.point_squared_px2.sum() == 100
+
+
+def test_neighbours_on_a_line() -> None:
+    uv = np.array([[0.0, 0], [1, 0], [3, 0], [10, 0], [100, 0], [101, 0]])
+    usable = np.array([True, True, True, False, True, True])
+    row, other = continuity.nearest_neighbours(uv, usable, np.array([0, 4, 6]), 64)
+    np.testing.assert_array_equal(row, [0, 1, 2, 4, 5])
+    np.testing.assert_array_equal(other, [1, 0, 1, 5, 4])
+    first_two, _ = continuity.nearest_neighbours(uv, usable, np.array([0, 4, 6]), 2)
+    np.testing.assert_array_equal(first_two, [0, 1, 4, 5])
+
+
+def test_no_neighbours_where_one_query_is_alone() -> None:
+    uv = np.zeros((3, 2))
+    row, _ = continuity.nearest_neighbours(uv, np.ones(3, bool), np.array([0, 1, 2, 3]), 64)
+    assert not len(row)
+    alone, _ = continuity.nearest_neighbours(
+        uv, np.array([True, False, False]), np.array([0, 3]), 64
+    )
+    assert not len(alone)
+
+
+def test_a_jump_is_longer_than_the_stretch_and_than_the_least() -> None:
+    a = np.array([1.0, 1.0, 10.0, 10.0])
+    b = np.array([7.9, 8.1, 40.0, 40.1])
+    np.testing.assert_array_equal(continuity.is_jump(a, b, 4, 8), [False, True, False, True])
+
+
+def test_a_steady_offset_has_no_jitter_and_a_hopping_one_has() -> None:
+    track = np.array([0, 0, 0, 1, 1])
+    frame = np.array([2, 1, 3, 1, 3])  # track 1 skips a frame
+    steady = np.tile([3.0, 4.0], (5, 1))
+    row, change = jitter.jitter_px(track, frame, steady)
+    np.testing.assert_array_equal(np.sort(row), [0, 2])
+    np.testing.assert_array_equal(change, [0, 0])
+    hopping = np.array([[3.0, 4.0], [0, 0], [0, 0], [9, 9], [0, 0]])
+    _, change = jitter.jitter_px(track, frame, hopping)
+    np.testing.assert_array_equal(change, [5, 5])
+
+
+ROPE = [{"metres_per_unit": 2.0, "period": None}, {"metres_per_unit": 1.0, "period": 2 * math.pi}]
+
+
+def test_distance_on_the_material_closes_upon_itself() -> None:
+    near = geodesic.material_distance_m(np.array([[0.0, 3.0]]), np.array([[0.0, -3.0]]), ROPE)
+    assert near[0] == pytest.approx(2 * math.pi - 6)
+    along = geodesic.material_distance_m(np.array([[0.5, 0.0]]), np.array([[0.0, 0.0]]), ROPE)
+    assert along[0] == 1
+    whole = geodesic.material_distance_m(
+        np.array([[1.0, 4.0]]), np.array([[2.5, 0.0]]), ROPE[:1] * 2
+    )
+    assert whole[0] == pytest.approx(math.hypot(3, 8))
+
+
+def test_the_object_is_looked_for_around_an_answer() -> None:
+    on = np.zeros((4, 6), bool)
+    on[1, 2] = True
+    uv = np.array([[2.5, 1.5], [3.4, 1.5], [4.5, 1.5], [-1.0, 1.0], [2.5, 4.0], [1e6, -1e6]])
+    row, column, found = geodesic.nearest_object_pixel(on, uv, 1)
+    np.testing.assert_array_equal(found, [True, True, False, False, False, False])
+    assert (row[1], column[1]) == (1, 2)
+    _, _, exact = geodesic.nearest_object_pixel(on, uv, 0)
+    np.testing.assert_array_equal(exact, [True, False, False, False, False, False])
+
+
+def test_distance_to_a_silhouette() -> None:
+    on = np.zeros((9, 9), bool)
+    on[2:7, 2:7] = True
+    uv = np.array([[4.5, 4.5], [2.5, 4.5]])
+    found = geodesic.silhouette_distance_px(on, uv)
+    np.testing.assert_allclose(found, [3, 1])
+    assert np.isinf(geodesic.silhouette_distance_px(np.zeros((3, 3), bool), uv)).all()
+    filled = geodesic.silhouette_distance_px(np.ones((9, 9), bool), uv)
+    np.testing.assert_allclose(filled, [5, 3])
+
+
+def single(sigma: float, uv: tuple[float, float] = (0.0, 0.0)) -> distribution.Mixtures:
+    return distribution.Mixtures(
+        np.zeros(1, np.int64), np.array([uv]), np.array([sigma]), np.ones(1), 1
+    )
+
+
+def test_density_and_likelihood_of_one_gaussian() -> None:
+    at = np.array([[3.0, 4.0]])
+    expected = math.exp(-25 / 8) / (8 * math.pi)
+    assert distribution.density(single(2.0), at)[0] == pytest.approx(expected, rel=1e-12)
+    floored = distribution.negative_log_likelihood(
+        single(0.5), np.array([[1e5, 0.0]]), outlier_weight=0.001, area_px2=1000.0
+    )
+    assert floored[0] == pytest.approx(math.log(1e6))
+
+
+def test_probability_of_a_disc() -> None:
+    centred = distribution.probability_within(single(4.0), np.zeros((1, 2)), 8.0)
+    assert centred[0] == pytest.approx(1 - math.exp(-2), rel=1e-12)
+    far = distribution.probability_within(single(1.0), np.array([[50.0, 0.0]]), 8.0)
+    assert far[0] == pytest.approx(0, abs=1e-12)
+    inside = distribution.probability_within(single(0.5), np.array([[1.0, 0.0]]), 8.0)
+    assert inside[0] == pytest.approx(1, abs=1e-12)
+    # A wide Gaussian is flat over the disc: probability is density times area.
+    wide = distribution.probability_within(single(1e4), np.array([[1e4, 0.0]]), 1.0)
+    flat = math.exp(-0.5) / (2 * math.pi * 1e8) * math.pi
+    assert wide[0] == pytest.approx(flat, rel=1e-6)
+
+
+def test_the_region_of_one_gaussian_is_a_disc() -> None:
+    radius = 2 * math.sqrt(-2 * math.log(0.5))
+    for factor, inside in ((0.999, True), (1.001, False)):
+        at = np.array([[radius * factor, 0.0]])
+        assert distribution.in_region(single(2.0), at, 0.5)[0] == inside
+
+
+def test_spread_of_two_modes() -> None:
+    two = distribution.Mixtures(
+        np.zeros(2, np.int64),
+        np.array([[-3.0, 0], [3.0, 0]]),
+        np.array([1.0, 1.0]),
+        np.array([0.5, 0.5]),
+        1,
+    )
+    assert distribution.spread_px(two)[0] == pytest.approx(math.sqrt((2 + 9) / 2))
+    assert distribution.spread_px(single(7.0))[0] == pytest.approx(7)
+
+
+def test_modes_near_positions() -> None:
+    two = distribution.Mixtures(
+        np.zeros(2, np.int64),
+        np.array([[0.0, 0], [100.0, 0]]),
+        np.ones(2),
+        np.array([0.97, 0.03]),
+        1,
+    )
+    at = np.array([[[0.0, 16.0], [0.0, 16.1], [100.0, 0.0]]])
+    found = distribution.modes_near(two, at, 16, 0.05)
+    np.testing.assert_array_equal(found, [[True, False, False]])
+
+
+def test_calibration_error_of_two_bins() -> None:
+    confidence = np.array([0.0, 0.1, 0.9, 1.0])
+    happened = np.array([False, True, True, True])
+    table = calibration.reliability_bins(confidence, happened, 2)
+    np.testing.assert_allclose(table, [[2, 0.1, 1], [2, 1.9, 2]])
+    assert calibration.expected_calibration_error(table) == pytest.approx((0.9 + 0.1) / 4)
+    edge = calibration.reliability_bins(np.array([0.5]), np.array([True]), 2)
+    assert edge[0, 0] == 1
+
+
+def test_sparsification_removes_the_worst_first() -> None:
+    squared = np.array([1.0, 4.0, 9.0, 16.0])
+    best = calibration.sparsification(squared, squared, 4)
+    np.testing.assert_allclose(best, np.sqrt([30 / 4, 14 / 3, 5 / 2, 1]))
+    blind = calibration.sparsification(squared, np.ones(4), 4)
+    np.testing.assert_allclose(blind, np.full(4, math.sqrt(7.5)))
+    assert calibration.area_under_sparsification_error(best, best) == 0
+    assert calibration.area_under_sparsification_error(blind, best) > 0.2
+    assert calibration.area_under_sparsification_error(np.zeros(4), np.zeros(4)) == 0
+
+
+def test_quantiles_are_numpys_whether_selected_or_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(0)
+    levels = [0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0]
+    cases = {
+        "spread": rng.exponential(10, 5000),
+        "ties": np.round(rng.exponential(3, 5000)),
+        "one value": np.full(100, 7.0),
+        "single": np.array([3.0]),
+        "huge range": np.concatenate([rng.random(1000) * 1e-12, [1e300]]),
+        "two values": np.array([0.0] * 999 + [1.0]),
+    }
+    for name, values in cases.items():
+        holes = np.insert(values, 0, np.nan)
+        parts = [holes[: len(holes) // 3], holes[len(holes) // 3 :]]
+        expected = np.quantile(values, levels)
+        for limit in (1 << 23, 0):
+            monkeypatch.setattr("pliant.evaluator.quantiles._SELECT", limit)
+            monkeypatch.setattr(
+                "pliant.evaluator.quantiles._COLLECT", 64 if limit == 0 else 1 << 21
+            )
+            found = exact_quantiles(parts, levels)
+            np.testing.assert_allclose(found, expected, rtol=1e-14, err_msg=name)
+    assert exact_quantiles([np.array([np.nan])], levels) == [None] * len(levels)

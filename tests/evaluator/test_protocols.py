@@ -1,0 +1,153 @@
+"""Protocols are frozen: their bytes, and the scores they give to a committed submission."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import numpy as np
+import pytest
+from pliant.evaluator import PROTOCOL_NAMES, evaluate, read_protocol
+from pliant.evaluator.ratios import ratios_of
+from pliant.evaluator.scores import scores_schema
+from pliant.spec.errors import CallError, SpecError, SubmissionError
+
+TINY = Path(__file__).parents[1] / "data" / "tiny-submission"
+
+# A change of a protocol is a new version of it, and makes old scores incomparable: the new sha256
+# stands here with the reason.
+FROZEN: dict[str, str] = {
+    "paper": "65597d065abee8f74c91875f5ef50976421b591c408354673ffc80c4117d953a",
+    "standard": "0e5bc168883e25d18dd37fde45cc3bb2536a0c32a29fd66416eccd7d73a72eb2",
+    "tapvid": "62216110591ff8847c39ad0018b3f3bc0cde8e50ca8724ccc24b387313139a56",
+    "matches": "35a9f1797e752d708d8cdeb8b64cec9763a21b84e9cb5d57fa91239079774752",
+}
+
+
+@pytest.mark.parametrize("name", PROTOCOL_NAMES)
+def test_a_protocol_is_frozen(name: str) -> None:
+    protocol = read_protocol(name)
+    assert protocol.sha256 == FROZEN[name]
+    assert protocol.name == name
+
+
+@pytest.mark.parametrize("name", PROTOCOL_NAMES)
+def test_a_headline_is_of_metrics_that_the_protocol_gives(
+    name: str, scene: Any, tmp_path: Path
+) -> None:
+    protocol = read_protocol(name)
+    averaged = [ratio.name for ratio in ratios_of(protocol.metrics)]
+    assert len(averaged) == len(set(averaged))
+    if protocol.kind == "answers":
+        scores = evaluate(scene.submit(tmp_path / "s.parquet"), scene.root, protocol=name)
+        assert set(protocol.headline) <= set(scores.overall)
+
+
+def test_an_unknown_protocol_is_a_wrong_call(scene: Any, tmp_path: Path) -> None:
+    with pytest.raises(CallError, match="no such protocol; found 'best'; required: paper"):
+        evaluate(scene.submit(tmp_path / "s.parquet"), scene.root, protocol="best")
+
+
+def approx(golden: Any, found: Any, place: str = "") -> None:
+    if isinstance(golden, dict):
+        assert golden.keys() == found.keys(), place
+        for key, value in golden.items():
+            approx(value, found[key], f"{place}/{key}")
+    elif isinstance(golden, list):
+        assert len(golden) == len(found), place
+        for index, value in enumerate(golden):
+            approx(value, found[index], f"{place}/{index}")
+    elif isinstance(golden, float):
+        assert found == pytest.approx(golden, rel=1e-9, abs=1e-9), place
+    else:
+        assert found == golden, place
+
+
+def test_the_committed_submission_keeps_its_score() -> None:
+    golden = json.loads((TINY / "golden.json").read_text())
+    found = evaluate(TINY / "submission.parquet", TINY / "dataset").document
+    for name, value in golden.items():
+        approx(value, found[name], name)
+
+
+def test_the_golden_score_is_what_its_offsets_say() -> None:
+    """Errors of 0, 5, 10 and 0 px in turn, so everything follows from counting the visible."""
+    from pliant.spec.dataset import Dataset
+
+    truth = Dataset.open(TINY / "dataset").truth("test").to_pylist()
+    error = {0: 0.0, 1: 5.0, 2: 10.0, 3: 0.0}
+    seen = [error[row["query_id"] % 4] for row in truth if row["visibility_b"] == "visible"]
+    golden = json.loads((TINY / "golden.json").read_text())["overall"]
+    assert golden["rmse_px"] == pytest.approx(np.sqrt(np.mean(np.square(seen))), abs=1e-5)
+    assert golden["mean_px"] == pytest.approx(np.mean(seen), abs=1e-5)
+    assert golden["pck_4px"] == np.mean(np.array(seen) < 1)
+    assert golden["pck_8px"] == np.mean(np.array(seen) < 6)
+    assert golden["pck_16px"] == 1
+
+
+@pytest.mark.parametrize("name", ["paper", "standard", "tapvid"])
+def test_the_truth_scores_perfectly_in_every_tier(name: str, scene: Any, tmp_path: Path) -> None:
+    table = scene.table(
+        visible=scene.visible.astype(np.float32), sigma=np.full(scene.rows, 0.5, np.float32)
+    )
+    scores = evaluate(scene.submit(tmp_path / "s.parquet", table), scene.root, protocol=name)
+    jsonschema.validate(scores.document, scores_schema())
+    perfect = {
+        **dict.fromkeys(("rmse_px", "rmse_px_mean_over_pairs", "mean_px", "p95_px"), 0),
+        **dict.fromkeys(("symmetric_rmse_px", "jump_rate", "ece", "ause", "off_object_rate"), 0),
+        **dict.fromkeys(("pck_1px", "pck_0.05box", "aj", "oa", "delta_avg", "coverage_50"), 1),
+    }
+    for tier, found in [("overall", scores.overall), *scores.tiers.items()]:
+        common = perfect.keys() & found.keys()
+        assert len(common) >= 2
+        for metric in common:
+            assert found[metric] == perfect[metric], (tier, metric)
+
+
+def test_a_missing_answer_is_an_error_unless_allowed_and_then_a_failure(
+    scene: Any, tmp_path: Path
+) -> None:
+    seen = np.flatnonzero(scene.visible)
+    keep = np.delete(np.arange(scene.rows), seen[:3])
+    path = scene.submit(tmp_path / "s.parquet", scene.table().take(keep))
+    with pytest.raises(SubmissionError, match="3 problems") as caught:
+        evaluate(path, scene.root)
+    assert {issue.code for issue in caught.value.issues} == {"ROW_MISSING"}
+    assert "pair 0, query" in str(caught.value)
+    scores = evaluate(path, scene.root, allow_missing=True)
+    assert scores.document["coverage"] == (scene.rows - 3) / scene.rows
+    assert scores.overall["rmse_px"] == pytest.approx(np.sqrt(3 * 200**2 / len(seen)))
+    assert scores.overall["pck_32px"] == pytest.approx(1 - 3 / len(seen))
+    assert scores.overall["delta_avg"] < 1
+    assert scores.overall["oa"] < 1
+
+
+def test_a_foreign_truth_is_the_datasets_fault(
+    scene: Any, scene_maker: Any, tmp_path: Path
+) -> None:
+    path = scene.submit(tmp_path / "s.parquet")
+    other = scene_maker(tmp_path / "other", seed=5, images=False)
+    with pytest.raises(SpecError, match="the truth does not belong to these queries"):
+        evaluate(path, scene.root, truth=other.root / "truth" / "test.parquet")
+    queries = scene.root / "queries" / "test.parquet"
+    with pytest.raises(SpecError, match="found table 'queries'; required: table 'truth'"):
+        evaluate(path, scene.root, truth=queries)
+    with pytest.raises(SpecError, match="not there"):
+        evaluate(path, scene.root, truth=tmp_path / "nothing.parquet")
+    own = scene.root / "truth" / "test.parquet"
+    elsewhere = tmp_path / "truth.parquet"
+    elsewhere.write_bytes(own.read_bytes())
+    assert evaluate(path, scene.root, truth=elsewhere).overall["rmse_px"] == 0
+
+
+def test_a_truth_with_shuffled_rows_is_refused(scene: Any, tmp_path: Path) -> None:
+    import pyarrow.parquet as pq
+
+    source = pq.read_table(scene.root / "truth" / "test.parquet")
+    moved = source.take(np.roll(np.arange(len(source)), 1))
+    pq.write_table(moved.replace_schema_metadata(source.schema.metadata), tmp_path / "t.parquet")
+    path = scene.submit(tmp_path / "s.parquet")
+    with pytest.raises(SpecError, match="other keys in rows 0 to"):
+        evaluate(path, scene.root, truth=tmp_path / "t.parquet")
