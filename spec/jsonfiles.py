@@ -13,6 +13,7 @@ from typing import Any, NoReturn
 
 from jsonschema import Draft202012Validator
 from jsonschema.exceptions import ValidationError
+from jsonschema.validators import extend
 from pliant.spec import limits
 from pliant.spec.conventions import SPEC_VERSION
 from pliant.spec.reading import FileRefusedError, read_bytes
@@ -109,9 +110,20 @@ def load_schema(name: str, version: str = SPEC_VERSION) -> dict[str, Any]:
     return schema
 
 
+def _is_integer(_: object, value: object) -> bool:
+    """An integer is written without a fraction: 3, not 3.0."""
+    return isinstance(value, int) and not isinstance(value, bool)
+
+
+_Validator = extend(
+    Draft202012Validator,
+    type_checker=Draft202012Validator.TYPE_CHECKER.redefine("integer", _is_integer),
+)
+
+
 @cache
-def _validator(name: str) -> Draft202012Validator:
-    return Draft202012Validator(load_schema(name))
+def _validator(name: str) -> Any:
+    return _Validator(load_schema(name))
 
 
 def schema_errors(document: Any, name: str) -> Iterator[tuple[str, str]]:

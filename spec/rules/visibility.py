@@ -15,7 +15,8 @@ depth and on the material. There, exactly:
   the object that the 5x5 shows (`self_occluded` its own, `occluded` another); and on a
   cloth, whose material coordinates are those of one surface point, it is no match.
 
-Elsewhere a frame's visible points may miss, but not half of them.
+Elsewhere a frame's visible points may miss, but not half of them. And wherever it is, an
+`occluded` point has a pixel of another object within its 5x5.
 """
 
 from __future__ import annotations
@@ -297,6 +298,8 @@ def _report_hidden(
         & (window.object_id[:, 2, 2] != 0)
         & (((state == SELF_OCCLUDED) & ~shows_own) | ((state == OCCLUDED) & shows_own))
     )
+    others = (window.object_id != own[:, None, None]) & (window.object_id != 0)
+    nobody = (state == OCCLUDED) & ~others.any(axis=(1, 2))
     surely = np.zeros(len(chosen), np.bool_)
     if tier["kind"] == "cloth":
         close = (SURE * window.footprint_m)[:, None, None]
@@ -305,7 +308,7 @@ def _report_hidden(
             & (np.abs(near - depth[:, None, None]) <= close),
             axis=(1, 2),
         )
-    bad = hidden & ((window.smooth & (nearer | surely)) | misnamed)
+    bad = hidden & ((window.smooth & (nearer | surely)) | misnamed | nobody)
     findings.add_rows(
         "OCCLUDED_DISAGREES",
         shown,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from pliant.spec.jsonfiles import is_newer_minor, parse_json, read_json, write_json
+from pliant.spec.jsonfiles import is_newer_minor, parse_json, read_json, schema_errors, write_json
 from pliant.spec.reading import FileRefusedError
 
 
@@ -81,3 +81,11 @@ def test_a_schema_error_names_its_place(tmp_path: Path) -> None:
 )
 def test_newer_minor_versions(version: object, newer: bool) -> None:
     assert is_newer_minor(version) is newer
+
+
+@pytest.mark.parametrize("width", [64.0, True, "64"])
+def test_an_integer_is_written_as_one(width: object) -> None:
+    document = {"spec_version": "1.0.0", "width": width, "height": 48, "frames": [{}]}
+    places = [where for where, _ in schema_errors(document, "cameras")]
+    assert "width" in places
+    assert "height" not in places

@@ -1,0 +1,83 @@
+"""Random corruptions: each is reported or harmless; none raises, hangs or takes much memory.
+
+`PLIANT_SWEEP=2000 pytest tests/spec/test_mutation_sweep.py` draws as many as that.
+"""
+
+from __future__ import annotations
+
+import os
+import resource
+import shutil
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from pliant.spec.conformance.corruption import corrupt, is_harmless, restore, same_listing
+from pliant.spec.validate import validate
+
+BASE = Path(__file__).resolve().parents[2] / "spec" / "conformance" / "datasets" / "full"
+COUNT = int(os.environ.get("PLIANT_SWEEP", "150"))
+
+
+@pytest.fixture(scope="module")
+def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    root = tmp_path_factory.mktemp("sweep") / "full"
+    return Path(shutil.copytree(BASE, root))
+
+
+OUTCOMES: Counter[str] = Counter()
+
+
+@settings(
+    max_examples=COUNT,
+    deadline=None,
+    derandomize=True,
+    database=None,
+    suppress_health_check=list(HealthCheck),
+)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_reported_or_harmless(copy: Path, seed: int) -> None:
+    restore(BASE, copy)
+    done = corrupt(copy, np.random.default_rng(seed))
+    report = validate(copy)
+    OUTCOMES["reported" if report.counts else "harmless"] += 1
+    if not report.counts:
+        assert same_listing(BASE, copy), done
+        assert is_harmless(BASE, copy), done
+
+
+def test_the_sweep_found_what_it_should() -> None:
+    """Most corruptions matter, and memory stayed small."""
+    if not OUTCOMES:
+        pytest.skip("the sweep did not run")
+    assert OUTCOMES["reported"] > 0.6 * OUTCOMES.total()
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss < 2**20  # KiB: 1 GiB
+
+
+def move_depth(channels: dict[str, np.ndarray[Any, Any]]) -> None:
+    channels["Z"] -= np.float32(0.1)
+
+
+def test_the_judge_is_no_rubber_stamp(copy: Path) -> None:
+    """What the sweep calls harmless would not be so called if it mattered."""
+    from pliant.spec.conformance import edits
+
+    name = "sequences/rope/rope-train-000000"
+    restore(BASE, copy)
+    assert is_harmless(BASE, copy)
+    for change in (
+        edits.change_rows(f"{name}/correspondences.parquet", lambda r: r[3].update(u_px=9.0)),
+        edits.change_rows(f"{name}/correspondences.parquet", lambda r: r[3].update(x_m=9.0)),
+        edits.change_rows(f"{name}/points.parquet", lambda r: r[3].update(m0=0.5)),
+        edits.change_rows("truth/test.parquet", lambda r: r[3].update(u_b=9.0)),
+        edits.change_json(f"{name}/cameras.json", lambda d: d["frames"][0]["K"][0].reverse()),
+        edits.change_exr(f"{name}/depth/000000.exr", move_depth),
+        edits.remove(f"{name}/rgb/000000.png"),
+    ):
+        restore(BASE, copy)
+        change(copy)
+        assert not is_harmless(BASE, copy)
