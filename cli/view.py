@@ -1,0 +1,52 @@
+"""`pliant view`: figures of a dataset."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import click
+
+_FIGURES = ("sheet", "index", "depth", "anatomy", "tracks")
+
+
+@click.command("view")
+@click.argument("folder", metavar="DIR", type=click.Path(path_type=Path))
+@click.option(
+    "--out",
+    required=True,
+    metavar="FILE",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Image to write: .png, .jpg, .webp; anatomy and tracks also .pdf, .svg.",
+)
+@click.option(
+    "--figure",
+    type=click.Choice(_FIGURES),
+    default="sheet",
+    show_default=True,
+    help="sheet: frames over index colours and depth; index, depth: one layer; "
+    "anatomy: curve, mesh, image, depth, index colours of a frame; tracks: a strip with points.",
+)
+@click.option("--sequence", metavar="ID", help="A sequence; all, or the first that fits.")
+@click.option("--frame", type=int, default=0, show_default=True, help="Frame of anatomy.")
+@click.option(
+    "--count", type=int, default=24, show_default=True, help="Images on a sheet; steps of tracks."
+)
+@click.option("--json", "as_json", is_flag=True, help="Report as one JSON document on stdout.")
+def command(
+    folder: Path,
+    out: Path,
+    figure: str,
+    sequence: str | None,
+    frame: int,
+    count: int,
+    as_json: bool,
+) -> None:
+    """Draw a figure of the dataset DIR: contact sheets, index colours, depth, tracks."""
+    from pliant.generator.view import draw_figure
+
+    draw_figure(folder, out, figure=figure, sequence=sequence, frame=frame, count=count)
+    if as_json:
+        click.echo(json.dumps({"out": str(out), "figure": figure, "bytes": out.stat().st_size}))
+    else:
+        click.echo(f"Wrote {out}")
