@@ -52,7 +52,7 @@ def don(
 ) -> None:
     """Train Dense Object Nets: a descriptor at every pixel, the same for the same point.
 
-    Start it under `torchrun --nproc-per-node N -m pliant.cli.main train don …` for N processes.
+    Several processes: `torchrun --nproc-per-node N --no-python pliant train don …`.
     With --resume and no settings of its own, a run goes on with those it began with.
     """
     try:

@@ -104,7 +104,7 @@ class ResNetFCN(nn.Module):
                 blocks.append(block(channels, width, stride if index == 0 else 1, own))
                 channels = width * block.expansion
             setattr(self, f"layer{number}", nn.Sequential(*blocks))
-        self.head = nn.Conv2d(channels, descriptor_dim, 1)
+        self.head = nn.Conv2d(channels, descriptor_dim, 1, bias=False)
 
     def forward(self, image: torch.Tensor) -> torch.Tensor:
         """Map images (N, C, h, w) to descriptors (N, D, h, w)."""

@@ -94,7 +94,8 @@ class UNet(nn.Module):
         self.decoder = nn.ModuleList(
             ConvBlock(fine + coarse, fine) for fine, coarse in reversed(list(pairwise(widths)))
         )
-        self.head = nn.Conv2d(widths[0], descriptor_dim * patch * patch, 1)
+        # No bias: it would shift all descriptors alike, and distances do not see that.
+        self.head = nn.Conv2d(widths[0], descriptor_dim * patch * patch, 1, bias=False)
 
     def forward(self, image: torch.Tensor) -> torch.Tensor:
         """Map images (N, C, h, w) to descriptors (N, D, h, w); any h and w."""

@@ -1,0 +1,115 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from pliant.loaders.augment import (
+    AugmentSettings,
+    augment,
+    recolour,
+    rotation_about_centre,
+    warp_view,
+)
+from pliant.loaders.views import FrameView
+
+SIZE = (160, 120)
+
+
+def blob_view(points: np.ndarray, sigma: float = 3.0) -> FrameView:
+    """One bright blob at each point, on black."""
+    u, v = np.meshgrid(np.arange(SIZE[0]) + 0.5, np.arange(SIZE[1]) + 0.5)
+    image = np.zeros((SIZE[1], SIZE[0]))
+    for point in points:
+        image += 250 * np.exp(-((u - point[0]) ** 2 + (v - point[1]) ** 2) / (2 * sigma**2))
+    rgb = np.repeat(image.round().clip(0, 255).astype(np.uint8)[..., None], 3, axis=2)
+    mask = image > 30
+    return FrameView(
+        rgb=rgb,
+        mask=mask,
+        depth_m=np.where(mask, np.float32(0.8), np.float32(np.inf)),
+        uv_px=points.astype(np.float32),
+        visible=np.ones(len(points), bool),
+    )
+
+
+def centre_near(image: np.ndarray, point: np.ndarray, radius: float = 12.0) -> np.ndarray:
+    u, v = np.meshgrid(np.arange(SIZE[0]) + 0.5, np.arange(SIZE[1]) + 0.5)
+    near = (u - point[0]) ** 2 + (v - point[1]) ** 2 <= radius**2
+    weight = np.maximum(image - 12, 0) * near  # the faint tail is mostly rounding
+    return np.array([(weight * u).sum(), (weight * v).sum()]) / weight.sum()
+
+
+@pytest.mark.parametrize("angle_deg", [0.0, 17.0, 90.0, -133.0, 180.0])
+@pytest.mark.parametrize("scale", [1.0, 0.85])
+def test_points_move_with_the_pixels(angle_deg: float, scale: float) -> None:
+    points = np.array([[60.3, 45.8], [95.1, 70.2]])
+    affine = rotation_about_centre(SIZE, math.radians(angle_deg), scale)
+    moved = warp_view(blob_view(points), affine)
+    for point in moved.uv_px:
+        measured = centre_near(moved.rgb[..., 0].astype(float), point)
+        np.testing.assert_allclose(measured, point, atol=0.03)
+
+
+def test_a_quarter_turn_is_exact() -> None:
+    """Turning by 90 degrees about the centre maps the centre of a square's pixel to another's."""
+    square = (np.arange(64 * 64 * 3).reshape(64, 64, 3) % 251).astype(np.uint8)
+    view = FrameView(
+        square,
+        np.zeros((64, 64), bool),
+        np.ones((64, 64), np.float32),
+        np.array([[10.5, 20.5]], np.float32),
+        np.array([True]),
+    )
+    moved = warp_view(view, rotation_about_centre((64, 64), math.pi / 2))
+    np.testing.assert_allclose(moved.uv_px, [[64 - 20.5, 10.5]], atol=1e-5)
+    np.testing.assert_allclose(  # one level for the interpolation's rounding
+        moved.rgb[2:-2, 2:-2].astype(int), np.rot90(square, -1)[2:-2, 2:-2].astype(int), atol=1
+    )
+
+
+def test_points_that_leave_the_image_are_not_visible() -> None:
+    view = blob_view(np.array([[80.0, 60.0], [155.0, 60.0]]))
+    moved = warp_view(view, rotation_about_centre(SIZE, math.pi / 2))
+    assert moved.visible.tolist() == [True, False]
+
+
+def test_mask_and_depth_move_together() -> None:
+    view = blob_view(np.array([[50.0, 50.0], [100.0, 80.0]]))
+    moved = warp_view(view, rotation_about_centre(SIZE, 0.7))
+    np.testing.assert_array_equal(moved.mask, np.isfinite(moved.depth_m))
+    assert moved.mask.sum() == pytest.approx(view.mask.sum(), rel=0.05)
+
+
+def test_background_changes_nothing_on_the_object() -> None:
+    view = blob_view(np.array([[50.0, 50.0]]))
+    settings = AugmentSettings(rotate_deg=0, colour=0, noise=0, background=1)
+    changed = augment(np.random.default_rng(0), view, settings)
+    np.testing.assert_array_equal(changed.rgb[view.mask], view.rgb[view.mask])
+    assert (changed.rgb[~view.mask] != view.rgb[~view.mask]).any()
+    np.testing.assert_array_equal(changed.uv_px, view.uv_px)
+
+
+def test_colour_keeps_the_order_of_values_and_noise_has_its_size() -> None:
+    rng = np.random.default_rng(3)
+    ramp = np.repeat(np.arange(256, dtype=np.uint8)[None, :, None], 3, axis=2)
+    for _ in range(10):
+        changed = recolour(rng, ramp, 0.4, 0.0)
+        assert (np.diff(changed[0].astype(int), axis=0) >= 0).all()
+    flat = np.full((200, 200, 3), 128, np.uint8)
+    spread = [float(recolour(rng, flat, 0.0, 8.0).std()) for _ in range(40)]
+    assert max(spread) < 8.5
+    assert max(spread) > 4
+
+
+def test_all_off_changes_nothing() -> None:
+    view = blob_view(np.array([[50.0, 50.0]]))
+    settings = AugmentSettings(rotate_deg=0, scale=0, colour=0, noise=0, background=0)
+    same = augment(np.random.default_rng(0), view, settings)
+    np.testing.assert_array_equal(same.rgb, view.rgb)
+    np.testing.assert_array_equal(same.uv_px, view.uv_px)
+
+
+def test_settings_out_of_range_are_refused() -> None:
+    with pytest.raises(ValueError, match="rotate_deg"):
+        AugmentSettings(rotate_deg=200)

@@ -1,0 +1,246 @@
+from __future__ import annotations
+
+import gc
+import tracemalloc
+from types import ModuleType
+
+import numpy as np
+import pytest
+import torch
+from pliant.loaders import (
+    AugmentSettings,
+    ClipDataset,
+    FrameDataset,
+    PairDataset,
+    PairSettings,
+    StepOrder,
+)
+from pliant.spec.dataset import Dataset
+from pliant.spec.errors import CallError
+from torch.utils.data import DataLoader
+
+SIZE = (80, 60)
+
+
+def colours_at(image: torch.Tensor, uv: torch.Tensor) -> np.ndarray:
+    """The RGB under each position (0 to 1), bilinear, by plain indexing."""
+    rgb = (image.permute(1, 2, 0).numpy() + 2) / 4
+    u, v = uv.numpy().T - 0.5
+    column, row = np.floor(u).astype(int), np.floor(v).astype(int)
+    right, down = (u - column)[:, None], (v - row)[:, None]
+    top = rgb[row, column] * (1 - right) + rgb[row, column + 1] * right
+    bottom = rgb[row + 1, column] * (1 - right) + rgb[row + 1, column + 1] * right
+    return top * (1 - down) + bottom * down
+
+
+def inside(mask: torch.Tensor, uv: torch.Tensor) -> torch.Tensor:
+    """Whether the 5x5 pixels around each position all lie on the object."""
+    shrunk = -torch.nn.functional.max_pool2d(-mask.float()[None], 5, 1, 2)[0]
+    column, row = uv.floor().long().T
+    height, width = mask.shape
+    within = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+    return within & (shrunk[row.clamp(0, height - 1), column.clamp(0, width - 1)] > 0)
+
+
+@pytest.mark.parametrize("matches", ["points", "surface"])
+@pytest.mark.parametrize("turned", [False, True])
+def test_matches_show_the_same_print(sheet_dataset: Dataset, matches: str, turned: bool) -> None:
+    """Whatever was done to the two views, a point has the sheet's own colour in both."""
+    augmentation = AugmentSettings(rotate_deg=180, scale=0.1, colour=0, noise=0) if turned else None
+    pairs = PairDataset(
+        sheet_dataset,
+        "sheet",
+        "train",
+        PairSettings(queries=60, matches=matches),  # type: ignore[arg-type]
+        size=(160, 120),
+        augmentation=augmentation,
+    )
+    checked = 0
+    for index in range(6):
+        sample = pairs[index]
+        both = sample["visible"][:, :, 0].all(dim=0)
+        # On the sheet's rim the picture is mixed with the table.
+        for view in (0, 1):
+            both &= inside(sample["mask"][view], sample["uv_px"][view, :, 0])
+        views = [
+            colours_at(sample["image"][view], sample["uv_px"][view, both, 0]) for view in (0, 1)
+        ]
+        assert np.abs(views[0] - views[1]).max() < 0.03
+        checked += int(both.sum())
+    assert checked > 150
+
+
+def test_partners_are_the_points_across_the_sheet(
+    sheets: ModuleType, sheet_dataset: Dataset
+) -> None:
+    pairs = PairDataset(sheet_dataset, "sheet", "train", size=sheet_dataset.size)
+    sample = pairs[0]
+    frame = int(sample["frames"][0])
+    affine = sheets.sheet_map(frame, 0, sheet_dataset.size, 0.0)
+    inverse = np.linalg.inv(affine[:, :2])
+    material = (sample["uv_px"][0].double().numpy() - affine[:, 2]) @ inverse.T  # (Q, 2, 2)
+    np.testing.assert_allclose(material[:, 1], 1 - material[:, 0], atol=1e-5)
+
+
+def test_both_sources_of_matches_agree(sheet_dataset: Dataset) -> None:
+    """The tables and the surface images are two tellings of one truth."""
+    pairs = PairDataset(sheet_dataset, "sheet", "train", size=sheet_dataset.size)
+    store = pairs.store
+    from pliant.loaders.surface_matches import find_on_surface
+
+    view = store.view(1)
+    material = store.material[view.visible].astype(np.float64)
+    surface = store.frames[1].sequence.surface(0)
+    uv, found = find_on_surface(store.tier, 1, surface, material)
+    assert found.mean() > 0.9
+    np.testing.assert_allclose(uv[found], view.uv_px[view.visible][found], atol=2e-3)
+
+
+def test_sample_depends_on_seed_and_number_alone(sheet_dataset: Dataset) -> None:
+    def make(seed: int) -> PairDataset:
+        return PairDataset(
+            sheet_dataset, "sheet", "train", size=SIZE, seed=seed, augmentation=AugmentSettings()
+        )
+
+    first, second = make(0), make(0)
+    for _ in range(3):
+        first[0]  # what was drawn before is no matter
+    same = all(torch.equal(first[7][name], second[7][name]) for name in first[7])
+    assert same
+    assert not torch.equal(first[7]["image"], first[8]["image"])
+    assert not torch.equal(first[7]["image"], make(1)[7]["image"])
+
+
+def test_workers_and_resuming_give_the_same_batches(sheet_dataset: Dataset) -> None:
+    pairs = PairDataset(sheet_dataset, "sheet", "train", size=SIZE)
+    whole = list(DataLoader(pairs, batch_sampler=StepOrder(2, 0, 4)))
+    resumed = list(
+        DataLoader(
+            pairs,
+            batch_sampler=StepOrder(2, 2, 4),
+            num_workers=1,
+            multiprocessing_context="spawn",
+        )
+    )
+    assert [int(batch["frames"].sum()) for batch in whole[2:]] == [
+        int(batch["frames"].sum()) for batch in resumed
+    ]
+    assert torch.equal(whole[3]["image"], resumed[1]["image"])
+
+
+def test_processes_share_the_samples_out() -> None:
+    one = [number for batch in StepOrder(4, 0, 3) for number in batch]
+    two = [list(StepOrder(2, 0, 3, rank=rank, world=2)) for rank in (0, 1)]
+    interleaved = [number for a, b in zip(*two, strict=True) for number in (*a, *b)]
+    assert interleaved == one == list(range(12))
+
+
+def test_more_views_share_their_points(sheet_dataset: Dataset) -> None:
+    pairs = PairDataset(sheet_dataset, "sheet", "train", PairSettings(views=3), size=SIZE)
+    sample = pairs[0]
+    assert sample["image"].shape == (3, 3, 60, 80)
+    assert (sample["visible"][:, :, 0].sum(dim=0) >= 2).all()
+    assert len(set(sample["frames"].tolist())) == 3
+
+
+@pytest.mark.parametrize(("kind", "channels"), [("depth", 1), ("rgbd", 4)])
+def test_depth_inputs(sheet_dataset: Dataset, kind: str, channels: int) -> None:
+    settings = PairSettings(input=kind)  # type: ignore[arg-type]
+    sample = PairDataset(sheet_dataset, "sheet", "train", settings, size=SIZE)[0]
+    assert sample["image"].shape[1] == channels
+    depth = sample["image"][0, -1]
+    assert (depth[~sample["mask"][0]] >= -0.2).all()
+    assert float(depth.max()) == 3.0
+
+
+def test_next_pairs_are_neighbours_and_tell_their_action(
+    sheets: ModuleType, sheet_episode: Dataset
+) -> None:
+    settings = PairSettings(pairing="next")
+    pairs = PairDataset(sheet_episode, "sheet", "train", settings, size=sheet_episode.size)
+    sample = pairs[5]
+    a, b = (pairs.store.frames[int(frame)] for frame in sample["frames"])
+    assert a.sequence.id == b.sequence.id
+    assert b.frame == a.frame + 1
+    # The sheet turns by 0.05 rad a frame: a point moves by 2 sin(0.025) times its distance
+    # from the centre, at most half the diagonal.
+    index = int(a.sequence.id[-6:])
+    affine = sheets.sheet_map(1000 * 0 + index, 0, sheet_episode.size, 0.05)
+    side = np.linalg.norm(affine[:, 0])
+    expected = 2 * np.sin(0.025) * side * np.sqrt(0.5)
+    assert float(sample["action_px"][0, 1]) == pytest.approx(expected, rel=1e-4)
+    assert float(sample["action_px"][0, 0]) == 0.0
+
+
+def test_independent_frames_have_no_action(sheet_dataset: Dataset) -> None:
+    sample = PairDataset(sheet_dataset, "sheet", "train", size=SIZE)[0]
+    assert torch.isinf(sample["action_px"]).all()
+
+
+def test_clips_follow_points_through_an_episode(sheets: ModuleType, sheet_episode: Dataset) -> None:
+    clips = ClipDataset(
+        sheet_episode, "sheet", "train", length=3, step=2, queries=20, size=sheet_episode.size
+    )
+    assert len(clips) == 2 * 2
+    sample = clips[3]
+    assert sample["image"].shape == (3, 3, 120, 160)
+    assert torch.equal(sample["frames"].diff(), torch.tensor([2, 2]))
+    assert sample["visible"][0].all()
+    moved = (sample["uv_px"][1] - sample["uv_px"][0]).norm(dim=1)
+    centre_distance = (sample["uv_px"][0] - sample["uv_px"][0].mean(dim=0)).norm(dim=1)
+    assert 0 < float(moved.max()) < 0.11 * float(centre_distance.max()) + 3
+
+
+def test_a_clip_is_augmented_as_a_whole(sheet_episode: Dataset) -> None:
+    """One rotation for all frames: distances between tracks stay what they were."""
+    plain = ClipDataset(sheet_episode, "sheet", "train", length=3, size=SIZE)
+    turned = ClipDataset(
+        sheet_episode, "sheet", "train", length=3, size=SIZE, augmentation=AugmentSettings()
+    )
+    a, b = plain[1], turned[1]
+    assert torch.equal(a["frames"], b["frames"])
+    for t in range(3):
+        torch.testing.assert_close(
+            torch.pdist(a["uv_px"][t]), torch.pdist(b["uv_px"][t]), atol=1e-3, rtol=1e-4
+        )
+
+
+def test_clips_of_configurations_are_refused(sheet_dataset: Dataset) -> None:
+    with pytest.raises(CallError, match="no episode of 4 frames"):
+        ClipDataset(sheet_dataset, "sheet", "train")
+    with pytest.raises(CallError, match="too few frames for pairs of kind 'next'"):
+        PairDataset(sheet_dataset, "sheet", "train", PairSettings(pairing="next"))
+
+
+def test_frames_come_once_each_in_order(sheet_dataset: Dataset) -> None:
+    frames = FrameDataset(sheet_dataset, "sheet", "val", size=SIZE)
+    samples = list(DataLoader(frames, batch_size=1))
+    assert len(samples) == len(frames) == 2
+    assert samples[0]["uv_px"].shape == (1, 169, 2)
+    with pytest.raises(IndexError):
+        frames[2]
+
+
+def test_memory_does_not_grow_with_what_was_read(
+    sheets: ModuleType, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    """After every frame has been seen, twice as many samples hold no more memory."""
+    root = tmp_path_factory.mktemp("memory")
+    dataset = Dataset.open(sheets.write_sheet_dataset(root / "set", {"train": 24}))
+    pairs = PairDataset(dataset, "sheet", "train", size=SIZE, cache=root / "cache")
+    one_frame = pairs.store.view(0)
+    frame_bytes = one_frame.rgb.nbytes + one_frame.depth_m.nbytes + one_frame.mask.nbytes
+
+    def held_after(first: int, last: int) -> int:
+        for index in range(first, last):
+            pairs[index]
+        gc.collect()
+        return tracemalloc.get_traced_memory()[0]
+
+    tracemalloc.start()
+    try:
+        before = held_after(0, 4)
+        after = held_after(4, 60)
+    finally:
+        tracemalloc.stop()
+    assert after - before < 4 * frame_bytes  # 24 frames kept would be six times that

@@ -1,0 +1,75 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from pliant.loaders.frame_store import FrameStore
+from pliant.loaders.views import input_channels, resize_depth, resize_mask, resize_rgb
+from pliant.spec.dataset import Dataset
+from pliant.spec.errors import CallError
+
+
+def test_resizing_keeps_positions() -> None:
+    """A blob's centre of mass moves to (u w / W, v h / H): no half-pixel shift."""
+    u, v = np.meshgrid(np.arange(640) + 0.5, np.arange(480) + 0.5)
+    blob = 250 * np.exp(-((u - 203.3) ** 2 + (v - 318.9) ** 2) / (2 * 12**2))
+    rgb = np.repeat(blob.round().astype(np.uint8)[..., None], 3, axis=2)
+    small = resize_rgb(rgb, (160, 120))[..., 0].astype(float)
+    u, v = np.meshgrid(np.arange(160) + 0.5, np.arange(120) + 0.5)
+    centre = np.array([(small * u).sum(), (small * v).sum()]) / small.sum()
+    np.testing.assert_allclose(centre, [203.3 / 4, 318.9 / 4], atol=0.02)
+
+
+def test_mask_is_where_half_the_pixel_is_covered() -> None:
+    mask = np.zeros((4, 4), bool)
+    mask[:2, 0] = True  # half of the first 2x2 block
+    mask[0, 2] = True  # a quarter of the second
+    mask[2:, 2:] = True  # all of the last
+    assert resize_mask(mask, (2, 2)).tolist() == [[True, False], [False, True]]
+
+
+def test_depth_is_picked_never_averaged() -> None:
+    depth = np.full((4, 4), np.inf, np.float32)
+    depth[:, 2:] = 0.7
+    small = resize_depth(depth, (2, 2))
+    assert small.tolist() == [[np.inf, np.float32(0.7)]] * 2
+
+
+def test_channels_of_each_kind() -> None:
+    rgb = np.array([[[0, 255, 255]]], np.uint8).repeat(2, axis=1)
+    depth = np.array([[1.0, np.inf]], np.float32)
+    assert input_channels(rgb, None, "rgb")[:, 0, 0].tolist() == pytest.approx([-2, 2, 2])
+    assert input_channels(None, depth, "depth")[0, 0].tolist() == [0.0, 3.0]
+    assert input_channels(rgb, depth, "rgbd").shape == (4, 1, 2)
+    with pytest.raises(CallError, match="needs a depth map"):
+        input_channels(rgb, None, "rgbd")
+
+
+def test_depth_channel_is_in_tenths_of_a_metre_behind_the_median() -> None:
+    depth = np.array([[0.9, 1.0, 1.15]], np.float32)
+    np.testing.assert_allclose(input_channels(None, depth, "depth")[0, 0], [-1, 0, 1.5], atol=1e-5)
+
+
+def test_cached_frames_equal_decoded_ones(sheet_dataset: Dataset, tmp_path) -> None:  # type: ignore[no-untyped-def]
+    plain = FrameStore(sheet_dataset, "sheet", "train", (80, 60))
+    cached = FrameStore(sheet_dataset, "sheet", "train", (80, 60), cache=tmp_path)
+    again = FrameStore(sheet_dataset, "sheet", "train", (80, 60), cache=tmp_path)
+    for index in range(len(plain)):
+        for store in (cached, cached, again):
+            for name in ("rgb", "mask", "depth_m", "uv_px", "visible"):
+                expected = getattr(plain.view(index), name)
+                np.testing.assert_array_equal(getattr(store.view(index), name), expected)
+
+
+def test_a_cached_frame_needs_no_file(sheets, tmp_path) -> None:  # type: ignore[no-untyped-def]
+    root = sheets.write_sheet_dataset(tmp_path / "set", {"train": 1})
+    dataset = Dataset.open(root)
+    FrameStore(dataset, "sheet", "train", (80, 60), cache=tmp_path / "cache").view(0)
+    (dataset.sequences[0].dir / "rgb" / "000000.png").unlink()
+    FrameStore(dataset, "sheet", "train", (80, 60), cache=tmp_path / "cache").view(0)
+
+
+def test_unknown_tier_and_empty_split_are_refused(sheet_dataset: Dataset) -> None:
+    with pytest.raises(CallError, match="no such tier"):
+        FrameStore(sheet_dataset, "rope", "train", (80, 60))
+    with pytest.raises(CallError, match="no sequence in split 'test'"):
+        FrameStore(sheet_dataset, "sheet", "test", (80, 60))

@@ -1,0 +1,120 @@
+from __future__ import annotations
+
+import pytest
+import torch
+from pliant.models.losses import contrastive_loss, draw_non_matches
+
+D = torch.float64
+
+
+def case() -> dict[str, torch.Tensor]:
+    """One query at 0 on a line of descriptors: match at 0.1; non-matches at 0.2, 0.4, 2 and 0.3.
+
+    The last one lies a pixel from the match.
+    """
+    return {
+        "query": torch.tensor([[[0.0]]], dtype=D),
+        "match": torch.tensor([[[0.1]]], dtype=D),
+        "valid": torch.tensor([[True]]),
+        "non_match": torch.tensor([[[[0.2], [0.4], [2.0], [0.3]]]], dtype=D),
+        "non_match_uv_px": torch.tensor([[[[50.0, 9], [60, 9], [70, 9], [11, 10]]]], dtype=D),
+        "match_uv_px": torch.tensor([[[[10.0, 10.0]]]], dtype=D),
+        "match_valid": torch.tensor([[[True]]]),
+    }
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        # 0.1^2 + ((0.5 - 0.2)^2 + (0.5 - 0.4)^2) / 2
+        ({}, 0.01 + (0.09 + 0.01) / 2),
+        # ... divided by all three that count
+        ({"hard_scaling": False}, 0.01 + (0.09 + 0.01) / 3),
+        # the hinge itself
+        ({"squared": False}, 0.01 + (0.3 + 0.1) / 2),
+        # without the guard the fourth counts: (0.5 - 0.3)^2
+        ({"guard_px": 0.5}, 0.01 + (0.09 + 0.01 + 0.04) / 3),
+    ],
+)
+def test_by_hand(options: dict[str, float], expected: float) -> None:
+    loss = contrastive_loss(**case(), margin=0.5, **options)  # type: ignore[arg-type]
+    assert float(loss) == pytest.approx(expected, abs=1e-9)
+
+
+def test_the_guard_fires_around_partners_too() -> None:
+    inputs = case()
+    inputs["match_uv_px"] = torch.tensor([[[[10.0, 10.0], [50.0, 10.0]]]], dtype=D)
+    inputs["match_valid"] = torch.tensor([[[True, True]]])
+    assert float(contrastive_loss(**inputs)) == pytest.approx(0.01 + 0.01)
+    inputs["match_valid"] = torch.tensor([[[True, False]]])
+    assert float(contrastive_loss(**inputs)) == pytest.approx(0.01 + 0.05)
+
+
+def test_queries_without_a_match_count_for_nothing() -> None:
+    inputs = case()
+    inputs["valid"] = torch.tensor([[False]])
+    assert float(contrastive_loss(**inputs)) == 0.0
+
+
+def random_case(seed: int) -> dict[str, torch.Tensor]:
+    g = torch.Generator().manual_seed(seed)
+    return {
+        "query": torch.randn(2, 5, 3, dtype=D, generator=g).requires_grad_(),
+        "match": torch.randn(2, 5, 3, dtype=D, generator=g).requires_grad_(),
+        "valid": torch.rand(2, 5, generator=g) > 0.2,
+        "non_match": torch.randn(2, 5, 7, 3, dtype=D, generator=g).requires_grad_(),
+        "non_match_uv_px": torch.rand(2, 5, 7, 2, dtype=D, generator=g) * 40,
+        "match_uv_px": torch.rand(2, 5, 2, 2, dtype=D, generator=g) * 40,
+        "match_valid": torch.rand(2, 5, 2, generator=g) > 0.3,
+    }
+
+
+def test_gradient() -> None:
+    inputs = random_case(0)
+    names = ("query", "match", "non_match")
+    values = tuple(inputs[name] for name in names)
+
+    def loss(*tensors: torch.Tensor) -> torch.Tensor:
+        return contrastive_loss(**(inputs | dict(zip(names, tensors, strict=True))), margin=1.7)
+
+    assert torch.autograd.gradcheck(loss, values)
+    for gradient in torch.autograd.grad(loss(*values), values):
+        assert float(gradient.abs().sum()) > 0.01
+
+
+def test_a_collapsed_network_has_a_finite_gradient() -> None:
+    inputs = random_case(1)
+    with torch.no_grad():
+        for name in ("query", "match", "non_match"):
+            inputs[name].zero_()
+    loss = contrastive_loss(**inputs)
+    for gradient in torch.autograd.grad(loss, (inputs["query"], inputs["non_match"])):
+        assert bool(torch.isfinite(gradient).all())
+
+
+def test_chunks_add_up() -> None:
+    inputs = random_case(2)
+    leaves = (inputs["query"], inputs["non_match"])
+    whole = contrastive_loss(**inputs, margin=1.5)
+    parts = contrastive_loss(**inputs, margin=1.5, chunk=2)
+    torch.testing.assert_close(whole, parts)
+    for a, b in zip(
+        torch.autograd.grad(whole, leaves), torch.autograd.grad(parts, leaves), strict=True
+    ):
+        torch.testing.assert_close(a, b)
+
+
+def test_half_of_the_non_matches_lie_on_the_object() -> None:
+    mask = torch.zeros(2, 8, 10, dtype=torch.bool)
+    mask[0, 2:4, 3:6] = True
+    mask[1, :, :2] = True
+    drawn = draw_non_matches(mask, 4, 10, torch.Generator().manual_seed(0))
+    assert drawn.shape == (2, 4, 10)
+    on = mask.flatten(1).gather(1, drawn.flatten(1)).view(2, 4, 10)
+    assert on[..., :5].all()
+    assert not on[..., 5:].any()
+
+
+def test_an_image_without_object_is_drawn_from_as_a_whole() -> None:
+    mask = torch.zeros(1, 4, 4, dtype=torch.bool)
+    assert draw_non_matches(mask, 2, 4).shape == (1, 2, 4)

@@ -1,0 +1,64 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import yaml
+from pliant.models.settings import DonSettings, read_settings, settings_to_dict
+from pliant.spec.errors import CallError
+
+
+def test_yaml_in_and_the_same_out(tmp_path: Path) -> None:
+    settings = read_settings(
+        DonSettings, None, ["loss.sigma_px=1.5", "network.widths=[16, 32]", "tier=rope", "seed=0"]
+    )
+    path = tmp_path / "config.yaml"
+    path.write_text(yaml.safe_dump(settings_to_dict(settings)))
+    assert read_settings(DonSettings, path) == settings
+
+
+def test_set_wins_over_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "config.yaml"
+    path.write_text("steps: 10\noptimiser:\n  learning_rate: 0.1\n  clip_norm: 2\n")
+    settings = read_settings(DonSettings, path, ["optimiser.learning_rate=1e-3"])
+    assert settings.steps == 10
+    assert settings.optimiser.learning_rate == 1e-3
+    assert settings.optimiser.clip_norm == 2.0
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("loss.sigma=1", "loss.sigma: unknown setting"),
+        ("loss.sigma_px=-1", "loss: loss.sigma_px must be > 0"),
+        ("loss.kind=triplet", "loss.kind: unknown value; found 'triplet'"),
+        ("steps=many", "steps: wrong type; found 'many'; required: int"),
+        ("steps=true", "steps: wrong type"),
+        ("loss.space_mu=[1]", "loss.space_mu: wrong length"),
+        ("network.widths=8", "network.widths: a list is required"),
+        ("network=small", "network: settings must be a mapping"),
+        ("steps", "--set wants key=value"),
+        ("loss.time_weight=1", "needs pairs.pairing"),
+        ("answer.rotations=3", "answer.rotations must be 1, 2 or 4"),
+    ],
+)
+def test_wrong_settings_are_one_sentence(override: str, message: str) -> None:
+    with pytest.raises(CallError) as caught:
+        read_settings(DonSettings, None, [override])
+    assert message in str(caught.value)
+
+
+@pytest.mark.parametrize("text", ["[1, 2]", "a: [", "\udcff"])
+def test_a_config_that_is_no_mapping_is_refused(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "config.yaml"
+    path.write_bytes(text.encode("utf-8", "surrogateescape"))
+    with pytest.raises(CallError, match=r"config\.yaml"):
+        read_settings(DonSettings, path)
+
+
+def test_shipped_recipes_are_valid() -> None:
+    folder = Path(__file__).parents[2] / "models" / "configs"
+    recipes = sorted(folder.glob("don*.yaml"))
+    assert recipes
+    for recipe in recipes:
+        read_settings(DonSettings, recipe)
