@@ -2,12 +2,16 @@
 
 Queries of one image pair, and pairs of one sequence, err together: only sequences are
 independent. A replicate draws, in every tier, as many source sequences as there are, with
-replacement (Efron and Tibshirani, An Introduction to the Bootstrap, 1993, chapter 13: the
-percentile interval).
+replacement (Efron and Tibshirani, An Introduction to the Bootstrap, 1993, chapter 13). The plain
+percentile interval is too narrow when sequences are few; it is widened as Hesterberg proposes
+(What Teachers Should Know About the Bootstrap, The American Statistician 69, 2015, "expanded
+percentile"), so that of 95 % intervals over ten sequences about 95 % hold the truth.
 """
 
 from __future__ import annotations
 
+import functools
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
@@ -44,6 +48,13 @@ class Clusters:
         """
         _, first, cluster = np.unique(sequence, return_index=True, return_inverse=True)
         return cls(cluster.reshape(-1), np.asarray(tier[first], np.int64), tiers)
+
+    def extent(self, group: int) -> tuple[int, int]:
+        """Return (sequences, tiers) of the whole split for 0, of tier `group` - 1 otherwise."""
+        sizes = self.sizes()
+        if group == 0:
+            return int(sizes.sum()), int((sizes > 0).sum())
+        return int(sizes[group - 1]), 1
 
     def sizes(self) -> IntArray:
         """Return the number of sequences of each tier, int64 (T,)."""
@@ -125,13 +136,55 @@ def intervals(
             values = ratio.finish(sums[:, 2 * index], sums[:, 2 * index + 1])
             values = values[np.isfinite(values)]
             if enough and len(values):
-                found[ratio.name] = percentile_interval(values, float(settings["level"]))
+                found[ratio.name] = percentile_interval(
+                    values, float(settings["level"]), *clusters.extent(group)
+                )
         result.append(found)
     return result
 
 
-def percentile_interval(values: FloatArray, level: float) -> list[float]:
-    """Return [low, high] that hold the middle `level` of the replicates."""
-    tail = (1 - level) / 2
+def percentile_interval(
+    values: FloatArray, level: float, sequences: int, tiers: int
+) -> list[float]:
+    """Return the expanded percentile interval of replicates.
+
+    Args:
+        values: float64 (B,), the metric in each replicate.
+        level: Nominal coverage.
+        sequences: Number of resampled sequences.
+        tiers: Number of tiers they were drawn within.
+
+    Returns:
+        [low, high].
+    """
+    tail = expanded_tail((1 - level) / 2, sequences, tiers)
     low, high = np.quantile(values, [tail, 1 - tail])
     return [float(low), float(high)]
+
+
+@functools.cache
+def expanded_tail(tail: float, sequences: int, tiers: int) -> float:
+    """Return the share of replicates to leave out on each side for a nominal tail.
+
+    Resampling n values makes a variance too small by (n - 1) / n and knows no t distribution;
+    both are made good: Phi(-sqrt(n / (n - 1)) t), with n - 1 degrees of freedom less one for
+    every further tier.
+
+    Args:
+        tail: Nominal share on each side.
+        sequences: n, more than `tiers`.
+        tiers: Tiers that n is drawn within, each with its own mean.
+    """
+    freedom = sequences - tiers
+    z = math.sqrt(sequences / freedom) * _student_quantile(1 - tail, freedom)
+    return 0.5 * math.erfc(z / math.sqrt(2))
+
+
+def _student_quantile(share: float, freedom: int) -> float:
+    """Return the quantile of Student's t for a share above one half."""
+    # The substitution x = sqrt(freedom) tan(a) turns the density into cos(a)^(freedom - 1).
+    angle = np.linspace(0, np.pi / 2, 200_001)
+    density = np.cos(angle) ** (freedom - 1)
+    held = np.concatenate([[0.0], np.cumsum((density[1:] + density[:-1]) / 2)])
+    wanted = (share - 0.5) * 2 * held[-1]
+    return math.sqrt(freedom) * math.tan(float(np.interp(wanted, held, angle)))

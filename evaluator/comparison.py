@@ -150,7 +150,7 @@ def differences(
                     found = _difference(
                         ratio, group, names[usable[b]], names[usable[a]], float(value[0]),
                         spread[np.isfinite(spread)] if enough else spread[:0],
-                        float(protocol.bootstrap["level"]),
+                        float(protocol.bootstrap["level"]), clusters.extent(position),
                     )  # fmt: skip
                     if np.isfinite(found.value):
                         result.append(found)
@@ -159,9 +159,9 @@ def differences(
 
 def _difference(
     ratio: Ratio, group: str, method: str, against: str, value: float, spread: FloatArray,
-    level: float,
+    level: float, extent: tuple[int, int],
 ) -> Difference:  # fmt: skip
-    low, high = percentile_interval(spread, level) if len(spread) else (np.nan, np.nan)
+    low, high = percentile_interval(spread, level, *extent) if len(spread) else (np.nan, np.nan)
     verdict: Verdict = "no clear difference"
     if ratio.better != "neither" and (low > 0 or high < 0):
         verdict = "better" if (high < 0) == (ratio.better == "lower") else "worse"

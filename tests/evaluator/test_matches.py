@@ -1,0 +1,121 @@
+"""Keypoint matches, scored through the surface images."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from pliant.evaluator import evaluate, inspect
+from pliant.spec.errors import CallError, SpecError
+
+
+def matches_table(pair: Any, uv_a: np.ndarray, uv_b: np.ndarray) -> pa.Table:
+    names = ("u_a", "v_a", "u", "v")
+    values = np.concatenate([uv_a, uv_b], axis=1).astype(np.float32).T
+    columns = dict(zip(names, values, strict=True))
+    score = np.ones(len(uv_a), np.float32)
+    return pa.table({"pair_id": np.asarray(pair, np.int32), **columns, "score": score})
+
+
+def true_matches(scene: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return pair, source and target positions of the visible queries."""
+    seen = scene.visible
+    uv_a = np.stack([scene.queries[n].to_numpy() for n in ("u_a", "v_a")], axis=1)
+    return scene.pair[seen], uv_a[seen], scene.true_px[seen]
+
+
+def test_true_matches_are_right_to_a_pixel(scene: Any, tmp_path: Path) -> None:
+    pair, uv_a, uv_b = true_matches(scene)
+    path = scene.submit(tmp_path / "m.parquet", matches_table(pair, uv_a, uv_b), kind="matches")
+    assert not inspect(path, scene.root)
+    scores = evaluate(path, scene.root)
+    assert scores.document["protocol"] == "matches"
+    assert scores.overall["rmse_px"] < 1.1
+    assert scores.overall["match_coverage"] == 1
+    # A strip's edge may run through a pixel whose centre misses it.
+    assert scores.overall["on_object_rate"] > 0.9
+    assert scores.overall["partner_visible_rate"] > 0.95
+
+
+def test_an_offset_is_measured(scene: Any, tmp_path: Path) -> None:
+    pair, uv_a, uv_b = true_matches(scene)
+    table = matches_table(pair, uv_a, uv_b + np.array([30.0, 40.0]))
+    scores = evaluate(scene.submit(tmp_path / "m.parquet", table, kind="matches"), scene.root)
+    assert scores.overall["rmse_px"] == pytest.approx(50, abs=0.7)
+    assert scores.overall["pck_32px"] == 0
+
+
+def test_rates_count_what_does_not_enter_the_error(scene: Any, tmp_path: Path) -> None:
+    pair, uv_a, uv_b = true_matches(scene)
+    first = pair == 0
+    off = np.array([[1.0, 1.0]])  # a corner of the image, never on the object
+    table = matches_table(
+        [*pair[first], 0, 0],
+        np.concatenate([uv_a[first], off, off]),
+        np.concatenate([uv_b[first], off, off]),
+    )
+    scores = evaluate(scene.submit(tmp_path / "m.parquet", table, kind="matches"), scene.root)
+    count = first.sum()
+    assert scores.overall["on_object_rate"] == pytest.approx(count / (count + 2), abs=0.02)
+    assert scores.overall["match_coverage"] == pytest.approx(1 / 6)
+    assert scores.overall["matches_per_pair"] == pytest.approx((count + 2) / 6)
+    assert scores.document["coverage"] == pytest.approx(1 / 6)
+    assert scores.tiers["rope"]["rmse_px"] is None
+
+
+def test_hidden_matter_has_no_partner(scene: Any, tmp_path: Path) -> None:
+    """A target that shows half of the cloth leaves matches to the other half uncounted."""
+    from pliant.evaluator.match_scoring import dense_truth
+    from pliant.evaluator.surfaces import ObjectSurface, Surfaces
+
+    surfaces = Surfaces(scene.dataset)
+    source = surfaces.frame("cloth-test-000000", 0)
+    target = surfaces.frame("cloth-test-000000", 1)
+    assert source is not None
+    assert target is not None
+    half = ObjectSurface(target.on_object & (target.m0 < 0.5), target.m0, target.m1)
+    rows, columns = np.nonzero(source.on_object)
+    uv = np.stack([columns, rows], axis=1) + 0.5
+    found = dense_truth(source, half, uv, surfaces.object_material("cloth"), 2.0)
+    shown = source.m0[rows, columns] < 0.5
+    near_the_cut = np.abs(source.m0[rows, columns] - 0.5) < 0.03
+    assert found.on_object.all()
+    assert (found.visible == shown)[~near_the_cut].mean() > 0.99
+    assert np.isnan(found.uv_b_px[~found.visible]).all()
+
+
+def test_no_matches_at_all_are_a_coverage_of_zero(scene: Any, tmp_path: Path) -> None:
+    nothing = np.empty((0, 2))
+    path = scene.submit(tmp_path / "m.parquet", matches_table([], nothing, nothing), kind="matches")
+    scores = evaluate(path, scene.root)
+    assert scores.document["coverage"] == 0
+    assert scores.overall["rmse_px"] is None
+    assert scores.overall["match_coverage"] == 0
+
+
+def test_bad_rows_are_named(scene: Any, tmp_path: Path) -> None:
+    uv = np.array([[1.0, 2.0], [np.nan, 2.0], [3.0, np.inf]])
+    table = matches_table([0, 1, 99], uv, uv)
+    problems = inspect(scene.submit(tmp_path / "m.parquet", table, kind="matches"), scene.root)
+    assert problems.totals == {"VALUE_NOT_FINITE": 4, "ROW_UNKNOWN": 1}
+    assert any("row 2 (pair 99)" in issue.where for issue in problems.issues())
+
+
+def test_the_kind_must_fit_the_protocol(scene: Any, tmp_path: Path) -> None:
+    pair, uv_a, uv_b = true_matches(scene)
+    path = scene.submit(tmp_path / "m.parquet", matches_table(pair, uv_a, uv_b), kind="matches")
+    with pytest.raises(CallError, match="scores submissions of kind answers; found kind matches"):
+        evaluate(path, scene.root, protocol="paper")
+    with pytest.raises(CallError, match="kind matches; found kind answers"):
+        evaluate(scene.submit(tmp_path / "a.parquet"), scene.root, protocol="matches")
+
+
+def test_without_surface_images_matches_cannot_be_scored(scene_maker: Any, tmp_path: Path) -> None:
+    bare = scene_maker(tmp_path / "data", images=False)
+    pair, uv_a, uv_b = true_matches(bare)
+    path = bare.submit(tmp_path / "m.parquet", matches_table(pair, uv_a, uv_b), kind="matches")
+    with pytest.raises(SpecError, match="surface images, and one is missing"):
+        evaluate(path, bare.root)

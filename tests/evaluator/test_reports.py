@@ -1,0 +1,267 @@
+"""Reports, comparisons and leaderboards: what they say, and that they need nothing else."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+import xml.etree.ElementTree as ElementTree
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from pliant.cli.main import run
+from pliant.evaluator import evaluate, plots, read_scores, write_report
+from pliant.evaluator.comparison import differences, ranks
+from pliant.evaluator.leaderboard import render_leaderboard
+from pliant.spec.errors import CallError, SubmissionError
+
+
+class Page(HTMLParser):
+    """Collects tags, ids and what a page would load; complains of unbalanced tags."""
+
+    VOID = frozenset({"meta", "br", "img", "link", "hr", "input"})
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.ids: list[str] = []
+        self.loads: list[str] = []
+        self.open: list[str] = []
+        self.text: list[str] = []
+        self.feed(text)
+        self.close()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        for name, value in attrs:
+            if name == "id":
+                self.ids.append(value or "")
+            if name in ("src", "href", "xlink:href", "srcset", "data"):
+                self.loads.append(value or "")
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.handle_starttag(tag, attrs)
+        self.open.pop()
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open, tag
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.text.append(data)
+
+
+def submit(scene: Any, folder: Path, name: str, spread_px: float, seed: int = 0) -> Path:
+    rng = np.random.default_rng(seed)
+    uv = scene.true_px + rng.normal(0, spread_px, (scene.rows, 2))
+    sigma = rng.uniform(0.5, 2, scene.rows).astype(np.float32) * np.float32(spread_px)
+    table = scene.table(uv, sigma=sigma)
+    return scene.submit(folder / f"{name}.parquet", table, method={"name": name, "seed": seed})
+
+
+@pytest.fixture(scope="module")
+def reports(scene_maker: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Reports of three methods: `near`, `nearly` (hardly worse) and `far`."""
+    folder = tmp_path_factory.mktemp("reports")
+    scene = scene_maker(folder / "data", sequences=8, frames=2, queries=16)
+    for name, spread, seed in (("near", 3.0, 0), ("nearly", 3.0, 5), ("far", 12.0, 2)):
+        scores = evaluate(submit(scene, folder, name, spread, seed), scene.root)
+        write_report(scores, folder / "reports" / name, data=scene.root)
+    return folder / "reports"
+
+
+def test_a_report_holds_three_files_and_reads_back(reports: Path) -> None:
+    folder = reports / "near"
+    assert sorted(p.name for p in folder.iterdir()) == [
+        "per_pair.parquet", "report.html", "scores.json",
+    ]  # fmt: skip
+    scores = read_scores(folder)
+    assert scores.method == "near"
+    assert scores.document["submission"]["method"]["seed"] == 0
+    assert scores.per_pair.num_rows == scores.document["counts"]["pairs"] == 16
+    table = scores.per_pair.to_pylist()
+    counted = sum(row["counted"] for row in table)
+    squared = sum(row["sum_squared_px2"] for row in table)
+    assert scores.overall["rmse_px"] == pytest.approx(np.sqrt(squared / counted), rel=1e-12)
+
+
+def test_the_page_is_whole_and_loads_nothing(reports: Path) -> None:
+    text = (reports / "near" / "report.html").read_text()
+    page = Page(text)
+    assert page.open == []
+    assert len(page.ids) == len(set(page.ids))
+    assert all(load.startswith(("data:", "#")) for load in page.loads)
+    assert sum(load.startswith("data:image/jpeg") for load in page.loads) == 8
+    assert not re.search(r"@import|url\((?!#)", text)
+    words = " ".join(page.text)
+    for needed in ("near", "RMSE", "Reliability", "Sparsification", "Provenance", "median error"):
+        assert needed in words
+    rmse = read_scores(reports / "near").overall["rmse_px"]
+    assert f"{rmse:.2f}" in words
+
+
+def test_names_are_escaped(scene: Any, tmp_path: Path) -> None:
+    evil = "<script>alert('x')</script>"
+    path = scene.submit(tmp_path / "s.parquet", method={"name": evil, "note": evil})
+    write_report(evaluate(path, scene.root), tmp_path / "report")
+    text = (tmp_path / "report" / "report.html").read_text()
+    assert "<script" not in text
+    assert "&lt;script&gt;" in text
+    board = render_leaderboard([read_scores(tmp_path / "report")])
+    assert board.count("<script") == 1  # its own
+
+
+def test_a_report_without_images_or_distribution_is_complete(
+    scene_maker: Any, tmp_path: Path
+) -> None:
+    bare = scene_maker(tmp_path / "data", images=False, tiers=("rope",))
+    for protocol in ("paper", "tapvid", "standard"):
+        scores = evaluate(bare.submit(tmp_path / "s.parquet"), bare.root, protocol=protocol)
+        write_report(scores, tmp_path / protocol, data=bare.root)
+        assert Page((tmp_path / protocol / "report.html").read_text()).open == []
+
+
+def test_a_report_never_overwrites_something_else(scene: Any, tmp_path: Path) -> None:
+    scores = evaluate(scene.submit(tmp_path / "s.parquet"), scene.root, protocol="paper")
+    target = tmp_path / "mine"
+    target.mkdir()
+    (target / "thesis.tex").write_text("precious")
+    with pytest.raises(CallError, match=r"something other than a report; found thesis\.tex"):
+        write_report(scores, target)
+    assert [p.name for p in target.iterdir()] == ["thesis.tex"]
+    with pytest.raises(CallError, match="a file"):
+        write_report(scores, target / "thesis.tex")
+    write_report(scores, tmp_path / "report")
+    write_report(scores, tmp_path / "report")
+
+
+def test_a_damaged_report_is_no_report(reports: Path, tmp_path: Path) -> None:
+    for name, damage in {
+        "scores.json": b"{}",
+        "per_pair.parquet": b"PAR1",
+    }.items():
+        folder = tmp_path / name
+        shutil.copytree(reports / "near", folder)
+        (folder / name).write_bytes(damage)
+        with pytest.raises(SubmissionError, match="no report of pliant evaluate"):
+            read_scores(folder)
+    with pytest.raises(SubmissionError, match="no report"):
+        read_scores(tmp_path)
+
+
+def test_verdicts_need_an_interval_that_excludes_zero(reports: Path) -> None:
+    scores = [read_scores(reports / name) for name in ("near", "nearly", "far")]
+    found = {(d.group, d.metric, d.method, d.against): d for d in differences(scores)}
+    same = found["overall", "rmse_px", "nearly", "near"]
+    assert same.verdict == "no clear difference"
+    assert same.low < 0 < same.high
+    worse = found["overall", "rmse_px", "far", "near"]
+    assert worse.verdict == "worse"
+    exact = scores[2].overall["rmse_px"] - scores[0].overall["rmse_px"]
+    assert worse.value == pytest.approx(exact, rel=1e-12)
+    assert worse.low < exact < worse.high
+    pck = found["overall", "pck_8px", "far", "near"]
+    assert pck.value < 0
+    assert pck.verdict == "worse"
+    standing = ranks(list(found.values()), ["near", "nearly", "far"])
+    assert standing["overall", "rmse_px"] == [1, 1, 3]
+
+
+def test_pairing_cancels_what_is_hard_for_both(scene_maker: Any, tmp_path: Path) -> None:
+    """A small difference on sequences of very different difficulty is still clear."""
+    scene = scene_maker(tmp_path / "data", sequences=10, images=False, tiers=("cloth",))
+    rng = np.random.default_rng(0)
+    hard = np.exp(rng.normal(1, 1.2, 10))[scene.pair]
+    noise = rng.normal(0, 1, (scene.rows, 2)) * hard[:, None]
+    scores = []
+    for name, factor in (("good", 1.0), ("bad", 1.05)):
+        path = scene.submit(
+            tmp_path / f"{name}.parquet", scene.table(scene.true_px + noise * factor),
+            method={"name": name},
+        )  # fmt: skip
+        scores.append(evaluate(path, scene.root, protocol="paper"))
+    low, high = scores[0].document["intervals"]["overall"]["rmse_px"]
+    assert low < scores[1].overall["rmse_px"] < high  # the intervals alone could not tell
+    first = differences(scores, ["rmse_px"])[0]
+    assert first.verdict == "worse"
+
+
+def test_reports_that_do_not_compare_are_refused(reports: Path, scene: Any, tmp_path: Path) -> None:
+    near = read_scores(reports / "near")
+    path = scene.submit(tmp_path / "s.parquet", method={"name": "other"})
+    elsewhere = evaluate(path, scene.root)
+    with pytest.raises(CallError, match="other queries cannot be held against each other"):
+        render_leaderboard([near, elsewhere])
+    paper = evaluate(path, scene.root, protocol="paper")
+    with pytest.raises(CallError, match="different protocols"):
+        differences([elsewhere, paper])
+    with pytest.raises(CallError, match="only averaged metrics"):
+        differences([elsewhere, elsewhere], ["median_px"])
+
+
+def test_a_leaderboard_ranks_and_sorts(reports: Path, tmp_path: Path) -> None:
+    assert run(["leaderboard", str(reports), "--out", str(tmp_path / "board.html")]) == 0
+    text = (tmp_path / "board.html").read_text()
+    page = Page(text)
+    assert page.open == []
+    assert not [load for load in page.loads if not load.startswith("#")]
+    names = re.findall(r'<th scope="row" data-key="(\w+)"', text)
+    assert set(names) == {"near", "nearly", "far"}
+    assert names[-1] == "far"
+    assert re.findall(r'</th><td data-key="(\d+)"', text) == ["1", "1", "3"]
+
+
+def test_compare_prints_verdicts_or_json(reports: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folders = [str(reports / name) for name in ("near", "far")]
+    assert run(["compare", *folders]) == 0
+    assert "far against near: +" in capsys.readouterr().out
+    assert run(["compare", *folders, "--metric", "rmse_px", "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["methods"] == ["near", "far"]
+    assert {d["metric"] for d in document["differences"]} == {"rmse_px"}
+    assert run(["compare", folders[0]]) == 2
+    assert run(["compare", folders[0], "/nowhere"]) == 2
+
+
+def test_plots_are_well_formed_and_alike_for_alike_input() -> None:
+    box = {"p5": 1.0, "p25": 2.0, "p50": 3.0, "p75": 4.0, "p95": 5.0}
+    drawn = [
+        lambda: plots.cdf_svg({"a & <b>": ([1, 2, 4], [0.1, 0.5, 1.0])}),
+        lambda: plots.histogram_svg({"a": [0.2, 0.8]}, [0, 1, 2], title='"t" & <u>'),
+        lambda: plots.box_svg({"a": box, "b": box}, title="boxes"),
+        lambda: plots.reliability_svg(
+            {"a": {"confidence": [0.5], "frequency": [0.4]}}, radius_px=8
+        ),
+        lambda: plots.interval_svg({"a": (-1.0, 0.5, 2.0)}, title="t", xlabel="x"),
+    ]
+    for draw in drawn:
+        text = draw()
+        assert text == draw()
+        ElementTree.fromstring(text)
+        assert 'class="plot"' in text
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("chromium") is None, reason="needs Debian's chromium")
+@pytest.mark.parametrize("width", [1100, 390])
+def test_a_browser_shows_the_page(reports: Path, tmp_path: Path, width: int) -> None:
+    from PIL import Image
+
+    picture = tmp_path / "page.png"
+    page = reports / "near" / "report.html"
+    command = [
+        "chromium", "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars",
+        f"--user-data-dir={tmp_path / 'chrome'}", f"--window-size={width},1400",
+        f"--screenshot={picture}", f"file://{page}",
+    ]  # fmt: skip
+    subprocess.run(command, check=True, capture_output=True, timeout=120)
+    with Image.open(picture) as image:
+        pixels = np.asarray(image.convert("L"), float)
+    assert pixels.shape == (1400, width)
+    dark = (pixels < 128).mean()
+    assert 0.005 < dark < 0.5
+    assert (pixels[:, -4:] > 200).mean() > 0.9  # nothing runs over the right edge

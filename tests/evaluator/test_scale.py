@@ -1,0 +1,145 @@
+"""The score does not depend on how the rows are cut, ordered or stored."""
+
+from __future__ import annotations
+
+import tracemalloc
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from pliant.evaluator import evaluate
+from pliant.evaluator.bootstrap import Clusters, expanded_tail, intervals
+from pliant.evaluator.ratios import Ratio
+from pliant.evaluator.scratch import Scratch
+
+
+@pytest.fixture(scope="module")
+def noisy(scene: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    rng = np.random.default_rng(2)
+    table = scene.table(
+        scene.true_px + rng.normal(0, 6, (scene.rows, 2)),
+        visible=rng.random(scene.rows).astype(np.float32),
+        sigma=rng.uniform(1, 9, scene.rows).astype(np.float32),
+    )
+    order = pa.array(rng.permutation(scene.rows))
+    return scene.submit(tmp_path_factory.mktemp("noisy") / "s.parquet", table.take(order))
+
+
+def without_submission(document: dict[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in document.items() if key != "submission"}
+
+
+def test_blocks_and_batches_of_any_size_give_the_same_scores(
+    scene: Any, noisy: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = evaluate(noisy, scene.root)
+    for rows in (1, 21, 47):
+        monkeypatch.setattr("pliant.evaluator.blocks.BLOCK_ROWS", rows)
+        monkeypatch.setattr("pliant.evaluator.stream.BATCH_ROWS", rows)
+        monkeypatch.setattr("pliant.evaluator.batches.BATCH_ROWS", rows)
+        monkeypatch.setattr("pliant.evaluator.questions._BLOCK_ROWS", rows)
+        cut = evaluate(noisy, scene.root)
+        for name, value in whole.overall.items():
+            expected = None if value is None else pytest.approx(value, rel=1e-12)
+            assert cut.overall[name] == expected, name
+        assert cut.per_pair.equals(whole.per_pair)
+
+
+def test_arrays_on_disk_give_the_same_scores_and_leave_nothing(
+    scene: Any, noisy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import tempfile
+
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    on_disk: list[bool] = []
+    leave = Scratch.__exit__
+
+    def spy(self: Scratch, *arguments: Any) -> None:
+        on_disk.append(self.on_disk)
+        leave(self, *arguments)
+
+    monkeypatch.setattr(Scratch, "__exit__", spy)
+    in_memory = evaluate(noisy, scene.root)
+    mapped = evaluate(noisy, scene.root, memory_limit_bytes=0)
+    assert on_disk == [False, True]
+    assert mapped.document == in_memory.document
+    assert not list(tmp_path.iterdir())
+
+
+def test_two_evaluations_agree_to_the_byte(scene: Any, noisy: Path, tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        folder = tmp_path / name
+        folder.mkdir()
+        evaluate(noisy, scene.root).write(folder)
+    for name in ("scores.json", "per_pair.parquet"):
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+
+
+def test_order_and_precision_of_the_file_do_not_matter(
+    scene: Any, noisy: Path, tmp_path: Path
+) -> None:
+    import pyarrow.parquet as pq
+
+    table = pq.read_table(noisy)
+    ordered = table.sort_by([("pair_id", "ascending"), ("query_id", "ascending")])
+    double = ordered.set_column(2, "u", ordered["u"].cast("double"))
+    expected = without_submission(evaluate(noisy, scene.root).document)
+    for name, other in {"ordered": ordered, "double": double}.items():
+        path = scene.submit(tmp_path / f"{name}.parquet", other)
+        assert without_submission(evaluate(path, scene.root).document) == expected
+
+
+def test_memory_does_not_grow_with_row_groups(scene_maker: Any, tmp_path: Path) -> None:
+    """Python's own allocations for 20,000 rows stay near what the stored arrays take."""
+    scene = scene_maker(
+        tmp_path / "data", sequences=50, frames=3, queries=100, images=False, tiers=("cloth",)
+    )
+    path = scene.submit(tmp_path / "s.parquet")
+    evaluate(path, scene.root, protocol="paper")
+    tracemalloc.start()
+    evaluate(path, scene.root, protocol="paper")
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 40e6
+
+
+def test_intervals_cover_what_they_should() -> None:
+    """Of 400 made-up datasets with a known mean, about 95 % of the intervals hold it."""
+    ratio = Ratio("mean", "total", "count", "lower", "", "")
+    settings = {"replicates": 400, "seed": 0, "level": 0.95}
+    rng = np.random.default_rng(0)
+    sequences, pairs = 8, 5
+    hits = 0
+    for _ in range(400):
+        per_sequence = rng.normal(10, 3, sequences)
+        values = np.repeat(per_sequence, pairs) + rng.normal(0, 1, sequences * pairs)
+        codes = np.repeat(np.arange(sequences), pairs)
+        clusters = Clusters.of(codes, np.zeros(len(codes), int), 1)
+        columns = {"total": values, "count": np.ones(len(values))}
+        low, high = intervals([ratio], columns, clusters, settings)[0]["mean"]
+        hits += low <= 10 <= high
+    assert 0.92 <= hits / 400 <= 0.98
+
+
+def test_an_interval_needs_two_sequences() -> None:
+    ratio = Ratio("mean", "total", "count", "lower", "", "")
+    columns = {"total": np.array([1.0, 2.0, 3.0]), "count": np.ones(3)}
+    clusters = Clusters.of(np.array([7, 7, 9]), np.array([0, 0, 1]), 2)
+    settings = {"replicates": 100, "seed": 0, "level": 0.95}
+    assert intervals([ratio], columns, clusters, settings) == [{}, {}, {}]
+    clusters = Clusters.of(np.array([5, 7, 9]), np.array([0, 0, 1]), 2)
+    overall, first, second = intervals([ratio], columns, clusters, settings)
+    assert first["mean"][0] >= 1
+    assert first["mean"][1] <= 2
+    assert overall == second == {}
+
+
+def test_the_expanded_tail_is_that_of_student() -> None:
+    from scipy.stats import norm, t
+
+    for sequences, tiers in ((2, 1), (8, 1), (30, 3), (1000, 2)):
+        freedom = sequences - tiers
+        z = -np.sqrt(sequences / freedom) * t.ppf(0.975, freedom)
+        assert expanded_tail(0.025, sequences, tiers) == pytest.approx(norm.cdf(z), rel=1e-5)
