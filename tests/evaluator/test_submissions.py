@@ -1,0 +1,217 @@
+"""What the check says, what it accepts, and that check and evaluate never disagree."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from pliant.cli.main import run
+from pliant.evaluator import Scores, check, evaluate, inspect
+from pliant.evaluator.problems import Problems
+from pliant.spec.errors import Issue, SubmissionError
+
+
+def edit(scene: Any, column: str, row: int, value: Any) -> pa.Table:
+    table = scene.table()
+    values = table[column].to_pylist()
+    values[row] = value
+    array = pa.array(values, table.schema.field(column).type)
+    return table.set_column(table.column_names.index(column), column, array)
+
+
+def test_an_issue_names_row_query_found_and_required(scene: Any, tmp_path: Path) -> None:
+    path = scene.submit(tmp_path / "s.parquet", edit(scene, "v", 25, np.nan))
+    (issue,) = check(path, scene.root)
+    assert issue.code == "VALUE_NOT_FINITE"
+    assert issue.path == str(path)
+    assert issue.where == "row 25 (pair 1, query 5)"
+    assert issue.message == "v is nan; required: a finite position within ±1e6 px"
+
+
+def test_a_duplicate_names_the_row_before(scene: Any, tmp_path: Path) -> None:
+    table = pa.concat_tables([scene.table(), scene.table().slice(7, 1)])
+    (issue,) = check(scene.submit(tmp_path / "s.parquet", table), scene.root)
+    assert issue.where == f"row {scene.rows} (pair 0, query 7)"
+    assert "answered before, in row 7" in issue.message
+
+
+def test_unknown_and_missing_keys_are_named(scene: Any, tmp_path: Path) -> None:
+    path = scene.submit(tmp_path / "s.parquet", edit(scene, "query_id", 3, 20))
+    unknown, missing = check(path, scene.root)
+    assert unknown.where == "row 3 (pair 0, query 20)"
+    assert "query ids below 20" in unknown.message
+    assert missing.code == "ROW_MISSING"
+    assert missing.where == "pair 0, query 3"
+
+
+def test_every_reason_is_given_at_once(scene: Any, tmp_path: Path) -> None:
+    table = scene.table(sigma=np.full(scene.rows, -1, np.float32)).drop_columns(["v"])
+    table = table.append_column("visible", pa.array(["yes"] * scene.rows))
+    path = scene.submit(tmp_path / "s.parquet", table, split="val")
+    assert set(inspect(path, scene.root).totals) == {
+        "SPLIT_MISMATCH", "COLUMN_MISSING", "COLUMN_TYPE",
+    }  # fmt: skip
+    table = scene.table(sigma=np.full(scene.rows, -1, np.float32)).slice(1)
+    rows = pa.concat_tables([table, table.slice(0, 2)])
+    assert inspect(scene.submit(path, rows), scene.root).totals == {
+        "VALUE_OUT_OF_RANGE": scene.rows + 1, "ROW_DUPLICATE": 2, "ROW_MISSING": 1,
+    }  # fmt: skip
+
+
+def test_long_lists_are_capped_and_told_in_full(scene: Any, tmp_path: Path) -> None:
+    path = scene.submit(tmp_path / "s.parquet", scene.table(np.full((scene.rows, 2), np.inf)))
+    issues = check(path, scene.root)
+    assert len(issues) == 21
+    assert issues[-1].message == f"{2 * scene.rows} in all; the first 20 are listed"
+    with pytest.raises(SubmissionError, match=f"found {2 * scene.rows} problems") as caught:
+        evaluate(path, scene.root)
+    assert caught.value.issues == issues
+
+
+def test_problems_never_describe_more_than_they_list() -> None:
+    described = []
+
+    def describe(row: int) -> tuple[str, str]:
+        described.append(row)
+        return "", str(row)
+
+    problems = Problems("f", listed=3)
+    problems.add_rows("ROW_MISSING", range(10**9), 10**9, describe)
+    assert len(described) <= 4
+    assert problems.total == 10**9
+
+
+def test_check_needs_no_truth(scene_maker: Any, tmp_path: Path) -> None:
+    public = scene_maker(tmp_path / "data", images=False)
+    path = public.submit(tmp_path / "s.parquet")
+    (public.root / "truth" / "test.parquet").unlink()
+    assert check(path, public.root) == []
+    assert run(["evaluate", str(path), "--data", str(public.root)]) == 1
+
+
+def test_the_commands_exit_and_print_as_promised(
+    scene: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    good = scene.submit(tmp_path / "good.parquet", method={"name": "truth"})
+    bad = scene.submit(tmp_path / "bad.parquet", edit(scene, "u", 0, np.inf))
+    data = ["--data", str(scene.root)]
+    assert run(["check", str(good), *data, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["valid"] is True
+    assert run(["check", str(bad), *data, "--json"]) == 1
+    document = json.loads(capsys.readouterr().out)
+    assert document["counts"] == {"VALUE_NOT_FINITE": 1}
+    report = tmp_path / "report"
+    assert run(["evaluate", str(good), *data, "--json", "--out", str(report)]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document == json.loads((report / "scores.json").read_text())
+    assert run(["evaluate", str(good), *data]) == 0
+    assert "RMSE (px)" in capsys.readouterr().out
+    assert run(["evaluate", str(bad), *data, "--out", str(tmp_path / "none")]) == 1
+    assert "VALUE_NOT_FINITE" in capsys.readouterr().err
+    assert not (tmp_path / "none").exists()
+    assert run(["evaluate", str(good), *data, "--protocol", "worst"]) == 2
+    assert run(["check", str(good), "--data", str(tmp_path)]) == 1
+    half = scene.submit(tmp_path / "half.parquet", scene.table().slice(60))
+    assert run(["evaluate", str(half), *data, "--allow-missing", "--protocol", "paper"]) == 0
+    assert "Coverage: 50.00 %" in capsys.readouterr().out
+
+
+def test_the_evaluator_imports_nothing_heavy() -> None:
+    program = (
+        "import sys, pliant.evaluator, pliant.evaluator.report, pliant.evaluator.leaderboard;"
+        "print(*sorted({'torch', 'bpy', 'cv2', 'numba', 'scipy', 'ray'} & set(sys.modules)))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.strip() == ""
+
+
+def verdict(path: Path, scene: Any, **options: Any) -> tuple[Scores | None, list[Issue]]:
+    """Return the scores, or the reasons of a refusal."""
+    try:
+        return evaluate(path, scene.root, **options), []
+    except SubmissionError as error:
+        return None, error.issues
+
+
+# Any numbers at all: the verdict of the check is the verdict of the evaluation.
+REALS = st.floats(width=32, allow_nan=True, allow_infinity=True)
+INTEGERS = st.integers(-(2**31), 2**31 - 1)
+
+
+@settings(
+    max_examples=60,
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+)
+@given(
+    edits=st.lists(
+        st.tuples(st.sampled_from(["u", "v", "visible", "sigma"]), st.integers(0, 119), REALS),
+        max_size=4,
+    ),
+    keys=st.lists(
+        st.tuples(
+            st.sampled_from(["pair_id", "query_id"]),
+            st.integers(0, 119),
+            INTEGERS | st.integers(-1, 25),
+        ),
+        max_size=3,
+    ),
+    drop=st.integers(0, 3),
+    allow_missing=st.booleans(),
+)
+def test_what_check_passes_evaluate_scores(
+    scene: Any, tmp_path: Path, edits: Any, keys: Any, drop: int, allow_missing: bool
+) -> None:
+    columns = {
+        name: array.to_numpy().copy()
+        for name, array in zip(
+            ("pair_id", "query_id", "u", "v", "visible", "sigma"),
+            scene.table(
+                visible=np.full(scene.rows, 0.5, np.float32), sigma=np.ones(scene.rows, np.float32)
+            ).columns,
+            strict=True,
+        )
+    }
+    for column, row, value in [*edits, *keys]:
+        columns[column][row] = value
+    table = pa.table(columns).slice(drop)
+    path = scene.submit(tmp_path / "s.parquet", table)
+    issues = check(path, scene.root, allow_missing=allow_missing)
+    scores, reasons = verdict(path, scene, allow_missing=allow_missing)
+    assert reasons == issues
+    assert (scores is None) == bool(issues)
+    if scores is not None:
+        finite = [v for v in scores.overall.values() if v is not None]
+        assert np.isfinite(finite).all()
+        assert 0 <= scores.overall["pck_8px"] <= 1
+
+
+@settings(
+    max_examples=150,
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+)
+@given(data=st.data())
+def test_bytes_changed_anywhere_never_crash_the_check(
+    scene: Any, tmp_path: Path, data: st.DataObject
+) -> None:
+    path = scene.submit(tmp_path / "s.parquet")
+    content = bytearray(path.read_bytes())
+    for _ in range(data.draw(st.integers(1, 6))):
+        position = data.draw(st.integers(0, len(content) - 1))
+        content[position] = data.draw(st.integers(0, 255))
+    path.write_bytes(bytes(content))
+    issues = check(path, scene.root)
+    scores, reasons = verdict(path, scene, protocol="paper")
+    assert reasons == issues
+    assert (scores is None) == bool(issues)
