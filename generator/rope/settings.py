@@ -83,7 +83,7 @@ class RopeSettings:
     shapes: Mapping[str, float] = field(default_factory=_even_shapes)
     knots: Mapping[str, float] = field(default_factory=_even_knots)
     knot_diameters: Mapping[str, tuple[float, float]] = field(default_factory=_knot_sizes)
-    loop_radius_m: tuple[float, float] = (0.042, 0.075)
+    loop_radius_m: tuple[float, float] = (0.042, 0.085)
     control_points: int = 12
     roll_deg: float = 30.0
     workspace: tuple[float, float] = (0.80, 0.60)

@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 from pliant.generator.rope.curve import arc_length, automatic_handles, bezier_curve, resample
-from pliant.generator.rope.settings import KNOTS, RopeSettings
+from pliant.generator.rope.settings import RopeSettings
 from pliant.generator.subject import FloatArray
 
 BoolArray = npt.NDArray[np.bool_]
@@ -44,14 +44,32 @@ class Plan:
     detail: dict[str, float | str | bool]
 
 
-def plan_shape(
-    shape: str, knot: str | None, settings: RopeSettings, rng: np.random.Generator
-) -> Plan:
+def sample_variant(shape: str, settings: RopeSettings, rng: np.random.Generator) -> str:
+    """Return which kind of its shape a configuration has, drawn once for all its attempts.
+
+    So a kind that is harder to make does not become rarer.
+
+    Args:
+        shape: One of `SHAPES`.
+        settings: Weights of the knots.
+        rng: Where the numbers come from.
+
+    Returns:
+        A knot; `tucked` or `plain` for a loop; `plain` for the others.
+    """
+    if shape == "knot":
+        names = [name for name, weight in settings.knots.items() if weight > 0]
+        weights = np.array([settings.knots[name] for name in names])
+        return names[int(rng.choice(len(names), p=weights / weights.sum()))]
+    return "tucked" if shape == "loop" and rng.random() < 0.5 else "plain"
+
+
+def plan_shape(shape: str, variant: str, settings: RopeSettings, rng: np.random.Generator) -> Plan:
     """Return one random plan of a shape.
 
     Args:
         shape: One of `SHAPES`.
-        knot: Which knot, for the shape `knot` (`sample_knot`).
+        variant: What `sample_variant` returned.
         settings: Proportions.
         rng: Where the numbers come from.
 
@@ -61,17 +79,10 @@ def plan_shape(
     if shape == "open":
         return _open(settings, rng)
     if shape == "loop":
-        return _loop(settings, rng)
+        return _tucked(settings, rng) if variant == "tucked" else _loop(settings, rng)
     if shape == "overlap":
         return _overlap(settings, rng)
-    return _knot(knot or KNOTS[0], settings, rng)
-
-
-def sample_knot(settings: RopeSettings, rng: np.random.Generator) -> str:
-    """Return a knot drawn by the settings' weights."""
-    names = [name for name, weight in settings.knots.items() if weight > 0]
-    weights = np.array([settings.knots[name] for name in names])
-    return names[int(rng.choice(len(names), p=weights / weights.sum()))]
+    return _knot(variant, settings, rng)
 
 
 def _wander(
@@ -142,26 +153,43 @@ def _open(settings: RopeSettings, rng: np.random.Generator) -> Plan:
 
 def _loop(settings: RopeSettings, rng: np.random.Generator) -> Plan:
     radius = rng.uniform(*settings.loop_radius_m)
-    tucked = bool(rng.random() < 0.5)
     side = -1.0 if rng.random() < 0.5 else 1.0
     angle = 2.0 * math.pi + rng.uniform(-0.5, 0.6)
-    # A tuck goes on turning until the end passes through the loop a second time.
-    if tucked:
-        angle += rng.uniform(0.5, 1.3)
     share = angle * radius / settings.length_m
     start = rng.uniform(0.15, max(0.16, 0.85 - share))
-    heading = _wander(rng, rng.uniform(0.3, 0.9), 0.4, 1.5) + _turn(
+    heading = _wander(rng, rng.uniform(0.4, 1.4), 0.4, 1.6) + _turn(
         start, start + share, side * angle
     )
+    nodes = _place_nodes(_walk(heading, settings.length_m), settings.control_points)
+    layers = (_later_over, _later_under)
+    detail: dict[str, float | str | bool] = {"loop_radius_m": radius, "tucked": False}
+    return Plan(nodes, layers[int(rng.integers(2))], (1, 2), (0.0, 0.6), detail)
+
+
+def _tucked(settings: RopeSettings, rng: np.random.Generator) -> Plan:
+    """A loop near an end, and the end turned back through it: over once and under once."""
+    radius = rng.uniform(*settings.loop_radius_m)
+    side = -1.0 if rng.random() < 0.5 else 1.0
+    loop = 2.0 * math.pi + rng.uniform(-0.3, 0.3)
+    back = rng.uniform(0.75, 1.0) * math.pi
+    back_radius = max(0.55 * radius, 2.2 * settings.radius_m)
+    away = rng.uniform(0.7, 1.1) * radius + back_radius
+    inside = away + rng.uniform(-0.1, 0.5) * radius
+    stretches = np.array([loop * radius, away, back * back_radius, inside]) / settings.length_m
+    ends = 1.0 - np.cumsum(stretches[::-1])[::-1]
+    heading = (
+        _wander(rng, rng.uniform(0.3, 1.0), 0.4, 1.2)
+        + _turn(ends[0], ends[1], side * loop)
+        + _turn(ends[2], ends[3], side * back)
+    )
     path = _walk(heading, settings.length_m)
-    if rng.random() < 0.5:
+    # The ball does not go through the loop.
+    if not settings.ball and rng.random() < 0.5:
         path = path[::-1]
     nodes = _place_nodes(path, settings.control_points)
-    layers = (_over_then_under, _under_then_over) if tucked else (_later_over, _later_under)
-    detail: dict[str, float | str | bool] = {"loop_radius_m": radius, "tucked": tucked}
-    crossings = (2, 2) if tucked else (1, 2)
-    spans = (0.0, 1.0) if tucked else (0.0, 0.6)
-    return Plan(nodes, layers[int(rng.integers(2))], crossings, spans, detail)
+    layers = (_over_then_under, _under_then_over)
+    detail: dict[str, float | str | bool] = {"loop_radius_m": radius, "tucked": True}
+    return Plan(nodes, layers[int(rng.integers(2))], (2, 2), (0.0, 1.0), detail)
 
 
 def _overlap(settings: RopeSettings, rng: np.random.Generator) -> Plan:

@@ -22,7 +22,7 @@ from pliant.generator.rope.curve import (
 )
 from pliant.generator.rope.lift import lift
 from pliant.generator.rope.settings import RopeSettings
-from pliant.generator.rope.shapes import Plan, plan_shape, sample_knot
+from pliant.generator.rope.shapes import Plan, plan_shape, sample_variant
 from pliant.generator.subject import FloatArray
 from pliant.spec.errors import GenerationError
 
@@ -70,14 +70,14 @@ def sample_configuration(
     Raises:
         GenerationError: None held; the settings leave the shape too little room.
     """
-    # The knot is drawn once: one that is harder to make must not become rarer for it.
-    knot = sample_knot(settings, rng) if shape == "knot" else None
+    variant = sample_variant(shape, settings, rng)
     for attempt in range(1, ATTEMPTS + 1):
-        made = _build(plan_shape(shape, knot, settings, rng), settings, rng, attempt)
+        made = _build(plan_shape(shape, variant, settings, rng), settings, rng, attempt)
         if made is not None:
             return made
+    kind = shape if variant == "plain" else f"{variant} {shape}"
     raise GenerationError(
-        f"no possible {knot or shape} was found in {ATTEMPTS} attempts",
+        f"no possible {kind} was found in {ATTEMPTS} attempts",
         where="rope",
         fix="Make the rope longer or thinner, widen the workspace, or leave this shape out.",
     )

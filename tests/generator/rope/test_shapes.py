@@ -128,6 +128,18 @@ def test_knots_are_the_knots_they_say(drawn: Drawn) -> None:
     assert [knot_determinant(each.centreline) for each in made] == [expected] * len(made)
 
 
+def test_half_of_the_loops_are_tucked(drawn: Drawn) -> None:
+    """A tucked end passes the loop twice: over once and under once, the later passage."""
+    name, _, made = drawn
+    if name != "loop":
+        return
+    tucked = [each for each in made if each.detail["tucked"]]
+    assert 0.2 * EACH < len(tucked) < 0.8 * EACH
+    for each in tucked:
+        over_later = [c.s_over > c.s_under for c in crossings(each.centreline)]
+        assert sorted(over_later) == [False, True]
+
+
 def test_both_hands_and_both_overhands_occur() -> None:
     settings = RopeSettings(shapes={"knot": 1.0}, knots={"overhand": 1.0})
     seen = set()
