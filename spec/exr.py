@@ -95,12 +95,15 @@ def write_surface(path: Path | str, surface: Surface) -> None:
         image.write(str(path))
 
 
-def read_surface(path: Path | str, *, size: tuple[int, int] | None = None) -> Surface:
+def read_surface(
+    path: Path | str, *, size: tuple[int, int] | None = None, writable: bool = True
+) -> Surface:
     """Read a depth and surface image.
 
     Args:
         path: The EXR file.
         size: (width, height) it must have, or None for any within the limits.
+        writable: False saves a copy and gives arrays that can only be read.
 
     Returns:
         Its four channels.
@@ -114,6 +117,8 @@ def read_surface(path: Path | str, *, size: tuple[int, int] | None = None) -> Su
     _require_kind(header, path)
     require_size((header.width, header.height), size, path)
     arrays = _decode(path, (header.height, header.width))
+    if writable:
+        arrays = {name: array.copy() for name, array in arrays.items()}
     return Surface(
         arrays["Z"], arrays["surface.m0"], arrays["surface.m1"], arrays["surface.object"]
     )
@@ -132,9 +137,9 @@ def _decode(path: Path | str, shape: tuple[int, int]) -> dict[str, npt.NDArray[A
         finally:
             image.close()
         return {
-            name: np.frombuffer(plane, np.uint32 if CHANNELS[name][1] == 0 else np.float32)
-            .reshape(shape)
-            .copy()
+            name: np.frombuffer(plane, np.uint32 if CHANNELS[name][1] == 0 else np.float32).reshape(
+                shape
+            )
             for name, plane in zip(names, planes, strict=True)
         }
     except Exception as error:  # the binding raises OSError, TypeError and others

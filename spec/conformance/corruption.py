@@ -198,7 +198,8 @@ def _retype_column(root: Path, rng: Rng) -> str:
         column = column.cast(kind)
     except (pa.ArrowInvalid, pa.ArrowNotImplementedError):
         column = pa.array([None] * table.num_rows, kind)
-    pq.write_table(table.set_column(table.column_names.index(name), name, column), path)
+    field = pa.field(name, kind, nullable=True)
+    pq.write_table(table.set_column(table.column_names.index(name), field, column), path)
     return f"made the column {name} of {path.relative_to(root)} {kind}"
 
 
@@ -213,9 +214,10 @@ def _swap_columns(root: Path, rng: Rng) -> str:
         if table.schema.field(n).type == table.schema.field(first).type
     ]
     second = _choice(rng, same)
-    a, b = table.column(first), table.column(second)
-    table = table.set_column(table.column_names.index(first), table.schema.field(first), b)
-    table = table.set_column(table.column_names.index(second), table.schema.field(second), a)
+    columns = {first: table.column(second), second: table.column(first)}
+    for name, column in columns.items():
+        field = table.schema.field(name).with_nullable(True)
+        table = table.set_column(table.column_names.index(name), field, column)
     pq.write_table(table, path)
     return f"exchanged {first} and {second} of {path.relative_to(root)}"
 

@@ -50,7 +50,9 @@ def check_surface(
         return None
     shown = f"{files.shown}/{name}"
     with findings.refusals(shown):
-        surface = read_surface(files.folder / name, size=(context.width, context.height))
+        surface = read_surface(
+            files.folder / name, size=(context.width, context.height), writable=False
+        )
         before = findings.total
         _check_values(surface, tier, shown, findings)
         if findings.total == before:
@@ -99,7 +101,8 @@ def _check_values(surface: Surface, tier: dict[str, Any], shown: str, findings: 
     bad[seen[~known]] = True
     for channel in (surface.m0, surface.m1):
         flat = channel.ravel()
-        if np.count_nonzero(flat) != np.count_nonzero(flat[seen]):
+        bits = flat.view(np.uint32)  # counted faster than floats; -0.0 is sorted out below
+        if np.count_nonzero(bits) != np.count_nonzero(bits[seen]):
             bad |= (object_id == 0) & (flat != 0)
     _report(
         findings,

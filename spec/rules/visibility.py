@@ -63,18 +63,18 @@ class _Window:
     """The 5x5 pixels around N points that are far enough from the border.
 
     Attributes:
-        depth_m: float64 (N, 5, 5).
-        object_id: int64 (N, 5, 5).
-        away_m: float64 (N, 5, 5), distance on the material from the point to the pixel's
-            surface; infinite where that is another object.
-        along_m: float64 (N, 5, 5), the same along the first coordinate alone.
+        depth_m: float32 (N, 5, 5).
+        object_id: uint32 (N, 5, 5).
+        away_m: float64 (N, 3, 3), distance on the material from the point to the surface of
+            the inner pixels; infinite where that is another object.
+        along_m: float64 (N, 3, 3), the same along the first coordinate alone.
         footprint_m: float64 (N,), a pixel's width at the point's depth.
         smooth: bool (N,).
         uniform: bool (N,), one object id.
     """
 
-    depth_m: npt.NDArray[np.float64]
-    object_id: npt.NDArray[np.int64]
+    depth_m: npt.NDArray[np.float32]
+    object_id: npt.NDArray[np.uint32]
     away_m: npt.NDArray[np.float64]
     along_m: npt.NDArray[np.float64]
     footprint_m: npt.NDArray[np.float64]
@@ -152,8 +152,8 @@ def _check_points(
     on_depth = same & (lower >= -reach[:, None, None]) & (lower <= (reach + below)[:, None, None])
     away = np.where(
         line[:, None, None],
-        window.along_m[:, _INNER, _INNER],
-        window.away_m[:, _INNER, _INNER],
+        window.along_m,
+        window.away_m,
     )
     matched = np.any(on_depth & (away <= (reach + below)[:, None, None]), axis=(1, 2))
     visible = rows.state[chosen] == VISIBLE
@@ -181,36 +181,56 @@ def _window(
     focal: float,
 ) -> _Window:
     """Gather the 5x5 pixels around points and judge whether they are smooth."""
-    v = pixel[:, 1, None, None] + _AROUND[None, :, None]
-    u = pixel[:, 0, None, None] + _AROUND[None, None, :]
-    depth = surface.depth_m[v, u].astype(np.float64)
-    object_id = surface.object_id[v, u].astype(np.int64)
-    shown_m = np.stack([surface.m0[v, u], surface.m1[v, u]], axis=-1).astype(np.float64)
+    width = surface.depth_m.shape[1]
+    place = pixel[:, 1] * width + pixel[:, 0]
+    around = (_AROUND[:, None] * width + _AROUND[None, :]).ravel()
+    index = (place[:, None] + around).astype(np.intp)
+    shape = (len(chosen), 5, 5)
+    depth = surface.depth_m.ravel().take(index).reshape(shape)
+    object_id = surface.object_id.ravel().take(index).reshape(shape)
+    m0 = surface.m0.ravel().take(index).reshape(shape)
+    m1 = surface.m1.ravel().take(index).reshape(shape)
     own = points.object_id[rows.point[chosen]]
     own_m = points.material[rows.point[chosen]]
     footprint = rows.depth_m[chosen] / focal
-    uniform = np.all(object_id == object_id[:, :1, :1], axis=(1, 2))
-    smooth = uniform.copy()
-    away = np.full(depth.shape, np.inf)
-    along = np.full(depth.shape, np.inf)
     centre_id = object_id[:, 2, 2]
-    with np.errstate(invalid="ignore"):
-        for thing in tier["objects"]:
-            mine = uniform & (centre_id == thing["id"])
+    uniform = np.all(object_id == centre_id[:, None, None], axis=(1, 2))
+    smooth = uniform.copy()
+    inner_id, inner_m0, inner_m1 = (part[:, _INNER, _INNER] for part in (object_id, m0, m1))
+    away = np.full((len(chosen), 3, 3), np.inf)
+    along = np.full((len(chosen), 3, 3), np.inf)
+    for thing in tier["objects"]:
+        material = thing["material"]
+        mine = np.flatnonzero(uniform & (centre_id == thing["id"]))
+        if mine.size:
             # The footprint is that of the surface shown, which may not be the point's.
-            step = SLOPE * (depth[mine, 2, 2] / focal)[:, None, None]
-            rough = np.zeros(np.count_nonzero(mine), np.bool_)
+            z, a, b = depth[mine], m0[mine], m1[mine]
+            step = SLOPE * (z[:, 2, 2] / focal)[:, None, None]
+            rough = np.zeros(mine.size, np.bool_)
             for axis in (1, 2):
-                rough |= np.any(np.abs(np.diff(depth[mine], axis=axis)) > step, axis=(1, 2))
-                jump = material_distance(np.diff(shown_m[mine], axis=axis), thing["material"])
-                rough |= np.any(jump > step, axis=(1, 2))
-            smooth[mine] &= ~rough
-            belongs = (own == thing["id"])[:, None, None] & (object_id == thing["id"])
-            index = np.nonzero(belongs)
-            gap = shown_m[index] - own_m[index[0]]
-            away[index] = material_distance(gap, thing["material"])
-            along[index] = np.abs(gap[:, 0]) * thing["material"][0]["metres_per_unit"]
+                rough |= np.any(np.abs(np.diff(z, axis=axis)) > step, axis=(1, 2))
+                jump = _squared(np.diff(a, axis=axis), np.diff(b, axis=axis), material)
+                rough |= np.any(jump > step * step, axis=(1, 2))
+            smooth[mine] = ~rough
+        belongs = np.nonzero((own == thing["id"])[:, None, None] & (inner_id == thing["id"]))
+        if belongs[0].size:
+            gap_0 = inner_m0[belongs] - own_m[belongs[0], 0]
+            gap_1 = inner_m1[belongs] - own_m[belongs[0], 1]
+            away[belongs] = np.sqrt(_squared(gap_0, gap_1, material))
+            along[belongs] = np.abs(gap_0) * material[0]["metres_per_unit"]
     return _Window(depth, object_id, away, along, footprint, smooth, uniform)
+
+
+def _squared(
+    gap_0: npt.NDArray[Any], gap_1: npt.NDArray[Any], material: list[dict[str, Any]]
+) -> npt.NDArray[Any]:
+    """Return the squared distance on the material for differences of its two coordinates."""
+    total: npt.NDArray[Any] | float = 0.0
+    for delta, coordinate in zip((gap_0, gap_1), material, strict=True):
+        if coordinate["period"] is not None:
+            delta = delta - coordinate["period"] * np.round(delta / coordinate["period"])
+        total = total + (coordinate["metres_per_unit"] * delta) ** 2
+    return np.asarray(total)
 
 
 def material_distance(
@@ -226,13 +246,7 @@ def material_distance(
         float64 (...), metres: sqrt of the sum of (metres_per_unit * difference)², the
         difference wrapped to half a period where the coordinate has one.
     """
-    total = np.zeros(gap.shape[:-1])
-    for axis, coordinate in enumerate(material):
-        delta = gap[..., axis]
-        if coordinate["period"] is not None:
-            delta = delta - coordinate["period"] * np.round(delta / coordinate["period"])
-        total += (coordinate["metres_per_unit"] * delta) ** 2
-    return np.sqrt(total)
+    return np.sqrt(_squared(gap[..., 0], gap[..., 1], material))
 
 
 def _diameter(tier: dict[str, Any], own: npt.NDArray[np.int32]) -> npt.NDArray[np.float64]:
@@ -251,7 +265,7 @@ def _report_visible(
     chosen: npt.NDArray[np.int64],
     bad: npt.NDArray[np.bool_],
     on_depth: npt.NDArray[np.bool_],
-    near: npt.NDArray[np.float64],
+    near: npt.NDArray[np.float32],
     depth: npt.NDArray[np.float64],
     shown: str,
     findings: Findings,
@@ -304,8 +318,7 @@ def _report_hidden(
     if tier["kind"] == "cloth":
         close = (SURE * window.footprint_m)[:, None, None]
         surely = np.any(
-            (window.away_m[:, _INNER, _INNER] <= close)
-            & (np.abs(near - depth[:, None, None]) <= close),
+            (window.away_m <= close) & (np.abs(near - depth[:, None, None]) <= close),
             axis=(1, 2),
         )
     bad = hidden & ((window.smooth & (nearer | surely)) | misnamed | nobody)
