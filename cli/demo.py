@@ -43,7 +43,8 @@ def command(
     """Make, validate, answer, score and report a small benchmark.
 
     Blender renders rope, cloth-1 and cloth-3; SIFT, SURF, ORB and the controls answer the
-    frozen queries; OUT/report/index.html shows the paper's table and pictures. The same command again goes on where it was interrupted.
+    frozen queries; OUT/report/index.html shows the paper's table and pictures.
+    The same command again goes on where it was interrupted.
     """
     from pliant.cli.generate import build_config
     from rich.console import Console

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
+from PIL import Image
 from pliant.evaluator.best_matches import BestMatches, best_matches
 from pliant.evaluator.overview import CONTROLS, Column, TierSection, render_overview
 from pliant.evaluator.plots import histogram_svg
@@ -20,6 +22,7 @@ if TYPE_CHECKING:
 
 HISTOGRAM_METHODS: Final = ("sift", "surf", "orb", "random")
 HISTOGRAM_EDGES_PX: Final = np.linspace(0, 400, 21)
+FRAMES_SHOWN: Final = 6
 NAMES: Final = {"sift": "SIFT", "surf": "SURF", "orb": "ORB"}
 
 
@@ -88,7 +91,7 @@ def _column(name: str, scores: Mapping[str, Any], folder: str) -> Column:
 
 
 def _section(dataset: Dataset, tier: str, split: str, sparse: list[str], out: Path) -> TierSection:
-    from pliant.generator.figures import contact_sheet
+    from pliant.generator.view import contact_sheet
 
     queries = dataset.queries(split)
     mine = np.array(queries["tier"].to_pylist()) == tier
@@ -99,7 +102,7 @@ def _section(dataset: Dataset, tier: str, split: str, sparse: list[str], out: Pa
         name=tier,
         facts=f"{len(sequences)} sequences, {frames} images, {len(pairs)} pairs, "
         f"{int(mine.sum())} queries.",
-        frames_png=contact_sheet(sequences, columns=4),
+        frames_png=_png(contact_sheet(dataset, sequences, count=FRAMES_SHOWN)),
         histogram_svg=_histogram(dataset, tier, split, out),
         matches_svg={
             _matches_caption(name, best): best.svg
@@ -111,6 +114,12 @@ def _section(dataset: Dataset, tier: str, split: str, sparse: list[str], out: Pa
             ]
         },
     )
+
+
+def _png(image: npt.NDArray[np.uint8]) -> bytes:
+    buffer = io.BytesIO()
+    Image.fromarray(image).save(buffer, "PNG", optimize=True)
+    return buffer.getvalue()
 
 
 def _matches_caption(name: str, best: BestMatches) -> str:

@@ -1,0 +1,83 @@
+"""The whole chain with one command: it runs, it repeats itself to the byte, it refuses."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+from pliant.cli.main import COMMANDS, run
+
+pytestmark = [pytest.mark.blender, pytest.mark.slow]
+
+COMPARED = {".json", ".parquet", ".exr", ".png"}
+
+
+def demo(out: Path) -> None:
+    assert (
+        run(["demo", "--out", str(out), "--sequences", "1", "--frames", "2", "--size", "160x120"])
+        == 0
+    )
+
+
+@pytest.fixture(scope="module")
+def two_demos(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    folders = (tmp_path_factory.mktemp("demo") / "a", tmp_path_factory.mktemp("demo") / "b")
+    for folder in folders:
+        demo(folder)
+    return folders
+
+
+def files(root: Path) -> dict[str, bytes]:
+    """Everything but what tells the time: the run's own folder."""
+    return {
+        str(path.relative_to(root)): path.read_bytes()
+        for path in sorted(root.rglob("*"))
+        if path.is_file() and path.suffix in COMPARED and ".pliant" not in path.parts
+    }
+
+
+def test_twice_gives_the_same_bytes(two_demos: tuple[Path, Path]) -> None:
+    first, second = (files(folder) for folder in two_demos)
+    assert first.keys() == second.keys()
+    assert [name for name in first if first[name] != second[name]] == []
+    assert any(name.startswith("dataset/truth/") for name in first)
+    assert any(name.endswith("scores.json") for name in first)
+
+
+def test_oracle_is_perfect_and_the_others_are_plausible(two_demos: tuple[Path, Path]) -> None:
+    reports = two_demos[0] / "reports"
+    for method in ("sift", "surf", "orb", "identity", "random", "centroid", "oracle"):
+        scores = json.loads((reports / method / "scores.json").read_text())
+        assert set(scores["tiers"]) == {"rope", "cloth-1", "cloth-3"}
+        for values in scores["tiers"].values():
+            if method == "oracle":
+                assert values["rmse_px"] == 0
+                assert all(values[f"pck_{each}px"] == 1 for each in (1, 2, 4, 8, 16, 32))
+            else:
+                assert 1 < values["rmse_px"] < 200  # the diagonal of 160 x 120
+
+
+def test_page_shows_table_frames_and_matches(two_demos: tuple[Path, Path]) -> None:
+    page = (two_demos[0] / "report" / "index.html").read_text()
+    for words in ("SIFT", "SURF", "ORB", "mahotas", "cloth-3", "best matches"):
+        assert words in page
+    assert page.count("data:image/png") >= 3
+    assert "http://" not in page.replace("http://www.w3.org", "")
+    assert "https://" not in page
+
+
+def test_foreign_folder_is_refused_and_kept(tmp_path: Path) -> None:
+    (tmp_path / "thesis.tex").write_text("precious")
+    assert run(["demo", "--out", str(tmp_path)]) == 2
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
+
+
+def test_every_command_shows_its_help() -> None:
+    from pliant.cli.main import cli
+
+    for name in COMMANDS:
+        shown = CliRunner().invoke(cli, [name, "--help"])
+        assert shown.exit_code == 0, shown.output
+        assert "Usage" in shown.output
