@@ -25,6 +25,9 @@ CLEARANCE_M: Final = 0.02
 _MIN_MARGIN: Final = 0.02
 # Share of the frame that stays free on every side of the object at the start.
 
+_HEADROOM_M: Final = 0.06
+# How high an episode lifts things, about.
+
 
 @dataclass(frozen=True)
 class Camera:
@@ -173,7 +176,9 @@ def sample_camera(
 
     Args:
         rng: Source of every random number.
-        subject: The object; its first pose is taken where no poses are given.
+        subject: The object; its first pose is taken where no poses are given. Of an episode
+            that names its workspace (`workspace_m` in its info: extent in x and in y about the
+            origin) the whole workspace is framed, so that the object stays in view.
         settings: The ranges.
         size: Width and height of the image, px.
         poses: Poses that must be wholly in the frame.
@@ -189,6 +194,8 @@ def sample_camera(
     points = np.concatenate(
         [pose.vertices[part.name] for pose in seen for part in subject.parts]
     ).astype(np.float64)
+    if subject.temporal and "workspace_m" in subject.info:
+        points = np.concatenate([points, _workspace_corners(subject.info["workspace_m"])])
     top = rng.random() < settings.top / (settings.top + settings.oblique)
     fov_deg = rng.uniform(*settings.fov_deg)
     fill = rng.uniform(*settings.fill)
@@ -212,6 +219,14 @@ def sample_camera(
         eye = middle + toward * rng.uniform(*settings.distance_m)
         return _checked(_placed(rotation, eye, size, fov_deg), points)
     return _framed(points, middle, rotation, size, fov_deg, fill, offset)
+
+
+def _workspace_corners(extent_m: Sequence[float]) -> FloatArray:
+    """Return the corners of the box an episode moves in, float64 (8, 3), metres."""
+    x, y = extent_m
+    signs = np.array([[i, j, k] for i in (-0.5, 0.5) for j in (-0.5, 0.5) for k in (0.0, 1.0)])
+    corners: FloatArray = signs * [x, y, _HEADROOM_M]
+    return corners
 
 
 def _check_range(name: str, values: tuple[float, float], low: float, high: float) -> None:

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from pliant.generator.camera import Camera, CameraSettings, sample_camera
@@ -51,6 +53,22 @@ def test_all_given_poses_are_framed(tube: Subject) -> None:
         uvz = camera.project(pose.vertices["rope"])
         assert (uvz[:, :2] > 0).all()
         assert (uvz[:, :2] < [160, 120]).all()
+
+
+def test_an_episode_is_framed_with_its_workspace(tube: Subject) -> None:
+    episode = dataclasses.replace(tube, temporal=True, info={"workspace_m": [1.4, 1.0]})
+    still = dataclasses.replace(episode, temporal=False)
+    corners = np.array([[0.7, 0.5, 0], [-0.7, 0.5, 0], [0.7, -0.5, 0.06], [-0.7, -0.5, 0.06]])
+    for seed in range(10):
+        cameras = [
+            sample_camera(np.random.default_rng(seed), each, CameraSettings(), (160, 120))
+            for each in (episode, still)
+        ]
+        inside = [
+            bool(((c.project(corners)[:, :2] > 0) & (c.project(corners)[:, :2] < [160, 120])).all())
+            for c in cameras
+        ]
+        assert inside == [True, False]
 
 
 def test_the_same_numbers_give_the_same_camera(tube: Subject) -> None:
