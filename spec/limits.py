@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Final
 
-MAX_JSON_BYTES: Final = 32 * 2**20
+MAX_JSON_BYTES: Final = 16 * 2**20
 MAX_JSON_DEPTH: Final = 64
 MAX_FOOTER_BYTES: Final = 2**20
 MAX_IMAGE_SIDE_PX: Final = 8192
@@ -19,7 +19,7 @@ MAX_POINTS: Final = 1_000_000
 MAX_TABLE_ROWS: Final = 50_000_000
 MAX_TABLE_BYTES: Final = 4 * 2**30
 MAX_CORRESPONDENCE_ROWS: Final = 20_000_000
-MAX_SEQUENCES: Final = 10_000_000
+MAX_SEQUENCES: Final = 1_000_000
 MAX_NAME_LENGTH: Final = 128
 MAX_FOOTER_ONLY_ROWS: Final = 2**40
 MAX_CHUNK_BYTES: Final = 2**28

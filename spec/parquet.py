@@ -13,6 +13,7 @@ import pyarrow.parquet as pq
 from pliant.spec import limits
 from pliant.spec.conventions import FOOTER_KEY, SPEC_VERSION
 from pliant.spec.jsonfiles import parse_json
+from pliant.spec.parquet_footer import read_column_chunks
 from pliant.spec.reading import FileRefusedError, check_regular
 from pliant.spec.tables import TABLES
 
@@ -139,21 +140,19 @@ def open_table(
             found=f"{metadata.num_rows} rows",
             required=f"at most {max_rows}",
         )
-    for group in groups:
-        for index in range(group.num_columns):
-            column = group.column(index)
-            if column.total_uncompressed_size > limits.MAX_CHUNK_BYTES or (
-                column.num_values > limits.MAX_CHUNK_VALUES
-            ):
-                raise FileRefusedError(
-                    "FILE_TOO_LARGE",
-                    "a column chunk announces more than allowed",
-                    path=path,
-                    where=column.path_in_schema,
-                    found=f"{column.num_values} values, {column.total_uncompressed_size} bytes",
-                    required=f"at most {limits.MAX_CHUNK_VALUES} values, "
-                    f"{limits.MAX_CHUNK_BYTES} bytes",
-                )
+    for chunk in read_column_chunks(path):  # never metadata.row_group(i).column(j): see there
+        if chunk.uncompressed_bytes > limits.MAX_CHUNK_BYTES or (
+            chunk.values > limits.MAX_CHUNK_VALUES
+        ):
+            raise FileRefusedError(
+                "FILE_TOO_LARGE",
+                "a column chunk announces more than allowed",
+                path=path,
+                where=".".join(chunk.path),
+                found=f"{chunk.values} values, {chunk.uncompressed_bytes} bytes",
+                required=f"at most {limits.MAX_CHUNK_VALUES} values, "
+                f"{limits.MAX_CHUNK_BYTES} bytes",
+            )
     if text_as_dictionary:
         leaves = [file.schema.column(index) for index in range(metadata.num_columns)]
         text = [leaf.path for leaf in leaves if leaf.physical_type == "BYTE_ARRAY"]

@@ -22,6 +22,7 @@ from pliant.spec.rules.tables import CheckedTable, check_table, codes_of, number
 from pliant.spec.tables import QUERIES, TRUTH
 
 _TABLES_IN_MEMORY = 16
+_MAX_ALTERNATIVES = 64  # as many as dataset.schema.json allows symmetries
 
 
 @dataclass(frozen=True)
@@ -414,6 +415,8 @@ class _Aligned:
     """The truth's rows, handed out in the portions that the queries come in."""
 
     def __init__(self, truth: CheckedTable, findings: Findings) -> None:
+        self._findings = findings
+        self._shown = truth.shown
         self._batches = truth.batches(TRUTH.names, findings)
         self._rest: pa.Table | None = None
 
@@ -431,6 +434,15 @@ class _Aligned:
             parts.append(part)
             have += part.num_rows
         rows = pa.concat_tables(parts)
+        listed = sum(len(chunk.flatten()) for chunk in rows.column("alternatives").chunks)
+        if listed > _MAX_ALTERNATIVES * count:
+            self._findings.add(
+                "VALUE_OUT_OF_RANGE",
+                self._shown,
+                "alternatives",
+                f"found {listed} in {count} rows; no tier has more than {_MAX_ALTERNATIVES}",
+            )
+            return None
         plain = {"tier", "visibility_b", "alternatives"}
         return {
             name: rows.column(name).to_pylist() if name in plain else numbers(rows, name)

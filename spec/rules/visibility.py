@@ -41,10 +41,10 @@ from pliant.spec.rules.points import PointSet
 SLOPE = 3.0
 """Largest step between neighbouring pixels of a smooth place, in pixel footprints."""
 
-MATCH = 6.0
+MATCH = 3.0
 """How far a point may be from a pixel that shows it, in pixel footprints."""
 
-SURE = 0.5
+SURE = 1.5
 """How near a hidden cloth point may come to the surface shown, in pixel footprints."""
 
 LOOSE_SHARE = 0.5

@@ -167,7 +167,7 @@ def test_hostile_claims_cost_no_memory(copy_of: Copy) -> None:
     rows = pq.read_table(root / ROPE_TRAIN / "points.parquet").slice(0, 1)
     many = rows.take(np.zeros(count, np.int64))
     pq.write_table(many, root / ROPE_TRAIN / "points.parquet", row_group_size=count)
-    (root / ROPE_TEST / "cameras.json").write_bytes(b"[" * 30_000_000)
+    (root / ROPE_TEST / "cameras.json").write_bytes(b"[" * 15_000_000)
     (root / "queries" / "test.parquet").write_bytes(b"PAR1" + os.urandom(1000) + b"PAR1")
     change_json(f"{ROPE_TEST}/sequence.json", lambda document: document.update(frames=10**5))(root)
     listed()(root)
