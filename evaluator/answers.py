@@ -145,8 +145,9 @@ class _Store:
         }
         self._modes: npt.NDArray[Any] | None = None
         if "modes" in submission.columns:
-            most = _leaf_values(submission, "modes")
-            self._modes = scratch.full(most * _MODE_WIDTH, kinds["modes"], 0.0).reshape(-1, 4)
+            self._modes = scratch.full(
+                submission.most_modes * _MODE_WIDTH, kinds["modes"], 0.0
+            ).reshape(-1, 4)
             self._begin = scratch.full(rows, np.int64, 0)
             self._count = scratch.full(rows, np.int16, 0)
         self._modes_used = 0
@@ -154,7 +155,8 @@ class _Store:
     def put(self, batch: Batch, row: IntArray, known: BoolArray | None) -> None:
         """Scatter a batch: `row` is where its `known` rows belong."""
         uv = np.empty(batch.rows, self._uv.dtype)
-        uv.real, uv.imag = batch.values["u"], batch.values["v"]
+        with np.errstate(invalid="ignore"):  # of a signalling NaN, noted before
+            uv.real, uv.imag = batch.values["u"], batch.values["v"]
         if batch.good is not None:
             uv[~batch.good] = 0  # present, though of no use: not missing as well
         self._uv[row] = uv if known is None else uv[known]
@@ -198,23 +200,6 @@ def _precision(kind: pa.DataType) -> type[np.float32 | np.float64]:
         double = any(pa.types.is_float64(field.type) for field in kind.value_type)
         return np.float64 if double else np.float32
     return np.float64 if pa.types.is_float64(kind) else np.float32
-
-
-def _leaf_values(submission: Submission, column: str) -> int:
-    """Return how many values the first leaf of a nested column has, by the metadata."""
-    metadata = submission.file.metadata
-    total = 0
-    for group_index in range(metadata.num_row_groups):
-        group = metadata.row_group(group_index)
-        total += max(
-            (
-                group.column(index).num_values
-                for index in range(group.num_columns)
-                if group.column(index).path_in_schema.split(".")[0] == column
-            ),
-            default=0,
-        )
-    return total
 
 
 def _note_duplicates(submission: Submission, questions: Questions, problems: Problems) -> None:

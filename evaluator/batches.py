@@ -85,7 +85,8 @@ def read_batches(submission: Submission, problems: Problems) -> Iterator[Batch]:
     while True:
         try:
             record = next(iterator, None)
-            batch = None if record is None else _decode(record, begin, submission, problems)
+            with np.errstate(invalid="ignore"):  # a signalling NaN warns of itself
+                batch = None if record is None else _decode(record, begin, submission, problems)
         except Exception as error:  # Arrow's errors on a hostile file do not share a base
             text = " ".join(str(error).split())[:200]
             problems.add("FILE_UNREADABLE", f"row {begin} or later", f"cannot be decoded: {text}")

@@ -14,6 +14,7 @@ from pliant.evaluator.problems import Problems
 from pliant.spec.dataset import Dataset, check_version
 from pliant.spec.jsonfiles import schema_errors
 from pliant.spec.parquet import footer_of, open_table
+from pliant.spec.parquet_footer import ColumnChunk, read_column_chunks
 from pliant.spec.reading import FileRefusedError
 
 _KEYS: Final = {"pair_id": "integer", "query_id": "integer"}
@@ -49,6 +50,7 @@ class Submission:
         footer: The footer object.
         columns: The columns to read, by name: `integer`, `real`, `probability` or `modes`.
         rows: Rows the footer announces.
+        most_modes: The most modes that all rows can have together, by the footer.
     """
 
     path: Path
@@ -57,6 +59,7 @@ class Submission:
     footer: Mapping[str, Any]
     columns: Mapping[str, str]
     rows: int
+    most_modes: int
 
     @property
     def split(self) -> str:
@@ -75,20 +78,27 @@ def open_submission(path: Path, dataset: Dataset, problems: Problems) -> Submiss
     Returns:
         The submission, or None where its rows cannot be read or matched with queries.
     """
-    file = _open(path, problems)
-    if file is None:
+    opened = _open(path, problems)
+    if opened is None:
         return None
+    file, chunks = opened
     footer = _footer(file, path, dataset, problems)
     kind = None if footer is None else str(footer["table"])
     columns = _columns(file, kind or "answers", problems)
     if footer is None or kind is None or columns is None:
         return None
-    if not _sizes_sane(file, columns, problems):
+    if not _sizes_sane(chunks, columns, problems):
         return None
-    return Submission(path, file, kind, footer, columns, file.metadata.num_rows)
+    leaves = [chunk for chunk in chunks if chunk.path[0] == "modes" and "modes" in columns]
+    # Every leaf of a chunk announces the same values; the largest is an upper bound.
+    most: dict[int, int] = {}
+    for chunk in leaves:
+        most[chunk.row_group] = max(most.get(chunk.row_group, 0), chunk.values)
+    rows = file.metadata.num_rows
+    return Submission(path, file, kind, footer, columns, rows, sum(most.values()))
 
 
-def _open(path: Path, problems: Problems) -> pq.ParquetFile | None:
+def _open(path: Path, problems: Problems) -> tuple[pq.ParquetFile, list[ColumnChunk]] | None:
     try:
         resolved = path.resolve(strict=True)
         regular = resolved.is_file()
@@ -110,6 +120,7 @@ def _open(path: Path, problems: Problems) -> pq.ParquetFile | None:
         return None
     try:
         file = open_table(resolved)
+        chunks = read_column_chunks(resolved)
         _ = file.schema_arrow.names
     except FileRefusedError as error:
         problems.add(error.code, error.where or "", _reason(error))
@@ -117,7 +128,7 @@ def _open(path: Path, problems: Problems) -> pq.ParquetFile | None:
     except Exception as error:  # Arrow's errors on a hostile file do not share a base
         problems.add("FILE_UNREADABLE", "", f"its schema cannot be read: {_short(error)}")
         return None
-    return file
+    return file, chunks
 
 
 def _footer(
@@ -236,35 +247,31 @@ def _accepts(wanted: str, found: pa.DataType) -> bool:
     )
 
 
-def _sizes_sane(file: pq.ParquetFile, columns: Mapping[str, str], problems: Problems) -> bool:
+def _sizes_sane(chunks: list[ColumnChunk], columns: Mapping[str, str], problems: Problems) -> bool:
     """Check, before a page is decoded, what the metadata announces for the columns we read."""
-    metadata = file.metadata
-    for group_index in range(metadata.num_row_groups):
-        group = metadata.row_group(group_index)
-        for column_index in range(group.num_columns):
-            chunk = group.column(column_index)
-            name = chunk.path_in_schema.split(".")[0]
-            if name not in columns:
-                continue
-            most = group.num_rows * (limits.MAX_MODES if columns[name] == "modes" else 1)
-            if chunk.num_values > most:
-                code = "MODES_INVALID" if columns[name] == "modes" else "FILE_UNREADABLE"
-                problems.add(
-                    code,
-                    f"{name}, row group {group_index}",
-                    f"found {chunk.num_values:,} values in {group.num_rows:,} rows; required: at "
-                    f"most {most:,}",
-                )
-                return False
-            allowed = limits.MAX_VALUE_BYTES * max(chunk.num_values, 0) + 2**20
-            if chunk.total_uncompressed_size > allowed:
-                problems.add(
-                    "FILE_TOO_LARGE",
-                    f"{name}, row group {group_index}",
-                    f"found {chunk.total_uncompressed_size:,} bytes for {chunk.num_values:,} "
-                    f"numbers; required: at most {allowed:,}",
-                )
-                return False
+    for chunk in chunks:
+        name = chunk.path[0]
+        if name not in columns:
+            continue
+        place = f"{name}, row group {chunk.row_group}"
+        modes = columns[name] == "modes"
+        most = chunk.rows * (limits.MAX_MODES if modes else 1)
+        if chunk.values > most:
+            problems.add(
+                "MODES_INVALID" if modes else "FILE_UNREADABLE",
+                place,
+                f"found {chunk.values:,} values in {chunk.rows:,} rows; required: at most {most:,}",
+            )
+            return False
+        allowed = limits.MAX_VALUE_BYTES * max(chunk.values, 0) + 2**20
+        if chunk.uncompressed_bytes > allowed:
+            problems.add(
+                "FILE_TOO_LARGE",
+                place,
+                f"found {chunk.uncompressed_bytes:,} bytes for {chunk.values:,} numbers; "
+                f"required: at most {allowed:,}",
+            )
+            return False
     return True
 
 
