@@ -170,10 +170,19 @@ class PhotoRenderer(CyclesRenderer):
         reflectance = table_reflectance(look.table, places).astype(np.float32)
         self._add_table(reflectance.reshape(_TEXTURE_PX, _TEXTURE_PX, 3), _TEXTURE_M)
 
+    def set_quality(self, samples: int, *, denoise: bool) -> None:
+        """Render with other samples than the style's: a reference, for example.
+
+        Args:
+            samples: Samples a pixel, >= 1.
+            denoise: Run OpenImageDenoise over the result.
+        """
+        self._scene.cycles.samples = samples
+        self._scene.cycles.use_denoising = denoise
+
     def _set_up(self) -> None:
+        self.set_quality(PHOTO_SAMPLES, denoise=True)
         cycles = self._scene.cycles
-        cycles.samples = PHOTO_SAMPLES
-        cycles.use_denoising = True
         cycles.denoiser = "OPENIMAGEDENOISE"
         cycles.denoising_input_passes = "RGB_ALBEDO_NORMAL"
         cycles.denoising_prefilter = "FAST"

@@ -1,0 +1,102 @@
+"""The render styles: CPU seconds an image and distance from a reference of 192 samples.
+
+cpu_s_STYLE_KIND    median CPU seconds of `Renderer.render` (640 x 480, one thread), warm
+psnr_db_STYLE_KIND  peak signal-to-noise against the full frame at 192 samples, lowest of the scenes
+begin_s_STYLE       CPU seconds of `Renderer.begin`, once a sequence
+rss_mib_*           resident memory of a `fast` renderer after 10 frames and at the end
+"""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from pliant.generator.camera import Camera, CameraSettings, sample_camera
+from pliant.generator.cloth import ClothSettings, sample_cloth
+from pliant.generator.look import Look, LookSettings, sample_look
+from pliant.generator.render import STYLES, open_renderer
+from pliant.generator.rope import RopeSettings, sample_rope
+from pliant.generator.sequence import resident_bytes
+from pliant.generator.subject import Pose, Subject
+from pliant.generator.truth import FrameTruth, frame_truth
+from record import Value, main
+
+SIZE = (640, 480)
+Scene = tuple[str, Subject, Pose, Camera, Look, FrameTruth]
+
+
+def scenes(quick: bool) -> list[Scene]:
+    """Return scenes of a laid rope, a braid and a cloth."""
+    place: dict[str, Any] = {"seed": 0, "split": "train", "frames": 1, "temporal": False}
+    braid = RopeSettings(structure="braid", strands=8, rows=640)
+    found = []
+    for index in range(1 if quick else 3):
+        for kind, subject in (
+            ("rope", sample_rope(RopeSettings(), tier="rope", index=index, **place)),
+            ("braid", sample_rope(braid, tier="rope", index=10 + index, **place)),
+            ("cloth", sample_cloth(ClothSettings(), tier="cloth-2", index=index, **place)),
+        ):
+            pose, rng = subject.pose(0), np.random.default_rng(index)
+            camera = sample_camera(rng, subject, CameraSettings(), SIZE, [pose])
+            look = sample_look(rng, subject, LookSettings())
+            truth = frame_truth(subject, pose, camera)
+            found.append((kind, subject, pose, camera, look, truth))
+    return found
+
+
+def references(every: list[Scene], samples: int) -> list[npt.NDArray[np.uint8]]:
+    """Render the scenes with many samples and no denoiser."""
+    from pliant.generator.render.cycles_styles import PhotoRenderer
+
+    renderer = PhotoRenderer(SIZE, 2, "auto")
+    images = []
+    for _, subject, pose, camera, look, truth in every:
+        renderer.begin(subject, look, camera)
+        renderer.set_quality(samples, denoise=False)
+        images.append(renderer.render(pose, truth))
+    renderer.close()
+    return images
+
+
+def measure(quick: bool) -> dict[str, Value]:
+    every = scenes(quick)
+    wanted = references(every, 48 if quick else 192)
+    record: dict[str, Value] = {"reference_samples": 48 if quick else 192}
+    for style in STYLES:
+        renderer = open_renderer(style, SIZE, 1, "cpu")
+        costs: dict[str, list[float]] = {}
+        quality: dict[str, list[float]] = {}
+        begin = []
+        for (kind, subject, pose, camera, look, truth), reference in zip(
+            every, wanted, strict=True
+        ):
+            started = time.process_time()
+            renderer.begin(subject, look, camera)
+            begin.append(time.process_time() - started)
+            image = renderer.render(pose, truth)
+            error = float(((image.astype(np.float64) - reference) ** 2).mean())
+            quality.setdefault(kind, []).append(10 * np.log10(255**2 / error))
+            for _ in range(3):
+                started = time.process_time()
+                renderer.render(pose, truth)
+                costs.setdefault(kind, []).append(time.process_time() - started)
+        for kind, spent in costs.items():
+            record[f"cpu_s_{style}_{kind}"] = float(np.median(spent))
+            record[f"psnr_db_{style}_{kind}"] = float(min(quality[kind]))
+        record[f"begin_s_{style}"] = float(np.median(begin))
+        if style == "fast":
+            _, subject, pose, camera, look, truth = every[0]
+            renderer.begin(subject, look, camera)
+            for frame in range(20 if quick else 300):
+                renderer.render(pose, truth)
+                if frame == 9:
+                    record["rss_mib_after_10"] = resident_bytes() / 2**20
+            record["rss_mib_at_end"] = resident_bytes() / 2**20
+        renderer.close()
+    return record
+
+
+if __name__ == "__main__":
+    main("styles", measure, __doc__)
