@@ -64,7 +64,7 @@ def _check_values(surface: Surface, tier: dict[str, Any], shown: str, findings: 
     """Check every pixel; the usual case costs a few passes over the object's pixels."""
     depth, object_id = surface.depth_m.ravel(), surface.object_id.ravel()
     width = surface.depth_m.shape[1]
-    seen = np.flatnonzero(object_id)
+    seen = np.flatnonzero(object_id != 0)  # many times as fast as on the integers
     z = depth[seen]
     # Background: everything but the object's pixels is +inf, and nothing else is.
     infinite = int(np.count_nonzero(depth == np.inf))
