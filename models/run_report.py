@@ -16,6 +16,7 @@ from pliant.models.matching import DonMatcher
 from pliant.models.validation import ValidationPair
 
 _PAIRS_SHOWN = 4
+_HEAT_RANGE = 10.0  # e^-10 of the peak is as good as nothing
 
 
 def write_run_report(
@@ -166,7 +167,12 @@ def heat_png(matcher: DonMatcher, pairs: Sequence[ValidationPair]) -> bytes:
         left.imshow(pair.source.rgb, extent=(0, width, height, 0))
         left.plot(*uv, "+", color="red", markersize=12, markeredgewidth=2)
         right.imshow(pair.target.rgb, extent=(0, width, height, 0), alpha=0.25)
-        shown = right.imshow(heat.values, extent=(0, width, height, 0), cmap="viridis")
+        shown = right.imshow(
+            heat.values,
+            extent=(0, width, height, 0),
+            cmap="viridis",
+            vmin=float(np.nanmax(heat.values)) - _HEAT_RANGE,
+        )
         figure.colorbar(shown, ax=right, label=heat.label, shrink=0.8)
         right.plot(*pair.uv_b_px[query, 0], "o", mfc="none", mec="red", ms=12, mew=2)
         right.plot(*answer, "+", color="red", markersize=12, markeredgewidth=2)

@@ -1,0 +1,122 @@
+"""Dense Object Nets on the rope tier: what a step costs beyond the network, and how well it does.
+
+Makes a rope dataset, trains with the shipped CPU recipe, answers the test split with the run and
+with SIFT, SURF and ORB, and scores all four by the `standard` protocol. `--quick` trains far too
+little to be good: its errors show that the pieces fit, not what the method can do.
+
+To use what exists: PLIANT_DON_DATA names a dataset with a rope tier, PLIANT_DON_RUN a finished
+run on it (otherwise it is trained, with PLIANT_DON_STEPS steps).
+
+overhead_ratio           CPU time of loader, network and loss, forward and backward, over that of
+                         the network alone with a loss of one sum
+rmse_px                  pooled over points visible in both frames
+rmse_px_mean_over_pairs  mean over pairs of each pair's RMSE
+median_px                median error
+best_classical_rmse_px   lowest of SIFT, SURF and ORB
+ece                      expected calibration error of P(error <= 8 px)
+"""
+
+from __future__ import annotations
+
+import os
+import statistics
+import tempfile
+import time
+from pathlib import Path
+
+import torch
+from pliant.baselines import METHODS
+from pliant.baselines.submission import predict
+from pliant.evaluator import Scores, evaluate
+from pliant.generator.config import GenerateConfig
+from pliant.generator.runner import generate
+from pliant.models import load_matcher
+from pliant.models.don import DonTask, train_don, with_tier
+from pliant.models.processes import Processes
+from pliant.models.settings import DonSettings, read_settings
+from pliant.spec.dataset import Dataset
+from record import Value, main
+
+RECIPE = Path(__file__).parents[1] / "models" / "configs" / "don.yaml"
+CLASSICAL = ("sift", "surf", "orb")
+QUICK = [
+    "steps=40",
+    "batch=2",
+    "network.widths=[16, 32, 64]",
+    "optimiser.warmup=10",
+    "validation={every: 40, pairs: 6, queries: 32, calibration_pairs: 8}",
+]
+
+
+def overhead_ratio(dataset: Dataset, settings: DonSettings, run: Path, rounds: int) -> float:
+    """Return CPU time of a whole step over that of the network alone, the median of rounds."""
+    task = DonTask(dataset, settings, run, Processes(0, 1, torch.device("cpu")))
+    generator = torch.Generator().manual_seed(0)
+    for _ in task.batches(0, len(task.pairs) // settings.batch + 1):
+        pass  # every frame is in the store, as after the first minutes of a run
+    ratios = []
+    for step in range(rounds + 1):
+        started = time.process_time()
+        batch = next(iter(task.batches(step, step + 1)))
+        loss, _ = task.loss(batch, 0.0, generator)
+        loss.backward()
+        whole = time.process_time() - started
+        images = batch["image"].flatten(0, 1).contiguous(memory_format=torch.channels_last)
+        started = time.process_time()
+        half = settings.precision == "bfloat16"
+        with torch.autocast("cpu", torch.bfloat16, enabled=half):
+            descriptors = task.network(images)
+        descriptors.sum().backward()
+        ratios.append(whole / (time.process_time() - started))
+    return statistics.median(ratios[1:])  # the first one warms up
+
+
+def scored(dataset: Dataset, method: str, matcher: object, folder: Path) -> Scores:
+    """Answer the test split and score it."""
+    path = folder / f"{method}.parquet"
+    predict(dataset, "test", matcher, path)  # type: ignore[arg-type]
+    return evaluate(path, dataset)
+
+
+def measure(quick: bool) -> dict[str, Value]:
+    """Make, train, answer, score."""
+    with tempfile.TemporaryDirectory() as folder:
+        scratch = Path(folder)
+        data = os.environ.get("PLIANT_DON_DATA")
+        if data is None:
+            splits = {"train": 12, "val": 4, "test": 6} if quick else {"train": 1800, "val": 60}
+            config = GenerateConfig(
+                tiers=("rope",),
+                splits=splits if quick else {**splits, "test": 60},
+                style="raster",
+                seed=11,
+            )
+            generate(config, scratch / "set", workers=1 if quick else 2)
+            data = str(scratch / "set")
+        dataset = Dataset.open(data)
+        steps = os.environ.get("PLIANT_DON_STEPS")
+        overrides = ["tier=rope", *(QUICK if quick else [])] + ([f"steps={steps}"] if steps else [])
+        settings = with_tier(read_settings(DonSettings, RECIPE, overrides), dataset)
+        recipe = with_tier(read_settings(DonSettings, RECIPE, ["tier=rope", "limit=12"]), dataset)
+        ratio = overhead_ratio(dataset, recipe, scratch / "timing", 3 if quick else 15)
+        run = Path(os.environ.get("PLIANT_DON_RUN", scratch / "run"))
+        started = time.process_time()
+        if not run.exists():
+            train_don(dataset, run, settings)
+        trained_s = time.process_time() - started
+        learned = scored(dataset, "don", load_matcher(run), scratch).overall
+        classical = {
+            name: scored(dataset, name, METHODS[name](), scratch).overall["rmse_px"]
+            for name in CLASSICAL
+        }
+        record: dict[str, Value] = {"overhead_ratio": ratio, "train_cpu_s": trained_s}
+        for name in ("rmse_px", "rmse_px_mean_over_pairs", "median_px", "pck_8px", "ece"):
+            record[name] = learned.get(name)
+        record |= {f"{name}_rmse_px": value for name, value in classical.items()}
+        record["best_classical_rmse_px"] = min(classical.values())
+        record["train_sequences"] = sum(s.split == "train" for s in dataset.sequences)
+    return record
+
+
+if __name__ == "__main__":
+    main("don", measure, __doc__)

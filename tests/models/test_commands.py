@@ -1,0 +1,89 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from pliant.cli.main import run
+from pliant.spec.dataset import Dataset
+from pliant.spec.parquet import read_footer
+
+pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
+
+SMALL = [
+    "steps=2",
+    "batch=1",
+    "width=40",
+    "height=30",
+    "network.widths=[8, 16, 32]",
+    "validation={every: 2, pairs: 1, queries: 8, calibration_pairs: 2}",
+]
+
+
+def settings(*more: str) -> list[str]:
+    return [part for value in (*SMALL, *more) for part in ("--set", value)]
+
+
+def test_train_predict_and_check(
+    tiny_dataset: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """The whole way: what a run answers passes the submission check, and says how it came about."""
+    out, submission = tmp_path / "run", tmp_path / "sub.parquet"
+    arguments = ["train", "don", "--data", str(tiny_dataset), "--out", str(out), "--json"]
+    assert run([*arguments, *settings("tier=rope")]) == 0
+    report = json.loads(capfd.readouterr().out)
+    assert report["steps"] == 2
+    assert report["tier"] == "rope"
+    assert report["validation"]["rmse_px"] > 0
+
+    predict = ["predict", str(out), "--data", str(tiny_dataset), "--out", str(submission)]
+    assert run(predict) == 0
+    assert run(["check", str(submission), "--data", str(tiny_dataset)]) == 0
+    method = read_footer(submission)["method"]
+    assert method["name"] == "don"
+    assert method["answer"]["decode"] == "median"
+    assert method["answer"]["search"] == "mask"
+    assert method["mask"] == "given"
+    assert method["steps"] == 2
+
+
+def test_resume_needs_no_settings(sheet_dataset: Dataset, tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    arguments = ["train", "don", "--data", str(sheet_dataset.root), "--out", str(out)]
+    assert run([*arguments, *settings()]) == 0
+    assert run([*arguments, "--resume"]) == 0
+
+
+@pytest.mark.parametrize(
+    ("more", "code", "message"),
+    [
+        (["--set", "stepps=1"], 2, "stepps: unknown setting"),
+        (["--set", "tier=rope"], 2, "no such tier"),
+        (["--set", "split=test"], 2, "no sequence in split 'test'"),
+        (["--config", "missing.yaml"], 2, "the config cannot be read"),
+        (["--resume"], 1, "no checkpoint to resume"),
+    ],
+)
+def test_wrong_calls_are_one_sentence(
+    sheet_dataset: Dataset,
+    tmp_path: Path,
+    capfd: pytest.CaptureFixture[str],
+    more: list[str],
+    code: int,
+    message: str,
+) -> None:
+    out = tmp_path / "run"
+    arguments = ["train", "don", "--data", str(sheet_dataset.root), "--out", str(out), *more]
+    assert run(arguments) == code
+    error = capfd.readouterr().err
+    assert message in error
+    assert "Traceback" not in error
+
+
+def test_predict_refuses_a_folder_without_weights(
+    sheet_dataset: Dataset, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "config.yaml").write_text("steps: 5\n")
+    out = str(tmp_path / "sub.parquet")
+    assert run(["predict", str(tmp_path), "--data", str(sheet_dataset.root), "--out", out]) == 1
+    assert "no validated weights yet" in capfd.readouterr().err
