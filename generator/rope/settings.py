@@ -29,7 +29,7 @@ def _even_knots() -> dict[str, float]:
 
 
 def _knot_sizes() -> dict[str, tuple[float, float]]:
-    return {"overhand": (22.0, 32.0), "figure-eight": (31.0, 39.0)}
+    return {"overhand": (22.0, 32.0), "figure-eight": (31.0, 38.0)}
 
 
 @dataclass(frozen=True)
@@ -252,20 +252,25 @@ class RopeSettings:
         _within("particles", self.particles, 65, 400)
         _within("frame_rate_hz", self.frame_rate_hz, 1.0, 1000.0)
         _within("substeps", self.substeps, 1, 1000)
-        step_s = 1.0 / (self.frame_rate_hz * self.substeps)
-        if step_s > 1.0 / 1000.0:
+        # A shorter rope falls and folds faster for its size: its steps must be shorter.
+        slowest_hz = 1250.0 * math.sqrt(1.2 / self.length_m)
+        if self.frame_rate_hz * self.substeps < slowest_hz:
             _refuse(
                 "substeps",
                 self.substeps,
-                f"at least {math.ceil(1000.0 / self.frame_rate_hz)} at this frame rate, "
-                "or strands pass through each other",
+                f"at least {math.ceil(slowest_hz / self.frame_rate_hz)} "
+                "at this length and frame rate, or the rope stretches and tunnels",
             )
         low, high = self.lift_m
         if low < 0 or high > 0.25 * self.length_m:
             _refuse("lift_m", list(self.lift_m), f"within 0 and {0.25 * self.length_m:g}")
         low, high = self.hand_speed_m_s
-        if low <= 0 or high > 1.0:
-            _refuse("hand_speed_m_s", list(self.hand_speed_m_s), "above 0 and at most 1")
+        if low <= 0 or high > 0.5 * self.length_m:
+            _refuse(
+                "hand_speed_m_s",
+                list(self.hand_speed_m_s),
+                f"above 0 and at most {0.5 * self.length_m:g}, half a rope length a second",
+            )
         _within("hand_force_weights", self.hand_force_weights, 0.5, 20.0)
         _within("spread_share", self.spread_share, 0.0, 1.0)
 

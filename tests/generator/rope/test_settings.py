@@ -51,7 +51,18 @@ def test_defaults_keep_the_papers_proportions() -> None:
         ({"point_angles": 40}, "point_angles"),
         ({"particles": 20}, "particles"),
         ({"substeps": 2}, "substeps"),
+        ({"frame_rate_hz": 30.0}, "substeps"),
+        (
+            {
+                "length_m": 0.6,
+                "radius_m": 0.006,
+                "loop_radius_m": (0.025, 0.04),
+                "hand_speed_m_s": (0.1, 0.3),
+            },
+            "substeps",
+        ),
         ({"lift_m": [0.1]}, "lift_m"),
+        ({"hand_speed_m_s": (0.2, 0.7)}, "hand_speed_m_s"),
         ({"workspace": (0.2, 0.2)}, "workspace"),
     ],
 )
