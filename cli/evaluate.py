@@ -50,15 +50,26 @@ def command(
     """
     from pliant.evaluator import evaluate, write_report
     from pliant.spec.errors import SubmissionError
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
     if out is not None:
         from pliant.evaluator.report import check_out_dir
 
         check_out_dir(out)
+    columns = ("Scoring", BarColumn(), MofNCompleteColumn(), "pairs", TimeRemainingColumn())
+    console = Console(stderr=True)
     try:
-        scores = evaluate(
-            submission, data, truth=truth, protocol=protocol, allow_missing=allow_missing
-        )
+        with Progress(*columns, console=console, transient=True, disable=as_json) as bar:
+            task = bar.add_task("", total=None)
+            scores = evaluate(
+                submission,
+                data,
+                truth=truth,
+                protocol=protocol,
+                allow_missing=allow_missing,
+                progress=lambda done, total: bar.update(task, completed=done, total=total),
+            )
     except SubmissionError as error:
         for issue in error.issues:
             click.echo(str(issue), err=True)

@@ -119,6 +119,7 @@ def read_blocks(
     *,
     truth_columns: Sequence[str] = (),
     query_pixels: bool = False,
+    block_rows: int | None = None,
 ) -> Iterator[Block]:
     """Yield the split block by block, in order.
 
@@ -128,6 +129,7 @@ def read_blocks(
         answers: The answers in the order of the queries.
         truth_columns: Any of `point`, `box_px`, `alternatives`, besides the position and state.
         query_pixels: Whether `uv_a_px` is wanted.
+        block_rows: About so many queries a block; None takes `BLOCK_ROWS`.
 
     Raises:
         SpecError: The truth is damaged or does not belong to these queries.
@@ -139,7 +141,7 @@ def read_blocks(
     query_stream = ColumnStream(questions.path, ["u_a", "v_a"]) if query_pixels else None
     states = Vocabulary(VISIBILITY_STATES, closed=True)
     complete = answers.answered == questions.rows
-    for first_pair, end_pair in _spans(questions.starts):
+    for first_pair, end_pair in _spans(questions.starts, block_rows or BLOCK_ROWS):
         first, end = int(questions.starts[first_pair]), int(questions.starts[end_pair])
         starts = questions.starts[first_pair : end_pair + 1] - first
         table = stream.take(end - first)
@@ -195,6 +197,12 @@ def check_truth(truth: Path, dataset_id: str, dataset_version: str, split: str, 
     Raises:
         SpecError: It belongs to something else, or is no truth.
     """
+    if not truth.is_file():
+        raise SpecError(
+            f"the truth of split {split} is not here",
+            path=truth,
+            fix="Give its file with --truth; a published dataset leaves the held-out truth out.",
+        )
     footer = footer_of(open_table(truth), truth)
     found = {
         "table": footer.get("table"),
@@ -223,11 +231,11 @@ def _foreign_truth(truth: Path, found: str, required: str) -> SpecError:
     )
 
 
-def _spans(starts: IntArray) -> Iterator[tuple[int, int]]:
+def _spans(starts: IntArray, block_rows: int) -> Iterator[tuple[int, int]]:
     """Yield (first pair, end pair) of blocks of whole pairs."""
     pair, pairs = 0, len(starts) - 1
     while pair < pairs:
-        end = int(np.searchsorted(starts, starts[pair] + BLOCK_ROWS, side="right")) - 1
+        end = int(np.searchsorted(starts, starts[pair] + block_rows, side="right")) - 1
         end = min(max(end, pair + 1), pairs)
         yield pair, end
         pair = end

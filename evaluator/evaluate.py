@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from pliant.evaluator.answers import Answers
@@ -26,6 +26,10 @@ from pliant.spec.checksums import sha256_file
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, SubmissionError
 
+Progress = Callable[[int, int], None]
+
+_ROWS_WITH_IMAGES: Final = 1 << 13
+
 
 def evaluate(
     submission: Path | str,
@@ -35,6 +39,7 @@ def evaluate(
     protocol: str | None = None,
     allow_missing: bool = False,
     memory_limit_bytes: int = MEMORY_LIMIT_BYTES,
+    progress: Progress | None = None,
 ) -> Scores:
     """Score a submission.
 
@@ -45,6 +50,7 @@ def evaluate(
         protocol: Name of a protocol; None takes `standard` for answers, `matches` for matches.
         allow_missing: Score a query without an answer as a failure instead of refusing.
         memory_limit_bytes: Arrays as long as the split go to temporary files beyond this.
+        progress: Called with (pairs scored, pairs in all) now and then.
 
     Returns:
         The scores.
@@ -76,7 +82,7 @@ def evaluate(
         if rules.kind == "answers":
             queries_sha256 = str(loaded.submission.footer["queries_sha256"])
             check_truth(truth_path, dataset.id, dataset.version, split, queries_sha256)
-        return _score(loaded, dataset, truth_path, rules, scratch)
+        return _score(loaded, dataset, truth_path, rules, scratch, progress)
 
 
 def _refusal(path: Path, problems: Problems) -> SubmissionError:
@@ -92,7 +98,12 @@ def _refusal(path: Path, problems: Problems) -> SubmissionError:
 
 
 def _score(
-    loaded: Loaded, dataset: Dataset, truth: Path, protocol: Protocol, scratch: Scratch
+    loaded: Loaded,
+    dataset: Dataset,
+    truth: Path,
+    protocol: Protocol,
+    scratch: Scratch,
+    progress: Progress | None,
 ) -> Scores:
     questions = loaded.questions
     table = PairTable(questions.pairs)
@@ -101,12 +112,12 @@ def _score(
     surfaces = Surfaces(dataset, _search_px(protocol))
     if isinstance(loaded.answers, Matches):
         score_matches(
-            loaded.answers, dataset, questions, protocol.metrics, table, groups, summary, surfaces
+            loaded.answers, questions, protocol.metrics, table, groups, summary, surfaces, progress
         )
         coverage = float((np.diff(loaded.answers.starts) > 0).mean())
     else:
         setting = Setting(dataset, questions, loaded.answers, table, scratch, surfaces)
-        _score_answers(setting, truth, protocol, groups, summary)
+        _score_answers(setting, truth, protocol, groups, summary, progress)
         coverage = loaded.answers.answered / questions.rows
     ratios = [
         ratio
@@ -127,7 +138,12 @@ def _score(
 
 
 def _score_answers(
-    setting: Setting, truth: Path, protocol: Protocol, groups: Groups, summary: Summary
+    setting: Setting,
+    truth: Path,
+    protocol: Protocol,
+    groups: Groups,
+    summary: Summary,
+    progress: Progress | None,
 ) -> None:
     scorers = scorers_of(protocol.metrics, setting)
     wanted = sorted({column for scorer in scorers for column in scorer.truth_columns})
@@ -141,10 +157,14 @@ def _score_answers(
         answers,
         truth_columns=wanted,
         query_pixels=any(scorer.query_pixels for scorer in scorers),
+        # Where surface images are read too, they take the time: shorter blocks show progress.
+        block_rows=_ROWS_WITH_IMAGES if _has_images(setting.dataset) else None,
     )
     for block in blocks:
         for scorer in scorers:
             scorer.update(block)
+        if progress is not None:
+            progress(block.pairs.stop, setting.questions.pairs)
     for scorer in scorers:
         scorer.finish(groups, summary)
 
@@ -161,6 +181,10 @@ def _ordered(values: Mapping[str, float | None]) -> dict[str, float | None]:
             order += [name, *after.pop(name, [])]
     order += [name for names in after.values() for name in names]
     return {name: values[name] for name in order}
+
+
+def _has_images(dataset: Dataset) -> bool:
+    return (dataset.root / layout.SEQUENCES_DIR).is_dir()
 
 
 def _search_px(protocol: Protocol) -> int:

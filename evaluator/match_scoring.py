@@ -8,7 +8,7 @@ truth of a match is known to about half a pixel.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -26,7 +26,6 @@ from pliant.evaluator.questions import Questions
 from pliant.evaluator.ratios import threshold_name
 from pliant.evaluator.scorers.base import Groups, PairTable, Summary
 from pliant.evaluator.surfaces import ObjectSurface, Surfaces
-from pliant.spec.dataset import Dataset
 from pliant.spec.errors import SpecError
 
 _CHUNK_CELLS: Final = 1 << 21
@@ -117,13 +116,13 @@ def _span(
 
 def score_matches(
     matches: Matches,
-    dataset: Dataset,
     questions: Questions,
     metrics: Mapping[str, Mapping[str, Any]],
     table: PairTable,
     groups: Groups,
     summary: Summary,
     surfaces: Surfaces,
+    progress: Callable[[int, int], None] | None = None,
 ) -> None:
     """Fill the pair table with what the matches are worth.
 
@@ -136,6 +135,8 @@ def score_matches(
     target_on_object = np.zeros(len(error), bool)
     outside = np.zeros(len(error), bool)
     for pair in np.flatnonzero(np.diff(matches.starts)).tolist():
+        if progress is not None:
+            progress(pair, pairs)
         rows = slice(int(matches.starts[pair]), int(matches.starts[pair + 1]))
         source = _surface(surfaces, questions, pair, "a")
         target = _surface(surfaces, questions, pair, "b")

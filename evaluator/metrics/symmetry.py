@@ -52,6 +52,7 @@ def symmetric_errors(
     """
     offset = predicted_px[:, None, :].astype(np.float64) - partner_px  # (N, S, 2)
     partner = np.einsum("nsk,nsk->ns", offset, offset)
+    partner[~np.isfinite(partner)] = np.inf  # behind the camera: nowhere in the image plane
     squared = np.concatenate([own_squared_px2[:, None], partner], axis=1)  # (N, S + 1)
     squared[~counted] = 0.0
     sums = np.add.reduceat(squared, starts, axis=0)  # (P, S + 1)

@@ -43,8 +43,10 @@ class LocalisationScorer(Scorer):
         """Take in one block."""
         starts, counted = block.starts[:-1], block.counted
         put, pairs = self.table.put, block.pairs
-        put("sum_squared_px2", pairs, sum_by_pair(block.squared_px2 * counted, starts))
-        put("sum_error_px", pairs, sum_by_pair(block.error_px * counted, starts))
+        put(
+            "sum_squared_px2", pairs, sum_by_pair(np.where(counted, block.squared_px2, 0.0), starts)
+        )
+        put("sum_error_px", pairs, sum_by_pair(np.where(counted, block.error_px, 0.0), starts))
         u, v = block.answer_px[:, 0], block.answer_px[:, 1]
         width, height = self.setting.questions.size
         inside = (u >= 0) & (u <= width) & (v >= 0) & (v <= height)  # a missing one is not inside

@@ -24,7 +24,7 @@ class SymmetryScorer(Scorer):
         starts = block.starts[:-1]
         pairs = len(starts)
         counted = block.counted
-        own = block.squared_px2 * counted
+        own = np.where(counted, block.squared_px2, 0.0)
         pair_squared = sum_by_pair(own, starts)
         point_squared = pair_squared.copy()
         flipped_pairs, flipped_points = np.zeros(pairs), np.zeros(pairs)

@@ -134,7 +134,7 @@ def test_a_foreign_truth_is_the_datasets_fault(
     queries = scene.root / "queries" / "test.parquet"
     with pytest.raises(SpecError, match="found table 'queries'; required: table 'truth'"):
         evaluate(path, scene.root, truth=queries)
-    with pytest.raises(SpecError, match="not there"):
+    with pytest.raises(SpecError, match="truth of split test is not here"):
         evaluate(path, scene.root, truth=tmp_path / "nothing.parquet")
     own = scene.root / "truth" / "test.parquet"
     elsewhere = tmp_path / "truth.parquet"
