@@ -28,6 +28,9 @@ _MIN_MARGIN: Final = 0.02
 _HEADROOM_M: Final = 0.06
 # How high an episode lifts things, about.
 
+_WORKSPACE_SHARE: Final = 0.8
+# Share of an episode's workspace that is framed: things rarely reach its rim.
+
 
 @dataclass(frozen=True)
 class Camera:
@@ -178,7 +181,7 @@ def sample_camera(
         rng: Source of every random number.
         subject: The object; its first pose is taken where no poses are given. Of an episode
             that names its workspace (`workspace_m` in its info: extent in x and in y about the
-            origin) the whole workspace is framed, so that the object stays in view.
+            origin) the middle 80 % of it is framed too, so that the object stays in view.
         settings: The ranges.
         size: Width and height of the image, px.
         poses: Poses that must be wholly in the frame.
@@ -225,7 +228,8 @@ def _workspace_corners(extent_m: Sequence[float]) -> FloatArray:
     """Return the corners of the box an episode moves in, float64 (8, 3), metres."""
     x, y = extent_m
     signs = np.array([[i, j, k] for i in (-0.5, 0.5) for j in (-0.5, 0.5) for k in (0.0, 1.0)])
-    corners: FloatArray = signs * [x, y, _HEADROOM_M]
+    share = _WORKSPACE_SHARE
+    corners: FloatArray = signs * [share * x, share * y, _HEADROOM_M]
     return corners
 
 

@@ -25,6 +25,9 @@ PLAIN, FIBRES, WOVEN = 0, 1, 2
 FIBRES_PER_M: Final = 700.0
 """Frequency of the fibres' mottling."""
 
+SUN_BOUNCE: Final = 0.4
+"""Share of the blocked sky from which sunlight comes back; chosen against long exposures."""
+
 _GLOSS: Final = 40.0
 
 
@@ -105,7 +108,7 @@ def strand_crevices(rest: FloatArray, strands: int) -> FloatArray:
     if strands == 1:
         return np.ones(len(rest))
     radius = np.hypot(rest[:, 1], rest[:, 2])
-    share: FloatArray = np.clip((radius / radius.max() - 0.45) / 0.5, 0.12, 1.0) ** 1.3
+    share: FloatArray = np.clip((radius / radius.max() - 0.45) / 0.5, 0.5, 1.0) ** 0.8
     return share
 
 
@@ -247,15 +250,20 @@ def shade(
                     lit = 0.0
                 above = open_ * (0.5 + 0.5 * nz)
                 below = open_ * (0.5 - 0.5 * nz)
-                # Light that is blocked comes back from the surface that blocks it.
+                # Sky that is blocked comes back from the surface that blocks it, and so does the
+                # sun that falls there.
+                bounced = SUN_BOUNCE * (1.0 - open_) * sun_direction[2]
                 sum0 += gloss * sun[0] + c0 * (
-                    lit * sun[0] + (above * sky[0] + below * ground[0]) / (1.0 - c0 * (1.0 - open_))
+                    (lit + bounced * c0) * sun[0]
+                    + (above * sky[0] + below * ground[0]) / (1.0 - c0 * (1.0 - open_))
                 )
                 sum1 += gloss * sun[1] + c1 * (
-                    lit * sun[1] + (above * sky[1] + below * ground[1]) / (1.0 - c1 * (1.0 - open_))
+                    (lit + bounced * c1) * sun[1]
+                    + (above * sky[1] + below * ground[1]) / (1.0 - c1 * (1.0 - open_))
                 )
                 sum2 += gloss * sun[2] + c2 * (
-                    lit * sun[2] + (above * sky[2] + below * ground[2]) / (1.0 - c2 * (1.0 - open_))
+                    (lit + bounced * c2) * sun[2]
+                    + (above * sky[2] + below * ground[2]) / (1.0 - c2 * (1.0 - open_))
                 )
             if covered:
                 rest = SAMPLES * SAMPLES - covered

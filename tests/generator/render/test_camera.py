@@ -58,7 +58,7 @@ def test_all_given_poses_are_framed(tube: Subject) -> None:
 def test_an_episode_is_framed_with_its_workspace(tube: Subject) -> None:
     episode = dataclasses.replace(tube, temporal=True, info={"workspace_m": [1.4, 1.0]})
     still = dataclasses.replace(episode, temporal=False)
-    corners = np.array([[0.7, 0.5, 0], [-0.7, 0.5, 0], [0.7, -0.5, 0.06], [-0.7, -0.5, 0.06]])
+    corners = np.array([[1, 1, 0], [-1, 1, 0], [1, -1, 0.06], [-1, -1, 0.06]]) * [0.56, 0.4, 1]
     for seed in range(10):
         cameras = [
             sample_camera(np.random.default_rng(seed), each, CameraSettings(), (160, 120))
