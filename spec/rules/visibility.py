@@ -105,7 +105,8 @@ def check_visibility(
         findings: Gets `VISIBLE_DISAGREES`, `MATERIAL_DISAGREES`, `OCCLUDED_DISAGREES`.
     """
     height, width = surface.depth_m.shape
-    pixel = np.floor(rows.uv_px).astype(np.int64)
+    # A point behind the camera may carry any number: clipped, for the cast to be defined.
+    pixel = np.floor(np.clip(rows.uv_px, -8.0, 2.0**20)).astype(np.int64)
     inner = np.all((pixel >= 2) & (pixel < np.array([width, height]) - 2), axis=1)
     chosen = np.flatnonzero(good & inner & (rows.state != OUT_OF_FRAME))
     tally = np.zeros(2, np.int64)
