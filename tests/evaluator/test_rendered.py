@@ -1,0 +1,59 @@
+"""The truth of really generated data scores perfectly, in every tier and on an episode."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from pliant.evaluator import evaluate
+from pliant.spec.dataset import Dataset
+
+
+def submit_truth(root: Path, path: Path) -> Path:
+    dataset = Dataset.open(root)
+    truth = dataset.truth("test")
+    visible = np.array([state == "visible" for state in truth["visibility_b"].to_pylist()])
+    columns = {
+        "pair_id": truth["pair_id"],
+        "query_id": truth["query_id"],
+        "u": truth["u_b"],
+        "v": truth["v_b"],
+        "visible": pa.array(visible.astype(np.float32)),
+        "sigma": pa.array(np.full(len(visible), 0.5, np.float32)),
+    }
+    footer = {
+        "spec_version": "1.0.0",
+        "table": "answers",
+        "dataset": {"id": dataset.id, "version": dataset.version},
+        "split": "test",
+        "queries_sha256": dataset.queries_sha256("test"),
+        "method": {"name": "truth"},
+    }
+    table = pa.table(columns).replace_schema_metadata({b"pliant": json.dumps(footer).encode()})
+    pq.write_table(table, path)
+    return path
+
+
+@pytest.mark.slow
+def test_the_truth_of_rendered_tiers_is_perfect(tiny_dataset: Path, tmp_path: Path) -> None:
+    scores = evaluate(submit_truth(tiny_dataset, tmp_path / "s.parquet"), tiny_dataset)
+    assert set(scores.tiers) == {"rope", "cloth-1", "cloth-3"}
+    for tier, found in scores.tiers.items():
+        for metric in ("rmse_px", "p95_px", "ece", "ause", "jump_rate"):
+            assert found[metric] == 0, (tier, metric)
+        for metric in ("pck_1px", "pck_0.05box", "aj", "oa", "delta_avg"):
+            assert found[metric] == 1, (tier, metric)
+        assert found["off_object_rate"] < 0.01
+        # Half a pixel of material, save at folds, where a pixel shows another layer.
+        assert found["geodesic_mean_m"] < 0.02
+
+
+@pytest.mark.slow
+def test_the_truth_of_an_episode_has_no_jitter(tiny_episode: Path, tmp_path: Path) -> None:
+    scores = evaluate(submit_truth(tiny_episode, tmp_path / "s.parquet"), tiny_episode)
+    assert scores.overall["rmse_px"] == 0
+    assert scores.overall["jitter_px"] in (0, None)
