@@ -48,7 +48,7 @@ def measure(quick: bool) -> dict[str, Value]:
             one = run("rope", style, frames[style], workers=1)
             record["scaling_2_workers"] = rope.images_per_s / one.images_per_s
     for style in ("raster",) if quick else STYLES:
-        cloth = run("cloth-3", style, 12 if quick else 40, workers=2)
+        cloth = run("cloth-3", style, 12 if quick else 20, workers=2)
         record[f"images_per_s_cloth3_{style}"] = cloth.images_per_s
         record[f"cpu_s_per_image_cloth3_{style}"] = cloth.cpu_s_per_image
         record[f"bytes_per_frame_cloth3_{style}"] = cloth.bytes_per_frame
@@ -179,7 +179,7 @@ def memory(style: str, frames: int) -> dict[str, Value]:
     """Resident memory of a worker after a tenth of the frames of an episode, and after all."""
     from pliant.generator.sequence import SequenceMaker, resident_bytes
 
-    config = _config("rope", style, frames, 1, width=320, height=240)
+    config = _config("rope", style, frames, 1, width=160, height=120)
     seen: list[int] = []
     with _folder() as root:
         maker = SequenceMaker(config, root, root / "scratch")
