@@ -79,7 +79,8 @@ def read_answers(
         store.put(batch, row, known)
     answers = store.answers()
     if known_rows > answers.answered:
-        _note_duplicates(submission, questions, problems)
+        repeated = known_rows - answers.answered
+        _note_duplicates(submission, questions, problems, repeated)
     if answers.answered < rows and not allow_missing:
         _note_missing(answers.uv_px, questions, problems)
     return answers
@@ -202,30 +203,26 @@ def _precision(kind: pa.DataType) -> type[np.float32 | np.float64]:
     return np.float64 if pa.types.is_float64(kind) else np.float32
 
 
-def _note_duplicates(submission: Submission, questions: Questions, problems: Problems) -> None:
-    """Read the keys once more and note every row whose query was answered before."""
+def _note_duplicates(
+    submission: Submission, questions: Questions, problems: Problems, count: int
+) -> None:
+    """Read the keys once more, until enough rows whose query was answered before are found."""
+    first = np.full(questions.rows, -1, np.int64)  # the row of the file that answers a query
+    described: list[tuple[str, str]] = []
     ignored = Problems(problems.path)
-    rows, numbers = [], []
     for batch in read_batches(submission, ignored):
         row, known = locate(batch, questions, None)
-        rows.append(row)
-        inside = np.arange(batch.rows) if known is None else np.flatnonzero(known)
-        numbers.append(batch.begin + inside)
-    row, number = np.concatenate(rows), np.concatenate(numbers)
-    order = np.argsort(row, kind="stable")
-    row, number = row[order], number[order]
-    again = np.flatnonzero(row[1:] == row[:-1]) + 1
-    again = again[np.argsort(number[again], kind="stable")]
-
-    def describe(index: int) -> tuple[str, str]:
-        pair, query = questions.key(int(row[index]))
-        first = number[np.searchsorted(row, row[index])]
-        return (
-            f"row {number[index]} (pair {pair}, query {query})",
-            f"the query was answered before, in row {first}; required: one row a query",
-        )
-
-    problems.add_rows("ROW_DUPLICATE", again[:LISTED_PER_CODE].tolist(), len(again), describe)
+        number = batch.begin + (np.arange(batch.rows) if known is None else np.flatnonzero(known))
+        fresh = np.flatnonzero(first[row] < 0)
+        first[row[fresh][::-1]] = number[fresh][::-1]  # backwards: the first of equals stays
+        for index in np.flatnonzero(first[row] != number)[:LISTED_PER_CODE].tolist():
+            pair, query = questions.key(int(row[index]))
+            place = f"row {number[index]} (pair {pair}, query {query})"
+            before = f"the query was answered before, in row {first[row[index]]}"
+            described.append((place, f"{before}; required: one row a query"))
+        if len(described) >= LISTED_PER_CODE:
+            break
+    problems.add_many("ROW_DUPLICATE", count, described)
 
 
 def _note_missing(uv_px: RealArray, questions: Questions, problems: Problems) -> None:

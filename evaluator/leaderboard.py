@@ -6,8 +6,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from pliant.evaluator import plots
-from pliant.evaluator.comparison import check_comparable, differences, method_names, ranks
+from pliant.evaluator.comparison import (
+    Difference,
+    check_comparable,
+    differences,
+    method_names,
+    ranks,
+)
 from pliant.evaluator.report import page_style, template_environment
 from pliant.evaluator.scorers.base import OVERALL
 from pliant.evaluator.scores import SCORES_JSON, Scores, read_scores
@@ -84,7 +91,10 @@ def render_leaderboard(reports: Sequence[Scores]) -> str:
                 for i in order
             ],
             main=label(main),
-            plots=_plots(reports, names),
+            plots=[
+                *_differences(found, [names[i] for i in order], main, protocol),
+                *_plots(reports, names),
+            ],
         )
     )
 
@@ -100,7 +110,7 @@ def _head(group: str, metric: str, protocol: str) -> dict[str, str]:
     words, unit, better = about(metric, protocol)
     shown = written_unit(unit)
     name = label(metric) if group == OVERALL else f"{group}: {label(metric)}"
-    arrow = {"lower": " ↓", "higher": " ↑"}.get(better, "")
+    arrow = {"lower": "\u00a0↓", "higher": "\u00a0↑"}.get(better, "")
     return {"label": f"{name}{', ' + shown if shown else ''}{arrow}", "about": words}
 
 
@@ -116,6 +126,31 @@ def _cell(report: Scores, group: str, metric: str) -> dict[str, Any]:
         "key": "" if value is None else repr(value),
         "interval": interval_text(found.get(metric), unit),
     }
+
+
+def _differences(
+    found: Sequence[Difference], names: Sequence[str], metric: str, protocol: str
+) -> list[str]:
+    """Return the differences of all methods from the first, with intervals, as a plot."""
+    rows = {}
+    for item in found:
+        if item.group != OVERALL or not np.isfinite(item.low):
+            continue
+        if item.against == names[0]:
+            rows[item.method] = (item.low, item.value, item.high)
+        elif item.method == names[0]:
+            rows[item.against] = (-item.high, -item.value, -item.low)
+    if not rows:
+        return []
+    _, unit, _ = about(metric, protocol)
+    ordered = {name: rows[name] for name in names if name in rows}
+    return [
+        plots.interval_svg(
+            ordered,
+            title=f"{label(metric)}: difference from {names[0]}",
+            xlabel=f"{label(metric)}{', ' + unit if unit else ''}; blue: clear",
+        )
+    ]
 
 
 def _plots(reports: Sequence[Scores], names: Sequence[str]) -> list[str]:

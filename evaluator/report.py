@@ -26,7 +26,7 @@ from pliant.evaluator.wording import about, facts, interval_text, label, written
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
 
-_ARROWS: Final = {"lower": " ↓", "higher": " ↑", "neither": ""}
+_ARROWS: Final = {"lower": "\u00a0↓", "higher": "\u00a0↑", "neither": ""}
 
 
 def write_report(
