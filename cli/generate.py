@@ -82,7 +82,7 @@ def command(
     from pliant.generator.runner import generate
 
     config = build_config(tiers, config_file, settings, flags)
-    count = workers or len(os.sched_getaffinity(0))
+    count = len(os.sched_getaffinity(0)) if workers is None else workers
     if dry_run:
         return _dry_run(config, out, count, as_json)
     with _terminated_like_interrupted(), _bar(out, count) as show:

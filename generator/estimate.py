@@ -13,7 +13,7 @@ from pliant.generator.engine import Failed, Finished
 from pliant.generator.engine_local import LocalEngine
 from pliant.generator.plan import Plan, first_of_each_tier
 from pliant.generator.runner import open_sequence_maker
-from pliant.spec.errors import GenerationError
+from pliant.spec.errors import CallError, GenerationError
 
 TRIAL_FRAMES: Final = 3
 
@@ -42,8 +42,11 @@ def estimate_run(config: GenerateConfig, plan: Plan, workers: int) -> Estimate:
         workers: Sequences in work at a time.
 
     Raises:
+        CallError: There is no worker.
         GenerationError: A trial sequence cannot be made.
     """
+    if workers < 1:
+        raise CallError("there must be a worker", where="workers", found=workers, required=">= 1")
     missing = plan.missing
     short = config.with_changes(frames=min(config.frames, TRIAL_FRAMES))
     seconds = size = 0.0

@@ -72,6 +72,7 @@ def test_generate_resume_refuse_and_dry_run(tmp_path, capsys):
     assert "seed (0 there, 1 in this call)" in capsys.readouterr().err
     assert run(["generate", "ropes", "--out", out]) == 2
     assert run(["generate", "--out", out]) == 2
+    assert run([*call, "--workers", "0"]) == 2
 
 
 def test_a_plan_in_words(tmp_path, capsys):
