@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib.util
 import json
 from pathlib import Path
@@ -10,7 +11,12 @@ from typing import Any, get_args
 import numpy as np
 import pytest
 from pliant.generator.cloth import ClothSettings, cloth_tier, sample_cloth
+from pliant.generator.cloth.grid import flat_positions, grid_mesh
+from pliant.generator.cloth.hand import Action, perform
+from pliant.generator.cloth.intersections import find_intersections
+from pliant.generator.cloth.obstacles import Table
 from pliant.generator.cloth.settings import COVERAGE_BANDS, Variant
+from pliant.generator.cloth.simulator import Simulator
 from pliant.generator.subject import Pose, Subject
 from pliant.spec.errors import GenerationError
 
@@ -145,3 +151,30 @@ def test_faces_are_the_whole_sheet_facing_up() -> None:
     area = 0.5 * np.cross(b - a, c - a)
     assert (area[:, 2] > 0).all()
     assert area[:, 2].sum() == pytest.approx(1.0)
+
+
+def test_contact_holds_where_the_courses_lets_the_cloth_through() -> None:
+    """One lift and drop of a coarse cloth, under each scheme."""
+    side = 25
+    settings = ClothSettings(points_a_side=side, tracked_a_side=25)
+    faces, edges = grid_mesh(side, side)
+    crossings = {}
+    for contact in ("none", "cs184", "pbd"):
+        spacing_m = settings.side_m / (side - 1)
+        sheet = dataclasses.replace(
+            settings.sheet(),
+            contact=contact,
+            thickness_m=0.5 * spacing_m,  # both schemes part masses to one spacing
+        )
+        flat = flat_positions(side, side, settings.side_m, settings.side_m)
+        flat[:, 2] = np.random.default_rng(0).uniform(0.001, 0.0011, len(flat))
+        simulator = Simulator(
+            sheet, flat, gravity=(0.0, 0.0, -9.8), obstacles=[Table(0.001, friction=0.6)]
+        )
+        middle = (side // 2) * side + side // 2
+        for _ in perform(simulator, Action("drop", middle, (0.1, 0.05), 0.3, 0.1, 0.6)):
+            pass
+        simulator.run(int(sheet.steps_per_second))
+        crossings[contact] = len(find_intersections(simulator.positions, faces, edges))
+    assert crossings["pbd"] == 0
+    assert 0 < crossings["cs184"] < crossings["none"]
