@@ -74,7 +74,7 @@ def warp_view(view: FrameView, affine: npt.NDArray[np.float64]) -> FrameView:
         affine: float64 (2, 3), new (u, v) = M (u, v, 1).
     """
     height, width = view.mask.shape
-    inverse = np.linalg.inv(np.vstack([affine, [0.0, 0.0, 1.0]]))[:2]
+    inverse = _inverse(affine)
     # Pillow evaluates the map at pixel centres (x + 0.5, y + 0.5): our own convention.
     coefficients = tuple(float(value) for value in inverse.ravel())
     border = np.concatenate([view.rgb[0], view.rgb[-1], view.rgb[:, 0], view.rgb[:, -1]])
@@ -93,6 +93,13 @@ def warp_view(view: FrameView, affine: npt.NDArray[np.float64]) -> FrameView:
     uv = (view.uv_px.astype(np.float64) @ affine[:, :2].T + affine[:, 2]).astype(np.float32)
     inside = (uv >= 0).all(axis=1) & (uv < size).all(axis=1)
     return FrameView(rgb, mask, depth_m, uv, view.visible & inside)
+
+
+def _inverse(affine: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Return the inverse map, float64 (2, 3), in closed form."""
+    (a, b, _), (c, d, _) = affine
+    linear = np.array([[d, -b], [-c, a]]) / (a * d - b * c)
+    return np.column_stack([linear, -linear @ affine[:, 2]])
 
 
 def recolour(

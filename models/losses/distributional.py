@@ -33,6 +33,7 @@ LOG_FLOOR: Final = -20.0
 _NEVER: Final = -1e30
 
 
+@torch.no_grad()
 def gaussian_log_target(
     candidate_uv_px: torch.Tensor,
     on_object: torch.Tensor,
@@ -40,7 +41,7 @@ def gaussian_log_target(
     target_valid: torch.Tensor,
     sigma_px: float,
 ) -> torch.Tensor:
-    """Return log q over the candidates.
+    """Return log q over the candidates (it has no gradient).
 
     Args:
         candidate_uv_px: float (N, M, 2), pixel centres.
@@ -50,23 +51,28 @@ def gaussian_log_target(
         sigma_px: Width of each Gaussian, px.
 
     Returns:
-        float (N, Q, M); exp sums to 1 where a target exists; -1e30 off the object. Each mode
-        has the same mass.
+        float (N, Q, M); exp sums to 1 where a target exists; about -1e30 off the object. Each
+        mode has the same mass.
     """
+    # The object's mask as a bias: 0 on it, -1e30 off it. Dense passes over (N, Q, M) are what
+    # this costs, so they are few and in place.
+    bias = torch.zeros_like(candidate_uv_px[..., 0]).masked_fill_(~on_object, _NEVER)[:, None]
     R = target_uv_px.shape[2]
-    modes = []
+    mixture: torch.Tensor | None = None
     for r in range(R):
-        gap = target_uv_px[:, :, r, None, :] - candidate_uv_px[:, None]  # (N, Q, M, 2)
-        energy = (gap**2).sum(dim=-1) / (-2 * sigma_px**2)
-        energy = energy.masked_fill(~on_object[:, None], _NEVER)
-        mode = energy - energy.logsumexp(dim=-1, keepdim=True)
-        modes.append(mode.masked_fill(~target_valid[:, :, r, None], _NEVER))
-    if R == 1:
-        mixture = modes[0]
-    else:
-        number = target_valid.sum(dim=-1, keepdim=True).clamp_min(1)
-        mixture = torch.stack(modes).logsumexp(dim=0) - number.log()
-    return mixture.masked_fill(~on_object[:, None], _NEVER).clamp_min(_NEVER)
+        mode = target_uv_px[:, :, r, 0, None] - candidate_uv_px[:, None, :, 0]  # (N, Q, M)
+        mode.square_()
+        gap = target_uv_px[:, :, r, 1, None] - candidate_uv_px[:, None, :, 1]
+        mode.addcmul_(gap, gap).mul_(-0.5 / sigma_px**2).add_(bias)
+        mode.sub_(mode.logsumexp(dim=-1, keepdim=True))
+        if R > 1:
+            mode.masked_fill_(~target_valid[:, :, r, None], _NEVER)
+        mixture = mode if mixture is None else torch.logaddexp(mixture, mode)
+    if mixture is None:
+        raise ValueError("a target needs at least one position")
+    if R > 1:
+        mixture.sub_(target_valid.sum(dim=-1, keepdim=True).clamp_min(1).log())
+    return mixture.add_(bias).clamp_min_(_NEVER)
 
 
 def log_probabilities(
@@ -88,8 +94,9 @@ def log_probabilities(
     """
     # ||f||^2 is the same for every candidate and drops out of the softmax.
     dot = query @ candidates.transpose(1, 2)
-    logits = scale * (2 * dot - (candidates**2).sum(dim=-1)[:, None])
-    return logits.masked_fill(~candidate_valid[:, None], _NEVER).log_softmax(dim=-1)
+    bias = -scale * (candidates**2).sum(dim=-1)
+    bias = bias.masked_fill(~candidate_valid, _NEVER)[:, None]
+    return torch.addcmul(bias, dot, 2 * scale).log_softmax(dim=-1)
 
 
 def distributional_loss(
@@ -133,7 +140,9 @@ def distributional_loss(
         log_p = log_probabilities(query, candidates, candidate_valid, scale)
         log_q = gaussian_log_target(candidate_uv_px, on_object, target_uv, target_valid, sigma_px)
         if direction == "forward":
-            each = torch.where(log_q > _NEVER / 2, log_q.exp() * (log_q - log_p), 0.0)
+            # Where q is 0, log q is -1e30 and 0 * -1e30 is 0: no product needs a mask.
+            q = log_q.exp()
+            each = torch.mul(q, log_q) - q * log_p
         else:
             # p is 0 on padding, and 0 * (finite) is 0: the product needs no mask.
             each = log_p.exp() * (log_p - log_q.clamp_min(LOG_FLOOR)).masked_fill(
