@@ -32,7 +32,10 @@ class ColumnStream:
     def __init__(self, path: Path, columns: Sequence[str], strings: Sequence[str] = ()) -> None:
         self._path = path
         metadata = open_table(path).metadata
-        file = pq.ParquetFile(path, metadata=metadata, read_dictionary=list(strings))
+        # Without pre_buffer what is read is also let go: else the whole file stays in memory.
+        file = pq.ParquetFile(
+            path, metadata=metadata, read_dictionary=list(strings), pre_buffer=False
+        )
         absent = [name for name in columns if file.schema_arrow.names.count(name) != 1]
         if absent:
             raise FileRefusedError(

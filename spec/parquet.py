@@ -164,6 +164,7 @@ def _open(path: Path | str, **options: Any) -> pq.ParquetFile:
     try:
         return pq.ParquetFile(
             path,
+            pre_buffer=False,  # which keeps every byte it has read until the file is closed
             thrift_string_size_limit=_THRIFT_LIMIT,
             thrift_container_size_limit=_THRIFT_LIMIT,
             **options,
