@@ -17,7 +17,6 @@ import sys
 from pathlib import Path
 
 import numpy as np
-
 from pliant.evaluator import evaluate
 
 HERE = Path(__file__).parent
@@ -29,7 +28,8 @@ GOLDEN += ("tiers", "intervals", "slices")
 def main() -> None:
     path = HERE.parents[1] / "evaluator" / "conftest.py"
     spec = importlib.util.spec_from_file_location("analytic_scenes", path)
-    assert spec is not None and spec.loader is not None
+    assert spec is not None
+    assert spec.loader is not None
     scenes = importlib.util.module_from_spec(spec)
     sys.modules["analytic_scenes"] = scenes
     spec.loader.exec_module(scenes)
