@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
+
 from pliant.baselines.matcher import Answers, View
 from pliant.baselines.pixels import central_position, pixel_centres, searched_mask
 from pliant.spec.dataset import Dataset

@@ -8,6 +8,7 @@ from typing import Any, Final, Protocol
 
 import numpy as np
 import numpy.typing as npt
+
 from pliant.baselines.matcher import Answers, Heat, Matches, View
 from pliant.baselines.nearest import Descriptors, Metric, distances, nearest, ratio_test
 from pliant.baselines.pixels import (

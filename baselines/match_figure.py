@@ -9,6 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
+
 from pliant.baselines.matcher import Answers, Heat, HeatMatcher, Matcher, View
 from pliant.baselines.pixels import lies_on
 from pliant.spec.errors import CallError

@@ -6,6 +6,7 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
+
 from pliant.baselines.pixels import HALF_PIXEL
 from pliant.spec.errors import MissingExtraError
 

@@ -7,6 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
+
 from pliant.baselines.local_features import Keypoints, LocalFeatureMatcher
 from pliant.baselines.nearest import Descriptors, Metric
 from pliant.baselines.opencv import (

@@ -6,6 +6,7 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
+
 from pliant.baselines.pixels import HALF_PIXEL
 
 BINS: Final = 36

@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageOps
+
 from pliant.baselines.matcher import View
 from pliant.spec.errors import CallError, PliantError
 from pliant.spec.limits import MAX_IMAGE_SIDE_PX

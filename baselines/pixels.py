@@ -6,6 +6,7 @@ from typing import Final
 
 import numpy as np
 import numpy.typing as npt
+
 from pliant.baselines.matcher import View
 
 HALF_PIXEL: Final = 0.5

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
+
 from pliant.baselines.matcher import Answers, KeypointMatcher, Matcher, Matches, SplitMatcher
 from pliant.baselines.submission_file import (
     Keys,

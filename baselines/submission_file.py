@@ -11,6 +11,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
+
 from pliant.baselines.matcher import Answers, Matches
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, PliantError

@@ -18,6 +18,7 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
+
 from pliant.baselines.local_features import Keypoints, LocalFeatureMatcher, LocalFeatures
 from pliant.baselines.nearest import Descriptors, Metric
 from pliant.baselines.opencv import described, keypoints_at, load_opencv, padded, positions

@@ -19,6 +19,8 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
+from record import Value, main
+
 from pliant.baselines import METHODS, Matcher
 from pliant.baselines.local_features import LocalFeatureMatcher
 from pliant.baselines.sift import Sift
@@ -28,7 +30,6 @@ from pliant.baselines.views import ViewReader
 from pliant.generator.config import GenerateConfig
 from pliant.generator.runner import generate
 from pliant.spec.dataset import Dataset
-from record import Value, main
 
 SEED = 2005
 TIERS = ("rope", "cloth-1", "cloth-3")

@@ -12,9 +12,10 @@ import time
 
 import numpy as np
 from independent_intersections import count_intersections
+from record import Value, main
+
 from pliant.generator.cloth import ClothSettings, sample_cloth
 from pliant.generator.cloth.settings import COVERAGE_BANDS, LARGEST_HAND_SPEED_M_S
-from record import Value, main
 
 
 def measure(quick: bool) -> dict[str, Value]:

@@ -25,6 +25,8 @@ import time
 from pathlib import Path
 
 import torch
+from record import Value, main
+
 from pliant.baselines import METHODS
 from pliant.baselines.submission import predict
 from pliant.evaluator import Scores, evaluate
@@ -35,7 +37,6 @@ from pliant.models.don import DonTask, train_don, with_tier
 from pliant.models.processes import Processes
 from pliant.models.settings import DonSettings, read_settings
 from pliant.spec.dataset import Dataset
-from record import Value, main
 
 RECIPE = Path(__file__).parents[1] / "models" / "configs" / "don.yaml"
 CLASSICAL = ("sift", "surf", "orb")

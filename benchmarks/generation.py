@@ -19,12 +19,13 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from record import Value, main
+
 from pliant.generator.config import GenerateConfig
 from pliant.generator.engine import STAGES, Failed, Finished, Rendered, SequenceResult
 from pliant.generator.engine_local import LocalEngine
 from pliant.generator.plan import SequenceTask, plan_tasks
 from pliant.generator.runner import open_sequence_maker
-from record import Value, main
 
 STYLES = ("raster", "fast", "photo")
 FRAMES = {"raster": 150, "fast": 150, "photo": 50}
@@ -134,6 +135,7 @@ def floors(style: str, frames: int) -> dict[str, Value]:
 def encoders(frames: int) -> dict[str, Value]:
     """CPU time and size of a frame's images as written, and as they might be."""
     import OpenEXR
+
     from pliant.generator.runner import generate
     from pliant.spec.dataset import Dataset
     from pliant.spec.images import write_rgb, write_surface

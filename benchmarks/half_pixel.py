@@ -16,6 +16,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 from mahotas.features import surf as mahotas_surf
+from record import Value, main
+
 from pliant.baselines.local_features import Keypoints
 from pliant.baselines.nearest import ratio_test
 from pliant.baselines.orb import MAX_KEYPOINTS, Orb
@@ -27,7 +29,6 @@ from pliant.baselines.surf import (
     MAHOTAS_THRESHOLD,
     MahotasSurf,
 )
-from record import Value, main
 
 Image = npt.NDArray[np.uint8]
 

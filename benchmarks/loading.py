@@ -17,11 +17,12 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+from record import Value, main
+
 from pliant.generator.config import GenerateConfig
 from pliant.generator.runner import generate
 from pliant.loaders import AugmentSettings, PairDataset
 from pliant.spec.dataset import Dataset
-from record import Value, main
 
 TRAINING_SIZE = (160, 120)
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 import time
 
 import numpy as np
+from record import Value, main
+
 from pliant.generator.rope import RopeSettings
 from pliant.generator.rope.episode import Episode
 from pliant.generator.rope.posing import RopeBody
-from record import Value, main
 
 
 def measure_rope(quick: bool) -> dict[str, Value]:

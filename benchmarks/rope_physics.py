@@ -13,6 +13,8 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
+from record import Value, main
+
 from pliant.generator.rope import RopeSettings
 from pliant.generator.rope.contact import EPISODE_RULE, NEIGHBOUR_DIAMETERS, STATIC_RULE
 from pliant.generator.rope.curve import arc_length, tightest_bend
@@ -20,7 +22,6 @@ from pliant.generator.rope.episode import Episode
 from pliant.generator.rope.posing import RopeBody
 from pliant.generator.rope.settings import SHAPES
 from pliant.generator.rope.static import sample_configuration
-from record import Value, main
 
 FloatArray = npt.NDArray[np.float64]
 

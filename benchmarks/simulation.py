@@ -17,11 +17,12 @@ import time
 from collections.abc import Callable
 
 import numpy as np
+from record import Value, main
+
 from pliant.generator.cloth import ClothSettings, sample_cloth
 from pliant.generator.cloth.grid import flat_positions
 from pliant.generator.cloth.obstacles import Table
 from pliant.generator.cloth.simulator import Contact, Sheet, Simulator
-from record import Value, main
 
 POINTS_A_SIDE = (25, 50, 100)
 CONTACTS: dict[str, Contact] = {"": "none", "_self": "pbd", "_cs184": "cs184"}

@@ -13,6 +13,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from record import Value, main
+
 from pliant.generator.camera import Camera, CameraSettings, sample_camera
 from pliant.generator.cloth import ClothSettings, sample_cloth
 from pliant.generator.look import Look, LookSettings, sample_look
@@ -21,7 +23,6 @@ from pliant.generator.rope import RopeSettings, sample_rope
 from pliant.generator.sequence import resident_bytes
 from pliant.generator.subject import Pose, Subject
 from pliant.generator.truth import FrameTruth, frame_truth
-from record import Value, main
 
 SIZE = (640, 480)
 Scene = tuple[str, Subject, Pose, Camera, Look, FrameTruth]

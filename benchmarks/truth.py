@@ -14,13 +14,14 @@ import time
 from collections.abc import Callable
 
 import numpy as np
+from record import Value, main
+
 from pliant.generator.camera import CameraSettings, sample_camera
 from pliant.generator.cloth import ClothSettings, sample_cloth
 from pliant.generator.render.passes import PassRenderer, compare_with_cycles
 from pliant.generator.rope import RopeSettings, sample_rope
 from pliant.generator.subject import Subject
 from pliant.generator.truth import frame_truth
-from record import Value, main
 
 SIZE = (640, 480)
 

@@ -22,6 +22,7 @@ import OpenEXR
 import pyarrow.parquet as pq
 import record
 from PIL import Image
+
 from pliant.generator.config import GenerateConfig
 from pliant.generator.runner import generate
 from pliant.spec.validate import validate

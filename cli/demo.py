@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from pliant.generator.config import GenerateConfig
     from pliant.spec.dataset import Dataset
-    from rich.console import Console
 
 TIERS: Final = ("rope", "cloth-1", "cloth-3")
 METHODS: Final = ("sift", "surf", "orb", "identity", "random", "centroid", "oracle")
@@ -46,8 +47,9 @@ def command(
     frozen queries; OUT/report/index.html shows the paper's table and pictures.
     The same command again goes on where it was interrupted.
     """
-    from pliant.cli.generate import build_config
     from rich.console import Console
+
+    from pliant.cli.generate import build_config
 
     config = build_config(
         TIERS,
@@ -229,8 +231,9 @@ def score(dataset: Dataset, submission: Path, report: Path, protocol: str) -> di
 
 def print_table(console: Console, scores: dict[str, Any]) -> None:
     """Print RMSE in pixels, a row a tier and a column a method."""
-    from pliant.evaluator.overview import format_px
     from rich.table import Table
+
+    from pliant.evaluator.overview import format_px
 
     table = Table(title="RMSE, px", title_justify="left")
     table.add_column("tier")

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 from PIL import Image
+
 from pliant.evaluator.best_matches import BestMatches, best_matches
 from pliant.evaluator.overview import CONTROLS, Column, TierSection, render_overview
 from pliant.evaluator.plots import histogram_svg

@@ -48,10 +48,11 @@ def command(
     Writes scores.json, per_pair.parquet and report.html into REPORT. A submission with anything
     wrong in it is refused with every reason, exit code 1.
     """
-    from pliant.evaluator import evaluate, write_report
-    from pliant.spec.errors import SubmissionError
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
+
+    from pliant.evaluator import evaluate, write_report
+    from pliant.spec.errors import SubmissionError
 
     if out is not None:
         from pliant.evaluator.report import check_out_dir

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 import yaml
+
 from pliant.spec.errors import CallError
 
 if TYPE_CHECKING:

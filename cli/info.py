@@ -38,6 +38,7 @@ def describe(dataset: Dataset) -> dict[str, Any]:
         dataset: An open dataset.
     """
     import pyarrow.compute as pc
+
     from pliant.spec.layout import SEQUENCES_TABLE, queries_path, truth_path
     from pliant.spec.parquet import read_table
 

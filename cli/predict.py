@@ -53,9 +53,6 @@ def command(
     their own keypoints), a control (identity, random, centroid, oracle), or the folder of a
     training run.
     """
-    from pliant.baselines.submission import predict
-    from pliant.cli.methods import open_method
-    from pliant.spec.dataset import Dataset
     from rich.console import Console
     from rich.progress import (
         BarColumn,
@@ -64,6 +61,10 @@ def command(
         TextColumn,
         TimeRemainingColumn,
     )
+
+    from pliant.baselines.submission import predict
+    from pliant.cli.methods import open_method
+    from pliant.spec.dataset import Dataset
 
     dataset = Dataset.open(data)
     matcher = open_method(method)

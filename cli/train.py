@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+
 from pliant.spec.errors import MissingExtraError
 
 if TYPE_CHECKING:

@@ -29,9 +29,10 @@ def command(data: Path, quick: bool, workers: int | None, limit: int, as_json: b
     """
     import os
 
-    from pliant.spec.validate import validate
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
+
+    from pliant.spec.validate import validate
 
     if workers is None:
         workers = len(os.sched_getaffinity(0))

@@ -8,6 +8,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
+
 from pliant.evaluator import limits
 from pliant.evaluator.arrays import BoolArray, IntArray, RealArray
 from pliant.evaluator.batches import Batch, read_batches

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
+
 from pliant.evaluator import limits
 from pliant.evaluator.arrays import BoolArray, IntArray, RealArray
 from pliant.evaluator.problems import Problems

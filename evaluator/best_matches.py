@@ -8,6 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 import pyarrow.compute as pc
+
 from pliant.evaluator.arrays import BoolArray, FloatArray
 from pliant.evaluator.drawings import PAIR_GAP, panel_svg
 from pliant.evaluator.match_scoring import dense_truth

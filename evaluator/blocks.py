@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
+
 from pliant.evaluator.answers import Answers
 from pliant.evaluator.arrays import BoolArray, FloatArray, IntArray, RealArray, StateArray
 from pliant.evaluator.metrics.localisation import squared_error_px2

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
+
 from pliant.evaluator.arrays import FloatArray, IndexArray, IntArray
 from pliant.evaluator.ratios import Ratio
 

@@ -8,6 +8,7 @@ from typing import Any, Final, Literal
 
 import numpy as np
 import pyarrow as pa
+
 from pliant.evaluator.arrays import FloatArray
 from pliant.evaluator.bootstrap import Clusters, percentile_interval, replicates
 from pliant.evaluator.protocol import read_protocol

@@ -9,6 +9,7 @@ import io
 import numpy as np
 import numpy.typing as npt
 from PIL import Image
+
 from pliant.evaluator.examples import Example
 from pliant.spec import layout
 from pliant.spec.dataset import Dataset

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+
 from pliant.evaluator.answers import Answers
 from pliant.evaluator.blocks import check_truth, read_blocks
 from pliant.evaluator.bootstrap import Clusters, intervals

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
+
 from pliant.evaluator.answers import Answers
 from pliant.evaluator.arrays import BoolArray, FloatArray
 from pliant.evaluator.matches import Matches

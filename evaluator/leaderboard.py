@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
 from pliant.evaluator import plots
 from pliant.evaluator.comparison import (
     Difference,

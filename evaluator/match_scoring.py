@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
+
 from pliant.evaluator.arrays import BoolArray, FloatArray
 from pliant.evaluator.matches import Matches
 from pliant.evaluator.metrics.geodesic import (

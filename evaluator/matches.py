@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+
 from pliant.evaluator import limits
 from pliant.evaluator.arrays import FloatArray, IntArray
 from pliant.evaluator.batches import read_batches

@@ -11,6 +11,7 @@ from importlib import resources
 from typing import Any, Final
 
 import jsonschema
+
 from pliant.spec.errors import CallError
 
 PROTOCOL_NAMES: Final = ("paper", "standard", "tapvid", "matches")

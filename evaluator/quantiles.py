@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from typing import Final
 
 import numpy as np
+
 from pliant.evaluator.arrays import FloatArray, IntArray
 
 _CHUNK: Final = 1 << 18

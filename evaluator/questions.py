@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 import numpy.typing as npt
+
 from pliant.evaluator.arrays import IntArray
 from pliant.evaluator.stream import ColumnStream, Vocabulary, numbers
 from pliant.spec import layout

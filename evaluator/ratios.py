@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
+
 from pliant.evaluator.arrays import FloatArray
 
 Better = Literal["lower", "higher", "neither"]

@@ -12,6 +12,7 @@ from typing import Any, Final
 
 import jinja2
 import jsonschema
+
 from pliant.evaluator import plots
 from pliant.evaluator.drawings import pair_svg
 from pliant.evaluator.protocol import read_protocol

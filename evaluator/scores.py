@@ -13,6 +13,7 @@ import jsonschema
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+
 from pliant.evaluator.arrays import FloatArray
 from pliant.evaluator.questions import Questions
 from pliant.spec.errors import SubmissionError

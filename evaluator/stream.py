@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.parquet as pq
+
 from pliant.spec.parquet import open_table
 from pliant.spec.reading import FileRefusedError
 

@@ -9,6 +9,7 @@ from typing import Any, Final
 
 import pyarrow as pa
 import pyarrow.parquet as pq
+
 from pliant.evaluator import limits
 from pliant.evaluator.problems import Problems
 from pliant.spec.dataset import Dataset, check_version

@@ -9,6 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
+
 from pliant.evaluator.arrays import BoolArray, FloatArray
 from pliant.evaluator.blocks import Block
 from pliant.evaluator.metrics.geodesic import (

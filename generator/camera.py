@@ -13,6 +13,7 @@ from typing import Final
 
 import numpy as np
 import numpy.typing as npt
+
 from pliant.generator.subject import FloatArray, Pose, Subject
 from pliant.spec.errors import CallError
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import yaml
+
 from pliant.generator.settings import settings_from, settings_to_dict
 from pliant.spec.conventions import SPLITS
 from pliant.spec.errors import CallError

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+
 from pliant.generator.config import GenerateConfig
 from pliant.generator.plan import SequenceTask
 from pliant.generator.queries import build_queries

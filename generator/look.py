@@ -17,6 +17,7 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
+
 from pliant.generator.subject import Subject
 from pliant.spec.errors import CallError
 

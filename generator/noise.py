@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+
 from pliant.spec.errors import CallError
 from pliant.spec.images import Surface
 

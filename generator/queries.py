@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
+
 from pliant.generator.config import QuerySettings
 from pliant.generator.plan import SequenceTask
 from pliant.generator.seeding import random_generator

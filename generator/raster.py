@@ -22,6 +22,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
+
 from pliant.generator.camera import NEAR_M, Camera
 from pliant.generator.subject import FloatArray, IntArray
 

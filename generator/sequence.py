@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Final, TypeVar
 
 import numpy as np
+
 from pliant.generator.camera import Camera, sample_camera
 from pliant.generator.config import GenerateConfig
 from pliant.generator.engine import SequenceResult

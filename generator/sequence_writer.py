@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
+
 from pliant.spec.checksums import sha256_file
 from pliant.spec.conventions import POINT_KINDS, SPEC_VERSION
 from pliant.spec.images import Surface, write_rgb, write_surface

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+
 from pliant.generator.camera import Camera
 from pliant.generator.raster import Hits, interpolate, rasterise
 from pliant.generator.scene_mesh import SceneMesh

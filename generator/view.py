@@ -12,6 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
+
 from pliant.generator.view_colours import depth_image, index_image, material_colours
 from pliant.spec.dataset import Dataset, Sequence
 from pliant.spec.errors import CallError

@@ -18,6 +18,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 from numba import njit
+
 from pliant.generator.camera import NEAR_M, Camera
 from pliant.generator.subject import FloatArray, IntArray
 

@@ -7,13 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from torch.utils.data import Dataset as TorchDataset
+
 from pliant.loaders.augment import AugmentSettings, recolour, rotation_about_centre, warp_view
 from pliant.loaders.frame_store import FrameStore
 from pliant.loaders.order import sample_generator
 from pliant.loaders.views import InputKind, input_channels
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
-from torch.utils.data import Dataset as TorchDataset
 
 
 class ClipDataset(TorchDataset[dict[str, torch.Tensor]]):

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+
 from pliant.loaders.views import FrameView, read_view, surface_points
 from pliant.spec import layout
 from pliant.spec.dataset import Dataset, Sequence

@@ -10,6 +10,8 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 import torch
+from torch.utils.data import Dataset as TorchDataset
+
 from pliant.loaders.augment import AugmentSettings, augment
 from pliant.loaders.frame_store import FrameStore
 from pliant.loaders.material import symmetry_orbit
@@ -18,7 +20,6 @@ from pliant.loaders.surface_matches import draw_surface_pixels, find_on_surface
 from pliant.loaders.views import FrameView, InputKind, input_channels
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
-from torch.utils.data import Dataset as TorchDataset
 
 Pairing = Literal["any", "sequence", "next"]
 MatchSource = Literal["points", "surface"]

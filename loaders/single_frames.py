@@ -6,10 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from torch.utils.data import Dataset as TorchDataset
+
 from pliant.loaders.frame_store import FrameStore
 from pliant.loaders.views import InputKind, input_channels
 from pliant.spec.dataset import Dataset
-from torch.utils.data import Dataset as TorchDataset
 
 
 class FrameDataset(TorchDataset[dict[str, torch.Tensor]]):

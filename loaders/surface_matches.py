@@ -14,6 +14,7 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
+
 from pliant.loaders.material import FloatArray, material_steps_m
 from pliant.spec.images import Surface
 

@@ -10,6 +10,7 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
 from PIL import Image
+
 from pliant.spec.dataset import Sequence
 from pliant.spec.errors import CallError, SpecError
 

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import torch
+
 from pliant.evaluator.metrics.calibration import expected_calibration_error, reliability_bins
 from pliant.evaluator.metrics.distribution import (
     Mixtures,

@@ -16,9 +16,10 @@ from pathlib import Path
 from typing import Any, Final
 
 import torch
-from pliant.spec.errors import TrainingError
 from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
+
+from pliant.spec.errors import TrainingError
 
 CHECKPOINTS: Final = "checkpoints"
 BEST: Final = "best.safetensors"

@@ -12,6 +12,8 @@ from typing import Any
 
 import torch
 import yaml
+from torch.utils.data import DataLoader
+
 from pliant.loaders import PairDataset, StepOrder
 from pliant.loaders.frame_store import FrameStore
 from pliant.loaders.views import INPUT_CHANNELS
@@ -26,7 +28,6 @@ from pliant.models.training import Batch, LoopSettings, Progress, train
 from pliant.models.validation import draw_validation_pairs, validate
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, TrainingError
-from torch.utils.data import DataLoader
 
 RESUMABLE = ("threads", "workers", "cache", "checkpoint_every", "answer")
 """Settings that may differ when a run goes on: they change no step."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import torch
+
 from pliant.models.candidates import Candidates, all_bins, object_and_background, pixel_grid
 from pliant.models.losses.contrastive import contrastive_loss, draw_non_matches
 from pliant.models.losses.distributional import distributional_loss, log_probabilities

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import torch
+
 from pliant.baselines.matcher import Answers, Heat, View
 from pliant.baselines.recent import Recent
 from pliant.loaders.views import (

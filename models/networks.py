@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from typing import Final
 
 import torch
+from torch import nn
+from torch.nn import functional
+
 from pliant.models.resnet import DEPTHS, ResNetFCN
 from pliant.models.unet import UNet
 from pliant.spec.errors import CallError
-from torch import nn
-from torch.nn import functional
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,9 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import torch
-from pliant.spec.errors import CallError
 from torch import nn
+
+from pliant.spec.errors import CallError
 
 logger = logging.getLogger(__name__)
 

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+
 from pliant.baselines.matcher import View
 from pliant.models.matching import DonMatcher
 from pliant.models.validation import ValidationPair

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Literal, TypeVar
 
 import yaml
+
 from pliant.loaders import AugmentSettings, PairSettings
 from pliant.models.losses.distributional import Direction
 from pliant.models.networks import NetworkSettings

@@ -16,6 +16,8 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import torch
+from torch import nn
+
 from pliant.models.checkpoint import (
     BEST,
     TrainingState,
@@ -28,7 +30,6 @@ from pliant.models.checkpoint import (
 from pliant.models.processes import Processes, agree, average_gradients
 from pliant.models.settings import OptimiserSettings
 from pliant.spec.errors import TrainingError
-from torch import nn
 
 logger = logging.getLogger(__name__)
 

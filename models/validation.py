@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+
 from pliant.baselines.matcher import View
 from pliant.evaluator.metrics.localisation import endpoint_error_px, rmse_px
 from pliant.loaders.frame_store import FrameStore

@@ -11,6 +11,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
+
 from pliant.spec import layout
 from pliant.spec.checksums import sha256_file
 from pliant.spec.conventions import SPEC_VERSION, SPLITS

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import pyarrow as pa
+
 from pliant.spec.conventions import SPEC_VERSION
 from pliant.spec.errors import CallError
 from pliant.spec.tables import ANSWERS_OPTIONAL, TABLES

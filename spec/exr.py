@@ -10,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 import OpenEXR
+
 from pliant.spec import limits
 from pliant.spec.png import refuse_large, require_size
 from pliant.spec.reading import FileRefusedError, check_regular

@@ -14,6 +14,7 @@ from typing import Any, NoReturn
 from jsonschema import Draft202012Validator
 from jsonschema.exceptions import ValidationError
 from jsonschema.validators import extend
+
 from pliant.spec import limits
 from pliant.spec.conventions import SPEC_VERSION
 from pliant.spec.reading import FileRefusedError, read_bytes

@@ -10,6 +10,7 @@ from typing import Any, Final
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
+
 from pliant.spec import limits
 from pliant.spec.conventions import FOOTER_KEY, SPEC_VERSION
 from pliant.spec.jsonfiles import parse_json

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 from PIL import Image
+
 from pliant.spec import limits
 from pliant.spec.reading import FileRefusedError, read_bytes
 

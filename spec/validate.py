@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
 from pliant.spec import layout
 from pliant.spec.conventions import SPEC_VERSION, SPLITS
 from pliant.spec.errors import CallError, Issue

@@ -90,6 +90,7 @@ def _require_generator() -> None:
 def _made_once(config: GenerateConfig, name: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Make a dataset once for all workers of pytest-xdist."""
     from filelock import FileLock
+
     from pliant.generator.runner import generate
     from pliant.spec.errors import CallError
 

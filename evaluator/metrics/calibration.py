@@ -8,6 +8,7 @@ al., Uncertainty Estimates and Multi-Hypotheses Networks for Optical Flow, 2018,
 from __future__ import annotations
 
 import numpy as np
+
 from pliant.evaluator.arrays import BoolArray, FloatArray, IntArray
 
 

@@ -11,6 +11,7 @@ from typing import Final
 
 import numpy as np
 import numpy.typing as npt
+
 from pliant.evaluator.arrays import BoolArray, FloatArray, IntArray, RealArray
 
 _CHUNK_CELLS: Final = 1 << 19

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+
 from pliant.evaluator.arrays import BoolArray, FloatArray, IntArray
 
 _RIM_NODES: Final = 128

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+
 from pliant.evaluator.arrays import FloatArray, IntArray
 
 

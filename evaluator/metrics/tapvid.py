@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+
 from pliant.evaluator.arrays import BoolArray, FloatArray, IntArray
 from pliant.evaluator.metrics.pck import threshold_level
 

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 import numpy as np
+
 from pliant.evaluator.arrays import FloatArray
 from pliant.evaluator.blocks import Block
 from pliant.evaluator.scorers.base import Groups, Scorer, Setting, Summary

@@ -8,6 +8,7 @@ from typing import Any, ClassVar, Final
 
 import numpy as np
 import numpy.typing as npt
+
 from pliant.evaluator.answers import Answers
 from pliant.evaluator.arrays import BoolArray, FloatArray
 from pliant.evaluator.blocks import Block

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
+
 from pliant.evaluator.blocks import Block
 from pliant.evaluator.metrics.continuity import distance_px, is_jump, nearest_neighbours
 from pliant.evaluator.quantiles import exact_quantiles

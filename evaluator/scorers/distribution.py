@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any, ClassVar, Final
 
 import numpy as np
+
 from pliant.evaluator.arrays import BoolArray, FloatArray, IntArray
 from pliant.evaluator.blocks import Block
 from pliant.evaluator.metrics import calibration, distribution

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
+
 from pliant.evaluator.arrays import FloatArray, IntArray
 from pliant.evaluator.blocks import Block
 from pliant.evaluator.metrics.jitter import jitter_px

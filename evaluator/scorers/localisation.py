@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 import numpy as np
+
 from pliant.evaluator.blocks import Block
 from pliant.evaluator.metrics.localisation import sum_by_pair
 from pliant.evaluator.quantiles import exact_quantiles

@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pyarrow as pa
+
 from pliant.evaluator.arrays import BoolArray, FloatArray, IntArray
 from pliant.evaluator.blocks import Block
 from pliant.evaluator.metrics.localisation import endpoint_error_px, sum_by_pair

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 import numpy as np
+
 from pliant.evaluator.blocks import Block
 from pliant.evaluator.metrics.localisation import sum_by_pair
 from pliant.evaluator.metrics.symmetry import symmetric_errors

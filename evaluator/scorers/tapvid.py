@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+
 from pliant.evaluator.blocks import Block
 from pliant.evaluator.metrics.tapvid import tapvid_pairs
 from pliant.evaluator.ratios import threshold_name

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+
 from pliant.generator.cloth.handling import CALM_SPEED_M_S, Handling
 from pliant.generator.cloth.levels import shape_cloth
 from pliant.generator.cloth.settings import ClothSettings

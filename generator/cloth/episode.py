@@ -15,6 +15,7 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
+
 from pliant.generator.cloth.configuration import make_configuration
 from pliant.generator.cloth.grid import corner_vertices
 from pliant.generator.cloth.hand import Action, perform

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+
 from pliant.generator.cloth.simulator import Simulator
 
 FloatArray = npt.NDArray[np.float64]

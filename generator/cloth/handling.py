@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+
 from pliant.generator.cloth.grid import corner_vertices, flat_positions, grid_faces
 from pliant.generator.cloth.hand import Action, perform
 from pliant.generator.cloth.measure import silhouette_m2

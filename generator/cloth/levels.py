@@ -13,6 +13,7 @@ from collections.abc import Callable
 from typing import Final
 
 import numpy as np
+
 from pliant.generator.cloth.grid import corner_vertices
 from pliant.generator.cloth.handling import Handling
 

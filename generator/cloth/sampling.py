@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+
 from pliant.generator.cloth.configuration import Configurations
 from pliant.generator.cloth.episode import Episode
 from pliant.generator.cloth.grid import grid_faces, mapped_vertices

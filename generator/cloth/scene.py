@@ -18,6 +18,7 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
+
 from pliant.generator.cloth.obstacles import Obstacle, Plane, Sphere
 from pliant.generator.cloth.simulator import Contact, Sheet, Simulator
 from pliant.spec.errors import CallError

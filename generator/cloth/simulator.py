@@ -12,6 +12,7 @@ from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
+
 from pliant.generator.cloth.contact_cs184 import collide_cs184
 from pliant.generator.cloth.contact_pbd import FRICTIONLESS_STEPS, PairContact
 from pliant.generator.cloth.grid import flat_positions

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
+
 from pliant.generator.cloth.grid import grid_mesh
 from pliant.generator.cloth.intersections import find_intersections
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+
 from pliant.generator.cloth.grid import corner_vertices, grid_mesh
 from pliant.generator.cloth.measure import Cover, measure_cover
 from pliant.generator.cloth.settings import ClothSettings

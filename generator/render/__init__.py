@@ -6,6 +6,7 @@ from typing import Final, Protocol
 
 import numpy as np
 import numpy.typing as npt
+
 from pliant.generator.camera import Camera
 from pliant.generator.look import Look
 from pliant.generator.subject import Pose, Subject

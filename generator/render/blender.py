@@ -16,6 +16,7 @@ import bpy
 import mathutils
 import numpy as np
 import numpy.typing as npt
+
 from pliant.generator.camera import NEAR_M, Camera
 from pliant.generator.look import Light
 from pliant.generator.subject import FloatArray, IntArray

@@ -7,6 +7,7 @@ from typing import Any, Final
 import bpy
 import numpy as np
 import numpy.typing as npt
+
 from pliant.generator.look import Look
 from pliant.generator.render.blender import add_image
 from pliant.generator.render.deferred import FIBRES_PER_M

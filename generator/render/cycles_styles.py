@@ -13,6 +13,7 @@ from typing import Any, ClassVar, Final
 
 import numpy as np
 import numpy.typing as npt
+
 from pliant.generator.camera import NEAR_M, Camera
 from pliant.generator.look import Look
 from pliant.generator.render import blender

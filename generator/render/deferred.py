@@ -9,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 from numba import njit
+
 from pliant.generator.look import Look
 from pliant.generator.render.patterns import cloth_images, value_noise
 from pliant.generator.render.shadow import sunlight

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+
 from pliant.generator.camera import Camera
 from pliant.generator.render import blender
 from pliant.generator.render.blender_materials import plain_material

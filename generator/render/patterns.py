@@ -11,6 +11,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 from numba import njit
+
 from pliant.generator.look import Look, TableLook
 from pliant.generator.subject import FloatArray
 

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import numpy.typing as npt
+
 from pliant.generator.camera import NEAR_M, Camera
 from pliant.generator.look import Look
 from pliant.generator.raster import rasterise_into

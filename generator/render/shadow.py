@@ -15,6 +15,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 from numba import njit
+
 from pliant.generator.look import Light
 from pliant.generator.subject import FloatArray, IntArray
 

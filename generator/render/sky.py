@@ -15,6 +15,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 from numba import njit
+
 from pliant.generator.subject import FloatArray, IntArray
 
 _DIRECTIONS: Final = 16

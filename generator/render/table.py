@@ -11,6 +11,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 from numba import njit
+
 from pliant.generator.camera import Camera
 from pliant.generator.look import Look
 from pliant.generator.render.patterns import table_reflectance

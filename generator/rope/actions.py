@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
+
 from pliant.generator.rope.settings import RopeSettings
 from pliant.generator.subject import FloatArray
 

@@ -6,6 +6,7 @@ import math
 from typing import Final
 
 import numpy as np
+
 from pliant.generator.subject import FloatArray, IntArray
 
 BALL_DEPTH: Final = 0.8

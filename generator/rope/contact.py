@@ -9,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 from numba import njit
+
 from pliant.generator.subject import FloatArray
 
 NEIGHBOUR_DIAMETERS: Final = 2.5

@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 from numba import njit
+
 from pliant.generator.subject import FloatArray
 
 HANDLE_SHARE: Final = 0.39

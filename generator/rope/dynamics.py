@@ -17,6 +17,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 from numba import njit
+
 from pliant.generator.rope.ball import BALL_DEPTH
 from pliant.generator.rope.contact import NEIGHBOUR_DIAMETERS, segment_distance
 from pliant.generator.rope.settings import RopeSettings

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any, Final
 
 import numpy as np
+
 from pliant.generator.rope.actions import Action, next_action, outside_by
 from pliant.generator.rope.curve import resample, turned
 from pliant.generator.rope.dynamics import RopeState

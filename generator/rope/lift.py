@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 from numba import njit
+
 from pliant.generator.rope.contact import NEIGHBOUR_DIAMETERS
 from pliant.generator.subject import FloatArray
 

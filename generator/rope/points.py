@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+
 from pliant.generator.rope.mesh import RopeMesh, rope_chart
 from pliant.generator.rope.settings import RopeSettings
 from pliant.generator.subject import IntArray, Points

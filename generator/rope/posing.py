@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+
 from pliant.generator.rope.ball import ball_chart, ball_mesh, place_ball
 from pliant.generator.rope.contact import crossings
 from pliant.generator.rope.curve import resample, twist_free_frames

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+
 from pliant.generator.rope.settings import RopeSettings
 from pliant.generator.seeding import random_generator
 from pliant.generator.subject import Pose, Subject

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
+
 from pliant.generator.rope.ball import BALL_DEPTH
 from pliant.generator.rope.contact import (
     STATIC_RULE,

@@ -8,6 +8,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 from PIL import Image
+
 from pliant.spec.conformance.edits import (
     ROPE_TRAIN,
     Case,

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
+
 from pliant.spec import layout
 from pliant.spec.checksums import sha256_file
 from pliant.spec.conformance.analytic import Ball, Scene, Sheet, Tube, View

@@ -13,6 +13,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 from PIL import Image
+
 from pliant.spec.conformance.edits import (
     BARE_TEST,
     CLOTH_TRAIN,

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
 from pliant.spec.conformance.edits import (
     CLOTH_TRAIN,
     ROPE_TRAIN,

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+
 from pliant.spec.conformance.edits import (
     BARE_TEST,
     CLOTH_TRAIN,

@@ -16,6 +16,7 @@ from typing import Any, Final
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+
 from pliant.spec import layout
 from pliant.spec.conformance.base import relist
 from pliant.spec.dataset import Dataset

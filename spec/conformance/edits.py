@@ -13,6 +13,7 @@ import numpy.typing as npt
 import OpenEXR
 import pyarrow as pa
 import pyarrow.parquet as pq
+
 from pliant.spec import layout
 from pliant.spec.conformance.base import relist
 from pliant.spec.conventions import FOOTER_KEY

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+
 from pliant.spec.checksums import sha256_file
 from pliant.spec.conventions import FOOTER_KEY, SPEC_VERSION
 from pliant.spec.layout import queries_path

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+
 from pliant.spec.rules.context import Context
 from pliant.spec.rules.findings import Findings
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
+
 from pliant.spec import limits
 from pliant.spec.conventions import VISIBILITY_STATES
 from pliant.spec.rules.cameras import Cameras

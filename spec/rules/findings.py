@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
+
 from pliant.spec.errors import Issue
 from pliant.spec.issue_codes import make_issue
 from pliant.spec.reading import FileRefusedError

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
+
 from pliant.spec import limits
 from pliant.spec.conventions import POINT_KINDS
 from pliant.spec.rules.findings import Findings

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
+
 from pliant.spec import layout, limits
 from pliant.spec.checksums import sha256_file
 from pliant.spec.conventions import VISIBILITY_STATES

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+
 from pliant.spec import layout
 from pliant.spec.rules.cameras import Cameras, check_cameras
 from pliant.spec.rules.context import Context

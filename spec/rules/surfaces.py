@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+
 from pliant.spec import layout
 from pliant.spec.exr import Surface, read_surface
 from pliant.spec.png import read_rgb

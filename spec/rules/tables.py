@@ -12,6 +12,7 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
+
 from pliant.spec.dataset import check_version
 from pliant.spec.jsonfiles import is_newer_minor, schema_errors
 from pliant.spec.parquet import column_problem, footer_of, load_batches, open_table

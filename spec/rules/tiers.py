@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+
 from pliant.spec.layout import DATASET_JSON
 from pliant.spec.rules.findings import Findings
 

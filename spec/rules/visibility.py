@@ -26,6 +26,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+
 from pliant.spec.exr import Surface
 from pliant.spec.rules.cameras import Cameras
 from pliant.spec.rules.correspondences import (

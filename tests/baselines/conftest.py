@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 import pytest
+
 from pliant.baselines import View
 from pliant.spec import layout
 from pliant.spec.conventions import CONVENTIONS

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 
 import pytest
 from PIL import Image
+
 from pliant.baselines import METHODS
 from pliant.baselines.controls import Identity
 from pliant.cli.main import run

@@ -9,6 +9,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+
 from pliant.baselines import METHODS, SplitMatcher, View
 from pliant.baselines.controls import Identity, MaskCentroid, Oracle, RandomInMask
 from pliant.baselines.pixels import lies_on

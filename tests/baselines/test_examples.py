@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
+
 from pliant.baselines.submission import predict
 from pliant.spec.dataset import Dataset
 from pliant.spec.parquet import read_footer, read_table

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
+
 from pliant.baselines import METHODS, View
 from pliant.baselines.local_features import LocalFeatures
 from pliant.baselines.orb import Orb

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 from PIL import Image
+
 from pliant.baselines import METHODS, Answers, View
 from pliant.baselines.controls import Identity
 from pliant.baselines.match_figure import draw_match, match_photo

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
+
 from pliant.baselines import METHODS, HeatMatcher, KeypointMatcher, View
 from pliant.baselines.local_features import LocalFeatureMatcher
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
 from pliant.baselines.nearest import ROWS_AT_ONCE, distances, nearest, ratio_test
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from pliant import evaluator
 from pliant.baselines import METHODS
 from pliant.baselines.pixels import lies_on

@@ -12,6 +12,7 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+
 from pliant.baselines import METHODS, Answers, View
 from pliant.baselines.submission import (
     predict,

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+
 from pliant.baselines.surf import MahotasSurf, OpencvSurf, open_surf, surf
 from pliant.spec.errors import MissingExtraError
 

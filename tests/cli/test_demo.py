@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
+
 from pliant.cli.main import COMMANDS, run
 
 pytestmark = [pytest.mark.blender, pytest.mark.slow]

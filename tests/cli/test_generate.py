@@ -3,6 +3,7 @@ from __future__ import annotations
 import json
 
 import pytest
+
 from pliant.cli.generate import build_config, duration, size
 from pliant.cli.main import run
 from pliant.spec.errors import CallError

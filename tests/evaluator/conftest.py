@@ -18,6 +18,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+
 from pliant.spec import layout, tables
 from pliant.spec.conventions import CONVENTIONS, SPEC_VERSION
 from pliant.spec.dataset import Dataset
@@ -41,7 +42,10 @@ CLOTH = {
             ],
         }
     ],
-    "symmetries": [{"name": "half-turn", "matrix": [[-1, 0], [0, -1]], "offset": [1, 1]}],
+    "symmetries": [
+        {"name": "half-turn", "matrix": [[-1, 0], [0, -1]], "offset": [1, 1]},
+        {"name": "mirror", "matrix": [[-1, 0], [0, 1]], "offset": [1, 0]},
+    ],
 }
 ROPE = {
     "name": "rope",
@@ -181,8 +185,12 @@ def make_scene(
     seed: int = 0,
     images: bool = True,
     split: str = "test",
+    sources: int = 1,
 ) -> Scene:
-    """Write a dataset: in every sequence frame 0 is asked against every later frame."""
+    """Write a dataset: in every sequence the first `sources` frames are asked against later ones.
+
+    About a quarter of the symmetric partners is called occluded.
+    """
     rng = np.random.default_rng(seed)
     described = [{"cloth": CLOTH, "rope": ROPE}[name] for name in tiers]
     root.mkdir(parents=True, exist_ok=True)
@@ -220,22 +228,23 @@ def make_scene(
             )
             if images:
                 _write_images(folder, kind, poses, points, tier)
-            for frame in range(1, frames):
+            asked_pairs = [(a, b) for a in range(sources) for b in range(a + 1, frames)]
+            for source, frame in asked_pairs:
                 facing = np.cos(points[:, 1]) > 0 if kind == "rope" else np.ones(len(points), bool)
                 chosen = rng.choice(len(points), queries, replace=False)
-                at_a = project(kind, poses[0], points[chosen].astype(float))
+                at_a = project(kind, poses[source], points[chosen].astype(float))
                 at_b = project(kind, poses[frame], points[chosen].astype(float))
-                twin = 1 - points[chosen].astype(float)
-                twin_b = project(kind, poses[frame], twin)
+                partners = _partners(tier, points[chosen].astype(float), kind, poses[frame])
+                seen = rng.random((queries, len(tier["symmetries"]))) < 0.75
                 for query in range(queries):
-                    values = (pair, query, kind, name, 0, name, frame, *at_a[query])
+                    values = (pair, query, kind, name, source, name, frame, *at_a[query])
                     for column, value in zip(asked, values, strict=True):
                         asked[column].append(value)
                     state = "visible" if facing[chosen[query]] else "self_occluded"
-                    other = [
-                        {"u": twin_b[query, 0], "v": twin_b[query, 1], "visibility": "visible"}
+                    others = [
+                        {"u": u, "v": v, "visibility": "visible" if fine else "occluded"}
+                        for (u, v), fine in zip(partners[query], seen[query], strict=True)
                     ]
-                    others = other if tier["symmetries"] else []
                     values = (
                         pair, query, kind, int(chosen[query]), *at_b[query], state,
                         SIZES[kind][0], others,
@@ -272,12 +281,25 @@ def make_scene(
     return Scene(root, split, queries_table, truth_table)
 
 
+def _partners(
+    tier: dict[str, Any], material: np.ndarray, kind: str, pose: np.ndarray
+) -> np.ndarray:
+    """Project the partners of points: (N, S, 2), pixels."""
+    maps = [(np.array(s["matrix"]), np.array(s["offset"])) for s in tier["symmetries"]]
+    found = [project(kind, pose, material @ matrix.T + offset) for matrix, offset in maps]
+    return np.stack(found, axis=1) if found else np.empty((len(material), 0, 2))
+
+
 def _write_images(
     folder: Path, kind: str, poses: np.ndarray, points: np.ndarray, tier: dict[str, Any]
 ) -> None:
     (folder / "rgb").mkdir(parents=True)
     (folder / "depth").mkdir()
-    partners = [[len(points) - 1 - i] if tier["symmetries"] else [] for i in range(len(points))]
+    partners = [
+        [int(np.argmin(np.abs(points - (np.array(s["matrix"]) @ m + s["offset"])).sum(axis=1)))
+         for s in tier["symmetries"]]
+        for m in points
+    ]  # fmt: skip
     table = pa.table(
         {
             "point": np.arange(len(points), dtype=np.int32),

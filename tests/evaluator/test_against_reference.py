@@ -14,9 +14,10 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pytest
+from scipy.stats import multivariate_normal, ncx2
+
 from pliant.evaluator import evaluate, read_protocol
 from pliant.spec.tables import ANSWERS_OPTIONAL
-from scipy.stats import multivariate_normal, ncx2
 
 DIAGONAL = 200.0  # of 160x120
 STANDARD = read_protocol("standard").metrics
@@ -363,9 +364,9 @@ def answers_of(scene: Any, seed: int, kind: str) -> pa.Table:
 
 @pytest.fixture(scope="module")
 def episodes(scene_maker: Any, tmp_path_factory: pytest.TempPathFactory) -> Any:
-    """Episodes of five frames, without images, with points asked in several frames."""
+    """Episodes of five frames, without images, points asked from two source frames in several."""
     root = tmp_path_factory.mktemp("episodes") / "data"
-    return scene_maker(root, frames=5, temporal=True, queries=60, images=False, sequences=2)
+    return scene_maker(root, frames=5, temporal=True, queries=60, images=False, sources=2)
 
 
 @pytest.mark.parametrize("kind", ["plain", "double", "sigma", "modes", "holes"])

@@ -20,6 +20,7 @@ import pyarrow.csv
 import pyarrow.feather
 import pyarrow.parquet as pq
 import pytest
+
 from pliant.cli.main import run
 from pliant.evaluator import evaluate, inspect
 from pliant.spec.issue_codes import ISSUE_CODES

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pytest
+
 from pliant.evaluator import evaluate, inspect
 from pliant.spec.errors import CallError, SpecError
 

@@ -9,6 +9,7 @@ from typing import Any
 import jsonschema
 import numpy as np
 import pytest
+
 from pliant.evaluator import PROTOCOL_NAMES, evaluate, read_protocol
 from pliant.evaluator.ratios import ratios_of
 from pliant.evaluator.scores import scores_schema

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+
 from pliant.cli.main import run
 from pliant.evaluator import evaluate, plots, read_scores, write_report
 from pliant.evaluator.comparison import differences, ranks

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pytest
+
 from pliant.evaluator import evaluate
 from pliant.evaluator.bootstrap import Clusters, expanded_tail, intervals
 from pliant.evaluator.ratios import Ratio

@@ -13,6 +13,7 @@ import pyarrow as pa
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+
 from pliant.cli.main import run
 from pliant.evaluator import Scores, check, evaluate, inspect
 from pliant.evaluator.problems import Problems

@@ -5,6 +5,7 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
+
 from pliant.spec.dataset import Dataset
 
 pytest.importorskip("torch", reason="the loaders need the extra 'train'")

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
+
 from pliant.spec import layout
 from pliant.spec.conventions import CONVENTIONS, SPEC_VERSION
 from pliant.spec.images import Surface, write_rgb, write_surface

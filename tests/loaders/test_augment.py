@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+
 from pliant.loaders.augment import (
     AugmentSettings,
     augment,

@@ -7,6 +7,8 @@ from types import ModuleType
 import numpy as np
 import pytest
 import torch
+from torch.utils.data import DataLoader
+
 from pliant.loaders import (
     AugmentSettings,
     ClipDataset,
@@ -17,7 +19,6 @@ from pliant.loaders import (
 )
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
-from torch.utils.data import DataLoader
 
 SIZE = (80, 60)
 

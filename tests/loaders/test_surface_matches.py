@@ -4,6 +4,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+
 from pliant.loaders.material import material_steps_m, symmetry_orbit
 from pliant.loaders.surface_matches import draw_surface_pixels, find_on_surface
 from pliant.spec.dataset import Dataset

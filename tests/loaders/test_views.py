@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
 from pliant.loaders.frame_store import FrameStore
 from pliant.loaders.views import input_channels, resize_depth, resize_mask, resize_rgb
 from pliant.spec.dataset import Dataset

@@ -6,6 +6,7 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
+
 from pliant.spec.dataset import Dataset
 
 torch = pytest.importorskip("torch", reason="the models need the extra 'train'")

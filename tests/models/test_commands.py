@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
+
 from pliant.cli.main import run
 from pliant.spec.dataset import Dataset
 from pliant.spec.parquet import read_footer

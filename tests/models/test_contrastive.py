@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import pytest
 import torch
+
 from pliant.models.losses import contrastive_loss, draw_non_matches
 
 D = torch.float64

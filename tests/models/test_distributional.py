@@ -4,6 +4,7 @@ import math
 
 import pytest
 import torch
+
 from pliant.models.candidates import all_bins, object_and_background, pixel_grid
 from pliant.models.losses.distributional import (
     Direction,

@@ -2,11 +2,12 @@ from __future__ import annotations
 
 import pytest
 import torch
+from torch.utils.data import default_collate
+
 from pliant.loaders import PairDataset, PairSettings
 from pliant.models.don_loss import don_loss
 from pliant.models.settings import LossSettings
 from pliant.spec.dataset import Dataset
-from torch.utils.data import default_collate
 
 Batch = dict[str, torch.Tensor]
 

@@ -4,6 +4,7 @@ import math
 
 import pytest
 import torch
+
 from pliant.models.losses import lipschitz_space_loss, lipschitz_time_loss
 from pliant.models.losses.lipschitz_space import draw_patch, penalty_weight, soft_argmax
 

@@ -7,6 +7,8 @@ from types import ModuleType
 import numpy as np
 import pytest
 import torch
+from torch import nn
+
 from pliant.baselines.matcher import HeatMatcher, View
 from pliant.loaders.frame_store import FrameStore
 from pliant.models.calibration import calibrate
@@ -17,7 +19,6 @@ from pliant.models.run_report import descriptor_colours
 from pliant.models.settings import AnswerSettings
 from pliant.models.validation import ValidationPair, draw_validation_pairs, validate
 from pliant.spec.dataset import Dataset
-from torch import nn
 
 SIZE = (80, 60)
 GRID = torch.tensor([[u + 0.5, v + 0.5] for v in range(6) for u in range(10)])

@@ -5,13 +5,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from safetensors.torch import save_file
+from torch import nn
+
 from pliant.models.networks import NetworkSettings, build_network, sample_descriptors
 from pliant.models.pretrained import read_weights
 from pliant.models.resnet import ResNetFCN
 from pliant.models.unet import ConvBlock
 from pliant.spec.errors import CallError
-from safetensors.torch import save_file
-from torch import nn
 
 SMALL = NetworkSettings(widths=(8, 16, 32))
 

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+
 from pliant.models.settings import DonSettings, read_settings, settings_to_dict
 from pliant.spec.errors import CallError
 

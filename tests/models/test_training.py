@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 import torch
+
 from pliant.models import load_matcher
 from pliant.models.checkpoint import latest_checkpoint, read_checkpoint, read_weights_file
 from pliant.models.don import train_don

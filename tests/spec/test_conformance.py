@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+
 from pliant.spec.conformance import build
 from pliant.spec.issue_codes import ISSUE_CODES
 from pliant.spec.validate import validate

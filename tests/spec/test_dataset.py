@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+
 from pliant.spec.conformance.edits import ROPE_TEST, change_json, change_rows, remove
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, SpecError

@@ -12,6 +12,7 @@ import pyarrow as pa
 import pytest
 from click.testing import CliRunner
 from jsonschema import Draft202012Validator
+
 from pliant.cli.spec import command
 from pliant.spec import document
 from pliant.spec.conventions import CONVENTIONS, VISIBILITY_STATES

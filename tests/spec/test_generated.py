@@ -9,6 +9,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+
 from pliant.spec.conformance.edits import listed
 from pliant.spec.dataset import Dataset, Sequence
 from pliant.spec.validate import validate

@@ -12,6 +12,7 @@ import numpy as np
 import OpenEXR
 import pytest
 from PIL import Image
+
 from pliant.spec.images import Surface, read_rgb, read_surface, write_rgb, write_surface
 from pliant.spec.reading import FileRefusedError
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+
 from pliant.spec.jsonfiles import is_newer_minor, parse_json, read_json, schema_errors, write_json
 from pliant.spec.reading import FileRefusedError
 

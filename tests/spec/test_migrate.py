@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 from click.testing import CliRunner
+
 from pliant.cli.migrate import command
 from pliant.spec.checksums import sha256_file
 from pliant.spec.conventions import SPEC_VERSION

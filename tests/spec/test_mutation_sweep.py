@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+
 from pliant.spec.conformance.corruption import corrupt, is_harmless, restore, same_listing
 from pliant.spec.validate import validate
 

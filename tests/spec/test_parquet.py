@@ -9,6 +9,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+
 from pliant.spec import parquet
 from pliant.spec.conventions import FOOTER_KEY
 from pliant.spec.parquet import read_footer, read_table, write_table

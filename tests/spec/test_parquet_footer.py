@@ -10,6 +10,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+
 from pliant.spec.parquet import open_table
 from pliant.spec.parquet_footer import read_column_chunks
 from pliant.spec.reading import FileRefusedError

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+
 from pliant.spec.conformance.base import DIHEDRAL, TIERS
 from pliant.spec.rules.findings import Findings
 from pliant.spec.rules.tiers import check_tiers, wrap_difference

@@ -14,6 +14,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
+
 from pliant.cli.main import run
 from pliant.cli.validate import command
 from pliant.spec.conformance.edits import (

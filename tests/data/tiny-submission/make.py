@@ -17,6 +17,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+
 from pliant.evaluator import evaluate
 
 HERE = Path(__file__).parent

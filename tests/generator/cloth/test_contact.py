@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from pliant.generator.cloth.contact_pbd import PairContact, part_pairs
 from scipy.spatial import cKDTree
+
+from pliant.generator.cloth.contact_pbd import PairContact, part_pairs
 
 
 def part(

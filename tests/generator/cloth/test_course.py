@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+
 from pliant.generator.cloth.scene import Scene, parse_scene, read_scene, scene_names
 from pliant.generator.cloth.simulator import Sheet, Simulator
 

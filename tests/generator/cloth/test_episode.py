@@ -6,6 +6,7 @@ import itertools
 
 import numpy as np
 import pytest
+
 from pliant.generator.cloth import ClothSettings, sample_cloth
 from pliant.generator.cloth.grid import grid_mesh
 from pliant.generator.cloth.hand import Action, grip, hand_path, hand_steps

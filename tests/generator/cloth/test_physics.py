@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+
 from pliant.generator.cloth.grid import flat_positions
 from pliant.generator.cloth.obstacles import Plane, Sphere, Table
 from pliant.generator.cloth.simulator import Sheet, Simulator

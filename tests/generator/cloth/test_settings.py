@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+
 from pliant.generator.cloth import ClothSettings, sample_cloth
 from pliant.generator.cloth.scene import parse_scene, read_scene
 from pliant.spec.errors import CallError

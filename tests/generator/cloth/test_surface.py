@@ -8,6 +8,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+
 from pliant.generator.cloth.grid import corner_vertices, flat_positions, grid_mesh, triangle_edges
 from pliant.generator.cloth.intersections import find_intersections
 from pliant.generator.cloth.measure import measure_cover

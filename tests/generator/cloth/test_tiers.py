@@ -10,6 +10,7 @@ from typing import Any, get_args
 
 import numpy as np
 import pytest
+
 from pliant.generator.cloth import ClothSettings, cloth_tier, sample_cloth
 from pliant.generator.cloth.grid import flat_positions, grid_mesh
 from pliant.generator.cloth.hand import Action, perform

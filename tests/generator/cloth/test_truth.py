@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
 from pliant.generator.camera import Camera, CameraSettings, sample_camera
 from pliant.generator.cloth import ClothSettings, sample_cloth
 from pliant.generator.subject import Subject

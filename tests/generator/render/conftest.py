@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
 from pliant.generator.camera import Camera
 from pliant.generator.subject import FloatArray, Part, Points, Pose, Subject
 

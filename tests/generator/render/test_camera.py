@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+
 from pliant.generator.camera import Camera, CameraSettings, sample_camera
 from pliant.generator.subject import Subject
 from pliant.spec.errors import CallError

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+
 from pliant.generator.look import Look, LookSettings, sample_look
 from pliant.generator.render.deferred import fibre_places
 from pliant.generator.render.patterns import cloth_images, table_reflectance, value_noise

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
 from pliant.generator.noise import NoiseSettings, apply_noise, perlin_noise
 from pliant.spec.errors import CallError
 from pliant.spec.images import Surface

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
 from pliant.generator.camera import CameraSettings, sample_camera
 from pliant.generator.cloth import ClothSettings, sample_cloth
 from pliant.generator.rope import RopeSettings, sample_rope

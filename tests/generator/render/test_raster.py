@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
 from pliant.generator.camera import Camera
 from pliant.generator.raster import interpolate, rasterise
 

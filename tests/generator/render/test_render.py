@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from pliant.generator.camera import Camera
 from pliant.generator.look import Light, Look, LookSettings, TableLook, sample_look
 from pliant.generator.render import open_renderer

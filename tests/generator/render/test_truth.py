@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
 from pliant.generator.camera import Camera, CameraSettings, sample_camera
 from pliant.generator.scene_mesh import SceneMesh
 from pliant.generator.subject import Part, Points, Pose, Subject

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from PIL import Image
+
 from pliant.cli.view import command
 from pliant.generator.view import FIGURES, contact_sheet, draw_figure
 from pliant.generator.view_colours import depth_image, index_image, material_colours

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+
 from pliant.generator.rope.curve import (
     HANDLE_SHARE,
     arc_length,

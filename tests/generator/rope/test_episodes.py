@@ -8,13 +8,14 @@ import sys
 
 import numpy as np
 import pytest
+from rope_checks import closest_stretches
+
 from pliant.generator.rope import RopeSettings, sample_rope
 from pliant.generator.rope.actions import next_action
 from pliant.generator.rope.dynamics import RopeState
 from pliant.generator.rope.episode import Episode
 from pliant.generator.rope.posing import RopeBody
 from pliant.generator.subject import Subject
-from rope_checks import closest_stretches
 
 SETTINGS = RopeSettings()
 

@@ -7,6 +7,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
+
 from pliant.generator.rope import RopeSettings
 from pliant.generator.rope.ball import ball_chart, ball_mesh
 from pliant.generator.rope.mesh import RopeMesh, bend, rope_chart, rope_mesh

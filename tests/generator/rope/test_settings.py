@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 import pytest
+
 from pliant.generator.rope import RopeSettings, rope_tier, sample_rope
 from pliant.spec.errors import CallError
 

@@ -7,12 +7,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rope_checks import closest_stretches, knot_determinant, signed_crossings
+
 from pliant.generator.rope import RopeSettings, sample_rope, static
 from pliant.generator.rope.contact import crossings, nearest_stretches, segment_distance
 from pliant.generator.rope.lift import lift
 from pliant.generator.rope.static import Configuration, sample_configuration
 from pliant.spec.errors import GenerationError
-from rope_checks import closest_stretches, knot_determinant, signed_crossings
 
 EACH = 25
 SHAPES: dict[str, dict[str, Any]] = {

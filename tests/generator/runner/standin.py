@@ -16,6 +16,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+
 from pliant.generator.config import GenerateConfig
 from pliant.generator.engine import SequenceResult
 from pliant.generator.plan import SequenceTask

@@ -3,6 +3,7 @@ from __future__ import annotations
 import json
 
 import pytest
+
 from pliant.generator.config import GenerateConfig, QuerySettings, split_counts
 from pliant.generator.plan import plan_tasks
 from pliant.spec.errors import CallError

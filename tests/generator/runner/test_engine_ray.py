@@ -3,6 +3,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+
 from pliant.generator.engine_ray import RayEngine
 from pliant.generator.runner import generate
 

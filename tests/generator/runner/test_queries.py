@@ -5,6 +5,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
+
 from pliant.generator.plan import SequenceTask
 from pliant.generator.queries import FrameRef, Pair, Tracks, frame_pairs
 from pliant.generator.runner import generate

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+
 from pliant.generator.config import GenerateConfig
 from pliant.generator.runner import generate
 

@@ -5,6 +5,7 @@ import logging
 import shutil
 
 import pytest
+
 from pliant.generator.runner import generate
 from pliant.spec.errors import CallError, GenerationError
 

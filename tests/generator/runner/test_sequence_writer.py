@@ -6,6 +6,7 @@ import shutil
 
 import pyarrow as pa
 import pytest
+
 from pliant.generator import sequence_writer
 from pliant.generator.plan import SequenceTask
 from pliant.spec.checksums import sha256_file
