@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -69,7 +70,10 @@ def don(
         config_file = begun
     settings = read_settings(DonSettings, config_file, overrides)
     first = os.environ.get("RANK", "0") == "0"
-    with _bar(settings.steps, shown=first) as progress:
+    with (
+        _terminated_like_interrupted(out, shown=first),
+        _bar(settings.steps, shown=first) as progress,
+    ):
         facts = train_don(dataset, out, settings, resume=resume, progress=progress)
     if not first:
         return
@@ -84,6 +88,24 @@ def don(
     )
     click.echo(f"Report: {out / 'report.html'}")
     click.echo(f"Answer with it: pliant predict {out} --data {data} --split test --out SUB.parquet")
+
+
+@contextmanager
+def _terminated_like_interrupted(out: Path, *, shown: bool) -> Iterator[None]:
+    """Let SIGTERM (a cluster's preemption) stop the run as Ctrl-C does, with a checkpoint."""
+
+    def interrupt(number: int, frame: object) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield
+    except KeyboardInterrupt:
+        if shown:
+            click.echo(f"Interrupted: go on with --resume --out {out}", err=True)
+        raise
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 @contextmanager
