@@ -160,7 +160,10 @@ def reference_symmetry(rows: list[dict[str, Any]]) -> dict[str, float | None]:
         if count:
             flips.append(best < sums[0])
         for row in seen:
-            own = row["error"] ** 2
+            # A point on the axis of a symmetry is its own partner: equal by the same arithmetic.
+            own = (
+                row["error"] ** 2 if row["answer"] is None else squared(row, row["u_b"], row["v_b"])
+            )
             others = [
                 partner_squared(row, index)
                 for index in range(count)
@@ -182,7 +185,11 @@ def reference_symmetry(rows: list[dict[str, Any]]) -> dict[str, float | None]:
 
 def partner_squared(row: dict[str, Any], index: int) -> float:
     partner = row["alternatives"][index]
-    return (row["answer"]["u"] - partner["u"]) ** 2 + (row["answer"]["v"] - partner["v"]) ** 2
+    return squared(row, partner["u"], partner["v"])
+
+
+def squared(row: dict[str, Any], u: float, v: float) -> float:
+    return (row["answer"]["u"] - u) ** 2 + (row["answer"]["v"] - v) ** 2
 
 
 def reference_continuity(rows: list[dict[str, Any]]) -> dict[str, float | None]:
@@ -199,11 +206,13 @@ def reference_continuity(rows: list[dict[str, Any]]) -> dict[str, float | None]:
             if not others:
                 continue
 
-            def away(other: dict[str, Any], row: dict[str, Any] = row) -> float:
-                return math.hypot(other["u_a"] - row["u_a"], other["v_a"] - row["v_a"])
+            def near(other: dict[str, Any], row: dict[str, Any] = row) -> np.float32:
+                du = np.float32(other["u_a"]) - np.float32(row["u_a"])
+                dv = np.float32(other["v_a"]) - np.float32(row["v_a"])
+                return np.float32(du * du + dv * dv)  # min() keeps the first of equals
 
-            nearest = min(others, key=away)
-            a = away(nearest)
+            nearest = min(others, key=near)
+            a = math.hypot(nearest["u_a"] - row["u_a"], nearest["v_a"] - row["v_a"])
             true = math.hypot(nearest["u_b"] - row["u_b"], nearest["v_b"] - row["v_b"])
             if not s["min_distance_a_px"] <= a <= s["max_distance_a_px"]:
                 continue
