@@ -8,6 +8,7 @@ are kept, the rest is skipped.
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -75,7 +76,7 @@ def read_column_chunks(path: Path | str) -> list[ColumnChunk]:
     except OSError as error:
         raise _unreadable(path, error.strerror) from error
     try:
-        return _column_chunks(footer)
+        return list(_column_chunks(footer))
     except (ValueError, LookupError, TypeError, AttributeError) as error:
         raise _unreadable(path, f"a footer that is no Thrift structure: {error}") from error
 
@@ -86,7 +87,8 @@ _ROW_GROUP: Final[dict[int, Any]] = {1: {3: _META_DATA}, 3: None}
 _FILE: Final[dict[int, Any]] = {4: _ROW_GROUP}
 
 
-def _column_chunks(footer: bytes) -> list[ColumnChunk]:
+@functools.lru_cache(maxsize=4)  # one reading of a table opens its file several times
+def _column_chunks(footer: bytes) -> tuple[ColumnChunk, ...]:
     document = _Reader(footer).structure(_FILE, 0)
     result = []
     for index, group in enumerate(document.get(4, [])):
@@ -94,7 +96,7 @@ def _column_chunks(footer: bytes) -> list[ColumnChunk]:
             meta = column[3]
             path = tuple(part.decode("utf-8") for part in meta[3])
             result.append(ColumnChunk(index, path, int(group[3]), int(meta[5]), int(meta[6])))
-    return result
+    return tuple(result)
 
 
 class _Reader:
