@@ -110,8 +110,8 @@ def run_demo(config: GenerateConfig, out: Path, workers: int, console: Console) 
         from pliant.cli.demo_page import write_page
 
         page = write_page(dataset, config, scores, matches, SPLIT, out)
-    print_table(console, scores)
     tiers = list(config.tiers)
+    print_table(console, scores, tiers)
     return {
         "page": str(page),
         "rmse_px": {
@@ -229,7 +229,7 @@ def score(dataset: Dataset, submission: Path, report: Path, protocol: str) -> di
     return scores
 
 
-def print_table(console: Console, scores: dict[str, Any]) -> None:
+def print_table(console: Console, scores: dict[str, Any], tiers: list[str]) -> None:
     """Print RMSE in pixels, a row a tier and a column a method."""
     from rich.table import Table
 
@@ -239,7 +239,7 @@ def print_table(console: Console, scores: dict[str, Any]) -> None:
     table.add_column("tier")
     for method in scores:
         table.add_column(method, justify="right")
-    for tier in next(iter(scores.values()))["tiers"]:
+    for tier in tiers:
         table.add_row(
             tier, *(format_px(each["tiers"][tier]["rmse_px"]) for each in scores.values())
         )
