@@ -68,11 +68,13 @@ def build_queries(
     """Write `queries/SPLIT.parquet` and `truth/SPLIT.parquet` of a dataset's splits.
 
     A pair's target lies in one sequence, its source in the same sequence where that has
-    several frames, else in another sequence of the same tier and split. Episodes ask half of
-    their pairs from frame 0, whose targets are spread over the episode, and half between any
-    two frames. Query points are drawn among the tabulated surface points of the queried object
-    that frame A sees, so that their positions are exact. A target that does not show the
-    object at all, or a source that shows none of its points, makes no pair.
+    several frames, else in another sequence of the same tier and split. Such a sequence asks
+    half of its pairs from frame 0, towards targets spread over it, two neighbouring frames at
+    a time, and half between any two frames. Query points are drawn among the tabulated surface
+    points of the queried object that frame A sees, so that their positions are exact; pairs of
+    one source ask the same points, so that an episode's neighbouring targets show how an answer
+    trembles. A target that does not show the object at all, or a source that shows none of its
+    points, makes no pair.
 
     Args:
         root: The dataset's folder, whose sequences are finished.
@@ -123,6 +125,7 @@ def _split_tables(
         points = read_table(members[0].folder(root) / POINTS_TABLE, "points")
         asked = _queried_points(points, int(tier["queried_object"]))
         partners = np.array(points["partners"].to_pylist(), np.int64).reshape(len(points), -1)
+        drawn: dict[FrameRef, npt.NDArray[np.int64]] = {}
         for task in members:
             rng = random_generator(seed, task.tier, split, task.index, stream="queries")
             pairs = frame_pairs(
@@ -132,14 +135,13 @@ def _split_tables(
             for source, target in pairs:
                 if made == settings.pairs_per_sequence:
                     break
+                if source not in drawn:
+                    drawn[source] = draw_points(
+                        rng, tracks(source.task), source.frame, asked, settings.queries_per_pair
+                    )
                 pair = Pair(len(queries), source, target)
                 tables = pair.tables(
-                    rng,
-                    tracks(source.task),
-                    tracks(target.task),
-                    asked,
-                    partners,
-                    settings.queries_per_pair,
+                    drawn[source], tracks(source.task), tracks(target.task), partners
                 )
                 if tables is not None:
                     queries.append(tables[0])
@@ -154,6 +156,29 @@ def _queried_points(points: pa.Table, queried: int) -> npt.NDArray[np.int64]:
     """Return the ids of the surface points of the queried object."""
     kind = np.array(points["kind"].to_pylist())
     return np.flatnonzero((points["object"].to_numpy() == queried) & (kind == "surface"))
+
+
+def draw_points(
+    rng: np.random.Generator,
+    source: Tracks,
+    frame: int,
+    asked: npt.NDArray[np.int64],
+    most: int,
+) -> npt.NDArray[np.int64]:
+    """Draw the points that a source frame is asked at.
+
+    Args:
+        rng: Source of randomness.
+        source: Tracks of its sequence.
+        frame: The source frame.
+        asked: Ids of the points that may be asked.
+        most: Points wanted.
+
+    Returns:
+        int64 (N,), ids of points the frame sees, ascending; all of them where there are fewer.
+    """
+    visible = asked[source.visibility[frame, asked] == "visible"]
+    return np.sort(rng.choice(visible, size=min(most, len(visible)), replace=False))
 
 
 def frame_pairs(
@@ -178,11 +203,13 @@ def frame_pairs(
             yield FrameRef(others[k], 0), FrameRef(target, 0)
         return
     seen: set[tuple[int, int]] = set()
-    # Half of the pairs: from frame 0 to frames spread over the sequence, one from each stretch.
-    edges = np.linspace(1, frames, num=wanted // 2 + 1).astype(int)
+    # Half of the pairs: from frame 0 to frames spread over the sequence, two neighbours from
+    # each stretch.
+    edges = np.linspace(1, frames, num=(wanted + 2) // 4 + 1).astype(int)
     for low, high in pairwise(edges):
         if high > low:
-            seen.add((0, int(rng.integers(low, high))))
+            first = int(rng.integers(low, max(high - 1, low + 1)))
+            seen |= {(0, first), (0, min(first + 1, high - 1))}
     for a, b in sorted(seen):
         yield FrameRef(target, a), FrameRef(target, b)
     for _ in range(20 * wanted):
@@ -202,29 +229,23 @@ class Pair:
 
     def tables(
         self,
-        rng: np.random.Generator,
+        chosen: npt.NDArray[np.int64],
         source: Tracks,
         target: Tracks,
-        asked: npt.NDArray[np.int64],
         partners: npt.NDArray[np.int64],
-        most: int,
     ) -> tuple[pa.Table, pa.Table] | None:
         """Return the rows of queries and truth, or None if this pair cannot be asked about.
 
         Args:
-            rng: Draws the points.
+            chosen: Ids of the points to ask, visible in the source, ascending.
             source: Tracks of the source's sequence.
             target: Tracks of the target's sequence.
-            asked: Ids of the points that may be asked.
             partners: int64 (P, S), per symmetry the point each is mapped to.
-            most: Queries wanted.
         """
         a, b = self.source.frame, self.target.frame
         box = target.boxes_px[b]
-        visible = asked[source.visibility[a, asked] == "visible"]
-        if box is None or len(visible) == 0:
+        if box is None or len(chosen) == 0:
             return None
-        chosen = np.sort(rng.choice(visible, size=min(most, len(visible)), replace=False))
         count = len(chosen)
         tier = [self.source.task.tier] * count
         ids = np.arange(count, dtype=np.int32)

@@ -57,4 +57,4 @@ def test_the_truth_of_rendered_tiers_is_perfect(tiny_dataset: Path, tmp_path: Pa
 def test_the_truth_of_an_episode_has_no_jitter(tiny_episode: Path, tmp_path: Path) -> None:
     scores = evaluate(submit_truth(tiny_episode, tmp_path / "s.parquet"), tiny_episode)
     assert scores.overall["rmse_px"] == 0
-    assert scores.overall["jitter_px"] in (0, None)
+    assert scores.overall["jitter_px"] == 0

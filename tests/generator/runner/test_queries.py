@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from pliant.generator.plan import SequenceTask
-from pliant.generator.queries import FrameRef, Pair, Tracks, frame_pairs
+from pliant.generator.queries import FrameRef, Pair, Tracks, draw_points, frame_pairs
 from pliant.generator.runner import generate
 from pliant.spec.dataset import Dataset
 from pliant.spec.parquet import read_footer
@@ -32,9 +32,9 @@ def test_rows_of_a_pair_by_hand():
     )
     pair = Pair(7, FrameRef(TASK, 0), FrameRef(TASK, 1))
     partners = np.array([[3], [2], [1], [0]])
-    asked = np.array([0, 1, 3])
-    queries, truth = pair.tables(np.random.default_rng(0), seen, seen, asked, partners, 10)
     # Point 3 is hidden in frame A: two queries are left.
+    chosen = draw_points(np.random.default_rng(0), seen, 0, np.array([0, 1, 3]), 10)
+    queries, truth = pair.tables(chosen, seen, seen, partners)
     assert queries["pair_id"].to_pylist() == truth["pair_id"].to_pylist() == [7, 7]
     assert queries["query_id"].to_pylist() == truth["query_id"].to_pylist() == [0, 1]
     assert (queries["u_a"].to_pylist(), queries["v_a"].to_pylist()) == ([0.25, 2.25], [1.25, 3.25])
@@ -58,12 +58,8 @@ def test_rows_of_a_pair_by_hand():
 def test_a_pair_that_cannot_be_asked(states, boxes):
     seen = tracks(states, boxes)
     pair = Pair(0, FrameRef(TASK, 0), FrameRef(TASK, 1))
-    assert (
-        pair.tables(
-            np.random.default_rng(0), seen, seen, np.array([0]), np.empty((1, 0), np.int64), 3
-        )
-        is None
-    )
+    chosen = draw_points(np.random.default_rng(0), seen, 0, np.array([0]), 3)
+    assert pair.tables(chosen, seen, seen, np.empty((1, 0), np.int64)) is None
 
 
 @pytest.mark.parametrize("frames", [2, 3, 24, 3000])
@@ -75,9 +71,26 @@ def test_frame_pairs_of_a_sequence(frames):
     assert len(set(pairs)) == len(pairs)
     assert all(a != b and min(a, b) >= 0 and max(a, b) < frames for a, b in pairs)
     assert len(pairs) >= min(8, frames * (frames - 1))
-    if frames == 3000:  # from frame 0 into each quarter of the episode
-        assert [b // 750 for a, b in pairs[:4]] == [0, 1, 2, 3]
+    if frames == 3000:  # from frame 0 into each half of the episode, to two neighbours each
         assert all(a == 0 for a, _ in pairs[:4])
+        first, second, third, fourth = (b for _, b in pairs[:4])
+        assert second == first + 1 <= 1500
+        assert 1500 <= third == fourth - 1 < 2999
+
+
+def test_an_episode_asks_the_same_points_in_neighbouring_frames(tiny_episode):
+    """Without them no evaluator could tell how an answer trembles."""
+    dataset = Dataset.open(tiny_episode)
+    queries = dataset.queries("test").to_pylist()
+    points = dataset.truth("test")["point"].to_pylist()
+    asked = {}
+    for query, point in zip(queries, points, strict=True):
+        place = (query["sequence_b"], query["frame_a"], query["frame_b"])
+        asked.setdefault(place, set()).add(point)
+    follow = [place for place in asked if (*place[:2], place[2] + 1) in asked and place[1] == 0]
+    assert follow
+    for sequence, a, b in follow:
+        assert asked[sequence, a, b] == asked[sequence, a, b + 1]
 
 
 def test_single_frames_are_paired_across_sequences(standin, tmp_path):
