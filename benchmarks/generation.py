@@ -255,8 +255,11 @@ def _loss(path: Path, surface: Any) -> float:
         for name, channel in image.channels().items():
             wanted = _channels(surface)[name].astype(np.float64)
             found = channel.pixels.astype(np.float64)
-            same_inf = np.isinf(wanted) & np.isinf(found)
-            worst = max(worst, float(np.abs(np.where(same_inf, 0, wanted - found)).max()))
+            # The background's infinite depth must stay infinite: as a difference it is no number.
+            finite = np.isfinite(wanted)
+            lost = not np.array_equal(finite, np.isfinite(found))
+            off = np.abs(wanted[finite] - found[finite]).max(initial=0.0)
+            worst = max(worst, float("inf") if lost else float(off))
     return worst
 
 
