@@ -19,6 +19,7 @@ from pliant.baselines.matcher import Answers, KeypointMatcher, Matcher, Matches,
 from pliant.baselines.submission_file import (
     Keys,
     Kind,
+    check_split,
     check_writable,
     query_keys,
     submission_footer,
@@ -170,12 +171,7 @@ def predict(
 def _check_call(
     dataset: Dataset, split: str, matcher: Matcher | SplitMatcher, kind: Kind, workers: int
 ) -> None:
-    if split not in dataset.splits_with_queries():
-        raise CallError(
-            f"the dataset has no queries for split {split!r}",
-            path=dataset.root,
-            required=" or ".join(dataset.splits_with_queries()) or "a dataset with queries",
-        )
+    check_split(dataset, split)
     if kind == "matches" and not isinstance(matcher, KeypointMatcher):
         raise CallError(
             f"the method {matcher.name!r} has no keypoint matches of its own",

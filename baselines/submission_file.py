@@ -128,23 +128,62 @@ def write_matches(
     _write(path, pa.table(columns), "matches", submission_footer(dataset, split, method))
 
 
-def write_template(dataset: Dataset, split: str, out: Path | str) -> None:
+def write_template(
+    dataset: Dataset,
+    split: str,
+    out: Path | str,
+    kind: Kind = "answers",
+    *,
+    name: str = "template",
+) -> int:
     """Write a submission that lacks nothing but its answers.
 
-    Keys and footer are right; every `u` and `v` is NaN, which no check passes, so that a row
-    forgotten is a row reported. The method's name, `template`, wants replacing too.
+    Keys and footer are right; every position is NaN, which no check passes, so that a row
+    forgotten is a row reported. Of kind `matches` there is one row a pair, to be replaced by
+    as many as the method finds.
+
+    Args:
+        dataset: The dataset.
+        split: One of its splits with queries.
+        out: Where to; an earlier submission there is replaced.
+        kind: `answers` or `matches`.
+        name: The method's name in the footer; reports show it.
+
+    Returns:
+        The rows written.
+
+    Raises:
+        CallError: The split has no queries, or the file cannot be written there.
+    """
+    check_split(dataset, split)
+    keys = query_keys(dataset, split)
+    if kind == "answers":
+        empty = np.full((len(keys.pair_id), 2), np.nan, dtype=np.float32)
+        write_answers(out, dataset, split, keys, Answers(uv_px=empty), {"name": name})
+        return len(keys.pair_id)
+    pairs = np.unique(keys.pair_id)
+    nowhere = np.full((1, 2), np.nan, dtype=np.float32)
+    row = Matches(nowhere, nowhere, nowhere[:, 0])
+    write_matches(out, dataset, split, [(int(pair), row) for pair in pairs], {"name": name})
+    return len(pairs)
+
+
+def check_split(dataset: Dataset, split: str) -> None:
+    """Refuse a split that asks nothing.
 
     Args:
         dataset: The dataset.
         split: The split.
-        out: Where to; an earlier submission there is replaced.
 
     Raises:
-        CallError: The file cannot be written there.
+        CallError: The dataset has no queries for it.
     """
-    keys = query_keys(dataset, split)
-    empty = np.full((len(keys.pair_id), 2), np.nan, dtype=np.float32)
-    write_answers(out, dataset, split, keys, Answers(uv_px=empty), {"name": "template"})
+    if split not in dataset.splits_with_queries():
+        raise CallError(
+            f"the dataset has no queries for split {split!r}",
+            path=dataset.root,
+            required=" or ".join(dataset.splits_with_queries()) or "a dataset with queries",
+        )
 
 
 def check_writable(path: Path | str) -> None:

@@ -18,6 +18,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "view": ("pliant.cli.view", "Draw contact sheets, index colours, tracks and figures."),
     "predict": ("pliant.cli.predict", "Answer a split's queries with a method."),
     "train": ("pliant.cli.train", "Train a learned method."),
+    "submit-template": ("pliant.cli.submit_template", "Write a submission to be filled in."),
     "check": ("pliant.cli.check", "List a submission's problems without scoring it."),
     "evaluate": ("pliant.cli.evaluate", "Score a submission by a named protocol."),
     "compare": ("pliant.cli.compare", "Paired differences between reports, with intervals."),

@@ -17,14 +17,6 @@ queries = pq.read_table(queries_file)
 # frame_b of sequence_b? Pixel centres are at .5. This one says: where it was.
 u, v = queries["u_a"], queries["v_a"]
 
-answers = pa.table(
-    {
-        "pair_id": queries["pair_id"],  # int32, as in the queries
-        "query_id": queries["query_id"],  # int32
-        "u": u.cast(pa.float32()),
-        "v": v.cast(pa.float32()),
-    }
-)
 footer = {
     "spec_version": dataset["spec_version"],
     "table": "answers",
@@ -33,4 +25,5 @@ footer = {
     "queries_sha256": hashlib.sha256(queries_file.read_bytes()).hexdigest(),
     "method": {"name": "where-it-was"},
 }
-pq.write_table(answers.replace_schema_metadata({"pliant": json.dumps(footer)}), out)
+answers = {"pair_id": queries["pair_id"], "query_id": queries["query_id"], "u": u, "v": v}
+pq.write_table(pa.table(answers, metadata={"pliant": json.dumps(footer)}), out)

@@ -7,10 +7,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from pliant.baselines.submission import predict
+from pliant.baselines.submission import predict, write_template
+from pliant.evaluator import check, evaluate
 from pliant.spec.dataset import Dataset
 from pliant.spec.parquet import read_footer, read_table
 
@@ -32,10 +34,24 @@ def test_submission_without_pliant_is_the_same_submission(cards: Dataset, tmp_pa
     assert pq.read_schema(theirs).field("u").type == "float"
 
 
+def test_submission_without_pliant_scores(tmp_path: Path) -> None:
+    data = Path(__file__).resolve().parents[1] / "data" / "tiny-submission" / "dataset"
+    out = tmp_path / "theirs.parquet"
+    subprocess.run([sys.executable, EXAMPLE, data, "test", out], check=True)
+    queries, truth = (pq.read_table(data / kind / "test.parquet") for kind in ("queries", "truth"))
+    moved = [
+        truth[f"{axis}_b"].to_numpy().astype(float) - queries[f"{axis}_a"].to_numpy()
+        for axis in "uv"
+    ]
+    seen = np.array(truth["visibility_b"].to_pylist()) == "visible"
+    rmse_px = np.sqrt((moved[0] ** 2 + moved[1] ** 2)[seen].mean())
+    assert evaluate(out, data).overall["rmse_px"] == pytest.approx(rmse_px, rel=1e-12)
+
+
 def test_example_needs_nothing_of_ours() -> None:
     text = EXAMPLE.read_text()
     assert not re.search(r"^\s*(import|from) pliant", text, re.MULTILINE)
-    assert len(text.splitlines()) <= 42
+    assert len(text.splitlines()) <= 32
 
 
 def test_documented_matcher_answers_a_split(
@@ -54,3 +70,17 @@ def test_documented_matcher_answers_a_split(
         "mask": "given",
     }
     assert len(read_table("mine.parquet", "answers")) == 60
+
+
+def test_documented_template_is_filled_as_the_page_fills_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    page = (DOCS / "add-a-method.md").read_text()
+    blocks = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    code = next(block for block in blocks if "set_column" in block)
+    monkeypatch.chdir(tmp_path)
+    data = Path(__file__).resolve().parents[1] / "data" / "tiny-submission" / "dataset"
+    Path("DATA").symlink_to(data)
+    write_template(Dataset.open("DATA"), "test", "mine.parquet", name="mine")
+    exec(compile(code, "add-a-method.md", "exec"), {"__name__": "page"})
+    assert check("mine.parquet", "DATA") == []
