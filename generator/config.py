@@ -24,6 +24,8 @@ TIER_KINDS: Final[dict[str, str]] = {
 
 STYLES: Final = ("fast", "photo", "raster")
 
+QUERY_KINDS: Final = ("pairs", "track")
+
 DEFAULT_SEQUENCES: Final = 20
 
 _SPLIT_CYCLE: Final = (
@@ -56,13 +58,17 @@ class QuerySettings:
         pairs_per_sequence: Image pairs whose target lies in one sequence, >= 1.
         queries_per_pair: Query points of a pair, >= 1 (fewer where fewer points are visible).
         splits: Splits that get queries.
+        kind: `pairs`, or for episodes `track`: the points of frame 0 in every later frame;
+            `pairs_per_sequence` then does not apply.
     """
 
     pairs_per_sequence: int = 4
     queries_per_pair: int = 64
     splits: tuple[str, ...] = ("val", "test")
+    kind: str = "pairs"
 
     def __post_init__(self) -> None:
+        _require(self.kind in QUERY_KINDS, "queries.kind", self.kind, " or ".join(QUERY_KINDS))
         for name in ("pairs_per_sequence", "queries_per_pair"):
             _require(getattr(self, name) >= 1, f"queries.{name}", getattr(self, name), ">= 1")
         for split in self.splits:
@@ -127,6 +133,12 @@ class GenerateConfig:
             "frames",
             self.frames,
             ">= 2 for episodes (--frames)",
+        )
+        _require(
+            self.episodes or self.queries.kind != "track",
+            "queries.kind",
+            self.queries.kind,
+            "pairs, or --episodes: only an episode can be tracked",
         )
         for name in ("width", "height"):
             _require(16 <= getattr(self, name) <= 8192, name, getattr(self, name), "16 to 8192")

@@ -169,6 +169,8 @@ def refuse_changes(stored: Mapping[str, Any], wanted: Mapping[str, Any], root: P
     Raises:
         CallError: Fields differ; the message names each with both values.
     """
+    # `queries.kind` is younger than the first sets, which all asked pairs.
+    stored = {**stored, "queries": {"kind": "pairs", **stored.get("queries", {})}}
     free = {*GROWING_FIELDS, *LABEL_FIELDS}
     free |= {kind for kind in ("rope", "cloth") if kind not in stored or kind not in wanted}
     differences = _differences(

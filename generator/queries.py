@@ -68,13 +68,14 @@ def build_queries(
     """Write `queries/SPLIT.parquet` and `truth/SPLIT.parquet` of a dataset's splits.
 
     A pair's target lies in one sequence, its source in the same sequence where that has
-    several frames, else in another sequence of the same tier and split. Such a sequence asks
-    half of its pairs from frame 0, towards targets spread over it, two neighbouring frames at
-    a time, and half between any two frames. Query points are drawn among the tabulated surface
-    points of the queried object that frame A sees, so that their positions are exact; pairs of
-    one source ask the same points, so that an episode's neighbouring targets show how an answer
-    trembles. A target that does not show the object at all, or a source that shows none of its
-    points, makes no pair.
+    several frames, else in another sequence of the same tier and split. Sequences of several
+    frames ask half of their pairs from frame 0, towards targets spread over it, two
+    neighbouring frames at a time, and half between any two frames; with `settings.kind`
+    `track`, frame 0 is the source of every later frame. Query points are drawn among the
+    tabulated surface points of the queried object that frame A sees, so that their positions
+    are exact; pairs of one source ask the same points, so that an episode's neighbouring
+    targets show how an answer trembles. A target that does not show the object at all, or a
+    source that shows none of its points, makes no pair.
 
     Args:
         root: The dataset's folder, whose sequences are finished.
@@ -128,12 +129,15 @@ def _split_tables(
         drawn: dict[FrameRef, npt.NDArray[np.int64]] = {}
         for task in members:
             rng = random_generator(seed, task.tier, split, task.index, stream="queries")
-            pairs = frame_pairs(
-                rng, task, members, len(tracks(task).boxes_px), settings.pairs_per_sequence
-            )
+            frames, wanted = len(tracks(task).boxes_px), settings.pairs_per_sequence
+            if settings.kind == "track":
+                wanted = frames - 1
+                pairs = track_pairs(task, frames)
+            else:
+                pairs = frame_pairs(rng, task, members, frames, wanted)
             made = 0
             for source, target in pairs:
-                if made == settings.pairs_per_sequence:
+                if made == wanted:
                     break
                 if source not in drawn:
                     drawn[source] = draw_points(
@@ -179,6 +183,17 @@ def draw_points(
     """
     visible = asked[source.visibility[frame, asked] == "visible"]
     return np.sort(rng.choice(visible, size=min(most, len(visible)), replace=False))
+
+
+def track_pairs(target: SequenceTask, frames: int) -> Iterator[tuple[FrameRef, FrameRef]]:
+    """Yield frame 0 as the source of every later frame of an episode.
+
+    Args:
+        target: The episode.
+        frames: Its frames.
+    """
+    for frame in range(1, frames):
+        yield FrameRef(target, 0), FrameRef(target, frame)
 
 
 def frame_pairs(

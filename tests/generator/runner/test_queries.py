@@ -6,10 +6,13 @@ from collections import Counter
 import numpy as np
 import pytest
 
+from pliant.generator.config import GenerateConfig, QuerySettings
+from pliant.generator.manifest import refuse_changes
 from pliant.generator.plan import SequenceTask
 from pliant.generator.queries import FrameRef, Pair, Tracks, draw_points, frame_pairs
 from pliant.generator.runner import generate
 from pliant.spec.dataset import Dataset
+from pliant.spec.errors import CallError
 from pliant.spec.parquet import read_footer
 
 TASK = SequenceTask("rope", "test", 0)
@@ -91,6 +94,46 @@ def test_an_episode_asks_the_same_points_in_neighbouring_frames(tiny_episode):
     assert follow
     for sequence, a, b in follow:
         assert asked[sequence, a, b] == asked[sequence, a, b + 1]
+
+
+def test_a_track_asks_frame_0_in_every_later_frame(standin, tmp_path):
+    config = standin.small_config(
+        frames=5,
+        episodes=True,
+        splits={"test": 2},
+        queries=QuerySettings(queries_per_pair=3, kind="track"),
+    )
+    out = tmp_path / "set"
+    generate(config, out, open_maker=standin.maker(config, out))
+    dataset = Dataset.open(out)
+    queries, points = dataset.queries("test"), dataset.truth("test")["point"].to_pylist()
+    rows = list(zip(queries.to_pylist(), points, strict=True))
+    for sequence in ("rope-test-000000", "rope-test-000001"):
+        own = [(query, point) for query, point in rows if query["sequence_b"] == sequence]
+        assert {query["sequence_a"] for query, _ in own} == {sequence}
+        assert {query["frame_a"] for query, _ in own} == {0}
+        asked = {frame: set() for frame in range(1, 5)}
+        for query, point in own:
+            asked[query["frame_b"]].add(point)
+        assert len(asked[1]) == 3
+        assert asked[1] == asked[2] == asked[3] == asked[4]
+
+
+def test_a_track_needs_an_episode():
+    with pytest.raises(CallError, match="only an episode can be tracked"):
+        GenerateConfig(("rope",), queries=QuerySettings(kind="track"))
+    with pytest.raises(CallError, match=r"queries\.kind"):
+        QuerySettings(kind="tracks")
+
+
+def test_a_set_from_before_tracks_goes_on(tmp_path):
+    """Its stored config lacks `queries.kind`: pairs were all there was."""
+    wanted = GenerateConfig(("rope",)).to_dict()
+    stored = {**wanted, "queries": {k: v for k, v in wanted["queries"].items() if k != "kind"}}
+    refuse_changes(stored, wanted, tmp_path)
+    track = GenerateConfig(("rope",), frames=2, episodes=True, queries=QuerySettings(kind="track"))
+    with pytest.raises(CallError, match=r"queries\.kind"):
+        refuse_changes(stored, track.to_dict(), tmp_path)
 
 
 def test_single_frames_are_paired_across_sequences(standin, tmp_path):
