@@ -30,6 +30,8 @@ class ClipDataset(TorchDataset[dict[str, torch.Tensor]]):
         split: Name of a split.
         length: Frames in a clip T, >= 2.
         step: Episode frames from one clip frame to the next, >= 1.
+        step_max: With it, each clip draws its step from `step` to this; episodes too short for
+            a step give none of that step.
         queries: Tracks in a clip Q.
         input: `rgb`, `depth` or `rgbd`.
         size: (w, h) of the network's input.
@@ -52,6 +54,7 @@ class ClipDataset(TorchDataset[dict[str, torch.Tensor]]):
         *,
         length: int = 4,
         step: int = 1,
+        step_max: int | None = None,
         queries: int = 48,
         input: InputKind = "rgb",
         size: tuple[int, int] = (160, 120),
@@ -61,34 +64,42 @@ class ClipDataset(TorchDataset[dict[str, torch.Tensor]]):
         cache: Path | None = None,
         limit: int | None = None,
     ) -> None:
+        steps = range(step, max(step, step_max or step) + 1)
         if length < 2 or step < 1 or queries < 1:
             raise CallError("a clip needs length >= 2, step >= 1 and queries >= 1")
         self.store = FrameStore(dataset, tier, split, size, cache=cache, limit=limit)
-        self.length, self.step, self.queries = length, step, queries
+        self.length, self.queries = length, queries
         self.input = input
         self.seed, self.stream = seed, stream
         self.augmentation = augmentation
-        span = (length - 1) * step
-        self.starts = [
-            number
-            for number, ref in enumerate(self.store.frames)
-            if ref.sequence.temporal and ref.frame + span < ref.sequence.frames
-        ]
+        starts = {each: self._starts((length - 1) * each) for each in steps}
+        self.starts = {each: numbers for each, numbers in starts.items() if numbers}
         if not self.starts:
+            span = (length - 1) * step
             raise CallError(
                 f"tier {tier}, split {split} has no episode of {span + 1} frames",
                 path=dataset.root,
                 fix="Generate with --episodes and more --frames, or ask for shorter clips.",
             )
 
+    def _starts(self, span: int) -> list[int]:
+        """Return the frames with `span` frames of their episode after them."""
+        return [
+            number
+            for number, ref in enumerate(self.store.frames)
+            if ref.sequence.temporal and ref.frame + span < ref.sequence.frames
+        ]
+
     def __len__(self) -> int:
-        return len(self.starts)
+        return max(map(len, self.starts.values()))
 
     def __getitem__(self, index: int) -> dict[str, torch.Tensor]:
         """Draw clip number `index` (any number >= 0)."""
         rng = sample_generator(self.seed, index, self.stream)
-        start = self.starts[int(rng.integers(len(self.starts)))]
-        frames = start + self.step * np.arange(self.length)
+        steps = list(self.starts)
+        step = steps[int(rng.integers(len(steps)))] if len(steps) > 1 else steps[0]
+        start = self.starts[step][int(rng.integers(len(self.starts[step])))]
+        frames = start + step * np.arange(self.length)
         views = [self.store.view(int(frame)) for frame in frames]
         candidates = np.flatnonzero(views[0].visible)
         if len(candidates) == 0:

@@ -192,6 +192,21 @@ def test_clips_follow_points_through_an_episode(sheets: ModuleType, sheet_episod
     assert 0 < float(moved.max()) < 0.11 * float(centre_distance.max()) + 3
 
 
+def test_clips_skip_frames_as_drawn(sheet_episode: Dataset) -> None:
+    clips = ClipDataset(
+        sheet_episode, "sheet", "train", length=3, step=1, step_max=9, size=sheet_episode.size
+    )
+    steps = []
+    for number in range(24):
+        gaps = clips[number]["frames"].diff()
+        assert int(gaps[0]) == int(gaps[1])
+        steps.append(int(gaps[0]))
+    # Episodes of so many frames have no clip of larger steps: these are never drawn.
+    longest = (min(s.frames for s in sheet_episode.sequences) - 1) // 2
+    assert set(steps) == set(range(1, longest + 1))
+    assert len(clips) == len(clips.starts[1])
+
+
 def test_a_clip_is_augmented_as_a_whole(sheet_episode: Dataset) -> None:
     """One rotation for all frames: distances between tracks stay what they were."""
     plain = ClipDataset(sheet_episode, "sheet", "train", length=3, size=SIZE)
