@@ -15,7 +15,7 @@ from pliant.baselines.matcher import Answers, View
 from pliant.baselines.pixels import central_position, pixel_centres, searched_mask
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, SpecError
-from pliant.spec.layout import truth_path
+from pliant.spec.layout import truth_name
 
 _UINT64: Final = 2**64
 
@@ -127,8 +127,8 @@ class Oracle:
             CallError: The truth of this split is not there.
             SpecError: The truth does not belong to the queries.
         """
-        path = truth_path(dataset.root, split)
-        if not path.is_file():
+        path = dataset.root / truth_name(split)
+        if not dataset.has(truth_name(split)):
             raise CallError(
                 "the oracle answers from the truth, which this dataset leaves out",
                 path=path,

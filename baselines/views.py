@@ -40,7 +40,7 @@ class ViewReader:
     def _read(self, sequence_id: str, frame: int, key: str) -> View:
         sequence = self._dataset.sequence(sequence_id)
         rgb = sequence.rgb(frame)
-        if not (sequence.dir / depth_name(frame)).exists():
+        if not sequence.has(depth_name(frame)):
             return View(rgb=rgb, key=key)
         surface = sequence.surface(frame)
         queried_object = self._dataset.tiers[sequence.tier]["queried_object"]

@@ -39,10 +39,10 @@ def describe(dataset: Dataset) -> dict[str, Any]:
     """
     import pyarrow.compute as pc
 
-    from pliant.spec.layout import SEQUENCES_TABLE, queries_path, truth_path
+    from pliant.spec.layout import SEQUENCES_TABLE, queries_name, truth_name
     from pliant.spec.parquet import read_table
 
-    table = read_table(dataset.root / SEQUENCES_TABLE, "sequences")
+    table = read_table(dataset.local(SEQUENCES_TABLE), "sequences")
     tiers = []
     for name, tier in dataset.tiers.items():
         rows = table.filter(pc.equal(table["tier"], name))
@@ -63,12 +63,13 @@ def describe(dataset: Dataset) -> dict[str, Any]:
         )
     queries = {}
     for split in dataset.splits_with_queries():
-        pairs = read_table(queries_path(dataset.root, split), "queries", ["pair_id"])["pair_id"]
+        path = dataset.local(queries_name(split))
+        pairs = read_table(path, "queries", ["pair_id"])["pair_id"]
         queries[split] = {
             "pairs": pc.count_distinct(pairs).as_py(),
             "queries": len(pairs),
             "sha256": dataset.queries_sha256(split),
-            "truth": truth_path(dataset.root, split).is_file(),
+            "truth": dataset.has(truth_name(split)),
         }
     info = dataset.info
     return {

@@ -97,7 +97,7 @@ def _image(dataset: Dataset, sequence: str, frame: int) -> npt.NDArray[np.uint8]
     """Return a frame, or None where the dataset has no such image (or a broken one)."""
     try:
         found = dataset.sequence(sequence)
-        if not (found.dir / layout.rgb_name(frame)).is_file():
+        if not found.has(layout.rgb_name(frame)):
             return None
         return found.rgb(frame)
     except SpecError:

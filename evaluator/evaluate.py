@@ -47,7 +47,8 @@ def evaluate(
     Args:
         submission: The submission's file.
         data: The dataset, or its folder.
-        truth: The split's truth; None takes the dataset's own.
+        truth: The split's truth, or the private half of a published dataset, which also brings
+            the surfaces; None takes the dataset's own.
         protocol: Name of a protocol; None takes `standard` for answers, `matches` for matches.
         allow_missing: Score a query without an answer as a failure instead of refusing.
         memory_limit_bytes: Arrays as long as the split go to temporary files beyond this.
@@ -62,6 +63,8 @@ def evaluate(
         CallError: No such protocol, or one for another kind of submission.
     """
     dataset = data if isinstance(data, Dataset) else Dataset.open(data)
+    if truth is not None and Path(truth).is_dir():
+        dataset, truth = dataset.with_private(truth), None
     chosen = None if protocol is None else read_protocol(protocol)
     path = Path(submission)
     problems = Problems(submission)
@@ -79,7 +82,7 @@ def evaluate(
                 fix="Use --protocol matches for keypoint matches, another for answers.",
             )
         split = loaded.submission.split
-        truth_path = Path(truth) if truth else layout.truth_path(dataset.root, split)
+        truth_path = _truth_path(dataset, split, truth)
         if rules.kind == "answers":
             queries_sha256 = str(loaded.submission.footer["queries_sha256"])
             check_truth(truth_path, dataset.id, dataset.version, split, queries_sha256)
@@ -184,8 +187,16 @@ def _ordered(values: Mapping[str, float | None]) -> dict[str, float | None]:
     return {name: values[name] for name in order}
 
 
+def _truth_path(dataset: Dataset, split: str, given: Path | str | None) -> Path:
+    """Return the truth file: the one given, the dataset's own, or where that would be."""
+    if given is not None:
+        return Path(given)
+    name = layout.truth_name(split)
+    return dataset.local(name) if dataset.has(name) else dataset.root / name
+
+
 def _has_images(dataset: Dataset) -> bool:
-    return (dataset.root / layout.SEQUENCES_DIR).is_dir()
+    return any(sequence.has(layout.depth_name(0)) for sequence in dataset.sequences[-1:])
 
 
 def _search_px(protocol: Protocol) -> int:

@@ -81,7 +81,7 @@ def read_questions(dataset: Dataset, split: str) -> Questions:
     Raises:
         SpecError: The queries file is missing, damaged, or not numbered as specified.
     """
-    path = layout.queries_path(dataset.root, split)
+    path = dataset.local(layout.queries_name(split))
     integers = ("pair_id", "query_id", "frame_a", "frame_b")
     stream = ColumnStream(path, [*integers, *_STRINGS], _STRINGS)
     tiers = Vocabulary()

@@ -70,7 +70,6 @@ class Surfaces:
         self._search_px = search_px
         self._frames: OrderedDict[tuple[str, int], ObjectSurface | None] = OrderedDict()
         self._points: dict[str, FloatArray] = {}
-        self._folders: dict[str, bool] = {}
         self._last: tuple[int, SurfaceFacts] | None = None
 
     def object_material(self, tier: str) -> list[dict[str, Any]]:
@@ -103,23 +102,17 @@ class Surfaces:
         return self._dataset.sequence(sequence).dir / layout.depth_name(frame)
 
     def _read(self, sequence: Sequence, frame: int) -> ObjectSurface | None:
-        if not self._has_files(sequence) or not self.path(sequence.id, frame).is_file():
+        if not sequence.has(layout.depth_name(frame)):
             return None
         surface = sequence.surface(frame)
         queried = self._dataset.tiers[sequence.tier]["queried_object"]
         return ObjectSurface(surface.object_id == queried, surface.m0, surface.m1)
 
-    def _has_files(self, sequence: Sequence) -> bool:
-        """Whether the dataset holds a sequence's folder; asked of the disk once."""
-        if sequence.id not in self._folders:
-            self._folders[sequence.id] = sequence.dir.is_dir()
-        return self._folders[sequence.id]
-
     def point_material(self, sequence: str) -> FloatArray | None:
         """Return the material coordinates of a tier's points, float64 (points, 2), or None."""
         found = self._dataset.sequence(sequence)
         if found.tier not in self._points:
-            if not self._has_files(found) or not (found.dir / layout.POINTS_TABLE).is_file():
+            if not found.has(layout.POINTS_TABLE):
                 return None  # asked again: another sequence of the tier may have the table
             table = found.points()
             columns = [table[name].to_numpy() for name in ("m0", "m1")]

@@ -88,7 +88,7 @@ class FrameStore:
         self._records: npt.NDArray[np.void] | None = None
         if cache is not None:
             digest = hashlib.sha256(
-                (dataset.root / layout.SEQUENCES_TABLE).read_bytes()
+                dataset.local(layout.SEQUENCES_TABLE).read_bytes()
                 + json.dumps([dataset.info, tier, split, size, limit], sort_keys=True).encode()
             ).hexdigest()[:16]
             cache.mkdir(parents=True, exist_ok=True)

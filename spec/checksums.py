@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import hashlib
-from pathlib import Path
 
 from pliant.spec.errors import SpecError
+from pliant.spec.reading import AnyFile, open_binary
 
 
-def sha256_file(path: Path | str) -> str:
+def sha256_file(path: AnyFile) -> str:
     """Return the sha256 of a file's bytes as 64 lower-case hexadecimal digits.
 
     Args:
@@ -18,7 +18,7 @@ def sha256_file(path: Path | str) -> str:
         SpecError: The file cannot be read.
     """
     try:
-        with open(path, "rb") as stream:
+        with open_binary(path) as stream:
             return hashlib.file_digest(stream, "sha256").hexdigest()
     except OSError as error:
         raise SpecError("the file cannot be read", path=path, found=error.strerror) from error

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
@@ -17,10 +17,12 @@ from pliant.spec.checksums import sha256_file
 from pliant.spec.conventions import SPEC_VERSION, SPLITS
 from pliant.spec.errors import CallError, SpecError
 from pliant.spec.exr import Surface, read_surface
+from pliant.spec.files import Files, LayeredFiles, LocalFiles, PackedFiles, storage_of
 from pliant.spec.jsonfiles import read_json
+from pliant.spec.manifest import check_halves
 from pliant.spec.parquet import load_columns, open_table, read_table
 from pliant.spec.png import read_rgb
-from pliant.spec.reading import FileRefusedError
+from pliant.spec.reading import AnyFile, FileRefusedError
 from pliant.spec.tables import CORRESPONDENCES
 
 NAME: Final = re.compile(r"[A-Za-z0-9](?:[A-Za-z0-9._-]{0,126}[A-Za-z0-9])?")
@@ -32,7 +34,7 @@ def is_name(text: str) -> bool:
     return NAME.fullmatch(text) is not None and ".." not in text
 
 
-def check_version(version: object, path: Path | str) -> None:
+def check_version(version: object, path: AnyFile) -> None:
     """Refuse a file of another major version.
 
     Args:
@@ -66,8 +68,9 @@ class Sequence:
         shape: Named shape of the object, or None.
         frames: Number of frames.
         temporal: True for an episode.
-        dir: Its folder.
+        dir: Its folder, or where it would be if the dataset were not packed.
         size: (width, height) of its images.
+        files: Where its files come from.
     """
 
     id: str
@@ -78,16 +81,25 @@ class Sequence:
     temporal: bool
     dir: Path
     size: tuple[int, int]
+    files: Files = field(repr=False, compare=False)
+
+    def has(self, name: str) -> bool:
+        """Return whether the sequence has a file, such as `depth/000000.exr`."""
+        return self.files.has(f"{layout.sequence_name(self.tier, self.id)}/{name}")
+
+    def file(self, name: str) -> AnyFile:
+        """Return a file of the sequence's folder, to be given to a reader."""
+        return self.files.get(f"{layout.sequence_name(self.tier, self.id)}/{name}")
 
     @cached_property
     def info(self) -> dict[str, Any]:
         """The sequence's `sequence.json`."""
-        document: dict[str, Any] = read_json(self.dir / layout.SEQUENCE_JSON, "sequence")
+        document: dict[str, Any] = read_json(self.file(layout.SEQUENCE_JSON), "sequence")
         return document
 
     @cached_property
     def _cameras(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-        path = self.dir / layout.CAMERAS_JSON
+        path = self.file(layout.CAMERAS_JSON)
         document = read_json(path, "cameras")
         frames = document["frames"]
         if [camera["frame"] for camera in frames] != list(range(self.frames)):
@@ -114,16 +126,16 @@ class Sequence:
     def rgb(self, frame: int) -> npt.NDArray[np.uint8]:
         """Return a frame's colour image, uint8 (H, W, 3), sRGB."""
         self._check(frame)
-        return read_rgb(self.dir / layout.rgb_name(frame), size=self.size)
+        return read_rgb(self.file(layout.rgb_name(frame)), size=self.size)
 
     def surface(self, frame: int) -> Surface:
         """Return a frame's depth and surface image."""
         self._check(frame)
-        return read_surface(self.dir / layout.depth_name(frame), size=self.size)
+        return read_surface(self.file(layout.depth_name(frame)), size=self.size)
 
     def points(self) -> pa.Table:
         """Return the table of material points."""
-        return read_table(self.dir / layout.POINTS_TABLE, "points")
+        return read_table(self.file(layout.POINTS_TABLE), "points")
 
     def correspondences(self, frame: int | None = None) -> pa.Table:
         """Return where the points are, of one frame or of all.
@@ -134,7 +146,7 @@ class Sequence:
         Returns:
             The correspondences table; of one frame, row i is point i.
         """
-        path = self.dir / layout.CORRESPONDENCES_TABLE
+        path = self.file(layout.CORRESPONDENCES_TABLE)
         file = open_table(path, text_as_dictionary=True)
         if frame is None:
             return load_columns(file, path, CORRESPONDENCES)
@@ -170,48 +182,59 @@ class Sequence:
 
 @dataclass(frozen=True)
 class Dataset:
-    """A dataset on disk.
+    """A dataset: a folder, loose or packed, or one that is read from afar.
 
     Attributes:
-        root: Its folder.
+        root: Its folder; of a remote one, its URL for messages.
         info: Its `dataset.json`.
         sequences: Its sequences, in the order of `sequences.parquet`.
+        files: Where its files come from.
     """
 
     root: Path
     info: dict[str, Any]
     sequences: list[Sequence]
+    files: Files = field(repr=False, compare=False)
 
     @classmethod
     def open(cls, root: Path | str) -> Dataset:
-        """Open a dataset by its folder.
+        """Open a dataset by its folder or its URL.
+
+        It reads `dataset.json` and `sequences.parquet` and lists no folder, so that opening
+        takes the same time however many frames there are.
 
         Args:
-            root: The folder that holds `dataset.json`.
+            root: The folder that holds `dataset.json`; with `://` in it, a URL for fsspec.
 
         Raises:
             SpecError: It is no dataset, of another major version, or its two top files are
                 damaged. (`pliant validate` lists everything that is wrong.)
+            MissingExtraError: A URL, and fsspec is not installed.
         """
-        root = Path(root)
-        path = root / layout.DATASET_JSON
-        if not path.is_file():
+        files: Files
+        files = storage = storage_of(root)
+        if not storage.has(layout.DATASET_JSON):
             raise SpecError(
                 "this is no Pliant dataset",
-                path=root,
+                path=storage.address,
                 required=f"a folder with a {layout.DATASET_JSON}",
             )
+        path = storage.get(layout.DATASET_JSON)
         info = read_json(path)
         check_version(info.get("spec_version") if isinstance(info, dict) else None, path)
         info = read_json(path, "dataset")
         size = (info["image_size"]["width"], info["image_size"]["height"])
-        table = read_table(root / layout.SEQUENCES_TABLE, "sequences")
+        listing = storage.get(layout.SEQUENCES_TABLE)
+        table = read_table(listing, "sequences")
+        if storage.has(layout.INDEX_TABLE):
+            files = PackedFiles(storage, table["id"].to_pylist())
+        place = Path(root)
         sequences = []
         for row in table.to_pylist():
             if not (is_name(row["id"]) and is_name(row["tier"])):
                 raise SpecError(
                     "a sequence or tier has a name that is no name",
-                    path=root / layout.SEQUENCES_TABLE,
+                    path=listing,
                     where="id, tier",
                     found=f"{row['id']!r:.80}, {row['tier']!r:.80}",
                 )
@@ -223,11 +246,40 @@ class Dataset:
                     shape=row["shape"],
                     frames=row["frames"],
                     temporal=row["temporal"],
-                    dir=layout.sequence_dir(root, row["tier"], row["id"]),
+                    dir=layout.sequence_dir(place, row["tier"], row["id"]),
                     size=size,
+                    files=files,
                 )
             )
-        return cls(root, info, sequences)
+        return cls(place, info, sequences, files)
+
+    def with_private(self, folder: Path | str) -> Dataset:
+        """Return this dataset with the private half that `pliant publish` made of it.
+
+        Args:
+            folder: The private half.
+
+        Raises:
+            SpecError: The two halves do not belong together.
+        """
+        private = LocalFiles(Path(folder))
+        check_halves(self.files, private)
+        files = LayeredFiles(private, self.files)
+        sequences = [replace(sequence, files=files) for sequence in self.sequences]
+        return replace(self, sequences=sequences, files=files)
+
+    @property
+    def address(self) -> str:
+        """What opens the same dataset again: its path or its URL."""
+        return self.files.address
+
+    def has(self, name: str) -> bool:
+        """Return whether the dataset has a file, such as `truth/test.parquet`."""
+        return self.files.has(name)
+
+    def local(self, name: str) -> Path:
+        """Return a file outside `sequences` as one on this machine, fetched if need be."""
+        return self.files.local(name)
 
     @property
     def id(self) -> str:
@@ -272,25 +324,26 @@ class Dataset:
 
     def splits_with_queries(self) -> list[str]:
         """Return the splits that have a queries file, in the order train, val, test."""
-        return [name for name in SPLITS if layout.queries_path(self.root, name).is_file()]
+        return [name for name in SPLITS if self.has(layout.queries_name(name))]
 
     def queries(self, split: str) -> pa.Table:
         """Return a split's queries."""
-        return read_table(self._existing(layout.queries_path(self.root, split)), "queries")
+        return read_table(self._existing(layout.queries_name(split)), "queries")
 
     def truth(self, split: str) -> pa.Table:
         """Return a split's truth; row i answers query row i."""
-        return read_table(self._existing(layout.truth_path(self.root, split)), "truth")
+        return read_table(self._existing(layout.truth_name(split)), "truth")
 
     def queries_sha256(self, split: str) -> str:
         """Return the sha256 of a split's queries file, as submissions must name it."""
-        return sha256_file(self._existing(layout.queries_path(self.root, split)))
+        return sha256_file(self._existing(layout.queries_name(split)))
 
-    def _existing(self, path: Path) -> Path:
-        if not path.is_file():
+    def _existing(self, name: str) -> Path:
+        if not self.has(name):
+            folder, split = Path(name).parent.name, Path(name).stem
             raise SpecError(
-                f"the dataset has no {path.parent.name} for split {path.stem!r}",
-                path=path,
+                f"the dataset has no {folder} for split {split!r}",
+                path=f"{self.address}/{name}",
                 required=f"one of {self.splits_with_queries()}",
             )
-        return path
+        return self.local(name)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Literal
 
 Severity = Literal["error", "warning"]
@@ -29,7 +28,7 @@ class PliantError(Exception):
         self,
         message: str,
         *,
-        path: Path | str | None = None,
+        path: object | None = None,
         where: str | None = None,
         found: object | None = None,
         required: object | None = None,

@@ -17,6 +17,7 @@ JSON_SCHEMAS: Final = (
     "dataset",
     "sequence",
     "cameras",
+    "manifest",
     *(f"footer-{name}" for name in TABLES),
 )
 """Names of the JSON Schemas."""

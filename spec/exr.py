@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import struct
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +14,7 @@ import OpenEXR
 
 from pliant.spec import limits
 from pliant.spec.png import refuse_large, require_size
-from pliant.spec.reading import FileRefusedError, check_regular
+from pliant.spec.reading import AnyFile, Blob, FileRefusedError, check_regular, open_binary
 
 CHANNELS: Final[dict[str, tuple[str, int]]] = {
     "Z": ("FLOAT", 2),
@@ -97,7 +98,7 @@ def write_surface(path: Path | str, surface: Surface) -> None:
 
 
 def read_surface(
-    path: Path | str, *, size: tuple[int, int] | None = None, writable: bool = True
+    path: AnyFile, *, size: tuple[int, int] | None = None, writable: bool = True
 ) -> Surface:
     """Read a depth and surface image.
 
@@ -125,14 +126,14 @@ def read_surface(
     )
 
 
-def _decode(path: Path | str, shape: tuple[int, int]) -> dict[str, npt.NDArray[Any]]:
+def _decode(path: AnyFile, shape: tuple[int, int]) -> dict[str, npt.NDArray[Any]]:
     """Decode the four channels of a file whose header was checked.
 
     `InputFile` raises on damaged pixels, where `OpenEXR.File` prints to stdout and goes on.
     """
     names = list(CHANNELS)
     try:
-        image = OpenEXR.InputFile(str(path))
+        image = OpenEXR.InputFile(io.BytesIO(path.data) if isinstance(path, Blob) else str(path))
         try:
             planes = image.channels(names)
         finally:
@@ -149,7 +150,7 @@ def _decode(path: Path | str, shape: tuple[int, int]) -> dict[str, npt.NDArray[A
         ) from error
 
 
-def read_header(path: Path | str) -> ExrHeader:
+def read_header(path: AnyFile) -> ExrHeader:
     """Parse an EXR header by hand, so that nothing is allocated on its word.
 
     Args:
@@ -158,7 +159,7 @@ def read_header(path: Path | str) -> ExrHeader:
     Raises:
         FileRefusedError: It is no single-part scan-line EXR, or its header is damaged.
     """
-    with open(path, "rb") as stream:
+    with open_binary(path) as stream:
         head = stream.read(_HEAD_BYTES)
     if len(head) < 8:
         raise FileRefusedError("FILE_UNREADABLE", "this is no EXR file", path=path)
@@ -221,7 +222,7 @@ def _channels(data: bytes) -> dict[str, tuple[int, int, int]]:
     return found
 
 
-def _require_kind(header: ExrHeader, path: Path | str) -> None:
+def _require_kind(header: ExrHeader, path: AnyFile) -> None:
     required = {name: (number, 1, 1) for name, (_, number) in CHANNELS.items()}
     if header.channels != required:
         raise FileRefusedError(

@@ -59,13 +59,21 @@ ISSUE_CODES: Final[dict[str, IssueCode]] = _catalogue(
         "CHECKSUM_DIFFERS",
         "error",
         "dataset",
-        "A file's size or sha256 differs from what its sequence.json lists.",
+        "A file's size or sha256 differs from what its sequence.json, or SHA256SUMS, lists.",
     ),
     IssueCode(
         "FILE_UNLISTED",
         "error",
         "dataset",
-        "The list of files in sequence.json leaves a file of the sequence out, or repeats one.",
+        "The list of files in sequence.json leaves a file of the sequence out, or repeats one; or "
+        "SHA256SUMS leaves one out.",
+    ),
+    IssueCode(
+        "INDEX_INVALID",
+        "error",
+        "dataset",
+        "The index of a packed dataset lists other sequences than sequences.parquet, or a place "
+        "that no shard has.",
     ),
     # Documents
     IssueCode(

@@ -17,12 +17,12 @@ from jsonschema.validators import extend
 
 from pliant.spec import limits
 from pliant.spec.conventions import SPEC_VERSION
-from pliant.spec.reading import FileRefusedError, read_bytes
+from pliant.spec.reading import AnyFile, FileRefusedError, read_bytes
 
 SCHEMAS = files("pliant.spec") / "schemas"
 
 
-def read_json(path: Path | str, schema: str | None = None) -> Any:
+def read_json(path: AnyFile, schema: str | None = None) -> Any:
     """Read a JSON file.
 
     Args:
@@ -42,7 +42,7 @@ def read_json(path: Path | str, schema: str | None = None) -> Any:
     return data
 
 
-def parse_json(data: bytes, path: Path | str) -> Any:
+def parse_json(data: bytes, path: AnyFile) -> Any:
     """Parse JSON strictly: UTF-8, unique keys, finite numbers, bounded depth.
 
     Args:
@@ -184,7 +184,7 @@ def _finite(text: str) -> float:
     return value
 
 
-def _too_deep(path: Path | str) -> FileRefusedError:
+def _too_deep(path: AnyFile) -> FileRefusedError:
     return FileRefusedError(
         "FILE_TOO_LARGE",
         "the JSON is nested too deeply",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Final
 
@@ -14,6 +15,44 @@ POINTS_TABLE: Final = "points.parquet"
 CORRESPONDENCES_TABLE: Final = "correspondences.parquet"
 QUERIES_DIR: Final = "queries"
 TRUTH_DIR: Final = "truth"
+
+INDEX_TABLE: Final = "index.parquet"
+"""Of a packed dataset: where in which shard each file of a sequence lies."""
+
+SHARD_DIRS: Final = ("frames", "folders", "correspondences")
+"""Folders of a packed dataset's Parquet shards."""
+
+WEBDATASET_DIR: Final = "webdataset"
+PICTURES_DIR: Final = "pictures"
+MANIFEST_JSON: Final = "manifest.json"
+CHECKSUMS: Final = "SHA256SUMS"
+
+_SHARD = re.compile(r"(?:frames|folders|correspondences)/(?:train|val|test)-[0-9]{5}\.parquet")
+
+
+def is_shard_name(name: str) -> bool:
+    """Return whether a name is that of a Parquet shard, `FOLDER/SPLIT-NUMBER.parquet`."""
+    return _SHARD.fullmatch(name) is not None
+
+
+def shard_name(folder: str, split: str, number: int) -> str:
+    """Return `FOLDER/SPLIT-NUMBER.parquet` with five digits."""
+    return f"{folder}/{split}-{number:05d}.parquet"
+
+
+def sequence_name(tier: str, sequence: str) -> str:
+    """Return `sequences/TIER/ID`."""
+    return f"{SEQUENCES_DIR}/{tier}/{sequence}"
+
+
+def queries_name(split: str) -> str:
+    """Return `queries/SPLIT.parquet`."""
+    return f"{QUERIES_DIR}/{split}.parquet"
+
+
+def truth_name(split: str) -> str:
+    """Return `truth/SPLIT.parquet`."""
+    return f"{TRUTH_DIR}/{split}.parquet"
 
 
 def sequence_dir(root: Path, tier: str, sequence: str) -> Path:

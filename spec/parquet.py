@@ -15,7 +15,7 @@ from pliant.spec import limits
 from pliant.spec.conventions import FOOTER_KEY, SPEC_VERSION
 from pliant.spec.jsonfiles import parse_json
 from pliant.spec.parquet_footer import read_column_chunks
-from pliant.spec.reading import FileRefusedError, check_regular
+from pliant.spec.reading import AnyFile, Blob, FileRefusedError, check_regular
 from pliant.spec.tables import TABLES
 
 _ROW_GROUP_ROWS: Final = 65536
@@ -114,7 +114,7 @@ def _described(table: pa.Table, name: str, footer: Mapping[str, Any] | None) -> 
 
 
 def open_table(
-    path: Path | str, *, max_rows: int = limits.MAX_TABLE_ROWS, text_as_dictionary: bool = False
+    path: AnyFile, *, max_rows: int = limits.MAX_TABLE_ROWS, text_as_dictionary: bool = False
 ) -> pq.ParquetFile:
     """Open a Parquet file after checking, from its footer alone, how much it announces.
 
@@ -161,10 +161,10 @@ def open_table(
     return file
 
 
-def _open(path: Path | str, **options: Any) -> pq.ParquetFile:
+def _open(path: AnyFile, **options: Any) -> pq.ParquetFile:
     try:
         return pq.ParquetFile(
-            path,
+            pa.BufferReader(path.data) if isinstance(path, Blob) else path,
             pre_buffer=False,  # which keeps every byte it has read until the file is closed
             thrift_string_size_limit=_THRIFT_LIMIT,
             thrift_container_size_limit=_THRIFT_LIMIT,
@@ -175,7 +175,7 @@ def _open(path: Path | str, **options: Any) -> pq.ParquetFile:
 
 
 def read_table(
-    path: Path | str,
+    path: AnyFile,
     name: str,
     columns: Sequence[str] | None = None,
     *,
@@ -208,7 +208,7 @@ def select_schema(name: str, columns: Sequence[str] | None = None) -> pa.Schema:
 
 def load_columns(
     file: pq.ParquetFile,
-    path: Path | str,
+    path: AnyFile,
     schema: pa.Schema,
     row_groups: Sequence[int] | None = None,
 ) -> pa.Table:
@@ -240,7 +240,7 @@ def load_columns(
 
 
 def load_batches(
-    file: pq.ParquetFile, path: Path | str, schema: pa.Schema, *, batch_rows: int = _ROW_GROUP_ROWS
+    file: pq.ParquetFile, path: AnyFile, schema: pa.Schema, *, batch_rows: int = _ROW_GROUP_ROWS
 ) -> Iterator[pa.Table]:
     """Decode columns of an open file little by little; arguments and errors as `load_columns`.
 
@@ -267,7 +267,7 @@ def load_batches(
         yield _as_declared(table, path, schema)
 
 
-def _require_columns(file: pq.ParquetFile, path: Path | str, schema: pa.Schema) -> None:
+def _require_columns(file: pq.ParquetFile, path: AnyFile, schema: pa.Schema) -> None:
     for field in schema:
         problem = column_problem(file.schema_arrow, field)
         if problem is not None:
@@ -276,7 +276,7 @@ def _require_columns(file: pq.ParquetFile, path: Path | str, schema: pa.Schema) 
             )
 
 
-def _as_declared(table: pa.Table, path: Path | str, schema: pa.Schema) -> pa.Table:
+def _as_declared(table: pa.Table, path: AnyFile, schema: pa.Schema) -> pa.Table:
     columns = []
     for field in schema:
         column = table.column(field.name)
@@ -314,7 +314,7 @@ def _array_null_count(array: pa.Array) -> int:
     return count
 
 
-def _refuse_long_text(column: pa.ChunkedArray, path: Path | str, name: str) -> None:
+def _refuse_long_text(column: pa.ChunkedArray, path: AnyFile, name: str) -> None:
     """Refuse a column whose text, written out, would pass the limit."""
     size = sum(_text_bytes(chunk) for chunk in column.chunks)
     if size > limits.MAX_TEXT_BYTES:
@@ -377,7 +377,7 @@ def _same_type(found: pa.DataType, declared: pa.DataType) -> bool:
     return bool(found == declared)
 
 
-def read_footer(path: Path | str) -> dict[str, Any]:
+def read_footer(path: AnyFile) -> dict[str, Any]:
     """Return the `pliant` footer object of a Parquet file.
 
     Args:
@@ -389,7 +389,7 @@ def read_footer(path: Path | str) -> dict[str, Any]:
     return footer_of(open_table(path, max_rows=limits.MAX_FOOTER_ONLY_ROWS), path)
 
 
-def footer_of(file: pq.ParquetFile, path: Path | str) -> dict[str, Any]:
+def footer_of(file: pq.ParquetFile, path: AnyFile) -> dict[str, Any]:
     """Return the `pliant` footer object of an open file; errors as `read_footer`."""
     metadata = file.metadata.metadata or {}
     if FOOTER_KEY not in metadata:
@@ -416,7 +416,7 @@ def footer_of(file: pq.ParquetFile, path: Path | str) -> dict[str, Any]:
     return footer
 
 
-def _unreadable(path: Path | str, error: object) -> FileRefusedError:
+def _unreadable(path: AnyFile, error: object) -> FileRefusedError:
     text = " ".join(str(error).split())
     return FileRefusedError(
         "FILE_UNREADABLE", "the Parquet file cannot be decoded", path=path, found=text[:300]

@@ -10,10 +10,9 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Final
 
-from pliant.spec.reading import FileRefusedError
+from pliant.spec.reading import AnyFile, FileRefusedError, open_binary
 
 MAX_FOOTER_BYTES: Final = 16 * 2**20
 _TAIL_BYTES: Final = 8
@@ -45,7 +44,7 @@ class ColumnChunk:
     uncompressed_bytes: int
 
 
-def read_column_chunks(path: Path | str) -> list[ColumnChunk]:
+def read_column_chunks(path: AnyFile) -> list[ColumnChunk]:
     """Return the column chunks of a Parquet file, row group by row group.
 
     Args:
@@ -55,7 +54,7 @@ def read_column_chunks(path: Path | str) -> list[ColumnChunk]:
         FileRefusedError: It has no footer that can be read, or one that is too large.
     """
     try:
-        with open(path, "rb") as stream:
+        with open_binary(path) as stream:
             size = stream.seek(0, 2)
             stream.seek(max(0, size - _TAIL_BYTES))
             tail = stream.read(_TAIL_BYTES)
@@ -189,7 +188,7 @@ class _Reader:
         return begin
 
 
-def _unreadable(path: Path | str, found: object) -> FileRefusedError:
+def _unreadable(path: AnyFile, found: object) -> FileRefusedError:
     return FileRefusedError(
         "FILE_UNREADABLE", "the Parquet file cannot be decoded", path=path, found=found
     )

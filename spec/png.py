@@ -13,7 +13,7 @@ import numpy.typing as npt
 from PIL import Image
 
 from pliant.spec import limits
-from pliant.spec.reading import FileRefusedError, read_bytes
+from pliant.spec.reading import AnyFile, FileRefusedError, read_bytes
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _UP_FILTER = 2
@@ -57,7 +57,7 @@ def write_rgb(path: Path | str, rgb: npt.NDArray[np.uint8], *, level: int = 1) -
             stream.write(struct.pack(">I", zlib.crc32(payload, zlib.crc32(kind))))
 
 
-def png_size(head: bytes, path: Path | str) -> tuple[int, int]:
+def png_size(head: bytes, path: AnyFile) -> tuple[int, int]:
     """Return (width, height) from a PNG's first 33 bytes, refusing other kinds of PNG.
 
     Args:
@@ -82,7 +82,7 @@ def png_size(head: bytes, path: Path | str) -> tuple[int, int]:
     return width, height
 
 
-def refuse_large(width: int, height: int, path: Path | str) -> None:
+def refuse_large(width: int, height: int, path: AnyFile) -> None:
     """Refuse an image whose header announces more pixels than the limits allow.
 
     Raises:
@@ -101,7 +101,7 @@ def refuse_large(width: int, height: int, path: Path | str) -> None:
         )
 
 
-def read_rgb(path: Path | str, *, size: tuple[int, int] | None = None) -> npt.NDArray[np.uint8]:
+def read_rgb(path: AnyFile, *, size: tuple[int, int] | None = None) -> npt.NDArray[np.uint8]:
     """Read a colour image.
 
     Args:
@@ -119,7 +119,7 @@ def read_rgb(path: Path | str, *, size: tuple[int, int] | None = None) -> npt.ND
 
 
 def decode_rgb(
-    data: bytes, path: Path | str, *, size: tuple[int, int] | None = None
+    data: bytes, path: AnyFile, *, size: tuple[int, int] | None = None
 ) -> npt.NDArray[np.uint8]:
     """Decode the bytes of a PNG file; arguments and errors as `read_rgb`."""
     found = png_size(data[:_HEADER_BYTES], path)
@@ -140,7 +140,7 @@ def decode_rgb(
     return rgb
 
 
-def require_size(found: tuple[int, int], size: tuple[int, int] | None, path: Path | str) -> None:
+def require_size(found: tuple[int, int], size: tuple[int, int] | None, path: AnyFile) -> None:
     """Refuse an image of another size than (width, height).
 
     Raises:

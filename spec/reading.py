@@ -2,11 +2,35 @@
 
 from __future__ import annotations
 
+import io
 import os
 import stat
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from pliant.spec.errors import SpecError
+
+
+@dataclass(frozen=True)
+class Blob:
+    """A file whose bytes are at hand already: a member of a shard, or one fetched from afar.
+
+    Every reader of this package takes one where it takes a path.
+
+    Attributes:
+        name: What messages call it.
+        data: Its bytes.
+    """
+
+    name: str
+    data: bytes = field(repr=False)
+
+    def __str__(self) -> str:
+        return self.name
+
+
+AnyFile = Path | str | Blob
+"""A file on this machine by its path, or its bytes."""
 
 
 class FileRefusedError(SpecError):
@@ -22,7 +46,7 @@ class FileRefusedError(SpecError):
         code: str,
         message: str,
         *,
-        path: Path | str | None = None,
+        path: AnyFile | None = None,
         where: str | None = None,
         found: object | None = None,
         required: object | None = None,
@@ -32,7 +56,7 @@ class FileRefusedError(SpecError):
         super().__init__(message, path=path, where=where, found=found, required=required, fix=fix)
 
 
-def check_regular(path: Path | str, max_bytes: int) -> int:
+def check_regular(path: AnyFile, max_bytes: int) -> int:
     """Check that a path is a regular file (no link) within a limit; return its size in bytes.
 
     Args:
@@ -42,6 +66,9 @@ def check_regular(path: Path | str, max_bytes: int) -> int:
     Raises:
         FileRefusedError: It is missing, a link, a special file, or too large.
     """
+    if isinstance(path, Blob):
+        _refuse_large(path, len(path.data), max_bytes)
+        return len(path.data)
     try:
         status = os.lstat(path)
     except (OSError, ValueError) as error:
@@ -54,18 +81,31 @@ def check_regular(path: Path | str, max_bytes: int) -> int:
             found="a link" if stat.S_ISLNK(status.st_mode) else "a folder or a special file",
             fix="Put the file itself there.",
         )
-    if status.st_size > max_bytes:
+    _refuse_large(path, status.st_size, max_bytes)
+    return status.st_size
+
+
+def _refuse_large(path: AnyFile, size: int, max_bytes: int) -> None:
+    if size > max_bytes:
         raise FileRefusedError(
             "FILE_TOO_LARGE",
             "the file is larger than the specification allows",
             path=path,
-            found=f"{status.st_size} bytes",
+            found=f"{size} bytes",
             required=f"at most {max_bytes}",
         )
-    return status.st_size
 
 
-def read_bytes(path: Path | str, max_bytes: int) -> bytes:
+def open_binary(path: AnyFile) -> io.BytesIO | io.BufferedReader:
+    """Open a file for reading; the caller has checked it, and closes it.
+
+    Raises:
+        OSError: It cannot be opened.
+    """
+    return io.BytesIO(path.data) if isinstance(path, Blob) else open(path, "rb")
+
+
+def read_bytes(path: AnyFile, max_bytes: int) -> bytes:
     """Return a regular file's bytes.
 
     Args:
@@ -76,6 +116,8 @@ def read_bytes(path: Path | str, max_bytes: int) -> bytes:
         FileRefusedError: As `check_regular`, or the file cannot be read.
     """
     size = check_regular(path, max_bytes)
+    if isinstance(path, Blob):
+        return path.data
     try:
         with open(path, "rb") as stream:
             return stream.read(size)

@@ -231,10 +231,37 @@ MATCHES: Final = pa.schema(
 )
 """The columns of a submission of kind `matches`: a sparse method's own keypoint matches."""
 
+INDEX: Final = pa.schema(
+    [
+        _field("id", pa.string(), "sequence id; row i is that of row i of sequences.parquet"),
+        _field(
+            "files",
+            pa.list_(
+                pa.field(
+                    "item",
+                    pa.struct(
+                        [
+                            pa.field("path", pa.string(), nullable=False),
+                            pa.field("shard", pa.string(), nullable=False),
+                            pa.field("offset", pa.int64(), nullable=False),
+                            pa.field("bytes", pa.int64(), nullable=False),
+                        ]
+                    ),
+                    nullable=False,
+                )
+            ),
+            "every file of the sequence's folder: its path there, the shard that holds it, and "
+            "the range of that shard's bytes which is the file",
+        ),
+    ]
+)
+"""The index of a packed dataset."""
+
 TABLES: Final[dict[str, pa.Schema]] = {
     "sequences": SEQUENCES,
     "points": POINTS,
     "correspondences": CORRESPONDENCES,
+    "index": INDEX,
     "queries": QUERIES,
     "truth": TRUTH,
     "answers": ANSWERS,

@@ -6,7 +6,7 @@ import multiprocessing
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,13 +15,16 @@ import numpy as np
 from pliant.spec import layout
 from pliant.spec.conventions import SPEC_VERSION, SPLITS
 from pliant.spec.errors import CallError, Issue
+from pliant.spec.files import LocalFiles, Member, PackedFiles
 from pliant.spec.jsonfiles import is_newer_minor
+from pliant.spec.rules.checksums import check_checksums
 from pliant.spec.rules.context import Context
 from pliant.spec.rules.files import read_document
 from pliant.spec.rules.findings import Findings
 from pliant.spec.rules.listing import check_listing
+from pliant.spec.rules.packed import check_any_sequence, check_index
 from pliant.spec.rules.queries import KnownSequence, check_split_queries
-from pliant.spec.rules.sequences import SequenceResult, check_sequence
+from pliant.spec.rules.sequences import SequenceResult
 from pliant.spec.rules.structure import check_root
 from pliant.spec.rules.tiers import check_tiers
 
@@ -113,9 +116,24 @@ def validate(
     context = _read_context(root, quick, findings)
     sequences = frames = 0
     if context is not None:
+        packed = check_index(context, findings) if _is_packed(root) else {}
+        if packed is None:
+            return _report(root, quick, findings, limit, 0, 0)
+        if packed:
+            ids = [name for _, name in packed]
+            context = replace(context, files=PackedFiles(LocalFiles(root), ids))
+        for tier, name in packed:
+            folders.setdefault(tier, set()).add(name)
         rows = check_listing(context, folders, findings)
+        check_checksums(context, findings)
         tasks = [
-            (context, tier, name, rows.get(name) if _belongs(rows, tier, name) else None)
+            (
+                context,
+                tier,
+                name,
+                rows.get(name) if _belongs(rows, tier, name) else None,
+                packed.get((tier, name)),
+            )
             for tier, names in sorted(folders.items())
             for name in sorted(names)
         ]
@@ -167,17 +185,22 @@ def _belongs(rows: dict[str, dict[str, Any]], tier: str, name: str) -> bool:
     return name in rows and rows[name]["tier"] == tier
 
 
-def _run(
-    tasks: list[tuple[Context, str, str, dict[str, Any] | None]], workers: int
-) -> Iterator[SequenceResult]:
+def _is_packed(root: Path) -> bool:
+    return (root / layout.INDEX_TABLE).exists()
+
+
+_Task = tuple[Context, str, str, dict[str, Any] | None, dict[str, Member] | None]
+
+
+def _run(tasks: list[_Task], workers: int) -> Iterator[SequenceResult]:
     """Check the sequences, in processes of their own if asked for; yield in order."""
     if workers == 1 or len(tasks) < 2:
         for task in tasks:
-            yield check_sequence(*task)
+            yield check_any_sequence(*task)
         return
     spawn = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(min(workers, len(tasks)), mp_context=spawn) as pool:
-        futures = [pool.submit(check_sequence, *task) for task in tasks]
+        futures = [pool.submit(check_any_sequence, *task) for task in tasks]
         for task, future in zip(tasks, futures, strict=True):
             try:
                 yield future.result()

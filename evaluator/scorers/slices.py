@@ -112,7 +112,7 @@ class SlicesScorer(Scorer):
         """Return the shape and coverage of each sequence of the questions."""
         dataset, questions = self.setting.dataset, self.setting.questions
         shapes = [dataset.sequence(name).shape or "" for name in questions.sequences]
-        path = dataset.root / layout.SEQUENCES_TABLE
+        path = dataset.local(layout.SEQUENCES_TABLE)
         table: pa.Table = read_table(path, "sequences", ["id", "coverage"])
         known = dict(zip(*(table[name].to_pylist() for name in ("id", "coverage")), strict=True))
         coverage = [known.get(name) for name in questions.sequences]

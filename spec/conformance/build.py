@@ -23,6 +23,7 @@ from pliant.spec.conformance import (
     broken_geometry,
     broken_queries,
     broken_tables,
+    packed,
     submissions,
 )
 from pliant.spec.conformance.base import BASES
@@ -43,6 +44,7 @@ CASES: list[Case] = [
     *broken_tables.CASES,
     *broken_geometry.CASES,
     *broken_queries.CASES,
+    *packed.CASES,
 ]
 """Every case of a dataset, in order."""
 

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from pliant.spec.files import Files, LocalFiles
+
 
 @dataclass(frozen=True)
 class Context:
@@ -13,6 +15,7 @@ class Context:
 
     Attributes:
         root: The dataset.
+        files: Where the files of its sequences come from.
         quick: True leaves images and geometry alone.
         width: Of every image, px.
         height: Of every image, px.
@@ -24,6 +27,7 @@ class Context:
     """
 
     root: Path
+    files: Files
     quick: bool
     width: int
     height: int
@@ -38,6 +42,7 @@ class Context:
         """Take the facts from a dataset.json that satisfies its schema."""
         return cls(
             root=root,
+            files=LocalFiles(root),
             quick=quick,
             width=info["image_size"]["width"],
             height=info["image_size"]["height"],

@@ -387,8 +387,8 @@ class _SplitCheck:
         return tracks
 
     def _load(self, name: str, known: KnownSequence) -> _Tracks:
-        folder = layout.sequence_dir(self.context.root, known.tier, name)
-        path = folder / layout.POINTS_TABLE
+        folder = layout.sequence_name(known.tier, name)
+        path = self.context.files.get(f"{folder}/{layout.POINTS_TABLE}")
         points = load_columns(
             open_table(path, text_as_dictionary=True), path, select_schema("points")
         )
@@ -398,7 +398,7 @@ class _SplitCheck:
         askable = (numbers(points, "object") == tier["queried_object"]) & (
             codes_of(points, "kind", ("surface",)) == 0
         )
-        path = folder / layout.CORRESPONDENCES_TABLE
+        path = self.context.files.get(f"{folder}/{layout.CORRESPONDENCES_TABLE}")
         file = open_table(path, text_as_dictionary=True)
         schema = select_schema("correspondences", ["u_px", "v_px", "visibility"])
         table = load_columns(file, path, schema)

@@ -10,11 +10,17 @@ from pliant.spec import layout
 from pliant.spec.conventions import SPLITS
 from pliant.spec.rules.findings import Findings
 
-PAPERS: Final = frozenset({"README.md", "LICENSE", "CITATION.cff", "croissant.json"})
+PAPERS: Final = frozenset(
+    {"README.md", "LICENSE", "CITATION.cff", "croissant.json", ".gitattributes"}
+)
 """Files for people and catalogues that may lie in the root; their contents have no rules."""
 
-WORKSHOP: Final = ".pliant"
-"""A generator's working folder in the root; not part of the dataset, never looked into."""
+WORKSHOPS: Final = frozenset({".pliant", ".cache", ".git"})
+"""Working folders in the root, of a generator, of a download, of git; not part of the dataset,
+never looked into."""
+
+UNLISTED: Final = frozenset({layout.CHECKSUMS, layout.MANIFEST_JSON, ".gitattributes"})
+"""Files that `SHA256SUMS` leaves out."""
 
 
 def list_folder(folder: Path, shown: str, findings: Findings) -> tuple[set[str], set[str]]:
@@ -78,25 +84,33 @@ def check_root(root: Path, findings: Findings) -> dict[str, set[str]]:
         findings: Gets the problems.
 
     Returns:
-        Tier folder -> the names of its sequence folders.
+        Tier folder -> the names of its sequence folders; none for a packed dataset.
     """
     files, folders = list_folder(root, "", findings)
     required = {layout.DATASET_JSON, layout.SEQUENCES_TABLE}
     linked = {issue.path for issue in findings.issues if issue.code == "PATH_UNSAFE"}
     for name in sorted(required - files - linked):
         findings.add("FILE_MISSING", name, "", "a dataset must hold this file")
-    if layout.SEQUENCES_DIR not in folders | linked:
+    packed = layout.INDEX_TABLE in files
+    if layout.SEQUENCES_DIR not in folders | linked and not packed:
         findings.add("FILE_MISSING", layout.SEQUENCES_DIR, "", "a dataset must hold this folder")
-    known = {layout.SEQUENCES_DIR, layout.QUERIES_DIR, layout.TRUTH_DIR, WORKSHOP}
+    known = {layout.QUERIES_DIR, layout.TRUTH_DIR, layout.PICTURES_DIR, layout.WEBDATASET_DIR}
+    known |= {*WORKSHOPS, *(layout.SHARD_DIRS if packed else (layout.SEQUENCES_DIR,))}
+    free = PAPERS | {layout.INDEX_TABLE, layout.CHECKSUMS, layout.MANIFEST_JSON}
     report_extra(
-        findings, "", (files - required - PAPERS) | (folders - known), "see SPEC.md, Directory"
+        findings, "", (files - required - free) | (folders - known), "see SPEC.md, Directory"
     )
+    for name in layout.SHARD_DIRS:
+        if packed and name in folders:
+            inside, deeper = list_folder(root / name, name, findings)
+            extra = deeper | {e for e in inside if not layout.is_shard_name(f"{name}/{e}")}
+            report_extra(findings, name, extra, "SPLIT-NUMBER.parquet alone does")
     for name in (layout.QUERIES_DIR, layout.TRUTH_DIR):
         if name in folders:
             inside, deeper = list_folder(root / name, name, findings)
             extra = deeper | {entry for entry in inside if not _is_split_file(entry)}
             report_extra(findings, name, extra, "SPLIT.parquet alone does")
-    if layout.SEQUENCES_DIR not in folders:
+    if packed or layout.SEQUENCES_DIR not in folders:
         return {}
     loose, tiers = list_folder(root / layout.SEQUENCES_DIR, layout.SEQUENCES_DIR, findings)
     report_extra(findings, layout.SEQUENCES_DIR, loose, "folders of tiers alone do")

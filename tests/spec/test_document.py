@@ -52,7 +52,7 @@ def test_every_block_is_of_a_kind_that_is_tested() -> None:
     kinds = {(language, bool(name)) for language, name, _ in BLOCKS}
     assert kinds == {("json", True), ("python", False), ("text", False)}
     named = {name for language, name, _ in BLOCKS if language == "json"}
-    assert named == {"dataset", "sequence", "cameras", "footer-truth", "footer-answers"}
+    assert named == {"dataset", "sequence", "cameras", "manifest", "footer-truth", "footer-answers"}
 
 
 @pytest.mark.parametrize(("language", "name", "text"), [b for b in BLOCKS if b[0] == "json"])
