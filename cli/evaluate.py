@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     "--protocol",
     default=None,
     metavar="NAME",
-    help="paper, standard, tapvid or matches; default: standard, and matches for matches.",
+    help="paper, standard, tapvid, track or matches; default: standard, and matches for matches.",
 )
 @click.option("--out", metavar="REPORT", type=click.Path(path_type=Path), help="Report folder.")
 @click.option(

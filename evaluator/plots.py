@@ -74,6 +74,28 @@ def cdf_svg(
     return _render(draw, title)
 
 
+def time_svg(
+    series: Mapping[str, tuple[Numbers, Numbers]], *, title: str = "RMSE since the query"
+) -> str:
+    """Draw the error over the frames since the query.
+
+    Args:
+        series: Name -> (frames ascending, RMSE in px after so many).
+        title: Heading.
+    """
+
+    def draw(axes: Axes) -> None:
+        for index, (name, (frames, rmse)) in enumerate(series.items()):
+            axes.plot(frames, rmse, label=name, **_look(index))
+        axes.set_xlim(left=0)
+        axes.set_ylim(bottom=0)
+        axes.set_xlabel("frames since the query")
+        axes.set_ylabel("RMSE, px")
+        _legend(axes, len(series), "best")
+
+    return _render(draw, title)
+
+
 def histogram_svg(
     series: Mapping[str, Numbers],
     edges: Numbers,

@@ -14,7 +14,7 @@ import jsonschema
 
 from pliant.spec.errors import CallError
 
-PROTOCOL_NAMES: Final = ("paper", "standard", "tapvid", "matches")
+PROTOCOL_NAMES: Final = ("paper", "standard", "tapvid", "track", "matches")
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class Protocol:
     """One protocol, as its file says.
 
     Attributes:
-        name: `paper`, `standard`, `tapvid` or `matches`.
+        name: One of `PROTOCOL_NAMES`.
         version: `MAJOR.MINOR` of the protocol itself.
         kind: Kind of submission it scores, `answers` or `matches`.
         sha256: Of the protocol's file; two scores compare only where it is the same.

@@ -96,6 +96,8 @@ def ratios_of(metrics: Mapping[str, Mapping[str, Any]]) -> list[Ratio]:
                 "mean change of the error from one frame of an episode to the next",
             )
         ]  # fmt: skip
+    if "time" in metrics:
+        result += _time(metrics["time"])
     if "distribution" in metrics:
         result += _distribution(metrics["distribution"])
     if "matches" in metrics:
@@ -207,6 +209,16 @@ def _geodesic() -> list[Ratio]:
             "off_object_rate", "off_object", "geodesic_asked", "lower", "",
             "share of answers that do not lie on the queried object",
         ),
+    ]  # fmt: skip
+
+
+def _time(settings: Mapping[str, Any]) -> list[Ratio]:
+    return [
+        Ratio(
+            f"rmse_px_after_{frames}", f"time_squared_px2_{frames}", f"time_counted_{frames}",
+            "lower", "px", f"RMSE {frames} frames after the query, in its episode", root=True,
+        )
+        for frames in settings["frames"]
     ]  # fmt: skip
 
 

@@ -266,6 +266,9 @@ def report_plots(document: Mapping[str, Any]) -> list[str]:
                 ylabel="share of pairs",
             )
         )
+    times = of("rmse_over_time")
+    if times:
+        result.append(plots.time_svg({t: (c["frames"], c["rmse_px"]) for t, c in times.items()}))
     reliability = of("reliability")
     if reliability:
         radius = next(iter(reliability.values()))["radius_px"]

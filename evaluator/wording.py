@@ -57,6 +57,8 @@ def label(metric: str) -> str:
     if text.startswith("pck_"):
         threshold = text[4:].replace("px", " px").replace("box", " box")
         return f"PCK {threshold}{over}"
+    if text.startswith("rmse_px_after_"):
+        return f"RMSE after {text.removeprefix('rmse_px_after_')} frames"
     text = text.removesuffix("_px").removesuffix("_m").replace("_", " ")
     return text[:1].upper() + text[1:] + over
 

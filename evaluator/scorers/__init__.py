@@ -16,6 +16,7 @@ from pliant.evaluator.scorers.pck import PckScorer
 from pliant.evaluator.scorers.slices import SlicesScorer
 from pliant.evaluator.scorers.symmetry import SymmetryScorer
 from pliant.evaluator.scorers.tapvid import TapvidScorer
+from pliant.evaluator.scorers.time import TimeScorer
 
 SCORERS: Final[dict[str, type[Scorer]]] = {
     "localisation": LocalisationScorer,
@@ -25,6 +26,7 @@ SCORERS: Final[dict[str, type[Scorer]]] = {
     "geodesic": GeodesicScorer,
     "continuity": ContinuityScorer,
     "jitter": JitterScorer,
+    "time": TimeScorer,
     "distribution": DistributionScorer,
     "slices": SlicesScorer,
     "analysis": AnalysisScorer,

@@ -10,18 +10,21 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from pliant.evaluator import evaluate
+from pliant.evaluator import evaluate, write_report
 from pliant.spec.dataset import Dataset
 
 
-def submit_truth(root: Path, path: Path) -> Path:
+def submit_truth(root: Path, path: Path, *, drift_px: float = 0.0) -> Path:
+    """Write the truth, moved by so much to the right for each frame since the query."""
     dataset = Dataset.open(root)
-    truth = dataset.truth("test")
+    truth, queries = dataset.truth("test"), dataset.queries("test")
+    elapsed = np.abs(queries["frame_b"].to_numpy() - queries["frame_a"].to_numpy())
+    u = (truth["u_b"].to_numpy() + drift_px * elapsed).astype(np.float32)
     visible = np.array([state == "visible" for state in truth["visibility_b"].to_pylist()])
     columns = {
         "pair_id": truth["pair_id"],
         "query_id": truth["query_id"],
-        "u": truth["u_b"],
+        "u": pa.array(u),
         "v": truth["v_b"],
         "visible": pa.array(visible.astype(np.float32)),
         "sigma": pa.array(np.full(len(visible), 0.5, np.float32)),
@@ -58,3 +61,25 @@ def test_the_truth_of_an_episode_has_no_jitter(tiny_episode: Path, tmp_path: Pat
     scores = evaluate(submit_truth(tiny_episode, tmp_path / "s.parquet"), tiny_episode)
     assert scores.overall["rmse_px"] == 0
     assert scores.overall["jitter_px"] == 0
+
+
+@pytest.mark.slow
+def test_a_drift_shows_over_the_time_since_the_query(tiny_episode: Path, tmp_path: Path) -> None:
+    """An answer that strays by 3 px a frame is 3 k px off after k frames, and so its RMSE."""
+    path = submit_truth(tiny_episode, tmp_path / "s.parquet", drift_px=3.0)
+    scores = evaluate(path, tiny_episode, protocol="track")
+    curve = scores.document["curves"]["overall"]["rmse_over_time"]
+    queries = Dataset.open(tiny_episode).queries("test")
+    elapsed = np.abs(queries["frame_b"].to_numpy() - queries["frame_a"].to_numpy())
+    assert set(curve["frames"]) <= set(elapsed.tolist())
+    assert len(curve["frames"]) > 1
+    np.testing.assert_allclose(curve["rmse_px"], 3.0 * np.array(curve["frames"]), rtol=1e-4)
+    assert sum(curve["queries"]) == scores.document["counts"]["counted"]
+    for frames in (1, 5, 10, 20, 40, 80):
+        value = scores.overall[f"rmse_px_after_{frames}"]
+        assert value is None or value == pytest.approx(3.0 * frames, rel=1e-4)
+        assert (value is None) == (frames not in curve["frames"])
+    write_report(scores, tmp_path / "report", data=tiny_episode)
+    page = (tmp_path / "report" / "report.html").read_text()
+    assert "RMSE since the query" in page
+    assert "RMSE after 10 frames" in page
