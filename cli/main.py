@@ -13,6 +13,7 @@ import click
 COMMANDS: dict[str, tuple[str, str]] = {
     "demo": ("pliant.cli.demo", "Make, validate, answer, score and report a small benchmark."),
     "generate": ("pliant.cli.generate", "Render datasets; run again to resume."),
+    "import": ("pliant.cli.import_data", "Bring in images and point annotations made elsewhere."),
     "validate": ("pliant.cli.validate", "Check a dataset against the specification."),
     "info": ("pliant.cli.info", "Say what is in a dataset."),
     "view": ("pliant.cli.view", "Draw contact sheets, index colours, tracks and figures."),
