@@ -24,6 +24,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "evaluate": ("pliant.cli.evaluate", "Score a submission by a named protocol."),
     "compare": ("pliant.cli.compare", "Paired differences between reports, with intervals."),
     "leaderboard": ("pliant.cli.leaderboard", "One page from many reports."),
+    "serve": ("pliant.cli.serve", "The leaderboard and its reports as a static site."),
     "match": ("pliant.cli.match", "Match a pixel between any two pictures."),
     "spec": ("pliant.cli.spec", "Print or write the specification's schemas."),
     "migrate": ("pliant.cli.migrate", "Bring a dataset to the current specification version."),

@@ -53,11 +53,12 @@ def read_reports(places: Sequence[Path]) -> list[Scores]:
     return [read_scores(path) for path in find_reports(places)]
 
 
-def render_leaderboard(reports: Sequence[Scores]) -> str:
+def render_leaderboard(reports: Sequence[Scores], links: Sequence[str] | None = None) -> str:
     """Return the leaderboard as one HTML page that needs nothing from outside.
 
     Args:
         reports: Comparable reports.
+        links: Where each method's name leads to; None for nowhere.
 
     Raises:
         CallError: They mix protocols, datasets or splits.
@@ -86,6 +87,7 @@ def render_leaderboard(reports: Sequence[Scores]) -> str:
                 {
                     "rank": standing[i],
                     "name": names[i],
+                    "href": links[i] if links else "",
                     "coverage": reports[i].document["coverage"],
                     "cells": [_cell(reports[i], group, metric) for group, metric in columns],
                 }

@@ -1,0 +1,44 @@
+"""`pliant serve`: the leaderboard and its reports as a static site."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import click
+
+
+@click.command("serve")
+@click.argument(
+    "reports", metavar="REPORTS…", nargs=-1, required=True, type=click.Path(path_type=Path)
+)
+@click.option(
+    "--out",
+    required=True,
+    metavar="SITE",
+    type=click.Path(path_type=Path),
+    help="The site's folder: new, or an earlier site, which is replaced.",
+)
+@click.option("--title", metavar="TEXT", help="The site's name; default: the dataset's title.")
+@click.option(
+    "--hide-truth",
+    is_flag=True,
+    help="Leave out the pictures and tables that tell single answers of a held-out split.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Report as one JSON document.")
+def command(
+    reports: tuple[Path, ...], out: Path, title: str | None, hide_truth: bool, as_json: bool
+) -> int:
+    """Write a site from REPORTS: report folders, or folders that hold them.
+
+    SITE is plain files: open index.html, copy it to any web server, or upload it as a
+    Hugging Face Space (its README.md says `sdk: static`).
+    """
+    from pliant.evaluator.site import write_site
+
+    names = write_site(reports, out, title=title, hide_truth=hide_truth)
+    if as_json:
+        click.echo(json.dumps({"site": str(out), "reports": names}, indent=1))
+    else:
+        click.echo(f"{len(names)} reports: {out / 'index.html'}")
+    return 0

@@ -1,0 +1,99 @@
+"""The static site: whole, relative, and silent about hidden answers when told to be."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from pliant.cli.main import run
+from pliant.evaluator import evaluate, write_report
+from pliant.evaluator.scores import read_scores
+
+
+@pytest.fixture(scope="module")
+def reports(scene: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two methods' reports, with pictures, in folders of hostile names."""
+    folder = tmp_path_factory.mktemp("reports")
+    rng = np.random.default_rng(0)
+    for name, error_px in (("mine & co", 3.0), ("mine? co", 9.0)):
+        table = scene.table(scene.true_px + rng.normal(0, error_px, (scene.rows, 2)))
+        path = scene.submit(folder / "s.parquet", table, method={"name": f"<{error_px:g} px>"})
+        write_report(evaluate(path, scene.root), folder / name, data=scene.root)
+    return folder
+
+
+def served(reports: Path, site: Path, *options: str) -> Path:
+    assert run(["serve", str(reports), "--out", str(site), *options]) == 0
+    return site
+
+
+def test_every_link_is_relative_and_leads_somewhere(reports: Path, tmp_path: Path) -> None:
+    site = served(reports, tmp_path / "site")
+    pages = sorted(site.rglob("*.html"))
+    assert [page.relative_to(site).as_posix() for page in pages] == [
+        "index.html",
+        "reports/mine-co/report.html",
+        "reports/mine-co-2/report.html",
+    ]
+    followed = set()
+    for page in pages:
+        links = re.findall(r'\b(?:href|src|action)="([^"]*)"', page.read_text())
+        for link in links:
+            if link.startswith(("data:", "#")):
+                continue
+            assert re.match(r"[a-z]+:|/", link) is None, link
+            assert (page.parent / link).is_file(), (page, link)
+            followed.add((page.parent / link).resolve())
+    assert followed == {page.resolve() for page in pages}
+
+
+def test_board_links_each_method_to_its_own_report(reports: Path, tmp_path: Path) -> None:
+    site = served(reports, tmp_path / "site")
+    board = (site / "index.html").read_text()
+    found = re.findall(r'<a href="(reports/[^"]+)/report.html">([^<]+)</a>', board)
+    assert [name for _, name in found] == ["&lt;3 px&gt;", "&lt;9 px&gt;"]  # the better first
+    for place, name in found:
+        assert read_scores(site / place).method == name.replace("&lt;", "<").replace("&gt;", ">")
+        assert f"<h1>{name}</h1>" in (site / place / "report.html").read_text()
+
+
+def test_readme_makes_a_static_space(reports: Path, tmp_path: Path) -> None:
+    site = served(reports, tmp_path / "site", "--title", "Ropes: who is [first]?")
+    _, front, text = (site / "README.md").read_text().split("---\n", 2)
+    facts = yaml.safe_load(front)
+    assert facts["sdk"] == "static"
+    assert (site / facts["app_file"]).is_file()
+    assert facts["title"] == "Ropes: who is [first]?"
+    assert r"# Ropes: who is \[first\]?" in text
+
+
+def test_hidden_truth_stays_hidden(reports: Path, tmp_path: Path) -> None:
+    shown = served(reports, tmp_path / "open")
+    hidden = served(reports, tmp_path / "hidden", "--hide-truth")
+    place = "reports/mine-co/report.html"
+    assert 'class="pair"' in (shown / place).read_text()  # a ring where the truth lies
+    assert 'class="pair"' not in (hidden / place).read_text()
+    assert len(list(shown.rglob("per_pair.parquet"))) == 2
+    assert not list(hidden.rglob("*.parquet"))
+    assert (hidden / place).with_name("scores.json").is_file()
+
+
+def test_site_is_replaced_and_nothing_else_is(
+    reports: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    site = served(reports, tmp_path / "site")
+    (site / "reports" / "old").mkdir()
+    capsys.readouterr()
+    served(reports, site, "--json")
+    assert json.loads(capsys.readouterr().out)["reports"] == ["mine-co", "mine-co-2"]
+    assert not (site / "reports" / "old").exists()
+    (site / "mine.txt").touch()
+    assert run(["serve", str(reports), "--out", str(site)]) == 2
+    assert "something other than a site; found mine.txt" in capsys.readouterr().err
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["site"]
