@@ -8,6 +8,7 @@ from pliant.baselines.matcher import (
     Matcher,
     Matches,
     SplitMatcher,
+    TrackMatcher,
     View,
 )
 from pliant.baselines.methods import METHODS
@@ -21,5 +22,6 @@ __all__ = [
     "Matcher",
     "Matches",
     "SplitMatcher",
+    "TrackMatcher",
     "View",
 ]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
@@ -122,6 +122,27 @@ class HeatMatcher(Matcher, Protocol):
             source: The image the query is in.
             target: The image to find it in.
             uv_a_px: float32 (2,), the query pixel.
+        """
+        ...
+
+
+@runtime_checkable
+class TrackMatcher(Matcher, Protocol):
+    """A method that follows points through the frames of an episode.
+
+    Pairs within one episode are answered by tracking, all others by `answer`.
+    """
+
+    def track(self, views: Iterable[View], uv_px: npt.NDArray[np.float32]) -> Iterator[Answers]:
+        """Carry points through consecutive frames.
+
+        Args:
+            views: At least one frame, in the order of time or against it, read one by one as
+                the answers are taken; the points are in the first.
+            uv_px: float32 (N, 2), the points.
+
+        Yields:
+            For each frame after the first, one answer for every point, in order.
         """
         ...
 

@@ -15,7 +15,14 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from pliant.baselines.matcher import Answers, KeypointMatcher, Matcher, Matches, SplitMatcher
+from pliant.baselines.matcher import (
+    Answers,
+    KeypointMatcher,
+    Matcher,
+    Matches,
+    SplitMatcher,
+    TrackMatcher,
+)
 from pliant.baselines.submission_file import (
     Keys,
     Kind,
@@ -27,6 +34,7 @@ from pliant.baselines.submission_file import (
     write_matches,
     write_template,
 )
+from pliant.baselines.tracks import Pair, answer_tracks, tasks_by_source
 from pliant.baselines.views import ViewReader
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, SpecError, SubmissionError
@@ -82,23 +90,6 @@ class Prediction:
         }
 
 
-@dataclass(frozen=True)
-class Pair:
-    """The queries of one image pair.
-
-    Attributes:
-        pair_id: As in the queries.
-        source: Sequence and frame of the queries.
-        target: Sequence and frame to find them in.
-        uv_a_px: float32 (N, 2), the query pixels.
-    """
-
-    pair_id: int
-    source: tuple[str, int]
-    target: tuple[str, int]
-    uv_a_px: npt.NDArray[np.float32]
-
-
 def predict(
     dataset: Dataset,
     split: str,
@@ -111,7 +102,8 @@ def predict(
 ) -> Prediction:
     """Answer a split's queries with a matcher and write the submission.
 
-    Images are read pair by pair and only the last few are kept. The bytes written depend on
+    Images are read pair by pair and only the last few are kept; a `TrackMatcher` is shown every
+    frame between the source and its targets in an episode. The bytes written depend on
     the dataset and the matcher alone, not on the number of workers.
 
     Args:
@@ -232,11 +224,24 @@ class _Worker:
     """Answers pairs of one dataset with one matcher."""
 
     def __init__(self, dataset: Dataset, matcher: Matcher, kind: Kind) -> None:
+        self._dataset = dataset
         self._matcher = matcher
         self._kind = kind
         self._reader = ViewReader(dataset)
 
     def run(self, pairs: Sequence[Pair]) -> list[_Result]:
+        """Answer pairs; a `TrackMatcher` gets those of one source frame together."""
+        source, target = pairs[0].source[0], pairs[0].target[0]
+        if (
+            self._kind == "answers"
+            and isinstance(self._matcher, TrackMatcher)
+            and source == target
+            and self._dataset.sequence(target).temporal
+        ):
+            tracked = answer_tracks(self._matcher, self._reader, pairs)
+            for (answers, _), pair in zip(tracked, pairs, strict=True):
+                self._check(answers, pair)
+            return [*tracked]
         return [self._one(pair) for pair in pairs]
 
     def _one(self, pair: Pair) -> _Result:
@@ -246,16 +251,19 @@ class _Worker:
         if self._kind == "matches" and isinstance(self._matcher, KeypointMatcher):
             return self._matcher.match(source, target), masked
         answers = self._matcher.answer(source, target, pair.uv_a_px)
-        _check_answers(answers, len(pair.uv_a_px), self._matcher.name, f"pair {pair.pair_id}")
+        self._check(answers, pair)
         return answers, masked
+
+    def _check(self, answers: Answers, pair: Pair) -> None:
+        _check_answers(answers, len(pair.uv_a_px), self._matcher.name, f"pair {pair.pair_id}")
 
 
 _process_worker: _Worker | None = None  # set once in each worker process
 
 
-def _start_process(root: Path, pickled: bytes, kind: Kind) -> None:
+def _start_process(address: str, pickled: bytes, kind: Kind) -> None:
     global _process_worker
-    _process_worker = _Worker(Dataset.open(root), pickle.loads(pickled), kind)
+    _process_worker = _Worker(Dataset.open(address), pickle.loads(pickled), kind)
 
 
 def _run_in_process(pairs: Sequence[Pair]) -> list[_Result]:
@@ -268,10 +276,11 @@ def _run(
     dataset: Dataset, matcher: Matcher, kind: Kind, pairs: Sequence[Pair], workers: int
 ) -> Iterator[list[_Result]]:
     """Yield the results of all pairs in order, a few pairs at a time."""
+    tracks = isinstance(matcher, TrackMatcher)
     if workers == 1:
         worker = _Worker(dataset, matcher, kind)
-        for pair in pairs:
-            yield worker.run([pair])
+        for task in tasks_by_source(pairs) if tracks else ([pair] for pair in pairs):
+            yield worker.run(task)
         return
     try:
         pickled = pickle.dumps(matcher)
@@ -280,12 +289,15 @@ def _run(
             f"the method {matcher.name!r} cannot be sent to worker processes ({error})",
             fix="Use one worker",
         ) from error
-    tasks = [pairs[start : start + PAIRS_A_TASK] for start in range(0, len(pairs), PAIRS_A_TASK)]
+    starts = range(0, len(pairs), PAIRS_A_TASK)
+    tasks: Sequence[Sequence[Pair]] = [pairs[start : start + PAIRS_A_TASK] for start in starts]
+    if tracks:
+        tasks = tasks_by_source(pairs)
     executor = ProcessPoolExecutor(
         workers,
         mp_context=multiprocessing.get_context("spawn"),
         initializer=_start_process,
-        initargs=(dataset.root, pickled, kind),
+        initargs=(dataset.address, pickled, kind),
     )
     try:
         yield from executor.map(_run_in_process, tasks)

@@ -1,0 +1,86 @@
+"""Answering pairs of one episode by carrying points through the frames between."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+
+import numpy as np
+import numpy.typing as npt
+
+from pliant.baselines.matcher import Answers, TrackMatcher, View
+from pliant.baselines.views import ViewReader
+
+
+@dataclass(frozen=True)
+class Pair:
+    """The queries of one image pair.
+
+    Attributes:
+        pair_id: As in the queries.
+        source: Sequence and frame of the queries.
+        target: Sequence and frame to find them in.
+        uv_a_px: float32 (N, 2), the query pixels.
+    """
+
+    pair_id: int
+    source: tuple[str, int]
+    target: tuple[str, int]
+    uv_a_px: npt.NDArray[np.float32]
+
+
+def tasks_by_source(pairs: Sequence[Pair]) -> list[list[Pair]]:
+    """Part pairs into runs with the same source frame and target sequence, in their order.
+
+    Args:
+        pairs: In the order of the queries.
+    """
+    runs = groupby(pairs, key=lambda pair: (pair.source, pair.target[0]))
+    return [list(run) for _, run in runs]
+
+
+def answer_tracks(
+    matcher: TrackMatcher, reader: ViewReader, pairs: Sequence[Pair]
+) -> list[tuple[Answers, bool]]:
+    """Answer pairs of one source frame and one episode, each frame between looked at once.
+
+    Forward and backward in time are two tracks; so are pairs that ask other points.
+
+    Args:
+        matcher: The method.
+        reader: Reads the episode's frames.
+        pairs: One run of `tasks_by_source`, source and target in the same episode.
+
+    Returns:
+        For each pair its answers and whether the target's mask was given.
+    """
+    results: list[tuple[Answers, bool] | None] = [None] * len(pairs)
+    tracks: dict[tuple[int, bytes], dict[int, list[int]]] = {}
+    for number, pair in enumerate(pairs):
+        direction = 1 if pair.target[1] >= pair.source[1] else -1
+        wanted = tracks.setdefault((direction, pair.uv_a_px.tobytes()), {})
+        wanted.setdefault(pair.target[1], []).append(number)
+    for (direction, _), wanted in tracks.items():
+        any_pair = pairs[next(iter(wanted.values()))[0]]
+        sequence, start = any_pair.source
+        last = max(wanted, key=lambda frame: abs(frame - start))
+        frames = range(start, last + direction, direction)
+        masked: list[bool] = []
+
+        def views(
+            sequence: str = sequence, frames: range = frames, masked: list[bool] = masked
+        ) -> Iterator[View]:
+            for frame in frames:
+                view = reader.view(sequence, frame)
+                masked.append(view.mask is not None)
+                yield view
+
+        for number in wanted.get(start, ()):  # a frame paired with itself
+            seen = reader.view(sequence, start).mask is not None
+            results[number] = (Answers(any_pair.uv_a_px.copy()), seen)
+        tracked = matcher.track(views(), any_pair.uv_a_px)
+        for step, answers in enumerate(tracked, start=1):
+            for number in wanted.get(frames[step], ()):
+                results[number] = (answers, masked[step])
+    return [result for result in results if result is not None]

@@ -1,0 +1,90 @@
+"""Which frames a `TrackMatcher` is shown, and whose answer goes where."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pliant.baselines.matcher import Answers, TrackMatcher, View
+from pliant.baselines.submission import predict, read_pairs
+from pliant.baselines.tracks import Pair, answer_tracks, tasks_by_source
+from pliant.baselines.views import ViewReader
+from pliant.spec.dataset import Dataset
+from pliant.spec.parquet import read_table
+
+
+class Counter:
+    """Answers with the number of the frame it is shown, and remembers what it was shown."""
+
+    name = "counter"
+
+    def __init__(self) -> None:
+        self.shown: list[list[int]] = []
+
+    def describe(self) -> Mapping[str, Any]:
+        return {}
+
+    def answer(self, source: View, target: View, uv_a_px: Any) -> Answers:
+        return Answers(np.full((len(uv_a_px), 2), -1, dtype=np.float32))
+
+    def track(self, views: Iterable[View], uv_px: Any) -> Iterator[Answers]:
+        frames = iter(views)
+        self.shown.append([int(next(frames).key.split("/")[1])])
+        for view in frames:
+            number = int(view.key.split("/")[1])
+            self.shown[-1].append(number)
+            yield Answers(np.stack([uv_px[:, 0], np.full(len(uv_px), number)], axis=1))
+
+
+@pytest.fixture
+def reader(tiny_episode: Path) -> ViewReader:
+    return ViewReader(Dataset.open(tiny_episode))
+
+
+def pair(number: int, a: int, b: int, u: float = 1.0) -> Pair:
+    uv = np.array([[u, 2.0]], dtype=np.float32)
+    return Pair(number, ("rope-test-000000", a), ("rope-test-000000", b), uv)
+
+
+def test_forward_and_backward_are_two_tracks_of_every_frame_between(reader: ViewReader) -> None:
+    matcher = Counter()
+    asked = [pair(0, 3, 6), pair(1, 3, 1), pair(2, 3, 4), pair(3, 3, 3)]
+    results = answer_tracks(matcher, reader, asked)
+    assert matcher.shown == [[3, 4, 5, 6], [3, 2, 1]]
+    assert [float(answers.uv_px[0, 1]) for answers, _ in results] == [6, 1, 4, 2]
+    assert all(masked for _, masked in results)
+
+
+def test_other_points_are_another_track(reader: ViewReader) -> None:
+    matcher = Counter()
+    results = answer_tracks(matcher, reader, [pair(0, 0, 2, u=1.0), pair(1, 0, 1, u=7.0)])
+    assert matcher.shown == [[0, 1, 2], [0, 1]]
+    assert [answers.uv_px[0].tolist() for answers, _ in results] == [[1, 2], [7, 1]]
+
+
+def test_tasks_keep_the_order_and_part_at_every_new_source() -> None:
+    asked = [pair(0, 0, 1), pair(1, 0, 5), pair(2, 4, 2), pair(3, 0, 3)]
+    assert [[p.pair_id for p in task] for task in tasks_by_source(asked)] == [[0, 1], [2], [3]]
+
+
+def test_a_split_of_episodes_is_tracked(tiny_episode: Path, tmp_path: Path) -> None:
+    dataset, matcher = Dataset.open(tiny_episode), Counter()
+    assert isinstance(matcher, TrackMatcher)
+    path = tmp_path / "sub.parquet"
+    prediction = predict(dataset, "test", matcher, path)
+    assert prediction.method["mask"] == "given"
+    frame_of = {p.pair_id: p.target[1] for p in read_pairs(dataset, "test")}
+    table = read_table(path, "answers")
+    for number, v in zip(table["pair_id"].to_pylist(), table["v"].to_pylist(), strict=True):
+        assert v == frame_of[number]
+
+
+def test_configurations_are_answered_pair_by_pair(tiny_dataset: Path, tmp_path: Path) -> None:
+    path, matcher = tmp_path / "sub.parquet", Counter()
+    predict(Dataset.open(tiny_dataset), "test", matcher, path)
+    assert not matcher.shown
+    assert set(read_table(path, "answers")["u"].to_pylist()) == {-1}
