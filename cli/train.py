@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,24 +26,40 @@ def command() -> None:
     """
 
 
+def _run_options(function: Callable[..., None]) -> Callable[..., None]:
+    """Add the options that every method's command has."""
+    options = (
+        click.option(
+            "--data", required=True, type=click.Path(path_type=Path), help="Dataset folder."
+        ),
+        click.option(
+            "--out", required=True, type=click.Path(path_type=Path), help="Folder of the run."
+        ),
+        click.option(
+            "--config",
+            "config_file",
+            type=click.Path(path_type=Path),
+            help="YAML file of settings; what it leaves out keeps its default.",
+        ),
+        click.option(
+            "--set",
+            "overrides",
+            multiple=True,
+            metavar="KEY=VALUE",
+            help="One setting, dotted, in YAML: optimiser.learning_rate=1e-3. Wins over --config.",
+        ),
+        click.option("--resume", is_flag=True, help="Go on from the run's newest checkpoint."),
+        click.option(
+            "--json", "as_json", is_flag=True, help="Report as one JSON document on stdout."
+        ),
+    )
+    for option in reversed(options):
+        function = option(function)
+    return function
+
+
 @command.command("don")
-@click.option("--data", required=True, type=click.Path(path_type=Path), help="Dataset folder.")
-@click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder of the run.")
-@click.option(
-    "--config",
-    "config_file",
-    type=click.Path(path_type=Path),
-    help="YAML file of settings; what it leaves out keeps its default.",
-)
-@click.option(
-    "--set",
-    "overrides",
-    multiple=True,
-    metavar="KEY=VALUE",
-    help="One setting, dotted, in YAML: optimiser.learning_rate=1e-3. Wins over --config.",
-)
-@click.option("--resume", is_flag=True, help="Go on from the run's newest checkpoint.")
-@click.option("--json", "as_json", is_flag=True, help="Report as one JSON document on stdout.")
+@_run_options
 def don(
     data: Path,
     out: Path,
@@ -86,6 +102,54 @@ def don(
         f"pooled, {figures.get('rmse_px_mean_over_pairs', float('nan')):.1f} px mean over pairs, "
         f"median {figures.get('median_px', float('nan')):.1f} px"
     )
+    click.echo(f"Report: {out / 'report.html'}")
+    click.echo(f"Answer with it: pliant predict {out} --data {data} --split test --out SUB.parquet")
+
+
+@command.command("timecycle")
+@_run_options
+def timecycle(
+    data: Path,
+    out: Path,
+    config_file: Path | None,
+    overrides: tuple[str, ...],
+    resume: bool,
+    as_json: bool,
+) -> None:
+    """Train TimeCycle: descriptors from episodes alone, by tracking back and forth in time.
+
+    Several processes: `torchrun --nproc-per-node N --no-python pliant train timecycle …`.
+    With --resume and no settings of its own, a run goes on with those it began with.
+    """
+    try:
+        from pliant.models.settings import read_settings
+        from pliant.models.timecycle.settings import TimeCycleSettings
+        from pliant.models.timecycle.trainer import train_timecycle
+    except ImportError as error:
+        raise MissingExtraError("training", "train") from error
+    from pliant.spec.dataset import Dataset
+
+    dataset = Dataset.open(data)
+    begun = out / "config.yaml"
+    if resume and config_file is None and begun.is_file():
+        config_file = begun
+    settings = read_settings(TimeCycleSettings, config_file, overrides)
+    first = os.environ.get("RANK", "0") == "0"
+    with (
+        _terminated_like_interrupted(out, shown=first),
+        _bar(settings.steps, shown=first) as progress,
+    ):
+        facts = train_timecycle(dataset, out, settings, resume=resume, progress=progress)
+    if not first:
+        return
+    if as_json:
+        click.echo(json.dumps({"run": str(out), **facts}, indent=1, sort_keys=True))
+        return
+    guard = facts.get("guard", {})
+    for method, errors in guard.get("rmse_px_of_640", {}).items():
+        listed = ", ".join(f"{value:.1f} after {frames}" for frames, value in errors.items())
+        click.echo(f"{method:10} RMSE, px of 640, by frames since the query: {listed}")
+    click.echo(guard.get("verdict", "The run has not been validated."))
     click.echo(f"Report: {out / 'report.html'}")
     click.echo(f"Answer with it: pliant predict {out} --data {data} --split test --out SUB.parquet")
 

@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from pliant.models.matching import DonMatcher
+    from pliant.models.timecycle.matcher import TimeCycleMatcher
 
 __all__ = ["load_matcher"]
 
 
-def load_matcher(run: Path | str) -> DonMatcher:
-    """Return the matcher of a training run.
+def load_matcher(run: Path | str) -> DonMatcher | TimeCycleMatcher:
+    """Return the matcher of a training run, of whatever kind its config says.
 
     Args:
         run: The run's folder.
@@ -26,6 +27,20 @@ def load_matcher(run: Path | str) -> DonMatcher:
 
     try:
         from pliant.models import matching
+        from pliant.models.timecycle.matcher import load_timecycle
     except ImportError as error:
         raise MissingExtraError("answering with a trained network", "train") from error
+    if _kind(Path(run) / matching.CONFIG) == "timecycle":
+        return load_timecycle(Path(run))
     return matching.load_matcher(run)
+
+
+def _kind(config: Path) -> str:
+    """Return the kind that a run's config names; runs of Dense Object Nets name none."""
+    import yaml
+
+    try:
+        values = yaml.safe_load(config.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError):
+        return "don"  # its loader says what is wrong
+    return str(values.get("kind", "don")) if isinstance(values, dict) else "don"

@@ -40,31 +40,41 @@ def write_run_report(
         The page.
     """
     shown = pairs[:_PAIRS_SHOWN]
+    page = report_head(run, facts)
+    page += "<h2>Curves</h2>" + picture(curves_png(history), "loss and error over the steps")
+    page += (
+        "<h2>Descriptors</h2><p>The three main directions of the descriptors on the object, "
+        "taken over all pictures, as red, green and blue: the same colour should be the same "
+        "place of the object, in whatever shape.</p>"
+        + picture(descriptors_png(matcher, shown), "descriptors as colours")
+        + "<h2>Where the network believes a point to be</h2><p>Left the query (cross), right the "
+        "log probability over the target, with the truth (circle) and the answer (cross). "
+        "Validation pairs, not chosen.</p>" + picture(heat_png(matcher, shown), "heat maps")
+    )
+    path = run / "report.html"
+    path.write_text(page + "</html>\n", encoding="utf-8")
+    return path
+
+
+def report_head(run: Path, facts: Mapping[str, Any]) -> str:
+    """Return the beginning of a run's page: its title and its facts as a table.
+
+    Args:
+        run: The run's folder.
+        facts: Label -> value; mappings are flattened.
+    """
     rows = "".join(
         f"<tr><th>{html.escape(name)}</th><td>{html.escape(text)}</td></tr>"
         for name, text in _flat(facts)
     )
-    page = (
+    return (
         '<!doctype html><html lang="en"><meta charset="utf-8">'
         "<title>Training run</title><style>"
         "body{font:15px/1.5 system-ui,sans-serif;max-width:70rem;margin:2rem auto;padding:0 1rem}"
         "img{max-width:100%}th{text-align:left;padding-right:1.5rem;font-weight:500}"
         "td{font-variant-numeric:tabular-nums}p{max-width:45rem}</style>"
         f"<h1>Training run {html.escape(run.name)}</h1><table>{rows}</table>"
-        "<h2>Curves</h2>" + _image(curves_png(history), "loss and error over the steps")
     )
-    page += (
-        "<h2>Descriptors</h2><p>The three main directions of the descriptors on the object, "
-        "taken over all pictures, as red, green and blue: the same colour should be the same "
-        "place of the object, in whatever shape.</p>"
-        + _image(descriptors_png(matcher, shown), "descriptors as colours")
-        + "<h2>Where the network believes a point to be</h2><p>Left the query (cross), right the "
-        "log probability over the target, with the truth (circle) and the answer (cross). "
-        "Validation pairs, not chosen.</p>" + _image(heat_png(matcher, shown), "heat maps")
-    )
-    path = run / "report.html"
-    path.write_text(page + "</html>\n", encoding="utf-8")
-    return path
 
 
 def curves_png(history: Sequence[Mapping[str, float]]) -> bytes:
@@ -91,7 +101,7 @@ def curves_png(history: Sequence[Mapping[str, float]]) -> bytes:
     right.set(xlabel="step", title="validation error, px", ylim=(0, None))
     if validated:
         right.legend(frameon=False)
-    return _png(figure)
+    return figure_png(figure)
 
 
 def descriptors_png(matcher: DonMatcher, pairs: Sequence[ValidationPair]) -> bytes:
@@ -114,7 +124,7 @@ def descriptors_png(matcher: DonMatcher, pairs: Sequence[ValidationPair]) -> byt
         axes[1, column].imshow(colour)
     for axis in axes.flat:
         axis.set_axis_off()
-    return _png(figure)
+    return figure_png(figure)
 
 
 def descriptor_colours(
@@ -182,7 +192,7 @@ def heat_png(matcher: DonMatcher, pairs: Sequence[ValidationPair]) -> bytes:
         for axis in (left, right):
             axis.set(xlim=(0, width), ylim=(height, 0))
             axis.set_axis_off()
-    return _png(figure)
+    return figure_png(figure)
 
 
 def _mask(view: View, matcher: DonMatcher) -> npt.NDArray[np.bool_]:
@@ -190,13 +200,15 @@ def _mask(view: View, matcher: DonMatcher) -> npt.NDArray[np.bool_]:
     return np.ones((matcher.size[1], matcher.size[0]), dtype=np.bool_) if mask is None else mask
 
 
-def _png(figure: Any) -> bytes:
+def figure_png(figure: Any) -> bytes:
+    """Return a matplotlib figure as PNG."""
     stream = io.BytesIO()
     figure.savefig(stream, format="png", dpi=110)
     return stream.getvalue()
 
 
-def _image(png: bytes, alt: str) -> str:
+def picture(png: bytes, alt: str) -> str:
+    """Return an image element that carries its PNG inside."""
     return f'<img alt="{alt}" src="data:image/png;base64,{base64.b64encode(png).decode()}">'
 
 

@@ -1,0 +1,75 @@
+"""A run's folder: made for a new run, checked for one that goes on."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from pliant.models.checkpoint import latest_checkpoint
+from pliant.models.matching import CONFIG
+from pliant.models.settings import read_settings, settings_to_dict
+from pliant.spec.dataset import Dataset
+from pliant.spec.errors import CallError, TrainingError
+
+
+def with_tier(tier: str, dataset: Dataset) -> str:
+    """Return the tier to train on.
+
+    Args:
+        tier: As the settings name it; may be empty.
+        dataset: The dataset.
+
+    Raises:
+        CallError: No tier is named and the dataset has several.
+    """
+    names = list(dataset.tiers)
+    if tier or len(names) == 1:
+        return tier or names[0]
+    raise CallError(
+        "name the tier to train on",
+        where="tier",
+        required="one of " + ", ".join(names),
+        fix=f"Add --set tier={names[0]}",
+    )
+
+
+def open_run(run: Path, settings: Any, resume: bool, free: tuple[str, ...]) -> None:
+    """Make a run's folder with its config, or check that it was begun with the same settings.
+
+    Args:
+        run: The folder.
+        settings: The run's settings, a dataclass.
+        resume: Whether the run goes on.
+        free: Settings that may differ then.
+
+    Raises:
+        CallError: A new run's folder is not empty.
+        TrainingError: There is nothing to resume, or a setting differs.
+    """
+    if resume:
+        if latest_checkpoint(run) is None:
+            raise TrainingError(
+                "there is no checkpoint to resume", path=run, fix="Start it without --resume."
+            )
+        begun = settings_to_dict(read_settings(type(settings), run / CONFIG))
+        for name, value in settings_to_dict(settings).items():
+            if name not in free and begun[name] != value:
+                raise TrainingError(
+                    "a run goes on with the settings it began with",
+                    path=run / CONFIG,
+                    where=name,
+                    found=value,
+                    required=begun[name],
+                    fix="Leave --config and --set out, or start another run.",
+                )
+    elif run.exists() and (not run.is_dir() or any(run.iterdir())):
+        raise CallError(
+            "the folder of a new run must be empty",
+            path=run,
+            fix="Name another one, or go on with --resume.",
+        )
+    run.mkdir(parents=True, exist_ok=True)
+    text = yaml.safe_dump(settings_to_dict(settings), sort_keys=False)
+    (run / CONFIG).write_text(text, encoding="utf-8")

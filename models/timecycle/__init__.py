@@ -1,0 +1,1 @@
+"""TimeCycle: correspondence learned from the cycle-consistency of time (Wang et al. 2019)."""

@@ -1,0 +1,163 @@
+"""The matcher of a TimeCycle run: pairs in one step, episodes frame by frame."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import torch
+
+from pliant.baselines.matcher import Answers, Heat, View
+from pliant.baselines.recent import Recent
+from pliant.loaders.views import input_channels, resize_mask, resize_rgb
+from pliant.models.checkpoint import BEST, read_weights_file
+from pliant.models.matching import CONFIG, RUN_FACTS
+from pliant.models.settings import read_settings
+from pliant.models.timecycle.encoder import STRIDE
+from pliant.models.timecycle.network import TimeCycleNetwork
+from pliant.models.timecycle.propagation import Propagator
+from pliant.models.timecycle.settings import TimeCycleSettings
+from pliant.spec.errors import TrainingError
+from pliant.spec.jsonfiles import read_json
+
+Float32 = npt.NDArray[np.float32]
+
+_KEPT_VIEWS = 8
+
+
+class TimeCycleMatcher:
+    """Answers with the affinities of a TimeCycle encoder.
+
+    Args:
+        network: The trained network.
+        settings: The run's settings.
+        facts: What the footer says besides (dataset, steps …).
+    """
+
+    name = "timecycle"
+
+    def __init__(
+        self,
+        network: TimeCycleNetwork,
+        settings: TimeCycleSettings,
+        facts: Mapping[str, Any] | None = None,
+    ) -> None:
+        self.network = network.eval()
+        self.settings = settings
+        self.size = (settings.width, settings.height)
+        self.facts = dict(facts or {})
+        self._encoded: Recent[torch.Tensor] = Recent(_KEPT_VIEWS)
+
+    def describe(self) -> Mapping[str, Any]:
+        """Return what the footer of a submission says about the method."""
+        return {
+            "name": self.name,
+            **self.facts,
+            "input": {"kind": "rgb", "width": self.size[0], "height": self.size[1]},
+            "propagation": asdict(self.settings.propagation),
+            "torch": torch.__version__,
+        }
+
+    def answer(self, source: View, target: View, uv_a_px: Float32) -> Answers:
+        """Answer query pixels in one step, wherever in the target they may be; see `Matcher`."""
+        if len(uv_a_px) == 0:
+            return Answers(np.zeros((0, 2), dtype=np.float32))
+        anywhere = replace(self.settings.propagation, radius=0.0)
+        propagator = self._propagator(source, uv_a_px, anywhere)
+        with torch.inference_mode():
+            found = propagator.step(self._encode(target), self._searched(target))
+        return Answers(self._pixels(found, target))
+
+    def track(self, views: Iterable[View], uv_px: Float32) -> Iterator[Answers]:
+        """Carry points through consecutive frames; see `TrackMatcher`."""
+        frames = iter(views)
+        first = next(frames)
+        propagator = self._propagator(first, uv_px, self.settings.propagation)
+        for view in frames:
+            with torch.inference_mode():
+                found = propagator.step(self._encode(view), self._searched(view))
+            yield Answers(self._pixels(found, view))
+
+    def heat(self, source: View, target: View, uv_a_px: Float32) -> Heat:
+        """Return the affinity of one query over the target's cells; see `HeatMatcher`."""
+        settings = self.settings.propagation
+        propagator = self._propagator(source, np.asarray(uv_a_px)[None], settings)
+        with torch.inference_mode():
+            cells = propagator.scores(self._encode(target))[0].numpy()
+        height, width = target.rgb.shape[:2]
+        rows = ((np.arange(height) + 0.5) * cells.shape[0] / height).astype(np.intp)
+        columns = ((np.arange(width) + 0.5) * cells.shape[1] / width).astype(np.intp)
+        best = float(np.exp(cells.max()))
+        return Heat(
+            cells[np.ix_(rows, columns)],
+            "log affinity",
+            min(1.0, best),
+            "affinity of the best cell",
+        )
+
+    def _propagator(self, source: View, uv_px: Float32, settings: Any) -> Propagator:
+        scale = self._scale(source)
+        xy = torch.as_tensor(np.asarray(uv_px, dtype=np.float64) / scale, dtype=torch.float32)
+        with torch.inference_mode():
+            return Propagator(self._encode(source), xy, settings, self.settings.temperature)
+
+    def _encode(self, view: View) -> torch.Tensor:
+        """Return a frame's unit descriptors, (D, h, w) on the CPU."""
+
+        def encode() -> torch.Tensor:
+            image = torch.from_numpy(input_channels(resize_rgb(view.rgb, self.size), None, "rgb"))
+            device = next(self.network.parameters()).device
+            with torch.inference_mode():
+                return self.network.encode(image[None].to(device))[0].cpu()
+
+        return self._encoded.get(view.key, encode)
+
+    def _searched(self, view: View) -> npt.NDArray[np.bool_] | None:
+        """Return the cells that touch the object, where the settings look there alone."""
+        if self.settings.propagation.search == "image" or view.mask is None:
+            return None
+        mask = resize_mask(view.mask, self.size)
+        height, width = self.size[1] // STRIDE, self.size[0] // STRIDE
+        touched = mask.reshape(height, STRIDE, width, STRIDE).any(axis=(1, 3))
+        return touched if touched.any() else None
+
+    def _pixels(self, xy: torch.Tensor, view: View) -> Float32:
+        return (xy.double().numpy() * self._scale(view)).astype(np.float32)
+
+    def _scale(self, view: View) -> npt.NDArray[np.float64]:
+        """Return pixels of a view per cell, (u, v)."""
+        cells = np.array(self.size) / STRIDE
+        return np.array([view.rgb.shape[1], view.rgb.shape[0]]) / cells
+
+
+def load_timecycle(run: Path) -> TimeCycleMatcher:
+    """Return the matcher of a TimeCycle run.
+
+    Args:
+        run: The run's folder.
+
+    Raises:
+        CallError: Its config is damaged.
+        TrainingError: The run has no validated weights yet, or they do not fit.
+    """
+    settings = read_settings(TimeCycleSettings, run / CONFIG)
+    if not (run / BEST).is_file():
+        raise TrainingError(
+            "the run has no validated weights yet", path=run, fix="Train it longer first."
+        )
+    network = TimeCycleNetwork(replace(settings, encoder=replace(settings.encoder, pretrained="")))
+    weights = read_weights_file(run / BEST)
+    try:
+        network.load_state_dict(weights)
+    except RuntimeError as error:
+        raise TrainingError(
+            "the weights do not fit the run's config",
+            path=run / BEST,
+            found=str(error).splitlines()[0],
+        ) from error
+    facts = read_json(run / RUN_FACTS) if (run / RUN_FACTS).is_file() else {}
+    return TimeCycleMatcher(network, settings, facts)

@@ -1,0 +1,152 @@
+"""Choosing the patches of a clip: on the object where its mask may be seen, else where it moves."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import torch
+from torch.nn import functional
+
+from pliant.models.timecycle.encoder import STRIDE
+from pliant.models.timecycle.placement import cell_grid, cut_patches, place, sample
+
+Choose = Literal["mask", "motion", "anywhere"]
+
+_STILL_SHARE = 0.25
+_BACKGROUND_WEIGHT = 0.02
+
+
+@dataclass(frozen=True)
+class Patches:
+    """The patches of a batch, cut from the last frame of their clips.
+
+    Attributes:
+        clip: int64 (N,), the clip each comes from.
+        placement: float (N, 3), where it was cut, cells.
+        images: float (N, 3, 8 n, 8 n).
+        weight: float (N, n n), how much each cell counts; rows sum to 1.
+    """
+
+    clip: torch.Tensor
+    placement: torch.Tensor
+    images: torch.Tensor
+    weight: torch.Tensor
+
+
+def interest(images: torch.Tensor, mask: torch.Tensor, choose: Choose) -> torch.Tensor:
+    """Return how likely a patch is centred on each cell of the last frame.
+
+    `mask`: on the object. `motion`: where the frames differ; so that a thin object which is
+    still at the moment is found too, contrast has a quarter of the say. `anywhere`: all alike.
+    Where a rule finds nothing at all, every cell is alike.
+
+    Args:
+        images: float (B, T, 3, H, W), a clip.
+        mask: bool (B, T, H, W), the object.
+        choose: The rule.
+
+    Returns:
+        float (B, h w), rows sum to 1.
+    """
+    if choose == "mask":
+        energy = functional.avg_pool2d(mask[:, -1:].float(), STRIDE)
+    elif choose == "motion":
+        change = images.diff(dim=1).abs().mean(dim=(1, 2))[:, None]
+        moved = _over_noise(functional.avg_pool2d(change, STRIDE))
+        grey = images[:, -1].mean(dim=1, keepdim=True)
+        mean = functional.avg_pool2d(grey, STRIDE)
+        square = functional.avg_pool2d(grey.square(), STRIDE)
+        contrast = _over_noise((square - mean.square()).clamp(min=0).sqrt())
+        energy = (1 - _STILL_SHARE) * moved + _STILL_SHARE * contrast
+    else:
+        energy = functional.avg_pool2d(torch.ones_like(mask[:, -1:], dtype=torch.float), STRIDE)
+    energy = energy.flatten(1)
+    total = energy.sum(dim=1, keepdim=True)
+    return torch.where(total > 0, energy / total.clamp(min=1e-12), 1 / energy.shape[1])
+
+
+def _over_noise(energy: torch.Tensor) -> torch.Tensor:
+    """Return what stands out of the median, as shares of the whole; all 0 where nothing does."""
+    median = energy.flatten(1).median(dim=1).values[:, None, None, None]
+    over = (energy - 2 * median).clamp(min=0)
+    total = over.sum(dim=(1, 2, 3), keepdim=True)
+    return over / total.clamp(min=1e-12)
+
+
+def draw_patches(
+    images: torch.Tensor,
+    mask: torch.Tensor,
+    *,
+    count: int,
+    cells: int,
+    choose: Choose,
+    turn_deg: float,
+    recolour: float,
+    generator: torch.Generator,
+) -> Patches:
+    """Cut patches from the last frame of each clip.
+
+    Args:
+        images: float (B, T, 3, H, W).
+        mask: bool (B, T, H, W), the object; only the rule `mask` looks at it.
+        count: Patches a clip.
+        cells: Cells along a patch's side n.
+        choose: Where patches come from.
+        turn_deg: A patch is turned by up to this much.
+        recolour: Gain and offset of each channel vary by about this share.
+        generator: Source of randomness, on the device of the images.
+
+    Returns:
+        The patches, N = B count.
+    """
+    clips, device = len(images), images.device
+    height, width = images.shape[-2] // STRIDE, images.shape[-1] // STRIDE
+    chosen = torch.multinomial(
+        interest(images, mask, choose), count, replacement=True, generator=generator
+    ).flatten()
+    centre = torch.stack([chosen % width, chosen // width], dim=1).float()
+    # Off the cell's centre, and the object off the patch's: the middle must not be the answer.
+    draws = torch.rand(len(chosen), 3, generator=generator, device=device)
+    centre = centre + 0.5 + (draws[:, :2] - 0.5) * (cells / 2)
+    half = cells / 2
+    centre = torch.stack(
+        [
+            centre[:, 0].clamp(min(half, width / 2), max(width - half, width / 2)),
+            centre[:, 1].clamp(min(half, height / 2), max(height - half, height / 2)),
+        ],
+        dim=1,
+    )
+    angle = (2 * draws[:, 2:] - 1) * math.radians(turn_deg)
+    placement = torch.cat([centre, angle], dim=1)
+    clip = torch.arange(clips, device=device).repeat_interleave(count)
+    last = images[:, -1][clip]
+    cut = cut_patches(last, placement, cells)
+    if recolour > 0:
+        noise = torch.rand(len(cut), 2, 3, generator=generator, device=device) * 2 - 1
+        gain, offset = (1 + recolour * noise[:, 0]), recolour * noise[:, 1]
+        cut = cut * gain[..., None, None] + offset[..., None, None]
+    return Patches(clip, placement, cut, _weights(mask, clip, placement, cells, choose, last.shape))
+
+
+def _weights(
+    mask: torch.Tensor,
+    clip: torch.Tensor,
+    placement: torch.Tensor,
+    cells: int,
+    choose: Choose,
+    shape: torch.Size,
+) -> torch.Tensor:
+    """Return how much each cell counts: those on the object where the mask may be used.
+
+    Cells outside the frame count nothing.
+    """
+    height, width = shape[-2] // STRIDE, shape[-1] // STRIDE
+    xy = place(placement, cell_grid(cells, placement.device))
+    size = torch.tensor([width, height], device=xy.device)
+    weight = ((xy >= 0) & (xy <= size)).all(dim=2).float()
+    if choose == "mask":
+        cover = functional.avg_pool2d(mask[:, -1:].float(), STRIDE)[clip]
+        weight = weight * (sample(cover, xy)[..., 0] + _BACKGROUND_WEIGHT)
+    return weight / weight.sum(dim=1, keepdim=True).clamp(min=1e-12)

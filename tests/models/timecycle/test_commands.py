@@ -1,0 +1,100 @@
+"""`pliant train timecycle` and `pliant predict` with what it made."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pliant.baselines.submission import predict, read_pairs
+from pliant.baselines.views import ViewReader
+from pliant.cli.main import run
+from pliant.models import load_matcher
+from pliant.spec.dataset import Dataset
+from pliant.spec.parquet import read_footer, read_table
+
+pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
+
+SMALL = [
+    "steps=2",
+    "batch=1",
+    "width=96",
+    "height=64",
+    "encoder={dim: 16, widths: [8, 16, 16]}",
+    "clips={length: 3, step_max: 2, patches: 1}",
+    "validation={split: test, every: 2, clips: 1, frames: 4, queries: 8}",
+]
+
+
+@pytest.fixture(scope="module")
+def trained(tiny_episode: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("timecycle") / "run"
+    settings = [part for value in SMALL for part in ("--set", value)]
+    assert (
+        run(["train", "timecycle", "--data", str(tiny_episode), "--out", str(out), *settings]) == 0
+    )
+    return out
+
+
+def test_train_predict_and_score(
+    trained: Path, tiny_episode: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """The whole way: a run's answers pass the check and are scored as tracks."""
+    submission, report = tmp_path / "sub.parquet", tmp_path / "report"
+    data = ["--data", str(tiny_episode)]
+    assert run(["predict", str(trained), *data, "--out", str(submission), "--json"]) == 0
+    assert json.loads(capfd.readouterr().out)["method"]["name"] == "timecycle"
+    assert run(["check", str(submission), *data]) == 0
+    method = read_footer(submission)["method"]
+    assert method["propagation"]["context"] == 7
+    assert method["mask"] == "given"
+    scored = ["evaluate", str(submission), *data, "--protocol", "track", "--out", str(report)]
+    assert run(scored) == 0
+    scores = json.loads((report / "scores.json").read_text())
+    assert scores["overall"]["rmse_px"] > 0
+    assert scores["curves"]["overall"]["rmse_over_time"]["frames"]
+
+
+def test_pairs_of_an_episode_are_tracked_through_the_frames_between(
+    trained: Path, tiny_episode: Path, tmp_path: Path
+) -> None:
+    """What the submission says of a pair is what tracking from its source says."""
+    dataset, matcher = Dataset.open(tiny_episode), load_matcher(trained)
+    path, again = tmp_path / "one.parquet", tmp_path / "two.parquet"
+    predict(dataset, "test", matcher, path)
+    predict(dataset, "test", matcher, again, workers=2)
+    assert path.read_bytes() == again.read_bytes()
+    table = read_table(path, "answers")
+    found = np.stack([table["u"].to_numpy(), table["v"].to_numpy()], axis=1)
+    reader = ViewReader(dataset)
+    for pair in read_pairs(dataset, "test"):
+        (sequence, a), (_, b) = pair.source, pair.target
+        step = 1 if b > a else -1
+        frames = [reader.view(sequence, frame) for frame in range(a, b + step, step)]
+        *_, last = matcher.track(frames, pair.uv_a_px)
+        rows = table["pair_id"].to_numpy() == pair.pair_id
+        np.testing.assert_allclose(found[rows], last.uv_px, atol=1e-3)
+
+
+def test_other_pairs_are_answered_in_one_step(
+    trained: Path, tiny_dataset: Path, tmp_path: Path
+) -> None:
+    """Configurations are no frames in time: nothing lies between them."""
+    path = tmp_path / "sub.parquet"
+    predict(Dataset.open(tiny_dataset), "test", load_matcher(trained), path)
+    assert run(["check", str(path), "--data", str(tiny_dataset)]) == 0
+
+
+def test_wrong_calls_are_one_sentence(
+    tiny_dataset: Path, tiny_episode: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    out = str(tmp_path / "run")
+    train = ["train", "timecycle", "--out", out, "--data"]
+    assert run([*train, str(tiny_dataset), "--set", "tier=rope"]) == 2
+    assert "no episode of 4 frames" in capfd.readouterr().err
+    assert run([*train, str(tiny_episode), "--set", "encoder.depth=3"]) == 2
+    assert "encoder.depth: unknown setting" in capfd.readouterr().err
+    assert run([*train, str(tiny_episode), "--resume"]) == 1
+    assert "no checkpoint to resume" in capfd.readouterr().err

@@ -1,0 +1,175 @@
+"""The losses by name, their gradients, and where patches come from."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+import torch
+
+from pliant.models.settings import read_settings
+from pliant.models.timecycle.cycles import cycle_losses, weighted_sum
+from pliant.models.timecycle.network import TimeCycleNetwork
+from pliant.models.timecycle.patches import draw_patches, interest
+from pliant.models.timecycle.settings import CycleLossSettings, TimeCycleSettings
+from pliant.spec.errors import CallError
+
+SETTINGS = read_settings(
+    TimeCycleSettings,
+    None,
+    ["width=96", "height=64", "encoder.dim=16", "encoder.widths=[8, 16, 16]", "clips.patch=0.5"],
+)
+
+
+def clip(network: TimeCycleNetwork, seed: int = 0) -> dict[str, torch.Tensor]:
+    """A clip of four noise frames and two patches of the last, encoded."""
+    generator = torch.Generator().manual_seed(seed)
+    images = torch.rand(1, 4, 3, 64, 96, generator=generator)
+    patches = draw_patches(
+        images,
+        torch.zeros(1, 4, 64, 96, dtype=torch.bool),
+        count=2,
+        cells=network.cells,
+        choose="anywhere",
+        turn_deg=0,
+        recolour=0,
+        generator=generator,
+    )
+    frames = network.encode(images.flatten(0, 1)).unflatten(0, (1, 4))
+    return {
+        "frames": frames[patches.clip],
+        "patch": network.encode(patches.images).flatten(2).transpose(1, 2),
+        "start": patches.placement,
+        "weight": patches.weight,
+    }
+
+
+def only(name: str, **changes: float) -> CycleLossSettings:
+    none = {"similarity": 0.0, "skip": 0.0, "long": 0.0, "self_cycle": 0.0}
+    return CycleLossSettings(**{**none, name: 1.0, **changes})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("name", ["long", "skip", "similarity", "self_cycle"])
+@pytest.mark.parametrize("cycle", ["grid", "inlier"])
+def test_each_part_alone_reaches_the_encoder(name: str, cycle: str) -> None:
+    torch.manual_seed(1)
+    network = TimeCycleNetwork(SETTINGS)
+    settings = replace(only(name), cycle=cycle)  # type: ignore[arg-type]
+    parts = cycle_losses(network, **clip(network), settings=settings)
+    named = {key for key in parts if not key.endswith("_cells")}
+    assert named == {name.removesuffix("_cycle")}
+    weighted_sum(parts, settings).backward()
+    gradients = [p.grad for p in network.encoder.parameters()]
+    assert all(g is not None and torch.isfinite(g).all() for g in gradients)
+    assert all(float(g.abs().max()) > 0 for g in gradients if g is not None)
+
+
+def test_a_frozen_encoder_leaves_the_gradient_to_the_localiser() -> None:
+    torch.manual_seed(1)
+    network = TimeCycleNetwork(
+        replace(SETTINGS, localiser=replace(SETTINGS.localiser, kind="conv"))
+    )
+    with torch.no_grad():
+        inputs = clip(network)
+    weighted_sum(cycle_losses(network, **inputs, settings=only("long")), only("long")).backward()
+    assert all(p.grad is None for p in network.encoder.parameters())
+    assert all(p.grad is not None for p in network.localiser.parameters())
+
+
+def test_cycles_of_a_still_and_distinct_clip_come_home() -> None:
+    """Perfect descriptors (every cell its own direction) and nothing moves: no error at all."""
+    network = TimeCycleNetwork(replace(SETTINGS, encoder=replace(SETTINGS.encoder, dim=96)))
+    network.temperature = 0.02
+    frame = torch.eye(96).reshape(96, 8, 12)
+    frames = frame.expand(1, 4, 96, 8, 12)
+    # Centre (5, 4), 4x4 cells: columns 3 to 6, rows 2 to 5.
+    patch = frame[:, 2:6, 3:7].flatten(1).T[None]
+    start = torch.tensor([[5.0, 4.0, 0.0]])
+    weight = torch.full((1, 16), 1 / 16)
+    parts = cycle_losses(network, frames, patch, start, weight, CycleLossSettings())
+    assert float(parts["long"]) < 1e-6
+    assert float(parts["skip"]) < 1e-6
+    assert float(parts["similarity"]) == pytest.approx(-1, abs=1e-4)
+    assert float(parts["self"]) == pytest.approx(0, abs=1e-3)
+    moved = cycle_losses(network, frames, patch, start + 1, weight, CycleLossSettings())
+    # One cell off in u and v (and a radian, which the centre does not feel): sqrt(2) cells.
+    assert float(moved["long_cells"]) == pytest.approx(2**0.5, abs=1e-3)
+    assert float(moved["self"]) > 0.5
+
+
+def test_the_paper_weights_are_the_defaults_and_sum_as_named() -> None:
+    parts = {"long": 10.0, "skip": 3.0, "similarity": -0.5, "self": 2.0, "long_cells": 99.0}
+    tensors = {name: torch.tensor(value) for name, value in parts.items()}
+    total = weighted_sum(tensors, CycleLossSettings(self_cycle=0.0))
+    assert float(total) == pytest.approx(0.02 * 10 + 0.1 * 3 - 0.5)
+
+
+def test_patches_lie_on_the_object_where_the_mask_may_be_seen() -> None:
+    mask = torch.zeros(1, 2, 64, 96, dtype=torch.bool)
+    mask[:, -1, 16:24, 40:56] = True  # row 2, columns 5 and 6
+    chances = interest(torch.rand(1, 2, 3, 64, 96), mask, "mask").reshape(8, 12)
+    assert chances[2, 5:7].tolist() == pytest.approx([0.5, 0.5])
+    assert float(chances.sum()) == pytest.approx(1)
+    nothing = interest(torch.rand(1, 2, 3, 64, 96), torch.zeros_like(mask), "mask")
+    assert nothing[0].tolist() == pytest.approx([1 / 96] * 96)
+
+
+def test_patches_lie_where_it_moves_and_a_still_object_is_not_forgotten() -> None:
+    images = torch.full((1, 3, 3, 64, 96), 0.2)
+    images[..., 0:8, 0:4] = 1.0  # still, cell (0, 0)
+    for frame in range(3):
+        images[0, frame, :, 40:48, 8 * frame + 8 : 8 * frame + 16] = 1.0  # moves along row 5
+    unseen = torch.ones(1, 3, 64, 96, dtype=torch.bool)
+    chances = interest(images, unseen, "motion").reshape(8, 12)
+    assert float(chances[5, 1:4].sum()) > 0.7
+    assert float(chances[0, 0]) > 0.05
+    assert float(chances.sum()) == pytest.approx(1)
+    still = interest(torch.full((1, 3, 3, 64, 96), 0.2), unseen, "motion")
+    assert still[0].tolist() == pytest.approx([1 / 96] * 96)
+
+
+def test_cells_off_the_object_or_the_frame_count_little() -> None:
+    mask = torch.zeros(1, 2, 64, 96, dtype=torch.bool)
+    mask[:, -1, :8, :8] = True
+    patches = draw_patches(
+        torch.rand(1, 2, 3, 64, 96),
+        mask,
+        count=3,
+        cells=4,
+        choose="mask",
+        turn_deg=180,
+        recolour=0.1,
+        generator=torch.Generator().manual_seed(0),
+    )
+    assert patches.images.shape == (3, 3, 32, 32)
+    assert patches.weight.sum(dim=1).tolist() == pytest.approx([1, 1, 1])
+    # The patches lie within the frame's corner, the object in their own: few cells count.
+    assert float(patches.weight.max(dim=1).values.min()) > 3 / 16
+    assert float(patches.placement[:, :2].min()) >= 2.0
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ("losses.freeze=0.2", "freeze needs localiser.kind conv"),
+        ("width=100", "multiple of 8"),
+        ("clips.step_max=0", "step <= step_max"),
+        ("losses={similarity: 0, skip: 0, long: 0, self_cycle: 0}", "one of them above 0"),
+        ("encoder.pretrained=x.pt", "needs a ResNet"),
+        ("propagation={context: 0, first_weight: 0}", "first frame must have a weight"),
+        ("kind=don", "unknown value"),
+    ],
+)
+def test_settings_that_cannot_be_are_refused(change: str, message: str) -> None:
+    with pytest.raises(CallError, match=message):
+        read_settings(TimeCycleSettings, None, [change])
+
+
+@pytest.mark.parametrize("name", ["resnet18", "resnet50"])
+def test_resnets_have_stride_8_too(name: str) -> None:
+    settings = replace(SETTINGS, encoder=replace(SETTINGS.encoder, name=name))  # type: ignore[arg-type]
+    network = TimeCycleNetwork(settings).eval()
+    with torch.no_grad():
+        found = network.encode(torch.rand(1, 3, 64, 96))
+    assert found.shape == (1, 16, 8, 12)
+    torch.testing.assert_close(found.norm(dim=1), torch.ones(1, 8, 12))

@@ -1,0 +1,202 @@
+"""Runs: resumed like uninterrupted, watched honestly, answering from their folder."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from pliant.loaders.frame_store import FrameStore
+from pliant.models import load_matcher
+from pliant.models.checkpoint import latest_checkpoint, read_checkpoint
+from pliant.models.settings import read_settings, settings_to_dict
+from pliant.models.timecycle import report
+from pliant.models.timecycle.guard import Guard
+from pliant.models.timecycle.matcher import TimeCycleMatcher
+from pliant.models.timecycle.settings import TimeCycleSettings, TrackValidationSettings
+from pliant.models.timecycle.trainer import train_timecycle
+from pliant.models.timecycle.validation import (
+    Stretch,
+    curve,
+    draw_stretches,
+    errors_over_time,
+    figures,
+    track_centroid,
+    track_identity,
+)
+from pliant.spec.dataset import Dataset
+from pliant.spec.errors import CallError, TrainingError
+
+# The import of TensorBoard's protocol buffers warns of its own future.
+pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
+
+TINY = [
+    "steps=6",
+    "batch=1",
+    "width=96",
+    "height=64",
+    "seed=3",
+    "encoder={dim: 16, widths: [8, 16, 16]}",
+    "clips={length: 3, step_max: 3, patches: 1}",
+    "validation={split: test, every: 3, clips: 2, frames: 5, queries: 8}",
+    "checkpoint_every=2",
+    "optimiser.warmup=2",
+]
+
+
+def tiny(*overrides: str) -> TimeCycleSettings:
+    return read_settings(TimeCycleSettings, None, [*TINY, *overrides])
+
+
+@pytest.fixture
+def no_report(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave the pictures out where nobody looks at them."""
+    monkeypatch.setattr(report, "write_timecycle_report", lambda *_: None)
+
+
+@pytest.mark.usefixtures("no_report")
+@pytest.mark.parametrize(
+    "options",
+    [[], ["localiser.kind=conv", "losses.freeze=0.5", "clips.choose=motion"]],
+    ids=["moments", "conv, warmed up"],
+)
+def test_resumed_equals_uninterrupted(
+    tiny_episode: Path, tmp_path: Path, options: list[str]
+) -> None:
+    """Bit for bit: weights, running average, optimiser and history; also across the warm-up."""
+    dataset, settings = Dataset.open(tiny_episode), tiny(*options)
+    whole, parts = tmp_path / "whole", tmp_path / "parts"
+    train_timecycle(dataset, whole, settings)
+    train_timecycle(dataset, parts, settings, stop_at=2)
+    assert read_checkpoint(latest_checkpoint(parts)).step == 2  # type: ignore[arg-type]
+    train_timecycle(dataset, parts, settings, resume=True)
+    a, b = (read_checkpoint(latest_checkpoint(run)) for run in (whole, parts))  # type: ignore[arg-type]
+    assert a.step == b.step == 6
+    assert a.history == b.history
+    assert a.optimiser["state"].keys() == b.optimiser["state"].keys()
+    for left, right in (
+        (a.weights, b.weights),
+        (a.average, b.average),
+        *zip(a.optimiser["state"].values(), b.optimiser["state"].values(), strict=True),
+    ):
+        assert left.keys() == right.keys()
+        for name in left:
+            assert torch.equal(left[name], right[name]), name
+    assert (whole / "best.safetensors").read_bytes() == (parts / "best.safetensors").read_bytes()
+
+
+@pytest.mark.usefixtures("no_report")
+def test_the_warm_up_leaves_the_encoder_as_it_was(tiny_episode: Path, tmp_path: Path) -> None:
+    settings = tiny("localiser.kind=conv", "losses.freeze=0.5", "optimiser.weight_decay=0")
+    run = tmp_path / "run"
+    states = []
+    for stop in (1, 3, 6):
+        train_timecycle(
+            Dataset.open(tiny_episode), run, settings, stop_at=stop, resume=bool(states)
+        )
+        states.append(read_checkpoint(latest_checkpoint(run)).weights)  # type: ignore[arg-type]
+
+    def same(a: dict[str, torch.Tensor], b: dict[str, torch.Tensor], part: str) -> bool:
+        names = [name for name in a if name.startswith(part)]
+        assert names
+        return all(torch.equal(a[name], b[name]) for name in names)
+
+    assert same(states[0], states[1], "encoder")
+    assert not same(states[0], states[1], "localiser")
+    assert not same(states[1], states[2], "encoder")
+
+
+def test_a_run_is_a_folder_that_answers(tiny_episode: Path, tmp_path: Path) -> None:
+    run, dataset = tmp_path / "run", Dataset.open(tiny_episode)
+    facts = train_timecycle(dataset, run, tiny())
+    page = (run / "report.html").read_text()
+    assert facts["guard"]["verdict"] in page
+    assert "Does the cycle beat the trivial answers?" in page
+    assert set(facts["guard"]["rmse_px_of_640"]) == {
+        "trained",
+        "identity",
+        "centroid",
+        "untrained",
+    }
+    assert json.loads((run / "run.json").read_text())["steps"] == 6
+    stored = settings_to_dict(read_settings(TimeCycleSettings, run / "config.yaml"))
+    assert stored == settings_to_dict(tiny("tier=rope"))
+    assert stored["kind"] == "timecycle"
+    history = read_checkpoint(latest_checkpoint(run)).history  # type: ignore[arg-type]
+    for name in ("long", "skip", "similarity", "self"):
+        assert all(np.isfinite(row[name]) for row in history if "loss" in row)
+    matcher = load_matcher(run)
+    assert isinstance(matcher, TimeCycleMatcher)
+    described = matcher.describe()
+    assert described["propagation"]["top_k"] == 5
+    json.dumps(described)
+    with pytest.raises(TrainingError, match="settings it began with"):
+        train_timecycle(dataset, run, tiny("seed=4"), resume=True)
+    (run / "config.yaml").write_text("kind: timecycle\nencoder: {dim: 8}\n")
+    with pytest.raises(TrainingError, match="do not fit"):
+        load_matcher(run)
+
+
+def stretches(root: Path) -> list[Stretch]:
+    store = FrameStore(Dataset.open(root), "rope", "test", (96, 64))
+    settings = TrackValidationSettings(split="test", clips=2, frames=4, queries=10)
+    return draw_stretches(store, settings, seed=0)
+
+
+def test_errors_over_time_are_those_of_the_answers(tiny_episode: Path) -> None:
+    """The truth has no error; the truth 3 px to the right is 3 px of 96 off, 20 of 640."""
+    drawn = stretches(tiny_episode)
+    assert all(stretch.truth()[1][0].all() for stretch in drawn)
+
+    def shifted(by: float):  # type: ignore[no-untyped-def]
+        def track(stretch: Stretch):  # type: ignore[no-untyped-def]
+            yield from stretch.truth()[0][1:] + np.array([by, 0], dtype=np.float32)
+
+        return track
+
+    assert curve(errors_over_time(shifted(0), drawn)) == [0, 0, 0, 0]
+    found = figures(errors_over_time(shifted(3), drawn))
+    assert found == pytest.approx({"rmse_px_1": 20, "rmse_px": 20, "criterion_px": 20}, rel=1e-4)
+
+
+def test_identity_and_centroid_are_what_they_say(tiny_episode: Path) -> None:
+    drawn = stretches(tiny_episode)
+    for stretch in drawn:
+        start = stretch.truth()[0][0]
+        assert all(np.array_equal(found, start) for found in track_identity(stretch))
+        for found, number in zip(track_centroid(stretch), stretch.frames[1:], strict=True):
+            mask = stretch.store.view(number).mask
+            assert found[0, 0] == pytest.approx(np.nonzero(mask)[1].mean() + 0.5, rel=1e-5)
+    # What hardly moves: staying is far better than the middle.
+    still, middle = (curve(errors_over_time(t, drawn)) for t in (track_identity, track_centroid))
+    assert all(a < b for a, b in zip(still, middle, strict=True))
+
+
+def test_the_guard_says_what_is_not_beaten() -> None:
+    """Worse than identity after one frame, better after five: the verdict names the one."""
+    guard = Guard(
+        {
+            "trained": [2.0, 2, 2, 2, 2],
+            "identity": [1.0, 2, 3, 4, 5],
+            "centroid": [9.0] * 5,
+            "untrained": [3.0] * 5,
+        }
+    )
+    assert guard.verdict() == "The run does NOT beat identity after 1 frames."
+    assert guard.beats("identity", 5)
+    better = Guard({**guard.curves, "trained": [0.5] * 5})
+    assert better.verdict().startswith("The run beats identity, centroid and an untrained")
+    assert better.as_dict()["rmse_px_of_640"]["identity"] == {"1": 1.0, "5": 5}  # type: ignore[index]
+
+
+def test_validation_needs_long_enough_episodes(tiny_dataset: Path, tiny_episode: Path) -> None:
+    settings = TrackValidationSettings(split="test", frames=24)
+    store = FrameStore(Dataset.open(tiny_episode), "rope", "test", (96, 64))
+    with pytest.raises(CallError, match="no episode of 25 frames"):
+        draw_stretches(store, settings, seed=0)
+    single = FrameStore(Dataset.open(tiny_dataset), "rope", "test", (96, 64))
+    with pytest.raises(CallError, match="no episode of 2 frames"):
+        draw_stretches(single, TrackValidationSettings(split="test", frames=1), seed=0)
