@@ -17,6 +17,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "validate": ("pliant.cli.validate", "Check a dataset against the specification."),
     "info": ("pliant.cli.info", "Say what is in a dataset."),
     "view": ("pliant.cli.view", "Draw contact sheets, index colours, tracks and figures."),
+    "publish": ("pliant.cli.publish", "Pack, describe and tie a dataset; hold answers out."),
     "predict": ("pliant.cli.predict", "Answer a split's queries with a method."),
     "train": ("pliant.cli.train", "Train a learned method."),
     "submit-template": ("pliant.cli.submit_template", "Write a submission to be filled in."),

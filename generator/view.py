@@ -81,7 +81,8 @@ def contact_sheet(
     Args:
         dataset: The dataset.
         sequences: Where the frames come from.
-        layer: `sheet` (colour over index colours and depth), `index` or `depth` alone.
+        layer: `sheet` (colour over index colours and depth), `index`, `depth` or `rgb` alone; the
+            last needs no surface images.
         count: Number of frames at most.
 
     Returns:
@@ -89,9 +90,14 @@ def contact_sheet(
     """
     tiles = []
     for sequence, frame in _spread_frames(sequences, count):
+        height = round(_TILE_PX * sequence.size[1] / sequence.size[0])
+        shape = f" {sequence.shape}" if sequence.shape else ""
+        label = f"{sequence.id} #{frame}{shape}"
+        if layer == "rgb":
+            tiles.append(_labelled(_resized(sequence.rgb(frame), (_TILE_PX, height)), label))
+            continue
         surface = sequence.surface(frame)
         tier = dataset.tiers[sequence.tier]
-        height = round(_TILE_PX * sequence.size[1] / sequence.size[0])
         if layer == "sheet":
             half = (_TILE_PX // 2, height // 2)
             rgb = _resized(sequence.rgb(frame), (_TILE_PX, height))
@@ -106,8 +112,7 @@ def contact_sheet(
         else:
             image = index_image(surface, tier) if layer == "index" else depth_image(surface)
             tile = _resized(image, (_TILE_PX, height))
-        shape = f" {sequence.shape}" if sequence.shape else ""
-        tiles.append(_labelled(tile, f"{sequence.id} #{frame}{shape}"))
+        tiles.append(_labelled(tile, label))
     columns = min(len(tiles), max(1, math.ceil(math.sqrt(1.5 * len(tiles)))))
     rows = -(-len(tiles) // columns)
     tall, wide = tiles[0].shape[:2]

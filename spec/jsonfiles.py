@@ -90,12 +90,16 @@ def write_json(path: Path | str, document: Any, schema: str | None = None) -> No
     Raises:
         ValueError: The document is not JSON-able or breaks the schema: the caller's mistake.
     """
+    Path(path).write_bytes(json_bytes(document, schema, path))
+
+
+def json_bytes(document: Any, schema: str | None = None, name: Path | str = "document") -> bytes:
+    """Return the bytes that `write_json` writes; arguments and errors as there."""
     text = json.dumps(document, indent=1, sort_keys=True, allow_nan=False, ensure_ascii=False)
     if schema is not None:
         for where, message in schema_errors(json.loads(text), schema):
-            raise ValueError(f"{path}, {where}: breaks {schema}.schema.json: {message}")
-    with open(path, "w", encoding="utf-8", newline="\n") as stream:
-        stream.write(text + "\n")
+            raise ValueError(f"{name}, {where}: breaks {schema}.schema.json: {message}")
+    return (text + "\n").encode("utf-8")
 
 
 @cache

@@ -70,7 +70,7 @@ ROWS: Final = pa.schema(
 )
 """The correspondences of all sequences, each row with what it is of the material."""
 
-FEATURES: Final = {
+FEATURES: Final[dict[str, dict[str, Any]]] = {
     "sequence": {"dtype": "string", "_type": "Value"},
     "tier": {"dtype": "string", "_type": "Value"},
     "shape": {"dtype": "string", "_type": "Value"},
@@ -93,7 +93,8 @@ class FolderToPack:
         split: Its split.
         shape: Its shape, or None.
         frames: Number of frames.
-        files: Path in its folder -> bytes, all of them.
+        files: Path in its folder -> bytes, all of them; read when asked for.
+        sizes: Path -> bytes of those that are large, so that room is made without reading them.
     """
 
     id: str
@@ -102,6 +103,11 @@ class FolderToPack:
     shape: str | None
     frames: int
     files: Mapping[str, bytes]
+    sizes: Mapping[str, int] = field(default_factory=dict)
+
+    def size(self, name: str) -> int:
+        """Return the size of a file."""
+        return self.sizes[name] if name in self.sizes else len(self.files[name])
 
 
 @dataclass
@@ -250,7 +256,7 @@ class Packer:
         others = sorted(set(folder.files) - set(images) - set(depths))
         frames = self._of("frames", folder.split)
         pixels = set(images) | set(depths)
-        frames.make_room(sum(len(folder.files[name]) for name in folder.files if name in pixels))
+        frames.make_room(sum(folder.size(name) for name in folder.files if name in pixels))
         cameras = _cameras(folder)
         for frame in range(folder.frames):
             rgb_name, depth_name = layout.rgb_name(frame), layout.depth_name(frame)
@@ -269,7 +275,7 @@ class Packer:
             }
             frames.add(row, blobs)
         rest = self._of("folders", folder.split)
-        rest.make_room(sum(len(folder.files[name]) for name in others))
+        rest.make_room(sum(folder.size(name) for name in others))
         for name in others:
             data = folder.files[name]
             row = {"sequence": folder.id, "path": name, "content": data}
