@@ -1,0 +1,62 @@
+"""The commands of the pages on competitions and imports, run as they stand there."""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pliant.cli.main import run
+from pliant.evaluator import evaluate, write_report
+
+ROOT = Path(__file__).resolve().parents[2]
+TINY = ROOT / "tests" / "data" / "tiny-submission"
+
+
+def commands(page: str) -> list[list[str]]:
+    """Every line of a fenced block that calls Pliant."""
+    text = (ROOT / "docs" / page).read_text()
+    blocks = re.findall(r"^```(\w*)\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
+    lines = [line for kind, block in blocks if not kind for line in block.splitlines()]
+    return [shlex.split(line)[1:] for line in lines if line.startswith("pliant ")]
+
+
+def test_competition_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(TINY / "dataset", "DATA")
+    write_report(evaluate(TINY / "submission.parquet", "DATA"), Path("reports/tiny"))
+    codes = {command[0]: run(command) for command in commands("competitions.md")}
+    assert codes == {"submit-template": 0, "check": 1, "serve": 0}  # a template is refused
+    assert Path("site/index.html").is_file()
+
+
+def test_import_page(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    from PIL import Image
+
+    Path("SOURCE/images").mkdir(parents=True)
+    for frame in range(2):
+        Image.fromarray(np.full((20, 30, 3), 90, np.uint8)).save(
+            f"SOURCE/images/{frame:06d}_rgb.png"
+        )
+    knots = {"0": [[[4, 5]], [[10, 6]]], "1": [[[7, 9]], []]}
+    Path("SOURCE/images/knots_info.json").write_text(json.dumps(knots))
+    called = commands("import.md")
+    assert [command[0] for command in called] == ["import", "validate", "predict", "evaluate"]
+    assert [run(command) for command in called] == [0, 0, 0, 0], capsys.readouterr()
+    scores = json.loads(Path("report/scores.json").read_text())
+    assert scores["overall"]["rmse_px"] == 5  # 3 px to the right and 4 px down, both ways
+
+
+def test_documented_result_has_the_form_of_evalai() -> None:
+    page = (ROOT / "docs" / "competitions.md").read_text()
+    (text,) = re.findall(r"```json\n(.*?)```", page, re.DOTALL)
+    (split,) = json.loads(text)["result"]
+    assert set(split["test"]) >= {"rmse_px", "rope.rmse_px"}
