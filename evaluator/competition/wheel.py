@@ -17,10 +17,11 @@ from typing import Final
 from pliant.evaluator.competition.archive import archive_bytes
 
 PACKAGES: Final = ("spec", "evaluator")
-LEFT_OUT: Final = frozenset({"conformance", "__pycache__"})
-"""Subfolders that scoring does not need."""
+LEFT_OUT: Final = frozenset({"conformance", "examples", "files", "__pycache__"})
+"""Subfolders that scoring does not need. What is left is the same whether Pliant was installed
+from its wheel or runs from a checkout."""
 
-SUFFIXES: Final = (".py", ".json", ".arrow", ".md", ".j2", ".html", ".css", ".svg", ".png")
+SUFFIXES: Final = (".py", ".json", ".arrow", ".j2", ".html", ".css")
 
 LIBRARIES: Final = {
     "numpy": "numpy",
