@@ -21,7 +21,13 @@ import click
     type=click.Choice(["rope", "cloth"]),
     help="What the points lie on; default: rope for knots_info.json, cloth for tracks.",
 )
-@click.option("--split", type=click.Choice(["train", "val", "test"]), default="test")
+@click.option(
+    "--split",
+    type=click.Choice(["train", "val", "test"]),
+    default="test",
+    show_default=True,
+    help="The split that all of it becomes.",
+)
 @click.option("--title", default="", help="One line for people.")
 @click.option("--licence", default="LicenseRef-unknown", show_default=True, help="SPDX identifier.")
 @click.option(
