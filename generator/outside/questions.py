@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any, Literal
 
 import numpy as np
+import numpy.typing as npt
 import pyarrow as pa
 
 from pliant.generator.outside.clip import Clip, Floats
@@ -14,6 +15,8 @@ from pliant.spec.tables import QUERIES, TRUTH
 Scheme = Literal["first", "pairs"]
 """`first`: each point is asked in the first frame that shows it, against every later one, as
 TAP-Vid's mode of this name does. `pairs`: drawn pairs of frames, every point the source shows."""
+
+_FramePair = tuple[int, int, npt.NDArray[np.int64]]
 
 
 def make_questions(
@@ -40,35 +43,47 @@ def make_questions(
     Returns:
         The tables `queries` and `truth`, row by row.
     """
-    asked: dict[str, list[Any]] = {name: [] for name in QUERIES.names}
-    true: dict[str, list[Any]] = {name: [] for name in TRUTH.names}
-    pair = 0
+    queries, truths = [QUERIES.empty_table()], [TRUTH.empty_table()]
+    first_pair = 0
     for index, (clip, sequence) in enumerate(zip(clips, ids, strict=True)):
         rng = np.random.default_rng(np.random.SeedSequence([seed, index]))
-        known = np.isfinite(clip.uv_px).all(axis=2)
-        for a, b, points in _frame_pairs(clip, scheme, pairs, rng):
-            chosen = points[known[points, b]]
-            if not len(chosen):
-                continue
-            box_px = _box_px(clip.uv_px[clip.visible[:, b], b])
-            within = clip.within()[chosen, b]
-            for query, point in enumerate(chosen.tolist()):
-                seen = bool(clip.visible[point, b])
-                hidden = "occluded" if within[query] else "out_of_frame"
-                key = (pair, query, tier)
-                question = (*key, sequence, a, sequence, b, *clip.uv_px[point, a])
-                answer = (*key, point, *clip.uv_px[point, b], "visible" if seen else hidden)
-                for column, value in zip(asked, question, strict=True):
-                    asked[column].append(value)
-                for column, value in zip(true, (*answer, box_px, []), strict=True):
-                    true[column].append(value)
-            pair += 1
-    return pa.table(asked, schema=QUERIES), pa.table(true, schema=TRUTH)
+        frame_pairs = _frame_pairs(clip, scheme, pairs, rng)
+        asked, true, first_pair = _of_clip(clip, frame_pairs, sequence, tier, first_pair)
+        queries.append(asked)
+        truths.append(true)
+    return pa.concat_tables(queries), pa.concat_tables(truths)
+
+
+def _of_clip(
+    clip: Clip, frame_pairs: Iterator[_FramePair], sequence: str, tier: str, first_pair: int
+) -> tuple[pa.Table, pa.Table, int]:
+    """Return a clip's queries, their truth, and the number of the next pair."""
+    asked: dict[str, list[Any]] = {name: [] for name in QUERIES.names}
+    true: dict[str, list[Any]] = {name: [] for name in TRUTH.names}
+    known, within = np.isfinite(clip.uv_px).all(axis=2), clip.within()
+    pair = first_pair
+    for a, b, points in frame_pairs:
+        chosen = points[known[points, b]]
+        if not len(chosen):
+            continue
+        box_px = _box_px(clip.uv_px[clip.visible[:, b], b])
+        for query, point in enumerate(chosen.tolist()):
+            hidden = "occluded" if within[point, b] else "out_of_frame"
+            state = "visible" if clip.visible[point, b] else hidden
+            key = (pair, query, tier)
+            question = (*key, sequence, a, sequence, b, *clip.uv_px[point, a])
+            answer = (*key, point, *clip.uv_px[point, b], state, box_px, [])
+            for column, value in zip(asked, question, strict=True):
+                asked[column].append(value)
+            for column, value in zip(true, answer, strict=True):
+                true[column].append(value)
+        pair += 1
+    return pa.table(asked, schema=QUERIES), pa.table(true, schema=TRUTH), pair
 
 
 def _frame_pairs(
     clip: Clip, scheme: Scheme, pairs: int, rng: np.random.Generator
-) -> Iterator[tuple[int, int, np.ndarray[Any, Any]]]:
+) -> Iterator[_FramePair]:
     """Yield source frame, target frame, and the points asked."""
     if scheme == "first":
         shown = clip.visible.any(axis=1)
@@ -87,7 +102,7 @@ def _frame_pairs(
         yield a, b, np.flatnonzero(clip.visible[:, a])
 
 
-def _distinct(rng: np.random.Generator, total: int, count: int) -> np.ndarray[Any, Any]:
+def _distinct(rng: np.random.Generator, total: int, count: int) -> npt.NDArray[np.int64]:
     found = np.unique(rng.integers(0, total, 2 * count))
     return rng.permutation(found)
 
