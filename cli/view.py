@@ -7,6 +7,8 @@ from pathlib import Path
 
 import click
 
+from pliant.spec.errors import CallError
+
 _FIGURES = ("sheet", "index", "depth", "anatomy", "tracks")
 
 
@@ -17,7 +19,8 @@ _FIGURES = ("sheet", "index", "depth", "anatomy", "tracks")
     required=True,
     metavar="FILE",
     type=click.Path(path_type=Path, dir_okay=False),
-    help="Image to write: .png, .jpg, .webp; anatomy and tracks also .pdf, .svg.",
+    help="Image to write: .png, .jpg, .webp; anatomy and tracks also .pdf, .svg; with --tracks "
+    "also .gif and .mp4.",
 )
 @click.option(
     "--figure",
@@ -32,6 +35,18 @@ _FIGURES = ("sheet", "index", "depth", "anatomy", "tracks")
 @click.option(
     "--count", type=int, default=24, show_default=True, help="Images on a sheet; steps of tracks."
 )
+@click.option(
+    "--tracks",
+    metavar="SUB.parquet",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Draw a submission's tracks through an episode: dots are its answers, lines lead to the "
+    "truth, hollow dots are points that cannot be seen.",
+)
+@click.option(
+    "--frames",
+    metavar="F,F,...",
+    help="Frames of --tracks; default: 0, 22 and 87 where the episode has them.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Report as one JSON document on stdout.")
 def command(
     folder: Path,
@@ -40,13 +55,31 @@ def command(
     sequence: str | None,
     frame: int,
     count: int,
+    tracks: Path | None,
+    frames: str | None,
     as_json: bool,
 ) -> None:
     """Draw a figure of the dataset DIR: contact sheets, index colours, depth, tracks."""
-    from pliant.generator.view import draw_figure
+    from pliant.generator.view import draw_figure, draw_predicted_tracks
 
-    draw_figure(folder, out, figure=figure, sequence=sequence, frame=frame, count=count)
+    if frames is not None and tracks is None:
+        raise CallError("--frames belongs to --tracks", found=frames)
+    if tracks is not None:
+        figure = "tracks"
+        draw_predicted_tracks(folder, tracks, out, sequence=sequence, frames=_numbers(frames))
+    else:
+        draw_figure(folder, out, figure=figure, sequence=sequence, frame=frame, count=count)
     if as_json:
         click.echo(json.dumps({"out": str(out), "figure": figure, "bytes": out.stat().st_size}))
     else:
         click.echo(f"Wrote {out}")
+
+
+def _numbers(text: str | None) -> list[int] | None:
+    """Return frame numbers from a list like 0,22,87."""
+    if text is None:
+        return None
+    try:
+        return [int(part) for part in text.split(",")]
+    except ValueError as error:
+        raise CallError("frames are whole numbers", where="--frames", found=text) from error

@@ -14,8 +14,10 @@ import numpy as np
 import numpy.typing as npt
 
 from pliant.generator.view_colours import depth_image, index_image, material_colours
+from pliant.generator.view_tracks import ANIMATIONS, draw_tracks, read_predicted_tracks
 from pliant.spec.dataset import Dataset, Sequence
 from pliant.spec.errors import CallError
+from pliant.spec.layout import depth_name
 
 Rgb = npt.NDArray[np.uint8]
 
@@ -23,6 +25,7 @@ FIGURES: Final = ("sheet", "index", "depth", "anatomy", "tracks")
 
 _TILE_PX: Final = 240
 _GAP_PX: Final = 6
+_UNKNOWN_GREY: Final = 235
 _DPI: Final = 100
 
 
@@ -73,6 +76,38 @@ def draw_figure(
     return out
 
 
+def draw_predicted_tracks(
+    root: Path,
+    submission: Path,
+    out: Path,
+    *,
+    sequence: str | None = None,
+    frames: list[int] | None = None,
+) -> Path:
+    """Draw a submission's tracks through an episode.
+
+    Args:
+        root: The dataset's folder.
+        submission: The submission, of kind `answers`.
+        out: The image (as for `tracks`), or a `.gif` or `.mp4` of all frames.
+        sequence: Id of an episode; None takes the first that is asked about.
+        frames: Frames of the image; None takes 0, 22 and 87 where there are those.
+
+    Returns:
+        `out`.
+
+    Raises:
+        CallError: The submission, the episode, a frame or the file's ending cannot be served.
+        MissingExtraError: `.mp4` without OpenCV.
+    """
+    if out.suffix.lower() not in ANIMATIONS:
+        _check_ending(out, "tracks", also=ANIMATIONS)
+    tracks = read_predicted_tracks(Dataset.open(root), submission, sequence)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    draw_tracks(tracks, out, frames)
+    return out
+
+
 def contact_sheet(
     dataset: Dataset, sequences: list[Sequence], layer: str = "sheet", count: int = 24
 ) -> Rgb:
@@ -89,12 +124,19 @@ def contact_sheet(
         uint8 (H, W, 3).
     """
     tiles = []
+    # Held-out and imported sequences come without surface images: grey, or nothing if all do.
+    bare = layer == "sheet" and not any(s.has(depth_name(0)) for s in sequences)
     for sequence, frame in _spread_frames(sequences, count):
         height = round(_TILE_PX * sequence.size[1] / sequence.size[0])
         shape = f" {sequence.shape}" if sequence.shape else ""
         label = f"{sequence.id} #{frame}{shape}"
-        if layer == "rgb":
+        if layer == "rgb" or bare:
             tiles.append(_labelled(_resized(sequence.rgb(frame), (_TILE_PX, height)), label))
+            continue
+        if layer == "sheet" and not sequence.has(depth_name(frame)):
+            rgb = _resized(sequence.rgb(frame), (_TILE_PX, height))
+            below = np.full((height // 2, _TILE_PX, 3), _UNKNOWN_GREY, np.uint8)
+            tiles.append(_labelled(np.concatenate([rgb, below]), label))
             continue
         surface = sequence.surface(frame)
         tier = dataset.tiers[sequence.tier]
@@ -359,7 +401,7 @@ def _save(image: Rgb, out: Path) -> None:
         Image.fromarray(image).save(out)
 
 
-def _check_ending(out: Path, figure: str) -> None:
+def _check_ending(out: Path, figure: str, also: tuple[str, ...] = ()) -> None:
     allowed = [".png", ".jpg", ".jpeg", ".webp"]
     if figure in ("anatomy", "tracks"):
         allowed += [".pdf", ".svg"]
@@ -368,5 +410,5 @@ def _check_ending(out: Path, figure: str) -> None:
             "the figure cannot be written in this format",
             path=out,
             found=out.suffix or "no ending",
-            required=", ".join(allowed),
+            required=", ".join([*allowed, *also]),
         )
