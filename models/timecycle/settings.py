@@ -135,7 +135,7 @@ class PropagationSettings:
 
     Attributes:
         temperature: Of the softmax over the cells that compete; 0 takes the training one.
-        top_k: So many best cells compete.
+        top_k: So many best cells compete (times refine squared finer ones).
         context: Frames before this one that tell what the point looks like, besides the first.
         first_weight: Weight of the first frame among them, 0 to 1.
         radius: Cells this far from the last place may be the next one, a share of the frame's
@@ -145,9 +145,9 @@ class PropagationSettings:
     """
 
     temperature: float = 0.0
-    top_k: int = 5
+    top_k: int = 10
     context: int = 7
-    first_weight: float = 0.5
+    first_weight: float = 0.25
     radius: float = 0.1
     refine: int = 2
     search: Literal["mask", "image"] = "image"

@@ -131,7 +131,7 @@ def test_a_run_is_a_folder_that_answers(tiny_episode: Path, tmp_path: Path) -> N
     matcher = load_matcher(run)
     assert isinstance(matcher, TimeCycleMatcher)
     described = matcher.describe()
-    assert described["propagation"]["top_k"] == 5
+    assert described["propagation"]["top_k"] == 10
     json.dumps(described)
     with pytest.raises(TrainingError, match="settings it began with"):
         train_timecycle(dataset, run, tiny("seed=4"), resume=True)
