@@ -29,6 +29,7 @@ from pliant.spec.parquet import read_table, write_table
 from pliant.spec.tables import QUERIES, TRUTH
 
 _SEQUENCES_IN_MEMORY = 64
+_SHARE = 0.25
 
 
 @dataclass(frozen=True)
@@ -74,8 +75,9 @@ def build_queries(
     `track`, frame 0 is the source of every later frame. Query points are drawn among the
     tabulated surface points of the queried object that frame A sees, so that their positions
     are exact; pairs of one source ask the same points, so that an episode's neighbouring
-    targets show how an answer trembles. A target that does not show the object at all, or a
-    source that shows none of its points, makes no pair.
+    targets show how an answer trembles. No point that a frame shows as a query's pixel is asked
+    for in that frame: the questions, which are public, hold no answer. A target that does not
+    show the object at all, or a source that shows none of its points, makes no pair.
 
     Args:
         root: The dataset's folder, whose sequences are finished.
@@ -127,6 +129,8 @@ def _split_tables(
         asked = _queried_points(points, int(tier["queried_object"]))
         partners = np.array(points["partners"].to_pylist(), np.int64).reshape(len(points), -1)
         drawn: dict[FrameRef, npt.NDArray[np.int64]] = {}
+        answered: dict[FrameRef, npt.NDArray[np.int64]] = {}
+        nothing = np.zeros(0, np.int64)
         for task in members:
             rng = random_generator(seed, task.tier, split, task.index, stream="queries")
             frames, wanted = len(tracks(task).boxes_px), settings.pairs_per_sequence
@@ -141,13 +145,20 @@ def _split_tables(
                     break
                 if source not in drawn:
                     drawn[source] = draw_points(
-                        rng, tracks(source.task), source.frame, asked, settings.queries_per_pair
+                        rng,
+                        tracks(source.task),
+                        source.frame,
+                        asked,
+                        settings.queries_per_pair,
+                        answered.get(source),
+                        share=1.0 if settings.kind == "track" else _SHARE,
                     )
+                # The query pixels of a frame are public: they must not answer another pair.
+                chosen = np.setdiff1d(drawn[source], drawn.get(target, nothing))
                 pair = Pair(len(queries), source, target)
-                tables = pair.tables(
-                    drawn[source], tracks(source.task), tracks(target.task), partners
-                )
+                tables = pair.tables(chosen, tracks(source.task), tracks(target.task), partners)
                 if tables is not None:
+                    answered[target] = np.union1d(answered.get(target, nothing), chosen)
                     queries.append(tables[0])
                     truth.append(tables[1])
                     made += 1
@@ -168,6 +179,9 @@ def draw_points(
     frame: int,
     asked: npt.NDArray[np.int64],
     most: int,
+    answered: npt.NDArray[np.int64] | None = None,
+    *,
+    share: float = 1.0,
 ) -> npt.NDArray[np.int64]:
     """Draw the points that a source frame is asked at.
 
@@ -177,12 +191,18 @@ def draw_points(
         frame: The source frame.
         asked: Ids of the points that may be asked.
         most: Points wanted.
+        answered: Ids of points that other pairs are to find in this frame, or None.
+        share: At most this share of the points the frame sees, so that some are left to be
+            found in it.
 
     Returns:
-        int64 (N,), ids of points the frame sees, ascending; all of them where there are fewer.
+        int64 (N,), ids of points the frame sees, none of those answered, ascending; fewer than
+        wanted where there are no more.
     """
     visible = asked[source.visibility[frame, asked] == "visible"]
-    return np.sort(rng.choice(visible, size=min(most, len(visible)), replace=False))
+    free = visible if answered is None else np.setdiff1d(visible, answered)
+    count = min(most, max(1, int(share * len(visible))), len(free))
+    return np.sort(rng.choice(free, size=count, replace=False))
 
 
 def track_pairs(target: SequenceTask, frames: int) -> Iterator[tuple[FrameRef, FrameRef]]:
