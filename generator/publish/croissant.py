@@ -75,7 +75,7 @@ _CONTEXT: Final[dict[str, Any]] = {
 }
 
 _ENCODINGS: Final = {
-    ".parquet": "application/vnd.apache.parquet",
+    ".parquet": "application/x-parquet",
     ".json": "application/json",
     ".tar": "application/x-tar",
     ".jpg": "image/jpeg",
