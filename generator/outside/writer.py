@@ -19,7 +19,7 @@ import pyarrow as pa
 
 from pliant.generator.outside.clip import Clip, resized
 from pliant.generator.outside.questions import Scheme, make_questions
-from pliant.spec import layout
+from pliant.spec import layout, limits
 from pliant.spec.checksums import sha256_file
 from pliant.spec.conventions import CONVENTIONS, SPEC_VERSION
 from pliant.spec.dataset import is_name
@@ -109,6 +109,14 @@ def write_imported(
     if settings.pairs < 1:
         raise CallError("the number of pairs is wrong", found=settings.pairs, required=">= 1")
     size = settings.size or _common_size(clips)
+    if max(size) > limits.MAX_IMAGE_SIDE_PX or size[0] * size[1] > limits.MAX_IMAGE_PIXELS:
+        raise CallError(
+            "the frames are larger than a dataset's may be",
+            found=f"{size[0]}x{size[1]}",
+            required=f"sides of at most {limits.MAX_IMAGE_SIDE_PX:,} px, "
+            f"{limits.MAX_IMAGE_PIXELS:,} pixels in all",
+            fix="Give a smaller --size WxH",
+        )
     clips = [resized(clip, size) for clip in clips]
     ids = [f"{settings.id}-{settings.split}-{index:06d}" for index in range(len(clips))]
     queries, truth = make_questions(clips, ids, settings.id, settings.queries, settings.pairs)

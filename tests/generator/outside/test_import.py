@@ -259,6 +259,28 @@ def test_broken_tracks_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert {path.name for path in tmp_path.iterdir()} == {"tracks.pkl"}
 
 
+def test_an_npz_of_objects_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Object arrays in an npz are pickles, and would be run."""
+    path = tmp_path / "tracks.npz"
+    np.savez(path, **{**tracks(), "video": np.array([b"jpeg", None], dtype=object)})
+    assert run(["import", str(path), "--out", str(tmp_path / "out")]) == 1
+    assert "Its arrays must be numeric" in capsys.readouterr().err
+
+
+def test_size_beyond_the_limit_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source = knots_folder(tmp_path / "knots")
+    command = ["import", str(source), "--out", str(tmp_path / "out"), "--size"]
+    assert run([*command, "9000x100"]) == 2
+    assert "found 9000x100; required: sides of at most 8,192 px" in capsys.readouterr().err
+    assert run([*command, "8000x8000"]) == 2
+    assert "16,777,216 pixels in all" in capsys.readouterr().err
+    for size in ("0x5", "5", "5x5x5", "-5x5"):
+        assert run([*command, size]) == 2
+        assert "--size is no size" in capsys.readouterr().err
+
+
 def test_folder_that_is_there_is_not_replaced(tmp_path: Path) -> None:
     from pliant.generator.outside.knots import read_knots
     from pliant.generator.outside.writer import ImportSettings, write_imported

@@ -43,6 +43,19 @@ def test_plain_data_comes_out_as_it_went_in(protocol: int, tmp_path: Path) -> No
     assert (found["number"], found["nothing"], found["scalar"]) == (3, None, 1.5)
 
 
+@pytest.mark.parametrize("protocol", [0, 2])
+def test_arrays_of_numpy_2_are_read(protocol: int, tmp_path: Path) -> None:
+    """numpy 2 calls its rebuilding functions by another name."""
+    array = np.arange(6, dtype=np.float32).reshape(2, 3)
+    data = pickle.dumps(array, protocol)
+    path = tmp_path / "data.pkl"
+    for own, other in ((b"numpy._core.", b"numpy.core."), (b"numpy.core.", b"numpy._core.")):
+        data = data.replace(own, other)
+    assert b"numpy._core.multiarray" in data
+    path.write_bytes(data)
+    np.testing.assert_array_equal(read_pickle(path), array)
+
+
 class Run:
     """Reduces to a call."""
 
