@@ -209,6 +209,20 @@ def test_imported_set_is_answered_and_scored(tmp_path: Path) -> None:
     assert scores.overall.get("geodesic_mean_m") is None  # no surface, so no such score
 
 
+def test_imported_set_is_shown(tmp_path: Path) -> None:
+    """A sheet of colour alone, where nobody knows depth or index colours."""
+    imported(knots_folder(tmp_path / "knots"), tmp_path / "out")
+    picture = tmp_path / "sheet.png"
+    assert run(["view", str(tmp_path / "out"), "--out", str(picture)]) == 0
+    with Image.open(picture) as sheet:
+        # Three frames of 240 x 180 px (4:3, as 40 x 30) in a row, 6 px apart, under lines of text;
+        # index colours and depth would be 90 px more.
+        assert sheet.width == 3 * 240 + 4 * 6
+        assert 180 < sheet.height < 180 + 90
+        colours = {colour for _, colour in sheet.convert("RGB").getcolors(2**20)}
+    assert {(0, 0, 0), (40, 40, 40), (80, 80, 80)} <= colours
+
+
 def test_same_source_gives_the_same_bytes(tmp_path: Path) -> None:
     source = knots_folder(tmp_path / "knots")
     for name in ("a", "b"):
