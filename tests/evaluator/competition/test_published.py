@@ -71,3 +71,17 @@ def test_public_half_holds_no_bundle(published: Path) -> None:
     assert (published / "public-private" / "codabench" / "evalai-test.zip").is_file()
     sums = (published / "public-private" / "SHA256SUMS").read_text()
     assert "codabench/codabench-test.zip" in sums
+
+
+def test_public_half_is_shown_though_some_of_it_has_no_depth(
+    published: Path, tmp_path: Path
+) -> None:
+    from PIL import Image
+
+    from pliant.cli.main import run
+
+    out = tmp_path / "sheet.png"
+    assert run(["view", str(published / "public"), "--out", str(out), "--count", "8"]) == 0
+    with Image.open(out) as sheet:
+        counts = dict((colour, n) for n, colour in sheet.convert("RGB").getcolors(2**24))
+    assert counts[235, 235, 235] > 240 * 90  # what stands for the depth of a held-out frame
