@@ -8,7 +8,9 @@ keeps a file open, so they travel to worker processes and survive a fork.
 from __future__ import annotations
 
 import os
+import shutil
 import tempfile
+import weakref
 from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -104,7 +106,7 @@ class RemoteFiles:
 
     def __init__(self, url: str) -> None:
         self.url = url.rstrip("/")
-        self._fetched: tempfile.TemporaryDirectory[str] | None = None
+        self._fetched: Path | None = None
 
     @property
     def address(self) -> str:
@@ -138,8 +140,9 @@ class RemoteFiles:
     def local(self, name: str) -> Path:
         """Fetch a file into a temporary folder that lives as long as this object."""
         if self._fetched is None:
-            self._fetched = tempfile.TemporaryDirectory(prefix="pliant-")
-        target = Path(self._fetched.name) / name
+            self._fetched = Path(tempfile.mkdtemp(prefix="pliant-"))
+            weakref.finalize(self, _remove, self._fetched, os.getpid())
+        target = self._fetched / name
         if not target.exists():
             target.parent.mkdir(parents=True, exist_ok=True)
             part = target.with_name(f"{target.name}.{os.getpid()}")
@@ -315,6 +318,12 @@ def storage_of(address: Path | str) -> Storage:
     """Return the storage behind a path or a URL; a name with `://` is a URL."""
     text = str(address)
     return RemoteFiles(text) if "://" in text else LocalFiles(Path(address))
+
+
+def _remove(folder: Path, process: int) -> None:
+    """Remove a temporary folder, in the process that made it (not in one forked from it)."""
+    if os.getpid() == process:
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 def _split(name: str) -> tuple[str, str] | None:
