@@ -128,6 +128,10 @@ class LookSettings:
         sun_warmth: 0 is white, 1 is the orange of a low sun.
         brightness: What a white table would reflect: the exposure.
         least_contrast: Smallest distance between object and table, in sRGB units of 0 to 1.
+        materials: How many materials (object, ball and table as they are without light) a tier
+            has in all its splits; 0 gives every sequence its own. The light is always drawn anew.
+        first_material: Number of the first of them: a set that starts beyond another's shows
+            the same configurations in materials that the other has never shown.
     """
 
     tables: dict[str, float] = field(default_factory=_even_tables)
@@ -148,6 +152,8 @@ class LookSettings:
     sun_warmth: Range = (0.0, 0.6)
     brightness: Range = (0.70, 1.0)
     least_contrast: float = 0.30
+    materials: int = 0
+    first_material: int = 0
 
     def __post_init__(self) -> None:
         _check_weights("tables", self.tables, TABLES)
@@ -177,6 +183,14 @@ class LookSettings:
                     found=tuple(values),
                     required=f"[low, high] with {low:g} <= low <= high <= {high:g}",
                 )
+        for name in ("materials", "first_material"):
+            if getattr(self, name) < 0:
+                raise CallError(
+                    "the number must not be negative",
+                    where=f"look.{name}",
+                    found=getattr(self, name),
+                    required=">= 0",
+                )
         if not 0.0 <= self.least_contrast <= 0.5:
             raise CallError(
                 "the contrast cannot be kept",
@@ -186,18 +200,25 @@ class LookSettings:
             )
 
 
-def sample_look(rng: np.random.Generator, subject: Subject, settings: LookSettings) -> Look:
+def sample_look(
+    rng: np.random.Generator,
+    subject: Subject,
+    settings: LookSettings,
+    material: np.random.Generator | None = None,
+) -> Look:
     """Draw the look of one sequence.
 
     Args:
         rng: Source of every random number.
         subject: What is looked at: its kind, variant and strands.
         settings: The ranges.
+        material: Source of all but the light, where several sequences share a material.
 
     Raises:
         CallError: The ranges leave no object colour that stands out from the table.
     """
     light = _sample_light(rng, settings)
+    rng = rng if material is None else material
     table_srgb = _sample_hsv(rng, settings.table_saturation, settings.table_value)
     table = TableLook(
         kind=_choice(rng, settings.tables),

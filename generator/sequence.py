@@ -137,8 +137,12 @@ class SequenceMaker:
         camera = sample_camera(
             self._random(task, "camera"), subject, self._camera_settings, self.config.size, framed
         )
-        look = sample_look(self._random(task, "look"), subject, self._look_settings)
-        return camera, look
+        rng, settings = self._random(task, "look"), self._look_settings
+        material = None
+        if settings.materials:
+            number = settings.first_material + int(rng.integers(settings.materials))
+            material = random_generator(self.config.seed, task.tier, "", number, stream="material")
+        return camera, sample_look(rng, subject, settings, material)
 
     def close(self) -> None:
         """Release the renderer."""

@@ -150,3 +150,20 @@ def test_colours_that_cannot_stand_out_are_refused(sheet: Subject) -> None:
     same = {"object_value": (0.5, 0.5), "object_saturation": (0.0, 0.0)}
     with pytest.raises(CallError, match=r"look\.least_contrast"):
         look_of(sheet, 0, **grey, **same)
+
+
+def test_sequences_that_share_a_material_differ_in_light_alone(tube: Subject) -> None:
+    one, two = (
+        sample_look(
+            np.random.default_rng(seed), tube, LookSettings(), material=np.random.default_rng(9)
+        )
+        for seed in (0, 1)
+    )
+    assert one.light != two.light
+    assert dataclasses.replace(one, light=two.light) == two
+
+
+@pytest.mark.parametrize("name", ["materials", "first_material"])
+def test_a_negative_number_of_materials_is_refused(name: str) -> None:
+    with pytest.raises(CallError, match=f"look.{name}"):
+        LookSettings(**{name: -1})  # type: ignore[arg-type]

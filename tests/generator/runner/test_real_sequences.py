@@ -49,3 +49,33 @@ def test_the_camera_sees_every_configuration_whole(tiny_dataset):
         states = set(sequence.correspondences()["visibility"].to_pylist())
         assert "out_of_frame" not in states, sequence.id
         assert "visible" in states
+
+
+def test_sequences_share_materials_and_another_set_has_others(tmp_path):
+    from pliant.spec.dataset import Dataset
+
+    small = GenerateConfig(
+        tiers=("rope",),
+        splits={"train": 2, "test": 1},
+        frames=1,
+        width=64,
+        height=48,
+        style="raster",
+        look={"materials": 1},
+    )
+    unseen = small.with_changes(look={"materials": 1, "first_material": 1})
+    generate(small, tmp_path / "seen")
+    generate(unseen, tmp_path / "unseen")
+    seen, unseen = (
+        [s.info["parameters"]["look"] for s in Dataset.open(tmp_path / name).sequences]
+        for name in ("seen", "unseen")
+    )
+    lights = [look.pop("light") for look in seen]
+    assert seen[0] == seen[1] == seen[2]
+    assert lights[0] != lights[1]
+    assert lights == [look.pop("light") for look in unseen]
+    assert unseen[0] == unseen[1] != seen[0]
+    for name in ("points", "correspondences"):
+        first = Dataset.open(tmp_path / "seen").sequences[0]
+        other = Dataset.open(tmp_path / "unseen").sequences[0]
+        assert getattr(first, name)().equals(getattr(other, name)())
