@@ -22,8 +22,11 @@ class AugmentSettings:
     """What may happen to a training frame. Zero switches each off.
 
     Attributes:
-        rotate_deg: Rotation about the image's centre, uniform within plus or minus this.
+        rotate_deg: Rotation about the object's centre, uniform within plus or minus this.
         scale: Relative size, log-uniform within 1/(1 + scale) to 1 + scale.
+        margin: A moved object is made smaller where it must be to stay in the image, and laid
+            anywhere in it, this share of the image's height (a rope's ball, a shadow) between
+            its points and the border; 1 lets it leave and turns about the image's centre.
         colour: Gain, offset and gamma of each channel vary by about this share.
         noise: Standard deviation of pixel noise, uniform from 0 to this (of 255).
         background: Probability that everything but the object is replaced.
@@ -31,6 +34,7 @@ class AugmentSettings:
 
     rotate_deg: float = 180.0
     scale: float = 0.0
+    margin: float = 0.06
     colour: float = 0.2
     noise: float = 4.0
     background: float = 0.0
@@ -40,6 +44,8 @@ class AugmentSettings:
             raise ValueError("rotate_deg must be 0 to 180")
         if not 0 <= self.scale <= 1 or not 0 <= self.colour <= 1:
             raise ValueError("scale and colour must be 0 to 1")
+        if not (0 <= self.margin < 0.5 or self.margin == 1):
+            raise ValueError("margin must be 0 to below 0.5, or 1 for none")
         if not 0 <= self.noise <= 128 or not 0 <= self.background <= 1:
             raise ValueError("noise must be 0 to 128, background 0 to 1")
 
@@ -61,6 +67,41 @@ def rotation_about_centre(
     linear = np.array([[cos, -sin], [sin, cos]])
     centre = np.array(size) / 2.0
     return np.column_stack([linear, centre - linear @ centre])
+
+
+def placement_in_image(
+    rng: np.random.Generator,
+    points_px: npt.NDArray[np.floating[Any]],
+    size: tuple[int, int],
+    angle_rad: float,
+    scale: float,
+    margin_px: float,
+) -> npt.NDArray[np.float64]:
+    """Return a map that turns points about their middle and lays them anywhere in the image.
+
+    A rope across a wide image, turned upright about the image's centre, would lose both ends
+    and with them what tells one from the other.
+
+    Args:
+        rng: Source of randomness.
+        points_px: float (P, 2), P >= 1, what must stay in the image.
+        size: (w, h).
+        angle_rad: Positive turns u towards v.
+        scale: Relative size wanted; smaller where the points do not fit.
+        margin_px: What stays free between the points and the border.
+
+    Returns:
+        float64 (2, 3): new (u, v) = M (u, v, 1).
+    """
+    cos, sin = math.cos(angle_rad), math.sin(angle_rad)
+    turn = np.array([[cos, -sin], [sin, cos]])
+    turned = points_px.astype(np.float64) @ turn.T
+    low, high = turned.min(axis=0), turned.max(axis=0)
+    free = np.array(size) - 2 * margin_px
+    factor = min(scale, *(free / np.maximum(high - low, 1e-9)))
+    room = (free - factor * (high - low)).clip(0) / 2
+    middle = np.array(size) / 2 + rng.uniform(-1, 1, 2) * room
+    return np.column_stack([factor * turn, middle - factor * (low + high) / 2])
 
 
 def warp_view(view: FrameView, affine: npt.NDArray[np.float64]) -> FrameView:
@@ -163,6 +204,12 @@ def augment(rng: np.random.Generator, view: FrameView, settings: AugmentSettings
         height, width = view.mask.shape
         angle = math.radians(rng.uniform(-settings.rotate_deg, settings.rotate_deg))
         factor = math.exp(rng.uniform(-1, 1) * math.log1p(settings.scale))
-        view = warp_view(view, rotation_about_centre((width, height), angle, factor))
+        seen = view.uv_px[view.visible]
+        if settings.margin == 1 or len(seen) == 0:
+            moved = rotation_about_centre((width, height), angle, factor)
+        else:
+            margin_px = settings.margin * height
+            moved = placement_in_image(rng, seen, (width, height), angle, factor, margin_px)
+        view = warp_view(view, moved)
     rgb = recolour(rng, view.rgb, settings.colour, settings.noise)
     return FrameView(rgb, view.mask, view.depth_m, view.uv_px, view.visible)

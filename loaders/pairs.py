@@ -120,12 +120,12 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
         frames = self._draw_frames(rng)
         views = [self.store.view(frame) for frame in frames]
         action = self._action_px(frames, views)
-        if self.settings.matches == "points":
-            views = self._points_of(rng, views)
-        else:
+        if self.settings.matches == "surface":
             views = self._surface_matches(rng, frames, views)
         if self.augmentation is not None:
             views = [augment(rng, view, self.augmentation) for view in views]
+        if self.settings.matches == "points":  # last: augmentation lays an object by all of them
+            views = self._points_of(rng, views)
         return self._tensors(frames, views, action)
 
     def _frames_by_sequence(self) -> list[npt.NDArray[np.int64]]:

@@ -77,7 +77,7 @@ def don_loss(
             target_uv,
             target_valid,
             scale=scale,
-            sigma_px=settings.sigma_px,
+            sigma_px=settings.sigma_at(progress),
             direction=settings.direction,
             chunk=chunk,
         )

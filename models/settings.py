@@ -25,7 +25,10 @@ class LossSettings:
 
     Attributes:
         kind: `distributional` or `contrastive`.
-        sigma_px: Distributional: width of the target's Gaussians.
+        sigma_px: Distributional: width of the target's Gaussians, at the end.
+        sigma_start_px: Their width at the start, 0 for `sigma_px` throughout. It shrinks
+            geometrically over the first half of the training: a wide target tells a network that
+            knows nothing yet which way to go.
         direction: Distributional: `forward` KL(q || p) or `reverse` KL(p || q).
         symmetric: Spread the target over the symmetry orbit (contrastive: keep partners from
             being non-matches).
@@ -52,6 +55,7 @@ class LossSettings:
 
     kind: Literal["distributional", "contrastive"] = "distributional"
     sigma_px: float = 1.0
+    sigma_start_px: float = 0.0
     direction: Direction = "forward"
     symmetric: bool = True
     initial_scale: float = 1.0
@@ -72,12 +76,21 @@ class LossSettings:
     time_weight: float = 0.0
     time_constant: float = 1.5
 
+    def sigma_at(self, progress: float) -> float:
+        """Return the width of the target's Gaussians at a share of the training, px.
+
+        Args:
+            progress: Share of the training done, 0 to 1.
+        """
+        first = self.sigma_start_px or self.sigma_px
+        return first * (self.sigma_px / first) ** min(2 * progress, 1.0)
+
     def __post_init__(self) -> None:
         positive = ("sigma_px", "initial_scale", "margin", "space_constant", "time_constant")
         for name in positive:
             if not getattr(self, name) > 0:
                 raise ValueError(f"loss.{name} must be > 0")
-        for name in ("chunk", "guard_px", "space_weight", "time_weight"):
+        for name in ("chunk", "guard_px", "space_weight", "time_weight", "sigma_start_px"):
             if getattr(self, name) < 0:
                 raise ValueError(f"loss.{name} must be >= 0")
         if self.background < -1 or self.bin_px < 1 or self.non_matches < 2:

@@ -8,6 +8,7 @@ import pytest
 from pliant.loaders.augment import (
     AugmentSettings,
     augment,
+    placement_in_image,
     recolour,
     rotation_about_centre,
     warp_view,
@@ -114,3 +115,43 @@ def test_all_off_changes_nothing() -> None:
 def test_settings_out_of_range_are_refused() -> None:
     with pytest.raises(ValueError, match="rotate_deg"):
         AugmentSettings(rotate_deg=200)
+
+
+@pytest.mark.parametrize("angle_deg", [0.0, 90.0, 37.0, -160.0])
+def test_a_turned_object_stays_in_the_image(angle_deg: float) -> None:
+    """A line of 140 px across the image fits upright only if it shrinks to 120 - 2 x 7 px."""
+    line = np.column_stack([np.linspace(10, 150, 29), np.full(29, 60.0)])
+    affine = placement_in_image(
+        np.random.default_rng(1), line, SIZE, math.radians(angle_deg), 1.0, 7.0
+    )
+    moved = line @ affine[:, :2].T + affine[:, 2]
+    assert (moved >= 7 - 1e-9).all()
+    assert (moved <= np.array(SIZE) - 7 + 1e-9).all()
+    factor = math.sqrt(np.linalg.det(affine[:, :2]))
+    if angle_deg == 90.0:
+        assert factor == pytest.approx(106 / 140)
+    elif angle_deg == 0.0:
+        assert factor == pytest.approx(1.0)
+    heading = np.degrees(np.arctan2(*(moved[-1] - moved[0])[::-1]))
+    assert heading == pytest.approx(angle_deg)
+
+
+def test_an_object_is_laid_anywhere_it_fits() -> None:
+    rng = np.random.default_rng(0)
+    points = np.array([[70.0, 50.0], [90.0, 60.0]])
+    middles = []
+    for _ in range(200):
+        affine = placement_in_image(rng, points, SIZE, 0.0, 1.0, 5.0)
+        middles.append((points @ affine[:, :2].T + affine[:, 2]).mean(axis=0))
+    low, high = np.min(middles, axis=0), np.max(middles, axis=0)
+    np.testing.assert_allclose(low, [5 + 10, 5 + 5], atol=4)
+    np.testing.assert_allclose(high, [160 - 15, 120 - 10], atol=4)
+
+
+def test_augmentation_leaves_no_point_outside_unless_told() -> None:
+    line = blob_view(np.column_stack([np.linspace(10, 150, 9), np.full(9, 60.0)]))
+    for margin, inside in ((0.05, True), (1.0, False)):
+        settings = AugmentSettings(rotate_deg=180, scale=0.2, colour=0, noise=0, margin=margin)
+        rng = np.random.default_rng(4)
+        seen = [augment(rng, line, settings).visible.all() for _ in range(20)]
+        assert all(seen) == inside

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from pliant.models.settings import DonSettings, read_settings, settings_to_dict
+from pliant.models.settings import DonSettings, LossSettings, read_settings, settings_to_dict
 from pliant.spec.errors import CallError
 
 
@@ -63,3 +63,9 @@ def test_shipped_recipes_are_valid() -> None:
     assert recipes
     for recipe in recipes:
         read_settings(DonSettings, recipe)
+
+
+def test_the_target_narrows_over_the_first_half() -> None:
+    loss = LossSettings(sigma_px=1.0, sigma_start_px=4.0)
+    assert [loss.sigma_at(p) for p in (0.0, 0.25, 0.5, 1.0)] == pytest.approx([4.0, 2.0, 1.0, 1.0])
+    assert LossSettings(sigma_px=1.5).sigma_at(0.1) == 1.5
