@@ -2,19 +2,24 @@
 
 The one seam between reading and storage. `Dataset` and its sequences ask for a file by its name
 in the layout (`sequences/TIER/ID/rgb/000000.png`); one of these says where its bytes are. None
-keeps a file open, so they travel to worker processes and survive a fork.
+shares a place in an open file, so they travel to worker processes and survive a fork.
 """
 
 from __future__ import annotations
 
+import bisect
 import os
 import shutil
 import tempfile
 import weakref
 from collections import OrderedDict
 from collections.abc import Mapping, Sequence
+from itertools import accumulate
 from pathlib import Path
 from typing import Any, Protocol
+
+import pyarrow as pa
+import pyarrow.parquet as pq
 
 from pliant.spec import layout, limits
 from pliant.spec.errors import MissingExtraError, SpecError
@@ -22,7 +27,8 @@ from pliant.spec.parquet import load_columns, open_table
 from pliant.spec.reading import AnyFile, Blob, FileRefusedError
 from pliant.spec.tables import INDEX
 
-_GROUPS_IN_MEMORY = 16
+_GROUPS_IN_MEMORY = 256
+_ROWS_IN_MEMORY = 1024
 
 
 class Files(Protocol):
@@ -191,8 +197,9 @@ class PackedFiles:
         self._storage = storage
         self._ids = list(sequence_ids)
         self._rows: dict[str, int] | None = None
-        self._starts: list[int] | None = None
-        self._groups: OrderedDict[int, dict[str, dict[str, Member]]] = OrderedDict()
+        self._index: tuple[pq.ParquetFile, list[int]] | None = None
+        self._groups: OrderedDict[int, pa.Table] = OrderedDict()
+        self._decoded: OrderedDict[int, dict[str, Member]] = OrderedDict()
 
     @property
     def address(self) -> str:
@@ -241,39 +248,47 @@ class PackedFiles:
         row = self._rows.get(sequence_id)
         if row is None:
             return {}
-        path = self._storage.local(layout.INDEX_TABLE)
-        if self._starts is None:
-            metadata = open_table(path, max_rows=limits.MAX_SEQUENCES).metadata
-            starts = [0]
-            for number in range(metadata.num_row_groups):
-                starts.append(starts[-1] + metadata.row_group(number).num_rows)
-            self._starts = starts
-        group = next((g for g, stop in enumerate(self._starts[1:]) if row < stop), None)
-        found = {} if group is None else self._group(group, path)
-        if sequence_id not in found:
+        if row in self._decoded:
+            self._decoded.move_to_end(row)
+            return self._decoded[row]
+        listed, found = self._decode(row)
+        if listed != sequence_id:
             raise FileRefusedError(
                 "INDEX_INVALID",
                 "the index does not list the sequences of sequences.parquet in order",
                 path=f"{self.address}/{layout.INDEX_TABLE}",
                 where=f"row {row}",
+                found=listed,
                 required=sequence_id,
             )
-        return found[sequence_id]
+        self._decoded[row] = found
+        if len(self._decoded) > _ROWS_IN_MEMORY:
+            self._decoded.popitem(last=False)
+        return found
 
-    def _group(self, group: int, path: Path) -> dict[str, dict[str, Member]]:
-        """Decode one row group of the index; the last few are kept."""
-        if group in self._groups:
-            self._groups.move_to_end(group)
-            return self._groups[group]
-        table = load_columns(open_table(path, max_rows=limits.MAX_SEQUENCES), path, INDEX, [group])
-        self._groups[group] = {row["id"]: members_of(row) for row in table.to_pylist()}
-        if len(self._groups) > _GROUPS_IN_MEMORY:
-            self._groups.popitem(last=False)
-        return self._groups[group]
+    def _decode(self, row: int) -> tuple[str | None, dict[str, Member]]:
+        """Return the id and the files of one row of the index."""
+        path = self._storage.local(layout.INDEX_TABLE)
+        if self._index is None:
+            file = open_table(path, max_rows=limits.MAX_SEQUENCES)
+            counts = [file.metadata.row_group(g).num_rows for g in range(file.num_row_groups)]
+            self._index = (file, list(accumulate(counts, initial=0)))
+        file, starts = self._index
+        group = bisect.bisect_right(starts, row) - 1
+        if group >= len(starts) - 1:
+            return None, {}
+        if group not in self._groups:
+            self._groups[group] = load_columns(file, path, INDEX, [group])
+            if len(self._groups) > _GROUPS_IN_MEMORY:
+                self._groups.popitem(last=False)
+        self._groups.move_to_end(group)
+        entry = self._groups[group].slice(row - starts[group], 1).to_pylist()[0]
+        return entry["id"], members_of(entry)
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out what is read again soon enough."""
-        return {**self.__dict__, "_rows": None, "_groups": OrderedDict()}
+        fresh: dict[str, Any] = {"_rows": None, "_index": None, "_groups": OrderedDict()}
+        return {**self.__dict__, **fresh, "_decoded": OrderedDict()}
 
 
 Member = tuple[str, int, int]

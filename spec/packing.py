@@ -26,7 +26,7 @@ from pliant.spec.tables import CORRESPONDENCES, INDEX
 
 SHARD_BYTES: Final = 500_000_000
 GROUP_BYTES: Final = 32 * 2**20
-_INDEX_GROUP_ROWS: Final = 256
+_INDEX_GROUP_FILES: Final = 4096
 _GROUP_ROWS: Final = 2**17
 
 _IMAGE = pa.struct([pa.field("bytes", pa.binary()), pa.field("path", pa.string())])
@@ -290,12 +290,13 @@ class Packer:
         with TableWriter(
             self._root / layout.INDEX_TABLE, "index", {"dataset": self._dataset}
         ) as writer:
-            ids = list(self._places)
-            for start in range(0, len(ids), _INDEX_GROUP_ROWS):
-                rows: list[dict[str, Any]] = [
-                    {"id": name, "files": sorted(self._places[name], key=lambda f: f["path"])}
-                    for name in ids[start : start + _INDEX_GROUP_ROWS]
-                ]
+            rows: list[dict[str, Any]] = []
+            for name, places in self._places.items():
+                rows.append({"id": name, "files": sorted(places, key=lambda f: f["path"])})
+                if sum(len(row["files"]) for row in rows) >= _INDEX_GROUP_FILES:
+                    writer.write(pa.Table.from_pylist(rows, schema=INDEX))
+                    rows = []
+            if rows or not self._places:
                 writer.write(pa.Table.from_pylist(rows, schema=INDEX))
 
     def _of(self, folder: str, split: str) -> _Shards:
