@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--truth",
-    metavar="FILE",
+    metavar="FILE|DIR",
     type=click.Path(path_type=Path),
-    help="The split's truth, where the dataset does not hold it.",
+    help="The split's truth, or `pliant publish`'s private half, where the dataset holds none.",
 )
 @click.option(
     "--protocol",
