@@ -101,11 +101,14 @@ class LossSettings:
 
 @dataclass(frozen=True)
 class OptimiserSettings:
-    """AdamW and how its learning rate goes.
+    """The optimiser and how its learning rate goes.
 
     Attributes:
-        learning_rate: Its highest value.
+        kind: `adamw`, or `muon` for the layers' weights (`models/muon.py`) and AdamW for the rest.
+        learning_rate: AdamW's highest value.
+        matrix_rate: Muon's highest value; it follows the same schedule.
         weight_decay: Decoupled weight decay.
+        beta1: Share kept, each step, of the running mean of the gradient.
         schedule: `cosine` to zero, `step` (times `step_factor` every `step_every`), `constant`.
         warmup: Steps of linear rise at the start.
         step_every: Steps.
@@ -115,8 +118,11 @@ class OptimiserSettings:
             answers; 0 uses the weights themselves.
     """
 
+    kind: Literal["adamw", "muon"] = "adamw"
     learning_rate: float = 2e-3
+    matrix_rate: float = 0.02
     weight_decay: float = 1e-4
+    beta1: float = 0.9
     schedule: Literal["cosine", "step", "constant"] = "cosine"
     warmup: int = 100
     step_every: int = 250
@@ -125,12 +131,14 @@ class OptimiserSettings:
     average: float = 0.99
 
     def __post_init__(self) -> None:
-        if not self.learning_rate > 0 or self.weight_decay < 0 or self.clip_norm < 0:
-            raise ValueError("optimiser: learning_rate > 0, weight_decay and clip_norm >= 0")
+        if not self.learning_rate > 0 or not self.matrix_rate > 0:
+            raise ValueError("optimiser: learning_rate and matrix_rate > 0")
+        if self.weight_decay < 0 or self.clip_norm < 0:
+            raise ValueError("optimiser: weight_decay and clip_norm >= 0")
         if self.warmup < 0 or self.step_every < 1 or not 0 < self.step_factor <= 1:
             raise ValueError("optimiser: warmup >= 0, step_every >= 1, 0 < step_factor <= 1")
-        if not 0 <= self.average < 1:
-            raise ValueError("optimiser.average must be 0 to 1")
+        if not 0 <= self.average < 1 or not 0 <= self.beta1 < 1:
+            raise ValueError("optimiser.average and beta1 must be 0 to 1")
 
 
 @dataclass(frozen=True)

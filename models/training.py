@@ -27,6 +27,7 @@ from pliant.models.checkpoint import (
     save_checkpoint,
     save_weights,
 )
+from pliant.models.muon import Muon, is_matrix
 from pliant.models.processes import Processes, agree, average_gradients
 from pliant.models.settings import OptimiserSettings
 from pliant.spec.errors import TrainingError
@@ -102,6 +103,35 @@ def learning_rate(settings: OptimiserSettings, step: int, steps: int) -> float:
     return rate
 
 
+def make_optimiser(network: nn.Module, settings: OptimiserSettings) -> torch.optim.Optimizer:
+    """Return the optimiser of a network's trainable parameters.
+
+    Weights decay, biases and norms do not. Each group holds `ratio`, its rate over
+    `settings.learning_rate`.
+
+    Args:
+        network: What is trained.
+        settings: Which optimiser.
+    """
+    parameters = [p for p in network.parameters() if p.requires_grad]
+    groups = [
+        {
+            "params": [p for p in parameters if p.dim() > 1],
+            "weight_decay": settings.weight_decay,
+            "ratio": 1.0,
+        },
+        {"params": [p for p in parameters if p.dim() <= 1], "weight_decay": 0.0, "ratio": 1.0},
+    ]
+    betas = (settings.beta1, 0.999)
+    if settings.kind == "adamw":
+        return torch.optim.AdamW(groups, lr=settings.learning_rate, betas=betas)
+    matrices = [p for p in groups[0]["params"] if is_matrix(p)]
+    groups[0]["params"] = [p for p in groups[0]["params"] if not is_matrix(p)]
+    ratio = settings.matrix_rate / settings.learning_rate
+    groups.append({"params": matrices, "weight_decay": 0.0, "ratio": ratio, "muon": True})
+    return Muon(groups, betas=betas)
+
+
 def train(
     task: Task,
     run: Path,
@@ -133,15 +163,7 @@ def train(
     """
     network = task.network
     parameters = [p for p in network.parameters() if p.requires_grad]
-    decayed = [p for p in parameters if p.dim() > 1]
-    plain = [p for p in parameters if p.dim() <= 1]
-    optimiser = torch.optim.AdamW(
-        [
-            {"params": decayed, "weight_decay": optimiser_settings.weight_decay},
-            {"params": plain, "weight_decay": 0.0},
-        ],
-        lr=optimiser_settings.learning_rate,
-    )
+    optimiser = make_optimiser(network, optimiser_settings)
     state = _start(network, optimiser, run, resume)
     generator = torch.Generator(device=processes.device)
     stop = loop.steps if stop_at is None else min(stop_at, loop.steps)
@@ -149,8 +171,9 @@ def train(
         try:
             for step, batch in enumerate(task.batches(state.step, stop), start=state.step):
                 network.train()
+                rate = learning_rate(optimiser_settings, step, loop.steps)
                 for group in optimiser.param_groups:
-                    group["lr"] = learning_rate(optimiser_settings, step, loop.steps)
+                    group["lr"] = rate * group["ratio"]
                 generator.manual_seed((loop.seed * 1_000_003 + step) * 1_009 + processes.rank)
                 loss, parts = task.loss(batch, step / loop.steps, generator)
                 optimiser.zero_grad(set_to_none=True)

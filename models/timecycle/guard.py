@@ -47,7 +47,7 @@ class Guard:
     def verdict(self) -> str:
         """Return in words what the run beats and what not."""
         lost = [
-            f"{rival} after {frames} frames"
+            f"{rival} after {frames} frame{'s' if frames > 1 else ''}"
             for frames in self.listed
             for rival in RIVALS
             if not self.beats(rival, frames)

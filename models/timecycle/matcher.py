@@ -66,7 +66,7 @@ class TimeCycleMatcher:
         """Answer query pixels in one step, wherever in the target they may be; see `Matcher`."""
         if len(uv_a_px) == 0:
             return Answers(np.zeros((0, 2), dtype=np.float32))
-        anywhere = replace(self.settings.propagation, radius=0.0)
+        anywhere = replace(self.settings.propagation, radius=0.0, prior=0.0)
         propagator = self._propagator(source, uv_a_px, anywhere)
         with torch.inference_mode():
             found = propagator.step(self._encode(target), self._searched(target))

@@ -110,9 +110,11 @@ class Propagator:
         v = (torch.arange(height) + 0.5) / fine
         cells = torch.stack([u.repeat(height), v.repeat_interleave(width)], dim=1)  # (h w, 2)
         barred = torch.zeros_like(logits, dtype=torch.bool)
+        distance = torch.cdist(near, cells)
+        if self.settings.prior > 0:
+            logits = logits - distance.square() / (2 * self.settings.prior**2)
         if self.settings.radius > 0:
             reach = self.settings.radius * max(width, height) / fine
-            distance = torch.cdist(near, cells)
             # The nearest cells always stay in, however small the radius.
             floor = distance.topk(min(self.settings.top_k, len(cells)), largest=False).values
             barred |= distance > floor[:, -1:].clamp(min=reach)

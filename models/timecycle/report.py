@@ -42,7 +42,7 @@ def write_timecycle_report(
     """
     rest = {name: value for name, value in facts.items() if name not in ("guard", "validation")}
     names = list(guard.curves)
-    head = "".join(f"<th>{frames} frames" for frames in guard.listed)
+    head = "".join(f"<th>after {frames}" for frames in guard.listed)
     rows = "".join(
         f"<tr><th>{html.escape(name)}"
         + "".join(f"<td>{guard.curves[name][frames - 1]:.1f}" for frames in guard.listed)
@@ -98,12 +98,12 @@ def losses_png(history: Sequence[Mapping[str, float]]) -> bytes:
     rows = [row for row in history if "val/rmse_px" in row]
     listed = [name for name in rows[0] if name.startswith("val/rmse_px_")] if rows else []
     for name in listed:
-        label = f"{name.rsplit('_', 1)[1]} frames"
+        label = f"after {name.rsplit('_', 1)[1]}"
         points = [row.get(name, float("nan")) for row in rows]
         axes[-1].plot([row["step"] for row in rows], points, marker=".", label=label)
-    axes[-1].set(title="validation RMSE, px of 640", xlabel="step", ylim=(0, None))
+    axes[-1].set(title="validation RMSE, px", xlabel="step", ylim=(0, None))
     if listed:
-        axes[-1].legend(frameon=False, fontsize=8)
+        axes[-1].legend(frameon=False, fontsize=8, loc="center right")
     return figure_png(figure)
 
 

@@ -140,6 +140,8 @@ class PropagationSettings:
         first_weight: Weight of the first frame among them, 0 to 1.
         radius: Cells this far from the last place may be the next one, a share of the frame's
             longer side; 0 for all.
+        prior: Standard deviation, cells, of a Gaussian about the last place that weighs the
+            cells; 0 for none.
         refine: Descriptors are interpolated this many times finer before they are compared.
         search: Cells on the object's `mask` where one is given out, or the whole `image`.
     """
@@ -149,6 +151,7 @@ class PropagationSettings:
     context: int = 7
     first_weight: float = 0.25
     radius: float = 0.1
+    prior: float = 2.5
     refine: int = 2
     search: Literal["mask", "image"] = "image"
 
@@ -157,8 +160,8 @@ class PropagationSettings:
             raise ValueError(
                 "propagation: temperature and context >= 0, top_k and refine >= 1 are required"
             )
-        if not 0 <= self.first_weight <= 1 or self.radius < 0:
-            raise ValueError("propagation: first_weight must be 0 to 1, radius >= 0")
+        if not 0 <= self.first_weight <= 1 or min(self.radius, self.prior) < 0:
+            raise ValueError("propagation: first_weight must be 0 to 1, radius and prior >= 0")
         if self.context == 0 and self.first_weight == 0:
             raise ValueError("propagation: without context the first frame must have a weight")
 

@@ -47,7 +47,9 @@ def test_a_translating_texture_is_followed(refine: int, radius: float) -> None:
     """20 frames of 0.3 and 0.15 cells each: within a quarter of a cell all the way, when read
     between cells; within half of one when not."""
     field = texture()
-    settings = PropagationSettings(temperature=0.05, refine=refine, radius=radius)
+    settings = PropagationSettings(
+        temperature=0.05, top_k=5, first_weight=0.5, refine=refine, radius=radius, prior=0
+    )
     carried = Propagator(frame(field, (0, 0)), POINTS, settings, 1.0)
     for step in range(1, 21):
         found = carried.step(frame(field, (0.3 * step, 0.15 * step)))
@@ -66,15 +68,38 @@ def test_the_radius_keeps_points_near() -> None:
     """The texture jumps by 9 cells: without a radius it is found again, with one it is not."""
     field = texture()
     first, jumped = frame(field, (0, 0)), frame(field, (9, 0))
-    free = Propagator(first, POINTS, PropagationSettings(temperature=0.05, radius=0), 1.0)
-    bound = Propagator(first, POINTS, PropagationSettings(temperature=0.05, radius=0.1), 1.0)
+    free = Propagator(first, POINTS, PropagationSettings(temperature=0.05, radius=0, prior=0), 1.0)
+    bound = Propagator(
+        first, POINTS, PropagationSettings(temperature=0.05, radius=0.1, prior=0), 1.0
+    )
     assert float((free.step(jumped) - POINTS - torch.tensor([9.0, 0])).norm(dim=1).max()) < 0.3
     assert float((bound.step(jumped) - POINTS).norm(dim=1).max()) < 0.1 * W + 1
 
 
+def test_the_prior_breaks_a_tie_for_the_nearer_place() -> None:
+    """Two places look alike, 3 and 9 cells away: the mean of both, or nearly the nearer one."""
+    flat = torch.zeros(2, H, W)
+    flat[1] = 1.0  # nothing looks like the point …
+    first, later = flat.clone(), flat.clone()
+    first[:, 10, 8] = torch.tensor([1.0, 0.0])  # … but the cell it is in,
+    for column in (11, 17):  # and later two others
+        later[:, 10, column] = torch.tensor([1.0, 0.0])
+    point = torch.tensor([[8.5, 10.5]])
+    plain = PropagationSettings(temperature=0.02, radius=0, prior=0, refine=1, top_k=2)
+    torch.testing.assert_close(
+        Propagator(first, point, plain, 1.0).step(later), torch.tensor([[14.5, 10.5]])
+    )
+    near = replace(plain, prior=3.0)
+    found = Propagator(first, point, near, 1.0).step(later)
+    # exp(-9/18) against exp(-81/18): 0.982 of the weight for the nearer.
+    assert float(found[0, 0]) == pytest.approx(8.5 + 3 + 6 * (1 - 1 / (1 + np.exp(-4.0))), abs=1e-3)
+
+
 def test_the_first_frame_brings_a_point_back_after_it_was_hidden() -> None:
     field, other = texture(), texture(seed=9)
-    settings = PropagationSettings(temperature=0.05, radius=0, context=2)
+    settings = PropagationSettings(
+        temperature=0.05, top_k=5, radius=0, prior=0, context=2, first_weight=0.6
+    )
     carried = Propagator(frame(field, (0, 0)), POINTS, settings, 1.0)
     for _ in range(4):
         carried.step(frame(other, (0, 0)))

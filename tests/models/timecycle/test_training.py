@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
@@ -140,6 +141,15 @@ def test_a_run_is_a_folder_that_answers(tiny_episode: Path, tmp_path: Path) -> N
         load_matcher(run)
 
 
+def test_the_shipped_recipes_can_be_read() -> None:
+    configs = files("pliant.models") / "configs"
+    for name in ("timecycle", "timecycle-paper"):
+        read_settings(TimeCycleSettings, Path(str(configs / f"{name}.yaml")))
+    paper = read_settings(TimeCycleSettings, Path(str(configs / "timecycle-paper.yaml")))
+    assert (paper.patch_cells, paper.temperature) == (10, 512**-0.5)
+    assert (paper.optimiser.learning_rate, paper.optimiser.beta1) == (2e-4, 0.5)
+
+
 def stretches(root: Path) -> list[Stretch]:
     store = FrameStore(Dataset.open(root), "rope", "test", (96, 64))
     settings = TrackValidationSettings(split="test", clips=2, frames=4, queries=10)
@@ -185,7 +195,7 @@ def test_the_guard_says_what_is_not_beaten() -> None:
             "untrained": [3.0] * 5,
         }
     )
-    assert guard.verdict() == "The run does NOT beat identity after 1 frames."
+    assert guard.verdict() == "The run does NOT beat identity after 1 frame."
     assert guard.beats("identity", 5)
     better = Guard({**guard.curves, "trained": [0.5] * 5})
     assert better.verdict().startswith("The run beats identity, centroid and an untrained")
