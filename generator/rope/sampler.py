@@ -67,7 +67,7 @@ def sample_rope(
         raise MissingExtraError("making ropes", "generate") from error
 
     shape_rng = random_generator(seed, tier, split, index, stream="rope shape")
-    names = [name for name, weight in settings.shapes.items() if weight > 0]
+    names = sorted(name for name, weight in settings.shapes.items() if weight > 0)
     weights = np.array([settings.shapes[name] for name in names])
     shape = names[int(shape_rng.choice(len(names), p=weights / weights.sum()))]
     body = RopeBody(settings)

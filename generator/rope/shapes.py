@@ -59,7 +59,7 @@ def sample_variant(shape: str, settings: RopeSettings, rng: np.random.Generator)
         A knot; `tucked` or `plain` for a loop; `plain` for the others.
     """
     if shape == "knot":
-        names = [name for name, weight in settings.knots.items() if weight > 0]
+        names = sorted(name for name, weight in settings.knots.items() if weight > 0)
         weights = np.array([settings.knots[name] for name in names])
         return names[int(rng.choice(len(names), p=weights / weights.sum()))]
     return "tucked" if shape == "loop" and rng.random() < 0.5 else "plain"

@@ -79,3 +79,27 @@ def test_sequences_share_materials_and_another_set_has_others(tmp_path):
         first = Dataset.open(tmp_path / "seen").sequences[0]
         other = Dataset.open(tmp_path / "unseen").sequences[0]
         assert getattr(first, name)().equals(getattr(other, name)())
+
+
+def test_a_dataset_says_how_to_make_it_again(digests, tmp_path):
+    """From `provenance.config` alone, whatever order its keys were given in."""
+    import json
+
+    shapes = {"open": 1.0, "loop": 1.0, "knot": 1.0, "overlap": 1.0}
+    given = GenerateConfig(
+        tiers=("rope",),
+        splits={"test": 4},
+        width=64,
+        height=48,
+        style="raster",
+        seed=3,
+        rope={"shapes": shapes, "knots": {"figure-eight": 1.0, "overhand": 1.0}},
+    )
+    generate(given, tmp_path / "first")
+    document = json.loads((tmp_path / "first" / "dataset.json").read_text())
+    again = GenerateConfig.from_dict(document["provenance"]["config"])
+    generate(again, tmp_path / "again")
+    first, second = digests(tmp_path / "first"), digests(tmp_path / "again")
+    differing = {name for name in first if first[name] != second[name]}
+    assert first.keys() == second.keys()
+    assert differing <= {"dataset.json"}  # it holds the config as it was given
