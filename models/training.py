@@ -114,19 +114,17 @@ def make_optimiser(network: nn.Module, settings: OptimiserSettings) -> torch.opt
         settings: Which optimiser.
     """
     parameters = [p for p in network.parameters() if p.requires_grad]
+    muon = settings.kind == "muon"
+    matrices = [p for p in parameters if muon and is_matrix(p)]
+    weights = [p for p in parameters if p.dim() > 1 and not (muon and is_matrix(p))]
+    vectors = [p for p in parameters if p.dim() <= 1]
     groups = [
-        {
-            "params": [p for p in parameters if p.dim() > 1],
-            "weight_decay": settings.weight_decay,
-            "ratio": 1.0,
-        },
-        {"params": [p for p in parameters if p.dim() <= 1], "weight_decay": 0.0, "ratio": 1.0},
+        {"params": weights, "weight_decay": settings.weight_decay, "ratio": 1.0},
+        {"params": vectors, "weight_decay": 0.0, "ratio": 1.0},
     ]
     betas = (settings.beta1, 0.999)
-    if settings.kind == "adamw":
+    if not muon:
         return torch.optim.AdamW(groups, lr=settings.learning_rate, betas=betas)
-    matrices = [p for p in groups[0]["params"] if is_matrix(p)]
-    groups[0]["params"] = [p for p in groups[0]["params"] if not is_matrix(p)]
     ratio = settings.matrix_rate / settings.learning_rate
     groups.append({"params": matrices, "weight_decay": 0.0, "ratio": ratio, "muon": True})
     return Muon(groups, betas=betas)

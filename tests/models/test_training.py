@@ -62,10 +62,13 @@ def test_overfits_four_pairs(sheet_dataset: Dataset, tmp_path: Path) -> None:
     assert facts["validation"]["rmse_px"] < 1.5  # 3 is asked for
 
 
-def test_resumed_equals_uninterrupted(sheet_dataset: Dataset, tmp_path: Path) -> None:
+@pytest.mark.parametrize("optimiser", ["adamw", "muon"])
+def test_resumed_equals_uninterrupted(
+    sheet_dataset: Dataset, tmp_path: Path, optimiser: str
+) -> None:
     """Bit for bit: weights, running average, optimiser and history."""
     whole, parts = tmp_path / "whole", tmp_path / "parts"
-    settings = tiny()
+    settings = tiny(f"optimiser.kind={optimiser}")
     train_don(sheet_dataset, whole, settings)
     train_don(sheet_dataset, parts, settings, stop_at=3)
     assert read_checkpoint(latest_checkpoint(parts)).step == 3  # type: ignore[arg-type]

@@ -1,0 +1,122 @@
+"""Muon: a step that changes a layer equally in every direction, beside AdamW for the rest.
+
+The mean gradient G of a weight matrix is replaced by the nearest matrix with orthonormal rows or
+columns, U Vᵀ of its singular value decomposition, so that weak directions of the gradient move as
+far as the strong one. Small descriptor networks train in about two thirds of AdamW's steps. The
+orthogonal factor comes from five Newton-Schulz iterations X ← aX + (bA + cA²)X with A = XXᵀ, which
+send singular values of (0, 1] to about 1 (K. Jordan et al., "Muon: an optimizer for hidden layers
+in neural networks", 2024, whose coefficients these are).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Any, Final
+
+import torch
+
+_COEFFICIENTS: Final = (3.4445, -4.7750, 2.0315)
+_ITERATIONS: Final = 5
+_EPSILON: Final = 1e-7
+_LEAST_ROWS: Final = 16
+
+
+def is_matrix(parameter: torch.Tensor) -> bool:
+    """Return whether Muon is for this parameter: a layer's weights, no vector and no thin head."""
+    return parameter.dim() > 1 and parameter.shape[0] >= _LEAST_ROWS
+
+
+def orthogonalised(gradient: torch.Tensor) -> torch.Tensor:
+    """Return about U Vᵀ of a matrix: singular values of 0.7 to 1.2, the same singular vectors.
+
+    Args:
+        gradient: float (m, n).
+
+    Returns:
+        float (m, n), worked out in bfloat16.
+    """
+    a, b, c = _COEFFICIENTS
+    wide = gradient.shape[0] <= gradient.shape[1]
+    x = (gradient if wide else gradient.T).bfloat16()
+    x = x / (x.norm() + _EPSILON)  # the largest singular value is then at most 1
+    for _ in range(_ITERATIONS):
+        gram = x @ x.T
+        x = a * x + (b * gram + c * gram @ gram) @ x
+    return (x if wide else x.T).to(gradient.dtype)
+
+
+class Muon(torch.optim.Optimizer):
+    """Muon for the groups that say `muon`, AdamW for the others.
+
+    A convolution's weights (C_out, C_in, k, k) are the matrix (C_out, C_in k k); its step is
+    scaled by sqrt(max(1, rows / columns)), so that outputs change alike whatever the shape.
+
+    Args:
+        groups: Parameter groups with `lr`, `muon` (bool) and `weight_decay`.
+        betas: AdamW's.
+        momentum: Muon's, of Nesterov's kind.
+        eps: AdamW's.
+    """
+
+    def __init__(
+        self,
+        groups: Iterable[dict[str, Any]],
+        *,
+        betas: tuple[float, float] = (0.9, 0.999),
+        momentum: float = 0.95,
+        eps: float = 1e-8,
+    ) -> None:
+        super().__init__(
+            groups,
+            {
+                "lr": 1e-3,
+                "muon": False,
+                "weight_decay": 0.0,
+                "betas": betas,
+                "momentum": momentum,
+                "eps": eps,
+            },
+        )
+
+    @torch.no_grad()
+    def step(self, closure: Callable[[], float] | None = None) -> float | None:
+        """Move every parameter that has a gradient."""
+        loss = None
+        if closure is not None:
+            with torch.enable_grad():
+                loss = closure()
+        for group in self.param_groups:
+            for parameter in group["params"]:
+                if parameter.grad is None:
+                    continue
+                parameter.mul_(1 - group["lr"] * group["weight_decay"])
+                if group["muon"]:
+                    self._muon(parameter, group)
+                else:
+                    self._adam(parameter, group)
+        return loss
+
+    def _muon(self, parameter: torch.Tensor, group: dict[str, Any]) -> None:
+        state, gradient = self.state[parameter], parameter.grad
+        assert gradient is not None
+        mean = state.setdefault("mean", torch.zeros_like(parameter))
+        mean.lerp_(gradient, 1 - group["momentum"])
+        ahead = gradient.lerp(mean, group["momentum"]).flatten(1)
+        rows, columns = ahead.shape
+        size = group["lr"] * max(1.0, rows / columns) ** 0.5
+        parameter.add_(orthogonalised(ahead).view_as(parameter), alpha=-size)
+
+    def _adam(self, parameter: torch.Tensor, group: dict[str, Any]) -> None:
+        state, gradient = self.state[parameter], parameter.grad
+        assert gradient is not None
+        if not state:
+            state["step"] = torch.zeros(())
+            state["mean"] = torch.zeros_like(parameter)
+            state["square"] = torch.zeros_like(parameter)
+        state["step"] += 1
+        first, second = group["betas"]
+        state["mean"].lerp_(gradient, 1 - first)
+        state["square"].lerp_(gradient.square(), 1 - second)
+        step = float(state["step"])
+        spread = (state["square"] / (1 - second**step)).sqrt_().add_(group["eps"])
+        parameter.addcdiv_(state["mean"], spread, value=-group["lr"] / (1 - first**step))
