@@ -1,11 +1,13 @@
-"""Dense Object Nets on the rope tier: what a step costs beyond the network, and how well it does.
+"""Dense Object Nets on a tier: what a step costs beyond the network, and how well it does.
 
-Makes a rope dataset, trains with the shipped CPU recipe, answers the test split with the run and
-with SIFT, SURF and ORB, and scores all four by the `standard` protocol. `--quick` trains far too
-little to be good: its errors show that the pieces fit, not what the method can do.
+Makes a dataset in one material (unseen configurations, seen textures), trains with the shipped
+CPU recipe, answers the test split with the run and with SIFT, SURF and ORB, and scores all four by
+the `standard` protocol. `--quick` trains far too little to be good: its errors show that the pieces
+fit, not what the method can do.
 
-To use what exists: PLIANT_DON_DATA names a dataset with a rope tier, PLIANT_DON_RUN a finished
-run on it (otherwise it is trained, with PLIANT_DON_STEPS steps).
+The tier is rope, or PLIANT_DON_TIER. To use what exists: PLIANT_DON_DATA names a dataset with
+that tier, PLIANT_DON_RUN a finished run on it (otherwise it is trained, with PLIANT_DON_STEPS
+steps).
 
 overhead_ratio           CPU time of loader, network and loss, forward and backward, over that of
                          the network alone with a loss of one sum
@@ -42,10 +44,11 @@ from pliant.models.processes import Processes
 from pliant.models.settings import DonSettings, read_settings
 from pliant.spec.dataset import Dataset
 
-RECIPE = Path(__file__).parents[1] / "models" / "configs" / "don.yaml"
+CONFIGS = Path(__file__).parents[1] / "models" / "configs"
 CLASSICAL = ("sift", "surf", "orb")
 SMALL = {"train": 12, "val": 4, "test": 4}
-LARGE = {"train": 1800, "val": 50, "test": 60}
+LARGE = {"rope": {"train": 3000, "val": 40, "test": 60}}
+LARGE_CLOTH = {"train": 320, "val": 30, "test": 40}
 QUICK = [
     "steps=40",
     "batch=2",
@@ -87,24 +90,30 @@ def scored(dataset: Dataset, method: str, matcher: object, folder: Path) -> Scor
 
 def measure(quick: bool) -> dict[str, Value]:
     """Make, train, answer, score."""
+    tier = os.environ.get("PLIANT_DON_TIER", "rope")
+    recipe_file = CONFIGS / ("don.yaml" if tier == "rope" else "don-cloth.yaml")
     with tempfile.TemporaryDirectory() as folder:
         scratch = Path(folder)
         data = os.environ.get("PLIANT_DON_DATA")
         if data is None:
             config = GenerateConfig(
-                tiers=("rope",),
-                splits=SMALL if quick else LARGE,
+                tiers=(tier,),
+                splits=SMALL if quick else LARGE.get(tier, LARGE_CLOTH),
                 style="raster",
                 seed=11,
+                look={"materials": 1},
                 queries=QuerySettings(pairs_per_sequence=1 if quick else 4),
             )
             generate(config, scratch / "set", workers=1 if quick else 2)
             data = str(scratch / "set")
         dataset = Dataset.open(data)
         steps = os.environ.get("PLIANT_DON_STEPS")
-        overrides = ["tier=rope", *(QUICK if quick else [])] + ([f"steps={steps}"] if steps else [])
-        settings = with_tier(read_settings(DonSettings, RECIPE, overrides), dataset)
-        recipe = with_tier(read_settings(DonSettings, RECIPE, ["tier=rope", "limit=12"]), dataset)
+        overrides = [f"tier={tier}", *(QUICK if quick else [])] + (
+            [f"steps={steps}"] if steps else []
+        )
+        settings = with_tier(read_settings(DonSettings, recipe_file, overrides), dataset)
+        few = [f"tier={tier}", "limit=12"]
+        recipe = with_tier(read_settings(DonSettings, recipe_file, few), dataset)
         ratio = overhead_ratio(dataset, recipe, scratch / "timing", 3 if quick else 15)
         run = Path(os.environ.get("PLIANT_DON_RUN", scratch / "run"))
         started = time.process_time()

@@ -1,0 +1,76 @@
+"""Contrastive against distributional, side by side: the same data, network, steps and seeds.
+
+Both train with the shipped CPU recipe but for the loss (`--quick`: a few steps of a small network,
+one seed) and are validated on the same pairs of unseen ropes. PLIANT_DON_DATA names a dataset with
+a rope tier to use instead of making one, PLIANT_DON_STEPS the steps of a run.
+
+rmse_px_{LOSS}_seed_{S}   pooled RMSE on the validation pairs, of the best validation
+rmse_px_{LOSS}            mean over the seeds
+spread_px_{LOSS}          largest less smallest
+cpu_s_{LOSS}              CPU seconds of a run, mean over the seeds
+"""
+
+from __future__ import annotations
+
+import os
+
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+
+import tempfile
+import time
+from pathlib import Path
+
+from record import Value, main
+
+from pliant.generator.config import GenerateConfig
+from pliant.generator.runner import generate
+from pliant.models.don import train_don
+from pliant.models.settings import DonSettings, read_settings
+from pliant.spec.dataset import Dataset
+
+RECIPE = Path(__file__).parents[1] / "models" / "configs" / "don.yaml"
+LOSSES = {
+    "distributional": ["loss.kind=distributional"],
+    "contrastive": ["loss.kind=contrastive", "loss.margin=0.5"],
+}
+SMALL = ["batch=1", "network={widths: [16, 32, 64], global_blocks: 1, patch: 2}"]
+FEW = "validation={every: 10, pairs: 6, queries: 32, calibration_pairs: 2}"
+
+
+def measure(quick: bool) -> dict[str, Value]:
+    """Train every loss with every seed."""
+    steps = int(os.environ.get("PLIANT_DON_STEPS", "20" if quick else "400"))
+    seeds = (0,) if quick else (0, 1, 2)
+    record: dict[str, Value] = {"steps": steps, "seeds": len(seeds)}
+    with tempfile.TemporaryDirectory() as folder:
+        scratch = Path(folder)
+        data = os.environ.get("PLIANT_DON_DATA")
+        if data is None:
+            splits = {"train": 12, "val": 6} if quick else {"train": 1200, "val": 50}
+            config = GenerateConfig(
+                tiers=("rope",), splits=splits, style="raster", seed=11, look={"materials": 1}
+            )
+            generate(config, scratch / "set", workers=1 if quick else 2)
+            data = str(scratch / "set")
+        dataset = Dataset.open(data)
+        watch = FEW if quick else f"validation.every={max(1, steps // 4)}"
+        for loss, choice in LOSSES.items():
+            errors, spent = [], []
+            for seed in seeds:
+                overrides = ["tier=rope", f"seed={seed}", f"steps={steps}", watch, *choice]
+                settings = read_settings(
+                    DonSettings, RECIPE, [*overrides, *(SMALL if quick else [])]
+                )
+                started = time.process_time()
+                facts = train_don(dataset, scratch / f"{loss}-{seed}", settings)
+                spent.append(time.process_time() - started)
+                errors.append(facts["validation"]["rmse_px"])
+                record[f"rmse_px_{loss}_seed_{seed}"] = errors[-1]
+            record[f"rmse_px_{loss}"] = sum(errors) / len(errors)
+            record[f"spread_px_{loss}"] = max(errors) - min(errors)
+            record[f"cpu_s_{loss}"] = sum(spent) / len(spent)
+    return record
+
+
+if __name__ == "__main__":
+    main("don_losses", measure, __doc__)
