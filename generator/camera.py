@@ -29,6 +29,9 @@ _MIN_MARGIN: Final = 0.02
 _HEADROOM_M: Final = 0.06
 # How high an episode lifts things, about.
 
+_AZIMUTH_DEG: Final = {"rope": (-180.0, 180.0), "cloth": (-20.0, 20.0)}
+# With a cloth's own yaw of up to 20 degrees it stays within 45 of upright.
+
 _WORKSPACE_SHARE: Final = 0.8
 # Share of an episode's workspace that is framed: things rarely reach its rim.
 
@@ -132,7 +135,9 @@ class CameraSettings:
         top_tilt_deg: Angle of the top view against the vertical, degrees.
         top_roll_deg: Roll of the top view about its axis, degrees.
         oblique_elevation_deg: Height of the oblique camera above the table, degrees.
-        oblique_azimuth_deg: Where around the object it stands, degrees; 0 is the side -y.
+        oblique_azimuth_deg: Where around the object it stands, degrees; 0 is the side -y. None is
+            anywhere about a rope, and within 20 degrees for a cloth: a blank square looks the same
+            from four sides, and only how it lies in the image says which corner is which.
         oblique_roll_deg: Roll of the oblique view, degrees.
         distance_m: Distance from the object's middle in place of `fill`, or None.
     """
@@ -145,7 +150,7 @@ class CameraSettings:
     top_tilt_deg: tuple[float, float] = (0.0, 4.0)
     top_roll_deg: tuple[float, float] = (-12.0, 12.0)
     oblique_elevation_deg: tuple[float, float] = (42.0, 68.0)
-    oblique_azimuth_deg: tuple[float, float] = (-180.0, 180.0)
+    oblique_azimuth_deg: tuple[float, float] | None = None
     oblique_roll_deg: tuple[float, float] = (-4.0, 4.0)
     distance_m: tuple[float, float] | None = None
 
@@ -163,7 +168,8 @@ class CameraSettings:
         _check_range("top_tilt_deg", self.top_tilt_deg, 0.0, 30.0)
         _check_range("top_roll_deg", self.top_roll_deg, -180.0, 180.0)
         _check_range("oblique_elevation_deg", self.oblique_elevation_deg, 5.0, 90.0)
-        _check_range("oblique_azimuth_deg", self.oblique_azimuth_deg, -360.0, 360.0)
+        if self.oblique_azimuth_deg is not None:
+            _check_range("oblique_azimuth_deg", self.oblique_azimuth_deg, -360.0, 360.0)
         _check_range("oblique_roll_deg", self.oblique_roll_deg, -180.0, 180.0)
         if self.distance_m is not None:
             _check_range("distance_m", self.distance_m, CLEARANCE_M, 100.0)
@@ -211,7 +217,7 @@ def sample_camera(
         up = np.array([0.0, 1.0, 0.0])
     else:
         elevation = rng.uniform(*settings.oblique_elevation_deg)
-        turn = rng.uniform(*settings.oblique_azimuth_deg)
+        turn = rng.uniform(*(settings.oblique_azimuth_deg or _AZIMUTH_DEG[subject.kind]))
         roll = rng.uniform(*settings.oblique_roll_deg)
         up = np.array([0.0, 0.0, 1.0])
         if elevation > 89.0:

@@ -107,3 +107,22 @@ def test_a_camera_inside_or_too_near_the_object_is_refused(tube: Subject) -> Non
     far = CameraSettings(distance_m=(3.0, 3.0))
     camera = sample_camera(np.random.default_rng(0), tube, far, (64, 48))
     assert np.linalg.norm(camera.centre_m) == pytest.approx(3.0, abs=0.2)
+
+
+def test_a_cloth_is_seen_upright_and_a_rope_from_anywhere(tube: Subject, sheet: Subject) -> None:
+    """The side of the object that the camera sees first, as an angle about the vertical."""
+    settings = CameraSettings(top=0.0)
+
+    def azimuths(subject: Subject, given: CameraSettings) -> np.ndarray:
+        found = []
+        for seed in range(60):
+            camera = sample_camera(np.random.default_rng(seed), subject, given, (160, 120))
+            ahead = camera.world_to_camera[2, :3]  # the camera's z axis in the world
+            found.append(np.degrees(np.arctan2(-ahead[0], ahead[1])))
+        return np.abs(found)
+
+    assert azimuths(sheet, settings).max() <= 20.0 + 1e-6
+    assert azimuths(sheet, settings).max() > 15.0
+    assert azimuths(tube, settings).max() > 150.0
+    anywhere = CameraSettings(top=0.0, oblique_azimuth_deg=(-180.0, 180.0))
+    assert azimuths(sheet, anywhere).max() > 150.0
