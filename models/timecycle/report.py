@@ -97,13 +97,14 @@ def losses_png(history: Sequence[Mapping[str, float]]) -> bytes:
         axis.set(title=name, xlabel="step")
     rows = [row for row in history if "val/rmse_px" in row]
     listed = [name for name in rows[0] if name.startswith("val/rmse_px_")] if rows else []
-    for name in listed:
+    for name in sorted(listed, key=lambda name: int(name.rsplit("_", 1)[1])):
         label = f"after {name.rsplit('_', 1)[1]}"
         points = [row.get(name, float("nan")) for row in rows]
         axes[-1].plot([row["step"] for row in rows], points, marker=".", label=label)
     axes[-1].set(title="validation RMSE, px", xlabel="step", ylim=(0, None))
     if listed:
-        axes[-1].legend(frameon=False, fontsize=8, loc="center right")
+        axes[-1].set_ylim(0, 1.4 * axes[-1].get_ylim()[1])  # room for the legend
+        axes[-1].legend(frameon=False, fontsize=8, loc="upper center", ncols=2)
     return figure_png(figure)
 
 
