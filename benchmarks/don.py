@@ -39,7 +39,7 @@ from pliant.evaluator import Scores, evaluate
 from pliant.generator.config import GenerateConfig, QuerySettings
 from pliant.generator.runner import generate
 from pliant.models import load_matcher
-from pliant.models.don import DonTask, train_don, with_tier
+from pliant.models.don import DonTask, train_don
 from pliant.models.processes import Processes
 from pliant.models.settings import DonSettings, read_settings
 from pliant.spec.dataset import Dataset
@@ -111,9 +111,9 @@ def measure(quick: bool) -> dict[str, Value]:
         overrides = [f"tier={tier}", *(QUICK if quick else [])] + (
             [f"steps={steps}"] if steps else []
         )
-        settings = with_tier(read_settings(DonSettings, recipe_file, overrides), dataset)
+        settings = read_settings(DonSettings, recipe_file, overrides)
         few = [f"tier={tier}", "limit=12"]
-        recipe = with_tier(read_settings(DonSettings, recipe_file, few), dataset)
+        recipe = read_settings(DonSettings, recipe_file, few)
         ratio = overhead_ratio(dataset, recipe, scratch / "timing", 3 if quick else 15)
         run = Path(os.environ.get("PLIANT_DON_RUN", scratch / "run"))
         started = time.process_time()

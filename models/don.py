@@ -11,23 +11,22 @@ from pathlib import Path
 from typing import Any
 
 import torch
-import yaml
 from torch.utils.data import DataLoader
 
 from pliant.loaders import PairDataset, StepOrder
 from pliant.loaders.frame_store import FrameStore
 from pliant.loaders.views import INPUT_CHANNELS
 from pliant.models.calibration import calibrate
-from pliant.models.checkpoint import BEST, latest_checkpoint, read_weights_file
+from pliant.models.checkpoint import BEST, read_weights_file
 from pliant.models.don_loss import don_loss
-from pliant.models.matching import CALIBRATION, CONFIG, RUN_FACTS, DonMatcher
+from pliant.models.matching import CALIBRATION, RUN_FACTS, DonMatcher
 from pliant.models.networks import DescriptorNetwork, build_network
 from pliant.models.processes import Processes, joined_processes
-from pliant.models.settings import DonSettings, read_settings, settings_to_dict
+from pliant.models.run_folder import open_run, with_tier
+from pliant.models.settings import DonSettings
 from pliant.models.training import Batch, LoopSettings, Progress, train
 from pliant.models.validation import draw_validation_pairs, validate
 from pliant.spec.dataset import Dataset
-from pliant.spec.errors import CallError, TrainingError
 
 RESUMABLE = ("threads", "workers", "cache", "checkpoint_every", "answer")
 """Settings that may differ when a run goes on: they change no step."""
@@ -171,12 +170,12 @@ def train_don(
         CallError: The config does not fit the dataset, or the folder is in use.
         TrainingError: Nothing to resume, another config than it began with, or divergence.
     """
-    settings = with_tier(settings, dataset)
+    settings = replace(settings, tier=with_tier(settings.tier, dataset))
     if settings.threads:
         torch.set_num_threads(settings.threads)
     with joined_processes() as processes:
         if processes.first:
-            _open_run(run, settings, resume)
+            open_run(run, settings, resume, RESUMABLE)
         task = DonTask(dataset, settings, run, processes)
         loop = LoopSettings(
             steps=settings.steps,
@@ -210,55 +209,6 @@ def train_don(
 
             write_run_report(run, matcher, task.validation_pairs, state.history, facts)
     return facts
-
-
-def with_tier(settings: DonSettings, dataset: Dataset) -> DonSettings:
-    """Return the settings with their tier named.
-
-    Raises:
-        CallError: No tier is named and the dataset has several.
-    """
-    if settings.tier:
-        return settings
-    names = list(dataset.tiers)
-    if len(names) != 1:
-        raise CallError(
-            "name the tier to train on",
-            where="tier",
-            required="one of " + ", ".join(names),
-            fix=f"Add --set tier={names[0]}",
-        )
-    return replace(settings, tier=names[0])
-
-
-def _open_run(run: Path, settings: DonSettings, resume: bool) -> None:
-    """Make the run's folder, or check that it was begun with the same settings."""
-    if resume:
-        if latest_checkpoint(run) is None:
-            raise TrainingError(
-                "there is no checkpoint to resume", path=run, fix="Start it without --resume."
-            )
-        begun = settings_to_dict(read_settings(DonSettings, run / CONFIG))
-        wanted = settings_to_dict(settings)
-        for name, value in wanted.items():
-            if name not in RESUMABLE and begun[name] != value:
-                raise TrainingError(
-                    "a run goes on with the settings it began with",
-                    path=run / CONFIG,
-                    where=name,
-                    found=value,
-                    required=begun[name],
-                    fix="Leave --config and --set out, or start another run.",
-                )
-    elif run.exists() and (not run.is_dir() or any(run.iterdir())):
-        raise CallError(
-            "the folder of a new run must be empty",
-            path=run,
-            fix="Name another one, or go on with --resume.",
-        )
-    run.mkdir(parents=True, exist_ok=True)
-    text = yaml.safe_dump(settings_to_dict(settings), sort_keys=False)
-    (run / CONFIG).write_text(text, encoding="utf-8")
 
 
 def _facts(
