@@ -70,11 +70,12 @@ def don(
 ) -> None:
     """Train Dense Object Nets: a descriptor at every pixel, the same for the same point.
 
+    Without --config, the recipe shipped for the tier's kind is taken: two CPU cores, an hour or so.
     Several processes: `torchrun --nproc-per-node N --no-python pliant train don …`.
     With --resume and no settings of its own, a run goes on with those it began with.
     """
     try:
-        from pliant.models.don import train_don
+        from pliant.models.don import shipped_recipe, train_don
         from pliant.models.settings import DonSettings, read_settings
     except ImportError as error:
         raise MissingExtraError("training", "train") from error
@@ -84,6 +85,9 @@ def don(
     begun = out / "config.yaml"
     if resume and config_file is None and begun.is_file():
         config_file = begun
+    if config_file is None:
+        tier = read_settings(DonSettings, None, overrides).tier
+        config_file = shipped_recipe(dataset, tier)
     settings = read_settings(DonSettings, config_file, overrides)
     first = os.environ.get("RANK", "0") == "0"
     with (

@@ -27,9 +27,32 @@ from pliant.models.settings import DonSettings
 from pliant.models.training import Batch, LoopSettings, Progress, train
 from pliant.models.validation import draw_validation_pairs, validate
 from pliant.spec.dataset import Dataset
+from pliant.spec.errors import CallError
 
 RESUMABLE = ("threads", "workers", "cache", "checkpoint_every", "answer")
 """Settings that may differ when a run goes on: they change no step."""
+
+
+def shipped_recipe(dataset: Dataset, tier: str) -> Path:
+    """Return the shipped CPU recipe for a tier: one for ropes, one for cloths.
+
+    Args:
+        dataset: The dataset.
+        tier: Name of a tier; empty where the dataset has only one.
+
+    Raises:
+        CallError: No tier is named and the dataset has several, or there is none of that name.
+    """
+    tier = with_tier(tier, dataset)
+    if tier not in dataset.tiers:
+        raise CallError(
+            "the dataset has no such tier",
+            path=dataset.root,
+            found=repr(tier),
+            required="one of " + ", ".join(dataset.tiers),
+        )
+    kind = dataset.tiers[tier]["kind"]
+    return Path(__file__).parent / "configs" / ("don-cloth.yaml" if kind == "cloth" else "don.yaml")
 
 
 class DonTask:

@@ -5,7 +5,9 @@ from pathlib import Path
 import pytest
 import yaml
 
+from pliant.models.don import shipped_recipe
 from pliant.models.settings import DonSettings, LossSettings, read_settings, settings_to_dict
+from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
 
 
@@ -69,3 +71,17 @@ def test_the_target_narrows_over_the_first_half() -> None:
     loss = LossSettings(sigma_px=1.0, sigma_start_px=4.0)
     assert [loss.sigma_at(p) for p in (0.0, 0.25, 0.5, 1.0)] == pytest.approx([4.0, 2.0, 1.0, 1.0])
     assert LossSettings(sigma_px=1.5).sigma_at(0.1) == 1.5
+
+
+def test_a_cloth_is_trained_with_another_recipe_than_a_rope(tiny_dataset: Path) -> None:
+    """A rope may be turned any way; a blank cloth must lie as it lay, or no corner is told."""
+    dataset = Dataset.open(tiny_dataset)
+    rope = read_settings(DonSettings, shipped_recipe(dataset, "rope"))
+    cloth = read_settings(DonSettings, shipped_recipe(dataset, "cloth-1"))
+    assert rope.augment.rotate_deg == 180
+    assert cloth.augment.rotate_deg < 45
+    assert not cloth.loss.symmetric
+    with pytest.raises(CallError, match="name the tier"):
+        shipped_recipe(dataset, "")
+    with pytest.raises(CallError, match="no such tier"):
+        shipped_recipe(dataset, "sail")

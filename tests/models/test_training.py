@@ -199,6 +199,8 @@ def test_two_processes_equal_one_with_twice_the_batch(
     alone = tmp_path / "alone"
     train_don(sheet_dataset, alone, tiny(*common, "batch=2"))
     together = tmp_path / "together"
+    defaults = tmp_path / "defaults.yaml"  # not the shipped recipe
+    defaults.write_text("")
     overrides = [part for value in [*TINY, *common] for part in ("--set", value)]
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
@@ -219,6 +221,8 @@ def test_two_processes_equal_one_with_twice_the_batch(
             str(sheet_dataset.root),
             "--out",
             str(together),
+            "--config",
+            str(defaults),
             "--json",
             *overrides,
         ],
