@@ -23,8 +23,16 @@ SCRIPT = Path(__file__).with_name("standin.py")
 def start(out: Path) -> subprocess.Popen[bytes]:
     with out.with_suffix(".err").open("wb") as errors:
         return subprocess.Popen(
-            [sys.executable, str(SCRIPT), str(out), "2"], start_new_session=True, stderr=errors
+            [sys.executable, str(SCRIPT), str(out), "2"],
+            start_new_session=True,
+            stderr=errors,
+            preexec_fn=_heed_interrupts,
         )
+
+
+def _heed_interrupts() -> None:
+    """Undo what a shell does to its background jobs: they are started deaf to Ctrl-C."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def files(out: Path) -> int:
