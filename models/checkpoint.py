@@ -76,6 +76,31 @@ def read_weights_file(path: Path) -> Weights:
         ) from error
 
 
+def load_best(network: torch.nn.Module, run: Path) -> None:
+    """Give a network the weights that answer for a run.
+
+    Args:
+        network: Built by the run's config.
+        run: The run's folder.
+
+    Raises:
+        TrainingError: The run has no validated weights yet, or they are damaged or do not fit.
+    """
+    if not (run / BEST).is_file():
+        raise TrainingError(
+            "the run has no validated weights yet", path=run, fix="Train it longer first."
+        )
+    weights = read_weights_file(run / BEST)
+    try:
+        network.load_state_dict(weights)
+    except RuntimeError as error:
+        raise TrainingError(
+            "the weights do not fit the run's config",
+            path=run / BEST,
+            found=str(error).splitlines()[0],
+        ) from error
+
+
 def save_checkpoint(run: Path, state: TrainingState) -> Path:
     """Write a checkpoint and remove the ones before it.
 

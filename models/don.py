@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import platform
 from collections.abc import Iterable, Mapping
 from contextlib import nullcontext
 from dataclasses import asdict, replace
@@ -11,23 +9,21 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from torch.utils.data import DataLoader
 
-from pliant.loaders import PairDataset, StepOrder
-from pliant.loaders.frame_store import FrameStore
+from pliant.loaders import PairDataset
+from pliant.loaders.frame_store import FrameStore, named_tier
 from pliant.loaders.views import INPUT_CHANNELS
 from pliant.models.calibration import calibrate
-from pliant.models.checkpoint import BEST, read_weights_file
+from pliant.models.checkpoint import BEST, load_best
 from pliant.models.don_loss import don_loss
 from pliant.models.matching import CALIBRATION, RUN_FACTS, DonMatcher
 from pliant.models.networks import DescriptorNetwork, build_network
 from pliant.models.processes import Processes, joined_processes
-from pliant.models.run_folder import open_run, with_tier
+from pliant.models.run_folder import open_run, run_facts, with_tier, write_json
 from pliant.models.settings import DonSettings
-from pliant.models.training import Batch, LoopSettings, Progress, train
+from pliant.models.training import Batch, LoopSettings, Progress, step_batches, train
 from pliant.models.validation import draw_validation_pairs, validate
 from pliant.spec.dataset import Dataset
-from pliant.spec.errors import CallError
 
 RESUMABLE = ("threads", "workers", "cache", "checkpoint_every", "answer")
 """Settings that may differ when a run goes on: they change no step."""
@@ -43,15 +39,7 @@ def shipped_recipe(dataset: Dataset, tier: str) -> Path:
     Raises:
         CallError: No tier is named and the dataset has several, or there is none of that name.
     """
-    tier = with_tier(tier, dataset)
-    if tier not in dataset.tiers:
-        raise CallError(
-            "the dataset has no such tier",
-            path=dataset.root,
-            found=repr(tier),
-            required="one of " + ", ".join(dataset.tiers),
-        )
-    kind = dataset.tiers[tier]["kind"]
+    kind = named_tier(dataset, with_tier(tier, dataset))["kind"]
     return Path(__file__).parent / "configs" / ("don-cloth.yaml" if kind == "cloth" else "don.yaml")
 
 
@@ -100,22 +88,7 @@ class DonTask:
 
     def batches(self, start: int, stop: int) -> Iterable[Batch]:
         """Return the batches of steps start to stop - 1 for this process."""
-        order = StepOrder(
-            self.settings.batch,
-            start,
-            stop,
-            rank=self.processes.rank,
-            world=self.processes.world,
-        )
-        workers = self.settings.workers
-        return DataLoader(
-            self.pairs,
-            batch_sampler=order,
-            num_workers=workers,
-            pin_memory=self.processes.device.type == "cuda",
-            persistent_workers=False,
-            multiprocessing_context="spawn" if workers else None,
-        )
+        return step_batches(self.pairs, self.settings, self.processes, start, stop)
 
     def loss(
         self, batch: Batch, progress: float, generator: torch.Generator
@@ -200,13 +173,8 @@ def train_don(
         if processes.first:
             open_run(run, settings, resume, RESUMABLE)
         task = DonTask(dataset, settings, run, processes)
-        loop = LoopSettings(
-            steps=settings.steps,
-            seed=settings.seed,
-            checkpoint_every=settings.checkpoint_every,
-            validate_every=settings.validation.every,
-            patience=settings.validation.patience,
-        )
+        watched = settings.validation
+        loop = LoopSettings.of(settings, watched.every, watched.patience)
         state = train(
             task,
             run,
@@ -217,39 +185,22 @@ def train_don(
             progress=progress,
             stop_at=stop_at,
         )
-        facts = _facts(dataset, settings, state.step, processes)
+        facts = run_facts(dataset, settings, state.step, processes.world) | {
+            "loss": settings.loss.kind,
+            "network": settings.network.name,
+            "descriptor_dim": settings.network.descriptor_dim,
+        }
         if processes.first and (run / BEST).is_file():
-            task.network.load_state_dict(read_weights_file(run / BEST))
+            load_best(task.network, run)
             matcher = task.calibrated(facts)
             figures = validate(matcher, task.validation_pairs, dataset.size)
             facts["validation"] = figures
             calibration = matcher.calibration
             if calibration is not None:
-                _write_json(run / CALIBRATION, asdict(calibration))
+                write_json(run / CALIBRATION, asdict(calibration))
                 facts["calibration"] = dict(calibration.figures or {})
-            _write_json(run / RUN_FACTS, {k: v for k, v in facts.items() if k != "calibration"})
+            write_json(run / RUN_FACTS, {k: v for k, v in facts.items() if k != "calibration"})
             from pliant.models.run_report import write_run_report
 
             write_run_report(run, matcher, task.validation_pairs, state.history, facts)
     return facts
-
-
-def _facts(
-    dataset: Dataset, settings: DonSettings, steps: int, processes: Processes
-) -> dict[str, Any]:
-    return {
-        "dataset": {"id": dataset.id, "version": dataset.version},
-        "tier": settings.tier,
-        "split": settings.split,
-        "steps": steps,
-        "seed": settings.seed,
-        "processes": processes.world,
-        "loss": settings.loss.kind,
-        "network": settings.network.name,
-        "descriptor_dim": settings.network.descriptor_dim,
-        "python": platform.python_version(),
-    }
-
-
-def _write_json(path: Path, document: Mapping[str, Any]) -> None:
-    path.write_text(json.dumps(document, indent=1, sort_keys=True) + "\n", encoding="utf-8")

@@ -23,7 +23,7 @@ from pliant.loaders.views import (
     resize_rgb,
 )
 from pliant.models.candidates import pixel_grid
-from pliant.models.checkpoint import BEST, read_weights_file
+from pliant.models.checkpoint import load_best
 from pliant.models.decoding import decode_position, mixture_of_modes, spread_about
 from pliant.models.losses.distributional import log_probabilities
 from pliant.models.networks import DescriptorNetwork, build_network, sample_descriptors
@@ -299,21 +299,9 @@ def load_matcher(run: Path | str) -> DonMatcher:
     if not (run / CONFIG).is_file():
         raise CallError("this is no training run", path=run, required=f"a folder with {CONFIG}")
     settings = read_settings(DonSettings, run / CONFIG)
-    if not (run / BEST).is_file():
-        raise TrainingError(
-            "the run has no validated weights yet", path=run, fix="Train it longer first."
-        )
     network_settings = replace(settings.network, pretrained="")
     network = build_network(network_settings, INPUT_CHANNELS[settings.pairs.input])
-    weights = read_weights_file(run / BEST)
-    try:
-        network.load_state_dict(weights)
-    except RuntimeError as error:
-        raise TrainingError(
-            "the weights do not fit the run's config",
-            path=run / BEST,
-            found=str(error).splitlines()[0],
-        ) from error
+    load_best(network, run)
     facts = _read_json(run / RUN_FACTS) if (run / RUN_FACTS).is_file() else {}
     calibration = None
     if (run / CALIBRATION).is_file():

@@ -99,7 +99,9 @@ class Muon(torch.optim.Optimizer):
     def _muon(self, parameter: torch.Tensor, group: dict[str, Any]) -> None:
         state, gradient = self.state[parameter], parameter.grad
         assert gradient is not None
-        mean = state.setdefault("mean", torch.zeros_like(parameter))
+        if not state:
+            state["mean"] = torch.zeros_like(parameter)
+        mean = state["mean"]
         mean.lerp_(gradient, 1 - group["momentum"])
         ahead = gradient.lerp(mean, group["momentum"]).flatten(1)
         rows, columns = ahead.shape

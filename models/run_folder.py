@@ -1,7 +1,10 @@
-"""A run's folder: made for a new run, checked for one that goes on."""
+"""A run's folder: made for a new run, checked for one that goes on; what it says of itself."""
 
 from __future__ import annotations
 
+import json
+import platform
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +12,7 @@ import yaml
 
 from pliant.models.checkpoint import latest_checkpoint
 from pliant.models.matching import CONFIG
-from pliant.models.settings import read_settings, settings_to_dict
+from pliant.models.settings import RunSettings, read_settings, settings_to_dict
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, TrainingError
 
@@ -35,12 +38,12 @@ def with_tier(tier: str, dataset: Dataset) -> str:
     )
 
 
-def open_run(run: Path, settings: Any, resume: bool, free: tuple[str, ...]) -> None:
+def open_run(run: Path, settings: RunSettings, resume: bool, free: tuple[str, ...]) -> None:
     """Make a run's folder with its config, or check that it was begun with the same settings.
 
     Args:
         run: The folder.
-        settings: The run's settings, a dataclass.
+        settings: The run's settings.
         resume: Whether the run goes on.
         free: Settings that may differ then.
 
@@ -73,3 +76,30 @@ def open_run(run: Path, settings: Any, resume: bool, free: tuple[str, ...]) -> N
     run.mkdir(parents=True, exist_ok=True)
     text = yaml.safe_dump(settings_to_dict(settings), sort_keys=False)
     (run / CONFIG).write_text(text, encoding="utf-8")
+
+
+def run_facts(
+    dataset: Dataset, settings: RunSettings, steps: int, processes: int
+) -> dict[str, Any]:
+    """Return what `run.json` says of every run.
+
+    Args:
+        dataset: What it was trained on.
+        settings: Its settings.
+        steps: Steps done.
+        processes: Processes that trained together.
+    """
+    return {
+        "dataset": {"id": dataset.id, "version": dataset.version},
+        "tier": settings.tier,
+        "split": settings.split,
+        "steps": steps,
+        "seed": settings.seed,
+        "processes": processes,
+        "python": platform.python_version(),
+    }
+
+
+def write_json(path: Path, document: Mapping[str, Any]) -> None:
+    """Write one of a run's JSON files."""
+    path.write_text(json.dumps(document, indent=1, sort_keys=True) + "\n", encoding="utf-8")

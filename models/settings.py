@@ -192,14 +192,14 @@ class AnswerSettings:
 
 
 @dataclass(frozen=True)
-class DonSettings:
-    """A whole run of Dense Object Nets.
+class RunSettings:
+    """What every training run is told, whatever it trains.
 
     Attributes:
         tier: Tier to train on; empty where the dataset has only one.
         split: Split to train on.
         limit: Train on the first so many sequences only; 0 for all.
-        width: Width of the network's input, px.
+        width: Width that frames are brought to, px: the network's input.
         height: Its height.
         seed: Seed of weights, samples and draws.
         steps: Optimiser steps.
@@ -209,13 +209,6 @@ class DonSettings:
         workers: Loader processes; 0 loads in the training process.
         cache: Keep decoded frames in RUN/cache.
         checkpoint_every: Steps between checkpoints.
-        pairs: What a sample holds.
-        augment: What happens to training frames.
-        network: The network.
-        loss: The loss.
-        optimiser: The optimiser.
-        validation: How the run is watched.
-        answer: How the result answers.
     """
 
     tier: str = ""
@@ -231,6 +224,30 @@ class DonSettings:
     workers: int = 0
     cache: bool = True
     checkpoint_every: int = 250
+
+    def __post_init__(self) -> None:
+        for name in ("steps", "batch", "checkpoint_every"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name} must be >= 1")
+        for name in ("limit", "seed", "threads", "workers"):
+            if getattr(self, name) < 0:
+                raise ValueError(f"{name} must be >= 0")
+
+
+@dataclass(frozen=True)
+class DonSettings(RunSettings):
+    """A whole run of Dense Object Nets.
+
+    Attributes:
+        pairs: What a sample holds.
+        augment: What happens to training frames.
+        network: The network.
+        loss: The loss.
+        optimiser: The optimiser.
+        validation: How the run is watched.
+        answer: How the result answers.
+    """
+
     pairs: PairSettings = field(default_factory=PairSettings)
     augment: AugmentSettings = field(default_factory=AugmentSettings)
     network: NetworkSettings = field(default_factory=NetworkSettings)
@@ -243,12 +260,7 @@ class DonSettings:
         for name in ("width", "height"):
             if not 8 <= getattr(self, name) <= 8192:
                 raise ValueError(f"{name} must be 8 to 8192")
-        for name in ("steps", "batch", "checkpoint_every"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"{name} must be >= 1")
-        for name in ("limit", "seed", "threads", "workers"):
-            if getattr(self, name) < 0:
-                raise ValueError(f"{name} must be >= 0")
+        super().__post_init__()
         if self.loss.time_weight > 0 and self.pairs.pairing == "any":
             raise ValueError("loss.time_weight needs pairs.pairing 'sequence' or 'next'")
 

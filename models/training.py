@@ -17,7 +17,10 @@ from typing import Any, Protocol
 
 import torch
 from torch import nn
+from torch.utils.data import DataLoader
+from torch.utils.data import Dataset as TorchDataset
 
+from pliant.loaders import StepOrder
 from pliant.models.checkpoint import (
     BEST,
     TrainingState,
@@ -29,7 +32,7 @@ from pliant.models.checkpoint import (
 )
 from pliant.models.muon import Muon, is_matrix
 from pliant.models.processes import Processes, agree, average_gradients
-from pliant.models.settings import OptimiserSettings
+from pliant.models.settings import OptimiserSettings, RunSettings
 from pliant.spec.errors import TrainingError
 
 logger = logging.getLogger(__name__)
@@ -82,6 +85,43 @@ class LoopSettings:
     checkpoint_every: int
     validate_every: int
     patience: int
+
+    @classmethod
+    def of(cls, settings: RunSettings, validate_every: int, patience: int) -> LoopSettings:
+        """Return what a run's settings say of its loop."""
+        return cls(
+            steps=settings.steps,
+            seed=settings.seed,
+            checkpoint_every=settings.checkpoint_every,
+            validate_every=validate_every,
+            patience=patience,
+        )
+
+
+def step_batches(
+    samples: TorchDataset[Batch],
+    settings: RunSettings,
+    processes: Processes,
+    start: int,
+    stop: int,
+) -> DataLoader[Batch]:
+    """Return the batches of steps start to stop - 1 for a process.
+
+    Args:
+        samples: Sample number n depends on its seed and n alone.
+        settings: Batch and loader processes.
+        processes: Which process this is, and where it trains.
+        start: First step.
+        stop: Step after the last.
+    """
+    order = StepOrder(settings.batch, start, stop, rank=processes.rank, world=processes.world)
+    return DataLoader(
+        samples,
+        batch_sampler=order,
+        num_workers=settings.workers,
+        pin_memory=processes.device.type == "cuda",
+        multiprocessing_context="spawn" if settings.workers else None,
+    )
 
 
 def learning_rate(settings: OptimiserSettings, step: int, steps: int) -> float:

@@ -14,14 +14,13 @@ import torch
 from pliant.baselines.matcher import Answers, Heat, View
 from pliant.baselines.recent import Recent
 from pliant.loaders.views import input_channels, resize_mask, resize_rgb
-from pliant.models.checkpoint import BEST, read_weights_file
+from pliant.models.checkpoint import load_best
 from pliant.models.matching import CONFIG, RUN_FACTS
 from pliant.models.settings import read_settings
 from pliant.models.timecycle.encoder import STRIDE
 from pliant.models.timecycle.network import TimeCycleNetwork
 from pliant.models.timecycle.propagation import Propagator
 from pliant.models.timecycle.settings import TimeCycleSettings
-from pliant.spec.errors import TrainingError
 from pliant.spec.jsonfiles import read_json
 
 Float32 = npt.NDArray[np.float32]
@@ -145,19 +144,7 @@ def load_timecycle(run: Path) -> TimeCycleMatcher:
         TrainingError: The run has no validated weights yet, or they do not fit.
     """
     settings = read_settings(TimeCycleSettings, run / CONFIG)
-    if not (run / BEST).is_file():
-        raise TrainingError(
-            "the run has no validated weights yet", path=run, fix="Train it longer first."
-        )
     network = TimeCycleNetwork(replace(settings, encoder=replace(settings.encoder, pretrained="")))
-    weights = read_weights_file(run / BEST)
-    try:
-        network.load_state_dict(weights)
-    except RuntimeError as error:
-        raise TrainingError(
-            "the weights do not fit the run's config",
-            path=run / BEST,
-            found=str(error).splitlines()[0],
-        ) from error
+    load_best(network, run)
     facts = read_json(run / RUN_FACTS) if (run / RUN_FACTS).is_file() else {}
     return TimeCycleMatcher(network, settings, facts)

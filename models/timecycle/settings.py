@@ -7,7 +7,7 @@ from typing import Literal
 
 from pliant.loaders.augment import AugmentSettings
 from pliant.models.resnet import DEPTHS
-from pliant.models.settings import OptimiserSettings
+from pliant.models.settings import OptimiserSettings, RunSettings
 
 ENCODERS = ("small", *DEPTHS)
 
@@ -192,24 +192,11 @@ class TrackValidationSettings:
 
 
 @dataclass(frozen=True)
-class TimeCycleSettings:
+class TimeCycleSettings(RunSettings):
     """A whole run of TimeCycle.
 
     Attributes:
         kind: What the run is; `load_matcher` reads it.
-        tier: Tier to train on; empty where the dataset has only one.
-        split: Split to train on.
-        limit: Train on the first so many sequences only; 0 for all.
-        width: Width of a frame, px; frames are brought to it.
-        height: Its height.
-        seed: Seed of weights, clips and draws.
-        steps: Optimiser steps.
-        batch: Clips a step and process.
-        precision: `float32` or `bfloat16` (the encoder's forward and backward).
-        threads: CPU threads of torch; 0 leaves torch's own choice.
-        workers: Loader processes; 0 loads in the training process.
-        cache: Keep decoded frames in RUN/cache.
-        checkpoint_every: Steps between checkpoints.
         clips: What a clip is.
         augment: What happens to a clip, the same to all its frames.
         encoder: The encoder.
@@ -221,18 +208,10 @@ class TimeCycleSettings:
     """
 
     kind: Literal["timecycle"] = "timecycle"
-    tier: str = ""
-    split: str = "train"
-    limit: int = 0
     width: int = 320
     height: int = 240
-    seed: int = 0
     steps: int = 800
     batch: int = 4
-    precision: Literal["float32", "bfloat16"] = "float32"
-    threads: int = 0
-    workers: int = 0
-    cache: bool = True
     checkpoint_every: int = 100
     clips: ClipSettings = field(default_factory=ClipSettings)
     augment: AugmentSettings = field(default_factory=AugmentSettings)
@@ -247,12 +226,7 @@ class TimeCycleSettings:
         for name in ("width", "height"):
             if not 32 <= getattr(self, name) <= 4096 or getattr(self, name) % 8:
                 raise ValueError(f"{name} must be a multiple of 8 from 32 to 4096")
-        for name in ("steps", "batch", "checkpoint_every"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"{name} must be >= 1")
-        for name in ("limit", "seed", "threads", "workers"):
-            if getattr(self, name) < 0:
-                raise ValueError(f"{name} must be >= 0")
+        super().__post_init__()
         if self.losses.freeze and self.localiser.kind == "moments":
             raise ValueError("losses.freeze needs localiser.kind conv: moments learn nothing")
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import platform
 from collections.abc import Iterable, Mapping
 from contextlib import nullcontext
 from dataclasses import replace
@@ -12,14 +10,13 @@ from typing import Any
 
 import torch
 from torch.nn import functional
-from torch.utils.data import DataLoader
 
-from pliant.loaders import ClipDataset, StepOrder
+from pliant.loaders import ClipDataset
 from pliant.loaders.frame_store import FrameStore
-from pliant.models.checkpoint import BEST, read_weights_file
+from pliant.models.checkpoint import BEST, load_best
 from pliant.models.matching import RUN_FACTS
 from pliant.models.processes import Processes, joined_processes
-from pliant.models.run_folder import open_run, with_tier
+from pliant.models.run_folder import open_run, run_facts, with_tier, write_json
 from pliant.models.timecycle.cycles import cycle_losses, weighted_sum
 from pliant.models.timecycle.guard import Guard, compare_with_trivial
 from pliant.models.timecycle.matcher import TimeCycleMatcher
@@ -32,7 +29,7 @@ from pliant.models.timecycle.validation import (
     figures,
     track_with,
 )
-from pliant.models.training import Batch, LoopSettings, Progress, train
+from pliant.models.training import Batch, LoopSettings, Progress, step_batches, train
 from pliant.spec.dataset import Dataset
 
 RESUMABLE = ("threads", "workers", "cache", "checkpoint_every", "propagation")
@@ -77,21 +74,7 @@ class TimeCycleTask:
 
     def batches(self, start: int, stop: int) -> Iterable[Batch]:
         """Return the batches of steps start to stop - 1 for this process."""
-        order = StepOrder(
-            self.settings.batch,
-            start,
-            stop,
-            rank=self.processes.rank,
-            world=self.processes.world,
-        )
-        workers = self.settings.workers
-        return DataLoader(
-            self.clips,
-            batch_sampler=order,
-            num_workers=workers,
-            pin_memory=self.processes.device.type == "cuda",
-            multiprocessing_context="spawn" if workers else None,
-        )
+        return step_batches(self.clips, self.settings, self.processes, start, stop)
 
     def loss(
         self, batch: Batch, progress: float, generator: torch.Generator
@@ -190,13 +173,8 @@ def train_timecycle(
         if processes.first:
             open_run(run, settings, resume, RESUMABLE)
         task = TimeCycleTask(dataset, settings, run, processes)
-        loop = LoopSettings(
-            steps=settings.steps,
-            seed=settings.seed,
-            checkpoint_every=settings.checkpoint_every,
-            validate_every=settings.validation.every,
-            patience=settings.validation.patience,
-        )
+        watched = settings.validation
+        loop = LoopSettings.of(settings, watched.every, watched.patience)
         state = train(
             task,
             run,
@@ -207,25 +185,17 @@ def train_timecycle(
             progress=progress,
             stop_at=stop_at,
         )
-        facts: dict[str, Any] = {
-            "dataset": {"id": dataset.id, "version": dataset.version},
-            "tier": settings.tier,
-            "split": settings.split,
-            "steps": state.step,
-            "seed": settings.seed,
-            "processes": processes.world,
+        facts = run_facts(dataset, settings, state.step, processes.world) | {
             "encoder": settings.encoder.name,
             "descriptor_dim": settings.encoder.dim,
-            "python": platform.python_version(),
         }
         if processes.first and (run / BEST).is_file():
-            task.network.load_state_dict(read_weights_file(run / BEST))
+            load_best(task.network, run)
             matcher = task.matcher(facts)
             guard = task.guard(matcher)
             facts["validation"] = figures(errors_over_time(track_with(matcher), task.stretches))
             facts["guard"] = guard.as_dict()
-            text = json.dumps(facts, indent=1, sort_keys=True) + "\n"
-            (run / RUN_FACTS).write_text(text, encoding="utf-8")
+            write_json(run / RUN_FACTS, facts)
             from pliant.models.timecycle.report import write_timecycle_report
 
             write_timecycle_report(run, matcher, task.stretches, state.history, guard, facts)
