@@ -36,6 +36,27 @@ class FrameRef:
         return f"{self.sequence.id}/{self.frame}"
 
 
+def named_tier(dataset: Dataset, name: str) -> dict[str, Any]:
+    """Return what a dataset says of one of its tiers.
+
+    Args:
+        dataset: The dataset.
+        name: The tier's name.
+
+    Raises:
+        CallError: The dataset has no such tier.
+    """
+    if name not in dataset.tiers:
+        raise CallError(
+            "the dataset has no such tier",
+            path=dataset.root,
+            found=repr(name),
+            required="one of " + ", ".join(dataset.tiers),
+        )
+    tier: dict[str, Any] = dataset.tiers[name]
+    return tier
+
+
 class FrameStore:
     """All frames of one tier in one split, at one size.
 
@@ -61,13 +82,7 @@ class FrameStore:
         cache: Path | None = None,
         limit: int | None = None,
     ) -> None:
-        if tier not in dataset.tiers:
-            raise CallError(
-                "the dataset has no such tier",
-                path=dataset.root,
-                found=repr(tier),
-                required="one of " + ", ".join(dataset.tiers),
-            )
+        self.tier = named_tier(dataset, tier)
         sequences = [s for s in dataset.sequences if s.tier == tier and s.split == split][:limit]
         if not sequences:
             held = sorted({s.split for s in dataset.sequences if s.tier == tier})
@@ -76,7 +91,6 @@ class FrameStore:
                 path=dataset.root,
                 required=f"one of {held}",
             )
-        self.tier: dict[str, Any] = dataset.tiers[tier]
         self.size = size
         self.full_size = dataset.size
         self.frames = [FrameRef(s, f) for s in sequences for f in range(s.frames)]
