@@ -7,6 +7,7 @@ import os
 import signal
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -82,32 +83,18 @@ def don(
     from pliant.spec.dataset import Dataset
 
     dataset = Dataset.open(data)
-    begun = out / "config.yaml"
-    if resume and config_file is None and begun.is_file():
-        config_file = begun
+    config_file = config_file or _begun_config(out, resume)
     if config_file is None:
         tier = read_settings(DonSettings, None, overrides).tier
         config_file = shipped_recipe(dataset, tier)
     settings = read_settings(DonSettings, config_file, overrides)
-    first = os.environ.get("RANK", "0") == "0"
-    with (
-        _terminated_like_interrupted(out, shown=first),
-        _bar(settings.steps, shown=first) as progress,
-    ):
-        facts = train_don(dataset, out, settings, resume=resume, progress=progress)
-    if not first:
-        return
-    if as_json:
-        click.echo(json.dumps({"run": str(out), **facts}, indent=1, sort_keys=True))
-        return
-    figures = facts.get("validation", {})
-    click.echo(
-        f"{facts['steps']} steps; validation RMSE {figures.get('rmse_px', float('nan')):.1f} px "
-        f"pooled, {figures.get('rmse_px_mean_over_pairs', float('nan')):.1f} px mean over pairs, "
-        f"median {figures.get('median_px', float('nan')):.1f} px"
+    _train(
+        partial(train_don, dataset, out, settings, resume=resume),
+        settings.steps,
+        data,
+        out,
+        _don_figures if not as_json else None,
     )
-    click.echo(f"Report: {out / 'report.html'}")
-    click.echo(f"Answer with it: pliant predict {out} --data {data} --split test --out SUB.parquet")
 
 
 @command.command("timecycle")
@@ -134,28 +121,59 @@ def timecycle(
     from pliant.spec.dataset import Dataset
 
     dataset = Dataset.open(data)
-    begun = out / "config.yaml"
-    if resume and config_file is None and begun.is_file():
-        config_file = begun
+    config_file = config_file or _begun_config(out, resume)
     settings = read_settings(TimeCycleSettings, config_file, overrides)
+    _train(
+        partial(train_timecycle, dataset, out, settings, resume=resume),
+        settings.steps,
+        data,
+        out,
+        _timecycle_figures if not as_json else None,
+    )
+
+
+def _begun_config(out: Path, resume: bool) -> Path | None:
+    """Return the config that a run to resume began with, or None."""
+    begun = out / "config.yaml"
+    return begun if resume and begun.is_file() else None
+
+
+def _train(
+    train: Callable[..., dict[str, Any]],
+    steps: int,
+    data: Path,
+    out: Path,
+    tell: Callable[[Mapping[str, Any]], None] | None,
+) -> None:
+    """Train with a bar, then say what came of it: with `tell`, or all facts as JSON without."""
     first = os.environ.get("RANK", "0") == "0"
-    with (
-        _terminated_like_interrupted(out, shown=first),
-        _bar(settings.steps, shown=first) as progress,
-    ):
-        facts = train_timecycle(dataset, out, settings, resume=resume, progress=progress)
+    with _terminated_like_interrupted(out, shown=first), _bar(steps, shown=first) as progress:
+        facts = train(progress=progress)
     if not first:
         return
-    if as_json:
+    if tell is None:
         click.echo(json.dumps({"run": str(out), **facts}, indent=1, sort_keys=True))
         return
+    tell(facts)
+    click.echo(f"Report: {out / 'report.html'}")
+    click.echo(f"Answer with it: pliant predict {out} --data {data} --split test --out SUB.parquet")
+
+
+def _don_figures(facts: Mapping[str, Any]) -> None:
+    figures = facts.get("validation", {})
+    click.echo(
+        f"{facts['steps']} steps; validation RMSE {figures.get('rmse_px', float('nan')):.1f} px "
+        f"pooled, {figures.get('rmse_px_mean_over_pairs', float('nan')):.1f} px mean over pairs, "
+        f"median {figures.get('median_px', float('nan')):.1f} px"
+    )
+
+
+def _timecycle_figures(facts: Mapping[str, Any]) -> None:
     guard = facts.get("guard", {})
     for method, errors in guard.get("rmse_px_of_640", {}).items():
         listed = ", ".join(f"{value:.1f} after {frames}" for frames, value in errors.items())
         click.echo(f"{method:10} RMSE, px of 640, by frames since the query: {listed}")
     click.echo(guard.get("verdict", "The run has not been validated."))
-    click.echo(f"Report: {out / 'report.html'}")
-    click.echo(f"Answer with it: pliant predict {out} --data {data} --split test --out SUB.parquet")
 
 
 @contextmanager
