@@ -276,10 +276,10 @@ def _run(
     dataset: Dataset, matcher: Matcher, kind: Kind, pairs: Sequence[Pair], workers: int
 ) -> Iterator[list[_Result]]:
     """Yield the results of all pairs in order, a few pairs at a time."""
-    tracks = isinstance(matcher, TrackMatcher)
+    tasks = _tasks(matcher, pairs, 1 if workers == 1 else PAIRS_A_TASK)
     if workers == 1:
         worker = _Worker(dataset, matcher, kind)
-        for task in tasks_by_source(pairs) if tracks else ([pair] for pair in pairs):
+        for task in tasks:
             yield worker.run(task)
         return
     try:
@@ -289,10 +289,6 @@ def _run(
             f"the method {matcher.name!r} cannot be sent to worker processes ({error})",
             fix="Use one worker",
         ) from error
-    starts = range(0, len(pairs), PAIRS_A_TASK)
-    tasks: Sequence[Sequence[Pair]] = [pairs[start : start + PAIRS_A_TASK] for start in starts]
-    if tracks:
-        tasks = tasks_by_source(pairs)
     executor = ProcessPoolExecutor(
         workers,
         mp_context=multiprocessing.get_context("spawn"),
@@ -303,6 +299,13 @@ def _run(
         yield from executor.map(_run_in_process, tasks)
     finally:
         executor.shutdown(cancel_futures=True)
+
+
+def _tasks(matcher: Matcher, pairs: Sequence[Pair], most: int) -> Sequence[Sequence[Pair]]:
+    """Return what is answered at a time: so many pairs, or those a `TrackMatcher` carries on."""
+    if isinstance(matcher, TrackMatcher):
+        return tasks_by_source(pairs)
+    return [pairs[start : start + most] for start in range(0, len(pairs), most)]
 
 
 def _check_answers(answers: Answers, count: int, method: str, where: str) -> None:
