@@ -54,8 +54,8 @@ def command(
 ) -> None:
     """Find a pixel of one picture in another, and draw match, heat map and confidence.
 
-    METHOD is sift, surf, orb, identity, random, centroid, or the folder of a training run.
-    Without --mask-target the whole target is searched.
+    METHOD is sift, surf, orb, identity, random, centroid, a shipped model (don-rope, don-cloth),
+    or the folder of a training run. Without --mask-target the whole target is searched.
     """
     from pliant.baselines.match_figure import check_figure_path, draw_match, match_photo
     from pliant.baselines.matcher import SplitMatcher

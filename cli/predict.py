@@ -50,8 +50,8 @@ def command(
     """Answer the queries of a dataset and write a submission.
 
     METHOD is sift, surf, orb (dense descriptors on the target's object; --kind matches for
-    their own keypoints), a control (identity, random, centroid, oracle), or the folder of a
-    training run.
+    their own keypoints), a control (identity, random, centroid, oracle), a shipped model
+    (don-rope, don-cloth), or the folder of a training run.
     """
     from rich.console import Console
     from rich.progress import (

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 from PIL import Image
@@ -59,8 +58,7 @@ def test_run_folder_is_a_method(
         asked.append(folder)
         return Identity()
 
-    models = SimpleNamespace(load_matcher=load_matcher)
-    monkeypatch.setitem(sys.modules, "pliant.models", models)  # type: ignore[arg-type]
+    monkeypatch.setattr("pliant.models.load_matcher", load_matcher)
     out = tmp_path / "run.parquet"
     code, _, _ = outcome(capsys, "predict", tmp_path, "--data", cards_root, "--out", out)
     assert (code, asked) == (0, [tmp_path])

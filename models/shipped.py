@@ -1,0 +1,53 @@
+"""Trained models that come with the package: small runs, by name.
+
+`models/shipped/NAME/` is a run's folder with what answering needs (`pliant.models.shipping`
+makes it). Listing the names needs no torch.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from pliant.spec.errors import CallError
+
+if TYPE_CHECKING:
+    from pliant.models.matching import DonMatcher
+    from pliant.models.timecycle.matcher import TimeCycleMatcher
+
+FOLDER: Final = Path(__file__).parent / "shipped"
+"""Where the models lie."""
+
+CARD: Final = "CARD.md"
+"""A shipped model's card; a folder without one is none."""
+
+
+def shipped_names(folder: Path | None = None) -> tuple[str, ...]:
+    """Return the names of the shipped models, sorted.
+
+    Args:
+        folder: Where they lie; None is `FOLDER`.
+    """
+    return tuple(sorted(path.parent.name for path in (folder or FOLDER).glob(f"*/{CARD}")))
+
+
+def load_shipped(name: str, folder: Path | None = None) -> DonMatcher | TimeCycleMatcher:
+    """Return the matcher of a shipped model; it bears the model's name.
+
+    Args:
+        name: One of `shipped_names`.
+        folder: Where they lie; None is `FOLDER`.
+
+    Raises:
+        CallError: There is no such model.
+        MissingExtraError: torch is not installed.
+        TrainingError: Its folder is damaged.
+    """
+    from pliant.models import load_matcher
+
+    names = shipped_names(folder)
+    if name not in names:
+        raise CallError(f"no model {name!r} is shipped", required=", ".join(names) or None)
+    matcher = load_matcher((folder or FOLDER) / name)
+    matcher.name = name
+    return matcher
