@@ -127,7 +127,7 @@ def build_network(
     if settings.pretrained:
         from pliant.models.pretrained import load_pretrained
 
-        loaded = load_pretrained(network.backbone, settings.pretrained)
+        loaded = load_pretrained(network.backbone, settings.pretrained, network.log_scale)
         if loaded == 0:
             raise CallError(
                 "none of the pretrained weights fits this network",

@@ -15,7 +15,7 @@ from pliant.spec.errors import CallError
 logger = logging.getLogger(__name__)
 
 
-def load_pretrained(backbone: nn.Module, source: str) -> int:
+def load_pretrained(backbone: nn.Module, source: str, log_scale: nn.Parameter | None = None) -> int:
     """Load what fits of some weights into a network.
 
     A tensor fits if name and shape agree. The first convolution of an RGB network also fits
@@ -23,10 +23,13 @@ def load_pretrained(backbone: nn.Module, source: str) -> int:
 
     Args:
         backbone: The network, changed in place.
-        source: As `NetworkSettings.pretrained` describes.
+        source: As `NetworkSettings.pretrained` describes. Weights of a run of Dense Object Nets
+            (`RUN/best.safetensors`) are such weights too.
+        log_scale: The logarithm of the inverse temperature, changed in place where the weights
+            hold one: a run goes on with the scale that another has learned.
 
     Returns:
-        How many tensors were loaded.
+        How many tensors of the backbone were loaded.
 
     Raises:
         CallError: The source is missing or unreadable.
@@ -44,6 +47,10 @@ def load_pretrained(backbone: nn.Module, source: str) -> int:
             grey = given.mean(dim=1, keepdim=True)
             fitting[name] = torch.cat([given, grey], dim=1) if tensor.shape[1] == 4 else grey
     backbone.load_state_dict(fitting, strict=False)
+    learned = weights.get("log_scale")
+    if log_scale is not None and learned is not None and learned.shape == log_scale.shape:
+        with torch.no_grad():
+            log_scale.copy_(learned)
     logger.info("%d of %d tensors from %s", len(fitting), len(own), source)
     return len(fitting)
 

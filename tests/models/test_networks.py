@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -165,3 +166,16 @@ def test_scale_is_positive_and_learned_only_if_asked() -> None:
     assert learned.log_scale.requires_grad
     assert not fixed.log_scale.requires_grad
     assert np.isfinite(float(fixed.scale.detach()))
+
+
+def test_a_run_goes_on_from_the_weights_and_the_scale_of_another(tmp_path: Path) -> None:
+    settings = NetworkSettings(widths=(8, 16, 32))
+    torch.manual_seed(1)
+    earlier = build_network(settings, 3, initial_scale=2.5)
+    save_file(earlier.state_dict(), tmp_path / "best.safetensors")
+    torch.manual_seed(2)
+    source = str(tmp_path / "best.safetensors")
+    later = build_network(replace(settings, pretrained=source), 3, initial_scale=1.0)
+    image = torch.rand(1, 3, 32, 32)
+    assert torch.equal(later(image), earlier(image))
+    assert later.scale.item() == pytest.approx(2.5)
