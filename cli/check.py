@@ -40,7 +40,8 @@ def command(submission: Path, data: Path, allow_missing: bool, as_json: bool) ->
         for issue in issues:
             click.echo(str(issue))
         counts = ", ".join(f"{code} {count:,}" for code, count in problems.totals.items())
-        click.echo(f"{submission}: {problems.total:,} problems ({counts}).")
+        noun = "problem" if problems.total == 1 else "problems"
+        click.echo(f"{submission}: {problems.total:,} {noun} ({counts}).")
     else:
         click.echo(f"{submission}: nothing is wrong; it can be scored.")
     return 1 if issues else 0

@@ -51,7 +51,10 @@ def command(reports: tuple[Path, ...], metrics: tuple[str, ...], as_json: bool) 
         click.echo(json.dumps(document, indent=1))
         return 0
     last = ("", "")
+    one_tier = len({item.group for item in found} - {"overall"}) == 1
     for item in found:
+        if one_tier and item.group != "overall":
+            continue  # the same figures once more
         _, unit, _ = about(item.metric, protocol)
         if (item.metric, item.group) != last:
             last = (item.metric, item.group)

@@ -96,7 +96,8 @@ def _print(scores: Scores, out: Path | None) -> None:
     )
     if document["coverage"] < 1:
         click.echo(f"Coverage: {document['coverage'] * 100:.2f} %")
-    groups = {"overall": scores.overall, **scores.tiers}
+    # Of one tier, the whole and the tier are the same figures.
+    groups = {"overall": scores.overall} | (scores.tiers if len(scores.tiers) > 1 else {})
     width = max(len(name) for name in groups)
     for metric in document["headline"]:
         _, unit, _ = about(metric, document["protocol"])

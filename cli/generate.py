@@ -36,7 +36,9 @@ if TYPE_CHECKING:
 )
 @click.option("--size", metavar="WxH", help="Image size in pixels.  [default: 640x480]")
 @click.option("--seed", type=int, help="Seed of everything.  [default: 0]")
-@click.option("--style", metavar="fast|photo|raster", help="How to render.  [default: fast]")
+@click.option(
+    "--style", metavar="fast|photo|raster|real-depth", help="How to render.  [default: fast]"
+)
 @click.option(
     "--noise", is_flag=True, default=None, help="Add camera noise (strengths: --set noise.…)."
 )
@@ -250,7 +252,8 @@ def _bar(out: Path, workers: int) -> Iterator[Any]:
             plan = state.plan
             sentence = f"{out}: {len(plan.missing)} of {len(plan.tasks)} sequences to make"
             console.print(
-                f"{sentence}, {state.frames_wanted:,} images, {workers} workers; log {state.log}",
+                f"{sentence}, {state.frames_wanted:,} images, {workers} "
+                f"{'worker' if workers == 1 else 'workers'}; log {state.log}",
                 highlight=False,
                 soft_wrap=True,
             )

@@ -58,7 +58,7 @@ def describe(dataset: Dataset) -> dict[str, Any]:
                 "shapes": dict(Counter(each for each in rows["shape"].to_pylist() if each)),
                 "styles": sorted(set(rows["style"].to_pylist())),
                 "coverage": _spread(rows["coverage"]),
-                "self_occluded": _spread(rows["self_occluded"]),
+                "self_occluded": _spread(_told(rows, dataset)["self_occluded"]),
             }
         )
     queries = {}
@@ -83,6 +83,15 @@ def describe(dataset: Dataset) -> dict[str, Any]:
     }
 
 
+def _told(rows: Any, dataset: Dataset) -> Any:
+    """Return the rows that tell how occluded they are: held-out ones hold a 0 in its place."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    held_out = pa.array(dataset.held_out, pa.string())
+    return rows.filter(pc.invert(pc.is_in(rows["split"], value_set=held_out)))
+
+
 def _spread(column: Any) -> dict[str, float] | None:
     import pyarrow.compute as pc
 
@@ -104,14 +113,16 @@ def _print(document: dict[str, Any]) -> None:
         f"{document['id']} {document['version']}, specification {document['spec_version']}, "
         f"{document['licence']}, {size['width']}x{size['height']} px\n"
         f"{document['sequences']:,} sequences, {document['frames']:,} frames; made by "
-        f"{document['generator']}, seed {document['seed']}"
+        f"{document['generator']}, "
+        f"{'no seed told' if document['seed'] is None else 'seed ' + str(document['seed'])}"
     )
     table = Table()
-    for name in ("tier", "sequences", "frames", "shapes", "coverage", "self-occluded"):
-        table.add_column(name, justify="right" if name == "frames" else "left")
-    table.add_column("symmetries")
+    heads = ("tier", "sequences", "frames", "shapes", "coverage", "self-\noccluded", "symmetries")
+    for name in heads:  # their words stay whole on 80 columns
+        width = max(map(len, name.splitlines()))
+        table.add_column(name, justify="right" if name == "frames" else "left", min_width=width)
     for tier in document["tiers"]:
-        episodes = f" ({tier['episodes']} episodes)" if tier["episodes"] else ""
+        episodes = f"\n({tier['episodes']} episodes)" if tier["episodes"] else ""
         table.add_row(
             tier["name"],
             _counts(tier["sequences"]) + episodes,
@@ -131,7 +142,7 @@ def _print(document: dict[str, Any]) -> None:
 
 
 def _counts(counts: dict[str, int]) -> str:
-    return ", ".join(f"{name} {count}" for name, count in counts.items())
+    return "\n".join(f"{name} {count}" for name, count in counts.items())
 
 
 def _mean(values: dict[str, float] | None) -> str:

@@ -88,7 +88,7 @@ def command(
     if as_json:
         click.echo(json.dumps(published.as_dict(), indent=1))
     else:
-        _print(published)
+        _print(published, out, private or Path(f"{out}-private"))
     for text in published.warnings:
         click.echo(f"Warning: {text}.", err=True)
     return 0
@@ -162,11 +162,12 @@ def _terminated_like_interrupted() -> Iterator[None]:
         signal.signal(signal.SIGTERM, before)
 
 
-def _print(published: Published) -> None:
+def _print(published: Published, public: Path, private: Path) -> None:
+    """Print the result, its folders under the names they were asked for by."""
     click.echo(
-        f"{published.public}: {published.sequences:,} sequences, {published.frames:,} frames, "
+        f"{public}: {published.sequences:,} sequences, {published.frames:,} frames, "
         f"{published.shards} shards, {published.bytes / 1e6:,.1f} MB; "
         f"SHA256SUMS {published.checksums_sha256[:16]}…"
     )
     if published.private is not None:
-        click.echo(f"{published.private}: the answers. Keep this folder to yourself.")
+        click.echo(f"{private}: the answers. Keep this folder to yourself.")

@@ -53,6 +53,15 @@ def test_import_page(
     assert [run(command) for command in called] == [0, 0, 0, 0], capsys.readouterr()
     scores = json.loads(Path("report/scores.json").read_text())
     assert scores["overall"]["rmse_px"] == 5  # 3 px to the right and 4 px down, both ways
+    # One tier: its figures are those overall, and are not said twice.
+    shown = capsys.readouterr().out.splitlines()
+    assert [line.split() for line in shown if line.startswith("  RMSE (px)")] == [
+        ["RMSE", "(px)", "overall", "5.00"]
+    ]
+    shutil.copytree("report", "again")
+    assert run(["compare", "report", "again"]) == 0
+    shown = capsys.readouterr().out.splitlines()
+    assert [line for line in shown if line.startswith("RMSE (px)")] == ["RMSE (px), overall"]
 
 
 def test_documented_result_has_the_form_of_evalai() -> None:
