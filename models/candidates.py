@@ -82,9 +82,12 @@ def object_and_background(
     count = min(int(flat.sum(dim=1).max()) + background, height * width)
     draw = torch.rand(flat.shape, generator=generator, device=flat.device)
     # Object pixels have priority 2, the others a random one below 1.
-    chosen = torch.where(flat, 2.0, draw).topk(max(count, 1), dim=1).indices  # (N, M)
+    order = torch.where(flat, 2.0, draw).topk(max(count, 1), dim=1, sorted=False)
+    chosen = order.indices  # (N, M)
     grid = pixel_grid(height, width, 1, descriptors.device)
-    rows = descriptors.flatten(2).transpose(1, 2)
-    index = chosen[..., None].expand(-1, -1, rows.shape[-1])
+    # Whole rows of one long table: much faster than a gather of each value by itself.
+    rows = descriptors.permute(0, 2, 3, 1).reshape(-1, descriptors.shape[1])  # (N h w, D)
+    offset = torch.arange(len(flat), device=flat.device)[:, None] * flat.shape[1]
+    picked = rows.index_select(0, (chosen + offset).flatten()).view(*chosen.shape, -1)
     on_object = flat.gather(1, chosen)
-    return Candidates(rows.gather(1, index), grid[chosen], torch.ones_like(on_object), on_object)
+    return Candidates(picked, grid[chosen], torch.ones_like(on_object), on_object)

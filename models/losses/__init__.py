@@ -1,7 +1,7 @@
 """The losses of Dense Object Nets, each alone in its module with its formula."""
 
 from pliant.models.losses.contrastive import contrastive_loss, draw_non_matches
-from pliant.models.losses.distributional import distributional_loss, gaussian_log_target
+from pliant.models.losses.distributional import distributional_loss, gaussian_target
 from pliant.models.losses.lipschitz_space import lipschitz_space_loss
 from pliant.models.losses.lipschitz_time import lipschitz_time_loss
 
@@ -9,7 +9,7 @@ __all__ = [
     "contrastive_loss",
     "distributional_loss",
     "draw_non_matches",
-    "gaussian_log_target",
+    "gaussian_target",
     "lipschitz_space_loss",
     "lipschitz_time_loss",
 ]

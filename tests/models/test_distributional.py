@@ -6,10 +6,11 @@ import pytest
 import torch
 
 from pliant.models.candidates import all_bins, object_and_background, pixel_grid
+from pliant.models.losses import distributional
 from pliant.models.losses.distributional import (
     Direction,
     distributional_loss,
-    gaussian_log_target,
+    gaussian_target,
     log_probabilities,
 )
 
@@ -21,21 +22,21 @@ ONE = torch.tensor(1.0, dtype=D)
 
 def test_target_by_hand() -> None:
     """Three pixels in a row, truth on the middle one, sigma 1: weights e^-0.5, 1, e^-0.5."""
-    log_q = gaussian_log_target(
+    q = gaussian_target(
         LINE, ALL, torch.tensor([[[[1.5, 0.5]]]], dtype=D), torch.tensor([[[True]]]), 1.0
     )
     side = math.exp(-0.5)
     expected = torch.tensor([side, 1.0, side], dtype=D) / (1 + 2 * side)
-    torch.testing.assert_close(log_q[0, 0].exp(), expected)
+    torch.testing.assert_close(q[0, 0], expected)
 
 
 def test_target_has_no_mass_off_the_object() -> None:
     on = torch.tensor([[True, True, False]])
-    log_q = gaussian_log_target(
+    q = gaussian_target(
         LINE, on, torch.tensor([[[[1.5, 0.5]]]], dtype=D), torch.tensor([[[True]]]), 1.0
     )
-    assert float(log_q[0, 0].exp()[2]) == 0.0
-    assert float(log_q[0, 0].exp().sum()) == pytest.approx(1.0)
+    assert float(q[0, 0][2]) == 0.0
+    assert float(q[0, 0].sum()) == pytest.approx(1.0)
 
 
 def test_modes_have_equal_mass_even_at_an_edge() -> None:
@@ -44,11 +45,11 @@ def test_modes_have_equal_mass_even_at_an_edge() -> None:
     on = torch.ones(1, 1200, dtype=torch.bool)
     targets = torch.tensor([[[[0.5, 10.5], [40.5, 10.5]]]], dtype=D)
     valid = torch.tensor([[[True, True]]])
-    q = gaussian_log_target(grid, on, targets, valid, 2.0)[0, 0].exp()
+    q = gaussian_target(grid, on, targets, valid, 2.0)[0, 0]
     left = float(q[grid[0, :, 0] < 20].sum())
     assert left == pytest.approx(0.5, abs=1e-9)
-    one = gaussian_log_target(grid, on, targets, torch.tensor([[[True, False]]]), 2.0)
-    assert float(one.exp()[0, 0][grid[0, :, 0] < 20].sum()) == pytest.approx(1.0)
+    one = gaussian_target(grid, on, targets, torch.tensor([[[True, False]]]), 2.0)
+    assert float(one[0, 0][grid[0, :, 0] < 20].sum()) == pytest.approx(1.0)
 
 
 def test_pixels_are_numbered_row_by_row() -> None:
@@ -190,6 +191,34 @@ def test_chunks_add_up(direction: Direction, chunk: int) -> None:
         results.append((loss, *torch.autograd.grad(loss, leaves)))
     for whole, parts in zip(*results, strict=True):
         torch.testing.assert_close(whole, parts)
+
+
+def test_pieces_of_a_cache_add_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pieces of two queries, of an odd number, give what one piece an image gives."""
+    inputs = random_case(4)
+    leaves = (inputs["query"], inputs["candidates"], inputs["scale"])
+    results = []
+    for cached in (1 << 18, 22):
+        monkeypatch.setattr(distributional, "_CACHED", cached)
+        loss = distributional_loss(**inputs, sigma_px=2.0)  # type: ignore[arg-type]
+        results.append((loss, *torch.autograd.grad(loss, leaves)))
+    for whole, parts in zip(*results, strict=True):
+        torch.testing.assert_close(whole, parts)
+
+
+@pytest.mark.parametrize("direction", ["forward", "reverse"])
+def test_a_target_far_off_the_object_stays_finite(direction: Direction) -> None:
+    """In float32, with the truth 500 px away: q is what lies nearest, and the loss a number."""
+    inputs = {
+        name: value.detach().float() if value.is_floating_point() else value
+        for name, value in random_case(5).items()
+    }
+    inputs["target_uv_px"] = inputs["target_uv_px"] + 500
+    inputs["query"].requires_grad_()
+    loss = distributional_loss(**inputs, sigma_px=1.0, direction=direction)  # type: ignore[arg-type]
+    (gradient,) = torch.autograd.grad(loss, inputs["query"])
+    assert math.isfinite(float(loss.detach()))
+    assert bool(gradient.isfinite().all())
 
 
 def test_padding_is_no_matter() -> None:
