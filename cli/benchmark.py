@@ -1,0 +1,152 @@
+"""`pliant benchmark`: a reference benchmark from its config to its table."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import click
+
+from pliant.spec.errors import MissingExtraError
+
+_TITLES = {"generate": "Making sets", "train": "Training", "answer": "Answering and scoring"}
+
+
+@click.command()
+@click.argument("config_file", metavar="CONFIG", type=click.Path(path_type=Path))
+@click.option(
+    "--out", required=True, metavar="DIR", type=click.Path(path_type=Path), help="Its folder."
+)
+@click.option("--resume", is_flag=True, help="Go on with a benchmark that was begun in DIR.")
+@click.option(
+    "--workers",
+    type=click.IntRange(min=1),
+    metavar="N",
+    help="Processes at a time; default: one a CPU core, and one a GPU where there are GPUs.",
+)
+@click.option(
+    "--until",
+    type=click.Choice(["generate", "train", "answer"]),
+    default="answer",
+    show_default=True,
+    help="Last stage to do; the table holds what is scored by then.",
+)
+@click.option(
+    "--page",
+    metavar="FILE.md",
+    type=click.Path(path_type=Path),
+    help="Also write the results page there, its figures into pictures/ beside it.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print table.json on stdout.")
+def command(
+    config_file: Path,
+    out: Path,
+    resume: bool,
+    workers: int | None,
+    until: str,
+    page: Path | None,
+    as_json: bool,
+) -> int:
+    """Make a reference benchmark: generate, train, answer, evaluate, and write the table.
+
+    CONFIG is benchmarks/pliant-v1.yaml, benchmarks/pliant-v1-mini.yaml or one like them. DIR gets
+    sets/, runs/, answers/, scores/, figures/, checksums.json, table.json and results.md. Every
+    stage can be interrupted and goes on with --resume. Exit code 1 where the test queries are
+    not the frozen ones.
+    """
+    from pliant.benchmarks.reference.config import read_config
+
+    config = read_config(config_file)
+    try:
+        from pliant.benchmarks.reference.results import write_results
+        from pliant.benchmarks.reference.run import run_benchmark
+    except ImportError as error:
+        raise MissingExtraError("a benchmark", "all") from error
+
+    with _display() as watcher:
+        differing = run_benchmark(
+            config,
+            out,
+            resume=resume,
+            workers=workers or _default_workers(),
+            until=until,
+            watcher=watcher,
+        )
+    called = f"pliant benchmark {config_file} --out {out}"
+    document = write_results(config, out, differing, called, page)
+    if as_json:
+        click.echo(json.dumps(document, indent=1, sort_keys=True))
+    else:
+        click.echo(f"Table: {out / 'results.md'}")
+        if not differing.frozen:
+            click.echo("There are no frozen checksums to hold the test queries against.")
+        elif not differing.sets:
+            click.echo("The test queries are the frozen ones.")
+    for name, what in differing.sets.items():
+        click.echo(f"Not the frozen test queries: {name}, {what}", err=True)
+    return 1 if differing.sets else 0
+
+
+def _default_workers() -> int:
+    import os
+
+    import torch
+
+    return torch.cuda.device_count() or len(os.sched_getaffinity(0))
+
+
+class _Display:
+    """Tells what happens on stderr: bars for what runs, a line for what has ended."""
+
+    def __init__(self, console: Any, bar: Any) -> None:
+        self._console, self._bar = console, bar
+        self._tasks: dict[str, Any] = {}
+        self._stage: Any = None
+
+    def begin(self, stage: str, jobs: int, finished: int) -> None:
+        title = _TITLES[stage]
+        there = f", {finished} of them there already" if finished else ""
+        self._console.print(f"{title}: {jobs}{there}", highlight=False)
+        if self._stage is not None:
+            self._bar.remove_task(self._stage)
+        self._stage = self._bar.add_task(title, total=jobs, completed=finished)
+
+    def started(self, job: str) -> None:
+        self._tasks[job] = self._bar.add_task(f"  {job}", total=None)
+
+    def progress(self, job: str, done: int, total: int) -> None:
+        if job in self._tasks:
+            self._bar.update(self._tasks[job], completed=done, total=total)
+
+    def ended(self, job: str, wall_s: float, cpu_s: float, error: str) -> None:
+        self._bar.remove_task(self._tasks.pop(job))
+        self._bar.advance(self._stage)
+        said = f"FAILED: {error}" if error else f"{wall_s / 60:.1f} min, {cpu_s / 60:.1f} CPU min"
+        self._console.print(f"  {job}: {said}", highlight=False, soft_wrap=True)
+
+
+@contextmanager
+def _display() -> Iterator[_Display]:
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    console = Console(stderr=True)
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=console, transient=True) as bar:
+        yield _Display(console, bar)
