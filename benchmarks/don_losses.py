@@ -2,12 +2,14 @@
 
 Both train with the shipped CPU recipe but for the loss (`--quick`: a few steps of a small network,
 one seed) and are validated on the same pairs of unseen ropes. PLIANT_DON_DATA names a dataset with
-a rope tier to use instead of making one, PLIANT_DON_STEPS the steps of a run.
+a rope tier to use instead of making one, PLIANT_DON_STEPS the steps of every run, PLIANT_DON_RUNS a
+folder to keep the runs in, as LOSS-SEED: what is finished there is not trained again, what was
+interrupted goes on from its checkpoint (with other settings it is refused).
 
 rmse_px_{LOSS}_seed_{S}   pooled RMSE on the validation pairs, of the best validation
 rmse_px_{LOSS}            mean over the seeds
 spread_px_{LOSS}          largest less smallest
-cpu_s_{LOSS}              CPU seconds of a run, mean over the seeds
+cpu_s_{LOSS}              CPU seconds of a run, mean over those this call trained from the start
 """
 
 from __future__ import annotations
@@ -24,6 +26,7 @@ from record import Value, main
 
 from pliant.generator.config import GenerateConfig
 from pliant.generator.runner import generate
+from pliant.models.checkpoint import latest_checkpoint
 from pliant.models.don import train_don
 from pliant.models.settings import DonSettings, read_settings
 from pliant.spec.dataset import Dataset
@@ -53,6 +56,7 @@ def measure(quick: bool) -> dict[str, Value]:
             generate(config, scratch / "set", workers=1 if quick else 2)
             data = str(scratch / "set")
         dataset = Dataset.open(data)
+        runs = Path(os.environ.get("PLIANT_DON_RUNS", scratch / "runs"))
         watch = FEW if quick else f"validation.every={max(1, steps // 4)}"
         for loss, choice in LOSSES.items():
             errors, spent = [], []
@@ -61,14 +65,19 @@ def measure(quick: bool) -> dict[str, Value]:
                 settings = read_settings(
                     DonSettings, RECIPE, [*overrides, *(SMALL if quick else [])]
                 )
+                run = runs / f"{loss}-{seed}"
+                begun = latest_checkpoint(run) is not None
                 started = time.process_time()
-                facts = train_don(dataset, scratch / f"{loss}-{seed}", settings)
-                spent.append(time.process_time() - started)
+                # A finished run takes no step more: it is only validated again.
+                facts = train_don(dataset, run, settings, resume=begun)
+                if not begun:
+                    spent.append(time.process_time() - started)
                 errors.append(facts["validation"]["rmse_px"])
                 record[f"rmse_px_{loss}_seed_{seed}"] = errors[-1]
             record[f"rmse_px_{loss}"] = sum(errors) / len(errors)
             record[f"spread_px_{loss}"] = max(errors) - min(errors)
-            record[f"cpu_s_{loss}"] = sum(spent) / len(spent)
+            if spent:
+                record[f"cpu_s_{loss}"] = sum(spent) / len(spent)
     return record
 
 
