@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from pliant.benchmarks.reference.table import Row, blocks
 
 _COLOURS = {"clean": "#2f6f9f", "noisy": "#c8742b", "unseen": "#6c9a4f"}
 _OTHER = "#7a7a7a"
+_LABEL_CHARACTERS = 34
 
 
 def draw_figures(config: BenchmarkConfig, rows: Sequence[Row], folder: Path) -> list[Path]:
@@ -50,7 +52,7 @@ def _bars(members: Sequence[Row], protocol: str, metric: str, title: str, path: 
     names = list(dict.fromkeys(row.method for row in members))
     labels = {row.method: row.label for row in members}
     height = 0.8 / len(grouped)
-    figure = Figure(figsize=(8.0, 1.1 + 0.42 * len(names)), layout="constrained")
+    figure = Figure(figsize=(8.0, 1.1 + 0.45 * len(names)), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots()
     for index, (variant, rows) in enumerate(grouped.items()):
@@ -75,15 +77,16 @@ def _bars(members: Sequence[Row], protocol: str, metric: str, title: str, path: 
             axes.plot([row.paper_rmse_px] * 2, [y - 0.42, y + 0.42], color="#b3123f", linewidth=2)
     if metric == "rmse_px" and any(row.paper_rmse_px is not None for row in members):
         axes.plot([], [], color="#b3123f", linewidth=2, label="the paper, on its own images")
-    axes.set_yticks(range(len(names)), [labels[name] for name in names])
-    axes.invert_yaxis()
+    wrapped = [textwrap.fill(labels[name], _LABEL_CHARACTERS) for name in names]
+    axes.set_yticks(range(len(names)), wrapped, fontsize=9)
+    axes.set_ylim(len(names) - 0.5, -0.5)
     axes.set_xlim(left=0)
-    axes.set_title(title, loc="left", fontsize=11)
+    figure.suptitle(title, x=0.01, ha="left", fontsize=11)
     axes.grid(axis="x", color="#dddddd", linewidth=0.7)
     axes.set_axisbelow(True)
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
     handles, _ = axes.get_legend_handles_labels()
     if len(handles) > 1:
-        axes.legend(fontsize=8, frameon=False, loc="lower right")
+        figure.legend(fontsize=8, frameon=False, loc="outside lower center", ncols=4)
     figure.savefig(path, dpi=110)

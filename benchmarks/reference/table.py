@@ -89,7 +89,7 @@ def _row(
         variant,
         set_name,
         method,
-        config.runs[method].label if learned else method,
+        config.runs[method].label if learned else _named(method),
         learned,
         test.paper_rmse_px.get(method) if variant == "clean" else None,
         scores,
@@ -97,6 +97,10 @@ def _row(
         float(note["facts"]["predict_cpu_s"]),
         int(note["facts"]["pairs"]),
     )
+
+
+def _named(method: str) -> str:
+    return method.upper() if method in CLASSICAL else method.capitalize()
 
 
 def training_cost(config: BenchmarkConfig, work: Workspace, run: str) -> Cost:
