@@ -18,13 +18,14 @@ from record import Value, main
 from pliant.generator.camera import Camera, CameraSettings, sample_camera
 from pliant.generator.cloth import ClothSettings, sample_cloth
 from pliant.generator.look import Look, LookSettings, sample_look
-from pliant.generator.render import STYLES, open_renderer
+from pliant.generator.render import open_renderer
 from pliant.generator.rope import RopeSettings, sample_rope
 from pliant.generator.sequence import resident_bytes
 from pliant.generator.subject import Pose, Subject
 from pliant.generator.truth import FrameTruth, frame_truth
 
 SIZE = (640, 480)
+STYLES = ("photo", "fast", "raster")  # what shows a look; `real-depth` shows none
 Scene = tuple[str, Subject, Pose, Camera, Look, FrameTruth]
 
 

@@ -22,7 +22,10 @@ TIER_KINDS: Final[dict[str, str]] = {
 }
 """Every tier that can be generated, in the order a dataset lists them, and its kind."""
 
-STYLES: Final = ("fast", "photo", "raster")
+STYLES: Final = ("fast", "photo", "raster", "real-depth")
+
+BLENDER_STYLES: Final = ("fast", "photo")
+"""Styles that Blender renders, on a GPU where there is one."""
 
 QUERY_KINDS: Final = ("pairs", "track")
 
@@ -89,12 +92,14 @@ class GenerateConfig:
         width: Image width, px, 16 to 8192.
         height: Image height, px, 16 to 8192.
         seed: Seed of everything, 0 to 2^63 - 1; 0 is a seed like any other.
-        style: `fast`, `photo` or `raster`.
+        style: `fast`, `photo`, `raster` or `real-depth`.
         rope: Settings of the rope tier (`RopeSettings`), as a mapping.
         cloth: Settings of the cloth tiers (`ClothSettings`), as a mapping.
         look: Ranges of table, light, colour (`LookSettings`), as a mapping.
         camera: Ranges of the camera (`CameraSettings`), as a mapping.
         noise: Image noise (`NoiseSettings`), as a mapping; None adds none.
+        depth_camera: Faults that the style `real-depth` shows (`DepthCameraSettings`), as a
+            mapping; None takes its defaults. Of no other style.
         queries: The benchmark's queries.
         id: Dataset id.
         version: Dataset version.
@@ -117,6 +122,7 @@ class GenerateConfig:
     look: Mapping[str, Any] = field(default_factory=dict)
     camera: Mapping[str, Any] = field(default_factory=dict)
     noise: Mapping[str, Any] | None = None
+    depth_camera: Mapping[str, Any] | None = None
     queries: QuerySettings = field(default_factory=QuerySettings)
     id: str = "pliant"
     version: str = "1.0.0"
@@ -145,7 +151,13 @@ class GenerateConfig:
         _require(0 <= self.seed < 2**63, "seed", self.seed, "0 to 2^63 - 1")
         _require(self.style in STYLES, "style", self.style, "one of " + ", ".join(STYLES))
         _require(bool(self.id), "id", repr(self.id), "a name")
-        for name in ("rope", "cloth", "look", "camera", "noise"):
+        _require(
+            self.depth_camera is None or self.style == "real-depth",
+            "style",
+            self.style,
+            "real-depth, whose settings depth_camera holds",
+        )
+        for name in ("rope", "cloth", "look", "camera", "noise", "depth_camera"):
             values = getattr(self, name)
             if values or not isinstance(values, Mapping | None):
                 self.section(name)
@@ -189,29 +201,33 @@ class GenerateConfig:
         return self.splits
 
     def section(self, name: str) -> Any:
-        """Return the settings object of `rope`, `cloth`, `look`, `camera` or `noise`.
+        """Return the settings of `rope`, `cloth`, `look`, `camera`, `noise` or `depth_camera`.
 
         Returns:
-            The section's dataclass; None for `noise` where the config has none.
+            The section's dataclass; None for `noise` where the config has none, and for
+            `depth_camera` in other styles than `real-depth`.
 
         Raises:
             CallError: The mapping holds an unknown or refused setting.
         """
         values = getattr(self, name)
         if values is None:
-            return None
+            if name != "depth_camera" or self.style != "real-depth":
+                return None
+            values = {}
         return settings_from(_section_class(name), values, name)
 
     def resolved(self) -> dict[str, Any]:
         """Return the config as JSON values with the defaults of its sections filled in.
 
-        `rope` or `cloth` is left out where no tier uses it.
+        `rope` or `cloth` is left out where no tier uses it, `depth_camera` in other styles.
         """
         values = self.to_dict()
         kinds = {TIER_KINDS[tier] for tier in self.tiers}
         for unused in {"rope", "cloth"} - kinds:
             del values[unused]
-        for name in (*kinds, "look", "camera", "noise"):
+        depth = ("depth_camera",) if self.style == "real-depth" else ()
+        for name in (*kinds, "look", "camera", "noise", *depth):
             values[name] = settings_to_dict(self.section(name))
         return values
 
@@ -219,6 +235,8 @@ class GenerateConfig:
         """Return the config as JSON values; `from_dict` gives an equal config back."""
         values: dict[str, Any] = settings_to_dict(self)
         del values["sequences"]
+        if self.depth_camera is None:
+            del values["depth_camera"]
         return values
 
     @classmethod
@@ -315,6 +333,10 @@ def _section_class(name: str) -> type[Any]:
         from pliant.generator.camera import CameraSettings
 
         return CameraSettings
+    if name == "depth_camera":
+        from pliant.generator.render.depth_camera import DepthCameraSettings
+
+        return DepthCameraSettings
     from pliant.generator.noise import NoiseSettings
 
     return NoiseSettings

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, Literal
 
-from pliant.generator.config import GenerateConfig
+from pliant.generator.config import BLENDER_STYLES, GenerateConfig
 from pliant.generator.engine import Engine, Failed, Finished, Maker, OpenMaker, Rendered
 from pliant.generator.manifest import Failure, RunFolder, refuse_changes
 from pliant.generator.plan import Plan, SequenceTask, plan_run
@@ -266,11 +266,11 @@ def _open_engine(engine: str | Engine, workers: int, log: Path, style: str) -> E
     if engine == "local":
         from pliant.generator.engine_local import LocalEngine, count_gpus
 
-        return LocalEngine(workers, log, 0 if style == "raster" else count_gpus())
+        return LocalEngine(workers, log, count_gpus() if style in BLENDER_STYLES else 0)
     if engine == "ray":
         from pliant.generator.engine_ray import RayEngine
 
-        return RayEngine(workers, 0.0 if style == "raster" else None)
+        return RayEngine(workers, None if style in BLENDER_STYLES else 0.0)
     raise CallError(
         "unknown engine", where="engine", found=engine, required="one of " + ", ".join(ENGINES)
     )

@@ -13,7 +13,7 @@ from typing import Any, Final, TypeVar
 import numpy as np
 
 from pliant.generator.camera import Camera, sample_camera
-from pliant.generator.config import GenerateConfig
+from pliant.generator.config import BLENDER_STYLES, GenerateConfig
 from pliant.generator.engine import SequenceResult
 from pliant.generator.look import Look, sample_look
 from pliant.generator.noise import apply_noise
@@ -56,7 +56,10 @@ class SequenceMaker:
         self.root = root
         self.scratch = scratch
         self.overlap = overlap
-        self.renderer = open_renderer(config.style, config.size, threads=threads)
+        self._depth_camera = config.section("depth_camera")
+        self.renderer = open_renderer(
+            config.style, config.size, threads=threads, depth_camera=self._depth_camera
+        )
         self._camera_settings = config.section("camera")
         self._look_settings = config.section("look")
         self._noise_settings = config.section("noise")
@@ -163,6 +166,9 @@ class SequenceMaker:
         frame_info: list[dict[str, Any]],
     ) -> dict[str, Any]:
         noise = self._noise_settings
+        parameters = {**settings_to_dict(subject.info), "look": look}
+        if self._depth_camera is not None:
+            parameters["depth_camera"] = settings_to_dict(self._depth_camera)
         return {
             "id": task.id,
             "tier": task.tier,
@@ -174,7 +180,7 @@ class SequenceMaker:
             "frames": subject.frames,
             "style": self.config.style,
             "noise": None if noise is None else settings_to_dict(noise),
-            "parameters": {**settings_to_dict(subject.info), "look": look},
+            "parameters": parameters,
             "frame_info": frame_info,
             "tools": self._tools,
         }
@@ -182,7 +188,7 @@ class SequenceMaker:
 
 def tool_versions(style: str) -> dict[str, str]:
     """Return name -> version of what decides the bytes of a sequence."""
-    names = ["pliant", "numpy", "numba", "pyarrow", "OpenEXR"] + ["bpy"] * (style != "raster")
+    names = ["pliant", "numpy", "numba", "pyarrow", "OpenEXR"] + ["bpy"] * (style in BLENDER_STYLES)
     found: dict[str, str] = {}
     for name in names:
         try:

@@ -1,8 +1,8 @@
-"""The render styles: `photo`, `fast` and `raster`."""
+"""The render styles: `photo`, `fast`, `raster` and `real-depth`."""
 
 from __future__ import annotations
 
-from typing import Final, Protocol
+from typing import TYPE_CHECKING, Final, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +13,10 @@ from pliant.generator.subject import Pose, Subject
 from pliant.generator.truth import FrameTruth
 from pliant.spec.errors import CallError, MissingExtraError
 
-STYLES: Final = ("photo", "fast", "raster")
+if TYPE_CHECKING:
+    from pliant.generator.render.depth_camera import DepthCameraSettings
+
+STYLES: Final = ("photo", "fast", "raster", "real-depth")
 
 
 class Renderer(Protocol):
@@ -43,23 +46,32 @@ class Renderer(Protocol):
 
 
 def open_renderer(
-    style: str, size: tuple[int, int], threads: int = 1, device: str = "auto"
+    style: str,
+    size: tuple[int, int],
+    threads: int = 1,
+    device: str = "auto",
+    depth_camera: DepthCameraSettings | None = None,
 ) -> Renderer:
     """Open a renderer.
 
     Args:
-        style: `photo`, `fast` or `raster`.
+        style: `photo`, `fast`, `raster` or `real-depth`.
         size: Width and height, px.
-        threads: Threads that Blender may use; `raster` uses one.
+        threads: Threads that Blender may use; the other styles use one.
         device: `cpu`, `gpu`, or `auto`: a GPU if Cycles finds one (OptiX, then CUDA).
+        depth_camera: The faults that `real-depth` shows; None takes the defaults.
 
     Raises:
         CallError: The style or the device is unknown, or no GPU is found.
-        MissingExtraError: `photo` and `fast` need Blender (bpy), `raster` needs numba.
+        MissingExtraError: `photo` and `fast` need Blender (bpy), the others numba.
     """
     if style not in STYLES:
         raise CallError("unknown style", where="style", found=style, required=", ".join(STYLES))
     try:
+        if style == "real-depth":
+            from pliant.generator.render.depth_camera import DepthCameraRenderer
+
+            return DepthCameraRenderer(depth_camera)
         if style == "raster":
             from pliant.generator.render.raster_style import RasterRenderer
 

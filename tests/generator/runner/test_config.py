@@ -57,6 +57,20 @@ def test_refuses_and_names_the_field(values, named):
         GenerateConfig.from_dict(values)
 
 
+def test_the_depth_camera_belongs_to_its_style():
+    values = {"tiers": ["rope"], "style": "real-depth"}
+    assert "depth_camera" not in GenerateConfig(tiers=("rope",)).resolved()
+    plain = GenerateConfig.from_dict(values)
+    assert "depth_camera" not in plain.to_dict()
+    filled = plain.resolved()
+    assert filled["depth_camera"]["table_grey"] == [142.0, 154.0]
+    assert GenerateConfig.from_dict(filled).resolved() == filled
+    with pytest.raises(CallError, match=r"depth_camera\.holes: unknown setting"):
+        GenerateConfig.from_dict({**values, "depth_camera": {"holes": 3}})
+    with pytest.raises(CallError, match=r"style.*found raster; required: real-depth"):
+        GenerateConfig.from_dict({**values, "style": "raster", "depth_camera": {}})
+
+
 def test_config_files_that_are_none(tmp_path):
     (tmp_path / "list.yaml").write_text("- rope\n")
     (tmp_path / "broken.yaml").write_text("tiers: [rope\n")

@@ -42,6 +42,31 @@ def test_noise_changes_the_colours_alone(digests, tmp_path):
     assert changed == {"000000.png", "000001.png", "sequence.json", "dataset.json"}
 
 
+def test_the_depth_camera_changes_the_colours_alone(digests, tmp_path):
+    """Its pictures are of the same truth, the same queries and the same cameras."""
+    from pliant.spec.dataset import Dataset
+
+    small = config("raster", 1).with_changes(tiers=("rope",))
+    deep = small.with_changes(style="real-depth", depth_camera={"specks": [2, 2]})
+    generate(small, tmp_path / "raster")
+    generate(deep, tmp_path / "deep")
+    before, after = digests(tmp_path / "raster"), digests(tmp_path / "deep")
+    assert before.keys() == after.keys()
+    changed = {name.split("/")[-1] for name in before if before[name] != after[name]}
+    named = {"sequence.json", "dataset.json", "sequences.parquet"}  # they name the style
+    assert changed == {"000000.png", "000001.png"} | named
+    dataset = Dataset.open(tmp_path / "deep")
+    kept = dataset.sequences[0].info
+    assert kept["style"] == "real-depth"
+    assert "bpy" not in kept["tools"]
+    faults = kept["parameters"]["depth_camera"]
+    assert faults["specks"] == [2, 2]
+    assert faults == dataset.info["provenance"]["config"]["depth_camera"]
+    from pliant.spec.validate import validate
+
+    assert validate(tmp_path / "deep").errors == 0
+
+
 def test_the_camera_sees_every_configuration_whole(tiny_dataset):
     from pliant.spec.dataset import Dataset
 
