@@ -49,7 +49,7 @@ def test_the_tour(
         text = text.replace(shown, smaller)
     called = []
     for kind, block in re.findall(r"^```(\w*)\n(.*?)^```", text, re.DOTALL | re.MULTILINE):
-        for line in block.splitlines():
+        for line in re.sub(r"\\\n\s*", " ", block).splitlines():
             words = shlex.split(line, comments=True) if kind in ("", "sh") else []
             if words[:1] == ["pliant"] and words[1] not in SHOWN_ELSEWHERE:
                 assert run(words[1:]) == 0, (line, capsys.readouterr().err)
