@@ -1,13 +1,14 @@
 """Dense Object Nets on a tier: what a step costs beyond the network, and how well it does.
 
-Makes a dataset in one material (unseen configurations, seen textures), trains with the shipped
-CPU recipe, answers the test split with the run and with SIFT, SURF and ORB, and scores all four by
-the `standard` protocol. `--quick` trains far too little to be good: its errors show that the pieces
-fit, not what the method can do.
+Makes the reference benchmark's set of a tier (`pliant-v1-mini.yaml`: unseen configurations in a
+material seen in training, a camera from above), trains with the shipped CPU recipe, answers the
+test split with the run and with SIFT, SURF and ORB, and scores all four by the `standard`
+protocol. `--quick` trains far too little to be good: its errors show that the pieces fit, not what
+the method can do.
 
 The tier is rope, or PLIANT_DON_TIER. To use what exists: PLIANT_DON_DATA names a dataset with
-that tier, PLIANT_DON_RUN a finished run on it (otherwise it is trained, with PLIANT_DON_STEPS
-steps).
+that tier (such as DIR/sets/rope of `pliant benchmark`), PLIANT_DON_RUN a finished run on it
+(otherwise it is trained, with PLIANT_DON_STEPS steps).
 
 overhead_ratio           CPU time of loader, network and loss, forward and backward, over that of
                          the network alone with a loss of one sum
@@ -28,6 +29,7 @@ os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 import statistics
 import tempfile
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import torch
@@ -35,8 +37,9 @@ from record import Value, main
 
 from pliant.baselines import METHODS
 from pliant.baselines.submission import predict
+from pliant.benchmarks.reference.config import read_config
 from pliant.evaluator import Scores, evaluate
-from pliant.generator.config import GenerateConfig, QuerySettings
+from pliant.generator.config import QuerySettings
 from pliant.generator.runner import generate
 from pliant.models import load_matcher
 from pliant.models.don import DonTask, train_don
@@ -47,8 +50,7 @@ from pliant.spec.dataset import Dataset
 CONFIGS = Path(__file__).parents[1] / "models" / "configs"
 CLASSICAL = ("sift", "surf", "orb")
 SMALL = {"train": 12, "val": 4, "test": 4}
-LARGE = {"rope": {"train": 3000, "val": 40, "test": 60}}
-LARGE_CLOTH = {"train": 320, "val": 30, "test": 40}
+REFERENCE = Path(__file__).with_name("pliant-v1-mini.yaml")
 QUICK = [
     "steps=40",
     "batch=2",
@@ -96,14 +98,10 @@ def measure(quick: bool) -> dict[str, Value]:
         scratch = Path(folder)
         data = os.environ.get("PLIANT_DON_DATA")
         if data is None:
-            config = GenerateConfig(
-                tiers=(tier,),
-                splits=SMALL if quick else LARGE.get(tier, LARGE_CLOTH),
-                style="raster",
-                seed=11,
-                look={"materials": 1},
-                queries=QuerySettings(pairs_per_sequence=1 if quick else 4),
-            )
+            config = read_config(REFERENCE).sets[tier]
+            if quick:
+                few = QuerySettings(pairs_per_sequence=1)
+                config = replace(config, splits=SMALL, sequences=None, queries=few)
             generate(config, scratch / "set", workers=1 if quick else 2)
             data = str(scratch / "set")
         dataset = Dataset.open(data)
@@ -112,9 +110,8 @@ def measure(quick: bool) -> dict[str, Value]:
             [f"steps={steps}"] if steps else []
         )
         settings = read_settings(DonSettings, recipe_file, overrides)
-        few = [f"tier={tier}", "limit=12"]
-        recipe = read_settings(DonSettings, recipe_file, few)
-        ratio = overhead_ratio(dataset, recipe, scratch / "timing", 3 if quick else 15)
+        timed = read_settings(DonSettings, recipe_file, [f"tier={tier}", "limit=12"])
+        ratio = overhead_ratio(dataset, timed, scratch / "timing", 3 if quick else 15)
         run = Path(os.environ.get("PLIANT_DON_RUN", scratch / "run"))
         started = time.process_time()
         if not run.exists():
