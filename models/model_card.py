@@ -92,12 +92,22 @@ def _data(facts: Mapping[str, Any], dataset: Mapping[str, Any]) -> str:
         ("noise", "none" if config["noise"] is None else _inline(config["noise"])),
         ("camera", f"above : oblique = {camera['top']:g} : {camera['oblique']:g}, "
          f"field of view {_range(camera['fov_deg'])} degrees, " + _distance(camera)),
-        ("materials", f"{look['materials']} for all sequences, from number {look['first_material']}"
-         if look["materials"] else "another in every sequence"),
-        ("light", f"sun {_range(look['sun_elevation_deg'])} degrees high, "
-         f"{_range(look['sun_share'])} of the light"),
         ("seed", str(config["seed"])),
     ]  # fmt: skip
+    if config["style"] != "real-depth":  # which shows neither
+        rows += [
+            (
+                "materials",
+                f"{look['materials']} for all sequences, from number {look['first_material']}"
+                if look["materials"]
+                else "another in every sequence",
+            ),
+            (
+                "light",
+                f"sun {_range(look['sun_elevation_deg'])} degrees high, "
+                f"{_range(look['sun_share'])} of the light",
+            ),
+        ]
     table = "| | |\n|---|---|\n" + "".join(f"| {name} | {value} |\n" for name, value in rows)
     return f"{text}\n{table}\n`data.yaml` is the whole config.\n"
 
@@ -169,7 +179,12 @@ def _limits(
         "an answer all the same."
     ]
     config = dataset["provenance"].get("config") or {}
-    if config.get("look", {}).get("materials"):
+    if config.get("style") == "real-depth":
+        limits.append(
+            "It has seen drawings of what a depth camera shows, and no colour. Real depth pictures "
+            "differ from them; the scores say nothing of those."
+        )
+    elif config.get("look", {}).get("materials"):
         limits.append(
             "It has seen the object in the materials named above alone. Other colours, and "
             "photographs, are outside of what was trained and of what the scores say."

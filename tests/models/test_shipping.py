@@ -18,6 +18,7 @@ from pliant.generator.config import GenerateConfig
 from pliant.models import load_matcher, shipped
 from pliant.models.don import train_don
 from pliant.models.matching import DonMatcher
+from pliant.models.model_card import model_card
 from pliant.models.settings import DonSettings, NetworkSettings, ValidationSettings
 from pliant.models.shipped import load_shipped, shipped_names
 from pliant.models.shipping import halved, ship_run, training_seconds
@@ -124,6 +125,32 @@ def test_card_says_what_it_is(trained: Path, models: Path, tiny_dataset: Path) -
         assert " ".join(expected.split()) in " ".join(card.split())
     assert "None" not in card
     assert max(map(len, card.splitlines())) < 200
+
+
+def test_card_of_other_data(trained: Path, tiny_dataset: Path) -> None:
+    """A depth style shows neither material nor light, and an imported set names no config."""
+    info = Dataset.open(tiny_dataset).info
+    provenance = info["provenance"]
+
+    def card(changes: dict[str, object]) -> str:
+        return model_card(
+            name="a",
+            settings=yaml.safe_load((trained / "config.yaml").read_text()),
+            facts=json.loads((trained / "run.json").read_text()),
+            dataset={**info, "provenance": {**provenance, **changes}},
+            parameters=1,
+            training_s=9000.0,
+        )
+
+    plain = card({})
+    assert "| light |" in plain
+    assert "2.5 h" in plain
+    deep = card({"config": {**provenance["config"], "style": "real-depth"}})
+    assert "| light |" not in deep
+    assert "no colour" in deep
+    unknown = card({"config": None})
+    assert "| light |" not in unknown
+    assert "data.yaml" not in unknown
 
 
 def test_data_config_makes_the_same_dataset(models: Path, tiny_dataset: Path) -> None:
