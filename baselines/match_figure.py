@@ -16,9 +16,12 @@ from pliant.spec.errors import CallError
 
 FORMATS: Final = (".png", ".pdf", ".svg", ".jpg")
 
-_PANEL_IN: Final = 5.2  # width of one picture, inches
+_WIDTH_IN: Final = 5.2  # mean width of a picture, inches
+_HEIGHT_IN: Final = (2.4, 6.0)  # lowest and largest height of the pictures, inches
 _ROOM: Final = 0.08  # around the object, in its longer sides
 _LOWEST_SHOWN: Final = 0.05  # quantile of the heat at the lower end of the colours
+_LOG_RANGE: Final = 10.0  # e^-10 of the largest is as good as nothing
+_LEAST_WEIGHT: Final = 0.05  # of a mode whose ring is drawn
 _QUERY_COLOUR: Final = "#00c8ff"
 _MATCH_COLOUR: Final = "#ff2d78"
 
@@ -145,29 +148,36 @@ def draw_match(match: PhotoMatch, source: View, target: View, out: Path) -> None
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    panels = 2 if match.heat is None else 3
     cropped = source.mask is not None and target.mask is not None
     frame_a, frame_b = _frame(source, cropped), _frame(target, cropped)
-    tall = max((bottom - top) / (right - left) for left, right, bottom, top in (frame_a, frame_b))
-    below = 0.6 if match.heat is None else 1.3  # titles, and the colour bar, inches
-    figure = Figure(figsize=(_PANEL_IN * panels, _PANEL_IN * tall + below), layout="constrained")
+    frames = [frame_a, frame_b] if match.heat is None else [frame_a, frame_b, frame_b]
+    # All pictures get one height, so that pictures of unlike shapes stand in one row.
+    shapes = [(right - left) / (bottom - top) for left, right, bottom, top in frames]
+    tall = float(np.clip(_WIDTH_IN * len(frames) / sum(shapes), *_HEIGHT_IN))
+    below = 0.75 if match.heat is None else 1.35  # titles, and the colour bar, inches
+    figure = Figure(figsize=(tall * sum(shapes) + 0.3, tall + below), layout="constrained")
     FigureCanvasAgg(figure)
-    axes = figure.subplots(1, panels)
+    rows = [tall] if match.heat is None else [tall, 0.14]
+    grid = figure.add_gridspec(len(rows), len(frames), width_ratios=shapes, height_ratios=rows)
+    axes = [figure.add_subplot(grid[0, column]) for column in range(len(frames))]
     _show(axes[0], source.rgb, frame_a, f"source, query at ({_numbers(match.uv_a_px)})")
     _mark(axes[0], match.uv_a_px, _QUERY_COLOUR)
-    _show(axes[1], target.rgb, frame_b, f"target, match at ({_numbers(match.uv_b_px)})")
-    _rings(axes[1], match)
+    rings = ", rings: 2 std. dev." if _rings(axes[1], match) else ""
+    _show(axes[1], target.rgb, frame_b, f"target, match at ({_numbers(match.uv_b_px)}){rings}")
     _mark(axes[1], match.uv_b_px, _MATCH_COLOUR)
     if match.heat is not None:
-        _show(axes[2], _dimmed(target.rgb), frame_b, "heat map over the target")
+        _show(axes[2], _dimmed(target.rgb), frame_b, f"heat map of {match.method} over the target")
         shown = _heat(axes[2], match.heat)
         if shown is not None:
-            bar = figure.colorbar(shown, ax=axes[2], location="bottom", fraction=0.05, pad=0.02)
+            bar = figure.colorbar(
+                shown, cax=figure.add_subplot(grid[1, 2]), orientation="horizontal"
+            )
             bar.set_label(match.heat.label, fontsize=9)
             bar.ax.tick_params(labelsize=8)
-            axes[2].set_anchor("N")  # which the colour bar had changed
+            if bar.solids is not None:
+                bar.solids.set_alpha(1.0)
         _mark(axes[2], match.uv_b_px, _MATCH_COLOUR)
-    figure.suptitle(_headline(match), fontsize=11)
+    figure.suptitle(_headline(match), fontsize=12)
     partial = out.with_name(f".{out.stem}.partial{out.suffix}")
     try:
         figure.savefig(partial, dpi=110)
@@ -219,7 +229,6 @@ def _show(
     axes.imshow(rgb, extent=(0, width, height, 0), interpolation="antialiased")
     axes.set_xlim(frame[0], frame[1])
     axes.set_ylim(frame[2], frame[3])
-    axes.set_anchor("N")
     axes.set_title(title, fontsize=10)
     axes.set_xticks([])
     axes.set_yticks([])
@@ -236,20 +245,23 @@ def _mark(axes: Any, uv_px: npt.NDArray[np.float32], colour: str) -> None:
             markeredgewidth=line,
             clip_on=False,
         )
-    axes.plot(*uv_px, marker="+", markersize=7, markeredgecolor=colour, markeredgewidth=1.2)
+    # A point in place of a cross: the pixel itself stays in sight.
+    axes.plot(*uv_px, marker="o", markersize=2.4, markerfacecolor=colour, markeredgewidth=0)
 
 
-def _rings(axes: Any, match: PhotoMatch) -> None:
-    """Draw two standard deviations around the answer or each of its modes."""
+def _rings(axes: Any, match: PhotoMatch) -> int:
+    """Draw two standard deviations around the answer or its modes; return how many rings."""
     from matplotlib.patches import Circle
 
     rings = [] if match.modes is None else [tuple(map(float, mode)) for mode in match.modes]
     if match.sigma_px is not None:
         rings.append((float(match.uv_b_px[0]), float(match.uv_b_px[1]), match.sigma_px, 1.0))
+    rings = [ring for ring in rings if ring[3] >= _LEAST_WEIGHT]
     for u, v, sigma, weight in rings:
-        ring = Circle((u, v), 2 * sigma, fill=False, color=_MATCH_COLOUR, linewidth=1.2)
-        ring.set_alpha(max(weight, 0.2))
+        ring = Circle((u, v), 2 * sigma, fill=False, color=_MATCH_COLOUR, linewidth=1.4)
+        ring.set_alpha(max(weight, 0.35))
         axes.add_patch(ring)
+    return len(rings)
 
 
 def _dimmed(rgb: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
@@ -258,17 +270,24 @@ def _dimmed(rgb: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
 
 
 def _heat(axes: Any, heat: Heat) -> Any:
-    """Draw the values where there are any; None if there are none."""
+    """Draw the values where there are any; None if there are none.
+
+    Logarithms are drawn down to a factor of e^-10 of the largest. What has been looked at and
+    is impossible (-inf) gets the lowest colour; what has not been looked at (NaN) gets none.
+    """
     finite = heat.values[np.isfinite(heat.values)]
     if len(finite) == 0:
         return None
-    low, high = np.quantile(finite, _LOWEST_SHOWN), finite.max()
+    low, high = float(np.quantile(finite, _LOWEST_SHOWN)), float(finite.max())
+    if heat.label.startswith("log"):
+        low = max(low, high - _LOG_RANGE)
     height, width = heat.values.shape
     return axes.imshow(
-        np.ma.masked_invalid(heat.values),
+        np.ma.masked_invalid(np.maximum(heat.values, low)),
         extent=(0, width, height, 0),
         cmap="viridis",
         vmin=low,
         vmax=max(high, low + 1e-12),
         interpolation="nearest",
+        alpha=0.85,  # a heat map over all of a picture leaves it to be seen
     )

@@ -11,9 +11,9 @@ import numpy.typing as npt
 import pytest
 from PIL import Image
 
-from pliant.baselines import METHODS, Answers, View
+from pliant.baselines import METHODS, Answers, Heat, View
 from pliant.baselines.controls import Identity
-from pliant.baselines.match_figure import draw_match, match_photo
+from pliant.baselines.match_figure import _heat, _rings, draw_match, match_photo
 from pliant.baselines.photo import read_photo, read_view
 from pliant.spec.errors import CallError, PliantError
 
@@ -77,6 +77,48 @@ def test_figure_has_a_heat_map_where_the_method_has_one(
             sizes.append(figure.size)
     assert sizes[0][0] > 1.4 * sizes[1][0]  # three panels against two
     assert sorted(path.name for path in tmp_path.iterdir()) == ["identity.png", "orb.png"]
+
+
+def test_pictures_of_unlike_shapes_get_one_height(tmp_path: Path) -> None:
+    wide = View(np.full((100, 400, 3), 90, np.uint8))
+    tall = View(np.full((400, 100, 3), 90, np.uint8))
+    for number, (source, target) in enumerate(((wide, tall), (tall, tall), (wide, wide))):
+        out = tmp_path / f"{number}.png"
+        draw_match(match_photo(Identity(), source, target, (50, 50)), source, target, out)
+        with Image.open(out) as figure:
+            rows = np.asarray(figure.convert("L"))
+        grey = rows == 90
+        heights = grey.sum(axis=0)
+        panels = heights[heights > 0.9 * heights.max()]
+        assert heights.max() > 0.6 * rows.shape[0]
+        assert len(panels) > 0.5 * (heights > 50).sum()  # both pictures reach as far
+        assert rows.shape[0] < 800
+
+
+def test_logarithms_are_drawn_down_to_nothing() -> None:
+    from matplotlib.figure import Figure
+
+    values = np.array([[-np.inf, -60.0, -3.0, 0.0, np.nan]], np.float32)
+    heat = Heat(values, "log probability", 0.5, "probability of the peak")
+    image = _heat(Figure().subplots(), heat)
+    assert image.get_clim() == (-10.0, 0.0)
+    shown = image.get_array()
+    assert shown[0, :4].tolist() == [-10.0, -10.0, -3.0, 0.0]
+    assert np.ma.getmaskarray(shown).tolist() == [[False] * 4 + [True]]
+    distance = Heat(values, "similarity", 0.5, "ratio")
+    assert _heat(Figure().subplots(), distance).get_clim()[0] < -50
+    assert _heat(Figure().subplots(), Heat(values[:, -1:], "log", 0, "")) is None
+
+
+def test_modes_of_no_weight_are_not_drawn(pose: Any, view_of: Any) -> None:
+    from matplotlib.figure import Figure
+
+    view = view_of(pose())
+    match = match_photo(Unsure(), view, view, (100, 100))
+    assert match.modes is not None
+    assert _rings(Figure().subplots(), match) == 2
+    match.modes[1, 3] = 0.01
+    assert _rings(Figure().subplots(), match) == 1
 
 
 def test_figure_of_a_blank_picture(tmp_path: Path) -> None:
