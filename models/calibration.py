@@ -27,12 +27,13 @@ from pliant.models.decoding import decode_position, mixture_of_modes
 from pliant.models.matching import Calibration, DonMatcher, visible_probability
 from pliant.models.validation import ValidationPair
 
-TEMPERATURES = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0)
-SIGMA_FLOORS_PX = (0.3, 0.45, 0.7, 1.0, 1.5, 2.2)
+TEMPERATURES = (0.5, 0.6, 0.7, 0.85, 1.0, 1.2, 1.4, 1.7, 2.0, 2.8, 4.0, 5.6, 8.0)
+SPREADS = (0.25, 0.35, 0.5, 0.6, 0.7, 0.85, 1.0, 1.2, 1.4, 1.7, 2.0)
+SIGMA_FLOORS_PX = (0.1, 0.2, 0.3, 0.45, 0.7, 1.0, 1.5, 2.2)
 STRAYS = (0.0, 0.01, 0.03, 0.06, 0.12, 0.25)
 
-_ROUNDS = 2
-_ECE_WEIGHT = 4.0
+_ROUNDS = 3
+_ECE_WEIGHT = 10.0
 
 
 @dataclass(frozen=True)
@@ -73,20 +74,22 @@ def calibrate(
         kept.append(_Pair(log_p, uv, answer, pair.uv_b_px[seen, 0].astype(np.float64) * scale))
     best = Calibration()
     lowest = np.inf
+    modes = _Modes(kept)
     for _ in range(_ROUNDS):
         for name, values in (
             ("temperature", TEMPERATURES),
-            ("stray", STRAYS),
+            ("spread", SPREADS),
             ("sigma_floor_px", SIGMA_FLOORS_PX),
+            ("stray", STRAYS),
         ):
             for value in values:
                 tried = _changed(best, name, value)
-                measured = _measure(kept, tried, scale, full_size)
+                measured = _measure(modes, tried, scale, full_size)
                 cost = measured["nll"] + _ECE_WEIGHT * measured["ece"]
                 if cost < lowest:
                     lowest, best = cost, tried
     best = _fit_visible(best, np.concatenate(distances), np.concatenate(hidden))
-    figures = _measure(kept, best, scale, full_size)
+    figures = _measure(modes, best, scale, full_size)
     if best.visible_slope > 0:
         seen = ~np.concatenate(hidden)
         said = visible_probability(np.concatenate(distances), best) >= 0.5
@@ -95,13 +98,33 @@ def calibrate(
     return replace(best, figures=figures)
 
 
+class _Modes:
+    """The modes of every pair, found once for each temperature and stray probability."""
+
+    def __init__(self, pairs: Sequence[_Pair]) -> None:
+        self.pairs = pairs
+        self._found: dict[tuple[float, float], list[npt.NDArray[np.float64]]] = {}
+
+    def of(self, calibration: Calibration) -> list[npt.NDArray[np.float64]]:
+        """Return a pair's modes each: float64 (Q, K, 4), weight 0 where a mode is not used."""
+        key = (calibration.temperature, calibration.stray)
+        if key not in self._found:
+            found = []
+            for pair in self.pairs:
+                flat = DonMatcher.flattened(pair.log_p, calibration)
+                modes, _ = mixture_of_modes(flat, pair.uv, 0.0)
+                found.append(modes.double().numpy())
+            self._found[key] = found
+        return self._found[key]
+
+
 def _changed(calibration: Calibration, name: str, value: float) -> Calibration:
     changes: dict[str, Any] = {name: value}
     return replace(calibration, **changes)
 
 
 def _measure(
-    pairs: Sequence[_Pair],
+    modes: _Modes,
     calibration: Calibration,
     scale: npt.NDArray[np.float64],
     full_size: tuple[int, int],
@@ -110,12 +133,13 @@ def _measure(
     rules = read_protocol("standard").metrics["distribution"]
     width = float(np.sqrt(scale[0] * scale[1]))
     losses, tables = [], []
-    for pair in pairs:
-        flat = DonMatcher.flattened(pair.log_p, calibration)
-        modes, used = mixture_of_modes(flat, pair.uv, calibration.sigma_floor_px)
-        values = (modes[used].double().numpy()) * [scale[0], scale[1], width, 1.0]
+    for pair, own in zip(modes.pairs, modes.of(calibration), strict=True):
+        used = own[..., 3] > 0
+        values = own[used] * [scale[0], scale[1], 1.0, 1.0]
+        spread, floor = calibration.spread * values[:, 2], calibration.sigma_floor_px
+        values[:, 2] = np.sqrt(spread**2 + floor**2) * width
         mixtures = Mixtures(
-            row=np.nonzero(used.numpy())[0],
+            row=np.nonzero(used)[0],
             uv_px=values[:, :2],
             sigma_px=np.maximum(values[:, 2], rules["sigma_floor_px"]),
             weight=values[:, 3],

@@ -45,7 +45,7 @@ def decode_position(log_p: torch.Tensor, uv_px: torch.Tensor, how: Decode) -> to
 
 
 def mixture_of_modes(
-    log_p: torch.Tensor, uv_px: torch.Tensor, sigma_floor_px: float
+    log_p: torch.Tensor, uv_px: torch.Tensor, sigma_floor_px: float, spread: float = 1.0
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Sum probabilities up as a few isotropic Gaussians.
 
@@ -56,6 +56,8 @@ def mixture_of_modes(
         log_p: float (Q, M).
         uv_px: float (M, 2).
         sigma_floor_px: Added to every mode's spread in squares: a pixel is not a point.
+        spread: Times every mode's standard deviation. A network that was taught a target of some
+            width spreads its probability at least as wide, however sure the place is.
 
     Returns:
         modes float (Q, 5, 4) of (u, v, sigma, weight); used bool (Q, 5). Weights of the used
@@ -74,8 +76,8 @@ def mixture_of_modes(
         weight = part.sum(dim=1)
         share = part / weight.clamp_min(1e-30)[:, None]
         mean = share @ uv_px
-        spread = (share[..., None] * (uv_px[None] - mean[:, None]).square()).sum(dim=(1, 2)) / 2
-        sigma = (spread.clamp_min(0) + sigma_floor_px**2).sqrt()
+        squares = (share[..., None] * (uv_px[None] - mean[:, None]).square()).sum(dim=(1, 2)) / 2
+        sigma = (spread**2 * squares.clamp_min(0) + sigma_floor_px**2).sqrt()
         modes.append(torch.cat([mean, sigma[:, None], weight[:, None]], dim=1))
     stacked = torch.stack(modes, dim=1)
     used = stacked[..., 3] >= _LEAST_WEIGHT
@@ -86,7 +88,11 @@ def mixture_of_modes(
 
 
 def spread_about(
-    log_p: torch.Tensor, uv_px: torch.Tensor, position_px: torch.Tensor, sigma_floor_px: float
+    log_p: torch.Tensor,
+    uv_px: torch.Tensor,
+    position_px: torch.Tensor,
+    sigma_floor_px: float,
+    spread: float = 1.0,
 ) -> torch.Tensor:
     """Return the standard deviation per axis of p about given positions: float (Q,).
 
@@ -95,6 +101,7 @@ def spread_about(
         uv_px: float (M, 2).
         position_px: float (Q, 2).
         sigma_floor_px: Added in squares.
+        spread: Times the standard deviation.
     """
     squared = (uv_px[None] - position_px[:, None]).square().sum(dim=-1)  # (Q, M)
-    return ((log_p.exp() * squared).sum(dim=1) / 2 + sigma_floor_px**2).sqrt()
+    return (spread**2 * (log_p.exp() * squared).sum(dim=1) / 2 + sigma_floor_px**2).sqrt()

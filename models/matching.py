@@ -44,6 +44,7 @@ class Calibration:
     Attributes:
         temperature: Divides the scale of p: above 1 flattens it.
         sigma_floor_px: Smallest spread of a mode, network pixels.
+        spread: Times the spread of a mode.
         stray: Probability that the answer is anywhere on the object.
         visible_at: Squared descriptor distance to the best candidate at which a point is as
             likely visible as hidden, in units of the network's scale.
@@ -58,6 +59,7 @@ class Calibration:
     visible_at: float = 1.0
     visible_slope: float = 0.0
     figures: Mapping[str, float] | None = None
+    spread: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -129,11 +131,13 @@ class DonMatcher:
         flat = self.flattened(log_p, calibration)
         width = float(np.sqrt(scale[0] * scale[1]))
         if self.settings.distribution == "sigma":
-            sigma = spread_about(flat, uv, sharp, calibration.sigma_floor_px)
+            floor, spread = calibration.sigma_floor_px, calibration.spread
+            sigma = spread_about(flat, uv, sharp, floor, spread)
             return Answers(position, visible, (sigma.numpy() * width).astype(np.float32))
         modes = None
         if self.settings.distribution == "modes":
-            mixture, used = mixture_of_modes(flat, uv, calibration.sigma_floor_px)
+            floor, spread = calibration.sigma_floor_px, calibration.spread
+            mixture, used = mixture_of_modes(flat, uv, floor, spread)
             values = mixture.double().numpy() * [scale[0], scale[1], width, 1.0]
             kept = zip(values.astype(np.float32), used.numpy(), strict=True)
             modes = [rows[keep] for rows, keep in kept]

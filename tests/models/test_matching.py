@@ -163,6 +163,20 @@ def test_modes_by_hand() -> None:
     )
 
 
+def test_a_narrower_spread_moves_neither_modes_nor_weights() -> None:
+    wide = torch.tensor([[u + 0.5, 0.5] for u in range(60)])
+    p = torch.full((60,), 1e-12)
+    p[9], p[11], p[40] = 0.3, 0.3, 0.4
+    whole, _ = mixture_of_modes(p.log()[None], wide, 0.5)
+    half, _ = mixture_of_modes(p.log()[None], wide, 0.5, 0.5)
+    assert torch.equal(whole[..., [0, 1, 3]], half[..., [0, 1, 3]])
+    # The variance 1 / 2 of the second mode counts a quarter; a single pixel has none to shrink.
+    assert half[0, :2, 2].tolist() == pytest.approx([0.5, math.sqrt(0.125 + 0.25)], abs=1e-4)
+    sigma = spread_about(p.log()[None], wide, torch.tensor([[10.5, 0.5]]), 0.0, 0.5)
+    full = spread_about(p.log()[None], wide, torch.tensor([[10.5, 0.5]]), 0.0)
+    assert float(sigma) == pytest.approx(float(full) / 2)
+
+
 def test_spread_by_hand() -> None:
     p = torch.full((60,), 1e-12)
     p[23], p[27] = 0.5, 0.5  # 4 px apart: squared distance 4 about the middle, 2 per axis
