@@ -7,7 +7,7 @@ best descriptor distance, shifted so that 0.5 is the threshold with the fewest e
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -23,16 +23,20 @@ from pliant.evaluator.metrics.distribution import (
 )
 from pliant.evaluator.metrics.localisation import endpoint_error_px
 from pliant.evaluator.protocol import read_protocol
-from pliant.models.decoding import decode_position, mixture_of_modes
+from pliant.models.decoding import decode_position, mixture_of_modes, narrowed
 from pliant.models.matching import Calibration, DonMatcher, visible_probability
 from pliant.models.validation import ValidationPair
 
-TEMPERATURES = (0.5, 0.6, 0.7, 0.85, 1.0, 1.2, 1.4, 1.7, 2.0, 2.8, 4.0, 5.6, 8.0)
-SPREADS = (0.25, 0.35, 0.5, 0.6, 0.7, 0.85, 1.0, 1.2, 1.4, 1.7, 2.0)
-SIGMA_FLOORS_PX = (0.1, 0.2, 0.3, 0.45, 0.7, 1.0, 1.5, 2.2)
+TEMPERATURES = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 8.0)
 STRAYS = (0.0, 0.01, 0.03, 0.06, 0.12, 0.25)
+WIDTHS = {
+    "spread": (0.35, 0.5, 0.7, 0.85, 1.0, 1.2, 1.4, 1.7, 2.0, 2.5, 3.0),
+    "blur_px": (0.0, 0.5, 0.8, 1.1, 1.3, 1.5, 1.8),
+    "sigma_floor_px": (0.1, 0.2, 0.3, 0.45, 0.7, 1.0, 1.5, 2.2),
+}
+"""What is tried; the widths, which cost little, for every temperature."""
 
-_ROUNDS = 3
+_ROUNDS = 2
 _ECE_WEIGHT = 10.0
 
 
@@ -72,22 +76,16 @@ def calibrate(
         log_p = log_p[torch.from_numpy(seen)]
         answer = decode_position(log_p, uv, matcher.settings.decode).double().numpy() * scale
         kept.append(_Pair(log_p, uv, answer, pair.uv_b_px[seen, 0].astype(np.float64) * scale))
-    best = Calibration()
-    lowest = np.inf
     modes = _Modes(kept)
-    for _ in range(_ROUNDS):
-        for name, values in (
-            ("temperature", TEMPERATURES),
-            ("spread", SPREADS),
-            ("sigma_floor_px", SIGMA_FLOORS_PX),
-            ("stray", STRAYS),
-        ):
-            for value in values:
-                tried = _changed(best, name, value)
-                measured = _measure(modes, tried, scale, full_size)
-                cost = measured["nll"] + _ECE_WEIGHT * measured["ece"]
-                if cost < lowest:
-                    lowest, best = cost, tried
+
+    def cost(calibration: Calibration) -> float:
+        measured = _measure(modes, calibration, scale, full_size)
+        return measured["nll"] + _ECE_WEIGHT * measured["ece"]
+
+    tried = [_best_widths(Calibration(temperature=value), cost) for value in TEMPERATURES]
+    best = min(tried, key=cost)
+    best = min((_changed(best, "stray", value) for value in STRAYS), key=cost)
+    best = _best_widths(best, cost)
     best = _fit_visible(best, np.concatenate(distances), np.concatenate(hidden))
     figures = _measure(modes, best, scale, full_size)
     if best.visible_slope > 0:
@@ -118,6 +116,15 @@ class _Modes:
         return self._found[key]
 
 
+def _best_widths(start: Calibration, cost: Callable[[Calibration], float]) -> Calibration:
+    """Return the best widths of the modes, one after the other, twice over."""
+    best = start
+    for _ in range(_ROUNDS):
+        for name, values in WIDTHS.items():
+            best = min((_changed(best, name, value) for value in values), key=cost)
+    return best
+
+
 def _changed(calibration: Calibration, name: str, value: float) -> Calibration:
     changes: dict[str, Any] = {name: value}
     return replace(calibration, **changes)
@@ -136,8 +143,8 @@ def _measure(
     for pair, own in zip(modes.pairs, modes.of(calibration), strict=True):
         used = own[..., 3] > 0
         values = own[used] * [scale[0], scale[1], 1.0, 1.0]
-        spread, floor = calibration.spread * values[:, 2], calibration.sigma_floor_px
-        values[:, 2] = np.sqrt(spread**2 + floor**2) * width
+        variance = torch.from_numpy(values[:, 2] ** 2)
+        values[:, 2] = narrowed(variance, *calibration.widths).numpy() * width
         mixtures = Mixtures(
             row=np.nonzero(used)[0],
             uv_px=values[:, :2],

@@ -44,8 +44,33 @@ def decode_position(log_p: torch.Tensor, uv_px: torch.Tensor, how: Decode) -> to
     return weight @ uv_px / weight.sum(dim=1, keepdim=True).clamp_min(1e-30)
 
 
+def narrowed(
+    variance_px2: torch.Tensor, sigma_floor_px: float, spread: float, blur_px: float
+) -> torch.Tensor:
+    """Return the standard deviation that a variance of p stands for.
+
+    A network that was taught a target of some width spreads its probability at least as wide,
+    however sure the place is: that blur comes off, what remains is scaled.
+
+    Args:
+        variance_px2: float, any shape, variance per axis.
+        sigma_floor_px: Added in squares: a pixel is not a point.
+        spread: Times the standard deviation.
+        blur_px: Taken off in squares; of a narrower p a hundredth of its variance remains.
+
+    Returns:
+        float, sqrt(spread^2 max(variance - blur^2, variance / 100) + floor^2).
+    """
+    sharp = torch.maximum(variance_px2 - blur_px**2, variance_px2 / 100).clamp_min(0)
+    return (spread**2 * sharp + sigma_floor_px**2).sqrt()
+
+
 def mixture_of_modes(
-    log_p: torch.Tensor, uv_px: torch.Tensor, sigma_floor_px: float, spread: float = 1.0
+    log_p: torch.Tensor,
+    uv_px: torch.Tensor,
+    sigma_floor_px: float,
+    spread: float = 1.0,
+    blur_px: float = 0.0,
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Sum probabilities up as a few isotropic Gaussians.
 
@@ -55,9 +80,9 @@ def mixture_of_modes(
     Args:
         log_p: float (Q, M).
         uv_px: float (M, 2).
-        sigma_floor_px: Added to every mode's spread in squares: a pixel is not a point.
-        spread: Times every mode's standard deviation. A network that was taught a target of some
-            width spreads its probability at least as wide, however sure the place is.
+        sigma_floor_px: As in `narrowed`, of every mode.
+        spread: The same.
+        blur_px: The same.
 
     Returns:
         modes float (Q, 5, 4) of (u, v, sigma, weight); used bool (Q, 5). Weights of the used
@@ -77,7 +102,7 @@ def mixture_of_modes(
         share = part / weight.clamp_min(1e-30)[:, None]
         mean = share @ uv_px
         squares = (share[..., None] * (uv_px[None] - mean[:, None]).square()).sum(dim=(1, 2)) / 2
-        sigma = (spread**2 * squares.clamp_min(0) + sigma_floor_px**2).sqrt()
+        sigma = narrowed(squares, sigma_floor_px, spread, blur_px)
         modes.append(torch.cat([mean, sigma[:, None], weight[:, None]], dim=1))
     stacked = torch.stack(modes, dim=1)
     used = stacked[..., 3] >= _LEAST_WEIGHT
@@ -93,6 +118,7 @@ def spread_about(
     position_px: torch.Tensor,
     sigma_floor_px: float,
     spread: float = 1.0,
+    blur_px: float = 0.0,
 ) -> torch.Tensor:
     """Return the standard deviation per axis of p about given positions: float (Q,).
 
@@ -100,8 +126,10 @@ def spread_about(
         log_p: float (Q, M).
         uv_px: float (M, 2).
         position_px: float (Q, 2).
-        sigma_floor_px: Added in squares.
-        spread: Times the standard deviation.
+        sigma_floor_px: As in `narrowed`.
+        spread: The same.
+        blur_px: The same.
     """
     squared = (uv_px[None] - position_px[:, None]).square().sum(dim=-1)  # (Q, M)
-    return (spread**2 * (log_p.exp() * squared).sum(dim=1) / 2 + sigma_floor_px**2).sqrt()
+    variance = (log_p.exp() * squared).sum(dim=1) / 2
+    return narrowed(variance, sigma_floor_px, spread, blur_px)

@@ -45,6 +45,7 @@ class Calibration:
         temperature: Divides the scale of p: above 1 flattens it.
         sigma_floor_px: Smallest spread of a mode, network pixels.
         spread: Times the spread of a mode.
+        blur_px: Taken off the spread of a mode in squares before, network pixels.
         stray: Probability that the answer is anywhere on the object.
         visible_at: Squared descriptor distance to the best candidate at which a point is as
             likely visible as hidden, in units of the network's scale.
@@ -60,6 +61,12 @@ class Calibration:
     visible_slope: float = 0.0
     figures: Mapping[str, float] | None = None
     spread: float = 1.0
+    blur_px: float = 0.0
+
+    @property
+    def widths(self) -> tuple[float, float, float]:
+        """Floor, spread and blur, as `pliant.models.decoding.narrowed` takes them."""
+        return self.sigma_floor_px, self.spread, self.blur_px
 
 
 @dataclass(frozen=True)
@@ -131,13 +138,11 @@ class DonMatcher:
         flat = self.flattened(log_p, calibration)
         width = float(np.sqrt(scale[0] * scale[1]))
         if self.settings.distribution == "sigma":
-            floor, spread = calibration.sigma_floor_px, calibration.spread
-            sigma = spread_about(flat, uv, sharp, floor, spread)
+            sigma = spread_about(flat, uv, sharp, *calibration.widths)
             return Answers(position, visible, (sigma.numpy() * width).astype(np.float32))
         modes = None
         if self.settings.distribution == "modes":
-            floor, spread = calibration.sigma_floor_px, calibration.spread
-            mixture, used = mixture_of_modes(flat, uv, floor, spread)
+            mixture, used = mixture_of_modes(flat, uv, *calibration.widths)
             values = mixture.double().numpy() * [scale[0], scale[1], width, 1.0]
             kept = zip(values.astype(np.float32), used.numpy(), strict=True)
             modes = [rows[keep] for rows, keep in kept]

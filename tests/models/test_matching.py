@@ -12,7 +12,7 @@ from torch import nn
 from pliant.baselines.matcher import HeatMatcher, View
 from pliant.loaders.frame_store import FrameStore
 from pliant.models.calibration import calibrate
-from pliant.models.decoding import decode_position, mixture_of_modes, spread_about
+from pliant.models.decoding import decode_position, mixture_of_modes, narrowed, spread_about
 from pliant.models.matching import Calibration, DonMatcher, visible_probability
 from pliant.models.networks import DescriptorNetwork, NetworkSettings, build_network
 from pliant.models.run_report import descriptor_colours
@@ -175,6 +175,14 @@ def test_a_narrower_spread_moves_neither_modes_nor_weights() -> None:
     sigma = spread_about(p.log()[None], wide, torch.tensor([[10.5, 0.5]]), 0.0, 0.5)
     full = spread_about(p.log()[None], wide, torch.tensor([[10.5, 0.5]]), 0.0)
     assert float(sigma) == pytest.approx(float(full) / 2)
+
+
+def test_the_blur_of_the_target_comes_off() -> None:
+    variance = torch.tensor([4.0, 2.25, 1.0])
+    found = narrowed(variance, 0.5, 2.0, 1.5)
+    # 4 (4 - 2.25) + 0.25 = 7.25; nothing is left of the others but a hundredth.
+    expected = [math.sqrt(7.25), math.sqrt(4 * 0.0225 + 0.25), math.sqrt(4 * 0.01 + 0.25)]
+    assert found.tolist() == pytest.approx(expected, rel=1e-6)
 
 
 def test_spread_by_hand() -> None:
