@@ -5,7 +5,7 @@ With a query's descriptor f and the descriptors g_y of the candidate pixels y of
     p(y) = softmax_y( -scale * ||f - g_y||^2 ),
 
 where `scale` is an inverse temperature, learned or set (descriptors of unit length need one:
-without it no peak over 19,200 pixels passes 2e-4). The target is a Gaussian around the true
+without it no peak over 640x480 pixels passes 2e-4). The target is a Gaussian around the true
 position, or around every visible member of its symmetry orbit, on the object's pixels alone,
 each of the R modes with the same mass:
 
