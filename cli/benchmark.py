@@ -10,6 +10,7 @@ from typing import Any
 
 import click
 
+from pliant.cli.interrupts import terminated_like_interrupted
 from pliant.spec.errors import MissingExtraError
 
 _TITLES = {"generate": "Making sets", "train": "Training", "answer": "Answering and scoring"}
@@ -66,7 +67,8 @@ def command(
     except ImportError as error:
         raise MissingExtraError("a benchmark", "all") from error
 
-    with _display() as watcher:
+    said = "Interrupted: what is finished is kept, the same command with --resume goes on."
+    with terminated_like_interrupted(said), _display() as watcher:
         differing = run_benchmark(
             config,
             out,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,12 +12,15 @@ from typing import TYPE_CHECKING, Any
 import click
 import yaml
 
+from pliant.cli.interrupts import terminated_like_interrupted
 from pliant.spec.errors import CallError
 
 if TYPE_CHECKING:
     from pliant.generator.config import GenerateConfig
     from pliant.generator.plan import Plan
     from pliant.generator.runner import Progress, Summary
+
+_STOPPED = "Interrupted: finished sequences are kept, the same command goes on."
 
 
 @click.command("generate")
@@ -88,7 +90,7 @@ def command(
     count = len(os.sched_getaffinity(0)) if workers is None else workers
     if dry_run:
         return _dry_run(config, out, count, as_json)
-    with _terminated_like_interrupted(), _bar(out, count) as show:
+    with terminated_like_interrupted(_STOPPED), _bar(out, count) as show:
         summary = generate(
             config,
             out,
@@ -281,23 +283,6 @@ def _bar(out: Path, workers: int) -> Iterator[Any]:
         yield show
     finally:
         bar.stop()
-
-
-@contextmanager
-def _terminated_like_interrupted() -> Iterator[None]:
-    """Let SIGTERM (a cluster's preemption) stop the run as Ctrl-C does."""
-
-    def interrupt(number: int, frame: object) -> None:
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGTERM, interrupt)
-    try:
-        yield
-    except KeyboardInterrupt:
-        click.echo("Interrupted: finished sequences are kept, the same command goes on.", err=True)
-        raise
-    finally:
-        signal.signal(signal.SIGTERM, before)
 
 
 def _report(summary: Summary, as_json: bool) -> None:

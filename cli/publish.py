@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import signal
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from pliant.cli.interrupts import terminated_like_interrupted
 from pliant.spec.errors import CallError
 
 if TYPE_CHECKING:
@@ -83,7 +82,7 @@ def command(
         date=date,
     )
     finish = _bundle_writer() if bundle and settings.hold_out else None
-    with _terminated_like_interrupted(), _bar(as_json) as show:
+    with terminated_like_interrupted(""), _bar(as_json) as show:
         published = publish(folder, out, settings, private=private, progress=show, finish=finish)
     if as_json:
         click.echo(json.dumps(published.as_dict(), indent=1))
@@ -143,23 +142,6 @@ def _bar(hidden: bool) -> Iterator[Progress]:
         yield lambda what, done, total: bar.update(
             task, description=what, completed=done, total=total
         )
-
-
-@contextmanager
-def _terminated_like_interrupted() -> Iterator[None]:
-    """Let a terminated run clean up as an interrupted one does."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-
-    def interrupt(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGTERM, interrupt)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
 
 
 def _print(published: Published, public: Path, private: Path) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import signal
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from pliant.cli.interrupts import terminated_like_interrupted
 from pliant.spec.errors import MissingExtraError
 
 if TYPE_CHECKING:
@@ -147,7 +147,8 @@ def _train(
 ) -> None:
     """Train with a bar, then say what came of it: with `tell`, or all facts as JSON without."""
     first = os.environ.get("RANK", "0") == "0"
-    with _terminated_like_interrupted(out, shown=first), _bar(steps, shown=first) as progress:
+    said = f"Interrupted: go on with --resume --out {out}" if first else ""
+    with terminated_like_interrupted(said), _bar(steps, shown=first) as progress:
         facts = train(progress=progress)
     if not first:
         return
@@ -174,24 +175,6 @@ def _timecycle_figures(facts: Mapping[str, Any]) -> None:
         listed = ", ".join(f"{value:.1f} after {frames}" for frames, value in errors.items())
         click.echo(f"{method:10} RMSE, px of 640, by frames since the query: {listed}")
     click.echo(guard.get("verdict", "The run has not been validated."))
-
-
-@contextmanager
-def _terminated_like_interrupted(out: Path, *, shown: bool) -> Iterator[None]:
-    """Let SIGTERM (a cluster's preemption) stop the run as Ctrl-C does, with a checkpoint."""
-
-    def interrupt(number: int, frame: object) -> None:
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGTERM, interrupt)
-    try:
-        yield
-    except KeyboardInterrupt:
-        if shown:
-            click.echo(f"Interrupted: go on with --resume --out {out}", err=True)
-        raise
-    finally:
-        signal.signal(signal.SIGTERM, before)
 
 
 @contextmanager
