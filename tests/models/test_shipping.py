@@ -313,3 +313,8 @@ def test_models_of_the_package_answer(name: str, tiny_dataset: Path) -> None:
     size = np.array(target.rgb.shape[1::-1])
     assert ((answers.uv_px >= 0) & (answers.uv_px < size)).all()
     assert np.ptp(answers.uv_px, axis=0).max() > 20  # not one answer to everything
+
+
+def test_a_rope_and_a_cloth_are_shipped() -> None:
+    """README, help texts and pages call them by these names."""
+    assert {"don-rope", "don-cloth"} <= set(shipped_names())
