@@ -30,8 +30,9 @@ from pliant.models.validation import ValidationPair
 TEMPERATURES = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 8.0)
 STRAYS = (0.0, 0.01, 0.03, 0.06, 0.12, 0.25)
 WIDTHS = {
-    "spread": (0.35, 0.5, 0.7, 0.85, 1.0, 1.2, 1.4, 1.7, 2.0, 2.5, 3.0),
+    "spread": (0.25, 0.35, 0.5, 0.7, 0.85, 1.0, 1.2, 1.4, 1.7, 2.0, 2.5, 3.0),
     "blur_px": (0.0, 0.5, 0.8, 1.1, 1.3, 1.5, 1.8),
+    "power": (0.7, 1.0, 1.4, 1.8, 2.2, 2.6),
     "sigma_floor_px": (0.1, 0.2, 0.3, 0.45, 0.7, 1.0, 1.5, 2.2),
 }
 """What is tried; the widths, which cost little, for every temperature."""

@@ -46,6 +46,7 @@ class Calibration:
         sigma_floor_px: Smallest spread of a mode, network pixels.
         spread: Times the spread of a mode.
         blur_px: Taken off the spread of a mode in squares before, network pixels.
+        power: Exponent of what remains of it.
         stray: Probability that the answer is anywhere on the object.
         visible_at: Squared descriptor distance to the best candidate at which a point is as
             likely visible as hidden, in units of the network's scale.
@@ -62,11 +63,12 @@ class Calibration:
     figures: Mapping[str, float] | None = None
     spread: float = 1.0
     blur_px: float = 0.0
+    power: float = 1.0
 
     @property
-    def widths(self) -> tuple[float, float, float]:
-        """Floor, spread and blur, as `pliant.models.decoding.narrowed` takes them."""
-        return self.sigma_floor_px, self.spread, self.blur_px
+    def widths(self) -> tuple[float, float, float, float]:
+        """Floor, spread, blur and power, as `pliant.models.decoding.narrowed` takes them."""
+        return self.sigma_floor_px, self.spread, self.blur_px, self.power
 
 
 @dataclass(frozen=True)

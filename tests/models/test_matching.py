@@ -183,6 +183,9 @@ def test_the_blur_of_the_target_comes_off() -> None:
     # 4 (4 - 2.25) + 0.25 = 7.25; nothing is left of the others but a hundredth.
     expected = [math.sqrt(7.25), math.sqrt(4 * 0.0225 + 0.25), math.sqrt(4 * 0.01 + 0.25)]
     assert found.tolist() == pytest.approx(expected, rel=1e-6)
+    # Squared, a deviation of 2 px becomes 4 and one of half a pixel a quarter.
+    apart = narrowed(torch.tensor([4.0, 0.25]), 0.0, 1.0, 0.0, 2.0)
+    assert apart.tolist() == pytest.approx([4.0, 0.25], rel=1e-6)
 
 
 def test_spread_by_hand() -> None:
