@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from pliant.benchmarks.reference.checksums import Differences, compare_checksums
-from pliant.benchmarks.reference.config import BenchmarkConfig, Training, digest
+from pliant.benchmarks.reference.config import BenchmarkConfig, Test, Training, digest
 from pliant.benchmarks.reference.jobs import (
     AnswerJob,
     Outcome,
@@ -156,21 +156,19 @@ def _answer(config: BenchmarkConfig, work: Workspace, workers: int, watcher: Wat
     threads = max(1, len(os.sched_getaffinity(0)) // workers)
     every: dict[str, AnswerJob] = {}
     identities: dict[str, str] = {}
-    for test in config.tests.values():
-        for set_name in test.variants.values():
-            for method in (*test.methods, *test.runs):
-                run = work.run_path(method) if method in test.runs else None
-                stage = f"answer/{set_name}--{method}"
-                identity = digest(
-                    set_digest(config, set_name),
-                    run_digest(config, method) if run else method,
-                    test.protocols,
-                )
-                scores = {p: work.scores_path(set_name, method, p) for p in test.protocols}
-                answers = work.answers_path(set_name, method)
-                data = work.set_path(set_name)
-                identities[stage] = identity
-                every[stage] = AnswerJob(method, run, data, answers, scores, threads)
+    for test, set_name in _asked(config):
+        for method in (*test.methods, *test.runs):
+            run = work.run_path(method) if method in test.runs else None
+            stage = f"answer/{set_name}--{method}"
+            identities[stage] = digest(
+                set_digest(config, set_name),
+                run_digest(config, method) if run else method,
+                test.protocols,
+            )
+            scores = {p: work.scores_path(set_name, method, p) for p in test.protocols}
+            answers = work.answers_path(set_name, method)
+            data = work.set_path(set_name)
+            every[stage] = AnswerJob(method, run, data, answers, scores, threads)
     jobs: dict[str, Any] = {}
     for stage, job in every.items():
         note = work.finished(stage)
@@ -178,6 +176,21 @@ def _answer(config: BenchmarkConfig, work: Workspace, workers: int, watcher: Wat
             jobs[stage.removeprefix("answer/")] = (answer, job, [])
     watcher.begin("answer", len(every), len(every) - len(jobs))
     _run(jobs, "answer", identities, work, workers, watcher)
+
+
+def _asked(config: BenchmarkConfig) -> list[tuple[Test, str]]:
+    """Return what is to be answered: the first variant of every block, then the second ones."""
+    return [
+        (test, set_name)
+        for _, test, set_name in sorted(
+            (
+                (position, test, set_name)
+                for test in config.tests.values()
+                for position, set_name in enumerate(test.variants.values())
+            ),
+            key=lambda each: each[0],
+        )
+    ]
 
 
 def _run(
