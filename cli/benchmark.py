@@ -77,7 +77,7 @@ def command(
             until=until,
             watcher=watcher,
         )
-    called = f"pliant benchmark {config_file} --out {out}"
+    called = f"pliant benchmark {config_file} --out DIR"
     document = write_results(config, out, differing, called, page)
     if as_json:
         click.echo(json.dumps(document, indent=1, sort_keys=True))

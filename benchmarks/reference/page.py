@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 
 from pliant.benchmarks.reference.checksums import Differences
@@ -12,12 +13,13 @@ from pliant.evaluator.comparison import differences
 from pliant.evaluator.scores import read_scores
 from pliant.evaluator.wording import label
 
+_SYMMETRIC = "symmetric_rmse_px"
 _METRICS = {
     "standard": (
         "rmse_px_mean_over_pairs",
         "median_px",
         "pck_8px",
-        "symmetric_rmse_px",
+        _SYMMETRIC,
         "jump_rate",
         "nll",
         "ece",
@@ -81,14 +83,13 @@ def _standing(differing: Differences) -> str:
 
 
 def _machines(work: Workspace) -> str:
-    import json
-
-    found = {
-        (note["machine"], note["cores"])
-        for path in sorted((work.root / "stages").glob("*.json"))
-        for note in [json.loads(path.read_text())]
-    }
-    listed = " and ".join(f"{cores} cores of {name}" for name, cores in sorted(found))
+    cores: dict[str, int] = {}
+    for path in sorted((work.root / "stages").glob("*.json")):
+        note = json.loads(path.read_text())
+        cores[note["machine"]] = max(note["cores"], cores.get(note["machine"], 0))
+    listed = " and ".join(
+        f"{count} {'core' if count == 1 else 'cores'} of {name}" for name, count in cores.items()
+    )
     return f"Machine: {listed}."
 
 
@@ -123,6 +124,11 @@ def _block(members: Sequence[Row], protocols: Sequence[str]) -> list[str]:
             value, name = min(learned)
             lines[-1] += f" Best learned method: {name}, {value:.1f} px, {value / best:.2f} of it."
     return lines
+
+
+def _symmetric(row: Row, protocol: str) -> bool:
+    """Return whether symmetry makes a difference to a row: most tiers have none."""
+    return row.value(protocol, _SYMMETRIC) != row.value(protocol, "rmse_px")
 
 
 def _with_interval(row: Row, protocol: str, metric: str) -> str:
