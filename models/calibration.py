@@ -23,7 +23,7 @@ from pliant.evaluator.metrics.distribution import (
 )
 from pliant.evaluator.metrics.localisation import endpoint_error_px
 from pliant.evaluator.protocol import read_protocol
-from pliant.models.decoding import decode_position, mixture_of_modes, narrowed
+from pliant.models.decoding import Widths, decode_position, mixture_of_modes
 from pliant.models.matching import Calibration, DonMatcher, visible_probability
 from pliant.models.validation import ValidationPair
 
@@ -111,7 +111,7 @@ class _Modes:
             found = []
             for pair in self.pairs:
                 flat = DonMatcher.flattened(pair.log_p, calibration)
-                modes, _ = mixture_of_modes(flat, pair.uv, 0.0)
+                modes, _ = mixture_of_modes(flat, pair.uv, Widths(0.0))
                 found.append(modes.double().numpy())
             self._found[key] = found
         return self._found[key]
@@ -145,7 +145,7 @@ def _measure(
         used = own[..., 3] > 0
         values = own[used] * [scale[0], scale[1], 1.0, 1.0]
         variance = torch.from_numpy(values[:, 2] ** 2)
-        values[:, 2] = narrowed(variance, *calibration.widths).numpy() * width
+        values[:, 2] = calibration.widths.of(variance).numpy() * width
         mixtures = Mixtures(
             row=np.nonzero(used)[0],
             uv_px=values[:, :2],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Literal
 
 import torch
@@ -44,41 +45,41 @@ def decode_position(log_p: torch.Tensor, uv_px: torch.Tensor, how: Decode) -> to
     return weight @ uv_px / weight.sum(dim=1, keepdim=True).clamp_min(1e-30)
 
 
-def narrowed(
-    variance_px2: torch.Tensor,
-    sigma_floor_px: float,
-    spread: float,
-    blur_px: float,
-    power: float = 1.0,
-) -> torch.Tensor:
-    """Return the standard deviation that a variance of p stands for.
+@dataclass(frozen=True)
+class Widths:
+    """What standard deviation a variance of p stands for: sqrt(spread^2 s^(2 power) + floor^2).
 
-    A network that was taught a target of some width spreads its probability at least as wide,
-    however sure the place is: that blur comes off. What remains is scaled, and set apart: networks
-    of this kind are too modest where they are sure, and too sure where they are not.
+    s^2 is the larger of variance - blur^2 and variance / 100. A network that was taught a target
+    of some width spreads its probability at least as wide, however sure the place is: that blur
+    comes off. What remains is scaled, and set apart: networks of this kind are too modest where
+    they are sure, and too sure where they are not.
 
-    Args:
-        variance_px2: float, any shape, variance per axis.
-        sigma_floor_px: Added in squares: a pixel is not a point.
+    Attributes:
+        floor_px: Added in squares: a pixel is not a point.
         spread: Times the standard deviation.
-        blur_px: Taken off in squares; of a narrower p a hundredth of its variance remains.
+        blur_px: Taken off in squares.
         power: Exponent of the standard deviation in pixels of the network.
-
-    Returns:
-        float, sqrt(spread^2 s^(2 power) + floor^2), where s^2 is the larger of
-        variance - blur^2 and variance / 100.
     """
-    sharp = torch.maximum(variance_px2 - blur_px**2, variance_px2 / 100).clamp_min(0)
-    return (spread**2 * sharp**power + sigma_floor_px**2).sqrt()
+
+    floor_px: float
+    spread: float = 1.0
+    blur_px: float = 0.0
+    power: float = 1.0
+
+    def of(self, variance_px2: torch.Tensor) -> torch.Tensor:
+        """Return standard deviations: float, of the variances' shape.
+
+        Args:
+            variance_px2: float, any shape, variance per axis.
+        """
+        sharp = torch.maximum(variance_px2 - self.blur_px**2, variance_px2 / 100).clamp_min(0)
+        return (self.spread**2 * sharp**self.power + self.floor_px**2).sqrt()
 
 
 def mixture_of_modes(
     log_p: torch.Tensor,
     uv_px: torch.Tensor,
-    sigma_floor_px: float,
-    spread: float = 1.0,
-    blur_px: float = 0.0,
-    power: float = 1.0,
+    widths: Widths,
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Sum probabilities up as a few isotropic Gaussians.
 
@@ -88,10 +89,7 @@ def mixture_of_modes(
     Args:
         log_p: float (Q, M).
         uv_px: float (M, 2).
-        sigma_floor_px: As in `narrowed`, of every mode.
-        spread: The same.
-        blur_px: The same.
-        power: The same.
+        widths: What standard deviation a mode's variance stands for.
 
     Returns:
         modes float (Q, 5, 4) of (u, v, sigma, weight); used bool (Q, 5). Weights of the used
@@ -111,7 +109,7 @@ def mixture_of_modes(
         share = part / weight.clamp_min(1e-30)[:, None]
         mean = share @ uv_px
         squares = (share[..., None] * (uv_px[None] - mean[:, None]).square()).sum(dim=(1, 2)) / 2
-        sigma = narrowed(squares, sigma_floor_px, spread, blur_px, power)
+        sigma = widths.of(squares)
         modes.append(torch.cat([mean, sigma[:, None], weight[:, None]], dim=1))
     stacked = torch.stack(modes, dim=1)
     used = stacked[..., 3] >= _LEAST_WEIGHT
@@ -125,10 +123,7 @@ def spread_about(
     log_p: torch.Tensor,
     uv_px: torch.Tensor,
     position_px: torch.Tensor,
-    sigma_floor_px: float,
-    spread: float = 1.0,
-    blur_px: float = 0.0,
-    power: float = 1.0,
+    widths: Widths,
 ) -> torch.Tensor:
     """Return the standard deviation per axis of p about given positions: float (Q,).
 
@@ -136,11 +131,8 @@ def spread_about(
         log_p: float (Q, M).
         uv_px: float (M, 2).
         position_px: float (Q, 2).
-        sigma_floor_px: As in `narrowed`.
-        spread: The same.
-        blur_px: The same.
-        power: The same.
+        widths: What standard deviation the variance stands for.
     """
     squared = (uv_px[None] - position_px[:, None]).square().sum(dim=-1)  # (Q, M)
     variance = (log_p.exp() * squared).sum(dim=1) / 2
-    return narrowed(variance, sigma_floor_px, spread, blur_px, power)
+    return widths.of(variance)

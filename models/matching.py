@@ -24,7 +24,7 @@ from pliant.loaders.views import (
 )
 from pliant.models.candidates import pixel_grid
 from pliant.models.checkpoint import load_best
-from pliant.models.decoding import decode_position, mixture_of_modes, spread_about
+from pliant.models.decoding import Widths, decode_position, mixture_of_modes, spread_about
 from pliant.models.losses.distributional import log_probabilities
 from pliant.models.networks import DescriptorNetwork, build_network, sample_descriptors
 from pliant.models.settings import AnswerSettings, DonSettings, read_settings
@@ -66,9 +66,9 @@ class Calibration:
     power: float = 1.0
 
     @property
-    def widths(self) -> tuple[float, float, float, float]:
-        """Floor, spread, blur and power, as `pliant.models.decoding.narrowed` takes them."""
-        return self.sigma_floor_px, self.spread, self.blur_px, self.power
+    def widths(self) -> Widths:
+        """What standard deviation a variance of the calibrated p stands for."""
+        return Widths(self.sigma_floor_px, self.spread, self.blur_px, self.power)
 
 
 @dataclass(frozen=True)
@@ -140,11 +140,11 @@ class DonMatcher:
         flat = self.flattened(log_p, calibration)
         width = float(np.sqrt(scale[0] * scale[1]))
         if self.settings.distribution == "sigma":
-            sigma = spread_about(flat, uv, sharp, *calibration.widths)
+            sigma = spread_about(flat, uv, sharp, calibration.widths)
             return Answers(position, visible, (sigma.numpy() * width).astype(np.float32))
         modes = None
         if self.settings.distribution == "modes":
-            mixture, used = mixture_of_modes(flat, uv, *calibration.widths)
+            mixture, used = mixture_of_modes(flat, uv, calibration.widths)
             values = mixture.double().numpy() * [scale[0], scale[1], width, 1.0]
             kept = zip(values.astype(np.float32), used.numpy(), strict=True)
             modes = [rows[keep] for rows, keep in kept]

@@ -12,7 +12,7 @@ from torch import nn
 from pliant.baselines.matcher import HeatMatcher, View
 from pliant.loaders.frame_store import FrameStore
 from pliant.models.calibration import calibrate
-from pliant.models.decoding import decode_position, mixture_of_modes, narrowed, spread_about
+from pliant.models.decoding import Widths, decode_position, mixture_of_modes, spread_about
 from pliant.models.matching import Calibration, DonMatcher, visible_probability
 from pliant.models.networks import DescriptorNetwork, NetworkSettings, build_network
 from pliant.models.run_report import descriptor_colours
@@ -152,7 +152,7 @@ def test_modes_by_hand() -> None:
     wide = torch.tensor([[u + 0.5, 0.5] for u in range(60)])
     p = torch.full((60,), 1e-12)
     p[9], p[11], p[40] = 0.3, 0.3, 0.4
-    modes, used = mixture_of_modes(p.log()[None], wide, 0.5)
+    modes, used = mixture_of_modes(p.log()[None], wide, Widths(0.5))
     found = modes[0][used[0]]
     assert found.shape == (2, 4)
     # (40.5, weight 0.4) is the highest pixel; then 9.5 and 11.5 share a mode of variance 1 / 2.
@@ -167,37 +167,37 @@ def test_a_narrower_spread_moves_neither_modes_nor_weights() -> None:
     wide = torch.tensor([[u + 0.5, 0.5] for u in range(60)])
     p = torch.full((60,), 1e-12)
     p[9], p[11], p[40] = 0.3, 0.3, 0.4
-    whole, _ = mixture_of_modes(p.log()[None], wide, 0.5)
-    half, _ = mixture_of_modes(p.log()[None], wide, 0.5, 0.5)
+    whole, _ = mixture_of_modes(p.log()[None], wide, Widths(0.5))
+    half, _ = mixture_of_modes(p.log()[None], wide, Widths(0.5, 0.5))
     assert torch.equal(whole[..., [0, 1, 3]], half[..., [0, 1, 3]])
     # The variance 1 / 2 of the second mode counts a quarter; a single pixel has none to shrink.
     assert half[0, :2, 2].tolist() == pytest.approx([0.5, math.sqrt(0.125 + 0.25)], abs=1e-4)
-    sigma = spread_about(p.log()[None], wide, torch.tensor([[10.5, 0.5]]), 0.0, 0.5)
-    full = spread_about(p.log()[None], wide, torch.tensor([[10.5, 0.5]]), 0.0)
+    sigma = spread_about(p.log()[None], wide, torch.tensor([[10.5, 0.5]]), Widths(0.0, 0.5))
+    full = spread_about(p.log()[None], wide, torch.tensor([[10.5, 0.5]]), Widths(0.0))
     assert float(sigma) == pytest.approx(float(full) / 2)
 
 
 def test_the_blur_of_the_target_comes_off() -> None:
     variance = torch.tensor([4.0, 2.25, 1.0])
-    found = narrowed(variance, 0.5, 2.0, 1.5)
+    found = Widths(0.5, 2.0, 1.5).of(variance)
     # 4 (4 - 2.25) + 0.25 = 7.25; nothing is left of the others but a hundredth.
     expected = [math.sqrt(7.25), math.sqrt(4 * 0.0225 + 0.25), math.sqrt(4 * 0.01 + 0.25)]
     assert found.tolist() == pytest.approx(expected, rel=1e-6)
     # Squared, a deviation of 2 px becomes 4 and one of half a pixel a quarter.
-    apart = narrowed(torch.tensor([4.0, 0.25]), 0.0, 1.0, 0.0, 2.0)
+    apart = Widths(0.0, 1.0, 0.0, 2.0).of(torch.tensor([4.0, 0.25]))
     assert apart.tolist() == pytest.approx([4.0, 0.25], rel=1e-6)
 
 
 def test_spread_by_hand() -> None:
     p = torch.full((60,), 1e-12)
     p[23], p[27] = 0.5, 0.5  # 4 px apart: squared distance 4 about the middle, 2 per axis
-    sigma = spread_about(p.log()[None], GRID, torch.tensor([[5.5, 2.5]]), 0.0)
+    sigma = spread_about(p.log()[None], GRID, torch.tensor([[5.5, 2.5]]), Widths(0.0))
     assert float(sigma) == pytest.approx(math.sqrt(2), rel=1e-4)
 
 
 def test_weights_sum_to_one_and_sigmas_are_positive() -> None:
     log_p = torch.randn(50, 60, generator=torch.Generator().manual_seed(0)).log_softmax(dim=1)
-    modes, used = mixture_of_modes(log_p, GRID, 0.3)
+    modes, used = mixture_of_modes(log_p, GRID, Widths(0.3))
     torch.testing.assert_close((modes[..., 3] * used).sum(dim=1), torch.ones(50))
     assert (modes[..., 2][used] >= 0.3).all()
 
