@@ -11,18 +11,13 @@ from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 
+from pliant.benchmarks.reference.work import processor_name
+
 Value = float | int | str | bool | None
 
 
 def machine() -> dict[str, Value]:
     """Return what the figures were measured on."""
-    model = platform.processor() or "unknown"
-    cpuinfo = Path("/proc/cpuinfo")
-    if cpuinfo.exists():
-        for line in cpuinfo.read_text().splitlines():
-            if line.startswith("model name"):
-                model = line.split(":", 1)[1].strip()
-                break
     commit = subprocess.run(
         ["git", "rev-parse", "--short", "HEAD"],
         cwd=Path(__file__).parent,
@@ -31,7 +26,7 @@ def machine() -> dict[str, Value]:
         check=False,
     ).stdout.strip()
     return {
-        "machine": f"{model}, {len(os.sched_getaffinity(0))} cores",
+        "machine": f"{processor_name()}, {len(os.sched_getaffinity(0))} cores",
         "python": platform.python_version(),
         "commit": commit or "unknown",
         "measured": datetime.now(UTC).strftime("%Y-%m-%d"),

@@ -30,7 +30,7 @@ _TITLES = {"generate": "Making sets", "train": "Training", "answer": "Answering 
 )
 @click.option(
     "--until",
-    type=click.Choice(["generate", "train", "answer"]),
+    type=click.Choice(list(_TITLES)),
     default="answer",
     show_default=True,
     help="Last stage to do; the table holds what is scored by then.",

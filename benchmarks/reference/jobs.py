@@ -94,10 +94,9 @@ def _trained(job: TrainingJob, tell: Tell) -> dict[str, Any]:
         shutil.rmtree(job.run)  # stopped before its first checkpoint
     dataset = Dataset.open(job.data)
     values = {**job.settings, "threads": job.threads}
-    steps = [0]
 
-    def show(step: int, figures: Mapping[str, float]) -> None:
-        tell(step, steps[0])
+    def telling(steps: int) -> Callable[[int, Mapping[str, float]], None]:
+        return lambda step, figures: tell(step, steps)
 
     from pliant.models.settings import settings_from
 
@@ -106,8 +105,8 @@ def _trained(job: TrainingJob, tell: Tell) -> dict[str, Any]:
         from pliant.models.timecycle.trainer import train_timecycle
 
         cycle = settings_from(TimeCycleSettings, values)
-        steps[0] = cycle.steps
-        facts = train_timecycle(dataset, job.run, cycle, resume=resume, progress=show)
+        told = telling(cycle.steps)
+        facts = train_timecycle(dataset, job.run, cycle, resume=resume, progress=told)
         return {"steps": facts["steps"]}
     from pliant.models.don import train_don
     from pliant.models.settings import DonSettings
@@ -115,8 +114,7 @@ def _trained(job: TrainingJob, tell: Tell) -> dict[str, Any]:
     if job.after is not None:
         values["network"] = {**values.get("network", {}), "pretrained": str(job.after)}
     don = settings_from(DonSettings, values)
-    steps[0] = don.steps
-    facts = train_don(dataset, job.run, don, resume=resume, progress=show)
+    facts = train_don(dataset, job.run, don, resume=resume, progress=telling(don.steps))
     return {"steps": facts["steps"], "validation": facts.get("validation", {})}
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 
 from pliant.benchmarks.reference.checksums import Differences
@@ -84,8 +83,7 @@ def _standing(differing: Differences) -> str:
 
 def _machines(work: Workspace) -> str:
     cores: dict[str, int] = {}
-    for path in sorted((work.root / "stages").glob("*.json")):
-        note = json.loads(path.read_text())
+    for note in work.notes().values():
         cores[note["machine"]] = max(note["cores"], cores.get(note["machine"], 0))
     listed = " and ".join(
         f"{count} {'core' if count == 1 else 'cores'} of {name}" for name, count in cores.items()
@@ -97,7 +95,10 @@ def _block(members: Sequence[Row], protocols: Sequence[str]) -> list[str]:
     main = protocols[0]
     error = "paper" if "paper" in protocols else main
     metrics = [
-        name for name in _METRICS[main] if any(row.value(main, name) is not None for row in members)
+        name
+        for name in _METRICS[main]
+        if any(row.value(main, name) is not None for row in members)
+        and (name != _SYMMETRIC or any(_symmetric(row, main) for row in members))
     ]
     paper = any(row.paper_rmse_px is not None for row in members)
     heads = ["Method", "RMSE"]

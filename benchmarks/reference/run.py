@@ -21,9 +21,6 @@ from pliant.benchmarks.reference.work import Workspace
 from pliant.generator.runner import generate
 from pliant.spec.errors import CallError, GenerationError, TrainingError
 
-STAGES = ("generate", "train", "answer")
-"""In this order; the table follows each time."""
-
 
 class Watcher(Protocol):
     """Who is told what happens."""
@@ -47,7 +44,7 @@ def run_benchmark(
     *,
     resume: bool = False,
     workers: int = 2,
-    until: str = STAGES[-1],
+    until: str = "answer",
     watcher: Watcher,
 ) -> Differences:
     """Make what is missing of a benchmark, stage by stage.
@@ -57,7 +54,7 @@ def run_benchmark(
         out: Its folder: new or empty, or with `resume` one that was begun.
         resume: Go on.
         workers: Processes at a time; each training takes its share of the cores.
-        until: Last stage to do.
+        until: Last stage to do: `generate`, `train` or `answer`.
         watcher: Told what happens.
 
     Returns:
@@ -94,15 +91,14 @@ def run_digest(config: BenchmarkConfig, name: str) -> str:
 
 
 def _generate(config: BenchmarkConfig, work: Workspace, workers: int, watcher: Watcher) -> None:
-    missing = []
-    for name in config.sets:
-        note = work.finished(f"set/{name}")
-        if note is None or note["digest"] != set_digest(config, name):
-            missing.append(name)
-    watcher.begin("generate", len(config.sets), len(config.sets) - len(missing))
-    for name in missing:
+    identities = {name: set_digest(config, name) for name in config.sets}
+    missing = {
+        name: each for name, each in identities.items() if not work.holds(f"set/{name}", each)
+    }
+    watcher.begin("generate", len(identities), len(identities) - len(missing))
+    for name, identity in missing.items():
         watcher.started(name)
-        stage, identity = f"set/{name}", set_digest(config, name)
+        stage = f"set/{name}"
         with work.metered(stage, identity) as facts:
             summary = generate(
                 config.sets[name],
@@ -169,11 +165,11 @@ def _answer(config: BenchmarkConfig, work: Workspace, workers: int, watcher: Wat
             answers = work.answers_path(set_name, method)
             data = work.set_path(set_name)
             every[stage] = AnswerJob(method, run, data, answers, scores, threads)
-    jobs: dict[str, Any] = {}
-    for stage, job in every.items():
-        note = work.finished(stage)
-        if note is None or note["digest"] != identities[stage]:
-            jobs[stage.removeprefix("answer/")] = (answer, job, [])
+    jobs: dict[str, Any] = {
+        stage.removeprefix("answer/"): (answer, job, [])
+        for stage, job in every.items()
+        if not work.holds(stage, identities[stage])
+    }
     watcher.begin("answer", len(every), len(every) - len(jobs))
     _run(jobs, "answer", identities, work, workers, watcher)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -128,12 +127,8 @@ def best_classical(rows: list[Row], protocol: str, metric: str = "rmse_px") -> f
 
 def table_document(config: BenchmarkConfig, work: Workspace, rows: list[Row]) -> dict[str, Any]:
     """Return the table as JSON values: every row, and what each stage cost."""
-    stages = {}
-    for path in sorted((work.root / "stages").glob("*.json")):
-        note = json.loads(path.read_text())
-        stages[path.stem.replace("--", "/", 1)] = {
-            name: note[name] for name in ("wall_s", "cpu_s", "machine", "cores", "finished")
-        }
+    told = ("wall_s", "cpu_s", "machine", "cores", "finished")
+    stages = {stage: {name: note[name] for name in told} for stage, note in work.notes().items()}
     return {
         "name": config.name,
         "version": config.version,

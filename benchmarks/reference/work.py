@@ -113,21 +113,32 @@ class Workspace:
     def _note(self, stage: str) -> Path:
         return self.root / "stages" / f"{stage.replace('/', '--')}.json"
 
+    def _read(self, stage: str) -> dict[str, Any] | None:
+        note = self._note(stage)
+        found: dict[str, Any] | None = json.loads(note.read_text()) if note.is_file() else None
+        return found
+
+    def notes(self) -> dict[str, dict[str, Any]]:
+        """Return the note of every stage that was begun, by stage, sorted."""
+        return {
+            path.stem.replace("--", "/", 1): json.loads(path.read_text())
+            for path in sorted((self.root / "stages").glob("*.json"))
+        }
+
     def finished(self, stage: str) -> dict[str, Any] | None:
         """Return the note of a finished stage: its digest and cost; None if it is not."""
-        note = self._note(stage)
-        if not note.is_file():
-            return None
-        found: dict[str, Any] = json.loads(note.read_text())
-        return found if found.get("finished") else None
+        found = self._read(stage)
+        return found if found is not None and found.get("finished") else None
+
+    def holds(self, stage: str, digest: str) -> bool:
+        """Return whether a stage is finished, and was made from just this."""
+        found = self.finished(stage)
+        return found is not None and found["digest"] == digest
 
     def cost(self, stage: str) -> Cost:
         """Return what a stage has cost so far, interrupted attempts included."""
-        note = self._note(stage)
-        if not note.is_file():
-            return Cost()
-        found = json.loads(note.read_text())
-        return Cost(float(found["wall_s"]), float(found["cpu_s"]))
+        found = self._read(stage)
+        return Cost() if found is None else Cost(float(found["wall_s"]), float(found["cpu_s"]))
 
     def record(
         self,
@@ -162,14 +173,15 @@ class Workspace:
 
 def machine() -> dict[str, Any]:
     """Return what this machine is, for the record."""
-    return {"machine": _processor(), "cores": len(os.sched_getaffinity(0))}
+    return {"machine": processor_name(), "cores": len(os.sched_getaffinity(0))}
 
 
-def _processor() -> str:
+def processor_name() -> str:
+    """Return the processor's model, as far as the system tells it."""
     try:
         for line in Path("/proc/cpuinfo").read_text().splitlines():
             if line.startswith("model name"):
                 return line.split(":", 1)[1].strip()
     except OSError:
         pass
-    return platform.processor() or platform.machine()
+    return platform.processor() or "unknown"
