@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from pliant.generator.settings import check_range
 from pliant.generator.subject import FloatArray, Pose, Subject
 from pliant.spec.errors import CallError
 
@@ -162,17 +163,17 @@ class CameraSettings:
                 found=(self.top, self.oblique),
             )
         # The bounds keep the camera above the table and the object in front of it.
-        _check_range("fov_deg", self.fov_deg, 5.0, 120.0)
-        _check_range("fill", self.fill, 0.05, 1.0 - 2 * _MIN_MARGIN)
-        _check_range("shift", self.shift, 0.0, 1.0)
-        _check_range("top_tilt_deg", self.top_tilt_deg, 0.0, 30.0)
-        _check_range("top_roll_deg", self.top_roll_deg, -180.0, 180.0)
-        _check_range("oblique_elevation_deg", self.oblique_elevation_deg, 5.0, 90.0)
+        check_range("camera.fov_deg", self.fov_deg, 5.0, 120.0)
+        check_range("camera.fill", self.fill, 0.05, 1.0 - 2 * _MIN_MARGIN)
+        check_range("camera.shift", self.shift, 0.0, 1.0)
+        check_range("camera.top_tilt_deg", self.top_tilt_deg, 0.0, 30.0)
+        check_range("camera.top_roll_deg", self.top_roll_deg, -180.0, 180.0)
+        check_range("camera.oblique_elevation_deg", self.oblique_elevation_deg, 5.0, 90.0)
         if self.oblique_azimuth_deg is not None:
-            _check_range("oblique_azimuth_deg", self.oblique_azimuth_deg, -360.0, 360.0)
-        _check_range("oblique_roll_deg", self.oblique_roll_deg, -180.0, 180.0)
+            check_range("camera.oblique_azimuth_deg", self.oblique_azimuth_deg, -360.0, 360.0)
+        check_range("camera.oblique_roll_deg", self.oblique_roll_deg, -180.0, 180.0)
         if self.distance_m is not None:
-            _check_range("distance_m", self.distance_m, CLEARANCE_M, 100.0)
+            check_range("camera.distance_m", self.distance_m, CLEARANCE_M, 100.0)
 
 
 def sample_camera(
@@ -238,16 +239,6 @@ def _workspace_corners(extent_m: Sequence[float]) -> FloatArray:
     share = _WORKSPACE_SHARE
     corners: FloatArray = signs * [share * x, share * y, _HEADROOM_M]
     return corners
-
-
-def _check_range(name: str, values: tuple[float, float], low: float, high: float) -> None:
-    if len(values) != 2 or not low <= values[0] <= values[1] <= high:
-        raise CallError(
-            "the range cannot be used",
-            where=f"camera.{name}",
-            found=tuple(values),
-            required=f"[low, high] with {low:g} <= low <= high <= {high:g}",
-        )
 
 
 def _direction(elevation_deg: float, azimuth_deg: float) -> npt.NDArray[np.float64]:

@@ -18,6 +18,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from pliant.generator.settings import check_range
 from pliant.generator.subject import Subject
 from pliant.spec.errors import CallError
 
@@ -175,14 +176,7 @@ class LookSettings:
             ("sun_warmth", 0.0, 1.0),
             ("brightness", 0.05, 4.0),
         ):
-            values = getattr(self, name)
-            if len(values) != 2 or not low <= values[0] <= values[1] <= high:
-                raise CallError(
-                    "the range cannot be used",
-                    where=f"look.{name}",
-                    found=tuple(values),
-                    required=f"[low, high] with {low:g} <= low <= high <= {high:g}",
-                )
+            check_range(f"look.{name}", getattr(self, name), low, high)
         for name in ("materials", "first_material"):
             if getattr(self, name) < 0:
                 raise CallError(

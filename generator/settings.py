@@ -114,3 +114,31 @@ def _scalar(value: Any, hint: Any, where: str) -> Any:
             ),
         )
     return value
+
+
+def check_range(
+    where: str,
+    values: tuple[float, float],
+    low: float,
+    high: float,
+    sentence: str = "the range cannot be used",
+) -> None:
+    """Refuse a range of settings that is none, or leaves what is possible.
+
+    Args:
+        where: Dotted name of the setting.
+        values: (low, high), of which a value is drawn.
+        low: Lowest possible value.
+        high: Highest.
+        sentence: What the refusal says.
+
+    Raises:
+        CallError: It is not two numbers in order, within these.
+    """
+    if len(values) != 2 or not low <= values[0] <= values[1] <= high:
+        raise CallError(
+            sentence,
+            where=where,
+            found=tuple(values),
+            required=f"[low, high] with {low:g} <= low <= high <= {high:g}",
+        )

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from pliant.generator.camera import Camera
+from pliant.generator.config import STYLES
 from pliant.generator.look import Look
 from pliant.generator.subject import Pose, Subject
 from pliant.generator.truth import FrameTruth
@@ -15,8 +16,6 @@ from pliant.spec.errors import CallError, MissingExtraError
 
 if TYPE_CHECKING:
     from pliant.generator.render.depth_camera import DepthCameraSettings
-
-STYLES: Final = ("photo", "fast", "raster", "real-depth")
 
 
 class Renderer(Protocol):

@@ -23,9 +23,9 @@ import numpy.typing as npt
 from pliant.generator.camera import Camera
 from pliant.generator.look import Look
 from pliant.generator.noise import perlin_noise
+from pliant.generator.settings import check_range
 from pliant.generator.subject import Pose, Subject
 from pliant.generator.truth import FrameTruth
-from pliant.spec.errors import CallError
 
 Range = tuple[float, float]
 FloatImage = npt.NDArray[np.float64]
@@ -69,14 +69,8 @@ class DepthCameraSettings:
             ("pinholes", 0.0, 1.0),
             ("specks", 0.0, 10000.0),
         ):
-            values = getattr(self, name)
-            if len(values) != 2 or not low <= values[0] <= values[1] <= high:
-                raise CallError(
-                    "impossible depth camera",
-                    where=f"depth_camera.{name}",
-                    found=tuple(values),
-                    required=f"[low, high] with {low:g} <= low <= high <= {high:g}",
-                )
+            where = f"depth_camera.{name}"
+            check_range(where, getattr(self, name), low, high, "impossible depth camera")
 
 
 class DepthCameraRenderer:
