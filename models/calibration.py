@@ -7,6 +7,7 @@ best descriptor distance, shifted so that 0.5 is the threshold with the fewest e
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -27,7 +28,8 @@ from pliant.models.decoding import Widths, decode_position, mixture_of_modes
 from pliant.models.matching import Calibration, DonMatcher, visible_probability
 from pliant.models.validation import ValidationPair
 
-TEMPERATURES = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 8.0)
+TEMPERATURES = (0.5, 0.7, 1.0, 1.4, 2.0, 4.0, 8.0)
+MODE_RADII_PX = (4.0, 9.0, 14.0)
 STRAYS = (0.0, 0.01, 0.03, 0.06, 0.12, 0.25)
 WIDTHS = {
     "spread": (0.25, 0.35, 0.5, 0.7, 0.85, 1.0, 1.2, 1.4, 1.7, 2.0, 2.5, 3.0),
@@ -35,9 +37,8 @@ WIDTHS = {
     "power": (0.7, 1.0, 1.4, 1.8, 2.2, 2.6),
     "sigma_floor_px": (0.1, 0.2, 0.3, 0.45, 0.7, 1.0, 1.5, 2.2),
 }
-"""What is tried; the widths, which cost little, for every temperature."""
+"""What is tried; the widths, which cost little, for every temperature and radius."""
 
-_ROUNDS = 2
 _ECE_WEIGHT = 10.0
 
 
@@ -83,10 +84,14 @@ def calibrate(
         measured = _measure(modes, calibration, scale, full_size)
         return measured["nll"] + _ECE_WEIGHT * measured["ece"]
 
-    tried = [_best_widths(Calibration(temperature=value), cost) for value in TEMPERATURES]
+    starts = itertools.product(TEMPERATURES, MODE_RADII_PX)
+    tried = [
+        _best_widths(Calibration(temperature=heat, mode_radius_px=radius), cost)
+        for heat, radius in starts
+    ]
     best = min(tried, key=cost)
     best = min((_changed(best, "stray", value) for value in STRAYS), key=cost)
-    best = _best_widths(best, cost)
+    best = _best_widths(_best_widths(best, cost), cost)
     best = _fit_visible(best, np.concatenate(distances), np.concatenate(hidden))
     figures = _measure(modes, best, scale, full_size)
     if best.visible_slope > 0:
@@ -98,31 +103,32 @@ def calibrate(
 
 
 class _Modes:
-    """The modes of every pair, found once for each temperature and stray probability."""
+    """The modes of every pair, found once for each way of finding them."""
 
     def __init__(self, pairs: Sequence[_Pair]) -> None:
         self.pairs = pairs
-        self._found: dict[tuple[float, float], list[npt.NDArray[np.float64]]] = {}
+        self._found: dict[tuple[float, float, float], list[npt.NDArray[np.float64]]] = {}
 
     def of(self, calibration: Calibration) -> list[npt.NDArray[np.float64]]:
         """Return a pair's modes each: float64 (Q, K, 4), weight 0 where a mode is not used."""
-        key = (calibration.temperature, calibration.stray)
+        key = (calibration.temperature, calibration.stray, calibration.mode_radius_px)
         if key not in self._found:
             found = []
             for pair in self.pairs:
                 flat = DonMatcher.flattened(pair.log_p, calibration)
-                modes, _ = mixture_of_modes(flat, pair.uv, Widths(0.0))
+                modes, _ = mixture_of_modes(
+                    flat, pair.uv, Widths(0.0), calibration.mode_radius_px
+                )
                 found.append(modes.double().numpy())
             self._found[key] = found
         return self._found[key]
 
 
 def _best_widths(start: Calibration, cost: Callable[[Calibration], float]) -> Calibration:
-    """Return the best widths of the modes, one after the other, twice over."""
+    """Return the best widths of the modes, chosen one after the other."""
     best = start
-    for _ in range(_ROUNDS):
-        for name, values in WIDTHS.items():
-            best = min((_changed(best, name, value) for value in values), key=cost)
+    for name, values in WIDTHS.items():
+        best = min((_changed(best, name, value) for value in values), key=cost)
     return best
 
 

@@ -14,7 +14,6 @@ REFINE_PX = 1.5
 
 _MEDIAN_PIXELS = 256
 _MODES = 5
-_MODE_RADIUS_PX = 4.0
 _LEAST_WEIGHT = 0.02
 
 
@@ -80,16 +79,18 @@ def mixture_of_modes(
     log_p: torch.Tensor,
     uv_px: torch.Tensor,
     widths: Widths,
+    radius_px: float = 4.0,
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Sum probabilities up as a few isotropic Gaussians.
 
-    The most probable pixel takes everything within 4 px as one mode, then the next of what
+    The most probable pixel takes everything within a radius as one mode, then the next of what
     remains, up to four times; the rest becomes one wide mode.
 
     Args:
         log_p: float (Q, M).
         uv_px: float (M, 2).
         widths: What standard deviation a mode's variance stands for.
+        radius_px: Radius of a mode: a rope's places lie apart, a cloth's doubt is one wide hill.
 
     Returns:
         modes float (Q, 5, 4) of (u, v, sigma, weight); used bool (Q, 5). Weights of the used
@@ -100,7 +101,7 @@ def mixture_of_modes(
     for number in range(_MODES):
         if number < _MODES - 1:
             peak = uv_px[left.argmax(dim=1)]  # (Q, 2)
-            near = (uv_px[None] - peak[:, None]).square().sum(dim=-1) <= _MODE_RADIUS_PX**2
+            near = (uv_px[None] - peak[:, None]).square().sum(dim=-1) <= radius_px**2
             part = left * near
         else:
             part = left

@@ -48,6 +48,7 @@ class Calibration:
         blur_px: Taken off the spread of a mode in squares before, network pixels.
         power: Exponent of what remains of it.
         stray: Probability that the answer is anywhere on the object.
+        mode_radius_px: What lies this near to a peak is one mode with it, network pixels.
         visible_at: Squared descriptor distance to the best candidate at which a point is as
             likely visible as hidden, in units of the network's scale.
         visible_slope: Slope of that logistic curve, per unit of log distance; 0 gives no
@@ -64,6 +65,7 @@ class Calibration:
     spread: float = 1.0
     blur_px: float = 0.0
     power: float = 1.0
+    mode_radius_px: float = 4.0
 
     @property
     def widths(self) -> Widths:
@@ -144,7 +146,9 @@ class DonMatcher:
             return Answers(position, visible, (sigma.numpy() * width).astype(np.float32))
         modes = None
         if self.settings.distribution == "modes":
-            mixture, used = mixture_of_modes(flat, uv, calibration.widths)
+            mixture, used = mixture_of_modes(
+                flat, uv, calibration.widths, calibration.mode_radius_px
+            )
             values = mixture.double().numpy() * [scale[0], scale[1], width, 1.0]
             kept = zip(values.astype(np.float32), used.numpy(), strict=True)
             modes = [rows[keep] for rows, keep in kept]

@@ -163,6 +163,21 @@ def test_modes_by_hand() -> None:
     )
 
 
+def test_a_wider_radius_takes_a_hill_as_one_mode() -> None:
+    line = torch.tensor([[u + 0.5, 0.5] for u in range(60)])
+    p = torch.full((60,), 1e-12)
+    p[20], p[26], p[50] = 0.5, 0.3, 0.2  # 6 px apart: two modes of 4 px, one of 9 px
+    _, used = mixture_of_modes(p.log()[None], line, Widths(0.0), 4.0)
+    assert int(used.sum()) == 3
+    modes, used = mixture_of_modes(p.log()[None], line, Widths(0.0), 9.0)
+    # Mean 20 + 6 * 3 / 8; variance 36 * 15 / 64 along the line, half of it per axis.
+    np.testing.assert_allclose(
+        modes[0][used[0]].numpy(),
+        [[22.75, 0.5, math.sqrt(36 * 15 / 64 / 2), 0.8], [50.5, 0.5, 0.0, 0.2]],
+        atol=1e-4,
+    )
+
+
 def test_a_narrower_spread_moves_neither_modes_nor_weights() -> None:
     wide = torch.tensor([[u + 0.5, 0.5] for u in range(60)])
     p = torch.full((60,), 1e-12)
