@@ -84,6 +84,8 @@ def compare_checksums(config: BenchmarkConfig, work: Workspace) -> Differences:
 def read_frozen(config: BenchmarkConfig) -> dict[str, Any] | None:
     """Return the frozen checksums, or None where the benchmark has none yet.
 
+    Under `tables` a file may name another set that has the very same ones.
+
     Raises:
         CallError: The file cannot be read or belongs to another benchmark or version.
     """
@@ -102,7 +104,24 @@ def read_frozen(config: BenchmarkConfig) -> dict[str, Any] | None:
             found=" ".join(map(str, belongs)),
             required=f"{config.name} {config.version}",
         )
+    _share_tables(document["sets"], path)
     return document
+
+
+def _share_tables(sets: dict[str, Any], path: Path) -> None:
+    """Replace a set's name that stands for its tables by those tables."""
+    for name, checksums in sets.items():
+        source = checksums["tables"]
+        if isinstance(source, str):
+            if source not in sets:
+                raise CallError(
+                    "the checksums name an unknown set",
+                    path=path,
+                    where=f"sets.{name}.tables",
+                    found=repr(source),
+                    required="one of " + ", ".join(sets),
+                )
+            checksums["tables"] = sets[source]["tables"]
 
 
 def _what_differs(wanted: Mapping[str, Any], found: Mapping[str, Any]) -> str:

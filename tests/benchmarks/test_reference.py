@@ -12,6 +12,7 @@ from click.testing import CliRunner
 
 from pliant.benchmarks.reference.checksums import compare_checksums, read_frozen, set_checksums
 from pliant.benchmarks.reference.config import BenchmarkConfig, read_config
+from pliant.benchmarks.reference.freezing import frozen_questions
 from pliant.benchmarks.reference.run import run_benchmark, run_digest
 from pliant.benchmarks.reference.work import Cost, Workspace
 from pliant.cli.main import cli, run
@@ -261,6 +262,29 @@ def test_frozen_checksums(
         assert "not the frozen ones" in (out / "results.md").read_text()
         frozen.write_text(json.dumps({**document, "version": "2.0.0"}))
         with pytest.raises(CallError, match="another benchmark"):
+            read_frozen(config)
+    finally:
+        frozen.unlink()
+
+
+def test_freezing_makes_the_test_splits_alone(
+    config_file: Path, made: tuple[Path, Recorder], tmp_path: Path
+) -> None:
+    """What is frozen without trainings, training splits and noise is what the benchmark asks."""
+    out, _ = made
+    config = read_config(config_file)
+    told: list[str] = []
+    document = frozen_questions(config, tmp_path / "freeze", tell=told.append)
+    assert document["sets"]["rope-noisy"]["tables"] == "rope"  # never made
+    assert [path.name for path in (tmp_path / "freeze").iterdir()] == ["rope"]
+    assert len(told) == 2
+    frozen = config_file.parent / "thumb.sha256.json"
+    try:
+        frozen.write_text(json.dumps(document))
+        assert compare_checksums(config, Workspace(out)).sets == {}
+        document["sets"]["rope-noisy"]["tables"] = "cloth"
+        frozen.write_text(json.dumps(document))
+        with pytest.raises(CallError, match="unknown set"):
             read_frozen(config)
     finally:
         frozen.unlink()
