@@ -1,12 +1,14 @@
 """Contrastive against distributional, side by side: the same data, network, steps and seeds.
 
 Both train with the shipped CPU recipe but for the loss (`--quick`: a few steps of a small network,
-one seed) and are validated on the same pairs of unseen ropes. PLIANT_DON_DATA names a dataset with
-a rope tier to use instead of making one, PLIANT_DON_STEPS the steps of every run, PLIANT_DON_RUNS a
-folder to keep the runs in, as LOSS-SEED: what is finished there is not trained again, what was
-interrupted goes on from its checkpoint (with other settings it is refused).
+one seed) and answer the test split, on the reference benchmark's set of a tier
+(`pliant-v1-mini.yaml`). The tier is rope, or PLIANT_DON_TIER. PLIANT_DON_DATA names a dataset with
+that tier to use instead of making one (such as DIR/sets/cloth-1 of `pliant benchmark`),
+PLIANT_DON_STEPS the steps of every run, PLIANT_DON_RUNS a folder to keep the runs in, as LOSS-SEED:
+what is finished there is not trained again, what was interrupted goes on from its checkpoint (with
+other settings it is refused).
 
-rmse_px_{LOSS}_seed_{S}   pooled RMSE on the validation pairs, of the best validation
+rmse_px_{LOSS}_seed_{S}   pooled RMSE on the test split, of the best validated weights
 rmse_px_{LOSS}            mean over the seeds
 spread_px_{LOSS}          largest less smallest
 cpu_s_{LOSS}              CPU seconds of a run, mean over those this call trained from the start
@@ -20,18 +22,24 @@ os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 import tempfile
 import time
+from dataclasses import replace
 from pathlib import Path
 
 from record import Value, main
 
-from pliant.generator.config import GenerateConfig
+from pliant.baselines.submission import predict
+from pliant.benchmarks.reference.config import read_config
+from pliant.evaluator import evaluate
 from pliant.generator.runner import generate
+from pliant.models import load_matcher
 from pliant.models.checkpoint import latest_checkpoint
 from pliant.models.don import train_don
 from pliant.models.settings import DonSettings, read_settings
 from pliant.spec.dataset import Dataset
 
-RECIPE = Path(__file__).parents[1] / "models" / "configs" / "don.yaml"
+CONFIGS = Path(__file__).parents[1] / "models" / "configs"
+REFERENCE = Path(__file__).with_name("pliant-v1-mini.yaml")
+SMALL_SPLITS = {"train": 12, "val": 6, "test": 4}
 LOSSES = {
     "distributional": ["loss.kind=distributional"],
     "contrastive": ["loss.kind=contrastive", "loss.margin=0.5"],
@@ -44,15 +52,16 @@ def measure(quick: bool) -> dict[str, Value]:
     """Train every loss with every seed."""
     steps = int(os.environ.get("PLIANT_DON_STEPS", "20" if quick else "400"))
     seeds = (0,) if quick else (0, 1, 2)
+    tier = os.environ.get("PLIANT_DON_TIER", "rope")
+    recipe = CONFIGS / ("don.yaml" if tier == "rope" else "don-cloth.yaml")
     record: dict[str, Value] = {"steps": steps, "seeds": len(seeds)}
     with tempfile.TemporaryDirectory() as folder:
         scratch = Path(folder)
         data = os.environ.get("PLIANT_DON_DATA")
         if data is None:
-            splits = {"train": 12, "val": 6} if quick else {"train": 1200, "val": 50}
-            config = GenerateConfig(
-                tiers=("rope",), splits=splits, style="raster", seed=11, look={"materials": 1}
-            )
+            config = read_config(REFERENCE).sets[tier]
+            if quick:
+                config = replace(config, splits=SMALL_SPLITS, sequences=None)
             generate(config, scratch / "set", workers=1 if quick else 2)
             data = str(scratch / "set")
         dataset = Dataset.open(data)
@@ -61,18 +70,20 @@ def measure(quick: bool) -> dict[str, Value]:
         for loss, choice in LOSSES.items():
             errors, spent = [], []
             for seed in seeds:
-                overrides = ["tier=rope", f"seed={seed}", f"steps={steps}", watch, *choice]
+                overrides = [f"tier={tier}", f"seed={seed}", f"steps={steps}", watch, *choice]
                 settings = read_settings(
-                    DonSettings, RECIPE, [*overrides, *(SMALL if quick else [])]
+                    DonSettings, recipe, [*overrides, *(SMALL if quick else [])]
                 )
                 run = runs / f"{loss}-{seed}"
                 begun = latest_checkpoint(run) is not None
                 started = time.process_time()
-                # A finished run takes no step more: it is only validated again.
-                facts = train_don(dataset, run, settings, resume=begun)
+                # A finished run takes no step more: it is only calibrated again.
+                train_don(dataset, run, settings, resume=begun)
                 if not begun:
                     spent.append(time.process_time() - started)
-                errors.append(facts["validation"]["rmse_px"])
+                answers = scratch / f"{run.name}.parquet"
+                predict(dataset, "test", load_matcher(run), answers)
+                errors.append(evaluate(answers, dataset).overall["rmse_px"])
                 record[f"rmse_px_{loss}_seed_{seed}"] = errors[-1]
             record[f"rmse_px_{loss}"] = sum(errors) / len(errors)
             record[f"spread_px_{loss}"] = max(errors) - min(errors)
