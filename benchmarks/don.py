@@ -93,7 +93,7 @@ def scored(dataset: Dataset, method: str, matcher: object, folder: Path) -> Scor
 def measure(quick: bool) -> dict[str, Value]:
     """Make, train, answer, score."""
     tier = os.environ.get("PLIANT_DON_TIER", "rope")
-    recipe_file = CONFIGS / ("don.yaml" if tier == "rope" else "don-cloth.yaml")
+    recipe_file = CONFIGS / ("don-rope.yaml" if tier == "rope" else "don-cloth.yaml")
     with tempfile.TemporaryDirectory() as folder:
         scratch = Path(folder)
         data = os.environ.get("PLIANT_DON_DATA")

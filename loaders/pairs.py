@@ -62,6 +62,8 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
     * `uv_px` float32 (V, Q, 1 + S, 2): slot 0 is the point itself, the others its symmetry
       partners, in working pixels; 0 where unknown;
     * `visible` bool (V, Q, 1 + S);
+    * `orientation` float32 (V, Q, 3), how the material lies at the point, see `Orientation`; NaN
+      where unknown (always, with matches from the surface);
     * `frames` int64 (V,), numbers in `store.frames`;
     * `action_px` float32 (V, V), the largest distance in the image that any surface point
       visible in both moves between two views of one episode; +inf between others. This is
@@ -124,9 +126,11 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
             views = self._surface_matches(rng, frames, views)
         if self.augmentation is not None:
             views = [augment(rng, view, self.augmentation) for view in views]
+        shape = (len(views), self.settings.queries, 3)
+        orientation = np.full(shape, np.nan, dtype=np.float32)
         if self.settings.matches == "points":  # last: augmentation lays an object by all of them
-            views = self._points_of(rng, views)
-        return self._tensors(frames, views, action)
+            views, orientation = self._points_of(rng, views)
+        return self._tensors(frames, views, action, orientation)
 
     def _frames_by_sequence(self) -> list[npt.NDArray[np.int64]]:
         if self.settings.pairing == "any":
@@ -145,8 +149,10 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
             return group[start : start + self.settings.views]
         return rng.choice(group, size=self.settings.views, replace=False)
 
-    def _points_of(self, rng: np.random.Generator, views: list[FrameView]) -> list[FrameView]:
-        """Return the views with the drawn points' orbits as their points: Q (1 + S) rows."""
+    def _points_of(
+        self, rng: np.random.Generator, views: list[FrameView]
+    ) -> tuple[list[FrameView], npt.NDArray[np.float32]]:
+        """Draw points: the views with their orbits, Q (1 + S) rows, and how it lies there."""
         seen = np.stack([view.visible for view in views]).sum(axis=0)  # (P,)
         candidates = np.flatnonzero(seen >= 2)
         count = self.settings.queries
@@ -154,9 +160,11 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
             candidates = np.arange(self.store.points)
         drawn = rng.choice(candidates, size=count, replace=len(candidates) < count)
         orbit = np.column_stack([drawn, self.store.partners[drawn]]).ravel()  # (Q (1 + S),)
-        return [
+        lies = np.stack([self.store.orientation.of(view.uv_px, drawn) for view in views])
+        drawn_views = [
             replace(view, uv_px=view.uv_px[orbit], visible=view.visible[orbit]) for view in views
         ]
+        return drawn_views, lies
 
     def _surface_matches(
         self, rng: np.random.Generator, frames: npt.NDArray[np.int64], views: list[FrameView]
@@ -197,6 +205,7 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
         frames: npt.NDArray[np.int64],
         views: list[FrameView],
         action: npt.NDArray[np.float32],
+        orientation: npt.NDArray[np.float32],
     ) -> dict[str, torch.Tensor]:
         slots = 1 + len(self.store.tier["symmetries"])
         kind = self.settings.input
@@ -211,5 +220,6 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
             "visible": visible & np.isfinite(uv).all(axis=-1),
             "frames": frames,
             "action_px": action,
+            "orientation": orientation,
         }
         return {name: torch.from_numpy(np.ascontiguousarray(a)) for name, a in sample.items()}

@@ -116,9 +116,7 @@ class _Modes:
             found = []
             for pair in self.pairs:
                 flat = DonMatcher.flattened(pair.log_p, calibration)
-                modes, _ = mixture_of_modes(
-                    flat, pair.uv, Widths(0.0), calibration.mode_radius_px
-                )
+                modes, _ = mixture_of_modes(flat, pair.uv, Widths(0.0), calibration.mode_radius_px)
                 found.append(modes.double().numpy())
             self._found[key] = found
         return self._found[key]

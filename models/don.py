@@ -40,7 +40,8 @@ def shipped_recipe(dataset: Dataset, tier: str) -> Path:
         CallError: No tier is named and the dataset has several, or there is none of that name.
     """
     kind = named_tier(dataset, with_tier(tier, dataset))["kind"]
-    return Path(__file__).parent / "configs" / ("don-cloth.yaml" if kind == "cloth" else "don.yaml")
+    name = "don-cloth.yaml" if kind == "cloth" else "don-rope.yaml"
+    return Path(__file__).parent / "configs" / name
 
 
 class DonTask:
@@ -84,6 +85,7 @@ class DonTask:
             INPUT_CHANNELS[settings.pairs.input],
             initial_scale=settings.loss.initial_scale,
             learn_scale=settings.loss.learn_scale,
+            orientation=settings.loss.orientation_weight > 0,
         ).to(processes.device, memory_format=torch.channels_last)
 
     def batches(self, start: int, stop: int) -> Iterable[Batch]:
@@ -99,12 +101,13 @@ class DonTask:
         images = batch["image"].flatten(0, 1).contiguous(memory_format=torch.channels_last)
         half = self.settings.precision == "bfloat16"
         with torch.autocast(device.type, torch.bfloat16) if half else nullcontext():
-            descriptors = self.network(images)
+            descriptors, orientation = self.network.described(images)
         loss, figures = don_loss(
             descriptors,
             self.network.scale,
             batch,
             self.settings.loss,
+            orientation=orientation,
             progress=progress,
             generator=generator,
         )

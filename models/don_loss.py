@@ -16,6 +16,7 @@ from pliant.models.losses.lipschitz_space import (
     soft_argmax,
 )
 from pliant.models.losses.lipschitz_time import lipschitz_time_loss
+from pliant.models.losses.orientation import orientation_loss
 from pliant.models.networks import sample_descriptors
 from pliant.models.settings import LossSettings
 
@@ -28,6 +29,7 @@ def don_loss(
     batch: Mapping[str, torch.Tensor],
     settings: LossSettings,
     *,
+    orientation: torch.Tensor | None = None,
     progress: float = 0.0,
     generator: torch.Generator | None = None,
 ) -> tuple[torch.Tensor, Figures]:
@@ -41,6 +43,7 @@ def don_loss(
         batch: A batch of `PairDataset`: mask (B, V, h, w), uv_px (B, V, Q, R, 2), visible
             (B, V, Q, R), action_px (B, V, V).
         settings: What to minimise.
+        orientation: float (B V, 3, h, w), the network's, for the orientation loss.
         progress: Share of the training done, 0 to 1 (for growing penalties).
         generator: Source of randomness.
 
@@ -125,6 +128,14 @@ def don_loss(
         )
         figures["lipschitz_time"] = time.detach()
         loss = loss + settings.time_weight * time
+    if settings.orientation_weight > 0 and orientation is not None:
+        lies = orientation_loss(
+            sample_descriptors(orientation, batch["uv_px"][:, :, :, 0].flatten(0, 1)),
+            batch["orientation"].flatten(0, 1),
+            batch["visible"][..., 0].flatten(0, 1),
+        )
+        figures["orientation"] = lies.detach()
+        loss = loss + settings.orientation_weight * lies
     return loss, figures
 
 

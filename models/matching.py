@@ -315,7 +315,11 @@ def load_matcher(run: Path | str) -> DonMatcher:
         raise CallError("this is no training run", path=run, required=f"a folder with {CONFIG}")
     settings = read_settings(DonSettings, run / CONFIG)
     network_settings = replace(settings.network, pretrained="")
-    network = build_network(network_settings, INPUT_CHANNELS[settings.pairs.input])
+    network = build_network(
+        network_settings,
+        INPUT_CHANNELS[settings.pairs.input],
+        orientation=settings.loss.orientation_weight > 0,
+    )
     load_best(network, run)
     facts = _read_json(run / RUN_FACTS) if (run / RUN_FACTS).is_file() else {}
     calibration = None

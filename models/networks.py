@@ -14,6 +14,9 @@ from pliant.models.resnet import DEPTHS, ResNetFCN
 from pliant.models.unet import UNet
 from pliant.spec.errors import CallError
 
+ORIENTATION_CHANNELS: Final = 3
+"""Direction (u, v) and sine, as `pliant.loaders.orientation` has them."""
+
 
 @dataclass(frozen=True)
 class NetworkSettings:
@@ -47,25 +50,25 @@ class NetworkSettings:
             raise ValueError("widths must be at least two multiples of 8, the last one of 32")
 
 
-def _unet(settings: NetworkSettings, channels_in: int) -> nn.Module:
+def _unet(settings: NetworkSettings, channels_in: int, channels_out: int) -> nn.Module:
     return UNet(
         channels_in,
-        settings.descriptor_dim,
+        channels_out,
         settings.widths,
         settings.global_blocks,
         settings.patch,
     )
 
 
-def _resnet(settings: NetworkSettings, channels_in: int) -> nn.Module:
-    return ResNetFCN(settings.name, channels_in, settings.descriptor_dim)
+def _resnet(settings: NetworkSettings, channels_in: int, channels_out: int) -> nn.Module:
+    return ResNetFCN(settings.name, channels_in, channels_out)
 
 
-NETWORKS: Final[dict[str, Callable[[NetworkSettings, int], nn.Module]]] = {
+NETWORKS: Final[dict[str, Callable[[NetworkSettings, int, int], nn.Module]]] = {
     "unet": _unet,
     **dict.fromkeys(DEPTHS, _resnet),
 }
-"""Name -> what builds it."""
+"""Name -> what builds it from settings, channels in and channels out."""
 
 
 class DescriptorNetwork(nn.Module):
@@ -76,6 +79,7 @@ class DescriptorNetwork(nn.Module):
         channels_in: Channels of the input.
         initial_scale: First value of the scale (inverse temperature), > 0.
         learn_scale: False keeps it there.
+        orientation: Also put out how the material lies at every pixel, see `described`.
     """
 
     def __init__(
@@ -85,17 +89,31 @@ class DescriptorNetwork(nn.Module):
         *,
         initial_scale: float = 1.0,
         learn_scale: bool = True,
+        orientation: bool = False,
     ) -> None:
         super().__init__()
         self.normalise = settings.normalise
-        self.backbone = NETWORKS[settings.name](settings, channels_in)
+        self.descriptor_dim = settings.descriptor_dim
+        channels_out = settings.descriptor_dim + (ORIENTATION_CHANNELS if orientation else 0)
+        self.backbone = NETWORKS[settings.name](settings, channels_in, channels_out)
         log_scale = torch.log(torch.tensor(float(initial_scale)))
         self.log_scale = nn.Parameter(log_scale, requires_grad=learn_scale)
 
     def forward(self, image: torch.Tensor) -> torch.Tensor:
         """Map images (N, C, h, w) to descriptors (N, D, h, w), float32."""
-        descriptors: torch.Tensor = self.backbone(image).float()
-        return functional.normalize(descriptors, dim=1) if self.normalise else descriptors
+        return self.described(image)[0]
+
+    def described(self, image: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Map images (N, C, h, w) to descriptors (N, D, h, w) and orientation (N, 3, h, w).
+
+        The latter is what `pliant.loaders.orientation` describes; a network built without it has
+        no such channels: (N, 0, h, w).
+        """
+        out: torch.Tensor = self.backbone(image).float()
+        descriptors, orientation = out[:, : self.descriptor_dim], out[:, self.descriptor_dim :]
+        if self.normalise:
+            descriptors = functional.normalize(descriptors, dim=1)
+        return descriptors, orientation
 
     @property
     def scale(self) -> torch.Tensor:
@@ -109,6 +127,7 @@ def build_network(
     *,
     initial_scale: float = 1.0,
     learn_scale: bool = True,
+    orientation: bool = False,
 ) -> DescriptorNetwork:
     """Return a network with its starting weights.
 
@@ -117,12 +136,17 @@ def build_network(
         channels_in: Channels of the input.
         initial_scale: First value of the scale (inverse temperature).
         learn_scale: False keeps it there.
+        orientation: Also put out how the material lies at every pixel.
 
     Raises:
         CallError: The pretrained weights cannot be found or do not fit.
     """
     network = DescriptorNetwork(
-        settings, channels_in, initial_scale=initial_scale, learn_scale=learn_scale
+        settings,
+        channels_in,
+        initial_scale=initial_scale,
+        learn_scale=learn_scale,
+        orientation=orientation,
     )
     if settings.pretrained:
         from pliant.models.pretrained import load_pretrained

@@ -51,6 +51,8 @@ class LossSettings:
         time_weight: Weight of the Lipschitz condition in time, 0 for none; it needs pairs of
             one episode (`pairs.pairing` sequence or next).
         time_constant: Its constant.
+        orientation_weight: Weight of the orientation loss, 0 for none; it needs matches from the
+            points.
     """
 
     kind: Literal["distributional", "contrastive"] = "distributional"
@@ -75,6 +77,7 @@ class LossSettings:
     space_pixels: int = 12
     time_weight: float = 0.0
     time_constant: float = 1.5
+    orientation_weight: float = 0.0
 
     def sigma_at(self, progress: float) -> float:
         """Return the width of the target's Gaussians at a share of the training, px.
@@ -90,7 +93,8 @@ class LossSettings:
         for name in positive:
             if not getattr(self, name) > 0:
                 raise ValueError(f"loss.{name} must be > 0")
-        for name in ("chunk", "guard_px", "space_weight", "time_weight", "sigma_start_px"):
+        weights = ("space_weight", "time_weight", "orientation_weight")
+        for name in ("chunk", "guard_px", "sigma_start_px", *weights):
             if getattr(self, name) < 0:
                 raise ValueError(f"loss.{name} must be >= 0")
         if self.background < -1 or self.bin_px < 1 or self.non_matches < 2:
@@ -263,6 +267,8 @@ class DonSettings(RunSettings):
         super().__post_init__()
         if self.loss.time_weight > 0 and self.pairs.pairing == "any":
             raise ValueError("loss.time_weight needs pairs.pairing 'sequence' or 'next'")
+        if self.loss.orientation_weight > 0 and self.pairs.matches != "points":
+            raise ValueError("loss.orientation_weight needs pairs.matches 'points'")
 
 
 def settings_from(cls: type[S], values: Mapping[str, Any], where: str = "") -> S:

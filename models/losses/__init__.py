@@ -4,6 +4,7 @@ from pliant.models.losses.contrastive import contrastive_loss, draw_non_matches
 from pliant.models.losses.distributional import distributional_loss, gaussian_target
 from pliant.models.losses.lipschitz_space import lipschitz_space_loss
 from pliant.models.losses.lipschitz_time import lipschitz_time_loss
+from pliant.models.losses.orientation import orientation_loss
 
 __all__ = [
     "contrastive_loss",
@@ -12,4 +13,5 @@ __all__ = [
     "gaussian_target",
     "lipschitz_space_loss",
     "lipschitz_time_loss",
+    "orientation_loss",
 ]

@@ -111,3 +111,36 @@ def test_time_term_knows_which_views_an_action_connects(batch: Batch) -> None:
             assert value > 1.0
         else:
             assert value <= expected
+
+
+def test_orientation_of_the_sheet(batch: Batch) -> None:
+    """The flat sheet runs one way in each view: a map of that way costs nothing."""
+    truth = material_map(batch, sharpness=0.7)
+    ways = batch["orientation"].flatten(0, 1)[:, 0]  # (B V, 3); no sine
+    assert ways[:, 2].isnan().all()
+    maps = ways.nan_to_num(7.0)[:, :, None, None].expand(-1, -1, *truth.shape[-2:])
+    settings = LossSettings(orientation_weight=0.25)
+
+    def cost(orientation: torch.Tensor | None) -> tuple[float, float | None]:
+        generator = torch.Generator().manual_seed(0)
+        loss, figures = don_loss(
+            truth,
+            torch.tensor(1.0),
+            batch,
+            settings,
+            orientation=orientation,
+            generator=generator,
+        )
+        own = figures.get("orientation")
+        return float(loss), None if own is None else float(own)
+
+    without, none = cost(None)
+    assert none is None
+    right, own = cost(maps)
+    assert own == pytest.approx(0.0, abs=1e-4)
+    assert right == pytest.approx(without, abs=1e-4)
+    wrong, opposite = cost(-maps)
+    assert opposite == pytest.approx(4.0, rel=1e-3)
+    assert wrong == pytest.approx(without + 1.0, rel=1e-3)  # 0.25 of it
+    turned, _ = cost(maps.roll(1, 0))
+    assert turned > right

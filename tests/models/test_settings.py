@@ -51,6 +51,11 @@ def test_wrong_settings_are_one_sentence(override: str, message: str) -> None:
     assert message in str(caught.value)
 
 
+def test_orientation_is_known_at_tabulated_points_alone() -> None:
+    with pytest.raises(CallError, match="needs pairs.matches 'points'"):
+        read_settings(DonSettings, None, ["loss.orientation_weight=0.2", "pairs.matches=surface"])
+
+
 @pytest.mark.parametrize("text", ["[1, 2]", "a: [", "\udcff"])
 def test_a_config_that_is_no_mapping_is_refused(tmp_path: Path, text: str) -> None:
     path = tmp_path / "config.yaml"

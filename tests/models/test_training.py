@@ -7,14 +7,17 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 
+from pliant.loaders.frame_store import FrameStore
 from pliant.models import load_matcher
 from pliant.models.checkpoint import latest_checkpoint, read_checkpoint, read_weights_file
 from pliant.models.don import train_don
 from pliant.models.settings import DonSettings, OptimiserSettings, read_settings, settings_to_dict
 from pliant.models.training import learning_rate
+from pliant.models.validation import draw_validation_pairs
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, TrainingError
 
@@ -88,6 +91,20 @@ def test_resumed_equals_uninterrupted(
     assert (whole / "best.safetensors").read_bytes() == (parts / "best.safetensors").read_bytes()
     calibrations = [(run / "calibration.json").read_text() for run in (whole, parts)]
     assert calibrations[0] == calibrations[1]
+
+
+def test_a_run_that_learned_orientation_answers(sheet_dataset: Dataset, tmp_path: Path) -> None:
+    """Its network has three channels more, which no answer looks at."""
+    run = tmp_path / "run"
+    train_don(sheet_dataset, run, tiny("loss.orientation_weight=0.5"))
+    weights = read_weights_file(run / "best.safetensors")
+    assert weights["backbone.head.weight"].shape[0] == 4 + 3
+    history = read_checkpoint(latest_checkpoint(run)).history  # type: ignore[arg-type]
+    assert 0 < history[-1]["orientation"] < 4
+    matcher = load_matcher(run)
+    pair = draw_validation_pairs(FrameStore(sheet_dataset, "sheet", "val", (40, 30)), 1, 8, 0)[0]
+    assert matcher.descriptor_map(pair.source).shape == (30, 40, 4)
+    assert np.isfinite(matcher.answer(pair.source, pair.target, pair.uv_a_px).uv_px).all()
 
 
 def test_a_run_is_a_folder_that_answers(sheet_dataset: Dataset, tmp_path: Path) -> None:
