@@ -14,6 +14,7 @@ import yaml
 
 from pliant.baselines import METHODS
 from pliant.generator.config import GenerateConfig
+from pliant.models.shipped import shipped_names
 from pliant.spec.errors import CallError
 
 TRAINERS = ("don", "timecycle")
@@ -53,6 +54,7 @@ class Test:
         variants: Name of the variant (`clean`, `noisy` …) -> set whose test split is asked.
         methods: Methods without training, keys of `pliant.baselines.METHODS`.
         runs: Names of trainings.
+        shipped: Names of models that come with the package: the whole recipes, trained once.
         protocols: Protocols to score by, the table's first.
         paper_rmse_px: Label of a method -> RMSE in the paper.
     """
@@ -64,8 +66,14 @@ class Test:
     variants: Mapping[str, str]
     methods: tuple[str, ...] = ()
     runs: tuple[str, ...] = ()
+    shipped: tuple[str, ...] = ()
     protocols: tuple[str, ...] = ("standard", "paper")
     paper_rmse_px: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def answering(self) -> tuple[str, ...]:
+        """Everything that answers, in the table's order."""
+        return (*self.methods, *self.runs, *self.shipped)
 
 
 @dataclass(frozen=True)
@@ -209,7 +217,7 @@ def _recipe(name: str, path: Path, where: str) -> dict[str, Any]:
 def _test(key: str, values: Any, path: Path) -> Test:
     required = {"tier", "title", "variants"}
     given = dict(_checked(values, path, f"tests.{key}", required, _names(Test) - required))
-    for name in ("methods", "runs", "protocols"):
+    for name in ("methods", "runs", "shipped", "protocols"):
         if name in given:
             given[name] = tuple(given[name])
     return Test(**given)
@@ -235,14 +243,16 @@ def _check_references(config: BenchmarkConfig) -> None:
             known(name, config.runs, f"tests.{key}.runs")
         for name in test.methods:
             known(name, dict.fromkeys(METHODS), f"tests.{key}.methods")
+        for name in test.shipped:
+            known(name, dict.fromkeys(shipped_names()), f"tests.{key}.shipped")
         for name in test.paper_rmse_px:
-            answers = dict.fromkeys((*test.methods, *test.runs))
+            answers = dict.fromkeys(test.answering)
             known(name, answers, f"tests.{key}.paper_rmse_px")
     for index, each in enumerate(config.comparisons):
         where = f"comparisons.{index}"
         known(each.set, config.sets, f"{where}.set")
         asked = [test for test in config.tests.values() if each.set in test.variants.values()]
-        answers = {name: 0 for test in asked for name in (*test.methods, *test.runs)}
+        answers = {name: 0 for test in asked for name in test.answering}
         known(each.method, answers, f"{where}.method")
         known(each.against, answers, f"{where}.against")
 

@@ -201,7 +201,7 @@ def _costs(work: Workspace, config: BenchmarkConfig) -> list[str]:
         f"{set_name}--{method}": f"answer/{set_name}--{method}"
         for test in config.tests.values()
         for set_name in test.variants.values()
-        for method in (*test.methods, *test.runs)
+        for method in test.answering
     }
     parts = {
         "making the sets": total({name: f"set/{name}" for name in config.sets}),

@@ -19,6 +19,8 @@ from pliant.benchmarks.reference.jobs import (
 )
 from pliant.benchmarks.reference.work import Workspace
 from pliant.generator.runner import generate
+from pliant.models.shipped import FOLDER
+from pliant.spec.checksums import sha256_file
 from pliant.spec.errors import CallError, GenerationError, TrainingError
 
 
@@ -153,12 +155,12 @@ def _answer(config: BenchmarkConfig, work: Workspace, workers: int, watcher: Wat
     every: dict[str, AnswerJob] = {}
     identities: dict[str, str] = {}
     for test, set_name in _asked(config):
-        for method in (*test.methods, *test.runs):
-            run = work.run_path(method) if method in test.runs else None
+        for method in test.answering:
+            run = _run_folder(work, test, method)
             stage = f"answer/{set_name}--{method}"
             identities[stage] = digest(
                 set_digest(config, set_name),
-                run_digest(config, method) if run else method,
+                _method_digest(config, test, method),
                 test.protocols,
             )
             scores = {p: work.scores_path(set_name, method, p) for p in test.protocols}
@@ -172,6 +174,21 @@ def _answer(config: BenchmarkConfig, work: Workspace, workers: int, watcher: Wat
     }
     watcher.begin("answer", len(every), len(every) - len(jobs))
     _run(jobs, "answer", identities, work, workers, watcher)
+
+
+def _run_folder(work: Workspace, test: Test, method: str) -> Path | None:
+    """Return the folder of what was trained, None for a method without training."""
+    if method in test.shipped:
+        return FOLDER / method
+    return work.run_path(method) if method in test.runs else None
+
+
+def _method_digest(config: BenchmarkConfig, test: Test, method: str) -> str:
+    if method in test.runs:
+        return run_digest(config, method)
+    if method in test.shipped:
+        return digest([sha256_file(path) for path in sorted((FOLDER / method).iterdir())])
+    return method
 
 
 def _asked(config: BenchmarkConfig) -> list[tuple[Test, str]]:

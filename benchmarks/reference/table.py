@@ -9,6 +9,7 @@ from typing import Any
 from pliant.benchmarks.reference.config import BenchmarkConfig, Test
 from pliant.benchmarks.reference.work import Cost, Workspace
 from pliant.evaluator.scores import read_scores
+from pliant.models.shipped import shipped_names
 
 CLASSICAL = ("sift", "surf", "orb")
 
@@ -23,10 +24,10 @@ class Row:
         set: The set that was asked.
         method: A method's name, or a training's.
         label: What the table calls it.
-        learned: Whether it was trained.
+        learned: Whether it was trained, here or before it was shipped.
         paper_rmse_px: The paper's figure, or None.
         scores: Protocol -> {"values": metric -> value, "intervals": metric -> [low, high]}.
-        train: What training took, what it started from included; None where there is none.
+        train: What training here took, what it started from included; None where there is none.
         predict_cpu_s: CPU seconds of answering.
         pairs: Pairs answered.
     """
@@ -59,7 +60,7 @@ def finished_rows(config: BenchmarkConfig, work: Workspace) -> list[Row]:
     rows = []
     for key, test in config.tests.items():
         for variant, set_name in test.variants.items():
-            for method in (*test.methods, *test.runs):
+            for method in test.answering:
                 note = work.finished(f"answer/{set_name}--{method}")
                 if note is None:
                     continue
@@ -82,23 +83,25 @@ def _row(
         found = read_scores(work.scores_path(set_name, method, protocol))
         intervals = found.document.get("intervals", {}).get("overall", {})
         scores[protocol] = {"values": found.overall, "intervals": intervals}
-    learned = method in config.runs
+    trained = method in config.runs
     return Row(
         key,
         variant,
         set_name,
         method,
-        config.runs[method].label if learned else _named(method),
-        learned,
+        config.runs[method].label if trained else _named(method),
+        trained or method in test.shipped,
         test.paper_rmse_px.get(method) if variant == "clean" else None,
         scores,
-        training_cost(config, work, method) if learned else None,
+        training_cost(config, work, method) if trained else None,
         float(note["facts"]["predict_cpu_s"]),
         int(note["facts"]["pairs"]),
     )
 
 
 def _named(method: str) -> str:
+    if method in shipped_names():
+        return f"{method}, as shipped"
     return method.upper() if method in CLASSICAL else method.capitalize()
 
 

@@ -65,6 +65,7 @@ tests:
     variants: {clean: rope, noisy: rope-noisy}
     methods: [identity, random]
     runs: [small, more]
+    shipped: [don-rope]
     paper_rmse_px: {small: 28.5}
 comparisons:
   - {question: Does it help, set: rope-noisy, method: more, against: small, metric: jump_rate}
@@ -201,7 +202,7 @@ def test_an_interrupted_benchmark_goes_on_and_repeats_nothing(
 ) -> None:
     _, watcher = made
     assert watcher.begun[:2] == [("generate", 2, 0), ("train", 2, 0)]
-    assert watcher.begun[2:] == [("generate", 2, 2), ("train", 2, 1), ("answer", 8, 0)]
+    assert watcher.begun[2:] == [("generate", 2, 2), ("train", 2, 1), ("answer", 10, 0)]
     assert sorted(watcher.done) == sorted(set(watcher.done))
     assert ("small", 4, 4) in watcher.steps
 
@@ -222,15 +223,20 @@ def test_table_and_page(config_file: Path, made: tuple[Path, Recorder], tmp_path
     table = json.loads(result.stdout)
     assert before == {path: path.stat().st_mtime_ns for path in out.rglob("*.parquet")}
     rows = {(row["variant"], row["method"]): row for row in table["rows"]}
-    assert len(rows) == 8
+    assert len(rows) == 10
     # A row says what the report in scores/ says.
     report = json.loads((out / "scores/rope-noisy/more/paper/scores.json").read_text())
     values = rows["noisy", "more"]["scores"]["paper"]["values"]
     assert values["rmse_px"] == report["overall"]["rmse_px"]
     # What a run started from is part of its cost.
     assert rows["clean", "more"]["train_cpu_s"] > rows["clean", "small"]["train_cpu_s"]
+    shipped = rows["clean", "don-rope"]
+    assert shipped["label"] == "don-rope, as shipped"
+    assert shipped["train_cpu_s"] is None
+    assert shipped["scores"]["paper"]["values"]["rmse_px"] > 0
     text = page.read_text()
     assert "| DON + Lipschitz | " in text
+    assert "| don-rope, as shipped | " in text
     assert "28.5" in text
     assert f"{values['rmse_px']:.1f} [" in text
     assert "Does it help" in text
