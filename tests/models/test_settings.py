@@ -52,7 +52,7 @@ def test_wrong_settings_are_one_sentence(override: str, message: str) -> None:
 
 
 def test_orientation_is_known_at_tabulated_points_alone() -> None:
-    with pytest.raises(CallError, match="needs pairs.matches 'points'"):
+    with pytest.raises(CallError, match=r"needs pairs\.matches 'points'"):
         read_settings(DonSettings, None, ["loss.orientation_weight=0.2", "pairs.matches=surface"])
 
 
