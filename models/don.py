@@ -177,7 +177,8 @@ def train_don(
             open_run(run, settings, resume, RESUMABLE)
         task = DonTask(dataset, settings, run, processes)
         watched = settings.validation
-        loop = LoopSettings.of(settings, watched.every, watched.patience)
+        keep_last = watched.keep == "last"
+        loop = LoopSettings.of(settings, watched.every, watched.patience, keep_last=keep_last)
         state = train(
             task,
             run,

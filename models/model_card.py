@@ -53,7 +53,7 @@ def model_card(
         f"pliant match {name} --source A.png --target B.png --at U,V --out FIGURE.png\n```\n",
         "## Data\n\n" + _data(facts, dataset),
         "## Recipe and cost\n\n" + _recipe(settings, facts, training_s),
-        "## Scores\n\n" + _scores(facts, reports),
+        "## Scores\n\n" + _scores(settings, facts, reports),
         "## Limits\n\n" + _limits(settings, facts, dataset),
         "## How it was made\n\n" + _commands(name, facts, dataset, bool(reports)),
     ]
@@ -129,13 +129,17 @@ def _recipe(settings: Mapping[str, Any], facts: Mapping[str, Any], training_s: f
     return f"{text}\n{shown}\n\n`config.yaml` is all of it.\n"
 
 
-def _scores(facts: Mapping[str, Any], reports: Sequence[Mapping[str, Any]]) -> str:
+def _scores(
+    settings: Mapping[str, Any], facts: Mapping[str, Any], reports: Sequence[Mapping[str, Any]]
+) -> str:
     parts = []
+    last = settings.get("validation", {}).get("keep") == "last"
+    chosen = "; the weights are the last ones" if last else ", which chose the weights"
     figures = facts.get("validation", {})
     if "rmse_px" in figures:
         parts.append(
             _filled(
-                "On pairs of the validation split, which chose the weights: RMSE "
+                f"On pairs of the validation split{chosen}: RMSE "
                 f"{figures['rmse_px']:.2f} px pooled, {figures['rmse_px_mean_over_pairs']:.2f} px "
                 f"mean over pairs, median error {figures['median_px']:.2f} px."
             )

@@ -156,6 +156,8 @@ class ValidationSettings:
         queries: Queries a pair.
         patience: Validations without a lower RMSE after which to stop; 0 never stops.
         calibration_pairs: Image pairs to calibrate on, at the end.
+        keep: Which weights answer: the `best` validated ones, or the `last`, which a learning rate
+            that ends at 0 has brought to rest, where few pairs cannot tell the better ones.
     """
 
     split: str = "val"
@@ -164,6 +166,7 @@ class ValidationSettings:
     queries: int = 64
     patience: int = 0
     calibration_pairs: int = 100
+    keep: Literal["best", "last"] = "best"
 
     def __post_init__(self) -> None:
         if min(self.every, self.pairs, self.queries, self.calibration_pairs) < 1:

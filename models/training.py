@@ -78,6 +78,7 @@ class LoopSettings:
         checkpoint_every: Steps between checkpoints.
         validate_every: Steps between validations.
         patience: Validations without improvement after which to stop; 0 never stops.
+        keep_last: Whether the last validated weights answer, not the best ones.
     """
 
     steps: int
@@ -85,9 +86,12 @@ class LoopSettings:
     checkpoint_every: int
     validate_every: int
     patience: int
+    keep_last: bool = False
 
     @classmethod
-    def of(cls, settings: RunSettings, validate_every: int, patience: int) -> LoopSettings:
+    def of(
+        cls, settings: RunSettings, validate_every: int, patience: int, *, keep_last: bool = False
+    ) -> LoopSettings:
         """Return what a run's settings say of its loop."""
         return cls(
             steps=settings.steps,
@@ -95,6 +99,7 @@ class LoopSettings:
             checkpoint_every=settings.checkpoint_every,
             validate_every=validate_every,
             patience=patience,
+            keep_last=keep_last,
         )
 
 
@@ -240,7 +245,7 @@ def train(
                         **figures,
                     }
                 if state.step % loop.validate_every == 0 or done:
-                    logged |= _validate(task, run, state, processes)
+                    logged |= _validate(task, run, state, loop, processes)
                 if logged:
                     state.history.append({"step": state.step, **logged})
                     for name, value in logged.items():
@@ -305,9 +310,9 @@ def _update_average(average: Weights, network: nn.Module, keep: float, step: int
 
 
 def _validate(
-    task: Task, run: Path, state: TrainingState, processes: Processes
+    task: Task, run: Path, state: TrainingState, loop: LoopSettings, processes: Processes
 ) -> dict[str, float]:
-    """Validate the average in process 0 and keep it if it is the best so far."""
+    """Validate the average in process 0 and keep it if it is the best so far (or any, the last)."""
     if not processes.first:
         return {}
     own = _copy(task.network.state_dict())
@@ -315,11 +320,13 @@ def _validate(
     task.network.eval()
     figures = {f"val/{name}": value for name, value in task.validate().items()}
     task.network.load_state_dict(own)
-    if figures["val/criterion_px"] < state.best:
+    better = figures["val/criterion_px"] < state.best
+    if better:
         state.best, state.waited = figures["val/criterion_px"], 0
-        save_weights(run / BEST, state.average)
     else:
         state.waited += 1
+    if better or loop.keep_last:
+        save_weights(run / BEST, state.average)
     return figures
 
 

@@ -93,6 +93,27 @@ def test_resumed_equals_uninterrupted(
     assert calibrations[0] == calibrations[1]
 
 
+@pytest.mark.parametrize("keep", ["best", "last"])
+def test_which_weights_answer(
+    sheet_dataset: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, keep: str
+) -> None:
+    """Validation finds the weights of step 3 better than those of step 6."""
+    found = iter([1.0, 2.0, 2.0])
+
+    def worse_and_worse(*_: object) -> dict[str, float]:
+        error = next(found)
+        return {"criterion_px": error, "rmse_px": error, "rmse_px_mean_over_pairs": error,
+                "median_px": error, "pck_8px": 0.0}  # fmt: skip
+
+    monkeypatch.setattr("pliant.models.don.validate", worse_and_worse)
+    run = tmp_path / "run"
+    train_don(sheet_dataset, run, tiny(f"validation.keep={keep}"))
+    last = read_checkpoint(latest_checkpoint(run)).average  # type: ignore[arg-type]
+    answering = read_weights_file(run / "best.safetensors")
+    same = [torch.equal(answering[name], last[name]) for name in last]
+    assert all(same) if keep == "last" else not all(same)
+
+
 def test_a_run_that_learned_orientation_answers(sheet_dataset: Dataset, tmp_path: Path) -> None:
     """Its network has three channels more, which no answer looks at."""
     run = tmp_path / "run"
