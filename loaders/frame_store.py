@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pliant.loaders.orientation import Orientation
 from pliant.loaders.views import FrameView, read_view, surface_points
 from pliant.spec import layout
 from pliant.spec.dataset import Dataset, Sequence
@@ -98,7 +97,6 @@ class FrameStore:
         points = sequences[0].points()
         ids = self._surface_points = surface_points(sequences[0], self.tier["queried_object"])
         self.material = np.stack([points["m0"].to_numpy(), points["m1"].to_numpy()], axis=1)[ids]
-        self.orientation = Orientation(self.tier, self.tier["queried_object"], self.material)
         self.partners = _partners(points["partners"].to_pylist(), ids, len(self.tier["symmetries"]))
         self._path: Path | None = None
         self._records: npt.NDArray[np.void] | None = None

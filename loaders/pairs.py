@@ -16,6 +16,7 @@ from pliant.loaders.augment import AugmentSettings, augment
 from pliant.loaders.frame_store import FrameStore
 from pliant.loaders.material import symmetry_orbit
 from pliant.loaders.order import sample_generator
+from pliant.loaders.orientation import Orientation
 from pliant.loaders.surface_matches import draw_surface_pixels, find_on_surface
 from pliant.loaders.views import FrameView, InputKind, input_channels
 from pliant.spec.dataset import Dataset
@@ -103,6 +104,8 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
         self.store = FrameStore(dataset, tier, split, size, cache=cache, limit=limit)
         self.seed, self.stream = seed, stream
         self.augmentation = augmentation
+        own = self.store.tier
+        self._orientation = Orientation(own, own["queried_object"], self.store.material)
         self._groups = self._frames_by_sequence()
         if not self._groups:
             raise CallError(
@@ -160,7 +163,7 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
             candidates = np.arange(self.store.points)
         drawn = rng.choice(candidates, size=count, replace=len(candidates) < count)
         orbit = np.column_stack([drawn, self.store.partners[drawn]]).ravel()  # (Q (1 + S),)
-        lies = np.stack([self.store.orientation.of(view.uv_px, drawn) for view in views])
+        lies = np.stack([self._orientation.of(view.uv_px, drawn) for view in views])
         drawn_views = [
             replace(view, uv_px=view.uv_px[orbit], visible=view.visible[orbit]) for view in views
         ]
