@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +13,11 @@ import pytest
 import torch
 import yaml
 
+from pliant.baselines.submission import predict
 from pliant.cli.main import run
 from pliant.evaluator import evaluate, write_report
 from pliant.generator.config import GenerateConfig
+from pliant.generator.runner import generate
 from pliant.models import load_matcher, shipped
 from pliant.models.don import train_don
 from pliant.models.matching import DonMatcher
@@ -271,6 +274,7 @@ sys.modules["torch"] = None
 from pliant.models import shipped
 shipped.FOLDER = Path(sys.argv[1])
 print(shipped.shipped_names())
+from pliant.baselines.submission import predict
 from pliant.cli.main import run
 sys.exit(run(["predict", "don-tiny", "--data", sys.argv[2], "--out", sys.argv[3]]))
 """
@@ -286,10 +290,12 @@ def test_names_are_listed_without_torch(models: Path, tiny_dataset: Path, tmp_pa
 
 
 @pytest.mark.parametrize("name", shipped_names())
-def test_models_of_the_package_answer(name: str, tiny_dataset: Path) -> None:
-    """Every point asked for lies on the object, and so does every answer; the card is theirs."""
-    from pliant.baselines.views import ViewReader
+def test_models_of_the_package_answer(name: str, tmp_path: Path) -> None:
+    """On four test shapes of the very set they were trained on, made anew from their `data.yaml`.
 
+    The card's RMSE is 28 px for the rope and 19 for the cloth; the control `centroid` has 98 and
+    more, and a model that lost its weights, or sees its pictures otherwise, no less.
+    """
     folder = shipped.FOLDER / name
     config = yaml.safe_load((folder / "config.yaml").read_text())
     assert sum(path.stat().st_size for path in folder.iterdir()) < 8_000_000
@@ -299,20 +305,14 @@ def test_models_of_the_package_answer(name: str, tiny_dataset: Path) -> None:
     assert "Protocol" in card, "the card has no scores"
     matcher = load_shipped(name)
     assert matcher.name == name
-    dataset = Dataset.open(tiny_dataset)
-    kind = config["tier"].split("-")[0]
-    a, b = [s for s in dataset.sequences if s.tier.startswith(kind)][:2]
-    reader = ViewReader(dataset)
-    source, target = reader.view(a.id, 0), reader.view(b.id, 0)
-    assert source.mask is not None
-    assert target.mask is not None
-    row, column = np.nonzero(source.mask)
-    uv = np.stack([column, row], axis=1)[::50].astype(np.float32) + 0.5
-    answers = matcher.answer(source, target, uv)
-    column, row = np.floor(answers.uv_px).astype(int).T
-    size = np.array(target.rgb.shape[1::-1])
-    assert ((answers.uv_px >= 0) & (answers.uv_px < size)).all()
-    assert np.ptp(answers.uv_px, axis=0).max() > 20  # not one answer to everything
+    trained_on = GenerateConfig.from_file(folder / "data.yaml")
+    few = replace(trained_on, splits={"test": 4}, sequences=None)
+    generate(few, tmp_path / "set")
+    dataset = Dataset.open(tmp_path / "set")
+    predict(dataset, "test", matcher, tmp_path / "answers.parquet")
+    scores = evaluate(tmp_path / "answers.parquet", dataset).overall
+    assert scores["rmse_px"] < 60
+    assert scores["ece"] < 0.2
 
 
 def test_a_rope_and_a_cloth_are_shipped() -> None:
