@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from pliant.generator.view_colours import depth_image, index_image, material_colours
 from pliant.generator.view_tracks import ANIMATIONS, draw_tracks, read_predicted_tracks
-from pliant.spec.dataset import Dataset, Sequence
+from pliant.spec.dataset import Dataset, Sequence, tier_object
 from pliant.spec.errors import CallError
 from pliant.spec.layout import depth_name
 
@@ -289,7 +289,7 @@ def _draw_mesh(axis: Any, sequence: Sequence, frame: int, tier: dict[str, Any]) 
     height, width = on.shape
     rope = tier["kind"] == "rope"
     steps = (80, 6) if rope else (32, 32)
-    queried = next(each for each in tier["objects"] if each["id"] == tier["queried_object"])
+    queried = tier_object(tier, tier["queried_object"])
     lines = np.zeros(on.shape, bool)
     for values, step, field in zip(
         (surface.m0, surface.m1), steps, queried["material"], strict=True

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from pliant.spec.dataset import tier_object
 from pliant.spec.images import Surface
 
 Rgb = npt.NDArray[np.uint8]
@@ -31,7 +32,7 @@ def material_colours(
         float64 (N, 3), sRGB 0 to 1. A rope is coloured along its length, a little darker on one
         side of theta; a cloth by its four corners.
     """
-    queried = next(each for each in tier["objects"] if each["id"] == tier["queried_object"])
+    queried = tier_object(tier, tier["queried_object"])
     first, second = queried["material"]
     a = np.clip((m0 - first["min"]) / (first["max"] - first["min"]), 0.0, 1.0)
     if tier["kind"] == "rope":

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from pliant.spec.dataset import tier_object
+
 FloatArray = npt.NDArray[np.float64]
 
 
@@ -22,7 +24,7 @@ def material_steps_m(tier: Mapping[str, Any], object_id: int, steps: FloatArray)
     Returns:
         float64 (..., 2).
     """
-    material = next(each for each in tier["objects"] if each["id"] == object_id)["material"]
+    material = tier_object(tier, object_id)["material"]
     metres = np.empty_like(steps)
     for axis, coordinate in enumerate(material):
         step = steps[..., axis]

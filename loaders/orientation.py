@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pliant.loaders.material import material_steps_m
+from pliant.spec.dataset import tier_object
 
 _NEIGHBOURS: Final = 12
 _FALL: Final = 2.0
@@ -37,7 +38,7 @@ class Orientation:
         self, tier: Mapping[str, Any], object_id: int, material: npt.NDArray[np.floating[Any]]
     ) -> None:
         exact = material.astype(np.float64)
-        described = next(each for each in tier["objects"] if each["id"] == object_id)["material"]
+        described = tier_object(tier, object_id)["material"]
         self._sine = np.full(len(exact), np.nan)
         for axis, coordinate in enumerate(described):
             if coordinate["period"] is not None:

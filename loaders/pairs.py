@@ -63,8 +63,8 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
     * `uv_px` float32 (V, Q, 1 + S, 2): slot 0 is the point itself, the others its symmetry
       partners, in working pixels; 0 where unknown;
     * `visible` bool (V, Q, 1 + S);
-    * `orientation` float32 (V, Q, 3), how the material lies at the point, see `Orientation`; NaN
-      where unknown (always, with matches from the surface);
+    * `orientation` float32 (V, Q, 3), where it was asked for: how the material lies at the point,
+      see `Orientation`; NaN where unknown;
     * `frames` int64 (V,), numbers in `store.frames`;
     * `action_px` float32 (V, V), the largest distance in the image that any surface point
       visible in both moves between two views of one episode; +inf between others. This is
@@ -81,6 +81,7 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
         augmentation: Random changes, or None.
         cache: Folder for decoded frames, or None.
         limit: Use the first so many sequences only.
+        orientation: Samples say how the material lies; it needs matches from the points.
 
     Raises:
         CallError: The split has too few frames for the pairing.
@@ -99,13 +100,16 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
         augmentation: AugmentSettings | None = None,
         cache: Path | None = None,
         limit: int | None = None,
+        orientation: bool = False,
     ) -> None:
         self.settings = settings or PairSettings()
         self.store = FrameStore(dataset, tier, split, size, cache=cache, limit=limit)
         self.seed, self.stream = seed, stream
         self.augmentation = augmentation
-        own = self.store.tier
-        self._orientation = Orientation(own, own["queried_object"], self.store.material)
+        self._orientation: Orientation | None = None
+        if orientation:
+            own = self.store.tier
+            self._orientation = Orientation(own, own["queried_object"], self.store.material)
         self._groups = self._frames_by_sequence()
         if not self._groups:
             raise CallError(
@@ -129,11 +133,14 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
             views = self._surface_matches(rng, frames, views)
         if self.augmentation is not None:
             views = [augment(rng, view, self.augmentation) for view in views]
-        shape = (len(views), self.settings.queries, 3)
-        orientation = np.full(shape, np.nan, dtype=np.float32)
+        lies = {}
         if self.settings.matches == "points":  # last: augmentation lays an object by all of them
-            views, orientation = self._points_of(rng, views)
-        return self._tensors(frames, views, action, orientation)
+            drawn = self._draw_points(rng, views)
+            if self._orientation is not None:
+                found = [self._orientation.of(view.uv_px, drawn) for view in views]
+                lies["orientation"] = torch.from_numpy(np.stack(found))
+            views = self._points_of(views, drawn)
+        return {**self._tensors(frames, views, action), **lies}
 
     def _frames_by_sequence(self) -> list[npt.NDArray[np.int64]]:
         if self.settings.pairing == "any":
@@ -152,22 +159,23 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
             return group[start : start + self.settings.views]
         return rng.choice(group, size=self.settings.views, replace=False)
 
-    def _points_of(
+    def _draw_points(
         self, rng: np.random.Generator, views: list[FrameView]
-    ) -> tuple[list[FrameView], npt.NDArray[np.float32]]:
-        """Draw points: the views with their orbits, Q (1 + S) rows, and how it lies there."""
+    ) -> npt.NDArray[np.intp]:
+        """Return the rows of Q points, intp (Q,), seen in two views or more where there are any."""
         seen = np.stack([view.visible for view in views]).sum(axis=0)  # (P,)
         candidates = np.flatnonzero(seen >= 2)
         count = self.settings.queries
         if len(candidates) == 0:
             candidates = np.arange(self.store.points)
-        drawn = rng.choice(candidates, size=count, replace=len(candidates) < count)
+        return rng.choice(candidates, size=count, replace=len(candidates) < count)
+
+    def _points_of(self, views: list[FrameView], drawn: npt.NDArray[np.intp]) -> list[FrameView]:
+        """Return the views with the drawn points' orbits as their points: Q (1 + S) rows."""
         orbit = np.column_stack([drawn, self.store.partners[drawn]]).ravel()  # (Q (1 + S),)
-        lies = np.stack([self._orientation.of(view.uv_px, drawn) for view in views])
-        drawn_views = [
+        return [
             replace(view, uv_px=view.uv_px[orbit], visible=view.visible[orbit]) for view in views
         ]
-        return drawn_views, lies
 
     def _surface_matches(
         self, rng: np.random.Generator, frames: npt.NDArray[np.int64], views: list[FrameView]
@@ -208,7 +216,6 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
         frames: npt.NDArray[np.int64],
         views: list[FrameView],
         action: npt.NDArray[np.float32],
-        orientation: npt.NDArray[np.float32],
     ) -> dict[str, torch.Tensor]:
         slots = 1 + len(self.store.tier["symmetries"])
         kind = self.settings.input
@@ -223,6 +230,5 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
             "visible": visible & np.isfinite(uv).all(axis=-1),
             "frames": frames,
             "action_px": action,
-            "orientation": orientation,
         }
         return {name: torch.from_numpy(np.ascontiguousarray(a)) for name, a in sample.items()}

@@ -73,6 +73,7 @@ class DonTask:
             augmentation=settings.augment,
             cache=cache,
             limit=settings.limit or None,
+            orientation=settings.loss.orientation_weight > 0,
         )
         held_out = settings.validation
         self._held_out = FrameStore(dataset, settings.tier, held_out.split, self._size, cache=cache)

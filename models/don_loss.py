@@ -41,7 +41,7 @@ def don_loss(
         descriptors: float (B V, D, h, w), of the views in the batch's order.
         scale: Scalar, inverse temperature.
         batch: A batch of `PairDataset`: mask (B, V, h, w), uv_px (B, V, Q, R, 2), visible
-            (B, V, Q, R), action_px (B, V, V).
+            (B, V, Q, R), action_px (B, V, V); orientation (B, V, Q, 3) for that loss.
         settings: What to minimise.
         orientation: float (B V, 3, h, w), the network's, for the orientation loss.
         progress: Share of the training done, 0 to 1 (for growing penalties).

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -55,6 +56,17 @@ def check_version(version: object, path: AnyFile) -> None:
             required=f"{SPEC_VERSION.split('.')[0]}.x",
             fix="Use a Pliant that knows it, or run: pliant migrate DIR",
         )
+
+
+def tier_object(tier: Mapping[str, Any], object_id: int) -> dict[str, Any]:
+    """Return an object of a tier, as `dataset.json` describes it.
+
+    Args:
+        tier: A tier of `dataset.json`.
+        object_id: Id of one of its objects.
+    """
+    found: dict[str, Any] = next(each for each in tier["objects"] if each["id"] == object_id)
+    return found
 
 
 @dataclass(frozen=True)

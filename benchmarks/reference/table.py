@@ -9,7 +9,6 @@ from typing import Any
 from pliant.benchmarks.reference.config import BenchmarkConfig, Test
 from pliant.benchmarks.reference.work import Cost, Workspace
 from pliant.evaluator.scores import read_scores
-from pliant.models.shipped import shipped_names
 
 CLASSICAL = ("sift", "surf", "orb")
 
@@ -89,7 +88,7 @@ def _row(
         variant,
         set_name,
         method,
-        config.runs[method].label if trained else _named(method),
+        _label(config, test, method),
         trained or method in test.shipped,
         test.paper_rmse_px.get(method) if variant == "clean" else None,
         scores,
@@ -99,8 +98,10 @@ def _row(
     )
 
 
-def _named(method: str) -> str:
-    if method in shipped_names():
+def _label(config: BenchmarkConfig, test: Test, method: str) -> str:
+    if method in config.runs:
+        return config.runs[method].label
+    if method in test.shipped:
         return f"{method}, as shipped"
     return method.upper() if method in CLASSICAL else method.capitalize()
 

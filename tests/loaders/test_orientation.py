@@ -70,7 +70,12 @@ def test_samples_carry_them_through_augmentation(sheet_dataset: Dataset, turned:
     """What turns the points from one view into the other turns the tangents as well."""
     augmentation = AugmentSettings(rotate_deg=180, scale=0.2) if turned else None
     pairs = PairDataset(
-        sheet_dataset, "sheet", "train", PairSettings(queries=40), augmentation=augmentation
+        sheet_dataset,
+        "sheet",
+        "train",
+        PairSettings(queries=40),
+        augmentation=augmentation,
+        orientation=True,
     )
     angles = []
     for index in range(4):
@@ -91,7 +96,7 @@ def test_samples_carry_them_through_augmentation(sheet_dataset: Dataset, turned:
 def test_the_sheet_of_a_sample_runs_as_it_was_laid(
     sheets: ModuleType, sheet_dataset: Dataset
 ) -> None:
-    pairs = PairDataset(sheet_dataset, "sheet", "train", size=sheet_dataset.size)
+    pairs = PairDataset(sheet_dataset, "sheet", "train", size=sheet_dataset.size, orientation=True)
     sample = pairs[0]
     for view, frame in enumerate(sample["frames"].tolist()):
         edge = sheets.sheet_map(frame, 0, sheet_dataset.size, 0.0)[:, 0]

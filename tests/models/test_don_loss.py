@@ -15,7 +15,7 @@ Batch = dict[str, torch.Tensor]
 @pytest.fixture(scope="module")
 def batch(sheet_dataset: Dataset) -> Batch:
     settings = PairSettings(views=3, queries=12)
-    pairs = PairDataset(sheet_dataset, "sheet", "train", settings, size=(40, 30))
+    pairs = PairDataset(sheet_dataset, "sheet", "train", settings, size=(40, 30), orientation=True)
     made: Batch = default_collate([pairs[0], pairs[1]])
     return made
 

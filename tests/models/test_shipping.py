@@ -274,7 +274,6 @@ sys.modules["torch"] = None
 from pliant.models import shipped
 shipped.FOLDER = Path(sys.argv[1])
 print(shipped.shipped_names())
-from pliant.baselines.submission import predict
 from pliant.cli.main import run
 sys.exit(run(["predict", "don-tiny", "--data", sys.argv[2], "--out", sys.argv[3]]))
 """
