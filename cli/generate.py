@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-import yaml
 
 from pliant.cli.interrupts import terminated_like_interrupted
 from pliant.spec.errors import CallError
+from pliant.spec.yamlfiles import parse_yaml
 
 if TYPE_CHECKING:
     from pliant.generator.config import GenerateConfig
@@ -177,10 +177,7 @@ def _set(values: dict[str, Any], text: str) -> None:
         inner = inner.setdefault(section, {})
         if not isinstance(inner, dict):
             raise CallError("this setting has no fields", where=f"--set {name}", found=section)
-    try:
-        inner[last] = yaml.safe_load(value)
-    except yaml.YAMLError as error:
-        raise CallError("the value is no YAML", where=f"--set {name}", found=value) from error
+    inner[last] = parse_yaml(value, where=f"--set {name}")
 
 
 def _dry_run(config: GenerateConfig, out: Path, workers: int, as_json: bool) -> int:

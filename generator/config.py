@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
-import yaml
-
 from pliant.generator.settings import settings_from, settings_to_dict
 from pliant.spec.conventions import SPLITS
 from pliant.spec.errors import CallError
+from pliant.spec.yamlfiles import read_yaml, yaml_text
 
 TIER_KINDS: Final[dict[str, str]] = {
     "rope": "rope",
@@ -267,7 +265,7 @@ class GenerateConfig:
 
     def to_yaml(self) -> str:
         """Return the config as YAML text."""
-        return yaml.safe_dump(self.to_dict(), sort_keys=False, allow_unicode=True)
+        return yaml_text(self.to_dict())
 
     def with_changes(self, **changes: Any) -> GenerateConfig:
         """Return a copy with some fields replaced."""
@@ -294,14 +292,7 @@ def read_config_file(path: Path) -> dict[str, Any]:
     Raises:
         CallError: The file is missing, is not YAML or JSON, or is no mapping.
     """
-    try:
-        text = path.read_text(encoding="utf-8")
-        values = json.loads(text) if path.suffix == ".json" else yaml.safe_load(text)
-    except OSError as error:
-        raise CallError("the config cannot be read", path=path, found=error.strerror) from error
-    except (ValueError, yaml.YAMLError) as error:
-        first = str(error).splitlines()[0]
-        raise CallError("the config is not valid YAML or JSON", path=path, found=first) from error
+    values = read_yaml(path)
     if not isinstance(values, dict):
         raise CallError(
             "the config must be a mapping of fields", path=path, found=type(values).__name__

@@ -37,10 +37,11 @@ def load_matcher(run: Path | str) -> DonMatcher | TimeCycleMatcher:
 
 def _kind(config: Path) -> str:
     """Return the kind that a run's config names; runs of Dense Object Nets name none."""
-    import yaml
+    from pliant.spec.errors import CallError
+    from pliant.spec.yamlfiles import read_yaml
 
     try:
-        values = yaml.safe_load(config.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError):
+        values = read_yaml(config)
+    except CallError:
         return "don"  # its loader says what is wrong
     return str(values.get("kind", "don")) if isinstance(values, dict) else "don"

@@ -8,13 +8,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from pliant.models.checkpoint import latest_checkpoint
 from pliant.models.matching import CONFIG
 from pliant.models.settings import RunSettings, read_settings, settings_to_dict
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, TrainingError
+from pliant.spec.yamlfiles import yaml_text
 
 
 def with_tier(tier: str, dataset: Dataset) -> str:
@@ -74,8 +73,7 @@ def open_run(run: Path, settings: RunSettings, resume: bool, free: tuple[str, ..
             fix="Name another one, or go on with --resume.",
         )
     run.mkdir(parents=True, exist_ok=True)
-    text = yaml.safe_dump(settings_to_dict(settings), sort_keys=False)
-    (run / CONFIG).write_text(text, encoding="utf-8")
+    (run / CONFIG).write_text(yaml_text(settings_to_dict(settings)), encoding="utf-8")
 
 
 def run_facts(

@@ -9,12 +9,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
-import yaml
-
 from pliant.loaders import AugmentSettings, PairSettings
 from pliant.models.losses.distributional import Direction
 from pliant.models.networks import NetworkSettings
 from pliant.spec.errors import CallError
+from pliant.spec.yamlfiles import parse_yaml, read_yaml
 
 S = TypeVar("S")
 
@@ -352,10 +351,7 @@ def read_settings(
     """
     values: dict[str, Any] = _plain(dict(base))
     if path is not None:
-        try:
-            loaded = yaml.safe_load(path.read_text(encoding="utf-8"))
-        except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-            raise CallError("the config cannot be read", path=path, found=str(error)) from error
+        loaded = read_yaml(path)
         if loaded is not None and not isinstance(loaded, dict):
             raise CallError("the config must be a mapping", path=path)
         _merge(values, loaded or {})
@@ -363,25 +359,11 @@ def read_settings(
         key, equals, text = override.partition("=")
         if not equals:
             raise CallError("--set wants key=value", found=repr(override))
-        try:
-            value = yaml.safe_load(text)
-        except yaml.YAMLError as error:
-            raise CallError("--set: the value is no YAML", found=repr(override)) from error
-        if isinstance(value, str):
-            value = _number(value)
-        nested: Any = value
+        nested: Any = parse_yaml(text, where=f"--set {key}")
         for part in reversed(key.strip().split(".")):
             nested = {part: nested}
         _merge(values, nested)
     return settings_from(cls, values)
-
-
-def _number(text: str) -> Any:
-    """Return a number that YAML 1.1 takes for text (`1e-3` has no dot), or the text."""
-    try:
-        return float(text)
-    except ValueError:
-        return text
 
 
 def _merge(into: dict[str, Any], values: Mapping[str, Any]) -> None:

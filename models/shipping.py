@@ -8,8 +8,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
-import yaml
-
 from pliant.evaluator.scores import Scores
 from pliant.models import load_matcher
 from pliant.models.checkpoint import BEST, Weights, read_weights_file, save_weights
@@ -19,6 +17,7 @@ from pliant.models.shipped import CARD
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
 from pliant.spec.jsonfiles import read_json
+from pliant.spec.yamlfiles import read_yaml, yaml_text
 
 DATA_CONFIG: Final = "data.yaml"
 """The config that the training set was generated from; `pliant generate` takes it."""
@@ -83,11 +82,10 @@ def ship_run(
     (partial / BEST).chmod(0o644)  # safetensors makes it the owner's alone
     config = dataset.info["provenance"].get("config")
     if config is not None:
-        text = yaml.safe_dump(config, sort_keys=False, allow_unicode=True)
-        (partial / DATA_CONFIG).write_text(text, encoding="utf-8")
+        (partial / DATA_CONFIG).write_text(yaml_text(config), encoding="utf-8")
     card = model_card(
         name=name,
-        settings=yaml.safe_load((run / CONFIG).read_text(encoding="utf-8")),
+        settings=read_yaml(run / CONFIG),
         facts=facts,
         dataset=dataset.info,
         parameters=sum(p.numel() for p in matcher.network.parameters()),

@@ -10,6 +10,9 @@ from typing import Final
 
 MAX_JSON_BYTES: Final = 16 * 2**20
 MAX_JSON_DEPTH: Final = 64
+MAX_YAML_BYTES: Final = 2**18
+MAX_YAML_DEPTH: Final = 64
+MAX_YAML_VALUES: Final = 50_000
 MAX_FOOTER_BYTES: Final = 2**20
 MAX_IMAGE_SIDE_PX: Final = 8192
 MAX_IMAGE_PIXELS: Final = 2**24

@@ -10,12 +10,11 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from pliant.baselines import METHODS
 from pliant.generator.config import GenerateConfig
 from pliant.models.shipped import shipped_names
 from pliant.spec.errors import CallError
+from pliant.spec.yamlfiles import parse_yaml, read_yaml
 
 TRAINERS = ("don", "timecycle")
 
@@ -129,10 +128,7 @@ def read_config(path: Path) -> BenchmarkConfig:
     Raises:
         CallError: It cannot be read, or something in it is unknown, missing or impossible.
     """
-    try:
-        document = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise CallError("the benchmark cannot be read", path=path, found=str(error)) from error
+    document = read_yaml(path)
     top = _checked(
         document,
         path,
@@ -210,8 +206,8 @@ def _recipe(name: str, path: Path, where: str) -> dict[str, Any]:
             "unknown recipe", path=path, where=where, found=name,
             required="one of " + ", ".join(shipped),
         )  # fmt: skip
-    values: dict[str, Any] = yaml.safe_load((folder / name).read_text(encoding="utf-8"))
-    return values
+    text = (folder / name).read_text(encoding="utf-8")
+    return _mapping(parse_yaml(text, name), path, where)
 
 
 def _test(key: str, values: Any, path: Path) -> Test:
