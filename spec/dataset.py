@@ -21,7 +21,8 @@ from pliant.spec.exr import Surface, read_surface
 from pliant.spec.files import Files, LayeredFiles, LocalFiles, PackedFiles, storage_of
 from pliant.spec.jsonfiles import read_json
 from pliant.spec.manifest import check_halves
-from pliant.spec.parquet import load_columns, open_table, read_table
+from pliant.spec.parquet import open_table, read_table
+from pliant.spec.parquet_columns import load_columns
 from pliant.spec.png import read_rgb
 from pliant.spec.reading import AnyFile, FileRefusedError
 from pliant.spec.tables import CORRESPONDENCES
@@ -159,7 +160,7 @@ class Sequence:
             The correspondences table; of one frame, row i is point i.
         """
         path = self.file(layout.CORRESPONDENCES_TABLE)
-        file = open_table(path, text_as_dictionary=True)
+        file = open_table(path)
         if frame is None:
             return load_columns(file, path, CORRESPONDENCES)
         self._check(frame)

@@ -23,7 +23,8 @@ import pyarrow.parquet as pq
 
 from pliant.spec import layout, limits
 from pliant.spec.errors import MissingExtraError, SpecError
-from pliant.spec.parquet import load_columns, open_table
+from pliant.spec.parquet import open_table
+from pliant.spec.parquet_columns import load_columns
 from pliant.spec.reading import AnyFile, Blob, FileRefusedError
 from pliant.spec.tables import INDEX
 

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from pliant.spec import limits
 from pliant.spec.conventions import FOOTER_KEY, SPEC_VERSION
 from pliant.spec.jsonfiles import parse_json
-from pliant.spec.parquet_footer import read_column_chunks
+from pliant.spec.parquet_columns import load_columns
+from pliant.spec.parquet_footer import read_column_chunks, unreadable
 from pliant.spec.reading import AnyFile, Blob, FileRefusedError, check_regular
 from pliant.spec.tables import TABLES
 
@@ -113,16 +113,15 @@ def _described(table: pa.Table, name: str, footer: Mapping[str, Any] | None) -> 
     )
 
 
-def open_table(
-    path: AnyFile, *, max_rows: int = limits.MAX_TABLE_ROWS, text_as_dictionary: bool = False
-) -> pq.ParquetFile:
+def open_table(path: AnyFile, *, max_rows: int = limits.MAX_TABLE_ROWS) -> pq.ParquetFile:
     """Open a Parquet file after checking, from its footer alone, how much it announces.
+
+    Text is decoded to dictionaries, so that a long text repeated in every row takes the memory
+    of one; text in a delta encoding, for which Arrow cannot do this, is decoded as it is.
 
     Args:
         path: The file.
         max_rows: The most rows allowed.
-        text_as_dictionary: Decode text to dictionaries, so that a long text repeated in every
-            row takes the memory of one.
 
     Raises:
         FileRefusedError: Missing, no Parquet, damaged, or it announces too much.
@@ -132,7 +131,7 @@ def open_table(
     metadata = file.metadata
     groups = [metadata.row_group(index) for index in range(metadata.num_row_groups)]
     if metadata.num_rows < 0 or metadata.num_rows != sum(group.num_rows for group in groups):
-        raise _unreadable(path, "row counts that contradict each other")
+        raise unreadable(path, "row counts that contradict each other")
     if metadata.num_rows > max_rows:
         raise FileRefusedError(
             "FILE_TOO_LARGE",
@@ -141,7 +140,10 @@ def open_table(
             found=f"{metadata.num_rows} rows",
             required=f"at most {max_rows}",
         )
+    delta = set()
     for chunk in read_column_chunks(path):  # never metadata.row_group(i).column(j): see there
+        if chunk.has_delta_text:
+            delta.add(".".join(chunk.path))
         if chunk.uncompressed_bytes > limits.MAX_CHUNK_BYTES or (
             chunk.values > limits.MAX_CHUNK_VALUES
         ):
@@ -154,11 +156,9 @@ def open_table(
                 required=f"at most {limits.MAX_CHUNK_VALUES} values, "
                 f"{limits.MAX_CHUNK_BYTES} bytes",
             )
-    if text_as_dictionary:
-        leaves = [file.schema.column(index) for index in range(metadata.num_columns)]
-        text = [leaf.path for leaf in leaves if leaf.physical_type == "BYTE_ARRAY"]
-        file = _open(path, read_dictionary=text, metadata=metadata)
-    return file
+    leaves = [file.schema.column(index) for index in range(metadata.num_columns)]
+    text = {leaf.path for leaf in leaves if leaf.physical_type == "BYTE_ARRAY"}
+    return _open(path, read_dictionary=sorted(text - delta), metadata=metadata)
 
 
 def _open(path: AnyFile, **options: Any) -> pq.ParquetFile:
@@ -171,7 +171,7 @@ def _open(path: AnyFile, **options: Any) -> pq.ParquetFile:
             **options,
         )
     except Exception as error:  # Arrow's errors do not share a base
-        raise _unreadable(path, error) from error
+        raise unreadable(path, error) from error
 
 
 def read_table(
@@ -196,7 +196,7 @@ def read_table(
         FileRefusedError: Missing, damaged, too large; a column missing, of another type or with
             a null it must not hold.
     """
-    file = open_table(path, max_rows=max_rows, text_as_dictionary=True)
+    file = open_table(path, max_rows=max_rows)
     return load_columns(file, path, select_schema(name, columns))
 
 
@@ -204,177 +204,6 @@ def select_schema(name: str, columns: Sequence[str] | None = None) -> pa.Schema:
     """Return the declared schema of some columns of a table (all of them for None)."""
     schema = TABLES[name]
     return schema if columns is None else pa.schema([schema.field(c) for c in columns])
-
-
-def load_columns(
-    file: pq.ParquetFile,
-    path: AnyFile,
-    schema: pa.Schema,
-    row_groups: Sequence[int] | None = None,
-) -> pa.Table:
-    """Decode columns of an open file and bring them to the declared types.
-
-    Other writers may mark every column as optional, store strings as dictionaries or with
-    64-bit offsets: all of that is the same table.
-
-    Args:
-        file: From `open_table`.
-        path: The file, for messages.
-        schema: The columns wanted.
-        row_groups: Indices of row groups, or None for all.
-
-    Raises:
-        FileRefusedError: A column is missing, of another type, damaged or has a null.
-    """
-    _require_columns(file, path, schema)
-    try:
-        table = (
-            file.read(schema.names, use_threads=False)
-            if row_groups is None
-            else file.read_row_groups(list(row_groups), schema.names, use_threads=False)
-        )
-        table.validate(full=True)
-    except Exception as error:
-        raise _unreadable(path, error) from error
-    return _as_declared(table, path, schema)
-
-
-def load_batches(
-    file: pq.ParquetFile, path: AnyFile, schema: pa.Schema, *, batch_rows: int = _ROW_GROUP_ROWS
-) -> Iterator[pa.Table]:
-    """Decode columns of an open file little by little; arguments and errors as `load_columns`.
-
-    Args:
-        file: From `open_table`.
-        path: The file, for messages.
-        schema: The columns wanted.
-        batch_rows: The most rows at a time.
-
-    Yields:
-        Tables of the declared types.
-    """
-    _require_columns(file, path, schema)
-    batches = file.iter_batches(batch_rows, columns=schema.names, use_threads=False)
-    while True:
-        try:
-            batch = next(batches, None)
-            if batch is None:
-                return
-            table = pa.Table.from_batches([batch])
-            table.validate(full=True)
-        except Exception as error:
-            raise _unreadable(path, error) from error
-        yield _as_declared(table, path, schema)
-
-
-def _require_columns(file: pq.ParquetFile, path: AnyFile, schema: pa.Schema) -> None:
-    for field in schema:
-        problem = column_problem(file.schema_arrow, field)
-        if problem is not None:
-            raise FileRefusedError(
-                problem[0], problem[1], path=path, where=field.name, found=file.schema_arrow.names
-            )
-
-
-def _as_declared(table: pa.Table, path: AnyFile, schema: pa.Schema) -> pa.Table:
-    columns = []
-    for field in schema:
-        column = table.column(field.name)
-        if not field.nullable and _null_count(column):
-            raise FileRefusedError(
-                "VALUE_NULL",
-                "null is not allowed",
-                path=path,
-                where=field.name,
-                found=f"{_null_count(column)} nulls",
-            )
-        if column.type != field.type:
-            _refuse_long_text(column, path, field.name)
-            try:
-                column = column.cast(field.type)
-            except Exception as error:
-                raise _unreadable(path, error) from error
-        columns.append(column)
-    return pa.Table.from_arrays(columns, schema=schema)
-
-
-def _null_count(column: pa.ChunkedArray) -> int:
-    """Count the nulls of a column and of what its lists and structs hold."""
-    return sum(_array_null_count(chunk) for chunk in column.chunks)
-
-
-def _array_null_count(array: pa.Array) -> int:
-    count: int = array.null_count
-    if pa.types.is_dictionary(array.type) and array.dictionary.null_count:
-        count += array.dictionary_decode().null_count
-    elif pa.types.is_list(array.type) or pa.types.is_large_list(array.type):
-        count += _array_null_count(array.flatten())
-    elif pa.types.is_struct(array.type):
-        count += sum(_array_null_count(child) for child in array.flatten())
-    return count
-
-
-def _refuse_long_text(column: pa.ChunkedArray, path: AnyFile, name: str) -> None:
-    """Refuse a column whose text, written out, would pass the limit."""
-    size = sum(_text_bytes(chunk) for chunk in column.chunks)
-    if size > limits.MAX_TEXT_BYTES:
-        raise FileRefusedError(
-            "FILE_TOO_LARGE",
-            "the text of a column is longer than allowed",
-            path=path,
-            where=name,
-            found=f"{size} bytes",
-            required=f"at most {limits.MAX_TEXT_BYTES}",
-        )
-
-
-def _text_bytes(array: pa.Array) -> int:
-    if pa.types.is_dictionary(array.type):
-        lengths = pc.binary_length(array.dictionary).cast(pa.int64())
-        return int(pc.sum(lengths.take(array.indices)).as_py() or 0)
-    if pa.types.is_list(array.type) or pa.types.is_large_list(array.type):
-        return _text_bytes(array.flatten())
-    if pa.types.is_struct(array.type):
-        return sum(_text_bytes(child) for child in array.flatten())
-    return 0
-
-
-def column_problem(schema: pa.Schema, field: pa.Field) -> tuple[str, str] | None:
-    """Say what is wrong with a file's column, or None.
-
-    Args:
-        schema: The file's Arrow schema.
-        field: The declared field.
-
-    Returns:
-        (issue code, sentence), or None if the column is there with the declared type.
-    """
-    count = schema.names.count(field.name)
-    if count == 0:
-        return "COLUMN_MISSING", f"the column {field.name} is missing"
-    if count > 1:
-        return "COLUMN_EXTRA", f"the column {field.name} is there {count} times"
-    found = schema.field(field.name).type
-    if not _same_type(found, field.type):
-        return "COLUMN_TYPE", f"the column {field.name} is {found}; required: {field.type}"
-    return None
-
-
-def _same_type(found: pa.DataType, declared: pa.DataType) -> bool:
-    if pa.types.is_dictionary(found):
-        found = found.value_type
-    if pa.types.is_string(declared):
-        return pa.types.is_string(found) or pa.types.is_large_string(found)
-    if pa.types.is_list(declared):
-        return (pa.types.is_list(found) or pa.types.is_large_list(found)) and _same_type(
-            found.value_type, declared.value_type
-        )
-    if pa.types.is_struct(declared):
-        if not pa.types.is_struct(found) or found.num_fields != declared.num_fields:
-            return False
-        pairs = zip(list(found), list(declared), strict=True)
-        return all(a.name == b.name and _same_type(a.type, b.type) for a, b in pairs)
-    return bool(found == declared)
 
 
 def read_footer(path: AnyFile) -> dict[str, Any]:
@@ -414,10 +243,3 @@ def footer_of(file: pq.ParquetFile, path: AnyFile) -> dict[str, Any]:
     if not isinstance(footer, dict):
         raise FileRefusedError("FOOTER_INVALID", "the `pliant` footer is no JSON object", path=path)
     return footer
-
-
-def _unreadable(path: AnyFile, error: object) -> FileRefusedError:
-    text = " ".join(str(error).split())
-    return FileRefusedError(
-        "FILE_UNREADABLE", "the Parquet file cannot be decoded", path=path, found=text[:300]
-    )

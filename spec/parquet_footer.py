@@ -16,6 +16,7 @@ from pliant.spec.reading import AnyFile, FileRefusedError, open_binary
 
 MAX_FOOTER_BYTES: Final = 16 * 2**20
 _TAIL_BYTES: Final = 8
+_DELTA_TEXT: Final = frozenset({6, 7})
 _MAX_DEPTH: Final = 32
 
 # Types of the compact protocol.
@@ -35,6 +36,7 @@ class ColumnChunk:
         rows: Rows of the row group.
         values: Values of the chunk, nulls included.
         uncompressed_bytes: Size of its pages once decompressed.
+        encodings: Numbers of its pages' encodings in the Parquet format.
     """
 
     row_group: int
@@ -42,6 +44,12 @@ class ColumnChunk:
     rows: int
     values: int
     uncompressed_bytes: int
+    encodings: tuple[int, ...] = ()
+
+    @property
+    def has_delta_text(self) -> bool:
+        """Whether a page is in DELTA_LENGTH_BYTE_ARRAY or DELTA_BYTE_ARRAY."""
+        return not _DELTA_TEXT.isdisjoint(self.encodings)
 
 
 def read_column_chunks(path: AnyFile) -> list[ColumnChunk]:
@@ -60,7 +68,7 @@ def read_column_chunks(path: AnyFile) -> list[ColumnChunk]:
             tail = stream.read(_TAIL_BYTES)
             length = int.from_bytes(tail[:4], "little")
             if len(tail) < _TAIL_BYTES or tail[4:] != b"PAR1" or length > size - _TAIL_BYTES:
-                raise _unreadable(path, "no Parquet footer")
+                raise unreadable(path, "no Parquet footer")
             if length > MAX_FOOTER_BYTES:
                 raise FileRefusedError(
                     "FILE_TOO_LARGE",
@@ -73,15 +81,15 @@ def read_column_chunks(path: AnyFile) -> list[ColumnChunk]:
             stream.seek(size - _TAIL_BYTES - length)
             footer = stream.read(length)
     except OSError as error:
-        raise _unreadable(path, error.strerror) from error
+        raise unreadable(path, error.strerror) from error
     try:
         return list(_column_chunks(footer))
     except (ValueError, LookupError, TypeError, AttributeError) as error:
-        raise _unreadable(path, f"a footer that is no Thrift structure: {error}") from error
+        raise unreadable(path, f"a footer that is no Thrift structure: {error}") from error
 
 
 # Field number -> how to read it: None keeps the value, a mapping keeps a structure's fields.
-_META_DATA: Final[dict[int, Any]] = {3: None, 5: None, 6: None}
+_META_DATA: Final[dict[int, Any]] = {2: None, 3: None, 5: None, 6: None}
 _ROW_GROUP: Final[dict[int, Any]] = {1: {3: _META_DATA}, 3: None}
 _FILE: Final[dict[int, Any]] = {4: _ROW_GROUP}
 
@@ -94,7 +102,16 @@ def _column_chunks(footer: bytes) -> tuple[ColumnChunk, ...]:
         for column in group[1]:
             meta = column[3]
             path = tuple(part.decode("utf-8") for part in meta[3])
-            result.append(ColumnChunk(index, path, int(group[3]), int(meta[5]), int(meta[6])))
+            result.append(
+                ColumnChunk(
+                    index,
+                    path,
+                    rows=int(group[3]),
+                    values=int(meta[5]),
+                    uncompressed_bytes=int(meta[6]),
+                    encodings=tuple(int(number) for number in meta[2]),
+                )
+            )
     return tuple(result)
 
 
@@ -188,7 +205,9 @@ class _Reader:
         return begin
 
 
-def _unreadable(path: AnyFile, found: object) -> FileRefusedError:
+def unreadable(path: AnyFile, found: object) -> FileRefusedError:
+    """Return the error of a Parquet file that cannot be decoded."""
+    text = " ".join(str(found).split())[:300]
     return FileRefusedError(
-        "FILE_UNREADABLE", "the Parquet file cannot be decoded", path=path, found=found
+        "FILE_UNREADABLE", "the Parquet file cannot be decoded", path=path, found=text
     )

@@ -5,8 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import pyarrow as pa
-import pyarrow.parquet as pq
 from PIL import Image
 
 from pliant.spec.conformance.edits import (
@@ -16,42 +14,12 @@ from pliant.spec.conformance.edits import (
     change_exr,
     change_json,
     change_rows,
-    change_table,
     listed,
     remove,
     write,
 )
 
-_TRACKS = f"{ROPE_TRAIN}/correspondences.parquet"
 _EXR = f"{ROPE_TRAIN}/depth/000001.exr"
-
-
-def _rewritten(**options: Any) -> Any:
-    def edit(root: Path) -> None:
-        pq.write_table(pq.read_table(root / _TRACKS), root / _TRACKS, **options)
-
-    return edit
-
-
-def _large_strings(table: pa.Table) -> pa.Table:
-    index = table.column_names.index("visibility")
-    column = table.column("visibility").cast(pa.large_string())
-    return table.set_column(index, "visibility", column)
-
-
-def _dictionaries(table: pa.Table) -> pa.Table:
-    index = table.column_names.index("visibility")
-    column = table.column("visibility").dictionary_encode()
-    return table.set_column(index, "visibility", column)
-
-
-def _optional(table: pa.Table) -> pa.Table:
-    fields = [field.with_nullable(True) for field in table.schema]
-    return table.cast(pa.schema(fields, metadata=table.schema.metadata))
-
-
-def _reversed_columns(table: pa.Table) -> pa.Table:
-    return table.select(table.column_names[::-1])
 
 
 def _other_png(root: Path) -> None:
@@ -142,48 +110,6 @@ CASES = [
         "a depth image is not compressed",
         (),
         listed(change_exr(_EXR, _nothing, "NO_COMPRESSION")),
-    ),
-    Case(
-        "parquet-snappy",
-        "full",
-        "a table has other compression, small row groups, no statistics",
-        (),
-        listed(_rewritten(compression="snappy", row_group_size=17, write_statistics=False)),
-    ),
-    Case(
-        "parquet-v2-pages",
-        "full",
-        "a table has data pages of version 2 and no dictionaries",
-        (),
-        listed(_rewritten(data_page_version="2.0", use_dictionary=False)),
-    ),
-    Case(
-        "text-64-bit-offsets",
-        "full",
-        "a text column has 64-bit offsets",
-        (),
-        listed(change_table(_TRACKS, _large_strings)),
-    ),
-    Case(
-        "text-dictionary",
-        "full",
-        "a text column is a dictionary",
-        (),
-        listed(change_table(_TRACKS, _dictionaries)),
-    ),
-    Case(
-        "columns-optional",
-        "full",
-        "every column is marked optional, and holds no null",
-        (),
-        listed(change_table(_TRACKS, _optional)),
-    ),
-    Case(
-        "columns-reversed",
-        "full",
-        "the columns are in the reverse order",
-        (),
-        listed(change_table(_TRACKS, _reversed_columns)),
     ),
     Case(
         "minor-version",

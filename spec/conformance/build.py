@@ -18,6 +18,7 @@ from typing import Any
 
 from pliant.spec.conformance import (
     accepted,
+    accepted_tables,
     broken_documents,
     broken_files,
     broken_geometry,
@@ -39,6 +40,7 @@ SUBMISSIONS_INDEX = HERE / "submissions.json"
 
 CASES: list[Case] = [
     *accepted.CASES,
+    *accepted_tables.CASES,
     *broken_files.CASES,
     *broken_documents.CASES,
     *broken_tables.CASES,

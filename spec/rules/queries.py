@@ -14,7 +14,8 @@ import pyarrow as pa
 from pliant.spec import layout, limits
 from pliant.spec.checksums import sha256_file
 from pliant.spec.conventions import VISIBILITY_STATES
-from pliant.spec.parquet import load_columns, open_table, select_schema
+from pliant.spec.parquet import open_table, select_schema
+from pliant.spec.parquet_columns import load_columns
 from pliant.spec.rules.context import Context
 from pliant.spec.rules.correspondences import VISIBLE
 from pliant.spec.rules.findings import Findings
@@ -389,9 +390,7 @@ class _SplitCheck:
     def _load(self, name: str, known: KnownSequence) -> _Tracks:
         folder = layout.sequence_name(known.tier, name)
         path = self.context.files.get(f"{folder}/{layout.POINTS_TABLE}")
-        points = load_columns(
-            open_table(path, text_as_dictionary=True), path, select_schema("points")
-        )
+        points = load_columns(open_table(path), path, select_schema("points"))
         count = points.num_rows
         partners = points.column("partners").combine_chunks()
         tier = self.context.tiers[known.tier]
@@ -399,7 +398,7 @@ class _SplitCheck:
             codes_of(points, "kind", ("surface",)) == 0
         )
         path = self.context.files.get(f"{folder}/{layout.CORRESPONDENCES_TABLE}")
-        file = open_table(path, text_as_dictionary=True)
+        file = open_table(path)
         schema = select_schema("correspondences", ["u_px", "v_px", "visibility"])
         table = load_columns(file, path, schema)
         uv = np.stack([numbers(table, "u_px"), numbers(table, "v_px")], axis=1)

@@ -15,7 +15,8 @@ import pyarrow.parquet as pq
 
 from pliant.spec.dataset import check_version
 from pliant.spec.jsonfiles import is_newer_minor, schema_errors
-from pliant.spec.parquet import column_problem, footer_of, load_batches, open_table
+from pliant.spec.parquet import footer_of, open_table
+from pliant.spec.parquet_columns import column_problem, load_batches
 from pliant.spec.reading import FileRefusedError
 from pliant.spec.rules.findings import Findings, reason
 from pliant.spec.tables import TABLES
@@ -82,7 +83,7 @@ def check_table(
         The table, or None if it cannot be opened.
     """
     try:
-        file = open_table(path, max_rows=max_rows, text_as_dictionary=True)
+        file = open_table(path, max_rows=max_rows)
     except FileRefusedError as error:
         findings.add(error.code, shown, error.where or "", reason(error))
         return None

@@ -126,6 +126,60 @@ def test_long_text_repeated_in_every_row_is_refused(
     assert refusal(tmp_path / "a").code == "FILE_TOO_LARGE"
 
 
+def delta_text(path: Path, column: str, texts: list[str]) -> None:
+    """Write a truth whose texts share long prefixes, which DELTA_BYTE_ARRAY stores once."""
+    modes = [[{"u": 0.0, "v": 0.0, "visibility": text}] for text in texts]
+    numbers = np.zeros(len(texts))
+    columns = {name: numbers for name in TABLES["truth"].names}
+    columns |= {"tier": texts, "visibility_b": texts, "alternatives": modes}
+    table = pa.table(columns).cast(TABLES["truth"])
+    pq.write_table(
+        table,
+        path,
+        use_dictionary=False,
+        compression="none",
+        column_encoding={column: "DELTA_BYTE_ARRAY"},
+    )
+
+
+def test_text_that_a_delta_encoding_expands_is_decoded_in_bounded_parts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    texts = ["x" * 1000 + str(i) for i in range(300)]
+    delta_text(tmp_path / "a", "tier", texts)
+    assert read_table(tmp_path / "a", "truth", ["tier"]).column("tier").to_pylist() == texts
+    monkeypatch.setattr(parquet.limits, "MAX_TEXT_BYTES", 100_000)
+    rows: list[int] = []
+    decoded = pq.ParquetFile.iter_batches
+
+    def watched(self: pq.ParquetFile, batch_size: int, **options: Any) -> Any:
+        rows.append(batch_size)
+        return decoded(self, batch_size, **options)
+
+    monkeypatch.setattr(pq.ParquetFile, "iter_batches", watched)
+    error = refusal(tmp_path / "a", "truth", columns=["tier"])
+    assert (error.code, error.where) == ("FILE_TOO_LARGE", "tier")
+    assert max(rows) * 1003 <= 100_000
+
+
+def test_text_in_a_list_that_a_delta_encoding_may_expand_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    leaf = "alternatives.list.element.visibility"
+    delta_text(tmp_path / "a", leaf, ["visible"] * 300)
+    assert read_table(tmp_path / "a", "truth", ["alternatives"]).num_rows == 300
+    monkeypatch.setattr(parquet.limits, "MAX_TEXT_BYTES", 10_000)
+    error = refusal(tmp_path / "a", "truth", columns=["alternatives"])
+    assert (error.code, error.where) == ("FILE_TOO_LARGE", leaf)
+
+
+def test_nulls_are_found_in_lists_of_every_row_group(tmp_path: Path) -> None:
+    good = points(9).cast(POINTS)
+    lists = pa.array([[i] for i in range(8)] + [[1, None]], pa.large_list(pa.int32()))
+    pq.write_table(good.set_column(5, "partners", lists), tmp_path / "a", row_group_size=2)
+    assert refusal(tmp_path / "a").code == "VALUE_NULL"
+
+
 @pytest.mark.parametrize("content", [b"", b"PAR1", b"PAR1" + b"\xff" * 40 + b"PAR1", b"a,b\n1,2\n"])
 def test_what_is_no_parquet(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "a").write_bytes(content)
