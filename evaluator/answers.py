@@ -106,7 +106,9 @@ def locate(
     pair, query = batch.keys["pair_id"], batch.keys["query_id"]
     if not len(pair):
         return np.empty(0, np.int64), None
-    if pair.min() >= 0 and pair.max() < questions.pairs and query.min() >= 0:
+    # A query id below the number of rows cannot wrap around when a start is added to it.
+    bounded = query.min() >= 0 and query.max() < questions.rows
+    if bounded and pair.min() >= 0 and pair.max() < questions.pairs:
         row = questions.starts.take(pair)
         row += query
         if bool((row < questions.starts[1:].take(pair)).all()):

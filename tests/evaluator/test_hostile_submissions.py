@@ -296,7 +296,7 @@ table_case(
 for _column in ("pair_id", "query_id"):
     for _value in (-1, -(2**31), 2**31 - 1, 1000):
         table_case(f"{_column} {_value}", edited(_column, 5, _value), "ROW_UNKNOWN", "ROW_MISSING")
-    for _value in (2**62, -(2**63)):
+    for _value in (2**62, 2**63 - 1, -(2**63)):
         table_case(
             f"{_column} {_value}",
             replaced(_column, lambda t, c=_column, x=_value: pa.array([x, *t[c].to_pylist()[1:]])),
@@ -312,6 +312,17 @@ for _column in ("pair_id", "query_id"):
         "ROW_UNKNOWN",
         "ROW_MISSING",
     )
+
+
+def _wrapping(scene: Any, table: pa.Table) -> pa.Table:
+    """The first row of pair 3 plus this query id exceeds int64 and turns negative."""
+    row = int(np.flatnonzero(scene.pair == 3)[0])
+    query = [*table["query_id"].to_pylist()]
+    query[row] = 2**63 - 1
+    return table.set_column(1, "query_id", pa.array(query, pa.int64()))
+
+
+table_case("pair 3, query 2**63 - 1", _wrapping, "ROW_UNKNOWN", "ROW_MISSING")
 table_case(
     "pair and query swapped",
     lambda _, t: t.rename_columns(["query_id", "pair_id", "u", "v"]),
