@@ -7,6 +7,7 @@ with the row they belong to.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -25,7 +26,11 @@ _RING_EDGES: Final = (
     0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.85, 0.89, 0.92, 0.94, 0.96, 0.98, 1.0,
 )  # fmt: skip
 """Probability inside the rings between which a mode's points lie, finer towards its tail."""
-_SPOKES: Final = 8
+_MOST_SPOKES: Final = 8
+_MODES_OF_MOST_SPOKES: Final = 8
+"""A mixture of more modes takes fewer points per mode, so that all its modes together take at most
+960; the work per mixture is then proportional to its number of modes."""
+_GOLDEN_ANGLE: Final = np.pi * (3 - 5**0.5)
 
 
 @dataclass(frozen=True)
@@ -125,40 +130,46 @@ def _disc_share(offset: FloatArray, two_variances: FloatArray, radius_px: float)
     return radius_px * np.mean(field * along, axis=1)
 
 
-def in_region(mixtures: Mixtures, true_px: FloatArray, level: float) -> BoolArray:
-    """Return whether the truth lies in the smallest region that holds a probability.
+def in_regions(mixtures: Mixtures, true_px: FloatArray, levels: Sequence[float]) -> BoolArray:
+    """Return whether the truth is in the smallest region of a given probability.
 
     For one Gaussian that is the disc of radius sigma sqrt(-2 log(1 - level)), exactly. For a
-    mixture the density on its border is found from 120 points in every mode (15 radii, 8
-    directions), to about one per cent of probability.
+    mixture the density on its border is estimated from points in every mode, 15 radii in 8
+    directions (fewer directions above 8 modes), to about one per cent of probability.
 
     Args:
         mixtures: N distributions.
         true_px: float64 (N, 2).
-        level: Probability the region holds, 0 to 1.
+        levels: L probabilities, 0 to 1.
 
     Returns:
-        bool (N,).
+        bool (L, N).
     """
     count = np.bincount(mixtures.row, minlength=mixtures.rows)
     single = count[mixtures.row] == 1
-    result = np.zeros(mixtures.rows, bool)
+    result = np.zeros((len(levels), mixtures.rows), bool)
     offset = true_px[mixtures.row[single]] - mixtures.uv_px[single]
-    radius = mixtures.sigma_px[single] * np.sqrt(-2 * np.log1p(-level))
-    result[mixtures.row[single]] = np.einsum("mk,mk->m", offset, offset) <= radius**2
+    squared = np.einsum("mk,mk->m", offset, offset)
+    for of_level, level in zip(result, levels, strict=True):
+        radius = mixtures.sigma_px[single] * np.sqrt(-2 * np.log1p(-level))
+        of_level[mixtures.row[single]] = squared <= radius**2
     if not single.all():
-        _mixture_regions(mixtures, true_px, level, count, result)
+        _mixture_regions(mixtures, true_px, levels, count, result)
     return result
 
 
 def _mixture_regions(
-    mixtures: Mixtures, true_px: FloatArray, level: float, count: IntArray, result: BoolArray
+    mixtures: Mixtures,
+    true_px: FloatArray,
+    levels: Sequence[float],
+    count: IntArray,
+    result: BoolArray,
 ) -> None:
-    pattern, share = _sample_pattern()
     begin = np.cumsum(count) - count
     true_density = density(mixtures, true_px)
     for modes in np.unique(count[count > 1]).tolist():
         rows = np.flatnonzero(count == modes)
+        pattern, share = _sample_pattern(modes)
         step = max(1, _CHUNK_DENSITIES // (modes * modes * len(pattern)))
         for first in range(0, len(rows), step):
             chosen = rows[first : first + step]
@@ -166,46 +177,56 @@ def _mixture_regions(
             centre, sigma = mixtures.uv_px[index], mixtures.sigma_px[index]
             weight = mixtures.weight[index]
             points = centre[:, :, None] + sigma[:, :, None, None] * pattern  # (n, m, k, 2)
-            offset = points[:, :, :, None] - centre[:, None, None]  # (n, m, k, m, 2)
-            squared = np.einsum("napbk,napbk->napb", offset, offset)
-            variance = (sigma**2)[:, None, None]
-            p = weight[:, None, None] / (2 * np.pi * variance) * np.exp(-squared / (2 * variance))
-            mass = (weight[:, :, None] * share).reshape(len(chosen), -1)
-            least = _density_at(p.sum(axis=3).reshape(mass.shape), mass, level)
-            result[chosen] = true_density[chosen] >= least
+            mass = (weight[:, :, None] * share).reshape(len(chosen), -1)  # (n, m k)
+            points = points.reshape(*mass.shape, 2)
+            height = weight / (2 * np.pi * sigma**2)
+            exponent = np.square(points[:, :, None, 0] - centre[:, None, :, 0])  # (n, m k, m)
+            exponent += np.square(points[:, :, None, 1] - centre[:, None, :, 1])
+            exponent *= -0.5 / (sigma**2)[:, None]
+            p = np.einsum("npm,nm->np", np.exp(exponent, out=exponent), height)
+            for of_level, least in zip(result, _densities_at(p, mass, levels), strict=True):
+                of_level[chosen] = true_density[chosen] >= least
 
 
-def _sample_pattern() -> tuple[FloatArray, FloatArray]:
-    """Return points of a standard Gaussian, (K, 2), and the probability each stands for, (K,)."""
+def _sample_pattern(modes: int) -> tuple[FloatArray, FloatArray]:
+    """Return points of a standard Gaussian, (K, 2), and the probability each stands for, (K,).
+
+    Args:
+        modes: Modes of the mixture; above 8 of them, each takes fewer points.
+    """
+    spokes = min(_MOST_SPOKES, max(1, _MOST_SPOKES * _MODES_OF_MOST_SPOKES // modes))
     edges = np.array(_RING_EDGES)
     middle = (edges[1:] + edges[:-1]) / 2
     radius = np.sqrt(-2 * np.log1p(-middle))
-    turn = 0.5 * (np.arange(len(radius))[:, None] % 2)  # every other ring is turned by half a step
-    angle = 2 * np.pi * (np.arange(_SPOKES) + turn) / _SPOKES
+    ring = np.arange(len(radius))[:, None]
+    half_step = np.pi / spokes  # by which every other ring is turned
+    turn = half_step * (ring % 2) if spokes == _MOST_SPOKES else _GOLDEN_ANGLE * ring
+    angle = 2 * np.pi * np.arange(spokes) / spokes + turn
     points = np.stack([radius[:, None] * np.cos(angle), radius[:, None] * np.sin(angle)], axis=-1)
-    return points.reshape(-1, 2), np.repeat(np.diff(edges) / _SPOKES, _SPOKES)
+    return points.reshape(-1, 2), np.repeat(np.diff(edges) / spokes, spokes)
 
 
-def _density_at(p: FloatArray, mass: FloatArray, level: float) -> FloatArray:
-    """Return the density at which the densest points hold `level` of the mass, float64 (N,).
+def _densities_at(p: FloatArray, mass: FloatArray, levels: Sequence[float]) -> Iterator[FloatArray]:
+    """Yield, per level, the density at which the densest points have that mass, float64 (N,).
 
     Args:
         p: float64 (N, K), densities at the points.
         mass: float64 (N, K), the mass each point stands for; rows sum to 1.
-        level: 0 to 1.
+        levels: 0 to 1.
     """
     order = np.argsort(-p, axis=1, kind="stable")
     p = np.take_along_axis(p, order, axis=1)
     mass = np.take_along_axis(mass, order, axis=1)
     held = np.cumsum(mass, axis=1) - mass / 2  # a point stands in the middle of its mass
-    after = np.clip((held < level).sum(axis=1), 1, p.shape[1] - 1)[:, None]
-    low, high = (np.take_along_axis(held, index, axis=1) for index in (after - 1, after))
-    before, behind = (
-        np.log(np.maximum(np.take_along_axis(p, index, axis=1), 1e-300))
-        for index in (after - 1, after)
-    )
-    share = (level - low) / np.maximum(high - low, 1e-12)
-    return np.exp(before + np.clip(share, 0, 2) * (behind - before))[:, 0]
+    for level in levels:
+        after = np.clip((held < level).sum(axis=1), 1, p.shape[1] - 1)[:, None]
+        low, high = (np.take_along_axis(held, index, axis=1) for index in (after - 1, after))
+        before, behind = (
+            np.log(np.maximum(np.take_along_axis(p, index, axis=1), 1e-300))
+            for index in (after - 1, after)
+        )
+        share = (level - low) / np.maximum(high - low, 1e-12)
+        yield np.exp(before + np.clip(share, 0, 2) * (behind - before))[:, 0]
 
 
 def spread_px(mixtures: Mixtures) -> FloatArray:

@@ -91,8 +91,9 @@ class DistributionScorer(Scorer):
             outlier_weight=self.settings["outlier_weight"],
             area_px2=float(width * height),
         )
-        for level in self.settings["regions"]:
-            inside = distribution.in_region(mixtures, true_px, level)
+        levels = self.settings["regions"]
+        regions = distribution.in_regions(mixtures, true_px, levels)
+        for level, inside in zip(levels, regions, strict=True):
             sums[f"in_region_{threshold_name(level * 100)}"][chosen] = inside
 
     def _add_reliability(self, block: Block, chosen: IntArray, mixtures: Mixtures) -> None:

@@ -214,7 +214,7 @@ def test_the_region_of_one_gaussian_is_a_disc() -> None:
     radius = 2 * math.sqrt(-2 * math.log(0.5))
     for factor, inside in ((0.999, True), (1.001, False)):
         at = np.array([[radius * factor, 0.0]])
-        assert distribution.in_region(single(2.0), at, 0.5)[0] == inside
+        assert distribution.in_regions(single(2.0), at, [0.5])[0, 0] == inside
 
 
 def test_spread_of_two_modes() -> None:
