@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
+from typing import IO
 
 import numpy as np
 import numpy.typing as npt
+
+from pliant.spec import limits
 
 Floats = npt.NDArray[np.float64]
 Image = npt.NDArray[np.uint8]
@@ -60,3 +65,24 @@ def resized(clip: Clip, size: tuple[int, int]) -> Clip:
 
     scale = np.array([size[0] / clip.size[0], size[1] / clip.size[1]])
     return Clip(clip.name, size, clip.frames, read, clip.uv_px * scale, clip.visible, clip.temporal)
+
+
+def decode_picture(source: Path | IO[bytes]) -> Image:
+    """Decode a JPEG or PNG, uint8 (H, W, 3), after checking the size that it announces.
+
+    Raises:
+        ValueError: The image is larger than the specification allows.
+        Exception: Pillow's errors on a damaged file do not share a base.
+    """
+    from PIL import Image as Pictures
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", Pictures.DecompressionBombWarning)
+        with Pictures.open(source, formats=("JPEG", "PNG")) as picture:
+            width, height = picture.size
+            if width * height > limits.MAX_IMAGE_PIXELS:
+                raise ValueError(
+                    f"an image of {width} x {height} pixels; at most "
+                    f"{limits.MAX_IMAGE_PIXELS:,} are allowed"
+                )
+            return np.asarray(picture.convert("RGB"), dtype=np.uint8)

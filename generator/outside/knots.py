@@ -14,7 +14,7 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
-from pliant.generator.outside.clip import Clip, Floats, Image
+from pliant.generator.outside.clip import Clip, Floats, Image, decode_picture
 from pliant.spec.errors import SpecError
 from pliant.spec.jsonfiles import read_json
 
@@ -143,10 +143,7 @@ def _read(path: Path, size: tuple[int, int]) -> Image:
 
 
 def _decode(path: Path) -> Image:
-    from PIL import Image as Pictures
-
     try:
-        with Pictures.open(path) as picture:
-            return np.asarray(picture.convert("RGB"), dtype=np.uint8)
+        return decode_picture(path)
     except Exception as error:  # Pillow's errors on a damaged file do not share a base
         raise SpecError("the image cannot be read", path=path, found=str(error)[:200]) from error

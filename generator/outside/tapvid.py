@@ -8,17 +8,19 @@ image, so that the centre of the first pixel is at (0.5 / width, 0.5 / height).
 from __future__ import annotations
 
 import io
+import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final, Literal
 
 import numpy as np
 
-from pliant.generator.outside.clip import Clip, Image
+from pliant.generator.outside.clip import Clip, Image, decode_picture
 from pliant.generator.outside.unpickle import read_pickle
 from pliant.spec.errors import SpecError
 
 FIELDS: Final = ("video", "points", "occluded")
+_MAX_NPZ_BYTES: Final = 16 * 2**30
 
 Coordinates = Literal["auto", "normalised", "pixels"]
 """What positions are: shares of the frame, or pixels from its corner; `auto` takes them for shares
@@ -50,6 +52,10 @@ def read_tapvid(path: Path, *, coordinates: Coordinates = "auto") -> list[Clip]:
 
 def _npz(path: Path) -> dict[str, Any]:
     try:
+        with zipfile.ZipFile(path) as archive:
+            size = sum(member.file_size for member in archive.infolist())
+        if size > _MAX_NPZ_BYTES:
+            raise ValueError(f"{size:,} bytes once unpacked; at most {_MAX_NPZ_BYTES:,} are read")
         with np.load(path, allow_pickle=False) as arrays:
             return {name: arrays[name] for name in arrays.files}
     except Exception as error:  # numpy, zipfile and zlib raise what they like
@@ -113,10 +119,7 @@ def _frame(video: Any, frame: int, name: str, path: Path) -> Image:
     try:
         item = video[frame]
         if isinstance(item, bytes):
-            from PIL import Image as Pictures
-
-            with Pictures.open(io.BytesIO(item)) as picture:
-                return np.asarray(picture.convert("RGB"), dtype=np.uint8)
+            return decode_picture(io.BytesIO(item))
         image = np.asarray(item)
     except Exception as error:  # Pillow's errors do not share a base
         raise SpecError(

@@ -5,6 +5,11 @@ from __future__ import annotations
 import os
 import pickle
 import pickletools
+import struct
+import subprocess
+import sys
+import tracemalloc
+import zlib
 from collections import OrderedDict
 from pathlib import Path
 from typing import Any
@@ -12,6 +17,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pliant.generator.outside.tapvid import read_tapvid
 from pliant.generator.outside.unpickle import read_pickle
 from pliant.spec.errors import SpecError
 
@@ -120,3 +126,119 @@ def test_every_cut_of_a_pickle_is_refused_in_one_sentence(tmp_path: Path) -> Non
         path.write_bytes(data[:length])
         with pytest.raises(SpecError, match=r"cannot be read|no plain data"):
             read_pickle(path)
+
+
+def _put_index(index: int) -> bytes:
+    return b"\x80\x04]r" + struct.pack("<I", index) + b"."
+
+
+def _nested(make: bytes, levels: int) -> bytes:
+    """Return a pickle of a list (or tuple) of two references to a list of two references …"""
+    data = b"\x80\x04K\x01"
+    for level in range(levels):
+        put = b"q" + bytes([level])
+        data += put + b"0(" + b"h" + bytes([level]) + b"h" + bytes([level]) + make
+    return data
+
+
+_LISTS, _TUPLES = _nested(b"l", 30), _nested(b"t", 40)
+_BIG = b"X" + struct.pack("<I", 100_000) + b"a" * 100_000
+HOSTILE = {
+    "shared lists": _LISTS + b".",
+    "shared dicts": b"\x80\x04}" + b"".join(
+        b"q" + bytes([k]) + b"0(K\x01h" + bytes([k]) + b"K\x02h" + bytes([k]) + b"d"
+        for k in range(30)
+    ) + b".",
+    "tuple as a key": _TUPLES + b"q\xff0}h\xffK\x01s.",
+    "tuple as a key of a dict of items": _TUPLES + b"q\xff0(h\xffK\x01d.",
+    "tuple in a set": _TUPLES + b"q\xff0\x8f(h\xff\x90.",
+    "tuple in a frozen set": _TUPLES + b"q\xff0(h\xff\x91.",
+    "tuple as a key of OrderedDict": _TUPLES
+    + b"q\xff0ccollections\nOrderedDict\n((h\xffK\x01tt\x85R.",
+    "an announced bytearray": b"\x80\x05\x96" + struct.pack("<Q", 2**36) + b"abc.",
+    "announced bytes": b"\x80\x05\x8e" + struct.pack("<Q", 2**36) + b"abc.",
+    "an announced frame": b"\x80\x04\x95" + struct.pack("<Q", 2**36) + b"N.",
+    "text encoded again and again": b"\x80\x02" + _BIG + b"q\x000X\x06\x00\x00\x00latin1q\x010"
+    b"c_codecs\nencode\nq\x020(" + b"h\x02h\x00h\x01\x86R" * 20_000 + b"l.",
+    "a state for a function": b"\x80\x02c_codecs\nencode\n}X\x01\x00\x00\x00aK\x01sb.",
+    "a state for a class": b"\x80\x02cnumpy\ndtype\nN}X\x07\x00\x00\x00resolveK\x01s\x86b.",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_a_few_bytes_cannot_ask_for_much(name: str, tmp_path: Path) -> None:
+    """In a process of its own, with 1 GiB of memory and 10 s of time."""
+    path = tmp_path / "evil.pkl"
+    path.write_bytes(HOSTILE[name])
+    script = (
+        "import resource, sys\n"
+        "from pathlib import Path\n"
+        "from pliant.generator.outside.unpickle import read_pickle\n"
+        "from pliant.spec.errors import SpecError\n"
+        "resource.setrlimit(resource.RLIMIT_CPU, (10, 10))\n"
+        "resource.setrlimit(resource.RLIMIT_AS, (2**31, 2**31))\n"
+        "try:\n    read_pickle(Path(sys.argv[1]))\n"
+        "except SpecError as error:\n    print(error)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script, str(path)], capture_output=True, text=True, timeout=120
+    )
+    assert done.returncode == 0, done.stderr[-500:]
+    assert "no plain data" in done.stdout or "ends before its data" in done.stdout
+    assert "MemoryError" not in done.stdout
+
+
+def test_a_large_memo_index_takes_no_memory(tmp_path: Path) -> None:
+    """The C machine allocates a table of twice as many entries as the index says."""
+    path = tmp_path / "data.pkl"
+    path.write_bytes(_put_index(2**31 - 1))
+    assert read_pickle(path) == []
+
+
+def test_what_is_shared_within_reason_is_read(tmp_path: Path) -> None:
+    size, array = [256, 256], np.arange(1000.0)
+    path = tmp_path / "data.pkl"
+    path.write_bytes(pickle.dumps({f"clip-{k}": {"size": size, "a": array} for k in range(9)}))
+    found = read_pickle(path)
+    assert found["clip-8"]["size"] == size
+    assert found["clip-8"]["a"] is found["clip-0"]["a"]
+
+
+def _large_png(side: int) -> bytes:
+    """Return a PNG of side x side black pixels; its rows are compressed without being made."""
+
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        body = kind + data
+        return struct.pack(">I", len(data)) + body + struct.pack(">I", zlib.crc32(body))
+
+    squeeze, row = zlib.compressobj(9), b"\0" * (1 + side)
+    pixels = b"".join(squeeze.compress(row) for _ in range(side)) + squeeze.flush()
+    header = struct.pack(">IIBBBBB", side, side, 8, 0, 0, 0, 0)
+    return b"\x89PNG\r\n\x1a\n" + b"".join(
+        chunk(*each) for each in ((b"IHDR", header), (b"IDAT", pixels), (b"IEND", b""))
+    )
+
+
+def test_a_large_picture_in_a_pickle_is_refused_before_it_is_decoded(tmp_path: Path) -> None:
+    record = {
+        "video": [_large_png(8193)],
+        "points": np.zeros((1, 1, 2)),
+        "occluded": np.zeros((1, 1), bool),
+    }
+    path = tmp_path / "clip.pkl"
+    path.write_bytes(pickle.dumps(record))
+    tracemalloc.start()
+    with pytest.raises(SpecError, match="8193 x 8193 pixels; at most 16,777,216"):
+        read_tapvid(path)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 16 * 2**20
+
+
+def test_an_npz_that_unpacks_to_too_much_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("pliant.generator.outside.tapvid._MAX_NPZ_BYTES", 10_000)
+    np.savez_compressed(tmp_path / "a.npz", video=np.zeros((1, 100, 100, 3), np.uint8))
+    with pytest.raises(SpecError, match="bytes once unpacked; at most 10,000"):
+        read_tapvid(tmp_path / "a.npz")
