@@ -21,13 +21,16 @@ import click
 )
 @click.option("--json", "as_json", is_flag=True, help="Report as one JSON document on stdout.")
 def command(reports: tuple[Path, ...], metrics: tuple[str, ...], as_json: bool) -> int:
-    """Hold report folders of one protocol, dataset and split against each other.
+    """Compare report folders of one protocol, dataset and split.
 
-    Differences come with intervals from resampling whole sequences, the same draws for both; a
-    verdict needs an interval that excludes zero.
+    Methods are compared sequence by sequence with a sign-flip test. A verdict needs an interval
+    that excludes zero and at least 6 sequences. Each line ends with the number of sequences
+    that would separate two methods so far apart.
     """
     from pliant.evaluator.comparison import differences, method_names, ranks
     from pliant.evaluator.leaderboard import read_reports
+    from pliant.evaluator.protocol import read_protocol
+    from pliant.evaluator.sign_flips import fewest_sequences
     from pliant.evaluator.wording import about, label, written, written_unit
     from pliant.spec.errors import CallError
 
@@ -38,9 +41,11 @@ def command(reports: tuple[Path, ...], metrics: tuple[str, ...], as_json: bool) 
     names = method_names(scores)
     standing = ranks(found, names)
     protocol = str(scores[0].document["protocol"])
+    fewest = fewest_sequences(float(read_protocol(protocol).bootstrap["level"]))
     if as_json:
         document = {
             "protocol": protocol,
+            "fewest_sequences": fewest,
             "methods": names,
             "differences": [item.as_dict() for item in found],
             "ranks": [
@@ -60,15 +65,24 @@ def command(reports: tuple[Path, ...], metrics: tuple[str, ...], as_json: bool) 
             last = (item.metric, item.group)
             shown = written_unit(unit)
             click.echo(f"{label(item.metric)}{f' ({shown})' if shown else ''}, {item.group}")
-        low, high = (written(None if x != x else x, unit) for x in (item.low, item.high))
+        interval = ""
+        if item.low == item.low:
+            interval = f" [{written(item.low, unit)}, {written(item.high, unit)}]"
         sign = "+" if item.value > 0 else ""
         click.echo(
-            f"  {item.method} against {item.against}: {sign}{written(item.value, unit)} "
-            f"[{low}, {high}]: {item.verdict}"
+            f"  {item.method} against {item.against}: {sign}{written(item.value, unit)}"
+            f"{interval}: {item.verdict} ({_sequences(item.sequences, item.sequences_needed)})"
         )
+    if any(item.verdict == "too few sequences" for item in found):
+        click.echo(f"No verdict is given with fewer than {fewest} sequences.")
     for (group, metric), places in standing.items():
         if group == "overall":
             order = sorted(zip(places, names, strict=True))
             text = ", ".join(f"{place}. {name}" for place, name in order)
             click.echo(f"Ranks by {label(metric)}: {text}")
     return 0
+
+
+def _sequences(count: int, needed: int | None) -> str:
+    text = f"{count} sequence{'' if count == 1 else 's'}"
+    return text if needed is None else f"{text}; about {needed:,} would separate them"

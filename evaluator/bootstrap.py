@@ -57,6 +57,11 @@ class Clusters:
             return int(sizes.sum()), int((sizes > 0).sum())
         return int(sizes[group - 1]), 1
 
+    def sum(self, values: FloatArray) -> FloatArray:
+        """Sum values of pairs, float64 (P,), over each sequence, float64 (C,)."""
+        sums: FloatArray = np.bincount(self.cluster, values, len(self.tier)).astype(np.float64)
+        return sums
+
     def sizes(self) -> IntArray:
         """Return the number of sequences of each tier, int64 (T,)."""
         return np.bincount(self.tier, minlength=self.tiers)
@@ -74,13 +79,7 @@ def replicates(clusters: Clusters, terms: FloatArray, settings: Mapping[str, Any
         float64 (B, T, M).
     """
     sizes = clusters.sizes()
-    by_cluster = np.stack(
-        [
-            np.bincount(clusters.cluster, terms[:, column], len(clusters.tier))
-            for column in range(terms.shape[1])
-        ],
-        axis=1,
-    )  # (C, M)
+    by_cluster = np.stack([clusters.sum(column) for column in terms.T], axis=1)  # (C, M)
     count = int(settings["replicates"])
     result = np.zeros((count, clusters.tiers, terms.shape[1]))
     for tier in range(clusters.tiers):

@@ -1,4 +1,4 @@
-"""Compares reports: paired differences with intervals, plain verdicts, honest ranks."""
+"""Compares reports: paired differences with intervals, verdicts and ranks."""
 
 from __future__ import annotations
 
@@ -10,14 +10,15 @@ import numpy as np
 import pyarrow as pa
 
 from pliant.evaluator.arrays import FloatArray
-from pliant.evaluator.bootstrap import Clusters, percentile_interval, replicates
+from pliant.evaluator.bootstrap import Clusters
 from pliant.evaluator.protocol import read_protocol
 from pliant.evaluator.ratios import Ratio, ratios_of
 from pliant.evaluator.scorers.base import OVERALL
 from pliant.evaluator.scores import Scores
+from pliant.evaluator.sign_flips import PairedDifference, fewest_sequences, paired_difference
 from pliant.spec.errors import CallError
 
-Verdict = Literal["better", "worse", "no clear difference"]
+Verdict = Literal["better", "worse", "no clear difference", "too few sequences"]
 
 _SAME: Final = (
     (("protocol",), "protocol"),
@@ -38,11 +39,14 @@ class Difference:
         group: `overall` or a tier.
         metric: Name of the metric.
         method: The method judged.
-        against: The method it is held against.
+        against: The method it is compared with.
         value: Its score minus the other's.
         low: Lower end of the interval of the difference, NaN where there is none.
         high: Upper end.
-        verdict: What the interval says; no interval, no verdict in favour of anybody.
+        sequences: Number of sequences that define the metric.
+        sequences_needed: Number of sequences that would separate methods so far apart, see
+            `PairedDifference`; None where the methods do not differ.
+        verdict: `better` or `worse` exactly where the interval excludes zero.
     """
 
     group: str
@@ -52,6 +56,8 @@ class Difference:
     value: float
     low: float
     high: float
+    sequences: int
+    sequences_needed: int | None
     verdict: Verdict
 
     def as_dict(self) -> dict[str, Any]:
@@ -101,8 +107,8 @@ def differences(
 ) -> list[Difference]:
     """Return the difference of every report from every earlier one.
 
-    Both methods of a difference are resampled with the same draws of sequences, so what makes a
-    sequence hard for both cancels out.
+    Both methods are compared sequence by sequence, so what makes a sequence hard for both
+    cancels out.
 
     Args:
         reports: Comparable reports.
@@ -127,57 +133,41 @@ def differences(
     columns = [_columns(report.per_pair) for report in reports]
     sequences, tiers = _clusters(reports[0].per_pair)
     clusters = Clusters.of(sequences[0], tiers[0], len(tiers[1]))
-    groups = [OVERALL, *tiers[1]]
+    level = float(protocol.bootstrap["level"])
     result: list[Difference] = []
     for ratio in ratios:
-        usable = [
-            i for i, c in enumerate(columns) if {ratio.numerator, ratio.denominator} <= set(c)
-        ]
-        if len(usable) < 2:
-            continue
-        terms = [ratio.terms(columns[index]) for index in usable]
-        flat = np.stack([side for pair in terms for side in pair], axis=1)
-        drawn = replicates(clusters, flat, protocol.bootstrap)  # (B, T, 2 per report)
-        for position, group in enumerate(groups):
-            mask = np.ones(len(flat), bool) if position == 0 else tiers[0] == position - 1
-            exact = flat[mask].sum(axis=0)[None]
-            sums = drawn.sum(axis=1) if position == 0 else drawn[:, position - 1]
-            sizes = clusters.sizes()
-            enough = (sizes > 1).all() if position == 0 else sizes[position - 1] > 1
-            for b in range(1, len(usable)):
+        terms = [ratio.terms(table) for table in columns]
+        sums = [(clusters.sum(above), clusters.sum(below)) for above, below in terms]
+        for position, group in enumerate([OVERALL, *tiers[1]]):
+            chosen = (clusters.tier == position - 1) | (position == 0)
+            parts = [(above[chosen], below[chosen]) for above, below in sums]
+            for b in range(1, len(parts)):
                 for a in range(b):
-                    value = _finish(ratio, exact, b) - _finish(ratio, exact, a)
-                    spread = _finish(ratio, sums, b) - _finish(ratio, sums, a)
-                    found = _difference(
-                        ratio, group, names[usable[b]], names[usable[a]], float(value[0]),
-                        spread[np.isfinite(spread)] if enough else spread[:0],
-                        float(protocol.bootstrap["level"]), clusters.extent(position),
-                    )  # fmt: skip
-                    if np.isfinite(found.value):
-                        result.append(found)
+                    paired = paired_difference(ratio, parts[a], parts[b], level)
+                    if np.isfinite(paired.value):
+                        verdict = _verdict(ratio, paired, level)
+                        result.append(
+                            Difference(
+                                group, ratio.name, names[b], names[a], **vars(paired),
+                                verdict=verdict,
+                            )
+                        )  # fmt: skip
     return result
 
 
-def _difference(
-    ratio: Ratio, group: str, method: str, against: str, value: float, spread: FloatArray,
-    level: float, extent: tuple[int, int],
-) -> Difference:  # fmt: skip
-    low, high = percentile_interval(spread, level, *extent) if len(spread) else (np.nan, np.nan)
-    verdict: Verdict = "no clear difference"
-    if ratio.better != "neither" and (low > 0 or high < 0):
-        verdict = "better" if (high < 0) == (ratio.better == "lower") else "worse"
-    return Difference(group, ratio.name, method, against, value, low, high, verdict)
-
-
-def _finish(ratio: Ratio, sums: FloatArray, index: int) -> FloatArray:
-    return ratio.finish(sums[:, 2 * index], sums[:, 2 * index + 1])
+def _verdict(ratio: Ratio, paired: PairedDifference, level: float) -> Verdict:
+    if paired.sequences < fewest_sequences(level):
+        return "too few sequences"
+    if ratio.better == "neither" or paired.low <= 0 <= paired.high:
+        return "no clear difference"
+    return "better" if (paired.high < 0) == (ratio.better == "lower") else "worse"
 
 
 def ranks(found: Sequence[Difference], names: Sequence[str]) -> dict[tuple[str, str], list[int]]:
-    """Return ranks that intervals bear out.
+    """Return ranks that the verdicts support.
 
     A method's rank is one more than the number of methods clearly better than it, so methods
-    that cannot be told apart may share one.
+    that are not clearly different may share one.
 
     Args:
         found: From `differences`.

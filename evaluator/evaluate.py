@@ -123,11 +123,7 @@ def _score(
         setting = Setting(dataset, questions, loaded.answers, table, scratch, surfaces)
         _score_answers(setting, truth, protocol, groups, summary, progress)
         coverage = loaded.answers.answered / questions.rows
-    ratios = [
-        ratio
-        for ratio in ratios_of(protocol.metrics)
-        if ratio.numerator in table.columns and ratio.denominator in table.columns
-    ]
+    ratios = ratios_of(protocol.metrics)
     for ratio in ratios:
         above, below = ratio.terms(table.columns)
         for index, name in groups:

@@ -19,6 +19,7 @@ from pliant.evaluator.comparison import (
 from pliant.evaluator.report import page_style, template_environment
 from pliant.evaluator.scorers.base import OVERALL
 from pliant.evaluator.scores import SCORES_JSON, Scores, read_scores
+from pliant.evaluator.sign_flips import fewest_sequences
 from pliant.evaluator.wording import about, interval_text, label, written, written_unit
 from pliant.spec.errors import CallError
 
@@ -94,6 +95,8 @@ def render_leaderboard(reports: Sequence[Scores], links: Sequence[str] | None = 
                 for i in order
             ],
             main=label(main),
+            fewest_sequences=fewest_sequences(float(document["intervals"]["level"])),
+            too_few=any(item.verdict == "too few sequences" for item in found),
             plots=[
                 *_differences(found, [names[i] for i in order], main, protocol),
                 *_plots(reports, names),

@@ -14,6 +14,7 @@ from typing import Any, Literal
 import numpy as np
 
 from pliant.evaluator.arrays import FloatArray
+from pliant.spec.errors import SpecError
 
 Better = Literal["lower", "higher", "neither"]
 
@@ -43,7 +44,20 @@ class Ratio:
     over_pairs: bool = False
 
     def terms(self, columns: Mapping[str, FloatArray]) -> tuple[FloatArray, FloatArray]:
-        """Return what is summed above and below, float64 (P,) each."""
+        """Return what is summed above and below, float64 (P,) each.
+
+        Raises:
+            SpecError: The table has no such column.
+        """
+        for name in (self.numerator, self.denominator):
+            if name not in columns:
+                raise SpecError(
+                    "the table of pairs lacks a column of a metric",
+                    where=self.name,
+                    found=", ".join(sorted(columns)),
+                    required=name,
+                    fix="Evaluate the submission again with this version of Pliant.",
+                )
         above, below = columns[self.numerator], columns[self.denominator]
         if not self.over_pairs:
             return above, below

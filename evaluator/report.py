@@ -29,6 +29,9 @@ from pliant.spec.errors import CallError
 
 _ARROWS: Final = {"lower": "\u00a0↓", "higher": "\u00a0↑", "neither": ""}
 
+_FEW_SEQUENCES: Final = 30
+"""With fewer sequences, intervals of figures with many outliers are too narrow."""
+
 
 def write_report(
     scores: Scores, out_dir: Path | str, *, data: Dataset | Path | str | None = None
@@ -122,6 +125,9 @@ def render_report(scores: Scores, dataset: Dataset | None = None) -> str:
                 for name, values in groups.items()
             ],
             no_interval=any(count < 2 for count in document["counts"]["sequences"].values()),
+            narrow_interval=any(
+                count < _FEW_SEQUENCES for count in document["counts"]["sequences"].values()
+            ),
             notes=sorted(document["notes"].items()),
             plots=report_plots(document),
             pictures=[

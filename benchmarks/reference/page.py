@@ -181,7 +181,9 @@ def _comparison(
     if found is None or before is None or after is None:
         return f"| {asked.question} | {first.label} | {second.label} | {asked.metric} | | none |"
     digits = 1 if asked.metric.endswith("px") else 3
-    difference = f"{found.value:+.{digits}f} [{found.low:+.{digits}f}, {found.high:+.{digits}f}]"
+    difference = f"{found.value:+.{digits}f}"
+    if found.verdict != "too few sequences":
+        difference += f" [{found.low:+.{digits}f}, {found.high:+.{digits}f}]"
     cells = (
         asked.question,
         f"{first.label}: {after:.{digits}f}",

@@ -1,0 +1,137 @@
+"""The paired test: its level, its interval, its agreement with an independent implementation."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.stats import permutation_test
+
+from pliant.evaluator import evaluate
+from pliant.evaluator.comparison import differences
+from pliant.evaluator.ratios import Ratio
+from pliant.evaluator.scores import Scores
+from pliant.evaluator.sign_flips import _subsets, fewest_sequences, paired_difference
+from pliant.spec.errors import SpecError
+
+MEAN = Ratio("mean", "above", "below", "lower", "", "")
+RMSE = Ratio("rmse", "above", "below", "lower", "px", "", root=True)
+
+
+def skewed(rng: np.random.Generator, count: int) -> tuple[Any, Any]:
+    """Two methods equal in law, on sequences of unequal size."""
+    below = rng.integers(5, 40, count).astype(float)
+    above = below * np.exp(rng.normal(3, 1, (1, count)) + rng.normal(0, 1, (2, count)))
+    return (above[0], below), (above[1], below)
+
+
+@pytest.mark.parametrize("count", [6, 8, 11])
+def test_interval_excludes_zero_exactly_where_scipy_rejects(count: int) -> None:
+    rng = np.random.default_rng(count)
+    rejected = 0
+    for _ in range(150):
+        first, second = skewed(rng, count)
+        second = (second[0] * 3.0, second[1])
+        found = paired_difference(RMSE, first, second, 0.95)
+        # An even number of values on each side, so that two-sided is twice the smaller tail.
+        reference = permutation_test(
+            (second[0], first[0]), lambda x, y, axis: np.sum(x - y, axis=axis), vectorized=True,
+            permutation_type="samples", n_resamples=np.inf, alternative="two-sided",
+        )  # fmt: skip
+        assert (found.low > 0 or found.high < 0) == (reference.pvalue <= 0.05)
+        rejected += reference.pvalue <= 0.05
+    assert 5 < rejected < 145
+
+
+def test_interval_ends_are_means_of_subsets() -> None:
+    first = (np.zeros(6), np.ones(6))
+    second = (np.array([3.0, 1.0, 4.0, 1.5, 9.0, 2.0]), np.ones(6))
+    found = paired_difference(MEAN, first, second, 0.95)
+    # Two of 64 sign patterns: the ends are the extreme means, those of single sequences.
+    assert (found.low, found.value, found.high) == pytest.approx((1.0, 20.5 / 6, 9.0))
+    found = paired_difference(MEAN, first, second, 0.80)  # a tail of 6 patterns
+    means = sorted(
+        np.mean(subset) for k in range(1, 7) for subset in itertools.combinations(second[0], k)
+    )
+    assert (found.low, found.high) == pytest.approx((means[5], means[-6]))
+
+
+def test_level_holds_for_few_and_for_many_sequences() -> None:
+    for count in (6, 20):
+        rng = np.random.default_rng(count)
+        verdicts = 0
+        for _ in range(1000):
+            found = paired_difference(RMSE, *skewed(rng, count), 0.95)
+            verdicts += found.low > 0 or found.high < 0
+        assert 0.01 < verdicts / 1000 < 0.07
+
+
+def test_subsets_of_many_sequences_form_a_group() -> None:
+    for count in (3, 12, 13, 40):
+        subsets = _subsets(count).astype(bool)
+        members = {row.tobytes() for row in subsets} | {np.zeros(count, bool).tobytes()}
+        assert len(members) == len(subsets) + 1 == 2 ** min(count, 12)
+        assert subsets.any(axis=0).all()
+        rng = np.random.default_rng(0)
+        for a, b in rng.integers(0, len(subsets), (50, 2)):
+            assert (subsets[a] ^ subsets[b]).tobytes() in members
+
+
+def test_fewer_than_six_sequences_have_no_interval() -> None:
+    assert [fewest_sequences(level) for level in (0.9, 0.95, 0.99)] == [5, 6, 8]
+    for count in (1, 5):
+        first = (np.zeros(count), np.ones(count))
+        second = (np.arange(1.0, count + 1), np.ones(count))
+        found = paired_difference(MEAN, first, second, 0.95)
+        assert math.isnan(found.low)
+        assert math.isnan(found.high)
+        assert found.sequences == count
+    undefined = np.array([1, 1, 1, 1, 1, 0.0])  # the sixth sequence does not define the metric
+    found = paired_difference(MEAN, (undefined, undefined), (undefined * 2, undefined), 0.95)
+    assert found.sequences == 5
+    assert math.isnan(found.low)
+
+
+def test_stated_number_of_sequences_separates_in_four_of_five_cases() -> None:
+    rng = np.random.default_rng(0)
+    shift, spread = 1.0, 2.0
+
+    def draw(count: int) -> Any:
+        effect = rng.normal(shift, spread, count)
+        return paired_difference(
+            MEAN, (np.zeros(count), np.ones(count)), (effect, np.ones(count)), 0.95
+        )
+
+    needed = draw(20_000).sequences_needed
+    assert needed == pytest.approx((1.96 + 0.8416) ** 2 * spread**2 + 1.92, abs=2)
+    found = [draw(needed) for _ in range(400)]
+    assert 0.74 < np.mean([item.low > 0 for item in found]) < 0.86
+    same = (np.ones(8), np.ones(8))
+    assert paired_difference(MEAN, same, same, 0.95).sequences_needed is None
+
+
+def test_reports_of_few_sequences_get_no_verdict(scene: Any, tmp_path: Path) -> None:
+    scores = []
+    for name, offset_px in (("good", 1.0), ("bad", 40.0)):
+        path = scene.submit(
+            tmp_path / f"{name}.parquet", scene.table(scene.true_px + offset_px),
+            method={"name": name},
+        )  # fmt: skip
+        scores.append(evaluate(path, scene.root, protocol="paper"))
+    found = {item.group: item for item in differences(scores, ["rmse_px"])}
+    assert found["rope"].verdict == "too few sequences"  # 3 sequences
+    assert found["rope"].as_dict()["low"] is None
+    assert found["overall"].sequences == 6
+    assert found["overall"].verdict == "worse"
+
+
+def test_a_report_without_a_column_is_refused(scene: Any, tmp_path: Path) -> None:
+    whole = evaluate(scene.submit(tmp_path / "s.parquet"), scene.root, protocol="paper")
+    part = Scores(whole.document, whole.per_pair.drop_columns(["sum_squared_px2"]))
+    with pytest.raises(SpecError, match="lacks a column of a metric") as caught:
+        differences([whole, part], ["rmse_px"])
+    assert "sum_squared_px2" in str(caught.value)
