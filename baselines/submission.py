@@ -12,8 +12,6 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
-import pyarrow as pa
-import pyarrow.compute as pc
 
 from pliant.baselines.matcher import (
     Answers,
@@ -34,20 +32,18 @@ from pliant.baselines.submission_file import (
     write_matches,
     write_template,
 )
-from pliant.baselines.tracks import Pair, answer_tracks, tasks_by_source
+from pliant.baselines.tracks import answer_tracks, tasks_by_source
 from pliant.baselines.views import ViewReader
 from pliant.spec.dataset import Dataset
-from pliant.spec.errors import CallError, SpecError, SubmissionError
-from pliant.spec.layout import queries_path
+from pliant.spec.errors import CallError, SubmissionError
+from pliant.spec.queries import QueryPair
 
 __all__ = [
     "Keys",
     "Kind",
-    "Pair",
     "Prediction",
     "predict",
     "query_keys",
-    "read_pairs",
     "submission_footer",
     "write_answers",
     "write_matches",
@@ -135,7 +131,7 @@ def predict(
         write_answers(out, dataset, split, keys, answers, facts)
         return Prediction(out, kind, facts, len(np.unique(keys.pair_id)), len(keys.pair_id))
 
-    pairs = read_pairs(dataset, split)
+    pairs = dataset.pairs(split)
     with_mask = 0
     answered: list[Answers] = []
     matched: list[tuple[int, Matches]] = []
@@ -173,50 +169,6 @@ def _check_call(
         raise CallError("the number of workers is wrong", found=workers, required=">= 1")
 
 
-def read_pairs(dataset: Dataset, split: str) -> list[Pair]:
-    """Group a split's queries by image pair, in the order of the file.
-
-    Args:
-        dataset: The dataset.
-        split: One of its splits with queries.
-
-    Raises:
-        SpecError: Pairs are not ascending, or the rows of one pair disagree about its frames.
-    """
-    table = dataset.queries(split)
-    path = queries_path(dataset.root, split)
-    pair_id = table.column("pair_id").to_numpy()
-    if len(pair_id) == 0:
-        return []
-    if (pair_id[1:] < pair_id[:-1]).any():
-        raise SpecError("pair_id is not ascending", path=path, where="pair_id")
-    changes = pair_id[1:] != pair_id[:-1]
-    starts = np.concatenate([[0], np.nonzero(changes)[0] + 1])
-    stops = np.append(starts[1:], len(pair_id))
-    frames = {}
-    for name in ("sequence_a", "frame_a", "sequence_b", "frame_b"):
-        column = table.column(name).combine_chunks()
-        differs = pc.not_equal(column[1:], column[:-1]).to_numpy(zero_copy_only=False)
-        strays = np.nonzero(differs & ~changes)[0]
-        if len(strays):
-            raise SpecError(
-                f"one pair has two values of {name}",
-                path=path,
-                where=f"row {strays[0] + 1}, {name}",
-            )
-        frames[name] = column.take(pa.array(starts)).to_pylist()
-    uv_a_px = np.stack([table.column("u_a").to_numpy(), table.column("v_a").to_numpy()], axis=1)
-    return [
-        Pair(
-            pair_id=int(pair_id[start]),
-            source=(frames["sequence_a"][row], frames["frame_a"][row]),
-            target=(frames["sequence_b"][row], frames["frame_b"][row]),
-            uv_a_px=uv_a_px[start:stop],
-        )
-        for row, (start, stop) in enumerate(zip(starts, stops, strict=True))
-    ]
-
-
 _Result = tuple[Answers | Matches, bool]
 
 
@@ -229,7 +181,7 @@ class _Worker:
         self._kind = kind
         self._reader = ViewReader(dataset)
 
-    def run(self, pairs: Sequence[Pair]) -> list[_Result]:
+    def run(self, pairs: Sequence[QueryPair]) -> list[_Result]:
         """Answer pairs; a `TrackMatcher` gets those of one source frame together."""
         source, target = pairs[0].source[0], pairs[0].target[0]
         if (
@@ -244,7 +196,7 @@ class _Worker:
             return [*tracked]
         return [self._one(pair) for pair in pairs]
 
-    def _one(self, pair: Pair) -> _Result:
+    def _one(self, pair: QueryPair) -> _Result:
         source = self._reader.view(*pair.source)
         target = self._reader.view(*pair.target)
         masked = target.mask is not None
@@ -254,7 +206,7 @@ class _Worker:
         self._check(answers, pair)
         return answers, masked
 
-    def _check(self, answers: Answers, pair: Pair) -> None:
+    def _check(self, answers: Answers, pair: QueryPair) -> None:
         _check_answers(answers, len(pair.uv_a_px), self._matcher.name, f"pair {pair.pair_id}")
 
 
@@ -266,14 +218,14 @@ def _start_process(address: str, pickled: bytes, kind: Kind) -> None:
     _process_worker = _Worker(Dataset.open(address), pickle.loads(pickled), kind)
 
 
-def _run_in_process(pairs: Sequence[Pair]) -> list[_Result]:
+def _run_in_process(pairs: Sequence[QueryPair]) -> list[_Result]:
     if _process_worker is None:
         raise RuntimeError("the worker process was not started")
     return _process_worker.run(pairs)
 
 
 def _run(
-    dataset: Dataset, matcher: Matcher, kind: Kind, pairs: Sequence[Pair], workers: int
+    dataset: Dataset, matcher: Matcher, kind: Kind, pairs: Sequence[QueryPair], workers: int
 ) -> Iterator[list[_Result]]:
     """Yield the results of all pairs in order, a few pairs at a time."""
     tasks = _tasks(matcher, pairs, 1 if workers == 1 else PAIRS_A_TASK)
@@ -301,7 +253,9 @@ def _run(
         executor.shutdown(cancel_futures=True)
 
 
-def _tasks(matcher: Matcher, pairs: Sequence[Pair], most: int) -> Sequence[Sequence[Pair]]:
+def _tasks(
+    matcher: Matcher, pairs: Sequence[QueryPair], most: int
+) -> Sequence[Sequence[QueryPair]]:
     """Return what is answered at a time: so many pairs, or those a `TrackMatcher` carries on."""
     if isinstance(matcher, TrackMatcher):
         return tasks_by_source(pairs)

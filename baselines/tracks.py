@@ -3,34 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import groupby
-
-import numpy as np
-import numpy.typing as npt
 
 from pliant.baselines.matcher import Answers, TrackMatcher, View
 from pliant.baselines.views import ViewReader
+from pliant.spec.queries import QueryPair
 
 
-@dataclass(frozen=True)
-class Pair:
-    """The queries of one image pair.
-
-    Attributes:
-        pair_id: As in the queries.
-        source: Sequence and frame of the queries.
-        target: Sequence and frame to find them in.
-        uv_a_px: float32 (N, 2), the query pixels.
-    """
-
-    pair_id: int
-    source: tuple[str, int]
-    target: tuple[str, int]
-    uv_a_px: npt.NDArray[np.float32]
-
-
-def tasks_by_source(pairs: Sequence[Pair]) -> list[list[Pair]]:
+def tasks_by_source(pairs: Sequence[QueryPair]) -> list[list[QueryPair]]:
     """Part pairs into runs with the same source frame and target sequence, in their order.
 
     Args:
@@ -41,7 +21,7 @@ def tasks_by_source(pairs: Sequence[Pair]) -> list[list[Pair]]:
 
 
 def answer_tracks(
-    matcher: TrackMatcher, reader: ViewReader, pairs: Sequence[Pair]
+    matcher: TrackMatcher, reader: ViewReader, pairs: Sequence[QueryPair]
 ) -> list[tuple[Answers, bool]]:
     """Answer pairs of one source frame and one episode, each frame between looked at once.
 

@@ -43,10 +43,9 @@ class ViewReader:
         if not sequence.has(depth_name(frame)):
             return View(rgb=rgb, key=key)
         surface = sequence.surface(frame)
-        queried_object = self._dataset.tiers[sequence.tier]["queried_object"]
         return View(
             rgb=rgb,
-            mask=surface.object_id == queried_object,
+            mask=surface.object_id == sequence.described.queried_object,
             depth_m=surface.depth_m,
             key=key,
         )

@@ -24,7 +24,6 @@ from record import Value, main
 from pliant.baselines import METHODS, Matcher
 from pliant.baselines.local_features import LocalFeatureMatcher
 from pliant.baselines.sift import Sift
-from pliant.baselines.submission import read_pairs
 from pliant.baselines.surf import MahotasSurf
 from pliant.baselines.views import ViewReader
 from pliant.generator.config import GenerateConfig
@@ -45,7 +44,7 @@ def measure(quick: bool) -> Mapping[str, Value]:
         )
         generate(config, root, workers=2)
         dataset = Dataset.open(root)
-        figures["pairs"] = len(read_pairs(dataset, "test"))
+        figures["pairs"] = len(dataset.pairs("test"))
         for name in ("identity", "random", "centroid", "sift", "surf", "orb"):
             figures |= score(dataset, METHODS[name](), name)
         for octave in (1, 2):
@@ -65,7 +64,7 @@ def score(dataset: Dataset, matcher: Matcher, name: str) -> dict[str, Value]:
     errors: dict[str, list[np.ndarray]] = defaultdict(list)
     cpu_s: dict[str, list[float]] = defaultdict(list)
     row = 0
-    for pair in read_pairs(dataset, "test"):
+    for pair in dataset.pairs("test"):
         source, target = reader.view(*pair.source), reader.view(*pair.target)
         started = time.process_time()
         answers = matcher.answer(source, target, pair.uv_a_px)

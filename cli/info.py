@@ -49,9 +49,9 @@ def describe(dataset: Dataset) -> dict[str, Any]:
         tiers.append(
             {
                 "name": name,
-                "kind": tier["kind"],
-                "variant": tier["variant"],
-                "symmetries": [symmetry["name"] for symmetry in tier["symmetries"]],
+                "kind": tier.kind,
+                "variant": tier.variant,
+                "symmetries": [symmetry.name for symmetry in tier.symmetries],
                 "sequences": dict(Counter(rows["split"].to_pylist())),
                 "frames": pc.sum(rows["frames"]).as_py() or 0,
                 "episodes": pc.sum(rows["temporal"]).as_py() or 0,

@@ -86,7 +86,7 @@ def _is_right(
         raise SpecError("the pair has no surface images", path=dataset.root, where=str(pair))
     footprints = read_protocol("matches").metrics["matches"]["visible_within_footprints"]
     truth = dense_truth(
-        source, target, uv_a, surfaces.object_material(pair["tier"]), float(footprints)
+        source, target, uv_a, dataset.tiers[pair["tier"]].queried, float(footprints)
     )
     error_px = np.linalg.norm(uv_b - truth.uv_b_px, axis=1)
     return truth.visible & (np.nan_to_num(error_px, nan=np.inf) <= radius_px)

@@ -8,7 +8,7 @@ truth of a match is known to about half a pixel.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -17,7 +17,6 @@ import numpy as np
 from pliant.evaluator.arrays import BoolArray, FloatArray
 from pliant.evaluator.matches import Matches
 from pliant.evaluator.metrics.geodesic import (
-    material_distance_m,
     nearest_object_pixel,
     surface_material,
 )
@@ -28,6 +27,7 @@ from pliant.evaluator.ratios import threshold_name
 from pliant.evaluator.scorers.base import Groups, PairTable, Summary
 from pliant.evaluator.surfaces import ObjectSurface, Surfaces
 from pliant.spec.errors import SpecError
+from pliant.spec.model import MaterialObject
 
 _CHUNK_CELLS: Final = 1 << 21
 _TORN: Final = 8.0
@@ -53,7 +53,7 @@ def dense_truth(
     source: ObjectSurface,
     target: ObjectSurface,
     uv_a_px: FloatArray,
-    material: Sequence[Mapping[str, Any]],
+    queried: MaterialObject,
     footprints: float,
 ) -> DenseTruth:
     """Find the matter under source positions in the target frame.
@@ -62,7 +62,7 @@ def dense_truth(
         source: The queried object in the source frame.
         target: The queried object in the target frame.
         uv_a_px: float64 (M, 2), positions in the source frame.
-        material: The object's material coordinates, as in `dataset.json`.
+        queried: The queried object.
         footprints: The matter shows where a target pixel is within so many times what one
             pixel spans there.
     """
@@ -75,11 +75,11 @@ def dense_truth(
         return result
     wanted = surface_material(source.m0, source.m1, row[asked], column[asked])
     there = surface_material(target.m0, target.m1, rows_b, columns_b)
-    footprint = _footprint_m(target, material)[rows_b, columns_b]
+    footprint = _footprint_m(target, queried)[rows_b, columns_b]
     step = max(1, _CHUNK_CELLS // len(there))
     for first in range(0, len(asked), step):
         part = slice(first, first + step)
-        distance = material_distance_m(wanted[part, None], there[None], material)
+        distance = queried.distance_m(wanted[part, None], there[None])
         nearest = distance.argmin(axis=1)
         least = distance[np.arange(len(nearest)), nearest]
         shown = least <= footprints * footprint[nearest]
@@ -90,12 +90,12 @@ def dense_truth(
     return result
 
 
-def _footprint_m(surface: ObjectSurface, material: Sequence[Mapping[str, Any]]) -> FloatArray:
+def _footprint_m(surface: ObjectSurface, queried: MaterialObject) -> FloatArray:
     """Return how much material one pixel spans, float64 (H, W), metres; 0 off the object."""
     field = np.stack([surface.m0, surface.m1], axis=-1).astype(np.float64)
     on = surface.on_object
-    across = np.where(on[:, 1:] & on[:, :-1], _span(field[:, 1:], field[:, :-1], material), 0)
-    down = np.where(on[1:] & on[:-1], _span(field[1:], field[:-1], material), 0)
+    across = np.where(on[:, 1:] & on[:, :-1], queried.distance_m(field[:, 1:], field[:, :-1]), 0)
+    down = np.where(on[1:] & on[:-1], queried.distance_m(field[1:], field[:-1]), 0)
     steps = np.concatenate([across[across > 0], down[down > 0]])
     typical = float(np.median(steps)) if len(steps) else 0.0
     result = np.where(on, typical, 0.0)
@@ -107,12 +107,6 @@ def _footprint_m(surface: ObjectSurface, material: Sequence[Mapping[str, Any]]) 
         result[first] = np.maximum(result[first], whole)
         result[second] = np.maximum(result[second], whole)
     return result
-
-
-def _span(
-    first: FloatArray, second: FloatArray, material: Sequence[Mapping[str, Any]]
-) -> FloatArray:
-    return material_distance_m(first, second, material)
 
 
 def score_matches(
@@ -145,7 +139,7 @@ def score_matches(
             source,
             target,
             matches.uv_a_px[rows],
-            surfaces.object_material(questions.tiers[questions.tier[pair]]),
+            surfaces.queried(questions.tiers[questions.tier[pair]]),
             float(metrics["matches"]["visible_within_footprints"]),
         )
         at = matches.uv_b_px[rows]

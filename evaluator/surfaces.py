@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -13,15 +13,16 @@ import numpy.typing as npt
 from pliant.evaluator.arrays import BoolArray, FloatArray
 from pliant.evaluator.blocks import Block
 from pliant.evaluator.metrics.geodesic import (
-    material_distance_m,
     nearest_object_pixel,
     silhouette_distance_px,
     surface_material,
 )
 from pliant.evaluator.questions import Questions
 from pliant.spec import layout
-from pliant.spec.dataset import Dataset, Sequence
+from pliant.spec.dataset import Dataset
 from pliant.spec.errors import SpecError
+from pliant.spec.model import MaterialObject
+from pliant.spec.sequence import SequenceRecord
 
 _CACHED_FRAMES: Final = 24
 
@@ -72,18 +73,9 @@ class Surfaces:
         self._points: dict[str, FloatArray] = {}
         self._last: tuple[int, SurfaceFacts] | None = None
 
-    def object_material(self, tier: str) -> list[dict[str, Any]]:
-        """Return the two material coordinates of a tier's queried object."""
-        description = self._dataset.tiers[tier]
-        for item in description["objects"]:
-            if item["id"] == description["queried_object"]:
-                material: list[dict[str, Any]] = item["material"]
-                return material
-        raise SpecError(
-            "the queried object is none of the tier's objects",
-            path=self._dataset.root / layout.DATASET_JSON,
-            where=f"tiers, {tier}",
-        )
+    def queried(self, tier: str) -> MaterialObject:
+        """Return the object of a tier that queries are on."""
+        return self._dataset.tiers[tier].queried
 
     def frame(self, sequence: str, frame: int) -> ObjectSurface | None:
         """Return the queried object in a frame, or None if the dataset holds no surface of it."""
@@ -101,11 +93,11 @@ class Surfaces:
         """Return where a frame's surface image lies, or would lie."""
         return self._dataset.sequence(sequence).dir / layout.depth_name(frame)
 
-    def _read(self, sequence: Sequence, frame: int) -> ObjectSurface | None:
+    def _read(self, sequence: SequenceRecord, frame: int) -> ObjectSurface | None:
         if not sequence.has(layout.depth_name(frame)):
             return None
         surface = sequence.surface(frame)
-        queried = self._dataset.tiers[sequence.tier]["queried_object"]
+        queried = sequence.described.queried_object
         return ObjectSurface(surface.object_id == queried, surface.m0, surface.m1)
 
     def point_material(self, sequence: str) -> FloatArray | None:
@@ -170,6 +162,4 @@ class Surfaces:
         facts.on_object[answered] = found
         under = surface_material(surface.m0, surface.m1, row[found], column[found])
         right = material[points[found]]
-        facts.geodesic_m[answered[found]] = material_distance_m(
-            under, right, self.object_material(tier)
-        )
+        facts.geodesic_m[answered[found]] = self.queried(tier).distance_m(under, right)

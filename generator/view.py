@@ -15,9 +15,11 @@ import numpy.typing as npt
 
 from pliant.generator.view_colours import depth_image, index_image, material_colours
 from pliant.generator.view_tracks import ANIMATIONS, draw_tracks, read_predicted_tracks
-from pliant.spec.dataset import Dataset, Sequence, tier_object
+from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
 from pliant.spec.layout import depth_name
+from pliant.spec.model import Tier
+from pliant.spec.sequence import SequenceRecord
 
 Rgb = npt.NDArray[np.uint8]
 
@@ -109,7 +111,7 @@ def draw_predicted_tracks(
 
 
 def contact_sheet(
-    dataset: Dataset, sequences: list[Sequence], layer: str = "sheet", count: int = 24
+    dataset: Dataset, sequences: list[SequenceRecord], layer: str = "sheet", count: int = 24
 ) -> Rgb:
     """Draw frames beside one another, spread evenly over the sequences.
 
@@ -168,7 +170,7 @@ def contact_sheet(
     return sheet
 
 
-def _spread_frames(sequences: list[Sequence], count: int) -> list[tuple[Sequence, int]]:
+def _spread_frames(sequences: list[SequenceRecord], count: int) -> list[tuple[SequenceRecord, int]]:
     """Choose frames: each sequence once before any a second time, evenly over its frames."""
     if count <= len(sequences):
         picks = np.linspace(0, len(sequences) - 1, count).round().astype(int)
@@ -182,7 +184,7 @@ def _spread_frames(sequences: list[Sequence], count: int) -> list[tuple[Sequence
     return chosen
 
 
-def _anatomy(dataset: Dataset, sequence: Sequence, frame: int, out: Path) -> None:
+def _anatomy(dataset: Dataset, sequence: SequenceRecord, frame: int, out: Path) -> None:
     """Draw how a frame came about: curve with handles, mesh, depth, index colours."""
     if not 0 <= frame < sequence.frames:
         raise CallError(
@@ -231,13 +233,13 @@ def _closer(mask: npt.NDArray[np.bool_]) -> tuple[float, float, float, float]:
     return u - half[0], u + half[0], v - half[1], v + half[1]
 
 
-def _curve_title(sequence: Sequence, frame: int) -> str:
+def _curve_title(sequence: SequenceRecord, frame: int) -> str:
     if "control_points_m" in sequence.info["frame_info"][frame]:
         return "Bézier curve and handles"
     return "centre line" if sequence.info["parameters"].get("radius_m") else "tracked points"
 
 
-def _draw_curve(axis: Any, sequence: Sequence, frame: int) -> None:
+def _draw_curve(axis: Any, sequence: SequenceRecord, frame: int) -> None:
     """Draw the Bezier curve with its handles, or the tracked points where there is no curve."""
     info = sequence.info["frame_info"][frame]
     if "control_points_m" not in info:
@@ -273,7 +275,7 @@ def _lifted(flat: npt.NDArray[np.float64], height: float) -> npt.NDArray[np.floa
 
 
 def _project(
-    sequence: Sequence, frame: int, points: npt.NDArray[np.float64]
+    sequence: SequenceRecord, frame: int, points: npt.NDArray[np.float64]
 ) -> npt.NDArray[np.float64]:
     K, pose = sequence.camera(frame)
     local = points @ pose[:3, :3].T + pose[:3, 3]
@@ -282,19 +284,18 @@ def _project(
     return uv
 
 
-def _draw_mesh(axis: Any, sequence: Sequence, frame: int, tier: dict[str, Any]) -> None:
+def _draw_mesh(axis: Any, sequence: SequenceRecord, frame: int, tier: Tier) -> None:
     """Draw the lines of constant material coordinate, and the visible material points."""
     surface = sequence.surface(frame)
-    on = surface.object_id == tier["queried_object"]
+    on = surface.object_id == tier.queried_object
     height, width = on.shape
-    rope = tier["kind"] == "rope"
+    rope = tier.kind == "rope"
     steps = (80, 6) if rope else (32, 32)
-    queried = tier_object(tier, tier["queried_object"])
     lines = np.zeros(on.shape, bool)
     for values, step, field in zip(
-        (surface.m0, surface.m1), steps, queried["material"], strict=True
+        (surface.m0, surface.m1), steps, tier.queried.material, strict=True
     ):
-        cell = np.floor((values - field["min"]) / (field["max"] - field["min"]) * step)
+        cell = np.floor((values - field.min) / (field.max - field.min) * step)
         cell = np.where(on, cell, -1)
         lines[:, 1:] |= cell[:, 1:] != cell[:, :-1]
         lines[1:] |= cell[1:] != cell[:-1]
@@ -309,7 +310,7 @@ def _draw_mesh(axis: Any, sequence: Sequence, frame: int, tier: dict[str, Any]) 
     axis.plot(*uv.T, ".", color="#d1495b", ms=1.0)
 
 
-def _tracks(dataset: Dataset, sequence: Sequence, count: int, out: Path) -> None:
+def _tracks(dataset: Dataset, sequence: SequenceRecord, count: int, out: Path) -> None:
     """Draw a strip of frames with a dozen points and where they went; hollow: not visible."""
     import matplotlib.pyplot as plt
 
@@ -353,14 +354,14 @@ def _tracks(dataset: Dataset, sequence: Sequence, count: int, out: Path) -> None
 
 
 def _point_tracks(
-    sequence: Sequence, tier: dict[str, Any], count: int = 12
+    sequence: SequenceRecord, tier: Tier, count: int = 12
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.str_], npt.NDArray[np.float64]]:
     """Return uv (frames, points, 2), states (frames, points) and colours of spread points."""
     points = sequence.points()
-    of_object = np.asarray(points["object"].to_numpy()) == tier["queried_object"]
+    of_object = np.asarray(points["object"].to_numpy()) == tier.queried_object
     rows = np.flatnonzero(of_object & (np.asarray(points["kind"].to_pylist()) == "surface"))
     m0, m1 = (points[name].to_numpy().astype(np.float64) for name in ("m0", "m1"))
-    if tier["kind"] == "rope":
+    if tier.kind == "rope":
         order = rows[np.lexsort((np.abs(m1[rows] - np.pi / 2), np.round(m0[rows], 6)))]
         chosen = order[np.linspace(0, len(order) - 1, count).round().astype(int)]
     else:
@@ -372,7 +373,7 @@ def _point_tracks(
     uv = np.stack([table["u_px"].to_numpy(), table["v_px"].to_numpy()], axis=1).astype(np.float64)
     states = np.asarray(table["visibility"].to_pylist()).reshape(shape)
     colours = material_colours(m0[chosen], np.zeros(len(chosen)), tier)
-    if tier["kind"] != "rope":
+    if tier.kind != "rope":
         colours = material_colours(m0[chosen], m1[chosen], tier)
     return uv.reshape(*shape, 2)[:, chosen], states[:, chosen], colours
 

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pliant.spec.dataset import tier_object
 from pliant.spec.images import Surface
+from pliant.spec.model import Tier
 
 Rgb = npt.NDArray[np.uint8]
 
@@ -19,28 +19,27 @@ _CORNERS = np.array(
 
 
 def material_colours(
-    m0: npt.NDArray[Any], m1: npt.NDArray[Any], tier: dict[str, Any]
+    m0: npt.NDArray[Any], m1: npt.NDArray[Any], tier: Tier
 ) -> npt.NDArray[np.float64]:
     """Return index colours: one colour for one material point, in every frame.
 
     Args:
         m0: (N,), first material coordinate of the queried object.
         m1: (N,), second material coordinate.
-        tier: The tier's object of `dataset.json`.
+        tier: The tier.
 
     Returns:
         float64 (N, 3), sRGB 0 to 1. A rope is coloured along its length, a little darker on one
         side of theta; a cloth by its four corners.
     """
-    queried = tier_object(tier, tier["queried_object"])
-    first, second = queried["material"]
-    a = np.clip((m0 - first["min"]) / (first["max"] - first["min"]), 0.0, 1.0)
-    if tier["kind"] == "rope":
+    first, second = tier.queried.material
+    a = np.clip((m0 - first.min) / (first.max - first.min), 0.0, 1.0)
+    if tier.kind == "rope":
         from matplotlib import colormaps
 
         colours: npt.NDArray[np.float64] = colormaps["turbo"](0.04 + 0.92 * a)[:, :3]
         return colours * (0.84 + 0.16 * np.cos(np.asarray(m1, np.float64)))[:, None]
-    b = np.clip((m1 - second["min"]) / (second["max"] - second["min"]), 0.0, 1.0)
+    b = np.clip((m1 - second.min) / (second.max - second.min), 0.0, 1.0)
     a, b = a[:, None], b[:, None]
     low = (1 - b) * _CORNERS[0, 0] + b * _CORNERS[0, 1]
     high = (1 - b) * _CORNERS[1, 0] + b * _CORNERS[1, 1]
@@ -48,11 +47,11 @@ def material_colours(
     return mixed
 
 
-def index_image(surface: Surface, tier: dict[str, Any]) -> Rgb:
+def index_image(surface: Surface, tier: Tier) -> Rgb:
     """Return the index colours of a frame; other objects grey, the rest near black."""
     out = np.full((*surface.object_id.shape, 3), 18, np.uint8)
     out[surface.object_id > 0] = 120
-    on = surface.object_id == tier["queried_object"]
+    on = surface.object_id == tier.queried_object
     out[on] = np.rint(255 * material_colours(surface.m0[on], surface.m1[on], tier)).astype(np.uint8)
     return out
 

@@ -11,9 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from pliant.generator.view_colours import material_colours
-from pliant.spec.dataset import Dataset, Sequence
+from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, MissingExtraError
 from pliant.spec.parquet import read_footer, read_table
+from pliant.spec.sequence import SequenceRecord
 
 Float64 = npt.NDArray[np.float64]
 Rgb = npt.NDArray[np.uint8]
@@ -43,7 +44,7 @@ class PredictedTracks:
         colours: float64 (Q, 3), 0 to 1.
     """
 
-    sequence: Sequence
+    sequence: SequenceRecord
     method: str
     source: int
     answers: dict[int, Float64]
@@ -132,7 +133,7 @@ def _answers(submission: Path, pair_id: npt.NDArray[Any], query_id: npt.NDArray[
 
 def _truth(
     dataset: Dataset,
-    episode: Sequence,
+    episode: SequenceRecord,
     split: str,
     rows: npt.NDArray[np.int64],
     point: npt.NDArray[np.int64],

@@ -19,15 +19,17 @@ import numpy.typing as npt
 
 from pliant.loaders.views import FrameView, read_view, surface_points
 from pliant.spec import layout
-from pliant.spec.dataset import Dataset, Sequence
+from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
+from pliant.spec.model import Tier
+from pliant.spec.sequence import SequenceRecord
 
 
 @dataclass(frozen=True)
 class FrameRef:
     """Which frame of which sequence."""
 
-    sequence: Sequence
+    sequence: SequenceRecord
     frame: int
 
     @property
@@ -36,8 +38,8 @@ class FrameRef:
         return f"{self.sequence.id}/{self.frame}"
 
 
-def named_tier(dataset: Dataset, name: str) -> dict[str, Any]:
-    """Return what a dataset says of one of its tiers.
+def named_tier(dataset: Dataset, name: str) -> Tier:
+    """Return one of a dataset's tiers.
 
     Args:
         dataset: The dataset.
@@ -53,8 +55,7 @@ def named_tier(dataset: Dataset, name: str) -> dict[str, Any]:
             found=repr(name),
             required="one of " + ", ".join(dataset.tiers),
         )
-    tier: dict[str, Any] = dataset.tiers[name]
-    return tier
+    return dataset.tiers[name]
 
 
 class FrameStore:
@@ -95,9 +96,9 @@ class FrameStore:
         self.full_size = dataset.size
         self.frames = [FrameRef(s, f) for s in sequences for f in range(s.frames)]
         points = sequences[0].points()
-        ids = self._surface_points = surface_points(sequences[0], self.tier["queried_object"])
+        ids = self._surface_points = surface_points(sequences[0], self.tier.queried_object)
         self.material = np.stack([points["m0"].to_numpy(), points["m1"].to_numpy()], axis=1)[ids]
-        self.partners = _partners(points["partners"].to_pylist(), ids, len(self.tier["symmetries"]))
+        self.partners = _partners(points["partners"].to_pylist(), ids, len(self.tier.symmetries))
         self._path: Path | None = None
         self._records: npt.NDArray[np.void] | None = None
         if cache is not None:
@@ -146,7 +147,7 @@ class FrameStore:
 
     def _decode(self, index: int) -> FrameView:
         ref = self.frames[index]
-        queried = int(self.tier["queried_object"])
+        queried = self.tier.queried_object
         return read_view(ref.sequence, ref.frame, queried, self.size, self._surface_points)
 
     def _open(self, path: Path) -> npt.NDArray[np.void]:

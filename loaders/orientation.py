@@ -6,14 +6,12 @@ has an angle about the rope, the angle's sine tells left from right of the centr
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
-from pliant.loaders.material import material_steps_m
-from pliant.spec.dataset import tier_object
+from pliant.spec.model import MaterialObject
 
 _NEIGHBOURS: Final = 12
 _FALL: Final = 2.0
@@ -29,23 +27,19 @@ class Orientation:
     neighbours on the material, so that points need not lie on a grid.
 
     Args:
-        tier: A tier of `dataset.json`.
-        object_id: The object whose material it is.
+        queried: The object whose material it is.
         material: float (P, 2), material coordinates of its points.
     """
 
-    def __init__(
-        self, tier: Mapping[str, Any], object_id: int, material: npt.NDArray[np.floating[Any]]
-    ) -> None:
+    def __init__(self, queried: MaterialObject, material: npt.NDArray[np.floating[Any]]) -> None:
         exact = material.astype(np.float64)
-        described = tier_object(tier, object_id)["material"]
         self._sine = np.full(len(exact), np.nan)
-        for axis, coordinate in enumerate(described):
-            if coordinate["period"] is not None:
-                self._sine = np.sin(exact[:, axis] * (2 * np.pi / coordinate["period"]))
+        for axis, coordinate in enumerate(queried.material):
+            if coordinate.period is not None:
+                self._sine = np.sin(exact[:, axis] * (2 * np.pi / coordinate.period))
         count = min(_NEIGHBOURS, len(exact))
-        self._neighbours = _nearest(tier, object_id, exact, count)  # (P, K)
-        steps = material_steps_m(tier, object_id, exact[self._neighbours] - exact[:, None])
+        self._neighbours = _nearest(queried, exact, count)  # (P, K)
+        steps = queried.steps_m(exact[self._neighbours] - exact[:, None])
         distance = np.linalg.norm(steps, axis=2, keepdims=True)  # (P, K, 1)
         reach = distance.max(axis=1, keepdims=True).clip(1e-12)
         # Near points count more: which of two equally far ones came last then hardly matters.
@@ -75,13 +69,13 @@ class Orientation:
 
 
 def _nearest(
-    tier: Mapping[str, Any], object_id: int, material: npt.NDArray[np.float64], count: int
+    queried: MaterialObject, material: npt.NDArray[np.float64], count: int
 ) -> npt.NDArray[np.intp]:
     """Return each point's nearest points in metres, itself among them: intp (P, K)."""
     nearest = np.empty((len(material), count), dtype=np.intp)
     for start in range(0, len(material), _CHUNK):
         part = material[start : start + _CHUNK]
-        steps = material_steps_m(tier, object_id, part[:, None] - material)  # (n, P, 2)
+        steps = queried.steps_m(part[:, None] - material)  # (n, P, 2)
         distance = (steps**2).sum(axis=2)
         nearest[start : start + _CHUNK] = np.argpartition(distance, count - 1, axis=1)[:, :count]
     return nearest

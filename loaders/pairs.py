@@ -14,7 +14,6 @@ from torch.utils.data import Dataset as TorchDataset
 
 from pliant.loaders.augment import AugmentSettings, augment
 from pliant.loaders.frame_store import FrameStore
-from pliant.loaders.material import symmetry_orbit
 from pliant.loaders.order import sample_generator
 from pliant.loaders.orientation import Orientation
 from pliant.loaders.surface_matches import draw_surface_pixels, find_on_surface
@@ -108,8 +107,7 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
         self.augmentation = augmentation
         self._orientation: Orientation | None = None
         if orientation:
-            own = self.store.tier
-            self._orientation = Orientation(own, own["queried_object"], self.store.material)
+            self._orientation = Orientation(self.store.tier.queried, self.store.material)
         self._groups = self._frames_by_sequence()
         if not self._groups:
             raise CallError(
@@ -182,16 +180,15 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
     ) -> list[FrameView]:
         """Return the views with points drawn from the first one's surface, found in the others."""
         tier, count = self.store.tier, self.settings.queries
-        queried = int(tier["queried_object"])
         refs = [self.store.frames[frame] for frame in frames]
         surfaces = [ref.sequence.surface(ref.frame) for ref in refs]
-        _, material = draw_surface_pixels(rng, surfaces[0], queried, count)
-        orbit = symmetry_orbit(tier, material).reshape(-1, 2)
+        _, material = draw_surface_pixels(rng, surfaces[0], tier.queried_object, count)
+        orbit = tier.orbit(material).reshape(-1, 2)
         scale = np.array(self.store.size) / np.array(self.store.full_size)
         matched = []
         for view, surface in zip(views, surfaces, strict=True):
-            uv, found = find_on_surface(tier, queried, surface, orbit)
-            missing = count * (1 + len(tier["symmetries"])) - len(uv)
+            uv, found = find_on_surface(tier.queried, surface, orbit)
+            missing = count * (1 + len(tier.symmetries)) - len(uv)
             uv = np.concatenate([uv * scale, np.full((missing, 2), np.nan)])
             found = np.concatenate([found, np.zeros(missing, dtype=np.bool_)])
             matched.append(replace(view, uv_px=uv.astype(np.float32), visible=found))
@@ -217,7 +214,7 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
         views: list[FrameView],
         action: npt.NDArray[np.float32],
     ) -> dict[str, torch.Tensor]:
-        slots = 1 + len(self.store.tier["symmetries"])
+        slots = 1 + len(self.store.tier.symmetries)
         kind = self.settings.input
         images = [input_channels(view.rgb, view.depth_m, kind) for view in views]
         shape = (len(views), self.settings.queries, slots)

@@ -9,14 +9,13 @@ the point is not on visible surface in B: it is hidden there, or lies in an occl
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
-from pliant.loaders.material import FloatArray, material_steps_m
 from pliant.spec.images import Surface
+from pliant.spec.model import FloatArray, MaterialObject
 
 _JUMP: Final = 4.0
 """Neighbours whose coordinates differ by more than this times the median belong to other folds."""
@@ -49,13 +48,12 @@ def draw_surface_pixels(
 
 
 def find_on_surface(
-    tier: Mapping[str, Any], object_id: int, surface: Surface, material: FloatArray
+    queried: MaterialObject, surface: Surface, material: FloatArray
 ) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
     """Find material points in a frame, to a fraction of a pixel.
 
     Args:
-        tier: A tier of `dataset.json`: what a material coordinate is in metres.
-        object_id: The queried object.
+        queried: The queried object.
         surface: The frame's surface image.
         material: float64 (N, 2), the points to find.
 
@@ -64,16 +62,16 @@ def find_on_surface(
     """
     uv = np.full((len(material), 2), np.nan)
     found = np.zeros(len(material), dtype=np.bool_)
-    on = surface.object_id == object_id
+    on = surface.object_id == queried.id
     rows, columns = np.nonzero(on)
     if len(rows) == 0 or len(material) == 0:
         return uv, found
     image = np.stack([surface.m0, surface.m1], axis=-1).astype(np.float64)  # (H, W, 2)
-    jacobian, known = _jacobian(tier, object_id, image, on)
+    jacobian, known = _jacobian(queried, image, on)
     seen = image[rows, columns]  # (M, 2)
     for start in range(0, len(material), _CHUNK):
         part = material[start : start + _CHUNK]
-        steps = material_steps_m(tier, object_id, part[:, None] - seen[None])  # (n, M, 2)
+        steps = queried.steps_m(part[:, None] - seen[None])  # (n, M, 2)
         nearest = np.argmin((steps**2).sum(axis=-1), axis=1)
         step_m = steps[np.arange(len(part)), nearest]  # (n, 2)
         row, column = rows[nearest], columns[nearest]
@@ -89,7 +87,7 @@ def find_on_surface(
 
 
 def _jacobian(
-    tier: Mapping[str, Any], object_id: int, image: FloatArray, on: npt.NDArray[np.bool_]
+    queried: MaterialObject, image: FloatArray, on: npt.NDArray[np.bool_]
 ) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
     """Return d material (metres) / d (u, v) per pixel (H, W, 2, 2) and where it is known.
 
@@ -103,7 +101,7 @@ def _jacobian(
         behind = [slice(None), slice(None)]
         ahead[axis], behind[axis] = slice(1, None), slice(None, -1)
         after, before = tuple(ahead), tuple(behind)
-        step = material_steps_m(tier, object_id, image[after] - image[before])
+        step = queried.steps_m(image[after] - image[before])
         both = on[after] & on[before]
         length = np.linalg.norm(step, axis=-1)
         typical = np.median(length[both]) if both.any() else 0.0

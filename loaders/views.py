@@ -11,8 +11,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from PIL import Image
 
-from pliant.spec.dataset import Sequence
 from pliant.spec.errors import CallError, SpecError
+from pliant.spec.sequence import SequenceRecord
 
 InputKind = Literal["rgb", "depth", "rgbd"]
 
@@ -87,7 +87,7 @@ def resize_depth(
     return depth_m[np.ix_(rows, columns)]
 
 
-def surface_points(sequence: Sequence, queried_object: int) -> npt.NDArray[np.intp]:
+def surface_points(sequence: SequenceRecord, queried_object: int) -> npt.NDArray[np.intp]:
     """Return the ids of the queried object's surface points (a centre line is on no pixel).
 
     Args:
@@ -107,7 +107,7 @@ def _equals(column: pa.ChunkedArray, text: str) -> npt.NDArray[np.bool_]:
 
 
 def read_view(
-    sequence: Sequence,
+    sequence: SequenceRecord,
     frame: int,
     queried_object: int,
     size: tuple[int, int],

@@ -39,7 +39,7 @@ def shipped_recipe(dataset: Dataset, tier: str) -> Path:
     Raises:
         CallError: No tier is named and the dataset has several, or there is none of that name.
     """
-    kind = named_tier(dataset, with_tier(tier, dataset))["kind"]
+    kind = named_tier(dataset, with_tier(tier, dataset)).kind
     name = "don-cloth.yaml" if kind == "cloth" else "don-rope.yaml"
     return Path(__file__).parent / "configs" / name
 

@@ -3,29 +3,25 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
-import numpy.typing as npt
 import pyarrow as pa
 
 from pliant.spec import layout
 from pliant.spec.checksums import sha256_file
 from pliant.spec.conventions import SPEC_VERSION, SPLITS
-from pliant.spec.errors import CallError, SpecError
-from pliant.spec.exr import Surface, read_surface
+from pliant.spec.errors import SpecError
 from pliant.spec.files import Files, LayeredFiles, LocalFiles, PackedFiles, storage_of
 from pliant.spec.jsonfiles import read_json
 from pliant.spec.manifest import check_halves
-from pliant.spec.parquet import open_table, read_table
-from pliant.spec.parquet_columns import load_columns
-from pliant.spec.png import read_rgb
+from pliant.spec.model import Tier
+from pliant.spec.parquet import read_table
+from pliant.spec.queries import QueryPair, group_queries
 from pliant.spec.reading import AnyFile, FileRefusedError
-from pliant.spec.tables import CORRESPONDENCES
+from pliant.spec.sequence import SequenceRecord
 
 NAME: Final = re.compile(r"[A-Za-z0-9](?:[A-Za-z0-9._-]{0,126}[A-Za-z0-9])?")
 """What names of tiers and sequences look like; they are folder names too."""
@@ -59,140 +55,6 @@ def check_version(version: object, path: AnyFile) -> None:
         )
 
 
-def tier_object(tier: Mapping[str, Any], object_id: int) -> dict[str, Any]:
-    """Return an object of a tier, as `dataset.json` describes it.
-
-    Args:
-        tier: A tier of `dataset.json`.
-        object_id: Id of one of its objects.
-    """
-    found: dict[str, Any] = next(each for each in tier["objects"] if each["id"] == object_id)
-    return found
-
-
-@dataclass(frozen=True)
-class Sequence:
-    """One sequence of a dataset; its files are read when they are asked for.
-
-    Attributes:
-        id: Its name, unique in the dataset.
-        tier: Name of its tier.
-        split: The split it belongs to.
-        shape: Named shape of the object, or None.
-        frames: Number of frames.
-        temporal: True for an episode.
-        dir: Its folder, or where it would be if the dataset were not packed.
-        size: (width, height) of its images.
-        files: Where its files come from.
-    """
-
-    id: str
-    tier: str
-    split: str
-    shape: str | None
-    frames: int
-    temporal: bool
-    dir: Path
-    size: tuple[int, int]
-    files: Files = field(repr=False, compare=False)
-
-    def has(self, name: str) -> bool:
-        """Return whether the sequence has a file, such as `depth/000000.exr`."""
-        return self.files.has(f"{layout.sequence_name(self.tier, self.id)}/{name}")
-
-    def file(self, name: str) -> AnyFile:
-        """Return a file of the sequence's folder, to be given to a reader."""
-        return self.files.get(f"{layout.sequence_name(self.tier, self.id)}/{name}")
-
-    @cached_property
-    def info(self) -> dict[str, Any]:
-        """The sequence's `sequence.json`."""
-        document: dict[str, Any] = read_json(self.file(layout.SEQUENCE_JSON), "sequence")
-        return document
-
-    @cached_property
-    def _cameras(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-        path = self.file(layout.CAMERAS_JSON)
-        document = read_json(path, "cameras")
-        frames = document["frames"]
-        if [camera["frame"] for camera in frames] != list(range(self.frames)):
-            raise SpecError(
-                "the cameras are not one per frame, in order", path=path, where="frames"
-            )
-        K = np.array([camera["K"] for camera in frames], np.float64)
-        poses = np.array([camera["world_to_camera"] for camera in frames], np.float64)
-        return K, poses
-
-    def camera(self, frame: int) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-        """Return a frame's camera.
-
-        Args:
-            frame: 0 to frames - 1.
-
-        Returns:
-            K float64 (3, 3), pixels; world_to_camera float64 (4, 4), metres.
-        """
-        self._check(frame)
-        K, poses = self._cameras
-        return K[frame].copy(), poses[frame].copy()
-
-    def rgb(self, frame: int) -> npt.NDArray[np.uint8]:
-        """Return a frame's colour image, uint8 (H, W, 3), sRGB."""
-        self._check(frame)
-        return read_rgb(self.file(layout.rgb_name(frame)), size=self.size)
-
-    def surface(self, frame: int) -> Surface:
-        """Return a frame's depth and surface image."""
-        self._check(frame)
-        return read_surface(self.file(layout.depth_name(frame)), size=self.size)
-
-    def points(self) -> pa.Table:
-        """Return the table of material points."""
-        return read_table(self.file(layout.POINTS_TABLE), "points")
-
-    def correspondences(self, frame: int | None = None) -> pa.Table:
-        """Return where the points are, of one frame or of all.
-
-        Args:
-            frame: 0 to frames - 1; None for the whole table.
-
-        Returns:
-            The correspondences table; of one frame, row i is point i.
-        """
-        path = self.file(layout.CORRESPONDENCES_TABLE)
-        file = open_table(path)
-        if frame is None:
-            return load_columns(file, path, CORRESPONDENCES)
-        self._check(frame)
-        rows = file.metadata.num_rows
-        if rows % self.frames:
-            raise SpecError(
-                "the table does not hold every point of every frame", path=path, found=rows
-            )
-        count = rows // self.frames
-        wanted = range(frame * count, (frame + 1) * count)
-        groups: list[int] = []
-        start = first = 0
-        for index in range(file.metadata.num_row_groups):
-            stop = start + file.metadata.row_group(index).num_rows
-            if start < wanted.stop and stop > wanted.start:
-                if not groups:
-                    first = start
-                groups.append(index)
-            start = stop
-        table = load_columns(file, path, CORRESPONDENCES, groups)
-        return table.slice(wanted.start - first, count)
-
-    def _check(self, frame: int) -> None:
-        if not 0 <= frame < self.frames:
-            raise CallError(
-                "the sequence has no such frame",
-                where=self.id,
-                found=frame,
-                required=f"0 to {self.frames - 1}",
-            )
-
-
 @dataclass(frozen=True)
 class Dataset:
     """A dataset: a folder, loose or packed, or one that is read from afar.
@@ -200,13 +62,15 @@ class Dataset:
     Attributes:
         root: Its folder; of a remote one, its URL for messages.
         info: Its `dataset.json`.
+        tiers: Its tiers by name.
         sequences: Its sequences, in the order of `sequences.parquet`.
         files: Where its files come from.
     """
 
     root: Path
-    info: dict[str, Any]
-    sequences: list[Sequence]
+    info: dict[str, Any] = field(repr=False)
+    tiers: dict[str, Tier] = field(repr=False)
+    sequences: list[SequenceRecord]
     files: Files = field(repr=False, compare=False)
 
     @classmethod
@@ -236,6 +100,7 @@ class Dataset:
         info = read_json(path)
         check_version(info.get("spec_version") if isinstance(info, dict) else None, path)
         info = read_json(path, "dataset")
+        tiers = _tiers(info, path)
         size = (info["image_size"]["width"], info["image_size"]["height"])
         listing = storage.get(layout.SEQUENCES_TABLE)
         table = read_table(listing, "sequences")
@@ -246,15 +111,24 @@ class Dataset:
         for row in table.to_pylist():
             if not (is_name(row["id"]) and is_name(row["tier"])):
                 raise SpecError(
-                    "a sequence or tier has a name that is no name",
+                    "invalid name of a sequence or tier",
                     path=listing,
                     where="id, tier",
                     found=f"{row['id']!r:.80}, {row['tier']!r:.80}",
                 )
+            if row["tier"] not in tiers:
+                raise SpecError(
+                    "a sequence names a tier that dataset.json does not describe",
+                    path=listing,
+                    where=f"sequence {row['id']}, tier",
+                    found=f"{row['tier']!r:.80}",
+                    required="one of " + ", ".join(tiers),
+                )
             sequences.append(
-                Sequence(
+                SequenceRecord(
                     id=row["id"],
                     tier=row["tier"],
+                    described=tiers[row["tier"]],
                     split=row["split"],
                     shape=row["shape"],
                     frames=row["frames"],
@@ -264,7 +138,7 @@ class Dataset:
                     files=files,
                 )
             )
-        return cls(place, info, sequences, files)
+        return cls(place, info, tiers, sequences, files)
 
     def with_private(self, folder: Path | str) -> Dataset:
         """Return this dataset with the private half that `pliant publish` made of it.
@@ -315,15 +189,10 @@ class Dataset:
         return list(self.info.get("held_out", ()))
 
     @cached_property
-    def tiers(self) -> dict[str, dict[str, Any]]:
-        """The tiers of `dataset.json` by name."""
-        return {tier["name"]: tier for tier in self.info["tiers"]}
-
-    @cached_property
-    def _by_id(self) -> dict[str, Sequence]:
+    def _by_id(self) -> dict[str, SequenceRecord]:
         return {sequence.id: sequence for sequence in self.sequences}
 
-    def sequence(self, sequence_id: str) -> Sequence:
+    def sequence(self, sequence_id: str) -> SequenceRecord:
         """Return a sequence by its id.
 
         Raises:
@@ -338,6 +207,16 @@ class Dataset:
     def splits_with_queries(self) -> list[str]:
         """Return the splits that have a queries file, in the order train, val, test."""
         return [name for name in SPLITS if self.has(layout.queries_name(name))]
+
+    def pairs(self, split: str) -> list[QueryPair]:
+        """Return a split's queries grouped by image pair, in the order of the file.
+
+        Raises:
+            SpecError: The split has no queries, pairs are not ascending, or the rows of one pair
+                disagree about its frames.
+        """
+        table = self.queries(split)
+        return group_queries(table, path=layout.queries_path(self.root, split))
 
     def queries(self, split: str) -> pa.Table:
         """Return a split's queries."""
@@ -360,3 +239,19 @@ class Dataset:
                 required=f"one of {self.splits_with_queries()}",
             )
         return self.local(name)
+
+
+def _tiers(info: dict[str, Any], path: AnyFile) -> dict[str, Tier]:
+    tiers = {}
+    for index, document in enumerate(info["tiers"]):
+        tier = Tier.from_document(document)
+        if tier.queried_object not in {each.id for each in tier.objects}:
+            raise SpecError(
+                "the queried object is not one of the tier's objects",
+                path=path,
+                where=f"tiers[{index}], queried_object",
+                found=tier.queried_object,
+                required=f"one of {[each.id for each in tier.objects]}",
+            )
+        tiers[tier.name] = tier
+    return tiers

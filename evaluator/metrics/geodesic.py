@@ -2,39 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
-
 import numpy as np
 import numpy.typing as npt
 
 from pliant.evaluator.arrays import BoolArray, FloatArray, IntArray
-
-
-def material_distance_m(
-    first: FloatArray, second: FloatArray, material: Sequence[Mapping[str, Any]]
-) -> FloatArray:
-    """Return the distance of two material coordinates in the flat metric of the object.
-
-    Args:
-        first: float64 (N, 2), material coordinates.
-        second: float64 (N, 2), material coordinates; the two broadcast.
-        material: The object's two coordinates as in `dataset.json`: `metres_per_unit`, and
-            `period` where a coordinate closes upon itself.
-
-    Returns:
-        float64 (N,), metres.
-    """
-    total: Any = 0.0
-    for axis, coordinate in enumerate(material):
-        delta = np.abs(first[..., axis] - second[..., axis])
-        period = coordinate["period"]
-        if period is not None:
-            delta = np.mod(delta, period)
-            delta = np.minimum(delta, period - delta)
-        total = total + (coordinate["metres_per_unit"] * delta) ** 2
-    result: FloatArray = np.sqrt(total)
-    return result
 
 
 def nearest_object_pixel(

@@ -68,7 +68,7 @@ class SymmetryScorer(Scorer):
 
     def finish(self, groups: Groups, summary: Summary) -> None:
         """Say where flips are not defined."""
-        blank = [n for n, tier in self.setting.dataset.tiers.items() if not tier["symmetries"]]
+        blank = [n for n, tier in self.setting.dataset.tiers.items() if not tier.symmetries]
         asked = [name for name in groups.names if name in blank]
         if asked:
             summary.notes["flip_rate"] = f"tiers without symmetries: {', '.join(asked)}"

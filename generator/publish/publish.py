@@ -30,13 +30,13 @@ from pliant.generator.publish.webdataset import write_webdataset
 from pliant.spec import layout, limits
 from pliant.spec.conventions import SPLITS
 from pliant.spec.dataset import Dataset
-from pliant.spec.dataset import Sequence as DatasetSequence
 from pliant.spec.errors import CallError, SpecError
 from pliant.spec.jsonfiles import json_bytes, write_json
 from pliant.spec.manifest import Half, write_checksums, write_manifest
 from pliant.spec.packing import SHARD_BYTES, FolderToPack, Packer
 from pliant.spec.parquet import read_table, write_table
 from pliant.spec.reading import read_bytes
+from pliant.spec.sequence import SequenceRecord
 
 Progress = Callable[[str, int, int], None]
 """Called with (what is being done, sequences done, sequences in all)."""
@@ -278,7 +278,7 @@ def _rename(made: Sequence[Path], places: Sequence[Path]) -> None:
 class _Verified(Mapping[str, bytes]):
     """The files of a sequence's folder, each read when asked for and held to its checksum."""
 
-    def __init__(self, sequence: DatasetSequence, document: Mapping[str, object]) -> None:
+    def __init__(self, sequence: SequenceRecord, document: Mapping[str, object]) -> None:
         self._sequence = sequence
         self.listed: dict[str, tuple[str, int]] = {
             entry["path"]: (entry["sha256"], entry["bytes"])
@@ -376,7 +376,7 @@ def _write_public(
     check_croissant(root)
 
 
-def _public_folder(sequence: DatasetSequence, hold_out: Sequence[str]) -> FolderToPack:
+def _public_folder(sequence: SequenceRecord, hold_out: Sequence[str]) -> FolderToPack:
     """Return what of a sequence is packed for the public."""
     document = sequence.info
     files = _Verified(sequence, document)

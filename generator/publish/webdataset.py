@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from pliant.spec import layout
-from pliant.spec.dataset import Dataset, Sequence
+from pliant.spec.dataset import Dataset
+from pliant.spec.sequence import SequenceRecord
 
 
 def write_webdataset(
@@ -46,7 +47,7 @@ def write_webdataset(
         shards.close()
 
 
-def _sample(sequence: Sequence, frame: int) -> dict[str, bytes]:
+def _sample(sequence: SequenceRecord, frame: int) -> dict[str, bytes]:
     """Return the parts of a frame's sample by extension."""
     facts: dict[str, Any] = {
         "sequence": sequence.id,
@@ -65,7 +66,7 @@ def _sample(sequence: Sequence, frame: int) -> dict[str, bytes]:
     return parts
 
 
-def _bytes(sequence: Sequence, name: str) -> bytes:
+def _bytes(sequence: SequenceRecord, name: str) -> bytes:
     from pliant.spec.limits import MAX_IMAGE_FILE_BYTES
     from pliant.spec.reading import read_bytes
 

@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 
 from pliant.baselines.matcher import Answers, TrackMatcher, View
-from pliant.baselines.submission import predict, read_pairs
-from pliant.baselines.tracks import Pair, answer_tracks, tasks_by_source
+from pliant.baselines.submission import predict
+from pliant.baselines.tracks import answer_tracks, tasks_by_source
 from pliant.baselines.views import ViewReader
 from pliant.spec.dataset import Dataset
 from pliant.spec.parquet import read_table
+from pliant.spec.queries import QueryPair
 
 
 class Counter:
@@ -45,9 +46,9 @@ def reader(tiny_episode: Path) -> ViewReader:
     return ViewReader(Dataset.open(tiny_episode))
 
 
-def pair(number: int, a: int, b: int, u: float = 1.0) -> Pair:
+def pair(number: int, a: int, b: int, u: float = 1.0) -> QueryPair:
     uv = np.array([[u, 2.0]], dtype=np.float32)
-    return Pair(number, ("rope-test-000000", a), ("rope-test-000000", b), uv)
+    return QueryPair(number, ("rope-test-000000", a), ("rope-test-000000", b), uv)
 
 
 def test_forward_and_backward_are_two_tracks_of_every_frame_between(reader: ViewReader) -> None:
@@ -77,7 +78,7 @@ def test_a_split_of_episodes_is_tracked(tiny_episode: Path, tmp_path: Path) -> N
     path = tmp_path / "sub.parquet"
     prediction = predict(dataset, "test", matcher, path)
     assert prediction.method["mask"] == "given"
-    frame_of = {p.pair_id: p.target[1] for p in read_pairs(dataset, "test")}
+    frame_of = {p.pair_id: p.target[1] for p in dataset.pairs("test")}
     table = read_table(path, "answers")
     for number, v in zip(table["pair_id"].to_pylist(), table["v"].to_pylist(), strict=True):
         assert v == frame_of[number]

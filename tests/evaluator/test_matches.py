@@ -80,7 +80,7 @@ def test_hidden_matter_has_no_partner(scene: Any, tmp_path: Path) -> None:
     half = ObjectSurface(target.on_object & (target.m0 < 0.5), target.m0, target.m1)
     rows, columns = np.nonzero(source.on_object)
     uv = np.stack([columns, rows], axis=1) + 0.5
-    found = dense_truth(source, half, uv, surfaces.object_material("cloth"), 2.0)
+    found = dense_truth(source, half, uv, scene.dataset.tiers["cloth"].queried, 2.0)
     shown = source.m0[rows, columns] < 0.5
     near_the_cut = np.abs(source.m0[rows, columns] - 0.5) < 0.03
     assert found.on_object.all()

@@ -19,6 +19,7 @@ from pliant.evaluator.metrics import (
     tapvid,
 )
 from pliant.evaluator.quantiles import exact_quantiles
+from pliant.spec.model import MaterialCoordinate, MaterialObject
 
 
 def test_errors_of_known_triangles() -> None:
@@ -145,17 +146,19 @@ def test_a_steady_offset_has_no_jitter_and_a_hopping_one_has() -> None:
     np.testing.assert_array_equal(change, [5, 5])
 
 
-ROPE = [{"metres_per_unit": 2.0, "period": None}, {"metres_per_unit": 1.0, "period": 2 * math.pi}]
+LENGTH = MaterialCoordinate("s", 0.0, 1.0, 2.0)
+ROPE = MaterialObject(
+    1, "rope", (LENGTH, MaterialCoordinate("theta", -math.pi, math.pi, 1.0, 2 * math.pi))
+)
 
 
 def test_distance_on_the_material_closes_upon_itself() -> None:
-    near = geodesic.material_distance_m(np.array([[0.0, 3.0]]), np.array([[0.0, -3.0]]), ROPE)
+    near = ROPE.distance_m(np.array([[0.0, 3.0]]), np.array([[0.0, -3.0]]))
     assert near[0] == pytest.approx(2 * math.pi - 6)
-    along = geodesic.material_distance_m(np.array([[0.5, 0.0]]), np.array([[0.0, 0.0]]), ROPE)
+    along = ROPE.distance_m(np.array([[0.5, 0.0]]), np.array([[0.0, 0.0]]))
     assert along[0] == 1
-    whole = geodesic.material_distance_m(
-        np.array([[1.0, 4.0]]), np.array([[2.5, 0.0]]), ROPE[:1] * 2
-    )
+    sheet = MaterialObject(1, "sheet", (LENGTH, LENGTH))
+    whole = sheet.distance_m(np.array([[1.0, 4.0]]), np.array([[2.5, 0.0]]))
     assert whole[0] == pytest.approx(math.hypot(3, 8))
 
 

@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import math
 from types import ModuleType
-from typing import Any
 
 import numpy as np
 import pytest
@@ -10,18 +9,13 @@ import pytest
 from pliant.loaders import AugmentSettings, PairDataset, PairSettings
 from pliant.loaders.orientation import Orientation
 from pliant.spec.dataset import Dataset
+from pliant.spec.model import MaterialCoordinate, MaterialObject
 
-PLAIN = {"metres_per_unit": 1.0, "period": None}
-FLAT: dict[str, Any] = {"objects": [{"id": 1, "material": [PLAIN, PLAIN]}]}
+PLAIN = MaterialCoordinate("u", 0.0, 1.0, 1.0)
+FLAT = MaterialObject(1, "sheet", (PLAIN, PLAIN))
 RADIUS_M = 0.01
-ROUND: dict[str, Any] = {
-    "objects": [
-        {
-            "id": 1,
-            "material": [PLAIN, {"metres_per_unit": RADIUS_M, "period": 2 * math.pi}],
-        }
-    ]
-}
+ANGLE = MaterialCoordinate("theta", -math.pi, math.pi, RADIUS_M, 2 * math.pi)
+ROUND = MaterialObject(1, "rope", (PLAIN, ANGLE))
 
 
 def test_a_flat_sheet_runs_one_way_everywhere() -> None:
@@ -30,7 +24,7 @@ def test_a_flat_sheet_runs_one_way_everywhere() -> None:
     material = rng.uniform(0, 0.3, (200, 2))
     linear = np.array([[300.0, -50.0], [400.0, 80.0]])  # first column (300, 400): (0.6, 0.8)
     uv = (material @ linear.T + [20, 30]).astype(np.float32)
-    found = Orientation(FLAT, 1, material).of(uv, np.arange(200))
+    found = Orientation(FLAT, material).of(uv, np.arange(200))
     np.testing.assert_allclose(found[:, :2], np.tile([[0.6, 0.8]], (200, 1)), atol=1e-3)
     assert np.isnan(found[:, 2]).all()  # nothing goes round
 
@@ -46,7 +40,7 @@ def test_a_bent_rope_runs_along_its_centre_line() -> None:
     angle = s / 0.3
     reach = 0.3 + RADIUS_M * np.cos(phi)  # the side towards the middle lies further in
     uv = 400 * np.stack([reach * np.cos(angle), reach * np.sin(angle)], axis=1) + 200
-    found = Orientation(ROUND, 1, material).of(uv.astype(np.float32), np.arange(len(s)))
+    found = Orientation(ROUND, material).of(uv.astype(np.float32), np.arange(len(s)))
     expected = np.stack([-np.sin(angle), np.cos(angle)], axis=1)
     cosine = (found[:, :2] * expected).sum(axis=1)
     inner = (s > 0.02) & (s < 0.98)
@@ -58,7 +52,7 @@ def test_a_bent_rope_runs_along_its_centre_line() -> None:
 def test_no_direction_where_none_is_known() -> None:
     rng = np.random.default_rng(1)
     material = rng.uniform(0, 1, (50, 2))
-    orientation = Orientation(FLAT, 1, material)
+    orientation = Orientation(FLAT, material)
     behind = np.full((50, 2), np.nan, dtype=np.float32)
     assert np.isnan(orientation.of(behind, np.arange(50))).all()
     end_on = np.tile(np.float32([7.0, 9.0]), (50, 1))

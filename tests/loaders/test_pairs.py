@@ -92,7 +92,7 @@ def test_both_sources_of_matches_agree(sheet_dataset: Dataset) -> None:
     view = store.view(1)
     material = store.material[view.visible].astype(np.float64)
     surface = store.frames[1].sequence.surface(0)
-    uv, found = find_on_surface(store.tier, 1, surface, material)
+    uv, found = find_on_surface(store.tier.queried, surface, material)
     assert found.mean() > 0.9
     np.testing.assert_allclose(uv[found], view.uv_px[view.visible][found], atol=2e-3)
 

@@ -5,19 +5,19 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from pliant.loaders.material import material_steps_m, symmetry_orbit
 from pliant.loaders.surface_matches import draw_surface_pixels, find_on_surface
 from pliant.spec.dataset import Dataset
 from pliant.spec.images import Surface
+from pliant.spec.model import MaterialCoordinate, MaterialObject, Symmetry, Tier
 
 
 def test_matches_are_exact_to_a_fraction_of_a_pixel(
     sheets: ModuleType, sheet_dataset: Dataset
 ) -> None:
-    tier = sheet_dataset.tiers["sheet"]
+    sheet = sheet_dataset.tiers["sheet"].queried
     a, b = sheet_dataset.sequences[0], sheet_dataset.sequences[1]
     uv_a, material = draw_surface_pixels(np.random.default_rng(0), a.surface(0), 1, 400)
-    uv_b, found = find_on_surface(tier, 1, b.surface(0), material)
+    uv_b, found = find_on_surface(sheet, b.surface(0), material)
     to_a = sheets.sheet_map(1000 * 0, 0, a.size, 0.0)
     to_b = sheets.sheet_map(1000 * 0 + 1, 0, b.size, 0.0)
     # The drawn pixels' own material is exact, and so is the way to B: an affine map.
@@ -31,7 +31,8 @@ def test_hidden_points_are_not_found(sheet_dataset: Dataset) -> None:
     """Under the strip there is no sheet to be seen, at any distance more than a pixel."""
     sequence = sheet_dataset.sequences[1]
     hidden = np.array([[0.95, 0.25], [0.96, 0.4]])
-    uv, found = find_on_surface(sheet_dataset.tiers["sheet"], 1, sequence.surface(0), hidden)
+    sheet = sheet_dataset.tiers["sheet"].queried
+    uv, found = find_on_surface(sheet, sequence.surface(0), hidden)
     assert not found.any()
     assert np.isnan(uv).all()
 
@@ -45,31 +46,39 @@ def test_an_unseen_object_gives_nothing() -> None:
     )
     uv, material = draw_surface_pixels(np.random.default_rng(0), empty, 1, 5)
     assert uv.shape == material.shape == (0, 2)
-    _, found = find_on_surface({"objects": []}, 1, empty, np.array([[0.5, 0.5]]))
+    _, found = find_on_surface(SHEET, empty, np.array([[0.5, 0.5]]))
     assert found.tolist() == [False]
 
 
-ROPE = {
-    "objects": [
-        {
-            "id": 1,
-            "material": [
-                {"metres_per_unit": 1.2, "period": None},
-                {"metres_per_unit": 0.01, "period": 2 * np.pi},
-            ],
-        }
-    ],
-    "symmetries": [{"matrix": [[-1, 0], [0, -1]], "offset": [1, 0]}],
-}
+ROPE = Tier(
+    name="rope",
+    kind="rope",
+    variant="plain",
+    queried_object=1,
+    objects=(
+        MaterialObject(
+            1,
+            "rope",
+            (
+                MaterialCoordinate("s", 0.0, 1.0, 1.2),
+                MaterialCoordinate("theta", -np.pi, np.pi, 0.01, 2 * np.pi),
+            ),
+        ),
+    ),
+    symmetries=(Symmetry("reversal", ((-1, 0), (0, -1)), (1, 0)),),
+)
+SHEET = MaterialObject(
+    1, "sheet", (MaterialCoordinate("u", 0.0, 1.0, 1.0), MaterialCoordinate("v", 0.0, 1.0, 1.0))
+)
 
 
 def test_angles_wrap_and_units_are_metres() -> None:
-    steps = material_steps_m(ROPE, 1, np.array([[0.5, 6.0], [-0.25, -3.0]]))
+    steps = ROPE.queried.steps_m(np.array([[0.5, 6.0], [-0.25, -3.0]]))
     np.testing.assert_allclose(steps, [[0.6, (6.0 - 2 * np.pi) * 0.01], [-0.3, -0.03]])
 
 
 def test_orbit_lists_the_point_and_then_its_partners() -> None:
-    orbit = symmetry_orbit(ROPE, np.array([[0.2, 0.5]]))
+    orbit = ROPE.orbit(np.array([[0.2, 0.5]]))
     np.testing.assert_allclose(orbit, [[[0.2, 0.5], [0.8, -0.5]]])
 
 
@@ -79,11 +88,8 @@ def test_a_fold_is_not_bridged() -> None:
     m0 = np.tile(u, (10, 1)).astype(np.float32)
     m1 = np.tile(np.linspace(0.2, 0.29, 10)[:, None], (1, 40)).astype(np.float32)
     surface = Surface(np.ones((10, 40), np.float32), m0, m1, np.ones((10, 40), np.uint32))
-    tier = {
-        "objects": [{"id": 1, "material": [{"metres_per_unit": 1.0, "period": None}] * 2}],
-    }
     wanted = np.array([[0.193, 0.25], [0.4, 0.25], [0.605, 0.2551]])
-    uv, found = find_on_surface(tier, 1, surface, wanted)
+    uv, found = find_on_surface(SHEET, surface, wanted)
     assert found.tolist() == [True, False, True]
     np.testing.assert_allclose(uv[[0, 2]], [[19.8, 5.5], [21.0, 6.01]], atol=0.02)
 

@@ -90,7 +90,7 @@ def test_other_versions(copy_of: Copy) -> None:
 def test_ids_cannot_climb_out(copy_of: Copy) -> None:
     root = copy_of("minimal")
     change_rows("sequences.parquet", lambda rows: rows[0].update(id="../../etc"))(root)
-    with pytest.raises(SpecError, match="no name"):
+    with pytest.raises(SpecError, match="invalid name"):
         Dataset.open(root)
 
 

@@ -11,7 +11,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from pliant.spec.conformance.edits import listed
-from pliant.spec.dataset import Dataset, Sequence
+from pliant.spec.dataset import Dataset
+from pliant.spec.sequence import SequenceRecord
 from pliant.spec.validate import validate
 
 
@@ -25,7 +26,7 @@ def test_a_generated_episode_is_valid(tiny_episode: Path) -> None:
     assert [str(issue) for issue in validate(tiny_episode).issues] == []
 
 
-def one_sequence(tiny_dataset: Path, tier: str, tmp_path: Path) -> tuple[Path, Sequence]:
+def one_sequence(tiny_dataset: Path, tier: str, tmp_path: Path) -> tuple[Path, SequenceRecord]:
     """Copy the set without the queries, whose truth would tell on any change."""
     root = tmp_path / "set"
     shutil.copytree(tiny_dataset, root, ignore=shutil.ignore_patterns("queries", "truth", ".*"))

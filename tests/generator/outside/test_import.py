@@ -101,7 +101,7 @@ def test_what_is_unknown_is_marked(tmp_path: Path) -> None:
     assert provenance["seed"] is None
     assert {"depth", "cameras", "scale"} <= set(provenance["config"]["unknown"])
     assert dataset.held_out == ["test"]
-    assert dataset.tiers["out"]["variant"] == "unknown"
+    assert dataset.tiers["out"].variant == "unknown"
     assert dataset.info["licence"] == "CC0-1.0"
     files = {path.name for path in (tmp_path / "out").rglob("*") if path.is_file()}
     assert not {"cameras.json", "points.parquet", "correspondences.parquet"} & files

@@ -173,7 +173,7 @@ def test_queries_lie_on_visible_points_and_truth_follows_the_tables(made, reques
             assert (at_a["u_px"], at_a["v_px"]) == (query["u_a"], query["v_a"])
             assert (at_b["u_px"], at_b["v_px"]) == (answer["u_b"], answer["v_b"])
             assert at_b["visibility"] == answer["visibility_b"]
-            symmetries = dataset.tiers[a.tier]["symmetries"]
+            symmetries = a.described.symmetries
             assert len(answer["alternatives"]) == len(symmetries)
 
 

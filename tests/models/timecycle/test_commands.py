@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pliant.baselines.submission import predict, read_pairs
+from pliant.baselines.submission import predict
 from pliant.baselines.views import ViewReader
 from pliant.cli.main import run
 from pliant.models import load_matcher
@@ -69,7 +69,7 @@ def test_pairs_of_an_episode_are_tracked_through_the_frames_between(
     table = read_table(path, "answers")
     found = np.stack([table["u"].to_numpy(), table["v"].to_numpy()], axis=1)
     reader = ViewReader(dataset)
-    for pair in read_pairs(dataset, "test"):
+    for pair in dataset.pairs("test"):
         (sequence, a), (_, b) = pair.source, pair.target
         step = 1 if b > a else -1
         frames = [reader.view(sequence, frame) for frame in range(a, b + step, step)]

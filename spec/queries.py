@@ -1,0 +1,72 @@
+"""The queries of a split, grouped by image pair."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from pliant.spec.errors import SpecError
+
+
+@dataclass(frozen=True)
+class QueryPair:
+    """The queries of one image pair.
+
+    Attributes:
+        pair_id: As in the queries.
+        source: Sequence id and frame of the queries.
+        target: Sequence id and frame to find them in.
+        uv_a_px: float32 (N, 2), the query pixels.
+    """
+
+    pair_id: int
+    source: tuple[str, int]
+    target: tuple[str, int]
+    uv_a_px: npt.NDArray[np.float32]
+
+
+def group_queries(table: pa.Table, *, path: Path) -> list[QueryPair]:
+    """Group a queries table by image pair, in the order of its rows.
+
+    Args:
+        table: A table of queries, as `Dataset.queries` returns it.
+        path: Its file, for messages.
+
+    Raises:
+        SpecError: Pairs are not ascending, or the rows of one pair disagree about its frames.
+    """
+    pair_id = table.column("pair_id").to_numpy()
+    if len(pair_id) == 0:
+        return []
+    if (pair_id[1:] < pair_id[:-1]).any():
+        raise SpecError("pair_id is not ascending", path=path, where="pair_id")
+    changes = pair_id[1:] != pair_id[:-1]
+    starts = np.concatenate([[0], np.nonzero(changes)[0] + 1])
+    stops = np.append(starts[1:], len(pair_id))
+    frames = {}
+    for name in ("sequence_a", "frame_a", "sequence_b", "frame_b"):
+        column = table.column(name).combine_chunks()
+        differs = pc.not_equal(column[1:], column[:-1]).to_numpy(zero_copy_only=False)
+        strays = np.nonzero(differs & ~changes)[0]
+        if len(strays):
+            raise SpecError(
+                f"one pair has two values of {name}",
+                path=path,
+                where=f"row {strays[0] + 1}, {name}",
+            )
+        frames[name] = column.take(pa.array(starts)).to_pylist()
+    uv_a_px = np.stack([table.column("u_a").to_numpy(), table.column("v_a").to_numpy()], axis=1)
+    return [
+        QueryPair(
+            pair_id=int(pair_id[start]),
+            source=(frames["sequence_a"][row], frames["frame_a"][row]),
+            target=(frames["sequence_b"][row], frames["frame_b"][row]),
+            uv_a_px=uv_a_px[start:stop],
+        )
+        for row, (start, stop) in enumerate(zip(starts, stops, strict=True))
+    ]
