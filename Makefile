@@ -1,5 +1,6 @@
 # make demo: a small benchmark, rendered, answered, scored and reported in ./demo
 # make test: lint, types, tests
+# make test-all: the same with the tests that take minutes (marker `long`)
 # Both make .venv from constraints.txt when it is missing; Python 3.11 is all they need.
 
 PYTHON ?= python3.11
@@ -7,7 +8,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 OUT ?= demo
 
-.PHONY: demo test lint types unit venv clean
+.PHONY: demo test test-all lint types unit unit-all venv clean
 
 venv: $(VENV)/.installed
 
@@ -21,6 +22,8 @@ demo: venv
 
 test: venv lint types unit
 
+test-all: venv lint types unit-all
+
 lint: venv
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -29,6 +32,9 @@ types: venv
 	$(BIN)/mypy
 
 unit: venv
+	$(BIN)/pytest -n 2 -m 'not long'
+
+unit-all: venv
 	$(BIN)/pytest -n 2
 
 clean:

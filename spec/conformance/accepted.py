@@ -7,6 +7,16 @@ from typing import Any
 
 from PIL import Image
 
+from pliant.spec.conformance.base import (
+    NamedPoints,
+    Shot,
+    cloth_points,
+    cloth_shot,
+    rope_points,
+    rope_shot,
+    write_dataset,
+    write_sequence,
+)
 from pliant.spec.conformance.edits import (
     ROPE_TRAIN,
     Case,
@@ -30,6 +40,12 @@ def _other_png(root: Path) -> None:
             image.save(path, "PNG", optimize=True)
 
 
+CORNERS = [(2.4, 2.2, 0.15), (-1.7, -1.9, 0.2), (1.9, 1.8, 0.12)]
+GRAZING = [(1.3, 0.2, 0.08), (0.3, -0.9, 0.05), (1.2, 0.3, 0.021)]
+FAR_AWAY = [(3.0, -5.0, 7.0), (0.5, 8.0, 12.0), (-9.0, 1.0, 14.0)]
+"""Where the camera is, metres."""
+
+
 def held_out(root: Path) -> None:
     """Hold the test split out: take away all that tells its truth."""
     change_json("dataset.json", lambda document: document.update(held_out=["test"]))(root)
@@ -47,6 +63,17 @@ def held_out(root: Path) -> None:
             row["seed"] = 0 if row["id"] in names else row["seed"]
 
     listed(change_rows("sequences.parquet", unseed))(root)
+
+
+def _reshot(tier: str, points: NamedPoints, *shots: Shot) -> Any:
+    """Return an edit that replaces the dataset by one sequence of other frames."""
+
+    def edit(root: Path) -> None:
+        remove("sequences")(root)
+        row = write_sequence(root, tier, "train", 0, points, list(shots))
+        write_dataset(root, "conformance-minimal", [row], [tier])
+
+    return edit
 
 
 def _nothing(_: Any) -> None:
@@ -110,6 +137,31 @@ CASES = [
         "a depth image is not compressed",
         (),
         listed(change_exr(_EXR, _nothing, "NO_COMPRESSION")),
+    ),
+    Case(
+        "sharp-corner",
+        "minimal",
+        "the tip of a sharp corner of the cloth passes between the pixel centres",
+        (),
+        _reshot("cloth-1", cloth_points(), *[cloth_shot(eye, flat=True) for eye in CORNERS]),
+    ),
+    Case(
+        "grazing-sheet",
+        "minimal",
+        "a flat cloth is seen at a grazing angle, and edge-on",
+        (),
+        _reshot("cloth-1", cloth_points(), *[cloth_shot(eye, flat=True) for eye in GRAZING]),
+    ),
+    Case(
+        "thin-tube",
+        "minimal",
+        "a tube is seen from so far that it is thinner than a pixel",
+        (),
+        _reshot(
+            "rope-bare",
+            rope_points(ball=False),
+            *[rope_shot(eye, ball=False) for eye in FAR_AWAY],
+        ),
     ),
     Case(
         "minor-version",

@@ -1,22 +1,28 @@
 """Whether the states of points agree with the surface image of their frame.
 
 States are decided against the deformed surface itself, at a point's exact position; the
-image samples that surface at pixel centres only. Between two centres there can be a fold
-or an edge that no pixel shows, so no rule on pixels can hold everywhere. The rules here
-are strict where the image leaves no doubt, and count where it does.
+image samples that surface at pixel centres only. Between two centres there can be a fold,
+an edge or a sharp tip that no pixel shows, so no rule on pixels can hold everywhere. The
+rules here are strict where the image leaves no doubt, and count where it does.
 
-*Smooth* is a point whose 5x5 pixels lie in the image, hold one object id and, unless that
+*Smooth* is a point whose 5x5 pixels lie in the image, have one object id and, unless that
 is the background, change from pixel to neighbour by at most `SLOPE` pixel footprints in
-depth and on the material. There, exactly:
+depth and on the material. A continuous surface hides what is behind it there, but says
+nothing of what is in front: a part thinner than a pixel can pass between the centres. Its
+object must then be seen nearby, and a tube thinner than `THIN` footprints is not judged.
 
-- a visible point is matched by a pixel of its 3x3: the same object, depth and material
-  within `MATCH` footprints;
-- a hidden point is not nearer than its 3x3 by more than `MATCH` footprints; the state names
-  the object that the 5x5 shows (`self_occluded` its own, `occluded` another); and on a
-  cloth, whose material coordinates are those of one surface point, it is no match.
+- A visible point is matched by a pixel of its 3x3: the same object, depth and material
+  within `MATCH` footprints. Exempt is a point in front of what its pixels show, if a pixel
+  of its object is within `NEARBY` pixels.
+- A hidden point is not nearer than its 3x3 by more than `MATCH` footprints, unless a pixel
+  of what hides it is within `NEARBY` pixels; behind one object, the state names it
+  (`self_occluded` its own, `occluded` another); and on a cloth, whose material coordinates
+  are those of one surface point, it is no match.
 
-Elsewhere a frame's visible points may miss, but not half of them. And wherever it is, an
-`occluded` point has a pixel of another object within its 5x5.
+Elsewhere a frame's visible points may miss, but not half of them. A point counts as matched
+if it is no farther from its object's pixels than these are from each other, as on a grazing
+surface; points of an object seen edge-on are not counted. And wherever it is, an `occluded`
+point has a pixel of another object within `NEARBY` pixels.
 """
 
 from __future__ import annotations
@@ -54,6 +60,13 @@ LOOSE_SHARE = 0.5
 CENTRELINE_REACH = 1.25
 """How far below the surface, and along it, a visible centre-line point may be, in diameters."""
 
+THIN = 2.0
+"""A tube or ball is judged if its diameter, and a sheet counted if the strip that its visible
+points cover, is at least this wide, in pixels at its depth."""
+
+NEARBY = 16
+"""How far from a pixel of its object a part may reach that no pixel shows, in pixels."""
+
 _CHUNK = 8192
 _AROUND = np.arange(-2, 3)
 _INNER = slice(1, 4)
@@ -72,6 +85,7 @@ class _Window:
         footprint_m: float64 (N,), a pixel's width at the point's depth.
         smooth: bool (N,).
         uniform: bool (N,), one object id.
+        behind: bool (N,), not in front of the surface that the pixels show.
     """
 
     depth_m: npt.NDArray[np.float32]
@@ -81,6 +95,7 @@ class _Window:
     footprint_m: npt.NDArray[np.float64]
     smooth: npt.NDArray[np.bool_]
     uniform: npt.NDArray[np.bool_]
+    behind: npt.NDArray[np.bool_]
 
 
 def check_visibility(
@@ -110,11 +125,13 @@ def check_visibility(
     pixel = np.floor(np.clip(rows.uv_px, -8.0, 2.0**20)).astype(np.int64)
     inner = np.all((pixel >= 2) & (pixel < np.array([width, height]) - 2), axis=1)
     chosen = np.flatnonzero(good & inner & (rows.state != OUT_OF_FRAME))
+    seen = chosen[rows.state[chosen] == VISIBLE]
+    edge_on = _edge_on(points.object_id[rows.point[seen]], rows.uv_px[seen])
     tally = np.zeros(2, np.int64)
     for low in range(0, chosen.size, _CHUNK):
         part = chosen[low : low + _CHUNK]
         tally += _check_points(
-            tier, cameras, points, rows, part, pixel[part], surface, shown, findings
+            tier, cameras, points, rows, part, pixel[part], surface, edge_on, shown, findings
         )
     count, missed = int(tally[0]), int(tally[1])
     if count >= 8 and missed > (1 - LOOSE_SHARE) * count:
@@ -135,12 +152,14 @@ def _check_points(
     chosen: npt.NDArray[np.int64],
     pixel: npt.NDArray[np.int64],
     surface: Surface,
+    edge_on: list[int],
     shown: str,
     findings: Findings,
 ) -> npt.NDArray[np.int64]:
     """Check some rows of a frame; return how many are visible and how many of these miss."""
     K = cameras.K[rows.frame]
     window = _window(tier, points, rows, chosen, pixel, surface, float(min(K[0, 0], K[1, 1])))
+    near_by = _Nearby(tier, surface.object_id, pixel, window.footprint_m)
     own = points.object_id[rows.point[chosen]]
     line = points.centreline[rows.point[chosen]]
     depth = rows.depth_m[chosen]
@@ -158,19 +177,117 @@ def _check_points(
         window.away_m,
     )
     matched = np.any(on_depth & (away <= (reach + below)[:, None, None]), axis=(1, 2))
-    visible = rows.state[chosen] == VISIBLE
+    visible = (rows.state[chosen] == VISIBLE) & ~near_by.thin(own)
+    missed = visible & ~matched
+    in_front = missed & window.smooth & ~window.behind
     _report_visible(
         rows,
         chosen,
-        visible & window.smooth & ~matched,
+        missed & window.smooth & ~near_by.shown(own, in_front),
         on_depth.any(axis=(1, 2)),
         near,
         depth,
         shown,
         findings,
     )
-    _report_hidden(tier, rows, chosen, window, own, shown, findings)
-    return np.array([np.count_nonzero(visible), np.count_nonzero(visible & ~matched)])
+    _report_hidden(tier, rows, chosen, window, own, near_by, shown, findings)
+    visible &= ~np.isin(own, edge_on)
+    missed &= visible & ~_on_slope(same, lower, away, reach, reach + below)
+    return np.array([np.count_nonzero(visible), np.count_nonzero(missed)])
+
+
+def _on_slope(
+    same: npt.NDArray[np.bool_],
+    lower: npt.NDArray[np.float64],
+    away: npt.NDArray[np.float64],
+    above_m: npt.NDArray[np.float64],
+    below_m: npt.NDArray[np.float64],
+) -> npt.NDArray[np.bool_]:
+    """Return which points are no farther from their object's pixels than these from each other.
+
+    On a surface seen at a grazing angle depth and material change by many footprints from one
+    pixel to the next, and from the point to the nearest pixel.
+
+    Args:
+        same: bool (N, 3, 3), pixels of the point's object.
+        lower: float64 (N, 3, 3), how far the point is behind each pixel's surface, metres.
+        away: float64 (N, 3, 3), its distance on the material, metres.
+        above_m: float64 (N,), how far in front it may be in any case.
+        below_m: float64 (N,), how far behind, and away on the material.
+    """
+    lows = [np.where(same, value, np.inf).min(axis=(1, 2)) for value in (lower, away)]
+    highs = [np.where(same, value, -np.inf).max(axis=(1, 2)) for value in (lower, away)]
+    with np.errstate(invalid="ignore"):
+        deep, wide = (high - low for high, low in zip(highs, lows, strict=True))
+        found: npt.NDArray[np.bool_] = same.any(axis=(1, 2)) & (highs[0] >= -above_m - deep)
+        found &= (lows[0] <= below_m + deep) & (lows[1] <= below_m + wide)
+    return found
+
+
+def _edge_on(own: npt.NDArray[np.int32], uv_px: npt.NDArray[np.float64]) -> list[int]:
+    """Return the objects whose points all project to a strip narrower than `THIN` pixels.
+
+    Args:
+        own: int32 (N,), the objects of visible points.
+        uv_px: float64 (N, 2).
+    """
+    found = []
+    for object_id in np.unique(own):
+        uv = uv_px[own == object_id]
+        # The width of an even strip is the square root of 12 times its variance.
+        variance = np.linalg.eigvalsh(np.cov(uv.T, bias=True))[0]
+        if 12 * variance < THIN**2:
+            found.append(int(object_id))
+    return found
+
+
+@dataclass(frozen=True)
+class _Nearby:
+    """What is seen near N points of a frame, and what is too thin to be seen for certain.
+
+    Attributes:
+        tier: The sequence's tier.
+        object_id: uint32 (H, W), the frame's object ids.
+        pixel: int64 (N, 2), the pixels that contain the points.
+        footprint_m: float64 (N,).
+    """
+
+    tier: dict[str, Any]
+    object_id: npt.NDArray[np.uint32]
+    pixel: npt.NDArray[np.int64]
+    footprint_m: npt.NDArray[np.float64]
+
+    def thin(self, own: npt.NDArray[np.int32]) -> npt.NDArray[np.bool_]:
+        """Return which points are on a tube or ball thinner than `THIN` footprints."""
+        diameter = _diameter(self.tier, own)
+        thin: npt.NDArray[np.bool_] = (diameter > 0) & (diameter < THIN * self.footprint_m)
+        return thin
+
+    def shown(
+        self, own: npt.NDArray[np.int32], which: npt.NDArray[np.bool_], *, others: bool = False
+    ) -> npt.NDArray[np.bool_]:
+        """Return which points have a pixel of an object within `NEARBY` pixels, or a thin one.
+
+        Args:
+            own: int32 (N,), the points' objects.
+            which: bool (N,), the points to look at; False for all others.
+            others: Look for any other object than the point's own.
+        """
+        found = np.zeros(len(own), np.bool_)
+        if not which.any():
+            return found
+        if others:
+            for thing in self.tier["objects"]:
+                name = np.full(len(own), thing["id"], np.int32)
+                found |= which & (own != thing["id"]) & self.thin(name)
+        for index in np.flatnonzero(which & ~found):
+            u, v = self.pixel[index]
+            around = self.object_id[
+                max(v - NEARBY, 0) : v + NEARBY + 1, max(u - NEARBY, 0) : u + NEARBY + 1
+            ]
+            mine = around == own[index]
+            found[index] = np.any(~mine & (around != 0)) if others else mine.any()
+        return found
 
 
 def _window(
@@ -220,7 +337,43 @@ def _window(
             gap_1 = inner_m1[belongs] - own_m[belongs[0], 1]
             away[belongs] = np.sqrt(_squared(gap_0, gap_1, material))
             along[belongs] = np.abs(gap_0) * material[0]["metres_per_unit"]
-    return _Window(depth, object_id, away, along, footprint, smooth, uniform)
+    inside = rows.uv_px[chosen] - pixel
+    behind = uniform & (centre_id != 0) & _is_behind(depth, inside, rows.depth_m[chosen], smooth)
+    return _Window(depth, object_id, away, along, footprint, smooth, uniform, behind)
+
+
+def _is_behind(
+    z: npt.NDArray[np.float32],
+    inside: npt.NDArray[np.float64],
+    depth: npt.NDArray[np.float64],
+    smooth: npt.NDArray[np.bool_],
+) -> npt.NDArray[np.bool_]:
+    """Return which points are not in front of the surface that their 5x5 pixels show.
+
+    At a smooth place the surface is interpolated between the four pixel centres around the
+    point; the largest second difference of the 5x5 bounds the error. Elsewhere a point is
+    behind if it is behind all of its 3x3.
+
+    Args:
+        z: float32 (N, 5, 5), metres.
+        inside: float64 (N, 2), place of the point in its pixel, 0 to 1.
+        depth: float64 (N,), the points' depth, metres.
+        smooth: bool (N,).
+    """
+    with np.errstate(invalid="ignore"):
+        bends = [np.abs(np.diff(z, 2, axis=axis)).max(axis=(1, 2)) for axis in (1, 2)]
+        error = np.maximum(*bends) + 1e-6 * depth
+        rows = np.arange(len(z))
+        low = 2 + np.floor(inside - 0.5).astype(np.int64)
+        a, b = (inside - 0.5 - np.floor(inside - 0.5)).T
+        u, v = low.T
+        upper = (1 - a) * z[rows, v, u] + a * z[rows, v, u + 1]
+        lower = (1 - a) * z[rows, v + 1, u] + a * z[rows, v + 1, u + 1]
+        limit = np.where(
+            smooth, (1 - b) * upper + b * lower - error, z[:, _INNER, _INNER].max(axis=(1, 2))
+        )
+        behind: npt.NDArray[np.bool_] = depth >= limit
+    return behind
 
 
 def _squared(
@@ -299,6 +452,7 @@ def _report_hidden(
     chosen: npt.NDArray[np.int64],
     window: _Window,
     own: npt.NDArray[np.int32],
+    near_by: _Nearby,
     shown: str,
     findings: Findings,
 ) -> None:
@@ -307,15 +461,22 @@ def _report_hidden(
     hidden = (state == SELF_OCCLUDED) | (state == OCCLUDED)
     near = window.depth_m[:, _INNER, _INNER]
     reach = MATCH * window.footprint_m
-    nearer = depth < near.min(axis=(1, 2)) - reach
+    nearer = hidden & window.smooth & (depth < near.min(axis=(1, 2)) - reach)
+    itself = (state == SELF_OCCLUDED) & near_by.thin(own)
+    itself |= near_by.shown(own, nearer & (state == SELF_OCCLUDED))
+    nearer &= ~itself
     shows_own = window.object_id[:, 2, 2] == own
     misnamed = (
-        window.uniform
+        window.behind
+        & ~itself
         & (window.object_id[:, 2, 2] != 0)
         & (((state == SELF_OCCLUDED) & ~shows_own) | ((state == OCCLUDED) & shows_own))
     )
     others = (window.object_id != own[:, None, None]) & (window.object_id != 0)
-    nobody = (state == OCCLUDED) & ~others.any(axis=(1, 2))
+    alone = (state == OCCLUDED) & ~others.any(axis=(1, 2))
+    covered = near_by.shown(own, alone | (nearer & (state == OCCLUDED)), others=True)
+    nobody = alone & ~covered
+    nearer &= ~covered
     surely = np.zeros(len(chosen), np.bool_)
     if tier["kind"] == "cloth":
         close = (SURE * window.footprint_m)[:, None, None]
@@ -323,7 +484,7 @@ def _report_hidden(
             (window.away_m <= close) & (np.abs(near - depth[:, None, None]) <= close),
             axis=(1, 2),
         )
-    bad = hidden & ((window.smooth & (nearer | surely)) | misnamed | nobody)
+    bad = hidden & (nearer | (window.smooth & surely) | misnamed | nobody)
     findings.add_rows(
         "OCCLUDED_DISAGREES",
         shown,
