@@ -1,0 +1,354 @@
+"""Settings: frozen classes that check themselves, from YAML or JSON files and `--set a.b=c`.
+
+A class of settings is a dataclass with the decorator `configuration`. Types, bounds and units are
+in its annotations (`spec/constraints.py`); `__post_init__` checks one field against another and
+raises `Refused`. Everything else follows from the class: reading, `--set`, messages with
+suggestions, the plain values that a dataset or a run stores, and a JSON Schema.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import json
+import re
+import typing
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, TypeVar
+
+import pydantic
+
+from pliant.spec.constraints import Refused, did_you_mean, unit_of
+from pliant.spec.errors import CallError
+from pliant.spec.yamlfiles import parse_yaml, read_yaml
+
+__all__ = [
+    "SettingsError",
+    "configuration",
+    "json_schema",
+    "merged",
+    "read_mapping",
+    "read_settings",
+    "settings_from",
+    "settings_to_dict",
+    "with_overrides",
+]
+
+S = TypeVar("S")
+
+_TYPES: Final = {
+    "int": "a whole number",
+    "float": "a number",
+    "finite": "a finite number",
+    "string": "text",
+    "bool": "true or false",
+    "tuple": "a list",
+    "list": "a list",
+    "dict": "a mapping of names to values",
+    "dataclass": "a mapping of settings",
+    "none": "null",
+}
+"""First word of a type error of pydantic -> what is required."""
+
+
+class SettingsError(CallError):
+    """Settings are refused; the text has one sentence per problem."""
+
+    problems: tuple[CallError, ...] = ()
+
+
+if TYPE_CHECKING:
+    from dataclasses import dataclass as configuration
+else:
+
+    def configuration(*, frozen):
+        """Make a frozen dataclass that checks the values it is made from.
+
+        Lists become tuples, whole numbers become floats and mappings become nested settings;
+        nothing else is converted. `dataclasses.replace` checks too.
+
+        Args:
+            frozen: True; for type checkers, which take this for `dataclasses.dataclass`.
+
+        Returns:
+            The decorator. The class raises `SettingsError` for values that it refuses.
+        """
+
+        def decorate(cls):
+            config = pydantic.ConfigDict(
+                extra="forbid", strict=True, allow_inf_nan=False,
+                json_schema_extra=functools.partial(_document, cls.__doc__ or ""),
+            )  # fmt: skip
+            made = pydantic.dataclasses.dataclass(cls, frozen=frozen, config=config)
+            names = [each.name for each in dataclasses.fields(made)]
+            section = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", cls.__name__).lower()
+            section = section.removesuffix("_settings") if "_settings" in section else ""
+
+            def __init__(self, *args, **values):  # noqa: N807
+                _fill(self, {**dict(zip(names, args, strict=False)), **values}, section)
+
+            made.__init__ = __init__
+            return made
+
+        return decorate
+
+
+def settings_from(
+    cls: type[S],
+    values: Mapping[str, Any],
+    where: str = "",
+    *,
+    path: Path | None = None,
+    overrides: Sequence[str] = (),
+) -> S:
+    """Build settings from plain values.
+
+    Args:
+        cls: A class made with `configuration`.
+        values: Field name -> value.
+        where: Dotted name of these settings, for messages.
+        path: File that the values come from, for messages.
+        overrides: `dotted.key=value` texts, as `with_overrides` takes them.
+
+    Returns:
+        The settings; fields that are not named keep their defaults.
+
+    Raises:
+        SettingsError: An unknown key, a wrong type, or a value that the class refuses.
+    """
+    if not isinstance(values, Mapping):
+        raise CallError(
+            "settings must be a mapping", path=path, where=where or None, found=_shown(values)
+        )
+    settings = object.__new__(cls)
+    given = with_overrides(values, overrides) if overrides else values
+    _fill(settings, given, where, path, [text.partition("=")[0].strip() for text in overrides])
+    return settings
+
+
+def read_settings(
+    cls: type[S],
+    path: Path | None,
+    overrides: Sequence[str] = (),
+    base: Mapping[str, Any] = {},
+) -> S:
+    """Build settings from a YAML or JSON file and `--set` overrides.
+
+    Args:
+        cls: A class made with `configuration`.
+        path: The file, or None for the defaults.
+        overrides: As for `with_overrides`.
+        base: Plain values under the file's.
+
+    Raises:
+        CallError: The file cannot be read.
+        SettingsError: As `settings_from`.
+    """
+    values = read_mapping(path) if path is not None else {}
+    return settings_from(cls, merged(base, values), path=path, overrides=overrides)
+
+
+def read_mapping(path: Path) -> dict[str, Any]:
+    """Read the mapping of a YAML or JSON file of settings; an empty file has none.
+
+    Raises:
+        CallError: The file cannot be read or is no mapping.
+    """
+    values = read_yaml(path)
+    if values is not None and not isinstance(values, dict):
+        raise CallError(
+            "the file must be a mapping of settings", path=path, found=type(values).__name__
+        )
+    return values or {}
+
+
+def with_overrides(values: Mapping[str, Any], overrides: Iterable[str]) -> dict[str, Any]:
+    """Return plain values with `--set` overrides applied; the given ones stay as they are.
+
+    Args:
+        values: Plain values.
+        overrides: `dotted.key=value`, the value in YAML: `1e-3`, `[8, 16]`, `{kind: muon}`.
+
+    Raises:
+        CallError: An override has no `=`, its value is not YAML, or a part of its key names a
+            value that has no settings inside.
+    """
+    result = dict(values)
+    for text in overrides:
+        key, equals, value = text.partition("=")
+        if not equals or not key.strip():
+            raise CallError(
+                "--set needs KEY=VALUE", found=repr(text), fix="For example: --set seed=1"
+            )
+        parts = key.strip().split(".")
+        inner: Any = result
+        for depth, part in enumerate(parts[:-1]):
+            inner = inner.get(part) or {}
+            if not isinstance(inner, Mapping):
+                raise CallError(
+                    "this setting has no settings inside",
+                    where=f"--set {key.strip()}",
+                    found=f"{'.'.join(parts[: depth + 1])} = {_shown(inner)}",
+                )
+        nested = parse_yaml(value, where=f"--set {key.strip()}")
+        for part in parts[:0:-1]:
+            nested = {part: nested}
+        result = merged(result, {parts[0]: nested})
+    return result
+
+
+def merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
+    """Return plain values of which `over` replaces those of `base`, mapping by mapping."""
+    result = dict(base)
+    for key, value in over.items():
+        inner: Any = result.get(key)
+        both = isinstance(value, Mapping) and isinstance(inner, Mapping)
+        result[key] = merged(inner, value) if both else value
+    return result
+
+
+def settings_to_dict(settings: Any) -> Any:
+    """Return settings, or any dataclass, as JSON values: nested mappings, lists and scalars."""
+    if dataclasses.is_dataclass(settings) and not isinstance(settings, type):
+        return {
+            each.name: settings_to_dict(getattr(settings, each.name))
+            for each in dataclasses.fields(settings)
+            if each.init
+        }
+    if isinstance(settings, Mapping):
+        return {str(key): settings_to_dict(value) for key, value in settings.items()}
+    if isinstance(settings, list | tuple):
+        return [settings_to_dict(value) for value in settings]
+    return settings
+
+
+def json_schema(cls: type[Any]) -> dict[str, Any]:
+    """Return the JSON Schema (draft 2020-12) of a class of settings, with units and texts."""
+    schema = pydantic.TypeAdapter(cls).json_schema()
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
+
+
+def _fill(
+    settings: Any,
+    values: Mapping[str, Any],
+    where: str = "",
+    path: Path | None = None,
+    overridden: Sequence[str] = (),
+) -> None:
+    """Validate values into an object that has no fields yet."""
+    cls = type(settings)
+    # Strict JSON takes lists for tuples, mappings for settings, and no other conversion.
+    document = json.dumps(values, default=_jsonable)
+    try:
+        cls.__pydantic_validator__.validate_json(document, self_instance=settings)
+    except pydantic.ValidationError as error:
+        problems = tuple(
+            _problem(cls, each, where, path, overridden) for each in error.errors(include_url=False)
+        )
+    else:
+        return
+    first = problems[0]
+    refusal = SettingsError(
+        first.message, path=first.path, where=first.where, found=first.found,
+        required=first.required, fix=first.fix,
+    )  # fmt: skip
+    refusal.problems = problems
+    refusal.args = ("\n".join(map(str, problems)),)
+    raise refusal
+
+
+def _jsonable(value: Any) -> Any:
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {each.name: getattr(value, each.name) for each in dataclasses.fields(value)}
+    if isinstance(value, Mapping):
+        return dict(value)
+    return value.item() if hasattr(value, "item") else str(value)
+
+
+def _problem(
+    cls: type[Any], raw: Any, where: str, path: Path | None, overridden: Sequence[str]
+) -> CallError:
+    """Return one error of pydantic as a sentence of ours."""
+    place = [part for part in raw["loc"] if part != "[key]"]
+    kind, value, context = raw["type"], raw["input"], raw.get("ctx", {})
+    found: str | None = _shown(value)
+    message, required, fix = "the setting is not possible", raw["msg"], None
+    refused = context.get("error")
+    if isinstance(refused, Refused):
+        required, fix = refused.required, refused.fix
+        for part in filter(None, refused.field.split(".")):
+            place.append(part)
+            value = value.get(part, _default(cls, place)) if isinstance(value, Mapping) else value
+        found = _shown(value)
+        unit = unit_of(next((part for part in place[::-1] if isinstance(part, str)), ""))
+        if unit and required[-1:].isdigit():
+            required += f" {unit}"
+    elif kind == "unexpected_keyword_argument":
+        known = [each.name for each in dataclasses.fields(_hint_at(cls, place[:-1]))]
+        message, found, fix = "unknown setting", None, did_you_mean(place[-1], known)
+        required = None if fix else "one of " + ", ".join(known)
+    elif kind == "too_long" or (kind == "missing" and isinstance(place[-1], int)):
+        place = [*place[:-1]] if kind == "missing" else place
+        message = "the list has the wrong length"
+        required = f"{len(typing.get_args(_hint_at(cls, place)))} values"
+    elif kind == "missing":
+        message, found, required = "a setting is missing", None, None
+        fix = f"Add {place[-1]}"
+    elif kind == "literal_error":
+        names = re.findall(r"'([^']*)'", context["expected"]) or [context["expected"]]
+        message, required = "unknown value", "one of " + ", ".join(names)
+        fix = did_you_mean(value, names)
+    elif kind.rpartition("_")[0] in _TYPES or kind == "finite_number":
+        message, required = "the value has the wrong type", _TYPES[kind.partition("_")[0]]
+    dotted = ".".join(str(part) for part in (where, *place) if part != "")
+    from_call = any(
+        f"{dotted}.".startswith(f"{key}.")
+        or (message == "unknown setting" and key.startswith(f"{dotted}."))
+        for key in overridden
+    )
+    return CallError(
+        message, path="--set" if from_call else path, where=dotted or None,
+        found=found, required=required, fix=fix,
+    )  # fmt: skip
+
+
+def _shown(value: Any) -> str:
+    text = json.dumps(value, default=str)
+    return text if len(text) <= 80 else text[:77] + "..."
+
+
+def _hint_at(cls: type[Any], place: Sequence[Any]) -> Any:
+    """Return the type of a place in the settings, without None."""
+    hint: Any = cls
+    for part in place:
+        if dataclasses.is_dataclass(hint):
+            hint = typing.get_type_hints(hint).get(str(part))
+        else:
+            hint = next((each for each in typing.get_args(hint)[::-1] if each is not ...), None)
+        options = [each for each in typing.get_args(hint) if each is not type(None)]
+        if len(options) == 1 and type(None) in typing.get_args(hint):
+            hint = options[0]
+    return hint
+
+
+def _default(cls: type[Any], place: Sequence[Any]) -> Any:
+    """Return the default of the field at a place, None where it has none."""
+    hint = _hint_at(cls, place[:-1])
+    for each in dataclasses.fields(hint) if dataclasses.is_dataclass(hint) else ():
+        if each.name == place[-1] and each.default is not dataclasses.MISSING:
+            return settings_to_dict(each.default)
+    return None
+
+
+def _document(text: str, schema: dict[str, Any]) -> None:
+    """Add the texts of a class's docstring and the units to its JSON Schema, in place."""
+    summary, _, attributes = text.partition("Attributes:")
+    schema["description"] = " ".join(summary.split())
+    described = dict(re.findall(r"^ {8}(\w+): ((?:.|\n {9,})*)", attributes, re.MULTILINE))
+    for name, field in schema.get("properties", {}).items():
+        field.pop("title", None)
+        if name in described:
+            field["description"] = " ".join(described[name].split())
+        if unit := unit_of(name):
+            field["unit"] = unit

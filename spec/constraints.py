@@ -1,0 +1,247 @@
+"""What a setting may be: bounds with a unit, one of some names, ranges, weights.
+
+Each is metadata of an annotation in a class of settings (`spec/configuration.py`), such as
+`length_m: Annotated[float, Bounds(0.05, 20)]`. It checks the value and appears in the JSON Schema.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+from pydantic_core import core_schema
+
+UNITS = {
+    "m": "m", "px": "px", "deg": "degrees", "rad": "radians", "s": "s", "hz": "Hz",
+    "m_s": "m/s", "percent": "percent",
+}  # fmt: skip
+"""The last part of a setting's name -> its unit."""
+
+
+class Refused(ValueError):  # noqa: N818
+    """A value that a setting cannot have.
+
+    Args:
+        required: What is possible.
+        field: The setting, below the object that raises; empty for the value itself.
+        fix: What the user can do.
+    """
+
+    def __init__(self, required: str, field: str = "", fix: str | None = None) -> None:
+        super().__init__(required)
+        self.required, self.field, self.fix = required, field, fix
+
+
+def did_you_mean(name: object, known: Iterable[str]) -> str | None:
+    """Return a sentence that names the most similar known name, None where none is similar."""
+    close = difflib.get_close_matches(str(name), list(known), n=1)
+    return f"Did you mean {close[0]!r}?" if close else None
+
+
+def unit_of(name: str) -> str:
+    """Return the unit that a setting's name ends in, empty where it has none."""
+    parts = name.rsplit("_", 2)
+    return UNITS.get("_".join(parts[-2:]), "") or UNITS.get(parts[-1] if parts[1:] else "", "")
+
+
+class _Constraint:
+    """Checks a value after its type; subclasses say what is allowed and how JSON Schema says it."""
+
+    def check(self, value: Any) -> Any:
+        """Return the value to store, or raise `Refused`."""
+        raise NotImplementedError
+
+    def describe(self, schema: dict[str, Any]) -> None:
+        """Add the constraint to the JSON Schema of the value, in place."""
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
+        return core_schema.no_info_after_validator_function(self.check, handler(source))
+
+    def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> Any:
+        described = handler(schema)
+        self.describe(described)
+        return described
+
+
+@dataclass(frozen=True)
+class Bounds(_Constraint):
+    """A number, every number of a list, or every value of a mapping is within bounds.
+
+    Attributes:
+        low: Lowest value.
+        high: Highest value.
+        unit: Unit, where the setting's name does not end in it.
+        above: `low` itself is refused.
+        below: `high` itself is refused.
+        multiple_of: Whole numbers: what divides them.
+    """
+
+    low: float = -math.inf
+    high: float = math.inf
+    unit: str = ""
+    above: bool = False
+    below: bool = False
+    multiple_of: int = 1
+
+    def check(self, value: Any) -> Any:
+        """Return the value; None passes.
+
+        Raises:
+            Refused: A number is outside.
+        """
+        for number in _numbers(value):
+            if (
+                not self.low <= number <= self.high
+                or (self.above and number == self.low)
+                or (self.below and number == self.high)
+                or (self.multiple_of > 1 and number % self.multiple_of)
+            ):
+                raise Refused(str(self))
+        return value
+
+    def __str__(self) -> str:
+        if self.high == math.inf:
+            text = f"{'>' if self.above else '>='} {self.low:.10g}"
+        else:
+            low = f"above {self.low:.10g}" if self.above else f"{self.low:.10g}"
+            text = f"{low} to {'below ' if self.below else ''}{self.high:.10g}"
+        if self.multiple_of > 1:
+            text += ", even" if self.multiple_of == 2 else f", a multiple of {self.multiple_of}"
+        return f"{text} {self.unit}".rstrip()
+
+    def describe(self, schema: dict[str, Any]) -> None:
+        """Add minimum, maximum and unit to the numbers of the schema."""
+        for number in _number_schemas(schema):
+            if self.low > -math.inf:
+                number["exclusiveMinimum" if self.above else "minimum"] = self.low
+            if self.high < math.inf:
+                number["exclusiveMaximum" if self.below else "maximum"] = self.high
+            if self.multiple_of > 1:
+                number["multipleOf"] = self.multiple_of
+        if self.unit:
+            schema["unit"] = self.unit
+
+
+@dataclass(frozen=True)
+class OneOf(_Constraint):
+    """A name is one of some names.
+
+    Attributes:
+        names: They.
+    """
+
+    names: Collection[str]
+
+    def check(self, value: Any) -> Any:
+        """Return the name.
+
+        Raises:
+            Refused: It is another; the most similar name is suggested.
+        """
+        if value not in self.names:
+            raise Refused("one of " + ", ".join(self.names), fix=did_you_mean(value, self.names))
+        return value
+
+    def describe(self, schema: dict[str, Any]) -> None:
+        """Add the names."""
+        schema["enum"] = list(self.names)
+
+
+@dataclass(frozen=True)
+class Weights(_Constraint):
+    """A mapping gives some names weights >= 0, of which one is above 0.
+
+    Attributes:
+        names: The names there are.
+    """
+
+    names: Collection[str]
+
+    def check(self, value: Mapping[str, float]) -> Mapping[str, float]:
+        """Return the weights.
+
+        Raises:
+            Refused: An unknown name, a negative weight, or no weight above 0.
+        """
+        for name, weight in value.items():
+            try:
+                OneOf(self.names).check(name)
+                Bounds(0.0).check(weight)
+            except Refused as refused:
+                raise Refused(refused.required, name, refused.fix) from None
+        if sum(value.values()) <= 0:
+            raise Refused("at least one weight above 0")
+        return value
+
+    def describe(self, schema: dict[str, Any]) -> None:
+        """Add the names and the lowest weight."""
+        schema["propertyNames"] = {"enum": list(self.names)}
+        schema["additionalProperties"] = {"type": "number", "minimum": 0}
+
+
+@dataclass(frozen=True)
+class NotEmpty(_Constraint):
+    """A list or a text has something in it."""
+
+    def check(self, value: Any) -> Any:
+        """Return the value.
+
+        Raises:
+            Refused: It is empty.
+        """
+        if not value:
+            raise Refused("not empty")
+        return value
+
+    def describe(self, schema: dict[str, Any]) -> None:
+        """Add the least length."""
+        schema["minLength" if schema.get("type") == "string" else "minItems"] = 1
+
+
+@dataclass(frozen=True)
+class _Ordered(_Constraint):
+    def check(self, value: Any) -> Any:
+        if value[0] > value[1]:
+            raise Refused("[low, high] with low <= high")
+        return value
+
+
+Range = Annotated[tuple[float, float], _Ordered()]
+"""(low, high) with low <= high."""
+
+Count = Annotated[int, Bounds(1)]
+"""A whole number >= 1."""
+
+Natural = Annotated[int, Bounds(0)]
+"""A whole number >= 0."""
+
+Positive = Annotated[float, Bounds(0, above=True)]
+"""A number > 0."""
+
+NonNegative = Annotated[float, Bounds(0)]
+"""A number >= 0."""
+
+Share = Annotated[float, Bounds(0, 1)]
+"""A number from 0 to 1."""
+
+
+def _numbers(value: Any) -> Iterator[float]:
+    if isinstance(value, Mapping):
+        value = list(value.values())
+    if isinstance(value, tuple | list):
+        for each in value:
+            yield from _numbers(each)
+    elif value is not None:
+        yield value
+
+
+def _number_schemas(schema: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    if schema.get("type") in ("number", "integer"):
+        yield schema
+    items, values = schema.get("items"), schema.get("additionalProperties")
+    for inner in (*schema.get("prefixItems", ()), *schema.get("anyOf", ()), items, values):
+        if isinstance(inner, dict):
+            yield from _number_schemas(inner)
