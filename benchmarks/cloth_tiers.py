@@ -15,7 +15,7 @@ from independent_intersections import count_intersections
 from record import Value, main
 
 from pliant.generator.cloth import ClothSettings, sample_cloth
-from pliant.generator.cloth.settings import COVERAGE_BANDS, LARGEST_HAND_SPEED_M_S
+from pliant.generator.settings.cloth import COVERAGE_BANDS, LARGEST_HAND_SPEED_M_S
 
 
 def measure(quick: bool) -> dict[str, Value]:

@@ -44,7 +44,8 @@ from pliant.generator.runner import generate
 from pliant.models import load_matcher
 from pliant.models.don import DonTask, train_don
 from pliant.models.processes import Processes
-from pliant.models.settings import DonSettings, read_settings
+from pliant.models.settings import DonSettings
+from pliant.spec.configuration import read_settings
 from pliant.spec.dataset import Dataset
 
 CONFIGS = Path(__file__).parents[1] / "models" / "configs"

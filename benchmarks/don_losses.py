@@ -34,7 +34,8 @@ from pliant.generator.runner import generate
 from pliant.models import load_matcher
 from pliant.models.checkpoint import latest_checkpoint
 from pliant.models.don import train_don
-from pliant.models.settings import DonSettings, read_settings
+from pliant.models.settings import DonSettings
+from pliant.spec.configuration import read_settings
 from pliant.spec.dataset import Dataset
 
 CONFIGS = Path(__file__).parents[1] / "models" / "configs"

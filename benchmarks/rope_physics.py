@@ -20,8 +20,8 @@ from pliant.generator.rope.contact import EPISODE_RULE, NEIGHBOUR_DIAMETERS, STA
 from pliant.generator.rope.curve import arc_length, tightest_bend
 from pliant.generator.rope.episode import Episode
 from pliant.generator.rope.posing import RopeBody
-from pliant.generator.rope.settings import SHAPES
 from pliant.generator.rope.static import sample_configuration
+from pliant.generator.settings.rope import SHAPES
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -11,6 +11,7 @@ from typing import Any
 import click
 
 from pliant.cli.interrupts import terminated_like_interrupted
+from pliant.cli.options import set_option
 from pliant.spec.errors import MissingExtraError
 
 _TITLES = {"generate": "Making sets", "train": "Training", "answer": "Answering and scoring"}
@@ -21,6 +22,7 @@ _TITLES = {"generate": "Making sets", "train": "Training", "answer": "Answering 
 @click.option(
     "--out", required=True, metavar="DIR", type=click.Path(path_type=Path), help="Its folder."
 )
+@set_option
 @click.option("--resume", is_flag=True, help="Go on with a benchmark that was begun in DIR.")
 @click.option(
     "--workers",
@@ -45,6 +47,7 @@ _TITLES = {"generate": "Making sets", "train": "Training", "answer": "Answering 
 def command(
     config_file: Path,
     out: Path,
+    overrides: tuple[str, ...],
     resume: bool,
     workers: int | None,
     until: str,
@@ -60,7 +63,7 @@ def command(
     """
     from pliant.benchmarks.reference.config import read_config
 
-    config = read_config(config_file)
+    config = read_config(config_file, overrides)
     try:
         from pliant.benchmarks.reference.results import write_results
         from pliant.benchmarks.reference.run import run_benchmark

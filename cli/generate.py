@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from pliant.cli.interrupts import terminated_like_interrupted
+from pliant.cli.options import set_option
 from pliant.spec.errors import CallError
-from pliant.spec.yamlfiles import parse_yaml
 
 if TYPE_CHECKING:
     from pliant.generator.config import GenerateConfig
@@ -50,13 +50,7 @@ _STOPPED = "Interrupted: finished sequences are kept, the same command goes on."
     type=click.Path(path_type=Path),
     help="YAML or JSON file with these fields and more; flags win.",
 )
-@click.option(
-    "--set",
-    "settings",
-    multiple=True,
-    metavar="FIELD=VALUE",
-    help="Set any field of the config, such as rope.structure=braid.",
-)
+@set_option
 @click.option("--workers", type=int, metavar="N", help="Worker processes.  [default: one a core]")
 @click.option(
     "--engine",
@@ -70,7 +64,7 @@ _STOPPED = "Interrupted: finished sequences are kept, the same command goes on."
 def command(
     tiers: tuple[str, ...],
     out: Path,
-    settings: tuple[str, ...],
+    overrides: tuple[str, ...],
     config_file: Path | None,
     workers: int | None,
     engine: str,
@@ -86,7 +80,7 @@ def command(
     """
     from pliant.generator.runner import generate
 
-    config = build_config(tiers, config_file, settings, flags)
+    config = build_config(tiers, config_file, overrides, flags)
     count = len(os.sched_getaffinity(0)) if workers is None else workers
     if dry_run:
         return _dry_run(config, out, count, as_json)
@@ -105,7 +99,7 @@ def command(
 def build_config(
     tiers: tuple[str, ...],
     config_file: Path | None,
-    settings: tuple[str, ...],
+    overrides: tuple[str, ...],
     flags: dict[str, Any],
 ) -> GenerateConfig:
     """Merge config file, flags and `--set` into one config; later ones win.
@@ -113,15 +107,16 @@ def build_config(
     Args:
         tiers: Tier names, empty for the file's.
         config_file: YAML or JSON file, or None.
-        settings: `FIELD=VALUE` texts; dots go into sections, values are YAML.
+        overrides: `dotted.key=value` texts.
         flags: The other flags, None where not given.
 
     Raises:
         CallError: A value cannot be read or is refused.
     """
-    from pliant.generator.config import GenerateConfig, read_config_file
+    from pliant.generator.config import GenerateConfig
+    from pliant.spec.configuration import read_mapping, settings_from
 
-    values = read_config_file(config_file) if config_file else {}
+    values = read_mapping(config_file) if config_file else {}
     if tiers:
         values["tiers"] = list(tiers)
     given = {name: value for name, value in flags.items() if value is not None}
@@ -137,9 +132,7 @@ def build_config(
     if given.pop("noise", False):
         values["noise"] = values.get("noise") or {}
     values.update(given)
-    for text in settings:
-        _set(values, text)
-    return GenerateConfig.from_dict(values)
+    return settings_from(GenerateConfig, values, path=config_file, overrides=overrides)
 
 
 def _parse_size(text: str) -> tuple[int, int]:
@@ -163,21 +156,6 @@ def _parse_splits(text: str) -> dict[str, int]:
             found=text,
             required="SPLIT=N,..., such as train=80,val=10,test=20",
         ) from error
-
-
-def _set(values: dict[str, Any], text: str) -> None:
-    name, equals, value = text.partition("=")
-    if not equals:
-        raise CallError(
-            "the setting cannot be read", where="--set", found=text, required="FIELD=VALUE"
-        )
-    *sections, last = name.strip().split(".")
-    inner = values
-    for section in sections:
-        inner = inner.setdefault(section, {})
-        if not isinstance(inner, dict):
-            raise CallError("this setting has no fields", where=f"--set {name}", found=section)
-    inner[last] = parse_yaml(value, where=f"--set {name}")
 
 
 def _dry_run(config: GenerateConfig, out: Path, workers: int, as_json: bool) -> int:

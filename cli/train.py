@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from pliant.cli.interrupts import terminated_like_interrupted
+from pliant.cli.options import set_option
 from pliant.spec.errors import MissingExtraError
 
 if TYPE_CHECKING:
@@ -42,13 +43,7 @@ def _run_options(function: Callable[..., None]) -> Callable[..., None]:
             type=click.Path(path_type=Path),
             help="YAML file of settings; what it leaves out keeps its default.",
         ),
-        click.option(
-            "--set",
-            "overrides",
-            multiple=True,
-            metavar="KEY=VALUE",
-            help="One setting, dotted, in YAML: optimiser.learning_rate=1e-3. Wins over --config.",
-        ),
+        set_option,
         click.option("--resume", is_flag=True, help="Go on from the run's newest checkpoint."),
         click.option(
             "--json", "as_json", is_flag=True, help="Report as one JSON document on stdout."
@@ -77,7 +72,8 @@ def don(
     """
     try:
         from pliant.models.don import shipped_recipe, train_don
-        from pliant.models.settings import DonSettings, read_settings
+        from pliant.models.settings import DonSettings
+        from pliant.spec.configuration import read_settings
     except ImportError as error:
         raise MissingExtraError("training", "train") from error
     from pliant.spec.dataset import Dataset
@@ -113,9 +109,9 @@ def timecycle(
     With --resume and no settings of its own, a run goes on with those it began with.
     """
     try:
-        from pliant.models.settings import read_settings
         from pliant.models.timecycle.settings import TimeCycleSettings
         from pliant.models.timecycle.trainer import train_timecycle
+        from pliant.spec.configuration import read_settings
     except ImportError as error:
         raise MissingExtraError("training", "train") from error
     from pliant.spec.dataset import Dataset

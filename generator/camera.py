@@ -14,18 +14,12 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from pliant.generator.settings import check_range
+from pliant.generator.settings.camera import CLEARANCE_M, MIN_MARGIN, CameraSettings
 from pliant.generator.subject import FloatArray, Pose, Subject
 from pliant.spec.errors import CallError
 
 NEAR_M: Final = 1e-3
 """Surfaces nearer to the camera than this (planar z) are not seen."""
-
-CLEARANCE_M: Final = 0.02
-"""A camera keeps at least this far from the table and from the object's box."""
-
-_MIN_MARGIN: Final = 0.02
-# Share of the frame that stays free on every side of the object at the start.
 
 _HEADROOM_M: Final = 0.06
 # How high an episode lifts things, about.
@@ -120,60 +114,6 @@ class Camera:
         eye = np.asarray(eye_m, np.float64)
         rotation = _facing(np.asarray(target_m, np.float64) - eye, np.asarray(up, np.float64))
         return _placed(rotation, eye, size, fov_deg)
-
-
-@dataclass(frozen=True)
-class CameraSettings:
-    """Ranges a camera is drawn from, uniformly; (low, high) with low <= high.
-
-    Attributes:
-        top: Weight of the view from above.
-        oblique: Weight of the view from the side.
-        fov_deg: Horizontal field of view, degrees.
-        fill: Share of the frame's width or height, whichever is tighter, that the object's
-            box takes at the start.
-        shift: Share of the free margin by which the object may lie off the centre.
-        top_tilt_deg: Angle of the top view against the vertical, degrees.
-        top_roll_deg: Roll of the top view about its axis, degrees.
-        oblique_elevation_deg: Height of the oblique camera above the table, degrees.
-        oblique_azimuth_deg: Where around the object it stands, degrees; 0 is the side -y. None is
-            anywhere about a rope, and within 20 degrees for a cloth: a blank square looks the same
-            from four sides, and only how it lies in the image says which corner is which.
-        oblique_roll_deg: Roll of the oblique view, degrees.
-        distance_m: Distance from the object's middle in place of `fill`, or None.
-    """
-
-    top: float = 0.6
-    oblique: float = 0.4
-    fov_deg: tuple[float, float] = (38.0, 55.0)
-    fill: tuple[float, float] = (0.62, 0.86)
-    shift: tuple[float, float] = (0.0, 0.7)
-    top_tilt_deg: tuple[float, float] = (0.0, 4.0)
-    top_roll_deg: tuple[float, float] = (-12.0, 12.0)
-    oblique_elevation_deg: tuple[float, float] = (42.0, 68.0)
-    oblique_azimuth_deg: tuple[float, float] | None = None
-    oblique_roll_deg: tuple[float, float] = (-4.0, 4.0)
-    distance_m: tuple[float, float] | None = None
-
-    def __post_init__(self) -> None:
-        if self.top < 0 or self.oblique < 0 or self.top + self.oblique <= 0:
-            raise CallError(
-                "the weights of the camera's modes must be >= 0 and not both 0",
-                where="camera.top, camera.oblique",
-                found=(self.top, self.oblique),
-            )
-        # The bounds keep the camera above the table and the object in front of it.
-        check_range("camera.fov_deg", self.fov_deg, 5.0, 120.0)
-        check_range("camera.fill", self.fill, 0.05, 1.0 - 2 * _MIN_MARGIN)
-        check_range("camera.shift", self.shift, 0.0, 1.0)
-        check_range("camera.top_tilt_deg", self.top_tilt_deg, 0.0, 30.0)
-        check_range("camera.top_roll_deg", self.top_roll_deg, -180.0, 180.0)
-        check_range("camera.oblique_elevation_deg", self.oblique_elevation_deg, 5.0, 90.0)
-        if self.oblique_azimuth_deg is not None:
-            check_range("camera.oblique_azimuth_deg", self.oblique_azimuth_deg, -360.0, 360.0)
-        check_range("camera.oblique_roll_deg", self.oblique_roll_deg, -180.0, 180.0)
-        if self.distance_m is not None:
-            check_range("camera.distance_m", self.distance_m, CLEARANCE_M, 100.0)
 
 
 def sample_camera(
@@ -300,7 +240,7 @@ def _framed(
         uv = focal * (local[:, :2] + sideways) / depth[:, None]
         low, high = uv.min(axis=0), uv.max(axis=0)
         ratio = float(((high - low) / (frame * fill)).max())
-        room = np.maximum(frame - (high - low) - 2 * _MIN_MARGIN * frame, 0.0) / 2
+        room = np.maximum(frame - (high - low) - 2 * MIN_MARGIN * frame, 0.0) / 2
         wanted = offset * room
         sideways += (wanted - (low + high) / 2) * distance / focal
         settled = np.abs(wanted - (low + high) / 2).max() < 1e-3 * frame[0]
@@ -323,7 +263,7 @@ def _checked(camera: Camera, points: FloatArray) -> Camera:
     if eye[2] < CLEARANCE_M:
         raise CallError("the camera stands below the table", where=field, found=f"{eye[2]:.3f} m")
     uvz = camera.project(points)
-    margin = np.array([camera.width, camera.height]) * _MIN_MARGIN * 0.99
+    margin = np.array([camera.width, camera.height]) * MIN_MARGIN * 0.99
     inside = (uvz[:, :2] >= margin) & (uvz[:, :2] <= [camera.width, camera.height] - margin)
     if not bool(inside.all()) or float(uvz[:, 2].min()) < NEAR_M:
         raise CallError(

@@ -3,14 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Annotated, Any, Final, Literal, get_args
 
-from pliant.generator.settings import settings_from, settings_to_dict
+from pliant.generator.settings import (
+    CameraSettings,
+    ClothSettings,
+    DepthCameraSettings,
+    LookSettings,
+    NoiseSettings,
+    RopeSettings,
+)
+from pliant.spec.configuration import (
+    configuration,
+    read_settings,
+    settings_from,
+    settings_to_dict,
+)
+from pliant.spec.constraints import Bounds, Count, Natural, NotEmpty, OneOf, Refused
 from pliant.spec.conventions import SPLITS
-from pliant.spec.errors import CallError
-from pliant.spec.yamlfiles import read_yaml, yaml_text
+from pliant.spec.yamlfiles import yaml_text
 
 TIER_KINDS: Final[dict[str, str]] = {
     "rope": "rope",
@@ -20,12 +33,13 @@ TIER_KINDS: Final[dict[str, str]] = {
 }
 """Every tier that can be generated, in the order a dataset lists them, and its kind."""
 
-STYLES: Final = ("fast", "photo", "raster", "real-depth")
+Style = Literal["fast", "photo", "raster", "real-depth"]
+STYLES: Final[tuple[Style, ...]] = get_args(Style)
+
+SplitName = Annotated[str, OneOf(SPLITS)]
 
 BLENDER_STYLES: Final = ("fast", "photo")
 """Styles that Blender renders, on a GPU where there is one."""
-
-QUERY_KINDS: Final = ("pairs", "track")
 
 DEFAULT_SEQUENCES: Final = 20
 
@@ -51,7 +65,7 @@ LABEL_FIELDS: Final = ("id", "version", "title", "description", "licence")
 """Fields that only `dataset.json` shows; they may change on a set that exists."""
 
 
-@dataclass(frozen=True)
+@configuration(frozen=True)
 class QuerySettings:
     """How many queries the frozen benchmark asks.
 
@@ -63,20 +77,13 @@ class QuerySettings:
             `pairs_per_sequence` then does not apply.
     """
 
-    pairs_per_sequence: int = 4
-    queries_per_pair: int = 64
-    splits: tuple[str, ...] = ("val", "test")
-    kind: str = "pairs"
-
-    def __post_init__(self) -> None:
-        _require(self.kind in QUERY_KINDS, "queries.kind", self.kind, " or ".join(QUERY_KINDS))
-        for name in ("pairs_per_sequence", "queries_per_pair"):
-            _require(getattr(self, name) >= 1, f"queries.{name}", getattr(self, name), ">= 1")
-        for split in self.splits:
-            _require(split in SPLITS, "queries.splits", split, "one of " + ", ".join(SPLITS))
+    pairs_per_sequence: Count = 4
+    queries_per_pair: Count = 64
+    splits: tuple[SplitName, ...] = ("val", "test")
+    kind: Literal["pairs", "track"] = "pairs"
 
 
-@dataclass(frozen=True)
+@configuration(frozen=True)
 class GenerateConfig:
     """Everything that decides the bytes of a generated dataset.
 
@@ -91,13 +98,13 @@ class GenerateConfig:
         height: Image height, px, 16 to 8192.
         seed: Seed of everything, 0 to 2^63 - 1; 0 is a seed like any other.
         style: `fast`, `photo`, `raster` or `real-depth`.
-        rope: Settings of the rope tier (`RopeSettings`), as a mapping.
-        cloth: Settings of the cloth tiers (`ClothSettings`), as a mapping.
-        look: Ranges of table, light, colour (`LookSettings`), as a mapping.
-        camera: Ranges of the camera (`CameraSettings`), as a mapping.
-        noise: Image noise (`NoiseSettings`), as a mapping; None adds none.
-        depth_camera: Faults that the style `real-depth` shows (`DepthCameraSettings`), as a
-            mapping; None takes its defaults. Of no other style.
+        rope: Settings of the rope tier.
+        cloth: Settings of the cloth tiers.
+        look: Ranges of table, light, colour.
+        camera: Ranges of the camera.
+        noise: Image noise; None adds none.
+        depth_camera: Faults that the style `real-depth` shows; None takes its defaults. Other
+            styles take none.
         queries: The benchmark's queries.
         id: Dataset id.
         version: Dataset version.
@@ -106,84 +113,44 @@ class GenerateConfig:
         licence: Licence of the data, SPDX.
     """
 
-    tiers: tuple[str, ...]
-    sequences: int | None = None
-    splits: Mapping[str, int] | None = None
-    frames: int = 1
+    tiers: Annotated[tuple[Annotated[str, OneOf(TIER_KINDS)], ...], NotEmpty()]
+    sequences: Count | None = None
+    splits: Mapping[SplitName, Natural] | None = None
+    frames: Count = 1
     episodes: bool = False
-    width: int = 640
-    height: int = 480
-    seed: int = 0
-    style: str = "fast"
-    rope: Mapping[str, Any] = field(default_factory=dict)
-    cloth: Mapping[str, Any] = field(default_factory=dict)
-    look: Mapping[str, Any] = field(default_factory=dict)
-    camera: Mapping[str, Any] = field(default_factory=dict)
-    noise: Mapping[str, Any] | None = None
-    depth_camera: Mapping[str, Any] | None = None
+    width: Annotated[int, Bounds(16, 8192, "px")] = 640
+    height: Annotated[int, Bounds(16, 8192, "px")] = 480
+    seed: Annotated[int, Bounds(0, 2**63 - 1)] = 0
+    style: Style = "fast"
+    rope: RopeSettings = field(default_factory=RopeSettings)
+    cloth: ClothSettings = field(default_factory=ClothSettings)
+    look: LookSettings = field(default_factory=LookSettings)
+    camera: CameraSettings = field(default_factory=CameraSettings)
+    noise: NoiseSettings | None = None
+    depth_camera: DepthCameraSettings | None = None
     queries: QuerySettings = field(default_factory=QuerySettings)
-    id: str = "pliant"
+    id: Annotated[str, NotEmpty()] = "pliant"
     version: str = "1.0.0"
     title: str = ""
     description: str = ""
     licence: str = "CC-BY-4.0"
 
     def __post_init__(self) -> None:
-        self._check_tiers()
-        self._check_splits()
-        _require(self.frames >= 1, "frames", self.frames, ">= 1")
-        _require(
-            not self.episodes or self.frames >= 2,
-            "frames",
-            self.frames,
-            ">= 2 for episodes (--frames)",
-        )
-        _require(
-            self.episodes or self.queries.kind != "track",
-            "queries.kind",
-            self.queries.kind,
-            "pairs, or --episodes: only an episode can be tracked",
-        )
-        for name in ("width", "height"):
-            _require(16 <= getattr(self, name) <= 8192, name, getattr(self, name), "16 to 8192")
-        _require(0 <= self.seed < 2**63, "seed", self.seed, "0 to 2^63 - 1")
-        _require(self.style in STYLES, "style", self.style, "one of " + ", ".join(STYLES))
-        _require(bool(self.id), "id", repr(self.id), "a name")
-        _require(
-            self.depth_camera is None or self.style == "real-depth",
-            "style",
-            self.style,
-            "real-depth, whose settings depth_camera holds",
-        )
-        for name in ("rope", "cloth", "look", "camera", "noise", "depth_camera"):
-            values = getattr(self, name)
-            if values or not isinstance(values, Mapping | None):
-                self.section(name)
-
-    def _check_tiers(self) -> None:
-        _require(bool(self.tiers), "tiers", "none", "one of " + ", ".join(TIER_KINDS))
-        for tier in self.tiers:
-            _require(tier in TIER_KINDS, "tiers", tier, "one of " + ", ".join(TIER_KINDS))
+        if self.episodes and self.frames < 2:
+            raise Refused(">= 2 for episodes (--frames)", "frames")
+        if not self.episodes and self.queries.kind == "track":
+            raise Refused("pairs, or --episodes: only an episode can be tracked", "queries.kind")
+        if self.depth_camera is not None and self.style != "real-depth":
+            raise Refused("real-depth, which depth_camera belongs to", "style")
+        if self.splits is not None and self.sequences is not None:
+            raise Refused("either sequences or splits, not both", "sequences")
+        counts = self.splits
+        if counts is None:
+            counts = split_counts(self.sequences or DEFAULT_SEQUENCES)
+        counts = {name: counts[name] for name in SPLITS if counts.get(name)}
+        if not counts:
+            raise Refused("at least one sequence", "splits")
         object.__setattr__(self, "tiers", tuple(t for t in TIER_KINDS if t in self.tiers))
-
-    def _check_splits(self) -> None:
-        if self.splits is None:
-            total = DEFAULT_SEQUENCES if self.sequences is None else self.sequences
-            _require(total >= 1, "sequences", total, ">= 1")
-            counts = split_counts(total)
-        else:
-            _require(
-                self.sequences is None,
-                "sequences",
-                self.sequences,
-                "either sequences or splits, not both",
-            )
-            for split, count in self.splits.items():
-                _require(split in SPLITS, "splits", split, "one of " + ", ".join(SPLITS))
-                valid = isinstance(count, int) and not isinstance(count, bool) and count >= 0
-                _require(valid, f"splits.{split}", count, ">= 0")
-            counts = {name: self.splits[name] for name in SPLITS if self.splits.get(name)}
-            _require(bool(counts), "splits", "no sequence", "at least one sequence")
         object.__setattr__(self, "splits", counts)
         object.__setattr__(self, "sequences", None)
 
@@ -198,35 +165,23 @@ class GenerateConfig:
         assert self.splits is not None  # __post_init__ has filled it
         return self.splits
 
-    def section(self, name: str) -> Any:
-        """Return the settings of `rope`, `cloth`, `look`, `camera`, `noise` or `depth_camera`.
-
-        Returns:
-            The section's dataclass; None for `noise` where the config has none, and for
-            `depth_camera` in other styles than `real-depth`.
-
-        Raises:
-            CallError: The mapping holds an unknown or refused setting.
-        """
-        values = getattr(self, name)
-        if values is None:
-            if name != "depth_camera" or self.style != "real-depth":
-                return None
-            values = {}
-        return settings_from(_section_class(name), values, name)
+    @property
+    def depth_faults(self) -> DepthCameraSettings | None:
+        """Faults of the style `real-depth`, None in other styles."""
+        if self.style != "real-depth":
+            return None
+        return self.depth_camera or DepthCameraSettings()
 
     def resolved(self) -> dict[str, Any]:
-        """Return the config as JSON values with the defaults of its sections filled in.
+        """Return what decides the bytes of the dataset, as JSON values.
 
         `rope` or `cloth` is left out where no tier uses it, `depth_camera` in other styles.
         """
         values = self.to_dict()
-        kinds = {TIER_KINDS[tier] for tier in self.tiers}
-        for unused in {"rope", "cloth"} - kinds:
+        for unused in {"rope", "cloth"} - {TIER_KINDS[tier] for tier in self.tiers}:
             del values[unused]
-        depth = ("depth_camera",) if self.style == "real-depth" else ()
-        for name in (*kinds, "look", "camera", "noise", *depth):
-            values[name] = settings_to_dict(self.section(name))
+        if self.depth_faults is not None:
+            values["depth_camera"] = settings_to_dict(self.depth_faults)
         return values
 
     def to_dict(self) -> dict[str, Any]:
@@ -242,26 +197,18 @@ class GenerateConfig:
         """Build a config from JSON values.
 
         Raises:
-            CallError: An unknown key or a value that is refused; it names the field.
+            SettingsError: An unknown key or a value that is refused; it names the field.
         """
-        if "tiers" not in values:
-            raise CallError(
-                "the config names no tier", where="tiers", fix="Add, for example: tiers: [rope]"
-            )
-        return settings_from(cls, values, "")
+        return settings_from(cls, values)
 
     @classmethod
-    def from_file(cls, path: Path, **changes: Any) -> GenerateConfig:
+    def from_file(cls, path: Path) -> GenerateConfig:
         """Read a YAML or JSON config.
-
-        Args:
-            path: The file.
-            changes: Fields that replace the file's.
 
         Raises:
             CallError: The file cannot be read, or a field is refused.
         """
-        return cls.from_dict({**read_config_file(path), **changes})
+        return read_settings(cls, path)
 
     def to_yaml(self) -> str:
         """Return the config as YAML text."""
@@ -284,50 +231,3 @@ def split_counts(sequences: int) -> dict[str, int]:
     """
     joined = [_SPLIT_CYCLE[k % len(_SPLIT_CYCLE)] for k in range(sequences)]
     return {split: joined.count(split) for split in SPLITS if split in joined}
-
-
-def read_config_file(path: Path) -> dict[str, Any]:
-    """Read a config file's mapping, YAML or JSON by its name, without checking its fields.
-
-    Raises:
-        CallError: The file is missing, is not YAML or JSON, or is no mapping.
-    """
-    values = read_yaml(path)
-    if not isinstance(values, dict):
-        raise CallError(
-            "the config must be a mapping of fields", path=path, found=type(values).__name__
-        )
-    return values
-
-
-def _require(valid: bool, where: str, found: object, required: str) -> None:
-    if not valid:
-        raise CallError("the setting is not possible", where=where, found=found, required=required)
-
-
-def _section_class(name: str) -> type[Any]:
-    # Imported when a section is named: these modules bring numba, and `pliant generate` on a
-    # finished set answers without it.
-    if name == "rope":
-        from pliant.generator.rope import RopeSettings
-
-        return RopeSettings
-    if name == "cloth":
-        from pliant.generator.cloth import ClothSettings
-
-        return ClothSettings
-    if name == "look":
-        from pliant.generator.look import LookSettings
-
-        return LookSettings
-    if name == "camera":
-        from pliant.generator.camera import CameraSettings
-
-        return CameraSettings
-    if name == "depth_camera":
-        from pliant.generator.render.depth_camera import DepthCameraSettings
-
-        return DepthCameraSettings
-    from pliant.generator.noise import NoiseSettings
-
-    return NoiseSettings

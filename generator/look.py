@@ -13,20 +13,18 @@ from __future__ import annotations
 
 import colorsys
 import math
-from dataclasses import dataclass, field
-from typing import Any, Final
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from pliant.generator.settings import check_range
+from pliant.generator.settings.look import LookSettings
 from pliant.generator.subject import Subject
 from pliant.spec.errors import CallError
 
 Colour = tuple[float, float, float]
 Range = tuple[float, float]
-
-TABLES: Final = ("plain", "mottled", "wood")
-ROPE_COLOURINGS: Final = ("solid", "tracer", "two-tone")
 
 
 @dataclass(frozen=True)
@@ -96,102 +94,6 @@ class Look:
     pattern_seed: int
     weave_contrast: float
     specular: float
-
-
-def _even_tables() -> dict[str, float]:
-    return {"plain": 0.25, "mottled": 0.45, "wood": 0.30}
-
-
-def _even_ropes() -> dict[str, float]:
-    return {"solid": 0.25, "tracer": 0.50, "two-tone": 0.25}
-
-
-@dataclass(frozen=True)
-class LookSettings:
-    """Ranges a look is drawn from, uniformly; (low, high) with low <= high.
-
-    Attributes:
-        tables: Table kind -> weight.
-        table_value: Brightness of the table's colour (HSV value, sRGB).
-        table_saturation: Its saturation.
-        table_contrast: Strength of its texture.
-        table_scale_m: Size of the texture's largest features, metres.
-        object_value: Brightness of the object's colours.
-        object_saturation: Their saturation.
-        rope_colourings: `solid`, `tracer` (strand 0 in another colour), `two-tone` -> weight.
-        fibre_contrast: Mottling of a rope's fibres.
-        weave_contrast: Visibility of a cloth's weave.
-        specular: Strength of highlights.
-        sun_elevation_deg: Height of the sun, degrees.
-        sun_azimuth_deg: Its direction, degrees.
-        sun_angle_deg: Diameter of its disc, degrees: small is hard light, large is soft.
-        sun_share: Share of the light on the open table that comes from the sun.
-        sun_warmth: 0 is white, 1 is the orange of a low sun.
-        brightness: What a white table would reflect: the exposure.
-        least_contrast: Smallest distance between object and table, in sRGB units of 0 to 1.
-        materials: How many materials (object, ball and table as they are without light) a tier
-            has in all its splits; 0 gives every sequence its own. The light is always drawn anew.
-        first_material: Number of the first of them: a set that starts beyond another's shows
-            the same configurations in materials that the other has never shown.
-    """
-
-    tables: dict[str, float] = field(default_factory=_even_tables)
-    table_value: Range = (0.25, 0.85)
-    table_saturation: Range = (0.0, 0.40)
-    table_contrast: Range = (0.15, 0.6)
-    table_scale_m: Range = (0.04, 0.25)
-    object_value: Range = (0.45, 0.95)
-    object_saturation: Range = (0.10, 0.85)
-    rope_colourings: dict[str, float] = field(default_factory=_even_ropes)
-    fibre_contrast: Range = (0.10, 0.35)
-    weave_contrast: Range = (0.02, 0.10)
-    specular: Range = (0.0, 0.35)
-    sun_elevation_deg: Range = (35.0, 75.0)
-    sun_azimuth_deg: Range = (-180.0, 180.0)
-    sun_angle_deg: Range = (1.0, 7.0)
-    sun_share: Range = (0.50, 0.80)
-    sun_warmth: Range = (0.0, 0.6)
-    brightness: Range = (0.70, 1.0)
-    least_contrast: float = 0.30
-    materials: int = 0
-    first_material: int = 0
-
-    def __post_init__(self) -> None:
-        _check_weights("tables", self.tables, TABLES)
-        _check_weights("rope_colourings", self.rope_colourings, ROPE_COLOURINGS)
-        for name, low, high in (
-            ("table_value", 0.0, 1.0),
-            ("table_saturation", 0.0, 1.0),
-            ("table_contrast", 0.0, 1.0),
-            ("table_scale_m", 0.005, 5.0),
-            ("object_value", 0.0, 1.0),
-            ("object_saturation", 0.0, 1.0),
-            ("fibre_contrast", 0.0, 1.0),
-            ("weave_contrast", 0.0, 1.0),
-            ("specular", 0.0, 1.0),
-            ("sun_elevation_deg", 10.0, 90.0),
-            ("sun_azimuth_deg", -360.0, 360.0),
-            ("sun_angle_deg", 0.1, 20.0),
-            ("sun_share", 0.0, 1.0),
-            ("sun_warmth", 0.0, 1.0),
-            ("brightness", 0.05, 4.0),
-        ):
-            check_range(f"look.{name}", getattr(self, name), low, high)
-        for name in ("materials", "first_material"):
-            if getattr(self, name) < 0:
-                raise CallError(
-                    "the number must not be negative",
-                    where=f"look.{name}",
-                    found=getattr(self, name),
-                    required=">= 0",
-                )
-        if not 0.0 <= self.least_contrast <= 0.5:
-            raise CallError(
-                "the contrast cannot be kept",
-                where="look.least_contrast",
-                found=self.least_contrast,
-                required="0 to 0.5",
-            )
 
 
 def sample_look(
@@ -305,20 +207,7 @@ def _colour(values: Any) -> Colour:
     return r, g, b
 
 
-def _choice(rng: np.random.Generator, weights: dict[str, float]) -> str:
+def _choice(rng: np.random.Generator, weights: Mapping[str, float]) -> str:
     names = sorted(weights)
     shares = np.array([weights[name] for name in names])
     return names[int(rng.choice(len(names), p=shares / shares.sum()))]
-
-
-def _check_weights(name: str, weights: dict[str, float], allowed: tuple[str, ...]) -> None:
-    for key, weight in weights.items():
-        if key not in allowed or not weight >= 0:
-            raise CallError(
-                "unknown name or negative weight",
-                where=f"look.{name}.{key}",
-                found=weight,
-                required="a weight >= 0 of one of " + ", ".join(allowed),
-            )
-    if sum(weights.values()) <= 0:
-        raise CallError("the weights must not all be 0", where=f"look.{name}", found=dict(weights))

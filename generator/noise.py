@@ -8,53 +8,14 @@ object's outline take the colour of the background beyond it, in patches chosen 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from pliant.spec.errors import CallError
+from pliant.generator.settings.faults import NoiseSettings
 from pliant.spec.images import Surface
 
 Rgb = npt.NDArray[np.uint8]
-Range = tuple[float, float]
-
-
-@dataclass(frozen=True)
-class NoiseSettings:
-    """Strengths, drawn uniformly for each frame; (low, high) with low <= high; 0 is none.
-
-    Attributes:
-        gaussian: Standard deviation, in 8-bit steps.
-        photons: Photons that make a pixel white; fewer is noisier; 0 is no Poisson noise.
-        salt_pepper: Share of the pixels that turn white or black.
-        dropout: Share of the outline that is lost.
-        dropout_px: How far from the outline pixels may be lost.
-        dropout_scale_px: Size of the patches.
-    """
-
-    gaussian: Range = (0.5, 3.0)
-    photons: Range = (800.0, 4000.0)
-    salt_pepper: Range = (0.0, 0.0005)
-    dropout: Range = (0.0, 0.25)
-    dropout_px: int = 2
-    dropout_scale_px: float = 12.0
-
-    def __post_init__(self) -> None:
-        for name, high in (
-            ("gaussian", 128.0),
-            ("photons", 1e9),
-            ("salt_pepper", 1.0),
-            ("dropout", 1.0),
-        ):
-            values = getattr(self, name)
-            if len(values) != 2 or not 0.0 <= values[0] <= values[1] <= high:
-                _refuse(name, tuple(values), f"[low, high] with 0 <= low <= high <= {high:g}")
-        if not 0 <= self.dropout_px <= 16:
-            _refuse("dropout_px", self.dropout_px, "0 to 16")
-        if not 1.0 <= self.dropout_scale_px <= 1000.0:
-            _refuse("dropout_scale_px", self.dropout_scale_px, "1 to 1000")
 
 
 def apply_noise(
@@ -170,7 +131,3 @@ def _drop_edges(
         out[at] = np.rint(total[found] / count[found]).astype(np.uint8)
         known[at] = True
     return out
-
-
-def _refuse(name: str, found: Any, required: str) -> None:
-    raise CallError("impossible noise", where=f"noise.{name}", found=found, required=required)

@@ -21,10 +21,10 @@ from pliant.generator.plan import SequenceTask
 from pliant.generator.render import open_renderer
 from pliant.generator.seeding import random_generator
 from pliant.generator.sequence_writer import SequenceWriter
-from pliant.generator.settings import settings_to_dict
 from pliant.generator.subject import Pose, Subject
 from pliant.generator.tiers import describe_tier, sample_subject
 from pliant.generator.truth import FrameTruth, frame_truth
+from pliant.spec.configuration import settings_to_dict
 
 T = TypeVar("T")
 
@@ -56,13 +56,13 @@ class SequenceMaker:
         self.root = root
         self.scratch = scratch
         self.overlap = overlap
-        self._depth_camera = config.section("depth_camera")
+        self._depth_camera = config.depth_faults
         self.renderer = open_renderer(
             config.style, config.size, threads=threads, depth_camera=self._depth_camera
         )
-        self._camera_settings = config.section("camera")
-        self._look_settings = config.section("look")
-        self._noise_settings = config.section("noise")
+        self._camera_settings = config.camera
+        self._look_settings = config.look
+        self._noise_settings = config.noise
         self._tools = tool_versions(config.style)
 
     def make(self, task: SequenceTask, on_frame: Callable[[], None]) -> SequenceResult:

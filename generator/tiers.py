@@ -19,10 +19,10 @@ def describe_tier(config: GenerateConfig, tier: str) -> dict[str, Any]:
     if TIER_KINDS[tier] == "rope":
         from pliant.generator.rope import rope_tier
 
-        return rope_tier(config.section("rope"), tier)
+        return rope_tier(config.rope, tier)
     from pliant.generator.cloth import cloth_tier
 
-    return cloth_tier(config.section("cloth"), tier)
+    return cloth_tier(config.cloth, tier)
 
 
 def sample_subject(config: GenerateConfig, task: SequenceTask) -> Subject:
@@ -46,7 +46,7 @@ def sample_subject(config: GenerateConfig, task: SequenceTask) -> Subject:
     if TIER_KINDS[task.tier] == "rope":
         from pliant.generator.rope import sample_rope
 
-        return sample_rope(config.section("rope"), **which)
+        return sample_rope(config.rope, **which)
     from pliant.generator.cloth import sample_cloth
 
-    return sample_cloth(config.section("cloth"), **which)
+    return sample_cloth(config.cloth, **which)

@@ -7,17 +7,18 @@ and to the points exactly.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
 from pliant.loaders.views import FrameView
+from pliant.spec.configuration import configuration
+from pliant.spec.constraints import Bounds, Refused, Share
 
 
-@dataclass(frozen=True)
+@configuration(frozen=True)
 class AugmentSettings:
     """What may happen to a training frame. Zero switches each off.
 
@@ -32,22 +33,16 @@ class AugmentSettings:
         background: Probability that everything but the object is replaced.
     """
 
-    rotate_deg: float = 180.0
-    scale: float = 0.0
-    margin: float = 0.06
-    colour: float = 0.2
-    noise: float = 4.0
-    background: float = 0.0
+    rotate_deg: Annotated[float, Bounds(0, 180)] = 180.0
+    scale: Share = 0.0
+    margin: Share = 0.06
+    colour: Share = 0.2
+    noise: Annotated[float, Bounds(0, 128, "of 255")] = 4.0
+    background: Share = 0.0
 
     def __post_init__(self) -> None:
-        if not 0 <= self.rotate_deg <= 180:
-            raise ValueError("rotate_deg must be 0 to 180")
-        if not 0 <= self.scale <= 1 or not 0 <= self.colour <= 1:
-            raise ValueError("scale and colour must be 0 to 1")
-        if not (0 <= self.margin < 0.5 or self.margin == 1):
-            raise ValueError("margin must be 0 to below 0.5, or 1 for none")
-        if not 0 <= self.noise <= 128 or not 0 <= self.background <= 1:
-            raise ValueError("noise must be 0 to 128, background 0 to 1")
+        if 0.5 <= self.margin < 1:
+            raise Refused("0 to below 0.5, or 1 for none", "margin")
 
 
 def rotation_about_centre(

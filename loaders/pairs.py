@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +18,8 @@ from pliant.loaders.order import sample_generator
 from pliant.loaders.orientation import Orientation
 from pliant.loaders.surface_matches import draw_surface_pixels, find_on_surface
 from pliant.loaders.views import FrameView, InputKind, input_channels
+from pliant.spec.configuration import configuration
+from pliant.spec.constraints import Bounds, Count
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
 
@@ -25,7 +27,7 @@ Pairing = Literal["any", "sequence", "next"]
 MatchSource = Literal["points", "surface"]
 
 
-@dataclass(frozen=True)
+@configuration(frozen=True)
 class PairSettings:
     """What one sample holds.
 
@@ -37,15 +39,11 @@ class PairSettings:
         input: `rgb`, `depth` or `rgbd`.
     """
 
-    views: int = 2
-    queries: int = 48
+    views: Annotated[int, Bounds(2)] = 2
+    queries: Count = 48
     pairing: Pairing = "any"
     matches: MatchSource = "points"
     input: InputKind = "rgb"
-
-    def __post_init__(self) -> None:
-        if self.views < 2 or self.queries < 1:
-            raise ValueError("views must be >= 2 and queries >= 1")
 
 
 class PairDataset(TorchDataset[dict[str, torch.Tensor]]):

@@ -27,7 +27,8 @@ from pliant.models.checkpoint import load_best
 from pliant.models.decoding import Widths, decode_position, mixture_of_modes, spread_about
 from pliant.models.losses.distributional import log_probabilities
 from pliant.models.networks import DescriptorNetwork, build_network, sample_descriptors
-from pliant.models.settings import AnswerSettings, DonSettings, read_settings
+from pliant.models.settings import AnswerSettings, DonSettings
+from pliant.spec.configuration import read_settings
 from pliant.spec.errors import CallError, TrainingError
 
 CONFIG = "config.yaml"

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Final
+from typing import Annotated, Final, Literal
 
 import torch
 from torch import nn
@@ -12,13 +11,15 @@ from torch.nn import functional
 
 from pliant.models.resnet import DEPTHS, ResNetFCN
 from pliant.models.unet import UNet
+from pliant.spec.configuration import configuration
+from pliant.spec.constraints import Bounds, Count, Natural, OneOf, Refused
 from pliant.spec.errors import CallError
 
 ORIENTATION_CHANNELS: Final = 3
 """Direction (u, v) and sine, as `pliant.loaders.orientation` has them."""
 
 
-@dataclass(frozen=True)
+@configuration(frozen=True)
 class NetworkSettings:
     """Which network, and what it puts out.
 
@@ -33,21 +34,17 @@ class NetworkSettings:
             dictionary), `hub:REPO:NAME` for torch.hub, `timm:NAME` for timm; empty for none.
     """
 
-    name: str = "unet"
-    descriptor_dim: int = 16
+    name: Annotated[str, OneOf(("unet", *DEPTHS))] = "unet"
+    descriptor_dim: Count = 16
     normalise: bool = False
-    widths: tuple[int, ...] = (24, 48, 96, 160)
-    global_blocks: int = 2
-    patch: int = 1
+    widths: Annotated[tuple[int, ...], Bounds(8, multiple_of=8)] = (24, 48, 96, 160)
+    global_blocks: Natural = 2
+    patch: Literal[1, 2, 4] = 1
     pretrained: str = ""
 
     def __post_init__(self) -> None:
-        if self.name not in NETWORKS:
-            raise ValueError(f"network.name must be one of {', '.join(NETWORKS)}")
-        if self.descriptor_dim < 1 or self.patch not in (1, 2, 4):
-            raise ValueError("descriptor_dim must be >= 1 and patch 1, 2 or 4")
-        if len(self.widths) < 2 or any(w % 8 for w in self.widths) or self.widths[-1] % 32:
-            raise ValueError("widths must be at least two multiples of 8, the last one of 32")
+        if len(self.widths) < 2 or self.widths[-1] % 32:
+            raise Refused("at least two multiples of 8, the last one of 32", "widths")
 
 
 def _unet(settings: NetworkSettings, channels_in: int, channels_out: int) -> nn.Module:

@@ -10,7 +10,8 @@ from typing import Any
 
 from pliant.models.checkpoint import latest_checkpoint
 from pliant.models.matching import CONFIG
-from pliant.models.settings import RunSettings, read_settings, settings_to_dict
+from pliant.models.settings import RunSettings
+from pliant.spec.configuration import read_settings, settings_to_dict
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, TrainingError
 from pliant.spec.yamlfiles import yaml_text

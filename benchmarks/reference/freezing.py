@@ -20,6 +20,7 @@ from pliant.generator.config import GenerateConfig
 from pliant.generator.plan import plan_tasks
 from pliant.generator.queries import build_queries
 from pliant.generator.runner import generate
+from pliant.generator.settings import LookSettings
 from pliant.generator.tiers import describe_tier
 from pliant.spec.checksums import sha256_file
 from pliant.spec.errors import GenerationError
@@ -77,7 +78,7 @@ def _test_split(config: GenerateConfig) -> GenerateConfig:
 
 def _geometry(config: GenerateConfig) -> GenerateConfig:
     """Return what decides a set's tables: the config without labels and the picture's looks."""
-    return replace(config, id="any", title="", description="", look={}, noise=None)
+    return replace(config, id="any", title="", description="", look=LookSettings(), noise=None)
 
 
 def _drawn_from(config: GenerateConfig, made: Path, folder: Path) -> dict[str, str]:

@@ -98,7 +98,7 @@ def _trained(job: TrainingJob, tell: Tell) -> dict[str, Any]:
     def telling(steps: int) -> Callable[[int, Mapping[str, float]], None]:
         return lambda step, figures: tell(step, steps)
 
-    from pliant.models.settings import settings_from
+    from pliant.spec.configuration import settings_from
 
     if job.trainer == "timecycle":
         from pliant.models.timecycle.settings import TimeCycleSettings

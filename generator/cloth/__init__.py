@@ -11,6 +11,6 @@ except ImportError as error:  # pragma: no cover - the extra is installed where 
     raise MissingExtraError("simulating cloth", "generate") from error
 
 from pliant.generator.cloth.sampling import cloth_tier, sample_cloth
-from pliant.generator.cloth.settings import ClothSettings
+from pliant.generator.settings.cloth import ClothSettings
 
 __all__ = ["ClothSettings", "cloth_tier", "sample_cloth"]

@@ -12,7 +12,6 @@ import numpy.typing as npt
 
 from pliant.generator.cloth.handling import CALM_SPEED_M_S, Handling
 from pliant.generator.cloth.levels import shape_cloth
-from pliant.generator.cloth.settings import ClothSettings
 from pliant.generator.cloth.surface import (
     PART,
     Placement,
@@ -20,6 +19,7 @@ from pliant.generator.cloth.surface import (
     render_vertices,
 )
 from pliant.generator.seeding import random_generator
+from pliant.generator.settings.cloth import ClothSettings
 from pliant.generator.subject import Pose
 from pliant.spec.errors import GenerationError
 

@@ -20,7 +20,6 @@ from pliant.generator.cloth.configuration import make_configuration
 from pliant.generator.cloth.grid import corner_vertices
 from pliant.generator.cloth.hand import Action, perform
 from pliant.generator.cloth.handling import Handling
-from pliant.generator.cloth.settings import ClothSettings
 from pliant.generator.cloth.surface import (
     PART,
     Placement,
@@ -28,6 +27,7 @@ from pliant.generator.cloth.surface import (
     render_vertices,
 )
 from pliant.generator.seeding import random_generator
+from pliant.generator.settings.cloth import ClothSettings
 from pliant.generator.subject import Pose
 from pliant.spec.errors import GenerationError
 

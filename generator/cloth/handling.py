@@ -12,8 +12,8 @@ from pliant.generator.cloth.grid import corner_vertices, flat_positions, grid_fa
 from pliant.generator.cloth.hand import Action, perform
 from pliant.generator.cloth.measure import silhouette_m2
 from pliant.generator.cloth.obstacles import Table
-from pliant.generator.cloth.settings import ClothSettings
 from pliant.generator.cloth.simulator import Simulator
+from pliant.generator.settings.cloth import ClothSettings
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -11,9 +11,9 @@ import numpy.typing as npt
 from pliant.generator.cloth.configuration import Configurations
 from pliant.generator.cloth.episode import Episode
 from pliant.generator.cloth.grid import grid_faces, mapped_vertices
-from pliant.generator.cloth.settings import ClothSettings
 from pliant.generator.cloth.surface import PART
 from pliant.generator.cloth.symmetry import SYMMETRIES
+from pliant.generator.settings.cloth import ClothSettings
 from pliant.generator.subject import Part, Points, Subject
 
 FloatArray = npt.NDArray[np.float64]

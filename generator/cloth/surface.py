@@ -10,8 +10,8 @@ import numpy.typing as npt
 
 from pliant.generator.cloth.grid import corner_vertices, grid_mesh
 from pliant.generator.cloth.measure import Cover, measure_cover
-from pliant.generator.cloth.settings import ClothSettings
 from pliant.generator.cloth.subdivision import subdivide
+from pliant.generator.settings.cloth import ClothSettings
 
 FloatArray = npt.NDArray[np.float64]
 

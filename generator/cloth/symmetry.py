@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Final
 
-from pliant.generator.cloth.settings import Variant
+from pliant.generator.settings.cloth import Variant
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from pliant.generator.truth import FrameTruth
 from pliant.spec.errors import CallError, MissingExtraError
 
 if TYPE_CHECKING:
-    from pliant.generator.render.depth_camera import DepthCameraSettings
+    from pliant.generator.settings import DepthCameraSettings
 
 
 class Renderer(Protocol):

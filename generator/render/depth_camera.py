@@ -14,7 +14,6 @@ table is taken away: black. No renderer has a part in it, and the truth stays as
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -23,54 +22,16 @@ import numpy.typing as npt
 from pliant.generator.camera import Camera
 from pliant.generator.look import Look
 from pliant.generator.noise import perlin_noise
-from pliant.generator.settings import check_range
+from pliant.generator.settings.faults import DepthCameraSettings
 from pliant.generator.subject import Pose, Subject
 from pliant.generator.truth import FrameTruth
 
-Range = tuple[float, float]
 FloatImage = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 _LEFT_SHARE: Final = 0.2  # how much the left rim frays, against the right one
 _LEFT_STEEPER: Final = 4.0  # how much steeper ground may fall to the left, towards the projector
 _LARGEST_SPECK_PX: Final = 5
-
-
-@dataclass(frozen=True)
-class DepthCameraSettings:
-    """Strengths, drawn uniformly for each frame; (low, high) with low <= high.
-
-    Attributes:
-        table_grey: Grey of the table where the camera looks, of 255: the scale of depth.
-        noise_grey: Standard deviation of the depth before it is rounded, in grey steps.
-        steepest: Slope (metres of depth a metre across) from which ground falling away to the
-            right is lost.
-        frayed_px: Mean length that a row loses of the right rim, inside the patches.
-        patch_px: Size of the patches.
-        pinholes: Share of the object's pixels that fail.
-        specks: Specks beside the object.
-    """
-
-    table_grey: Range = (142.0, 154.0)
-    noise_grey: Range = (0.05, 0.25)
-    steepest: Range = (1.1, 1.8)
-    frayed_px: Range = (0.3, 1.5)
-    patch_px: Range = (6.0, 16.0)
-    pinholes: Range = (0.0, 0.0008)
-    specks: Range = (0.0, 8.0)
-
-    def __post_init__(self) -> None:
-        for name, low, high in (
-            ("table_grey", 1.0, 200.0),
-            ("noise_grey", 0.0, 64.0),
-            ("steepest", 0.05, 100.0),
-            ("frayed_px", 0.0, 64.0),
-            ("patch_px", 1.0, 1000.0),
-            ("pinholes", 0.0, 1.0),
-            ("specks", 0.0, 10000.0),
-        ):
-            where = f"depth_camera.{name}"
-            check_range(where, getattr(self, name), low, high, "impossible depth camera")
 
 
 class DepthCameraRenderer:

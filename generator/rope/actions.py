@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from pliant.generator.rope.settings import RopeSettings
+from pliant.generator.settings.rope import RopeSettings
 from pliant.generator.subject import FloatArray
 
 _MARGIN_LENGTHS: Final = 0.06

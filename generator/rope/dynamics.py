@@ -20,7 +20,7 @@ from numba import njit
 
 from pliant.generator.rope.ball import BALL_DEPTH
 from pliant.generator.rope.contact import NEIGHBOUR_DIAMETERS, segment_distance
-from pliant.generator.rope.settings import RopeSettings
+from pliant.generator.settings.rope import RopeSettings
 from pliant.generator.subject import FloatArray
 
 _GRAVITY: Final = 9.81

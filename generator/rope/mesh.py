@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from pliant.generator.rope.settings import RopeSettings
+from pliant.generator.settings.rope import RopeSettings
 from pliant.generator.subject import Chart, FloatArray, IntArray
 
 

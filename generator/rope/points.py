@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from pliant.generator.rope.mesh import RopeMesh, rope_chart
-from pliant.generator.rope.settings import RopeSettings
+from pliant.generator.settings.rope import RopeSettings
 from pliant.generator.subject import IntArray, Points
 
 ROPE_ID = 1

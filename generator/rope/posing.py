@@ -13,8 +13,8 @@ from pliant.generator.rope.contact import crossings
 from pliant.generator.rope.curve import resample, twist_free_frames
 from pliant.generator.rope.mesh import bend, rope_chart, rope_mesh
 from pliant.generator.rope.points import rope_points
-from pliant.generator.rope.settings import RopeSettings
 from pliant.generator.rope.tier import BALL_ID, ROPE_ID
+from pliant.generator.settings.rope import RopeSettings
 from pliant.generator.subject import FloatArray, Part, Pose
 
 

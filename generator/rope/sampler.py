@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from pliant.generator.rope.settings import RopeSettings
 from pliant.generator.seeding import random_generator
+from pliant.generator.settings.rope import RopeSettings
 from pliant.generator.subject import Pose, Subject
 from pliant.spec.errors import CallError, MissingExtraError
 

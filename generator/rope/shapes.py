@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pliant.generator.rope.curve import arc_length, automatic_handles, bezier_curve, resample
-from pliant.generator.rope.settings import RopeSettings
+from pliant.generator.settings.rope import RopeSettings
 from pliant.generator.subject import FloatArray
 
 BoolArray = npt.NDArray[np.bool_]

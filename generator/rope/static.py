@@ -22,8 +22,8 @@ from pliant.generator.rope.curve import (
     tightest_bend,
 )
 from pliant.generator.rope.lift import lift
-from pliant.generator.rope.settings import RopeSettings
 from pliant.generator.rope.shapes import Plan, plan_shape, sample_variant
+from pliant.generator.settings.rope import RopeSettings
 from pliant.generator.subject import FloatArray
 from pliant.spec.errors import GenerationError
 

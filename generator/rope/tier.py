@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from pliant.generator.rope.settings import RopeSettings
+from pliant.generator.settings.rope import RopeSettings
 
 ROPE_ID = 1
 BALL_ID = 2

@@ -16,11 +16,11 @@ from pliant.baselines.recent import Recent
 from pliant.loaders.views import input_channels, resize_mask, resize_rgb
 from pliant.models.checkpoint import load_best
 from pliant.models.matching import CONFIG, RUN_FACTS
-from pliant.models.settings import read_settings
 from pliant.models.timecycle.encoder import STRIDE
 from pliant.models.timecycle.network import TimeCycleNetwork
 from pliant.models.timecycle.propagation import Propagator
 from pliant.models.timecycle.settings import TimeCycleSettings
+from pliant.spec.configuration import read_settings
 from pliant.spec.jsonfiles import read_json
 
 Float32 = npt.NDArray[np.float32]

@@ -1,18 +1,30 @@
-"""The config of a TimeCycle run: frozen, self-checking, YAML in and the same out."""
+"""Settings of a TimeCycle run."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Literal
+from dataclasses import field
+from typing import Annotated, Literal
 
 from pliant.loaders.augment import AugmentSettings
 from pliant.models.resnet import DEPTHS
 from pliant.models.settings import OptimiserSettings, RunSettings
+from pliant.spec.configuration import configuration
+from pliant.spec.constraints import (
+    Bounds,
+    Count,
+    Natural,
+    NonNegative,
+    Positive,
+    Refused,
+    Share,
+)
 
 ENCODERS = ("small", *DEPTHS)
 
+Width = Annotated[int, Bounds(8, multiple_of=8)]
 
-@dataclass(frozen=True)
+
+@configuration(frozen=True)
 class EncoderSettings:
     """The network that gives every cell of an image a descriptor.
 
@@ -25,20 +37,18 @@ class EncoderSettings:
     """
 
     name: Literal["small", "resnet18", "resnet34", "resnet50"] = "small"
-    dim: int = 64
-    widths: tuple[int, ...] = (32, 64, 96)
+    dim: Count = 64
+    widths: tuple[Width, Width, Width] = (32, 64, 96)
     pretrained: str = ""
 
     def __post_init__(self) -> None:
-        if self.dim < 1 or len(self.widths) != 3 or min(self.widths) < 8:
-            raise ValueError("encoder: dim >= 1 and three widths of at least 8 are required")
-        if any(width % 8 for width in self.widths):
-            raise ValueError("encoder.widths must be multiples of 8")
         if self.pretrained and self.name == "small":
-            raise ValueError("encoder.pretrained needs a ResNet")
+            raise Refused(
+                "empty for the encoder 'small'; a ResNet has pretrained weights", "pretrained"
+            )
 
 
-@dataclass(frozen=True)
+@configuration(frozen=True)
 class LocaliserSettings:
     """What reads a place off the affinities between a patch and a frame.
 
@@ -50,15 +60,11 @@ class LocaliserSettings:
     """
 
     kind: Literal["moments", "conv"] = "moments"
-    widths: tuple[int, int] = (128, 64)
-    kernel: int = 3
-
-    def __post_init__(self) -> None:
-        if min(self.widths) < 1 or self.kernel not in (1, 3):
-            raise ValueError("localiser: widths >= 1 and kernel 1 or 3 are required")
+    widths: Annotated[tuple[int, int], Bounds(1)] = (128, 64)
+    kernel: Literal[1, 3] = 3
 
 
-@dataclass(frozen=True)
+@configuration(frozen=True)
 class ClipSettings:
     """What a training clip is.
 
@@ -74,25 +80,21 @@ class ClipSettings:
         recolour: Gain and offset of each of its channels vary by about this share.
     """
 
-    length: int = 4
-    step: int = 1
+    length: Annotated[int, Bounds(2)] = 4
+    step: Count = 1
     step_max: int = 6
-    patches: int = 2
-    patch: float = 1 / 3
+    patches: Count = 2
+    patch: Annotated[float, Bounds(0, 0.75, above=True)] = 1 / 3
     choose: Literal["mask", "motion", "anywhere"] = "mask"
-    turn_deg: float = 30.0
-    recolour: float = 0.1
+    turn_deg: Annotated[float, Bounds(0, 180)] = 30.0
+    recolour: Share = 0.1
 
     def __post_init__(self) -> None:
-        if not 0 <= self.recolour <= 1:
-            raise ValueError("clips.recolour must be 0 to 1")
-        if self.length < 2 or not 1 <= self.step <= self.step_max or self.patches < 1:
-            raise ValueError("clips: length >= 2, 1 <= step <= step_max, patches >= 1")
-        if not 0 < self.patch <= 0.75 or not 0 <= self.turn_deg <= 180:
-            raise ValueError("clips: patch must be above 0 up to 0.75, turn_deg 0 to 180")
+        if self.step_max < self.step:
+            raise Refused(f">= step, {self.step}", "step_max")
 
 
-@dataclass(frozen=True)
+@configuration(frozen=True)
 class CycleLossSettings:
     """What is minimised. Each part has its own name in the log.
 
@@ -109,27 +111,24 @@ class CycleLossSettings:
         freeze: Share of the steps in which the encoder stays as it is (the localiser warms up).
     """
 
-    temperature: float = 0.0
+    temperature: NonNegative = 0.0
     cycle: Literal["grid", "inlier"] = "grid"
-    grid: int = 20
-    inlier_cells: float = 1.0
-    similarity: float = 1.0
-    skip: float = 0.1
-    long: float = 0.02
-    self_cycle: float = 1.0
-    freeze: float = 0.0
+    grid: Annotated[int, Bounds(2)] = 20
+    inlier_cells: Positive = 1.0
+    similarity: NonNegative = 1.0
+    skip: NonNegative = 0.1
+    long: NonNegative = 0.02
+    self_cycle: NonNegative = 1.0
+    freeze: Annotated[float, Bounds(0, 1, below=True)] = 0.0
 
     def __post_init__(self) -> None:
-        if self.temperature < 0 or self.grid < 2 or not self.inlier_cells > 0:
-            raise ValueError("losses: temperature >= 0, grid >= 2, inlier_cells > 0 are required")
-        weights = (self.similarity, self.skip, self.long, self.self_cycle)
-        if min(weights) < 0 or not any(weights):
-            raise ValueError("losses: weights must be >= 0, and one of them above 0")
-        if not 0 <= self.freeze < 1:
-            raise ValueError("losses.freeze must be 0 to 1")
+        if not any((self.similarity, self.skip, self.long, self.self_cycle)):
+            raise Refused(
+                "one weight above 0 of similarity, skip, long and self_cycle", "similarity"
+            )
 
 
-@dataclass(frozen=True)
+@configuration(frozen=True)
 class PropagationSettings:
     """How points are carried through frames.
 
@@ -146,27 +145,21 @@ class PropagationSettings:
         search: Cells on the object's `mask` where one is given out, or the whole `image`.
     """
 
-    temperature: float = 0.0
-    top_k: int = 10
-    context: int = 7
-    first_weight: float = 0.25
-    radius: float = 0.1
-    prior: float = 2.5
-    refine: int = 2
+    temperature: NonNegative = 0.0
+    top_k: Count = 10
+    context: Natural = 7
+    first_weight: Share = 0.25
+    radius: NonNegative = 0.1
+    prior: NonNegative = 2.5
+    refine: Count = 2
     search: Literal["mask", "image"] = "image"
 
     def __post_init__(self) -> None:
-        if self.temperature < 0 or self.top_k < 1 or self.context < 0 or self.refine < 1:
-            raise ValueError(
-                "propagation: temperature and context >= 0, top_k and refine >= 1 are required"
-            )
-        if not 0 <= self.first_weight <= 1 or min(self.radius, self.prior) < 0:
-            raise ValueError("propagation: first_weight must be 0 to 1, radius and prior >= 0")
         if self.context == 0 and self.first_weight == 0:
-            raise ValueError("propagation: without context the first frame must have a weight")
+            raise Refused("above 0 without context frames", "first_weight")
 
 
-@dataclass(frozen=True)
+@configuration(frozen=True)
 class TrackValidationSettings:
     """How a run is watched.
 
@@ -180,18 +173,14 @@ class TrackValidationSettings:
     """
 
     split: str = "val"
-    every: int = 200
-    clips: int = 8
-    frames: int = 20
-    queries: int = 32
-    patience: int = 0
-
-    def __post_init__(self) -> None:
-        if min(self.every, self.clips, self.frames, self.queries) < 1 or self.patience < 0:
-            raise ValueError("validation: every, clips, frames, queries >= 1, patience >= 0")
+    every: Count = 200
+    clips: Count = 8
+    frames: Count = 20
+    queries: Count = 32
+    patience: Natural = 0
 
 
-@dataclass(frozen=True)
+@configuration(frozen=True)
 class TimeCycleSettings(RunSettings):
     """A whole run of TimeCycle.
 
@@ -208,11 +197,11 @@ class TimeCycleSettings(RunSettings):
     """
 
     kind: Literal["timecycle"] = "timecycle"
-    width: int = 320
-    height: int = 240
-    steps: int = 800
-    batch: int = 4
-    checkpoint_every: int = 100
+    width: Annotated[int, Bounds(32, 4096, "px", multiple_of=8)] = 320
+    height: Annotated[int, Bounds(32, 4096, "px", multiple_of=8)] = 240
+    steps: Count = 800
+    batch: Count = 4
+    checkpoint_every: Count = 100
     clips: ClipSettings = field(default_factory=ClipSettings)
     augment: AugmentSettings = field(default_factory=AugmentSettings)
     encoder: EncoderSettings = field(default_factory=EncoderSettings)
@@ -223,12 +212,8 @@ class TimeCycleSettings(RunSettings):
     propagation: PropagationSettings = field(default_factory=PropagationSettings)
 
     def __post_init__(self) -> None:
-        for name in ("width", "height"):
-            if not 32 <= getattr(self, name) <= 4096 or getattr(self, name) % 8:
-                raise ValueError(f"{name} must be a multiple of 8 from 32 to 4096")
-        super().__post_init__()
         if self.losses.freeze and self.localiser.kind == "moments":
-            raise ValueError("losses.freeze needs localiser.kind conv: moments learn nothing")
+            raise Refused("0 for localiser.kind moments, which has no weights", "losses.freeze")
 
     @property
     def patch_cells(self) -> int:

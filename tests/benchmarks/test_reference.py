@@ -121,8 +121,9 @@ def made(config_file: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[P
 
 @pytest.mark.parametrize("name", ["pliant-v1", "pliant-v1-mini"])
 def test_the_shipped_benchmarks_can_be_read_and_trained(name: str) -> None:
-    from pliant.models.settings import DonSettings, settings_from
+    from pliant.models.settings import DonSettings
     from pliant.models.timecycle.settings import TimeCycleSettings
+    from pliant.spec.configuration import settings_from
 
     config = read_config(FOLDER / f"{name}.yaml")
     assert config.name == name
@@ -182,11 +183,11 @@ def test_noise_and_other_colours_ask_the_same_of_the_same_ropes() -> None:
         ({"unknown": 1}, "unknown setting"),
         ({"runs": {"a": {"label": "A", "set": "none"}}}, "unknown name"),
         ({"runs": {"a": {"label": "A"}}}, "a setting is missing"),
-        ({"runs": {"a": {"label": "A", "set": "rope", "recipe": "x.yaml"}}}, "unknown recipe"),
-        ({"runs": {"a": {"label": "A", "set": "rope", "trainer": "x"}}}, "unknown trainer"),
+        ({"runs": {"a": {"label": "A", "set": "rope", "recipe": "x.yaml"}}}, "unknown name"),
+        ({"runs": {"a": {"label": "A", "set": "rope", "trainer": "x"}}}, "unknown value"),
         ({"runs": {"a": {"label": "A", "set": "rope", "after": "b"}}}, "unknown name"),
         ({"sets": {"rope": {"tiers": ["rope"], "style": "oil"}}}, "style"),
-        ({"sets": []}, "a mapping is required"),
+        ({"sets": []}, "required: a mapping"),
         ({"tests": {"t": {"title": "T", "tier": "rope", "variants": {"a": "b"}}}}, "unknown name"),
     ],
 )

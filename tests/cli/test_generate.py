@@ -6,6 +6,7 @@ import pytest
 
 from pliant.cli.generate import build_config, duration, size
 from pliant.cli.main import run
+from pliant.generator.settings import NoiseSettings, RopeSettings
 from pliant.spec.errors import CallError
 
 SMALL = ["--size", "64x48", "--style", "raster", "--splits", "test=2", "--workers", "2"]
@@ -27,11 +28,11 @@ def test_flags_win_over_the_file_and_settings_over_flags(tmp_path):
         ("rope.ball=false", "rope.turns=10", "queries.queries_per_pair=7"),
         flags(splits="train=2,test=1", seed=0, size="320x240", noise=True),
     )
-    assert config.noise == {}
+    assert config.noise == NoiseSettings()
     assert config.tiers == ("rope",)
     assert config.counts == {"train": 2, "test": 1}
     assert (config.size, config.seed) == ((320, 240), 0)
-    assert config.rope == {"length_m": 2.0, "ball": False, "turns": 10}
+    assert config.rope == RopeSettings(length_m=2.0, ball=False, turns=10)
     assert config.queries.queries_per_pair == 7
 
 

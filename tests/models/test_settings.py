@@ -6,7 +6,8 @@ import pytest
 import yaml
 
 from pliant.models.don import shipped_recipe
-from pliant.models.settings import DonSettings, LossSettings, read_settings, settings_to_dict
+from pliant.models.settings import DonSettings, LossSettings
+from pliant.spec.configuration import read_settings, settings_to_dict
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
 
@@ -33,16 +34,37 @@ def test_set_wins_over_the_file(tmp_path: Path) -> None:
     ("override", "message"),
     [
         ("loss.sigma=1", "loss.sigma: unknown setting"),
-        ("loss.sigma_px=-1", "loss: loss.sigma_px must be > 0"),
-        ("loss.kind=triplet", "loss.kind: unknown value; found 'triplet'"),
-        ("steps=many", "steps: wrong type; found 'many'; required: int"),
-        ("steps=true", "steps: wrong type"),
-        ("loss.space_mu=[1]", "loss.space_mu: wrong length"),
-        ("network.widths=8", "network.widths: a list is required"),
-        ("network=small", "network: settings must be a mapping"),
-        ("steps", "--set wants key=value"),
-        ("loss.time_weight=1", "needs pairs.pairing"),
-        ("answer.rotations=3", "answer.rotations must be 1, 2 or 4"),
+        (
+            "loss.sigma_px=-1",
+            "not possible; found -1; required: > 0 px",
+        ),
+        (
+            "loss.kind=triplet",
+            'loss.kind: unknown value; found "triplet"; required: one of',
+        ),
+        (
+            "steps=many",
+            'wrong type; found "many"; required: a whole number',
+        ),
+        ("steps=true", "steps: the value has the wrong type"),
+        (
+            "loss.space_mu=[1]",
+            "wrong length; found [1]; required: 2 values",
+        ),
+        (
+            "network.widths=8",
+            "network.widths: the value has the wrong type; found 8",
+        ),
+        (
+            "network=small",
+            'wrong type; found "small"; required: a mapping',
+        ),
+        ("steps", "--set needs KEY=VALUE"),
+        ("loss.time_weight=1", "required: 'sequence' or 'next' for loss.time_weight above 0"),
+        (
+            "answer.rotations=3",
+            "unknown value; found 3; required: one of 1, 2 or 4",
+        ),
     ],
 )
 def test_wrong_settings_are_one_sentence(override: str, message: str) -> None:
@@ -52,7 +74,7 @@ def test_wrong_settings_are_one_sentence(override: str, message: str) -> None:
 
 
 def test_orientation_is_known_at_tabulated_points_alone() -> None:
-    with pytest.raises(CallError, match=r"needs pairs\.matches 'points'"):
+    with pytest.raises(CallError, match=r"pairs\.matches: .*required: 'points'"):
         read_settings(DonSettings, None, ["loss.orientation_weight=0.2", "pairs.matches=surface"])
 
 

@@ -15,9 +15,10 @@ from pliant.loaders.frame_store import FrameStore
 from pliant.models import load_matcher
 from pliant.models.checkpoint import latest_checkpoint, read_checkpoint, read_weights_file
 from pliant.models.don import train_don
-from pliant.models.settings import DonSettings, OptimiserSettings, read_settings, settings_to_dict
+from pliant.models.settings import DonSettings, OptimiserSettings
 from pliant.models.training import learning_rate
 from pliant.models.validation import draw_validation_pairs
+from pliant.spec.configuration import read_settings, settings_to_dict
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, TrainingError
 

@@ -48,7 +48,7 @@ from pliant.spec.errors import CallError
 def test_impossible_settings_are_refused_by_name(field: str, value: Any) -> None:
     with pytest.raises(CallError) as caught:
         ClothSettings(**{field: value})
-    assert caught.value.where == field
+    assert caught.value.where == f"cloth.{field}"
     assert field in str(caught.value)
     assert caught.value.exit_code == 2
 

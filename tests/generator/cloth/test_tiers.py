@@ -16,8 +16,8 @@ from pliant.generator.cloth.grid import flat_positions, grid_mesh
 from pliant.generator.cloth.hand import Action, perform
 from pliant.generator.cloth.intersections import find_intersections
 from pliant.generator.cloth.obstacles import Table
-from pliant.generator.cloth.settings import COVERAGE_BANDS, Variant
 from pliant.generator.cloth.simulator import Simulator
+from pliant.generator.settings.cloth import COVERAGE_BANDS, Variant
 from pliant.generator.subject import Pose, Subject
 from pliant.spec.errors import GenerationError
 

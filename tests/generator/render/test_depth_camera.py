@@ -174,5 +174,5 @@ def test_faults_follow_the_seed() -> None:
 )
 def test_impossible_settings_are_refused(values: dict[str, tuple[float, float]]) -> None:
     (name,) = values
-    with pytest.raises(CallError, match=rf"depth_camera\.{name}: impossible depth camera"):
+    with pytest.raises(CallError, match=rf"depth_camera\.{name}"):
         DepthCameraSettings(**values)

@@ -10,8 +10,8 @@ import pytest
 from pliant.generator.look import Look, LookSettings, sample_look
 from pliant.generator.render.deferred import fibre_places
 from pliant.generator.render.patterns import cloth_images, table_reflectance, value_noise
-from pliant.generator.settings import settings_to_dict
 from pliant.generator.subject import Subject
+from pliant.spec.configuration import settings_to_dict
 from pliant.spec.errors import CallError
 
 from .conftest import sheet_subject

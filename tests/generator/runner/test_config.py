@@ -67,7 +67,7 @@ def test_the_depth_camera_belongs_to_its_style():
     assert GenerateConfig.from_dict(filled).resolved() == filled
     with pytest.raises(CallError, match=r"depth_camera\.holes: unknown setting"):
         GenerateConfig.from_dict({**values, "depth_camera": {"holes": 3}})
-    with pytest.raises(CallError, match=r"style.*found raster; required: real-depth"):
+    with pytest.raises(CallError, match=r"style.*found \"raster\"; required: real-depth"):
         GenerateConfig.from_dict({**values, "style": "raster", "depth_camera": {}})
 
 

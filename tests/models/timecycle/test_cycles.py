@@ -7,11 +7,11 @@ from dataclasses import replace
 import pytest
 import torch
 
-from pliant.models.settings import read_settings
 from pliant.models.timecycle.cycles import cycle_losses, weighted_sum
 from pliant.models.timecycle.network import TimeCycleNetwork
 from pliant.models.timecycle.patches import draw_patches, interest
 from pliant.models.timecycle.settings import CycleLossSettings, TimeCycleSettings
+from pliant.spec.configuration import read_settings
 from pliant.spec.errors import CallError
 
 SETTINGS = read_settings(

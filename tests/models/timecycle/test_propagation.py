@@ -10,11 +10,11 @@ import pytest
 import torch
 
 from pliant.baselines.matcher import TrackMatcher, View
-from pliant.models.settings import read_settings
 from pliant.models.timecycle.matcher import TimeCycleMatcher
 from pliant.models.timecycle.network import TimeCycleNetwork
 from pliant.models.timecycle.propagation import Propagator
 from pliant.models.timecycle.settings import PropagationSettings, TimeCycleSettings
+from pliant.spec.configuration import read_settings
 
 H, W = 20, 28
 

@@ -1,13 +1,16 @@
-"""The settings of a cloth tier: a frozen dataclass that refuses what cannot be."""
+"""Settings of the cloth tiers."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Any, Final, Literal, get_args
+from typing import TYPE_CHECKING, Annotated, Final, Literal
 
-from pliant.generator.cloth.simulator import Sheet
+from pliant.spec.configuration import configuration
+from pliant.spec.constraints import Bounds, Range, Refused, Share
 from pliant.spec.errors import CallError
+
+if TYPE_CHECKING:
+    from pliant.generator.cloth.simulator import Sheet
 
 Variant = Literal["plain", "two-sided", "striped", "printed"]
 
@@ -28,7 +31,7 @@ structural and shear springs adding up to 8 ks / m, is stable below 0.5."""
 _FRAMES_PER_SECOND: Final = 30
 
 
-@dataclass(frozen=True)
+@configuration(frozen=True)
 class ClothSettings:
     """How a cloth is made, shaped and handed on.
 
@@ -58,59 +61,39 @@ class ClothSettings:
         max_tries: Configurations tried for one frame before giving up.
     """
 
-    level: int | None = None
+    level: Annotated[int, Bounds(1, 3)] | None = None
     variant: Variant = "plain"
-    side_m: float = 0.6
-    points_a_side: int = 81
-    doublings: int = 1
-    smoothing: float = 1.0
-    tracked_a_side: int = 33
-    thickness_m: float = 0.002
-    contact_spacings: float = 1.0
-    density: float = 150.0
-    ks: float = 3000.0
-    bending_ratio: float = 0.08
-    damping_percent: float = 0.2
-    cloth_friction: float = 0.3
-    table_friction: float = 0.6
-    hand_speed_m_s: float = 0.6
-    coverage_band: tuple[float, float] | None = None
-    yaw_max_rad: float = 0.35
-    max_tries: int = 25
+    side_m: Annotated[float, Bounds(0.05, 5)] = 0.6
+    points_a_side: Annotated[int, Bounds(9, 257)] = 81
+    doublings: Annotated[int, Bounds(0, 3)] = 1
+    smoothing: Share = 1.0
+    tracked_a_side: Annotated[int, Bounds(2)] = 33
+    thickness_m: Annotated[float, Bounds(1e-5)] = 0.002
+    # Below 0.8 spacings a mass fits through a stretched cell; above 1.5 layers fight their own
+    # springs.
+    contact_spacings: Annotated[float, Bounds(0.8, 1.5)] = 1.0
+    density: Annotated[float, Bounds(1, 10_000, "kg/m²")] = 150.0
+    ks: Annotated[float, Bounds(10, 100_000, "N/m")] = 3000.0
+    bending_ratio: Share = 0.08
+    damping_percent: Annotated[float, Bounds(0, 5)] = 0.2
+    cloth_friction: Annotated[float, Bounds(0, 2)] = 0.3
+    table_friction: Annotated[float, Bounds(0, 2)] = 0.6
+    hand_speed_m_s: Annotated[float, Bounds(0.05, LARGEST_HAND_SPEED_M_S)] = 0.6
+    coverage_band: Annotated[Range, Bounds(0, 1.2)] | None = None
+    yaw_max_rad: Annotated[float, Bounds(0, math.pi)] = 0.35
+    max_tries: Annotated[int, Bounds(1, 1000)] = 25
 
     def __post_init__(self) -> None:
-        if self.coverage_band is not None:  # JSON and YAML give lists
-            object.__setattr__(self, "coverage_band", tuple(self.coverage_band))
-        _one_of("level", self.level, (None, *COVERAGE_BANDS))
-        _one_of("variant", self.variant, get_args(Variant))
-        _within("side_m", self.side_m, 0.05, 5.0)
-        _whole("points_a_side", self.points_a_side, 9, 257)
-        _whole("doublings", self.doublings, 0, 3)
-        _within("smoothing", self.smoothing, 0.0, 1.0)
-        _whole("tracked_a_side", self.tracked_a_side, 2, self.render_a_side)
-        if self.render_cells % (self.tracked_a_side - 1):
-            raise _refusal(
-                "tracked_a_side",
-                self.tracked_a_side,
-                f"{self.render_cells} rendered cells divisible by tracked_a_side - 1",
+        if self.tracked_a_side > self.render_a_side or self.render_cells % (
+            self.tracked_a_side - 1
+        ):
+            raise Refused(
+                f"a divisor of the {self.render_cells} rendered cells, plus 1", "tracked_a_side"
             )
-        _within("thickness_m", self.thickness_m, 1e-5, 0.05 * self.side_m)
-        # Below 0.8 spacings a mass fits through a stretched cell; above 1.5 layers fight
-        # their own springs.
-        _within("contact_spacings", self.contact_spacings, 0.8, 1.5)
-        _within("density", self.density, 1.0, 10_000.0)
-        _within("ks", self.ks, 10.0, 100_000.0)
-        _within("bending_ratio", self.bending_ratio, 0.0, 1.0)
-        _within("damping_percent", self.damping_percent, 0.0, 5.0)
-        _within("cloth_friction", self.cloth_friction, 0.0, 2.0)
-        _within("table_friction", self.table_friction, 0.0, 2.0)
-        _within("hand_speed_m_s", self.hand_speed_m_s, 0.05, LARGEST_HAND_SPEED_M_S)
-        _within("yaw_max_rad", self.yaw_max_rad, 0.0, math.pi)
-        _whole("max_tries", self.max_tries, 1, 1000)
-        if self.coverage_band is not None:
-            band = self.coverage_band
-            if len(band) != 2 or not 0.0 <= band[0] < band[1] <= 1.2:
-                raise _refusal("coverage_band", band, "two numbers, 0 <= lowest < highest <= 1.2")
+        if self.thickness_m > 0.05 * self.side_m:
+            raise Refused(f"at most side_m / 20 = {0.05 * self.side_m:g}", "thickness_m")
+        if self.coverage_band is not None and self.coverage_band[0] == self.coverage_band[1]:
+            raise Refused("[low, high] with low < high", "coverage_band")
 
     @property
     def render_cells(self) -> int:
@@ -146,6 +129,8 @@ class ClothSettings:
 
     def sheet(self) -> Sheet:
         """Return the simulator's settings: the step follows from stiffness and mass."""
+        from pliant.generator.cloth.simulator import Sheet  # brings numba
+
         mass_kg = self.density * self.side_m**2 / self.points_a_side**2
         steps_per_frame = math.ceil(
             math.sqrt(self.ks / (_STABILITY * mass_kg)) / _FRAMES_PER_SECOND
@@ -170,25 +155,3 @@ class ClothSettings:
             contact_friction=self.cloth_friction,
             longest_step_m=0.25 * spacing_m,
         )
-
-
-def _refusal(field: str, found: Any, required: str) -> CallError:
-    return CallError(
-        f"the cloth setting {field} cannot be", where=field, found=found, required=required
-    )
-
-
-def _one_of(field: str, found: Any, allowed: tuple[Any, ...]) -> None:
-    if isinstance(found, bool) or found not in allowed:
-        raise _refusal(field, found, "one of " + ", ".join(str(value) for value in allowed))
-
-
-def _within(field: str, found: Any, low: float, high: float) -> None:
-    number = isinstance(found, int | float) and not isinstance(found, bool)
-    if not number or not low <= found <= high:
-        raise _refusal(field, found, f"a number from {low:g} to {high:g}")
-
-
-def _whole(field: str, found: Any, low: int, high: int) -> None:
-    if not isinstance(found, int) or isinstance(found, bool) or not low <= found <= high:
-        raise _refusal(field, found, f"a whole number from {low} to {high}")

@@ -1,0 +1,226 @@
+"""Settings refuse what is wrong in one sentence per problem, and read back what they write."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import pickle
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+import jsonschema
+import pytest
+
+from pliant.spec.configuration import (
+    SettingsError,
+    configuration,
+    json_schema,
+    read_settings,
+    settings_from,
+    settings_to_dict,
+    with_overrides,
+)
+from pliant.spec.constraints import Bounds, Count, OneOf, Range, Refused, Weights
+from pliant.spec.errors import CallError
+from pliant.spec.yamlfiles import read_yaml, yaml_text
+
+
+@configuration(frozen=True)
+class LensSettings:
+    """A lens.
+
+    Attributes:
+        focal_m: Distance of the sharp image
+            behind the lens.
+        turns_deg: Angles it turns by.
+    """
+
+    focal_m: Annotated[float, Bounds(0, 2, above=True)] = 0.05
+    turns_deg: Annotated[Range, Bounds(-90, 90)] = (-10.0, 10.0)
+
+
+@configuration(frozen=True)
+class RigSettings:
+    """A rig of cameras."""
+
+    kind: Annotated[str, OneOf(("stereo", "single"))] = "single"
+    cameras: Count = 1
+    lens: LensSettings = dataclasses.field(default_factory=LensSettings)
+    spare: LensSettings | None = None
+    colours: Annotated[Mapping[str, float], Weights(("red", "blue"))] = dataclasses.field(
+        default_factory=lambda: {"red": 1.0}
+    )
+
+    def __post_init__(self) -> None:
+        if self.kind == "stereo" and self.cameras < 2:
+            raise Refused(">= 2 for a stereo rig", "cameras", "Add --set cameras=2")
+
+
+@pytest.mark.parametrize(
+    ("values", "sentence"),
+    [
+        ({"knd": "single"}, "knd: unknown setting. Did you mean 'kind'?"),
+        ({"lens": {"focal": 1.0}}, "lens.focal: unknown setting. Did you mean 'focal_m'?"),
+        ({"spare": {"focl_m": 1}}, "spare.focl_m: unknown setting. Did you mean 'focal_m'?"),
+        ({"lens": {"xyz": 1}}, "lens.xyz: unknown setting; required: one of focal_m, turns_deg"),
+        (
+            {"kind": "sterео"},
+            'kind: the setting is not possible; found "ster\\u0435\\u043e"; '
+            "required: one of stereo, single. Did you mean 'stereo'?",
+        ),
+        (
+            {"lens": {"focal_m": 3}},
+            "lens.focal_m: the setting is not possible; found 3; required: above 0 to 2 m",
+        ),
+        (
+            {"lens": {"turns_deg": [-5, 91]}},
+            "lens.turns_deg: the setting is not possible; found [-5, 91]; "
+            "required: -90 to 90 degrees",
+        ),
+        (
+            {"lens": {"turns_deg": [5, 1]}},
+            "lens.turns_deg: the setting is not possible; found [5, 1]; "
+            "required: [low, high] with low <= high",
+        ),
+        (
+            {"lens": {"turns_deg": [5]}},
+            "lens.turns_deg: the list has the wrong length; found [5]; required: 2 values",
+        ),
+        (
+            {"cameras": 1.5},
+            "cameras: the value has the wrong type; found 1.5; required: a whole number",
+        ),
+        (
+            {"cameras": "2"},
+            'cameras: the value has the wrong type; found "2"; required: a whole number',
+        ),
+        (
+            {"lens": 3},
+            "lens: the value has the wrong type; found 3; required: a mapping of settings",
+        ),
+        (
+            {"kind": "stereo"},
+            "cameras: the setting is not possible; found 1; required: >= 2 for a stereo rig. "
+            "Add --set cameras=2",
+        ),
+        (
+            {"colours": {"rad": 1}},
+            "colours.rad: the setting is not possible; found 1; required: one of red, blue. "
+            "Did you mean 'red'?",
+        ),
+        (
+            {"colours": {"red": 0}},
+            'colours: the setting is not possible; found {"red": 0}; '
+            "required: at least one weight above 0",
+        ),
+    ],
+)
+def test_a_wrong_value_is_one_sentence(values: dict[str, Any], sentence: str) -> None:
+    with pytest.raises(SettingsError) as caught:
+        settings_from(RigSettings, values)
+    assert str(caught.value) == sentence
+    assert caught.value.exit_code == 2
+
+
+def test_every_problem_is_reported_with_its_source(tmp_path: Path) -> None:
+    path = tmp_path / "rig.yaml"
+    path.write_text("cameras: 0\nlens: {focl_m: 1}\n")
+    with pytest.raises(SettingsError) as caught:
+        read_settings(RigSettings, path, ["kind=sngle", "lense.focal_m=1"])
+    problems = {each.where: each.path for each in caught.value.problems}
+    assert problems == {
+        "cameras": str(path), "lens.focl_m": str(path), "kind": "--set", "lense": "--set",
+    }  # fmt: skip
+    assert len(str(caught.value).splitlines()) == 4
+    assert str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)
+
+
+def test_values_from_a_constructor_and_from_replace_are_checked() -> None:
+    with pytest.raises(SettingsError, match=r"lens\.focal_m: .*required: above 0 to 2 m"):
+        LensSettings(focal_m=-1)
+    with pytest.raises(SettingsError, match=r"rig\.cameras: .*required: >= 1"):
+        dataclasses.replace(RigSettings(), cameras=0)
+    assert RigSettings(lens={"focal_m": 1}).lens == LensSettings(1.0)  # type: ignore[arg-type]
+
+
+def test_settings_are_frozen_hashable_and_can_be_pickled() -> None:
+    lens = LensSettings(turns_deg=[1, 2])  # type: ignore[arg-type]
+    assert lens.turns_deg == (1.0, 2.0)
+    assert isinstance(lens.turns_deg[0], float)
+    assert hash(lens) == hash(LensSettings(turns_deg=(1.0, 2.0)))
+    assert pickle.loads(pickle.dumps(lens)) == lens
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        lens.focal_m = 1.0  # type: ignore[misc]
+
+
+def test_yaml_to_settings_and_back_changes_nothing(tmp_path: Path) -> None:
+    path = tmp_path / "rig.yaml"
+    settings = RigSettings("stereo", 3, LensSettings(1e-3), LensSettings())
+    path.write_text(yaml_text(settings_to_dict(settings)))
+    assert read_settings(RigSettings, path) == settings
+    assert read_yaml(path) == settings_to_dict(read_settings(RigSettings, path))
+
+
+def test_set_changes_what_it_names_and_nothing_else() -> None:
+    values = {"lens": {"focal_m": 1}, "spare": None}
+    changed = with_overrides(values, ["lens.turns_deg=[1, 2]", "spare.focal_m=1e-3"])
+    assert changed == {
+        "lens": {"focal_m": 1, "turns_deg": [1, 2]}, "spare": {"focal_m": 0.001},
+    }  # fmt: skip
+    assert values == {"lens": {"focal_m": 1}, "spare": None}
+    with pytest.raises(CallError, match=r"--set lens\.focal_m\.x: .*found lens\.focal_m = 1"):
+        with_overrides(values, ["lens.focal_m.x=1"])
+    for wrong in ("lens", "=3", "lens={"):
+        with pytest.raises(CallError, match="--set"):
+            with_overrides(values, [wrong])
+
+
+def test_the_json_schema_has_bounds_units_names_and_texts() -> None:
+    schema = json_schema(RigSettings)
+    jsonschema.Draft202012Validator.check_schema(schema)
+    lens = schema["$defs"]["LensSettings"]["properties"]
+    assert lens["focal_m"] == {
+        "default": 0.05, "description": "Distance of the sharp image behind the lens.",
+        "exclusiveMinimum": 0, "maximum": 2, "type": "number", "unit": "m",
+    }  # fmt: skip
+    check = jsonschema.Draft202012Validator(schema).is_valid
+    assert check(settings_to_dict(RigSettings()))
+    for wrong in (
+        {"knd": 1}, {"kind": "x"}, {"cameras": 0}, {"lens": {"focal_m": 0}},
+        {"lens": {"turns_deg": [0, 91]}}, {"colours": {"green": 1}}, {"colours": {"red": -1}},
+    ):  # fmt: skip
+        assert not check(wrong), wrong
+
+
+def shipped() -> list[tuple[str, Path]]:
+    root = Path(__file__).parents[2]
+    benchmarks = [("benchmark", p) for p in sorted((root / "benchmarks").glob("pliant-v*.yaml"))]
+    data = [("generate", p) for p in sorted((root / "models" / "shipped").glob("*/data.yaml"))]
+    recipes = [
+        ("don" if p.name.startswith("don") else "timecycle", p)
+        for p in sorted((root / "models" / "configs").glob("*.yaml"))
+    ]
+    assert benchmarks
+    assert data
+    assert recipes
+    return [*benchmarks, *data, *recipes]
+
+
+@pytest.mark.parametrize(("kind", "path"), shipped(), ids=lambda each: str(each)[-40:])
+def test_the_schemas_accept_the_shipped_files_and_refuse_a_misspelt_key(
+    kind: str, path: Path
+) -> None:
+    from pliant.benchmarks.reference.config import BenchmarkConfig
+    from pliant.generator.config import GenerateConfig
+    from pliant.models.settings import DonSettings
+    from pliant.models.timecycle.settings import TimeCycleSettings
+
+    classes = {
+        "benchmark": BenchmarkConfig, "generate": GenerateConfig, "don": DonSettings,
+        "timecycle": TimeCycleSettings,
+    }  # fmt: skip
+    validator = jsonschema.Draft202012Validator(json_schema(classes[kind]))
+    document = json.loads(json.dumps(read_yaml(path)))
+    validator.validate(document)
+    assert not validator.is_valid({**document, "misspelt": 1})
