@@ -14,6 +14,7 @@ from pliant.loaders.augment import (
     warp_view,
 )
 from pliant.loaders.views import FrameView
+from pliant.spec.errors import CallError
 
 SIZE = (160, 120)
 
@@ -113,7 +114,7 @@ def test_all_off_changes_nothing() -> None:
 
 
 def test_settings_out_of_range_are_refused() -> None:
-    with pytest.raises(ValueError, match="rotate_deg"):
+    with pytest.raises(CallError, match="rotate_deg"):
         AugmentSettings(rotate_deg=200)
 
 

@@ -77,7 +77,7 @@ def test_patches_keep_the_size_of_the_output() -> None:
 
 
 def test_unknown_networks_are_refused() -> None:
-    with pytest.raises(ValueError, match=r"network\.name"):
+    with pytest.raises(CallError, match=r"network\.name"):
         NetworkSettings(name="vgg")
 
 
