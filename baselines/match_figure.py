@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -13,6 +12,7 @@ import numpy.typing as npt
 from pliant.baselines.matcher import Answers, Heat, HeatMatcher, Matcher, View
 from pliant.baselines.pixels import lies_on
 from pliant.spec.errors import CallError
+from pliant.spec.writing import replacing
 
 FORMATS: Final = (".png", ".pdf", ".svg", ".jpg")
 
@@ -178,14 +178,8 @@ def draw_match(match: PhotoMatch, source: View, target: View, out: Path) -> None
                 bar.solids.set_alpha(1.0)
         _mark(axes[2], match.uv_b_px, _MATCH_COLOUR)
     figure.suptitle(_headline(match), fontsize=12)
-    partial = out.with_name(f".{out.stem}.partial{out.suffix}")
-    try:
+    with replacing(out) as partial:
         figure.savefig(partial, dpi=110)
-        os.replace(partial, out)
-    except OSError as error:
-        raise CallError(f"the figure cannot be written ({error.strerror})", path=out) from error
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def _headline(match: PhotoMatch) -> str:

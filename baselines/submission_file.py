@@ -234,11 +234,4 @@ def _modes_column(modes: Sequence[npt.NDArray[np.float32]]) -> Any:
 def _write(path: Path | str, table: pa.Table, name: Kind, footer: Mapping[str, Any]) -> None:
     path = Path(path)
     check_writable(path)
-    partial = path.with_name(f".{path.name}.partial")
-    try:
-        write_table(partial, table, name, footer)
-        os.replace(partial, path)
-    except OSError as error:
-        raise CallError(f"the file cannot be written ({error.strerror})", path=path) from error
-    finally:
-        partial.unlink(missing_ok=True)
+    write_table(path, table, name, footer)

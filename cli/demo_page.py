@@ -17,6 +17,7 @@ from pliant.evaluator.overview import CONTROLS, Column, TierSection, render_over
 from pliant.evaluator.plots import histogram_svg
 from pliant.spec.dataset import Dataset
 from pliant.spec.parquet import read_table
+from pliant.spec.writing import replacing
 
 if TYPE_CHECKING:
     from pliant.generator.config import GenerateConfig
@@ -73,9 +74,8 @@ def write_page(
     )
     path = out / "report" / "index.html"
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_suffix(".partial")
-    temporary.write_text(page, encoding="utf-8")
-    temporary.replace(path)
+    with replacing(path) as partial:
+        partial.write_text(page, encoding="utf-8")
     return path
 
 

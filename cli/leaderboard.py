@@ -24,16 +24,12 @@ def command(reports: tuple[Path, ...], out: Path) -> int:
     Reports of different protocols, datasets or splits are refused.
     """
     from pliant.evaluator.leaderboard import read_reports, render_leaderboard
-    from pliant.spec.errors import CallError
+    from pliant.spec.writing import replacing
 
     scores = read_reports(reports)
     page = render_leaderboard(scores)
-    temporary = out.with_name(f".{out.name}.part")
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        temporary.write_text(page, encoding="utf-8")
-        temporary.replace(out)
-    except OSError as error:
-        raise CallError("the page cannot be written", path=out, found=error.strerror) from error
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with replacing(out) as partial:
+        partial.write_text(page, encoding="utf-8")
     click.echo(f"{len(scores)} reports: {out}")
     return 0

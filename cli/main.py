@@ -8,6 +8,8 @@ from typing import Any
 
 import click
 
+CALL_WRONG = 2
+
 # name -> (module, one-line help). The module is imported only when the command is called,
 # so that `pliant --help` needs none of them.
 COMMANDS: dict[str, tuple[str, str]] = {
@@ -63,6 +65,12 @@ def cli() -> None:
     """
 
 
+def _operating_system(error: OSError) -> str:
+    """Return what the operating system refused, in one line: no space, no permission, no file."""
+    place = f"{error.filename}: " if error.filename else ""
+    return f"{place}{error.strerror or ' '.join(str(error).split())}"
+
+
 def main(argv: list[str] | None = None) -> None:
     """Run the command line and exit with its code.
 
@@ -91,6 +99,9 @@ def run(argv: list[str] | None = None) -> int:
     except Exception as error:
         from pliant.spec.errors import PliantError
 
+        if isinstance(error, OSError) and (error.strerror or error.errno):
+            click.echo(f"Error: {_operating_system(error)}", err=True)
+            return CALL_WRONG
         if not isinstance(error, PliantError):
             raise
         click.echo(f"Error: {error}", err=True)

@@ -20,6 +20,7 @@ from typing import Any, Final
 from pliant.generator.config import GROWING_FIELDS, LABEL_FIELDS
 from pliant.spec.errors import CallError
 from pliant.spec.layout import DATASET_JSON
+from pliant.spec.writing import replacing
 
 RUN_DIR: Final = ".pliant"
 
@@ -196,12 +197,8 @@ def refuse_changes(stored: Mapping[str, Any], wanted: Mapping[str, Any], root: P
 
 def write_atomically(path: Path, text: str) -> None:
     """Write a file so that its name never stands for half of it, even after a power cut."""
-    scratch = path.with_name(f".{path.name}.{os.getpid()}")
-    with scratch.open("w", encoding="utf-8") as handle:
-        handle.write(text)
-        handle.flush()
-        os.fsync(handle.fileno())
-    scratch.replace(path)
+    with replacing(path, durable=True) as partial:
+        partial.write_text(text, encoding="utf-8")
 
 
 def _given(config: Mapping[str, Any]) -> dict[str, Any]:

@@ -20,6 +20,7 @@ from pliant.spec.errors import CallError
 from pliant.spec.layout import depth_name
 from pliant.spec.model import Tier
 from pliant.spec.sequence import SequenceRecord
+from pliant.spec.writing import replacing
 
 Rgb = npt.NDArray[np.uint8]
 
@@ -69,12 +70,13 @@ def draw_figure(
     if not chosen:
         raise CallError("the dataset has no sequences", path=root)
     out.parent.mkdir(parents=True, exist_ok=True)
-    if figure in ("sheet", "index", "depth"):
-        _save(contact_sheet(dataset, chosen, figure, count), out)
-    elif figure == "anatomy":
-        _anatomy(dataset, chosen[0], frame, out)
-    else:
-        _tracks(dataset, next((s for s in chosen if s.temporal), chosen[0]), count, out)
+    with replacing(out) as partial:
+        if figure in ("sheet", "index", "depth"):
+            _save(contact_sheet(dataset, chosen, figure, count), partial)
+        elif figure == "anatomy":
+            _anatomy(dataset, chosen[0], frame, partial)
+        else:
+            _tracks(dataset, next((s for s in chosen if s.temporal), chosen[0]), count, partial)
     return out
 
 
@@ -106,7 +108,8 @@ def draw_predicted_tracks(
         _check_ending(out, "tracks", also=ANIMATIONS)
     tracks = read_predicted_tracks(Dataset.open(root), submission, sequence)
     out.parent.mkdir(parents=True, exist_ok=True)
-    draw_tracks(tracks, out, frames)
+    with replacing(out) as partial:
+        draw_tracks(tracks, partial, frames)
     return out
 
 

@@ -8,7 +8,6 @@ folder is written under another name and renamed, so a checkpoint is there or it
 from __future__ import annotations
 
 import json
-import os
 import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -20,6 +19,7 @@ from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 
 from pliant.spec.errors import TrainingError
+from pliant.spec.writing import replacing
 
 CHECKPOINTS: Final = "checkpoints"
 BEST: Final = "best.safetensors"
@@ -57,9 +57,8 @@ def save_weights(path: Path, weights: Mapping[str, torch.Tensor]) -> None:
         path: The `.safetensors` file.
         weights: Name -> tensor.
     """
-    partial = path.with_name(path.name + ".partial")
-    save_file({k: v.detach().cpu().contiguous() for k, v in weights.items()}, partial)
-    os.replace(partial, path)
+    with replacing(path) as partial:
+        save_file({k: v.detach().cpu().contiguous() for k, v in weights.items()}, partial)
 
 
 def read_weights_file(path: Path) -> Weights:

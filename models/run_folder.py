@@ -14,6 +14,7 @@ from pliant.models.settings import RunSettings
 from pliant.spec.configuration import read_settings, settings_to_dict
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, TrainingError
+from pliant.spec.writing import replacing
 from pliant.spec.yamlfiles import yaml_text
 
 
@@ -74,7 +75,8 @@ def open_run(run: Path, settings: RunSettings, resume: bool, free: tuple[str, ..
             fix="Name another one, or go on with --resume.",
         )
     run.mkdir(parents=True, exist_ok=True)
-    (run / CONFIG).write_text(yaml_text(settings_to_dict(settings)), encoding="utf-8")
+    with replacing(run / CONFIG) as partial:
+        partial.write_text(yaml_text(settings_to_dict(settings)), encoding="utf-8")
 
 
 def run_facts(
@@ -101,4 +103,5 @@ def run_facts(
 
 def write_json(path: Path, document: Mapping[str, Any]) -> None:
     """Write one of a run's JSON files."""
-    path.write_text(json.dumps(document, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+    with replacing(path) as partial:
+        partial.write_text(json.dumps(document, indent=1, sort_keys=True) + "\n", encoding="utf-8")

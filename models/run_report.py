@@ -15,6 +15,7 @@ import numpy.typing as npt
 from pliant.baselines.matcher import View
 from pliant.models.matching import DonMatcher
 from pliant.models.validation import ValidationPair
+from pliant.spec.writing import replacing
 
 _PAIRS_SHOWN = 4
 _HEAT_RANGE = 10.0  # e^-10 of the peak is as good as nothing
@@ -52,7 +53,8 @@ def write_run_report(
         "Validation pairs, not chosen.</p>" + picture(heat_png(matcher, shown), "heat maps")
     )
     path = run / "report.html"
-    path.write_text(page + "</html>\n", encoding="utf-8")
+    with replacing(path) as partial:
+        partial.write_text(page + "</html>\n", encoding="utf-8")
     return path
 
 

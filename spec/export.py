@@ -12,6 +12,7 @@ import pyarrow as pa
 from pliant.spec.conventions import SPEC_VERSION
 from pliant.spec.errors import CallError
 from pliant.spec.tables import ANSWERS_OPTIONAL, TABLES
+from pliant.spec.writing import replacing
 
 JSON_SCHEMAS: Final = (
     "dataset",
@@ -92,7 +93,8 @@ def write_specification(out: Path) -> list[Path]:
         for name, data in specification_files().items():
             path = out / name
             path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_bytes(data)
+            with replacing(path) as partial:
+                partial.write_bytes(data)
             written.append(path)
     except OSError as error:
         raise CallError("the folder cannot be written", path=out, found=error.strerror) from error

@@ -18,6 +18,7 @@ from jsonschema.validators import extend
 from pliant.spec import limits
 from pliant.spec.conventions import SPEC_VERSION
 from pliant.spec.reading import AnyFile, FileRefusedError, read_bytes
+from pliant.spec.writing import replacing
 
 SCHEMAS = files("pliant.spec") / "schemas"
 
@@ -89,8 +90,11 @@ def write_json(path: Path | str, document: Any, schema: str | None = None) -> No
 
     Raises:
         ValueError: The document is not JSON-able or breaks the schema: the caller's mistake.
+        CallError: The file cannot be written; an earlier one is unchanged.
     """
-    Path(path).write_bytes(json_bytes(document, schema, path))
+    data = json_bytes(document, schema, path)
+    with replacing(path) as partial:
+        partial.write_bytes(data)
 
 
 def json_bytes(document: Any, schema: str | None = None, name: Path | str = "document") -> bytes:

@@ -17,6 +17,7 @@ from pliant.spec.parquet_columns import load_columns
 from pliant.spec.parquet_footer import read_column_chunks, unreadable
 from pliant.spec.reading import AnyFile, Blob, FileRefusedError, check_regular
 from pliant.spec.tables import TABLES
+from pliant.spec.writing import replacing
 
 _ROW_GROUP_ROWS: Final = 65536
 _THRIFT_LIMIT: Final = 16 * 2**20
@@ -45,9 +46,11 @@ def write_table(
 
     Raises:
         ValueError: A column is missing, of another type, or holds a null it must not.
+        CallError: The file cannot be written; an earlier one is unchanged.
     """
     described = _described(table, name, footer)
-    pq.write_table(described, path, row_group_size=_ROW_GROUP_ROWS, **_OPTIONS)
+    with replacing(path) as partial:
+        pq.write_table(described, partial, row_group_size=_ROW_GROUP_ROWS, **_OPTIONS)
 
 
 class TableWriter:

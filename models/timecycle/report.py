@@ -13,6 +13,7 @@ from pliant.models.run_report import figure_png, picture, report_head
 from pliant.models.timecycle.guard import Guard
 from pliant.models.timecycle.matcher import TimeCycleMatcher
 from pliant.models.timecycle.validation import Stretch, track_with
+from pliant.spec.writing import replacing
 
 _SHOWN = 3
 _COLOURS = {"trained": "C3", "untrained": "C0", "identity": "0.35", "centroid": "0.7"}
@@ -64,7 +65,8 @@ def write_timecycle_report(
         + picture(tracks_png(matcher, stretches[:_SHOWN]), "tracked points")
     )
     path = run / "report.html"
-    path.write_text(page + "</html>\n", encoding="utf-8")
+    with replacing(path) as partial:
+        partial.write_text(page + "</html>\n", encoding="utf-8")
     return path
 
 

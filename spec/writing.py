@@ -1,0 +1,51 @@
+"""The one way a file is written in place of another: whole, or not at all."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from pliant.spec.errors import CallError
+
+
+@contextmanager
+def replacing(path: Path | str, *, durable: bool = False) -> Iterator[Path]:
+    """Give a temporary path in the same folder, and rename it to `path` at the end.
+
+    When the body raises, the temporary file is removed and `path` stays as it was.
+
+    Args:
+        path: The file to write; replaced if it exists.
+        durable: Wait until the data is on the disk, so that a power cut cannot empty the file.
+
+    Yields:
+        The path to write to, with the same suffix.
+
+    Raises:
+        CallError: The file cannot be written: no space, a read-only folder, no permission.
+    """
+    path = Path(path)
+    partial = path.with_name(f".{path.stem}.{os.getpid()}.partial{path.suffix}")
+    try:
+        yield partial
+        if durable:
+            with open(partial, "rb+") as stream:
+                os.fsync(stream.fileno())
+        os.replace(partial, path)
+    except OSError as error:
+        raise cannot_write(path, error) from error
+    finally:
+        with suppress(OSError):  # what prevented the write prevents this as well
+            partial.unlink(missing_ok=True)
+
+
+def cannot_write(path: Path | str, error: OSError) -> CallError:
+    """Return an operating system's error as one sentence."""
+    return CallError(
+        "the file cannot be written",
+        path=path,
+        found=error.strerror or " ".join(str(error).split())[:200],
+        fix="Free some space or name another place; an earlier file there is unchanged.",
+    )
