@@ -34,6 +34,7 @@ def command(submission: Path, data: Path, allow_missing: bool, as_json: bool) ->
             "total": problems.total,
             "counts": problems.totals,
             "issues": [issue.as_dict() for issue in issues],
+            "warnings": problems.hints,
         }
         click.echo(json.dumps(document, indent=1))
     elif issues:
@@ -43,5 +44,7 @@ def command(submission: Path, data: Path, allow_missing: bool, as_json: bool) ->
         noun = "problem" if problems.total == 1 else "problems"
         click.echo(f"{submission}: {problems.total:,} {noun} ({counts}).")
     else:
+        for hint in problems.hints:
+            click.echo(f"Warning: {hint}")
         click.echo(f"{submission}: nothing is wrong; it can be scored.")
     return 1 if issues else 0

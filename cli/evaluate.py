@@ -75,6 +75,8 @@ def command(
         for issue in error.issues:
             click.echo(str(issue), err=True)
         raise
+    for hint in scores.hints:
+        click.echo(f"Warning: {hint}", err=True)
     if out is not None:
         write_report(scores, out, data=data)
     if as_json:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from pliant.evaluator.answers import Answers
+from pliant.evaluator.hints import hints_without_truth
 from pliant.evaluator.loading import load
 from pliant.evaluator.problems import Problems
 from pliant.evaluator.scratch import Scratch
@@ -37,9 +39,11 @@ def check(
 def inspect(
     submission: Path | str, data: Dataset | Path | str, *, allow_missing: bool = False
 ) -> Problems:
-    """Return a submission's problems with their true totals; arguments as `check`."""
+    """Return a submission's problems with their true totals, and hints; arguments as `check`."""
     dataset = data if isinstance(data, Dataset) else Dataset.open(data)
     problems = Problems(submission)
     with Scratch() as scratch:
-        load(Path(submission), dataset, problems, scratch, allow_missing=allow_missing)
+        loaded = load(Path(submission), dataset, problems, scratch, allow_missing=allow_missing)
+        if loaded is not None and isinstance(loaded.answers, Answers):
+            problems.hints = hints_without_truth(loaded.answers, loaded.questions)
     return problems

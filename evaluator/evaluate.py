@@ -12,6 +12,7 @@ from pliant.evaluator.answers import Answers
 from pliant.evaluator.blocks import check_truth, read_blocks
 from pliant.evaluator.bootstrap import Clusters, intervals
 from pliant.evaluator.examples import choose_examples
+from pliant.evaluator.hints import TruthHints, hints_without_truth
 from pliant.evaluator.loading import Loaded, load
 from pliant.evaluator.match_scoring import score_matches
 from pliant.evaluator.matches import Matches
@@ -114,6 +115,7 @@ def _score(
     groups = Groups.of(questions)
     summary = Summary()
     surfaces = Surfaces(dataset, _search_px(protocol))
+    hints: tuple[str, ...] = ()
     if isinstance(loaded.answers, Matches):
         score_matches(
             loaded.answers, questions, protocol.metrics, table, groups, summary, surfaces, progress
@@ -121,7 +123,7 @@ def _score(
         coverage = float((np.diff(loaded.answers.starts) > 0).mean())
     else:
         setting = Setting(dataset, questions, loaded.answers, table, scratch, surfaces)
-        _score_answers(setting, truth, protocol, groups, summary, progress)
+        hints = _score_answers(setting, truth, protocol, groups, summary, progress)
         coverage = loaded.answers.answered / questions.rows
     ratios = ratios_of(protocol.metrics)
     for ratio in ratios:
@@ -134,7 +136,7 @@ def _score(
     found = intervals(ratios, table.columns, clusters, protocol.bootstrap)
     document = _document(loaded, dataset, truth, protocol, groups, summary, coverage, found, table)
     examples = choose_examples(loaded.answers, questions, table.columns, truth)
-    return Scores(document, pair_table(questions, table.columns), examples)
+    return Scores(document, pair_table(questions, table.columns), examples, hints)
 
 
 def _score_answers(
@@ -144,7 +146,8 @@ def _score_answers(
     groups: Groups,
     summary: Summary,
     progress: Progress | None,
-) -> None:
+) -> tuple[str, ...]:
+    """Run the scorers over the blocks of a split; return hints about the answers."""
     scorers = scorers_of(protocol.metrics, setting)
     wanted = sorted({column for scorer in scorers for column in scorer.truth_columns})
     answers: Answers = setting.answers
@@ -160,13 +163,16 @@ def _score_answers(
         # Where surface images are read too, they take the time: shorter blocks show progress.
         block_rows=_ROWS_WITH_IMAGES if _has_images(setting.dataset) else None,
     )
+    hints = TruthHints(answers, setting.questions)
     for block in blocks:
+        hints.update(block)
         for scorer in scorers:
             scorer.update(block)
         if progress is not None:
             progress(block.pairs.stop, setting.questions.pairs)
     for scorer in scorers:
         scorer.finish(groups, summary)
+    return (*hints_without_truth(answers, setting.questions), *hints.found())
 
 
 def _ordered(values: Mapping[str, float | None]) -> dict[str, float | None]:

@@ -19,6 +19,9 @@ class Problems:
     Args:
         path: The file they are about, as the user named it.
         listed: So many of one code are written out.
+
+    Attributes:
+        hints: Sentences about what looks wrong in a submission that can be scored.
     """
 
     def __init__(self, path: Path | str, *, listed: int = LISTED_PER_CODE) -> None:
@@ -26,6 +29,7 @@ class Problems:
         self._listed = listed
         self._issues: dict[str, list[Issue]] = {}
         self._totals: dict[str, int] = {}
+        self.hints: list[str] = []
 
     def __bool__(self) -> bool:
         return bool(self._totals)

@@ -34,11 +34,14 @@ class Scores:
         per_pair: One row an image pair: ids, frames, and the sums every metric is made of.
         examples: Worst and median pairs with their queries, truth and answers, for pictures;
             empty for scores that were read back from files.
+        hints: Sentences about likely mistakes in the coordinates. They are found with the truth,
+            so they are in no file and on no page.
     """
 
     document: dict[str, Any]
     per_pair: pa.Table
     examples: tuple[Any, ...] = ()
+    hints: tuple[str, ...] = ()
 
     @property
     def overall(self) -> dict[str, float | None]:

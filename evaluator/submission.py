@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +12,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from pliant.evaluator import limits
+from pliant.evaluator.file_kinds import kind_of_file
 from pliant.evaluator.problems import Problems
+from pliant.spec.conventions import SPEC_VERSION
 from pliant.spec.dataset import Dataset, check_version
 from pliant.spec.jsonfiles import schema_errors
 from pliant.spec.parquet import footer_of, open_table
@@ -31,6 +34,11 @@ OPTIONAL: Final[dict[str, dict[str, str]]] = {
     "matches": {},
 }
 MODE_FIELDS: Final = ("u", "v", "sigma", "weight")
+
+_TEMPLATE: Final = (
+    "The footer is JSON under the key `pliant` of the file's metadata; "
+    "`pliant submit-template` writes a file that has it."
+)
 
 _WANTED: Final = {
     "integer": "an integer type",
@@ -124,7 +132,7 @@ def _open(path: Path, problems: Problems) -> tuple[pq.ParquetFile, list[ColumnCh
         chunks = read_column_chunks(resolved)
         _ = file.schema_arrow.names
     except FileRefusedError as error:
-        problems.add(error.code, error.where or "", _reason(error))
+        problems.add(error.code, error.where or "", kind_of_file(resolved) or _reason(error))
         return None
     except Exception as error:  # Arrow's errors on a hostile file do not share a base
         problems.add("FILE_UNREADABLE", "", f"its schema cannot be read: {_short(error)}")
@@ -139,12 +147,20 @@ def _footer(
     try:
         footer = footer_of(file, path)
     except FileRefusedError as error:
-        problems.add(error.code, "", _reason(error))
+        problems.add(error.code, "", f"{_reason(error)} {_TEMPLATE}")
         return None
     try:
         check_version(footer.get("spec_version"), path)
     except FileRefusedError as error:
-        problems.add(error.code, "footer spec_version", _reason(error))
+        found = footer.get("spec_version")
+        three = isinstance(found, str) and re.fullmatch(r"\d+\.\d+\.\d+", found)
+        problems.add(
+            error.code,
+            "footer spec_version",
+            _reason(error)
+            if three
+            else f"found {found!r:.40}; required: text of three numbers, such as {SPEC_VERSION!r}",
+        )
         return None
     table = footer.get("table")
     if not isinstance(table, str) or table not in REQUIRED:
