@@ -31,7 +31,9 @@ if TYPE_CHECKING:
 )
 @click.option("--out", metavar="REPORT", type=click.Path(path_type=Path), help="Report folder.")
 @click.option(
-    "--allow-missing", is_flag=True, help="Score a missing answer as a failure; print the coverage."
+    "--allow-missing",
+    is_flag=True,
+    help="Score a missing answer as the worst value in every metric; print the coverage.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print scores.json on stdout.")
 def command(
@@ -88,7 +90,7 @@ def command(
 
 def _print(scores: Scores, out: Path | None) -> None:
     """Print the headline table."""
-    from pliant.evaluator.wording import about, label, written, written_unit
+    from pliant.evaluator.wording import about, label, match_coverage_text, written, written_unit
 
     document = scores.document
     dataset = document["dataset"]
@@ -105,6 +107,7 @@ def _print(scores: Scores, out: Path | None) -> None:
         _, unit, _ = about(metric, document["protocol"])
         cells = "  ".join(
             f"{name:>{width}} {written(values.get(metric), unit):>8}"
+            f" {match_coverage_text(document, name, metric)}".rstrip()
             for name, values in groups.items()
         )
         shown = written_unit(unit)

@@ -20,7 +20,14 @@ from pliant.evaluator.report import page_style, template_environment
 from pliant.evaluator.scorers.base import OVERALL
 from pliant.evaluator.scores import SCORES_JSON, Scores, read_scores
 from pliant.evaluator.sign_flips import fewest_sequences
-from pliant.evaluator.wording import about, interval_text, label, written, written_unit
+from pliant.evaluator.wording import (
+    about,
+    interval_text,
+    label,
+    match_coverage_text,
+    written,
+    written_unit,
+)
 from pliant.spec.errors import CallError
 
 
@@ -131,6 +138,7 @@ def _cell(report: Scores, group: str, metric: str) -> dict[str, Any]:
         "value": written(value, unit),
         "key": "" if value is None else repr(value),
         "interval": interval_text(found.get(metric), unit),
+        "coverage": match_coverage_text(document, group, metric),
     }
 
 

@@ -16,7 +16,7 @@ from pliant.evaluator.submission import Submission
 
 @dataclass(frozen=True)
 class Matches:
-    """Keypoint matches, by pair.
+    """Keypoint matches, by pair, at most one from each source pixel.
 
     Attributes:
         starts: int64 (P + 1,), first match of each pair, and M.
@@ -30,7 +30,10 @@ class Matches:
 
 
 def read_matches(submission: Submission, questions: Questions, problems: Problems) -> Matches:
-    """Read every row of a submission of kind `matches`.
+    """Read a submission of kind `matches`.
+
+    The truth has one value for each source pixel. Of several matches from one pixel only the one
+    with the highest score is used, so repeating a match gives it no weight.
 
     Args:
         submission: From `open_submission`.
@@ -41,13 +44,13 @@ def read_matches(submission: Submission, questions: Questions, problems: Problem
         The matches; to be used only if `problems` stays empty.
     """
     pairs: list[IntArray] = [np.empty(0, np.int64)]
-    positions: list[FloatArray] = [np.empty((0, 4))]
+    positions: list[FloatArray] = [np.empty((0, 5))]
     for batch in read_batches(submission, problems):
         pair = batch.keys["pair_id"]
         known = (pair >= 0) & (pair < questions.pairs)
         _note_unknown(pair, batch.begin, np.flatnonzero(~known), questions, problems)
         pairs.append(pair[known])
-        names = ("u_a", "v_a", "u", "v")
+        names = ("u_a", "v_a", "u", "v", "score")
         positions.append(np.stack([batch.values[n] for n in names], axis=1)[known] * 1.0)
     pair = np.concatenate(pairs)
     count = np.bincount(pair, minlength=questions.pairs)
@@ -58,9 +61,27 @@ def read_matches(submission: Submission, questions: Questions, problems: Problem
         return f"pair {index}", f"found {count[index]:,} matches; required: {required}"
 
     problems.add_rows("VALUE_OUT_OF_RANGE", crowded.tolist(), len(crowded), describe)
-    order = np.argsort(pair, kind="stable")
-    uv = np.concatenate(positions).astype(np.float64)[order]
-    return Matches(np.concatenate([[0], np.cumsum(count)]), uv[:, :2], uv[:, 2:])
+    rows = np.concatenate(positions).astype(np.float64)
+    kept = _best_of_each_pixel(pair, rows)
+    count = np.bincount(pair[kept], minlength=questions.pairs)
+    uv = rows[kept]
+    return Matches(np.concatenate([[0], np.cumsum(count)]), uv[:, :2], uv[:, 2:4])
+
+
+def _best_of_each_pixel(pair: IntArray, rows: FloatArray) -> IntArray:
+    """Return the rows to use, sorted by pair, int64 (K,); the order of the file is no matter.
+
+    Args:
+        pair: int64 (M,).
+        rows: float64 (M, 5), u_a, v_a, u, v, score.
+    """
+    with np.errstate(invalid="ignore"):  # a row that is not finite has been noted
+        column, row = np.floor(rows[:, 0]), np.floor(rows[:, 1])
+    order = np.lexsort((*rows[:, 3::-1].T, -rows[:, 4], row, column, pair))
+    key = np.stack([pair, column, row], axis=1)[order]
+    first = np.ones(len(order), bool)
+    first[1:] = (key[1:] != key[:-1]).any(axis=1)
+    return order[first]
 
 
 def _note_unknown(

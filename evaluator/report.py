@@ -23,7 +23,15 @@ from pliant.evaluator.scores import (
     Scores,
     scores_schema,
 )
-from pliant.evaluator.wording import about, facts, interval_text, label, written, written_unit
+from pliant.evaluator.wording import (
+    about,
+    facts,
+    interval_text,
+    label,
+    match_coverage_text,
+    written,
+    written_unit,
+)
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
 
@@ -187,6 +195,7 @@ def _cell(
     return {
         "value": written(values.get(metric), unit),
         "interval": interval_text(found.get(metric), unit),
+        "coverage": match_coverage_text(document, group, metric),
     }
 
 

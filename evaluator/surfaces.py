@@ -13,6 +13,7 @@ import numpy.typing as npt
 from pliant.evaluator.arrays import BoolArray, FloatArray
 from pliant.evaluator.blocks import Block
 from pliant.evaluator.metrics.geodesic import (
+    farthest_material_m,
     nearest_object_pixel,
     silhouette_distance_px,
     surface_material,
@@ -147,7 +148,11 @@ class Surfaces:
             return
         facts.known[rows] = True
         facts.silhouette_px[rows] = silhouette_distance_px(surface.on_object, block.true_px[rows])
-        answered = rows if block.missing is None else rows[~block.missing[rows]]
+        answered = rows
+        if block.missing is not None:
+            answered = rows[~block.missing[rows]]
+            missing = rows[block.missing[rows]]
+            facts.geodesic_m[missing] = farthest_material_m(self.queried(tier))
         points = block.point[answered]
         if len(points) and (points.min() < 0 or points.max() >= len(material)):
             raise SpecError(

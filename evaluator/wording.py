@@ -88,6 +88,15 @@ def interval_text(interval: list[float] | None, unit: str) -> str:
     return f"{written(interval[0], unit)} – {written(interval[1], unit)}"
 
 
+def match_coverage_text(document: Mapping[str, Any], group: str, metric: str) -> str:
+    """Return which share of the pairs a figure of keypoint matches is about, or nothing."""
+    if document["submission"]["kind"] != "matches" or metric == "match_coverage":
+        return ""
+    values = document["overall"] if group == "overall" else document["tiers"][group]
+    share = values.get("match_coverage")
+    return "" if share is None else f"of {share * 100:.1f} % of the pairs"
+
+
 def facts(document: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Return the provenance of scores as (name, text) for people."""
     dataset, submission = document["dataset"], document["submission"]

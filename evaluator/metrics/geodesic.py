@@ -6,6 +6,18 @@ import numpy as np
 import numpy.typing as npt
 
 from pliant.evaluator.arrays import BoolArray, FloatArray, IntArray
+from pliant.spec.model import MaterialObject
+
+
+def farthest_material_m(described: MaterialObject) -> float:
+    """Return the largest distance that two points of an object can have, metres."""
+    spans = [
+        coordinate.metres_per_unit * (coordinate.max - coordinate.min)
+        if coordinate.period is None
+        else coordinate.metres_per_unit * coordinate.period / 2
+        for coordinate in described.material
+    ]
+    return float(np.hypot(*spans))
 
 
 def nearest_object_pixel(

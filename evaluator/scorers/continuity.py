@@ -27,9 +27,8 @@ class ContinuityScorer(Scorer):
         if block.uv_a_px is None:
             return
         settings = self.settings
-        usable = block.counted if block.missing is None else block.counted & ~block.missing
         row, other = nearest_neighbours(
-            block.uv_a_px, usable, block.starts, settings["queries_per_pair"]
+            block.uv_a_px, block.counted, block.starts, settings["queries_per_pair"]
         )
         a = distance_px(block.uv_a_px, row, other)
         truth = distance_px(block.true_px, row, other)
@@ -41,6 +40,9 @@ class ContinuityScorer(Scorer):
         row, other, a = row[asked], other[asked], a[asked]
         b = distance_px(block.answer_px, row, other)
         jump = is_jump(a, b, settings["jump_stretch"], settings["jump_min_px"])
+        if block.missing is not None:
+            torn = block.missing[row] | block.missing[other]
+            jump, b = jump | torn, np.where(torn, block.missing_px, b)
         pairs = len(block.starts) - 1
         pair = block.pair[row]
         self.table.put("neighbours", block.pairs, np.bincount(pair, minlength=pairs))

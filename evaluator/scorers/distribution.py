@@ -30,6 +30,7 @@ class DistributionScorer(Scorer):
         self._present = answers.sigma_px is not None or answers.modes is not None
         self._bins = int(settings["ece_bins"])
         self._reliability = np.zeros((len(setting.questions.tiers), self._bins, 3))
+        self._missing = np.zeros(len(setting.questions.tiers))
         if self._present:
             rows = setting.questions.rows
             self._spread = setting.scratch.full(rows, np.float64, np.nan)
@@ -39,8 +40,9 @@ class DistributionScorer(Scorer):
         """Take in one block."""
         if not self._present:
             return
-        usable = block.counted if block.missing is None else block.counted & ~block.missing
-        rows = np.flatnonzero(usable)
+        usable = block.counted
+        lost = np.zeros(len(usable), bool) if block.missing is None else usable & block.missing
+        rows = np.flatnonzero(usable & ~lost)
         starts, pairs, put = block.starts[:-1], block.pairs, self.table.put
         put("distributions", pairs, sum_by_pair(usable, starts))
         sums: dict[str, FloatArray] = {"sum_nll": np.zeros(len(usable))}
@@ -56,10 +58,26 @@ class DistributionScorer(Scorer):
             self._spread[block.first_row + chosen] = distribution.spread_px(mixtures)
             self._squared[block.first_row + chosen] = block.squared_px2[chosen]
             self._add_recall(block, chosen, mixtures, recalled, recallable)
+        if lost.any():
+            self._add_missing(block, np.flatnonzero(lost), sums, recallable)
         for name, values in sums.items():
             put(name, pairs, sum_by_pair(values, starts))
         put("recalled", pairs, sum_by_pair(recalled, starts))
         put("recallable", pairs, sum_by_pair(recallable, starts))
+
+    def _add_missing(
+        self, block: Block, lost: IntArray, sums: dict[str, FloatArray], recallable: FloatArray
+    ) -> None:
+        """Count missing answers as the worst: certain, and wrong by the image diagonal."""
+        width, height = self.setting.questions.size
+        sums["sum_nll"][lost] = np.log(width * height / self.settings["outlier_weight"])
+        tier = self.setting.questions.tier[block.first_pair + block.pair[lost]]
+        self._missing += np.bincount(tier, minlength=len(self._missing))
+        self._spread[block.first_row + lost] = 0.0
+        self._squared[block.first_row + lost] = block.squared_px2[lost]
+        asked = _recall_positions(block, lost)
+        if asked is not None:
+            recallable[lost] = asked[1].sum(axis=1)
 
     def _mixtures(self, block: Block, chosen: IntArray) -> Mixtures:
         """Return the distributions of some rows of a block, their sigma floored."""
@@ -116,19 +134,10 @@ class DistributionScorer(Scorer):
         recalled: FloatArray,
         recallable: FloatArray,
     ) -> None:
-        partners = block.partners
-        if partners is None or not len(partners.uv_px):
+        positions = _recall_positions(block, chosen)
+        if positions is None:
             return
-        count = (partners.begin[1:] - partners.begin[:-1])[chosen]
-        width = int(count.max(initial=0))
-        if not width:
-            return
-        column = np.arange(width)
-        exists: BoolArray = column < count[:, None]  # (n, S)
-        index = np.where(exists, partners.begin[chosen, None] + column, 0)
-        seen = exists & partners.visible[index]
-        at = np.concatenate([block.true_px[chosen][:, None], partners.uv_px[index]], axis=1)
-        asked = np.concatenate([seen.any(axis=1)[:, None], seen], axis=1)
+        at, asked = positions
         near = distribution.modes_near(
             mixtures, at, self.settings["recall_radius_px"], self.settings["recall_min_weight"]
         )
@@ -147,7 +156,10 @@ class DistributionScorer(Scorer):
             return
         for index, name in groups:
             table = self._reliability.sum(axis=0) if index == 0 else self._reliability[index - 1]
-            summary.set(name, "ece", calibration.expected_calibration_error(table))
+            missing = self._missing.sum() if index == 0 else self._missing[index - 1]
+            worst = np.array([[missing, missing, 0.0]])  # certain, and never within the radius
+            error = calibration.expected_calibration_error(np.concatenate([table, worst]))
+            summary.set(name, "ece", error)
             used, confidence, frequency = calibration.reliability_curve(table)
             curve = {
                 "radius_px": self.settings["ece_radius_px"],
@@ -174,7 +186,31 @@ class DistributionScorer(Scorer):
             summary.notes["ause"] = f"taken over every {every}th answer of the largest groups"
         steps = self.settings["sparsification_steps"]
         left = calibration.sparsification(squared, spread, steps)
-        best = calibration.sparsification(squared, squared, steps)
+        answered = np.where(spread > 0, squared, 0.0)  # the best order has no missing answers
+        best = calibration.sparsification(answered, answered, steps)
         summary.set(name, "ause", calibration.area_under_sparsification_error(left, best))
         curve = {"removed": (np.arange(steps) / steps).tolist(), "rmse_px": left.tolist()}
         summary.add_curve(name, "sparsification", {**curve, "best_rmse_px": best.tolist()})
+
+
+def _recall_positions(block: Block, chosen: IntArray) -> tuple[FloatArray, BoolArray] | None:
+    """Return the equivalent positions of some rows, or None where the block has no partners.
+
+    Returns:
+        at_px: float64 (n, S + 1, 2), the true position and those of the partners.
+        asked: bool (n, S + 1), positions that a mode should be near: none for a row without a
+            visible partner.
+    """
+    partners = block.partners
+    if partners is None or not len(partners.uv_px):
+        return None
+    count = (partners.begin[1:] - partners.begin[:-1])[chosen]
+    width = int(count.max(initial=0))
+    if not width:
+        return None
+    column = np.arange(width)
+    exists: BoolArray = column < count[:, None]  # (n, S)
+    index = np.where(exists, partners.begin[chosen, None] + column, 0)
+    seen = exists & partners.visible[index]
+    at = np.concatenate([block.true_px[chosen][:, None], partners.uv_px[index]], axis=1)
+    return at, np.concatenate([seen.any(axis=1)[:, None], seen], axis=1)

@@ -20,10 +20,13 @@ class GeodesicScorer(Scorer):
         """Take in one block."""
         facts = self.setting.surfaces.facts(block, self.setting.questions)
         starts = block.starts[:-1]
-        metres = np.where(facts.on_object, facts.geodesic_m, 0.0)
+        points = facts.on_object
+        if block.missing is not None:
+            points = points | (facts.known & block.missing)
+        metres = np.where(points, facts.geodesic_m, 0.0)
         put, pairs = self.table.put, block.pairs
         put("geodesic_asked", pairs, sum_by_pair(facts.known, starts))
-        put("geodesic_points", pairs, sum_by_pair(facts.on_object, starts))
+        put("geodesic_points", pairs, sum_by_pair(points, starts))
         put("off_object", pairs, sum_by_pair(facts.known & ~facts.on_object, starts))
         put("sum_geodesic_m", pairs, sum_by_pair(metres, starts))
         put("sum_squared_geodesic_m2", pairs, sum_by_pair(metres**2, starts))

@@ -33,8 +33,6 @@ class JitterScorer(Scorer):
         if block.point is None or not (clip >= 0).any():
             return
         wanted = block.counted & (clip[block.pair] >= 0)
-        if block.missing is not None:
-            wanted &= ~block.missing
         pair = block.pair[wanted]
         self._gathered.append(
             (
@@ -55,9 +53,12 @@ class JitterScorer(Scorer):
         clip, point, frame, pair, error = (
             np.concatenate(parts) for parts in zip(*self._gathered, strict=True)
         )
+        # Two answers inside the image differ by at most one diagonal, and so do two positions.
+        farthest = 2 * self.setting.questions.diagonal_px
         _, track = np.unique(np.stack([clip, point], axis=1), axis=0, return_inverse=True)
         row, change = jitter_px(track.reshape(-1), frame, error)
         everything = slice(0, self.table.pairs)
+        change = np.where(np.isnan(change), farthest, change)  # an answer is missing
         total = np.bincount(pair[row], change, self.table.pairs)
         self.table.put("sum_jitter_px", everything, total)
         count = np.bincount(pair[row], minlength=self.table.pairs)

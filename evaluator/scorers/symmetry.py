@@ -32,11 +32,11 @@ class SymmetryScorer(Scorer):
         asked_pairs, asked_points = np.zeros(pairs), np.zeros(pairs)
         each = np.diff(partners.begin)
         if each.any():
-            # Pairs of one tier share their number of symmetries; a missing answer flips nothing.
-            missing = np.zeros(len(own), bool) if block.missing is None else block.missing
-            has = sum_by_pair(missing, starts) == 0
+            # Pairs of one tier share their number of symmetries. A missing answer is flipped.
+            lost = np.zeros(len(own), bool) if block.missing is None else block.missing & counted
+            lost_points = sum_by_pair(lost, starts)
             for count in np.unique(each[starts]).tolist():
-                chosen = np.flatnonzero((each[starts] == count) & has)
+                chosen = np.flatnonzero(each[starts] == count)
                 if not count or not len(chosen):
                     continue
                 rows = np.flatnonzero(np.isin(block.pair, chosen))
@@ -54,8 +54,10 @@ class SymmetryScorer(Scorer):
                 asked = sum_by_pair(counted[rows], begin)
                 pair_squared[chosen] = result.pair_squared_px2
                 point_squared[chosen] = sum_by_pair(result.point_squared_px2, begin)
-                flipped_pairs[chosen] = result.pair_flipped
-                flipped_points[chosen] = sum_by_pair(result.point_flipped, begin)
+                flipped_pairs[chosen] = result.pair_flipped | (lost_points[chosen] > 0)
+                flipped_points[chosen] = (
+                    sum_by_pair(result.point_flipped, begin) + lost_points[chosen]
+                )
                 asked_points[chosen] = asked
                 asked_pairs[chosen] = asked > 0
         put = self.table.put

@@ -28,7 +28,7 @@ class TapvidScorer(Scorer):
         right = predicted_visible == visible
         if block.missing is not None:
             error = np.where(block.missing, np.inf, error)
-            predicted_visible &= ~block.missing
+            predicted_visible |= block.missing  # a false positive at every threshold
             right &= ~block.missing
         thresholds = self.settings["thresholds"]
         pairs = len(block.starts) - 1

@@ -115,7 +115,7 @@ def reference_tapvid(rows: list[dict[str, Any]]) -> dict[str, float | None]:
         right = []
         for row in pair:
             answer = row["answer"]
-            row["said"] = answer is not None and answer.get("visible", 1.0) >= 0.5
+            row["said"] = answer is None or answer.get("visible", 1.0) >= 0.5
             right.append(answer is not None and row["said"] == row["seen"])
             if answer is not None:
                 du = (answer["u"] - row["u_b"]) * 256 / 160
@@ -150,16 +150,16 @@ def reference_symmetry(rows: list[dict[str, Any]]) -> dict[str, float | None]:
         if not seen:
             continue
         candidates = [[row["error"] ** 2 for row in seen]]
-        complete = all(row["answer"] is not None for row in pair)
-        count = len(seen[0]["alternatives"]) if complete else 0
-        for index in range(count):
+        complete = all(row["answer"] is not None for row in seen)
+        count = len(seen[0]["alternatives"])
+        for index in range(count if complete else 0):
             candidates.append([partner_squared(row, index) for row in seen])
         sums = [math.fsum(values) for values in candidates]
         best = min(sums)
         squares.append(best)
         per_pair.append(math.sqrt(best / len(seen)))
         if count:
-            flips.append(best < sums[0])
+            flips.append(not complete or best < sums[0])
         for row in seen:
             # A point on the axis of a symmetry is its own partner: equal by the same arithmetic.
             own = (
@@ -167,13 +167,13 @@ def reference_symmetry(rows: list[dict[str, Any]]) -> dict[str, float | None]:
             )
             others = [
                 partner_squared(row, index)
-                for index in range(count)
+                for index in range(count if row["answer"] is not None else 0)
                 if row["alternatives"][index]["visibility"] == "visible"
             ]
             nearest = min([own, *others])
             point_squares.append(nearest)
             if count:
-                point_flips.append(nearest < own)
+                point_flips.append(row["answer"] is None or nearest < own)
     counted = sum(row["seen"] for row in rows)
     return {
         "symmetric_rmse_px": math.sqrt(math.fsum(squares) / counted),
@@ -197,11 +197,7 @@ def reference_continuity(rows: list[dict[str, Any]]) -> dict[str, float | None]:
     s = STANDARD["continuity"]
     jumps, stretches = [], []
     for pair in pairs_of(rows):
-        usable = [
-            row
-            for row in pair[: s["queries_per_pair"]]
-            if row["seen"] and row["answer"] is not None
-        ]
+        usable = [row for row in pair[: s["queries_per_pair"]] if row["seen"]]
         for row in usable:
             others = [other for other in usable if other is not row]
             if not others:
@@ -220,6 +216,10 @@ def reference_continuity(rows: list[dict[str, Any]]) -> dict[str, float | None]:
             if true > s["max_true_stretch"] * a:
                 continue
             p, q = nearest["answer"], row["answer"]
+            if p is None or q is None:
+                jumps.append(True)
+                stretches.append(DIAGONAL / a)
+                continue
             b = math.hypot(p["u"] - q["u"], p["v"] - q["v"])
             jumps.append(b > max(s["jump_stretch"] * a, s["jump_min_px"]))
             stretches.append(b / a)
@@ -230,15 +230,20 @@ def reference_continuity(rows: list[dict[str, Any]]) -> dict[str, float | None]:
 def reference_jitter(rows: list[dict[str, Any]]) -> dict[str, float | None]:
     errors = {}
     for row in rows:
-        if row["seen"] and row["answer"] is not None:
+        if row["seen"]:
             key = (row["sequence_a"], row["frame_a"], row["sequence_b"], row["point"])
-            offset = (row["answer"]["u"] - row["u_b"], row["answer"]["v"] - row["v_b"])
+            answer = row["answer"]
+            offset = answer and (answer["u"] - row["u_b"], answer["v"] - row["v_b"])
             errors[(*key, row["frame_b"])] = offset
     changes = []
-    for key, (du, dv) in errors.items():
-        before = errors.get((*key[:-1], key[-1] - 1))
-        if before is not None:
-            changes.append(math.hypot(du - before[0], dv - before[1]))
+    for key, error in errors.items():
+        earlier = (*key[:-1], key[-1] - 1)
+        if earlier in errors:
+            before = errors[earlier]
+            if error is None or before is None:
+                changes.append(2 * DIAGONAL)
+            else:
+                changes.append(math.hypot(error[0] - before[0], error[1] - before[1]))
     return {"jitter_px": mean(changes)}
 
 

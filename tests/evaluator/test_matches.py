@@ -9,7 +9,9 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from pliant.evaluator import evaluate, inspect
+from pliant.cli.main import run
+from pliant.evaluator import evaluate, inspect, read_scores
+from pliant.evaluator.leaderboard import render_leaderboard
 from pliant.spec.errors import CallError, SpecError
 
 
@@ -60,11 +62,58 @@ def test_rates_count_what_does_not_enter_the_error(scene: Any, tmp_path: Path) -
     )
     scores = evaluate(scene.submit(tmp_path / "m.parquet", table, kind="matches"), scene.root)
     count = first.sum()
-    assert scores.overall["on_object_rate"] == pytest.approx(count / (count + 2), abs=0.02)
+    count -= 1  # the two matches off the object start in one pixel and count once
+    assert scores.overall["on_object_rate"] == pytest.approx((count + 1) / (count + 2), abs=0.02)
     assert scores.overall["match_coverage"] == pytest.approx(1 / 6)
     assert scores.overall["matches_per_pair"] == pytest.approx((count + 2) / 6)
     assert scores.document["coverage"] == pytest.approx(1 / 6)
     assert scores.tiers["rope"]["rmse_px"] is None
+
+
+def test_repeating_matches_changes_no_figure(scene: Any, tmp_path: Path) -> None:
+    """Neither exact copies nor copies moved within the source pixel, in any order of rows."""
+    pair, uv_a, uv_b = true_matches(scene)
+    good = np.arange(len(pair)) % 2 == 0
+    uv_b = np.where(good[:, None], uv_b, uv_b + 30)
+    once = matches_table(pair, uv_a, uv_b)
+    pixel = np.floor(uv_a[good]) + 0.5
+    copies = matches_table(np.repeat(pair[good], 20), *(np.repeat(x, 20, axis=0) for x in (
+        pixel + 0.01, uv_b[good])))  # fmt: skip
+    copies = copies.set_column(5, "score", pa.array(np.full(len(copies), 0.5, np.float32)))
+    more = pa.concat_tables([copies, once, once])
+    shuffled = more.take(np.random.default_rng(0).permutation(len(more)))
+    first, second = (
+        evaluate(scene.submit(tmp_path / f"{len(t)}.parquet", t, kind="matches"), scene.root)
+        for t in (once, shuffled)
+    )
+    assert first.document["overall"] == second.document["overall"]
+    assert first.document["counts"] == second.document["counts"]
+
+
+def test_each_pixel_keeps_its_best_match(scene: Any, tmp_path: Path) -> None:
+    pair, uv_a, uv_b = (x[:1] for x in true_matches(scene))
+    table = matches_table(
+        np.repeat(pair, 2), np.repeat(uv_a, 2, axis=0), np.concatenate([uv_b + 40, uv_b])
+    )
+    for score, right in (([0.2, 0.9], True), ([0.9, 0.2], False)):
+        scored = table.set_column(5, "score", pa.array(np.array(score, np.float32)))
+        scores = evaluate(scene.submit(tmp_path / "m.parquet", scored, kind="matches"), scene.root)
+        assert (scores.overall["rmse_px"] < 2) is right
+
+
+def test_coverage_stands_next_to_every_figure(
+    scene: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pair, uv_a, uv_b = true_matches(scene)
+    some = pair < 2
+    table = matches_table(pair[some], uv_a[some], uv_b[some])
+    path = scene.submit(tmp_path / "m.parquet", table, kind="matches")
+    out = tmp_path / "report"
+    assert run(["evaluate", str(path), "--data", str(scene.root), "--out", str(out)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert all("of 33.3 % of the pairs" in line for line in lines if "RMSE" in line)
+    assert "of 33.3 % of the pairs" in (out / "report.html").read_text()
+    assert "of 33.3 % of the pairs" in render_leaderboard([read_scores(out)])
 
 
 def test_hidden_matter_has_no_partner(scene: Any, tmp_path: Path) -> None:
