@@ -35,6 +35,12 @@ if TYPE_CHECKING:
     is_flag=True,
     help="Score a missing answer as the worst value in every metric; print the coverage.",
 )
+@click.option(
+    "--hide-truth",
+    is_flag=True,
+    help="Cap every error at the image diagonal, for results shown to participants "
+    "(see: pliant serve --hide-truth).",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print scores.json on stdout.")
 def command(
     submission: Path,
@@ -43,6 +49,7 @@ def command(
     protocol: str | None,
     out: Path | None,
     allow_missing: bool,
+    hide_truth: bool,
     as_json: bool,
 ) -> int:
     """Score SUB.parquet against its dataset.
@@ -71,6 +78,7 @@ def command(
                 truth=truth,
                 protocol=protocol,
                 allow_missing=allow_missing,
+                hide_truth=hide_truth,
                 progress=lambda done, total: bar.update(task, completed=done, total=total),
             )
     except SubmissionError as error:

@@ -23,7 +23,8 @@ import click
 @click.option(
     "--hide-truth",
     is_flag=True,
-    help="Leave out the pictures and tables that tell single answers of a held-out split.",
+    help="Show only rounded headline metrics, so that no answer of a held-out split can be read "
+    "off; needs reports of pliant evaluate --hide-truth.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Report as one JSON document.")
 def command(

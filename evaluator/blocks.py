@@ -121,6 +121,7 @@ def read_blocks(
     truth_columns: Sequence[str] = (),
     query_pixels: bool = False,
     block_rows: int | None = None,
+    cap_errors: bool = False,
 ) -> Iterator[Block]:
     """Yield the split block by block, in order.
 
@@ -131,6 +132,8 @@ def read_blocks(
         truth_columns: Any of `point`, `box_px`, `alternatives`, besides the position and state.
         query_pixels: Whether `uv_a_px` is wanted.
         block_rows: About so many queries a block; None takes `BLOCK_ROWS`.
+        cap_errors: Move answers to visible points that are further off than the image diagonal
+            towards the truth, up to that distance.
 
     Raises:
         SpecError: The truth is damaged or does not belong to these queries.
@@ -165,6 +168,8 @@ def read_blocks(
         if not np.isfinite(true_px[state == VISIBLE]).all():
             raise SpecError("a visible point has no finite position", path=truth, where="u_b, v_b")
         answer_px = answers.uv_px[first:end]
+        if cap_errors:
+            answer_px = _capped(answer_px, true_px, state == VISIBLE, questions.diagonal_px)
         uv_a = None
         if query_stream is not None:
             taken = query_stream.take(end - first)
@@ -183,6 +188,18 @@ def read_blocks(
             box_px=numbers(table["box_px"], np.float64) if "box_px" in truth_columns else None,
             partners=_partners(table, states) if "alternatives" in truth_columns else None,
         )
+
+
+def _capped(
+    answer_px: RealArray, true_px: FloatArray, visible: BoolArray, most_px: float
+) -> FloatArray:
+    """Return answers whose error is at most a distance, float64 (N, 2)."""
+    capped = answer_px.astype(np.float64)
+    offset = capped - true_px
+    length = np.hypot(offset[:, 0], offset[:, 1])
+    far = np.flatnonzero(visible & (length > most_px))
+    capped[far] = true_px[far] + offset[far] * (most_px / length[far])[:, None]
+    return capped
 
 
 def check_truth(truth: Path, dataset_id: str, dataset_version: str, split: str, sha: str) -> None:

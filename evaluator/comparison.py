@@ -26,6 +26,7 @@ _SAME: Final = (
     (("dataset", "id"), "dataset"),
     (("dataset", "version"), "dataset version"),
     (("split",), "split"),
+    (("hide_truth",), "error cap"),
     (("dataset", "queries_sha256"), "queries"),
     (("dataset", "truth_sha256"), "truth"),
 )
@@ -188,7 +189,7 @@ def ranks(found: Sequence[Difference], names: Sequence[str]) -> dict[tuple[str, 
 
 def _get(document: Any, keys: tuple[str, ...]) -> Any:
     for key in keys:
-        document = document[key]
+        document = document.get(key)
     return document
 
 

@@ -40,6 +40,7 @@ def evaluate(
     truth: Path | str | None = None,
     protocol: str | None = None,
     allow_missing: bool = False,
+    hide_truth: bool = False,
     memory_limit_bytes: int = MEMORY_LIMIT_BYTES,
     progress: Progress | None = None,
 ) -> Scores:
@@ -51,7 +52,9 @@ def evaluate(
         truth: The split's truth, or the private half of a published dataset, which also brings
             the surfaces; None takes the dataset's own.
         protocol: Name of a protocol; None takes `standard` for answers, `matches` for matches.
-        allow_missing: Score a query without an answer as a failure instead of refusing.
+        allow_missing: Score a query without an answer as the worst value instead of refusing.
+        hide_truth: Cap every error at the image diagonal, for scores that participants of a
+            competition see: uncapped errors tell single answers. See `public_scores`.
         memory_limit_bytes: Arrays as long as the split go to temporary files beyond this.
         progress: Called with (pairs scored, pairs in all) now and then.
 
@@ -87,7 +90,7 @@ def evaluate(
         if rules.kind == "answers":
             queries_sha256 = str(loaded.submission.footer["queries_sha256"])
             check_truth(truth_path, dataset.id, dataset.version, split, queries_sha256)
-        return _score(loaded, dataset, truth_path, rules, scratch, progress)
+        return _score(loaded, dataset, truth_path, rules, scratch, progress, hide_truth)
 
 
 def _refusal(path: Path, problems: Problems) -> SubmissionError:
@@ -109,6 +112,7 @@ def _score(
     protocol: Protocol,
     scratch: Scratch,
     progress: Progress | None,
+    hide_truth: bool,
 ) -> Scores:
     questions = loaded.questions
     table = PairTable(questions.pairs)
@@ -123,7 +127,7 @@ def _score(
         coverage = float((np.diff(loaded.answers.starts) > 0).mean())
     else:
         setting = Setting(dataset, questions, loaded.answers, table, scratch, surfaces)
-        hints = _score_answers(setting, truth, protocol, groups, summary, progress)
+        hints = _score_answers(setting, truth, protocol, groups, summary, progress, hide_truth)
         coverage = loaded.answers.answered / questions.rows
     ratios = ratios_of(protocol.metrics)
     for ratio in ratios:
@@ -135,7 +139,11 @@ def _score(
     clusters = Clusters.of(questions.sequence_a, questions.tier, len(questions.tiers))
     found = intervals(ratios, table.columns, clusters, protocol.bootstrap)
     document = _document(loaded, dataset, truth, protocol, groups, summary, coverage, found, table)
-    examples = choose_examples(loaded.answers, questions, table.columns, truth)
+    if hide_truth:
+        document["hide_truth"] = True
+    examples = (
+        () if hide_truth else choose_examples(loaded.answers, questions, table.columns, truth)
+    )
     return Scores(document, pair_table(questions, table.columns), examples, hints)
 
 
@@ -146,6 +154,7 @@ def _score_answers(
     groups: Groups,
     summary: Summary,
     progress: Progress | None,
+    hide_truth: bool,
 ) -> tuple[str, ...]:
     """Run the scorers over the blocks of a split; return hints about the answers."""
     scorers = scorers_of(protocol.metrics, setting)
@@ -162,6 +171,7 @@ def _score_answers(
         query_pixels=any(scorer.query_pixels for scorer in scorers),
         # Where surface images are read too, they take the time: shorter blocks show progress.
         block_rows=_ROWS_WITH_IMAGES if _has_images(setting.dataset) else None,
+        cap_errors=hide_truth,
     )
     hints = TruthHints(answers, setting.questions)
     for block in blocks:

@@ -16,6 +16,7 @@ from pliant.evaluator.comparison import (
     method_names,
     ranks,
 )
+from pliant.evaluator.hidden_truth import public_scores
 from pliant.evaluator.report import page_style, template_environment
 from pliant.evaluator.scorers.base import OVERALL
 from pliant.evaluator.scores import SCORES_JSON, Scores, read_scores
@@ -61,15 +62,19 @@ def read_reports(places: Sequence[Path]) -> list[Scores]:
     return [read_scores(path) for path in find_reports(places)]
 
 
-def render_leaderboard(reports: Sequence[Scores], links: Sequence[str] | None = None) -> str:
+def render_leaderboard(
+    reports: Sequence[Scores], links: Sequence[str] | None = None, *, hide_truth: bool = False
+) -> str:
     """Return the leaderboard as one HTML page that needs nothing from outside.
 
     Args:
         reports: Comparable reports.
         links: Where each method's name leads to; None for nowhere.
+        hide_truth: Show what `public_scores` leaves, and the ranks; no differences.
 
     Raises:
-        CallError: They mix protocols, datasets or splits.
+        CallError: They mix protocols, datasets or splits, or `hide_truth` is asked for reports
+            that were scored without it.
     """
     check_comparable(reports)
     document = reports[0].document
@@ -79,6 +84,8 @@ def render_leaderboard(reports: Sequence[Scores], links: Sequence[str] | None = 
     _, _, better = about(main, protocol)
     found = differences(reports, [main])
     standing = ranks(found, names).get((OVERALL, main), [1] * len(reports))
+    if hide_truth:
+        reports = [public_scores(report) for report in reports]
     columns = [(OVERALL, metric) for metric in document["headline"]]
     tiers = list(document["tiers"])
     if len(tiers) > 1:
@@ -104,7 +111,9 @@ def render_leaderboard(reports: Sequence[Scores], links: Sequence[str] | None = 
             main=label(main),
             fewest_sequences=fewest_sequences(float(document["intervals"]["level"])),
             too_few=any(item.verdict == "too few sequences" for item in found),
-            plots=[
+            plots=[]
+            if hide_truth
+            else [
                 *_differences(found, [names[i] for i in order], main, protocol),
                 *_plots(reports, names),
             ],

@@ -11,10 +11,12 @@ from typing import Final
 
 import yaml
 
+from pliant.evaluator.hidden_truth import public_scores
 from pliant.evaluator.leaderboard import find_reports, render_leaderboard
 from pliant.evaluator.report import render_report
 from pliant.evaluator.scores import PER_PAIR_TABLE, REPORT_HTML, SCORES_JSON, Scores, read_scores
 from pliant.spec.errors import CallError
+from pliant.spec.jsonfiles import write_json
 
 INDEX: Final = "index.html"
 README: Final = "README.md"
@@ -33,21 +35,23 @@ def write_site(
         places: Report folders, or folders of report folders.
         out: The site's folder: new, empty, or an earlier site, which is replaced.
         title: The site's name; None takes the dataset's title.
-        hide_truth: Leave out what tells single answers of a held-out split: the pictures of
-            example pairs, and the tables of pairs.
+        hide_truth: Show only what `public_scores` leaves: no pictures of example pairs, no
+            tables of pairs, rounded headline metrics.
 
     Returns:
         The names of the reports' folders.
 
     Raises:
-        CallError: The reports do not compare, or `out` holds something else.
+        CallError: The reports do not compare, `out` holds something else, or `hide_truth` is
+            asked for reports that were scored without it.
         SubmissionError: A report is damaged.
     """
     _check_out_dir(out)
     folders = find_reports(places)
     reports = [read_scores(folder) for folder in folders]
     names = _names(folders)
-    page = render_leaderboard(reports, links=[f"{REPORTS}/{name}/{REPORT_HTML}" for name in names])
+    links = [f"{REPORTS}/{name}/{REPORT_HTML}" for name in names]
+    page = render_leaderboard(reports, links, hide_truth=hide_truth)
     out.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=".pliant-site-", dir=out.parent) as scratch:
         site = Path(scratch)
@@ -79,8 +83,12 @@ def _check_out_dir(out: Path) -> None:
 
 
 def _copy_report(folder: Path, scores: Scores, target: Path, *, hide_truth: bool) -> None:
-    shutil.copyfile(folder / SCORES_JSON, target / SCORES_JSON)
     source = folder / REPORT_HTML
+    if hide_truth:
+        scores = public_scores(scores)
+        write_json(target / SCORES_JSON, scores.document)
+    else:
+        shutil.copyfile(folder / SCORES_JSON, target / SCORES_JSON)
     if hide_truth or not source.is_file():
         page = render_report(scores)  # scores that were read back have no examples
     else:

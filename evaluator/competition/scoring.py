@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
 from pliant.evaluator.evaluate import evaluate
+from pliant.evaluator.hidden_truth import public_scores
 from pliant.evaluator.report import render_report
 from pliant.evaluator.scores import Scores
 from pliant.spec.jsonfiles import read_json
@@ -24,8 +24,8 @@ def score(submission: Path, reference: Path) -> Scores:
         reference: The unpacked reference data.
 
     Returns:
-        The scores of `pliant evaluate`, without the example pairs: their pictures would show
-        participants where the truth lies.
+        What participants see of the scores of `pliant evaluate --hide-truth`: the rounded
+        headline metrics.
 
     Raises:
         SubmissionError: Something is wrong with the submission; `issues` has it all.
@@ -33,7 +33,9 @@ def score(submission: Path, reference: Path) -> Scores:
         SpecError: The reference data is at fault.
     """
     rules = read_json(reference / COMPETITION_JSON)
-    return replace(evaluate(submission, reference, protocol=rules["protocol"]), examples=())
+    return public_scores(
+        evaluate(submission, reference, protocol=rules["protocol"], hide_truth=True)
+    )
 
 
 def flat_scores(document: Mapping[str, Any]) -> dict[str, float]:

@@ -73,15 +73,25 @@ def test_readme_makes_a_static_space(reports: Path, tmp_path: Path) -> None:
     assert r"# Ropes: who is \[first\]?" in text
 
 
-def test_hidden_truth_stays_hidden(reports: Path, tmp_path: Path) -> None:
+def test_hidden_truth_stays_hidden(reports: Path, scene: Any, tmp_path: Path) -> None:
     shown = served(reports, tmp_path / "open")
-    hidden = served(reports, tmp_path / "hidden", "--hide-truth")
+    assert run(["serve", str(reports), "--out", str(tmp_path / "no"), "--hide-truth"]) == 2
+    capped = tmp_path / "capped"
+    for name, error_px in (("mine & co", 3.0), ("mine? co", 9.0)):
+        path = scene.submit(tmp_path / "s.parquet", scene.table(scene.true_px + error_px))
+        scores = evaluate(path, scene.root, hide_truth=True)
+        write_report(scores, capped / name, data=scene.root)
+    hidden = served(capped, tmp_path / "hidden", "--hide-truth")
+    page = (hidden / "index.html").read_text()
+    assert f'data-key="{float(3 * 2**0.5):.4g}"' in page
+    assert "<svg" not in page
     place = "reports/mine-co/report.html"
     assert 'class="pair"' in (shown / place).read_text()  # a ring where the truth lies
     assert 'class="pair"' not in (hidden / place).read_text()
     assert len(list(shown.rglob("per_pair.parquet"))) == 2
     assert not list(hidden.rglob("*.parquet"))
-    assert (hidden / place).with_name("scores.json").is_file()
+    shown_scores = json.loads((hidden / place).with_name("scores.json").read_text())
+    assert set(shown_scores["overall"]) == set(shown_scores["headline"])
 
 
 def test_site_is_replaced_and_nothing_else_is(

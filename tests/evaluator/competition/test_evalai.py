@@ -13,6 +13,7 @@ import yaml
 
 from pliant.evaluator import evaluate
 from pliant.evaluator.competition.scoring import flat_scores
+from pliant.evaluator.hidden_truth import public_scores
 
 WORKER = """
 import importlib, json, sys
@@ -54,7 +55,8 @@ def test_result_is_that_of_pliant_evaluate(
     done = called(challenge, bare_python, submission)
     assert (done.returncode, done.stderr) == (0, "")
     out = json.loads(done.stdout)
-    expected = flat_scores(evaluate(submission, scene.root, protocol="standard").document)
+    scores = evaluate(submission, scene.root, protocol="standard", hide_truth=True)
+    expected = flat_scores(public_scores(scores).document)
     assert out["result"] == [{"test": expected}]
     assert out["submission_result"] == expected
 
