@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import numpy.typing as npt
 
@@ -17,7 +19,7 @@ def farthest_material_m(described: MaterialObject) -> float:
         else coordinate.metres_per_unit * coordinate.period / 2
         for coordinate in described.material
     ]
-    return float(np.hypot(*spans))
+    return math.hypot(*spans)
 
 
 def nearest_object_pixel(
