@@ -105,7 +105,16 @@ ISSUE_CODES: Final[dict[str, IssueCode]] = _catalogue(
     IssueCode("TIER_UNKNOWN", "error", "dataset", "A tier that dataset.json does not declare."),
     IssueCode("SPLIT_UNKNOWN", "error", "dataset", "A split that dataset.json does not declare."),
     IssueCode(
-        "SPLIT_SHARED", "error", "dataset", "One and the same sequence stands in two splits."
+        "SPLIT_SHARED",
+        "error",
+        "dataset",
+        "A sequence, or a frame by its decoded content, is in two splits.",
+    ),
+    IssueCode(
+        "FRAME_REPEATED",
+        "warning",
+        "dataset",
+        "Two frames of one split have the same content, and are not of one episode.",
     ),
     IssueCode(
         "SYMMETRY_INVALID",
@@ -203,6 +212,57 @@ ISSUE_CODES: Final[dict[str, IssueCode]] = _catalogue(
         "error",
         "dataset",
         "The material coordinate of a visible point is not that of the surface at its pixel.",
+    ),
+    IssueCode(
+        "OFFSET_DISAGREES",
+        "error",
+        "dataset",
+        "The points of a sequence or frame are a constant shift away from where the surface layer "
+        "shows their material.",
+    ),
+    IssueCode(
+        "OFFSET_SCATTERS",
+        "warning",
+        "dataset",
+        "The points of a sequence are scattered around where the surface layer shows their "
+        "material.",
+    ),
+    IssueCode(
+        "DEPTH_IMAGE_DISAGREES",
+        "error",
+        "dataset",
+        "The depth images of a sequence show other depths than its points have.",
+    ),
+    IssueCode(
+        "DEPTH_IMAGE_SCATTERS",
+        "warning",
+        "dataset",
+        "The depth images of a sequence are noisy against its points.",
+    ),
+    IssueCode(
+        "PRECISION_LOST",
+        "error",
+        "dataset",
+        "The values of an image went through a coarser format: float16, 8 bits, whole millimetres.",
+    ),
+    IssueCode(
+        "SCALE_DISAGREES",
+        "error",
+        "dataset",
+        "metres_per_unit differs from the size that the images show by a factor of 3 or more.",
+    ),
+    IssueCode(
+        "COLOUR_DISAGREES",
+        "error",
+        "dataset",
+        "Colour images are shifted, turned, blank, or of other frames than the surface images.",
+    ),
+    IssueCode(
+        "COLOUR_DOUBTFUL",
+        "warning",
+        "dataset",
+        "Colour images do not show the objects' silhouettes, or may be wrong for a reason that "
+        "noise or foreign pictures can also have.",
     ),
     IssueCode(
         "PARTNER_DISAGREES",

@@ -10,15 +10,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from pliant.spec import layout
 from pliant.spec.conventions import SPEC_VERSION, SPLITS
 from pliant.spec.errors import CallError, Issue
 from pliant.spec.files import LocalFiles, Member, PackedFiles
+from pliant.spec.issue_codes import ISSUE_CODES
 from pliant.spec.jsonfiles import is_newer_minor
 from pliant.spec.rules.checksums import check_checksums
 from pliant.spec.rules.context import Context
+from pliant.spec.rules.duplicates import SequenceKeys, compare_frames
 from pliant.spec.rules.files import read_document
 from pliant.spec.rules.findings import Findings
 from pliant.spec.rules.listing import check_listing
@@ -139,20 +139,22 @@ def validate(
         ]
         known: dict[str, KnownSequence] = {}
         digests: dict[str, tuple[bytes, str]] = {}
-        pictures: list[tuple[str, Any]] = []
+        keys: list[SequenceKeys] = []
         for result in _run(tasks, workers):
             sequences += 1
             frames += result.frames
             findings.merge(result.findings)
             _compare_points(result, digests, findings)
             if result.split is not None:
-                pictures.append((result.split, result.pictures))
+                keys.append(
+                    SequenceKeys(result.id, result.tier, result.split, result.temporal, result.keys)
+                )
                 known[result.id] = KnownSequence(
                     result.tier, result.split, result.frames, result.boxes_px, result.tables_sound
                 )
             if progress is not None:
                 progress(sequences, len(tasks))
-        _compare_splits(pictures, findings)
+        compare_frames(keys, findings)
         for split in SPLITS:
             paths = (layout.queries_path(root, split), layout.truth_path(root, split))
             if any(path.exists() or path.is_symlink() for path in paths):
@@ -236,30 +238,11 @@ def _compare_points(
         )
 
 
-def _compare_splits(pictures: list[tuple[str, Any]], findings: Findings) -> None:
-    """No frame of one split may stand, bit for bit, in another."""
-    splits = sorted({split for split, _ in pictures})
-    seen = {
-        split: np.unique(np.concatenate([hashes for name, hashes in pictures if name == split]))
-        for split in splits
-    }
-    for index, first in enumerate(splits):
-        for second in splits[index + 1 :]:
-            shared = np.intersect1d(seen[first], seen[second], assume_unique=True)
-            if shared.size:
-                findings.add(
-                    "SPLIT_SHARED",
-                    layout.SEQUENCES_TABLE,
-                    f"{first}, {second}",
-                    f"{shared.size} depth images are the same in both splits",
-                )
-
-
 def _report(
     root: Path, quick: bool, findings: Findings, limit: int, sequences: int, frames: int
 ) -> Report:
     order = {code: index for index, code in enumerate(findings.counts)}
-    issues = findings.issues
+    issues = findings.listed()
     if len(issues) > limit:
         # Keep some of every code: the first of each, then the second of each …
         rank: dict[str, int] = {}
@@ -268,13 +251,14 @@ def _report(
             rank[issue.code] = rank.get(issue.code, -1) + 1
             ranked.append((rank[issue.code], order[issue.code], issue))
         issues = [issue for _, _, issue in sorted(ranked, key=lambda item: item[:2])[:limit]]
-    warnings = {issue.code for issue in findings.issues if issue.severity == "warning"}
     return Report(
         root=root,
         quick=quick,
         issues=sorted(issues, key=lambda issue: (issue.path, issue.where, issue.code)),
         counts=dict(sorted(findings.counts.items())),
-        errors=sum(n for code, n in findings.counts.items() if code not in warnings),
+        errors=sum(
+            n for code, n in findings.counts.items() if ISSUE_CODES[code].severity == "error"
+        ),
         sequences=sequences,
         frames=frames,
     )

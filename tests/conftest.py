@@ -78,6 +78,29 @@ def tiny_episode(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return _made_once(config, "tiny-episode", tmp_path_factory)
 
 
+@pytest.fixture(scope="session")
+def rendered_dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A dataset of `rope` and `cloth-1`, 320x240 px, style `raster`: to be read only.
+
+    Large enough for places between pixels to be measured; per tier 2 training and 1 test
+    sequences of 3 configurations.
+    """
+    from pliant.generator.config import GenerateConfig
+
+    _require_generator()
+    config = GenerateConfig(
+        tiers=("rope", "cloth-1"),
+        splits={"train": 2, "test": 1},
+        frames=3,
+        width=320,
+        height=240,
+        style="raster",
+        cloth=TINY_CLOTH,
+        id="rendered",
+    )
+    return _made_once(config, "rendered-dataset", tmp_path_factory)
+
+
 TINY_ROPE: dict[str, Any] = {"knots": {"overhand": 1.0}}
 TINY_CLOTH: dict[str, Any] = {"points_a_side": 33, "tracked_a_side": 17}
 

@@ -19,6 +19,7 @@ from typing import Any
 from pliant.spec.conformance import (
     accepted,
     accepted_tables,
+    broken_agreement,
     broken_documents,
     broken_files,
     broken_geometry,
@@ -45,6 +46,7 @@ CASES: list[Case] = [
     *broken_documents.CASES,
     *broken_tables.CASES,
     *broken_geometry.CASES,
+    *broken_agreement.CASES,
     *broken_queries.CASES,
     *packed.CASES,
 ]

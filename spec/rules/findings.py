@@ -27,11 +27,13 @@ class Findings:
         listed_per_code: So many of one code are kept in words.
         issues: Those kept.
         counts: Code -> how many there are.
+        diagnoses: (code, cause) -> (file, rows) of every file that has this one cause.
     """
 
     listed_per_code: int = LISTED_PER_CODE
     issues: list[Issue] = field(default_factory=list)
     counts: dict[str, int] = field(default_factory=dict)
+    diagnoses: dict[tuple[str, str], list[tuple[str, int]]] = field(default_factory=dict)
 
     def add(self, code: str, path: str, where: str, message: str) -> None:
         """Add one problem; arguments as `make_issue`."""
@@ -63,8 +65,37 @@ class Findings:
             where, message = describe(int(index))
             self.issues.append(make_issue(code, path, where, message))
 
+    def diagnose(self, code: str, path: str, cause: str) -> None:
+        """Explain every problem of one code by one cause.
+
+        One issue then replaces those of the code listed so far, and their number stays. Equal
+        causes of several files become one issue.
+
+        Args:
+            code: Issue code.
+            path: The file.
+            cause: If rows have this code: what they do, in the plural. Otherwise a sentence; it
+                counts as one problem.
+        """
+        rows = self.counts.get(code, 0)
+        self.counts[code] = max(rows, 1)
+        self.issues = [issue for issue in self.issues if issue.code != code]
+        self.diagnoses.setdefault((code, cause), []).append((path, rows))
+
+    def listed(self) -> list[Issue]:
+        """Return the issues in words: one for each diagnosis, then those without."""
+        found = []
+        for (code, cause), files in self.diagnoses.items():
+            rows = sum(count for _, count in files)
+            message = f"all {rows:,} rows {cause}" if rows else cause
+            where = f"and {len(files) - 1} more files" if len(files) > 1 else ""
+            found.append(make_issue(code, files[0][0], where, message))
+        return [*found, *self.issues]
+
     def merge(self, other: Findings) -> None:
         """Add the problems of another part."""
+        for key, files in other.diagnoses.items():
+            self.diagnoses.setdefault(key, []).extend(files)
         listed = {code: 0 for code in other.counts}
         for issue in other.issues:
             kept = self.counts.get(issue.code, 0) + listed[issue.code]

@@ -20,6 +20,8 @@ from pliant.spec.rules.correspondences import (
     frame_rows,
     open_correspondences,
 )
+from pliant.spec.rules.duplicates import FrameKeys
+from pliant.spec.rules.evidence import PRECISION_FRAMES, Evidence
 from pliant.spec.rules.files import (
     SequenceFiles,
     check_files,
@@ -28,6 +30,7 @@ from pliant.spec.rules.files import (
 )
 from pliant.spec.rules.findings import Findings
 from pliant.spec.rules.points import PointSet, check_points
+from pliant.spec.rules.precision import check_precision
 from pliant.spec.rules.surfaces import check_rgb, check_surface, visible_box_px
 from pliant.spec.rules.visibility import check_visibility
 
@@ -46,7 +49,8 @@ class SequenceResult:
         frames: Its frames, 0 likewise.
         findings: Its problems.
         points_digest: Hash of its point table, None if that is not sound.
-        pictures: uint64 (F,), the start of each depth image's sha256.
+        temporal: True for an episode.
+        keys: What identifies each frame.
         boxes_px: float32 (F,), longer side of the queried object's visible box; NaN unknown.
         tables_sound: True if queries can be checked against its tables.
     """
@@ -57,7 +61,8 @@ class SequenceResult:
     frames: int = 0
     findings: Findings = field(default_factory=Findings)
     points_digest: bytes | None = None
-    pictures: npt.NDArray[np.uint64] = field(default_factory=lambda: np.zeros(0, np.uint64))
+    temporal: bool = False
+    keys: FrameKeys = field(default_factory=FrameKeys)
     boxes_px: npt.NDArray[np.float32] = field(default_factory=lambda: np.zeros(0, np.float32))
     tables_sound: bool = False
 
@@ -85,21 +90,22 @@ def check_sequence(
     if info is None:
         return result
     result.split, result.frames = info["split"], info["frames"]
+    result.temporal = info["temporal"]
     held_out = info["split"] in context.held_out
     check_files(files, info, findings, held_out=held_out)
-    depths = [layout.depth_name(frame) for frame in range(info["frames"])]
-    result.pictures = np.array(
-        [int(files.hashes[name][0][:16], 16) for name in depths if name in files.hashes],
-        np.uint64,
-    )
     tier = context.tiers.get(info["tier"])
     if tier is None:
         return result
     cameras = _cameras(context, files, info, findings)
     if held_out:
         _check_held_out(info, f"{shown}/{layout.SEQUENCE_JSON}", findings)
+        evidence = Evidence(info["frames"])
         for frame in range(info["frames"]):
-            check_rgb(context, files, frame, findings)
+            rgb = check_rgb(context, files, frame, findings)
+            if rgb is not None:
+                evidence.add_picture(frame, rgb)
+        evidence.conclude(tier, info, None, (context.width, context.height), shown, findings)
+        result.keys = evidence.keys
         return result
     points = None
     if files.verified(layout.POINTS_TABLE, findings):
@@ -125,6 +131,10 @@ _HARMLESS = frozenset(
         "VISIBLE_DISAGREES",
         "OCCLUDED_DISAGREES",
         "MATERIAL_DISAGREES",
+        "OFFSET_DISAGREES",
+        "OFFSET_SCATTERS",
+        "DEPTH_IMAGE_DISAGREES",
+        "DEPTH_IMAGE_SCATTERS",
     }
 )
 """Codes of a correspondence table that leave its rows in place, so that queries can be
@@ -234,12 +244,23 @@ def _check_frames(
     result.boxes_px = np.full(frames, np.nan, np.float32)
     shares = np.full(frames, np.nan)
     count = 0
+    evidence = Evidence(frames)
+    result.keys = evidence.keys
+    for frame in range(frames):
+        name = layout.depth_name(frame)
+        if name in files.hashes:
+            evidence.keys.depths[frame] = int(files.hashes[name][0][:15], 16)
     rows = next(stream, None)
     for frame in range(frames):
-        check_rgb(context, files, frame, findings)
+        rgb = check_rgb(context, files, frame, findings)
+        if rgb is not None:
+            evidence.add_picture(frame, rgb)
         surface = check_surface(context, tier, files, frame, findings)
         if surface is not None:
             result.boxes_px[frame] = visible_box_px(surface, tier["queried_object"])
+            if frame < PRECISION_FRAMES:
+                path = f"{files.shown}/{layout.depth_name(frame)}"
+                check_precision(surface, path, findings)
         if rows is None or rows.frame != frame or points is None:
             continue
         count += len(rows.point)
@@ -247,11 +268,17 @@ def _check_frames(
         shares[frame] = np.mean((rows.state == SELF_OCCLUDED)[outer]) if outer.any() else np.nan
         if cameras is not None:
             good = check_projection(context, cameras, rows, shown, findings)
+            evidence.add_rows(cameras, rows)
             if surface is not None:
-                check_visibility(tier, cameras, points, rows, good, surface, shown, findings)
+                fits = check_visibility(tier, cameras, points, rows, good, surface, shown, findings)
+                evidence.add_surface(tier, cameras, points, rows, good, surface, fits)
+                if fits and rgb is not None:
+                    evidence.add_silhouette(frame, rgb, surface.object_id)
         rows = next(stream, None)
+    size = (context.width, context.height)
     while rows is not None:  # so that broken values after the last frame are reported too
         rows = next(stream, None)
+    evidence.conclude(tier, info, cameras, size, files.shown, findings)
     whole = points is not None and count == frames * len(points)
     if row is not None and whole and np.isfinite(shares).all() and np.isfinite(row[_SHARE]):
         _check_summary(row, float(np.mean(shares)), findings)

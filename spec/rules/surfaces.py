@@ -16,7 +16,9 @@ from pliant.spec.rules.findings import Findings
 from pliant.spec.rules.points import MATERIAL_TOLERANCE
 
 
-def check_rgb(context: Context, files: SequenceFiles, frame: int, findings: Findings) -> None:
+def check_rgb(
+    context: Context, files: SequenceFiles, frame: int, findings: Findings
+) -> npt.NDArray[np.uint8] | None:
     """Check a frame's colour image: its checksum, and (full run) that it decodes.
 
     Args:
@@ -24,11 +26,15 @@ def check_rgb(context: Context, files: SequenceFiles, frame: int, findings: Find
         files: The sequence's folder.
         frame: The frame.
         findings: Gets the problems.
+
+    Returns:
+        uint8 (H, W, 3) if it breaks no rule and this is a full run.
     """
     name = layout.rgb_name(frame)
     if files.verified(name, findings) and not context.quick:
         with findings.refusals(f"{files.shown}/{name}"):
-            read_rgb(files.folder / name, size=(context.width, context.height))
+            return read_rgb(files.folder / name, size=(context.width, context.height))
+    return None
 
 
 def check_surface(

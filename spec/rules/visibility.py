@@ -107,7 +107,7 @@ def check_visibility(
     surface: Surface,
     shown: str,
     findings: Findings,
-) -> None:
+) -> bool:
     """Check the states of a frame's points against its surface image.
 
     Args:
@@ -119,6 +119,9 @@ def check_visibility(
         surface: The frame's surface image, valid.
         shown: The table's path in issues.
         findings: Gets `VISIBLE_DISAGREES`, `MATERIAL_DISAGREES`, `OCCLUDED_DISAGREES`.
+
+    Returns:
+        True if the frame's points are those that the image shows, as far as it can be said.
     """
     height, width = surface.depth_m.shape
     # A point behind the camera may carry any number: clipped, for the cast to be defined.
@@ -127,21 +130,34 @@ def check_visibility(
     chosen = np.flatnonzero(good & inner & (rows.state != OUT_OF_FRAME))
     seen = chosen[rows.state[chosen] == VISIBLE]
     edge_on = _edge_on(points.object_id[rows.point[seen]], rows.uv_px[seen])
-    tally = np.zeros(2, np.int64)
+    tally = np.zeros(3, np.int64)
     for low in range(0, chosen.size, _CHUNK):
         part = chosen[low : low + _CHUNK]
         tally += _check_points(
             tier, cameras, points, rows, part, pixel[part], surface, edge_on, shown, findings
         )
-    count, missed = int(tally[0]), int(tally[1])
-    if count >= 8 and missed > (1 - LOOSE_SHARE) * count:
+    count, missed, deep = (int(number) for number in tally)
+    if count < 8 or missed <= (1 - LOOSE_SHARE) * count:
+        return True
+    where = f"frame {rows.frame}"
+    if 2 * deep >= missed:  # depth fits: it is not the depth image's Z that is wrong
+        findings.add(
+            "MATERIAL_DISAGREES",
+            shown,
+            where,
+            f"{missed} of {count} visible points fit in depth, but the surface layer shows other "
+            "material there: m0 and m1 exchanged or mirrored, points renumbered, or a "
+            "metres_per_unit that is wrong?",
+        )
+    else:
         findings.add(
             "VISIBLE_DISAGREES",
             shown,
-            f"frame {rows.frame}",
+            where,
             f"{missed} of {count} visible points are on no surface that the depth image shows "
-            "around them",
+            "around them: the image of another frame, or depth in another unit?",
         )
+    return False
 
 
 def _check_points(
@@ -156,7 +172,7 @@ def _check_points(
     shown: str,
     findings: Findings,
 ) -> npt.NDArray[np.int64]:
-    """Check some rows of a frame; return how many are visible and how many of these miss."""
+    """Check some rows; return how many are visible, miss, and miss although depth fits."""
     K = cameras.K[rows.frame]
     window = _window(tier, points, rows, chosen, pixel, surface, float(min(K[0, 0], K[1, 1])))
     near_by = _Nearby(tier, surface.object_id, pixel, window.footprint_m)
@@ -193,7 +209,8 @@ def _check_points(
     _report_hidden(tier, rows, chosen, window, own, near_by, shown, findings)
     visible &= ~np.isin(own, edge_on)
     missed &= visible & ~_on_slope(same, lower, away, reach, reach + below)
-    return np.array([np.count_nonzero(visible), np.count_nonzero(missed)])
+    deep = missed & on_depth.any(axis=(1, 2))
+    return np.array([np.count_nonzero(part) for part in (visible, missed, deep)])
 
 
 def _on_slope(
