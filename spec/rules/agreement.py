@@ -49,9 +49,9 @@ def check_agreement(
         True if the images' depth is known not to be that of the tables.
     """
     measured = fitting.joined()
-    if measured is not None and len(measured) >= MIN_POINTS:
-        if _check_shift(fitting, measured, shown, findings):
-            return False  # the other measurements would follow from this
+    enough = measured is not None and len(measured) >= MIN_POINTS
+    if measured is not None and enough and _check_shift(fitting, measured, shown, findings):
+        return False  # the other measurements would follow from this
     placed = Alignment([part for part in others.parts if _in_place(part)])
     measured = Alignment([*fitting.parts, *placed.parts]).joined()
     if measured is None or len(measured) < MIN_POINTS:

@@ -181,8 +181,8 @@ class Colours:
         shift = best_shift(pooled)
         if any(shift):
             return True, (
-                f"the silhouettes are seen {shift[0]:+d} px to the right and {shift[1]:+d} px below "
-                "where the surface images have them: shifted pictures?"
+                f"the silhouettes are seen ({shift[0]:+d}, {shift[1]:+d}) px (u, v) from where the "
+                "surface images have them: shifted pictures?"
             )
         ratios = np.array([recognised(part) for part in self.own])
         low = ratios < MIN_RATIO

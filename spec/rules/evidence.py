@@ -152,6 +152,6 @@ class Evidence:
                 "COLOUR_DISAGREES",
                 shown,
                 f"frame {moved[0][1]}",
-                f"{len(moved)} pictures repeat that of an earlier frame, here {moved[0][0]}, though "
-                "the points moved",
+                f"{len(moved)} pictures repeat that of an earlier frame, here {moved[0][0]}, "
+                "though the points moved",
             )
