@@ -23,6 +23,9 @@ from pliant.spec.rules.points import PointSet
 PRECISION_FRAMES = 8
 """Frames of a sequence whose values are looked at for a coarser format."""
 
+MIN_SHOWN = 50
+"""Pixels of objects from which a picture of one colour is wrong."""
+
 MOVED_PX = 2.0
 """Points that move farther cannot have one and the same picture."""
 
@@ -57,6 +60,13 @@ class Evidence:
             self.blank.append(frame)
         else:
             self.keys.pictures[frame] = digest_of(rgb[::4])  # a quarter of the rows tells
+
+    def add_shown(self, frame: int, object_id: npt.NDArray[Any]) -> None:
+        """Note a frame's surface image: where nothing is seen, pictures may be empty and equal."""
+        if not object_id.any():
+            self.keys.depths.pop(frame, None)
+        if frame in self.blank and np.count_nonzero(object_id) < MIN_SHOWN:
+            self.blank.remove(frame)
 
     def add_rows(self, cameras: Cameras, rows: FrameRows) -> None:
         """Note the rows of a frame."""

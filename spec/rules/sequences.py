@@ -258,6 +258,7 @@ def _check_frames(
         surface = check_surface(context, tier, files, frame, findings)
         if surface is not None:
             result.boxes_px[frame] = visible_box_px(surface, tier["queried_object"])
+            evidence.add_shown(frame, surface.object_id)
             if frame < PRECISION_FRAMES:
                 path = f"{files.shown}/{layout.depth_name(frame)}"
                 check_precision(surface, path, findings)
