@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import json
+import os
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from pliant.generator.config import GenerateConfig
-from pliant.spec.layout import SEQUENCE_JSON, SEQUENCES_DIR, sequence_dir
+from pliant.spec.checksums import sha256_file
+from pliant.spec.layout import SEQUENCE_JSON, sequence_dir
 
 
 @dataclass(frozen=True)
@@ -40,13 +45,15 @@ class Plan:
 
     Attributes:
         tasks: Every sequence of the dataset, in the order of `sequences.parquet`.
-        finished: Ids that the folder already holds.
+        finished: Ids that the folder already contains, whole.
+        damaged: First damaged file of each sequence that has to be made again, with the reason.
         frames_per_sequence: Frames of each sequence.
     """
 
     tasks: tuple[SequenceTask, ...]
     finished: frozenset[str]
     frames_per_sequence: int
+    damaged: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def missing(self) -> list[SequenceTask]:
@@ -64,22 +71,57 @@ class Plan:
 
 
 def plan_run(config: GenerateConfig, root: Path) -> Plan:
-    """Compare a config with what its folder holds.
+    """Compare a config with what its folder contains.
 
-    A sequence counts as finished when its folder stands under its final name with its
-    `sequence.json`: folders are renamed into place complete, or not at all.
+    A sequence is finished when its folder has a `sequence.json` and every file that this lists,
+    with the listed size and checksum. Others are made again.
 
     Args:
         config: The dataset's config.
         root: The dataset's folder, which need not exist.
     """
     tasks = plan_tasks(config)
-    finished: set[str] = set()
-    for tier in config.tiers:
-        folder = root / SEQUENCES_DIR / tier
-        if folder.is_dir():
-            finished.update(p.name for p in folder.iterdir() if (p / SEQUENCE_JSON).is_file())
-    return Plan(tasks, frozenset(finished & {task.id for task in tasks}), config.frames)
+    present = [task for task in tasks if (task.folder(root) / SEQUENCE_JSON).is_file()]
+    # Hashing releases the interpreter lock.
+    with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
+        found = pool.map(first_damage, (task.folder(root) for task in present))
+        damaged = {
+            task.id: damage
+            for task, damage in zip(present, found, strict=True)
+            if damage is not None
+        }
+    finished = frozenset(task.id for task in present) - damaged.keys()
+    return Plan(tasks, finished, config.frames, damaged)
+
+
+def first_damage(folder: Path) -> str | None:
+    """Return what is wrong with a sequence's files, None if they are as `sequence.json` lists.
+
+    All sizes are compared before the first checksum.
+
+    Args:
+        folder: The sequence's folder.
+    """
+    try:
+        files = [(str(e["path"]), e["bytes"], e["sha256"]) for e in _listed(folder)]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        return f"{SEQUENCE_JSON} cannot be read: {error}"
+    for name, size, _ in files:
+        path = folder / name
+        if not path.is_file():
+            return f"{name} is missing"
+        if path.stat().st_size != size:
+            return f"{name} has {path.stat().st_size} bytes; {SEQUENCE_JSON} lists {size}"
+    for name, _, sha256 in files:
+        if sha256_file(folder / name) != sha256:
+            return f"{name} has another sha256 than {SEQUENCE_JSON} lists"
+    return None
+
+
+def _listed(folder: Path) -> list[dict[str, Any]]:
+    document = json.loads((folder / SEQUENCE_JSON).read_text(encoding="utf-8"))
+    files: list[dict[str, Any]] = document["files"]
+    return files
 
 
 def plan_tasks(config: GenerateConfig) -> tuple[SequenceTask, ...]:

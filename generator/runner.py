@@ -106,7 +106,8 @@ def generate(
     """Make a dataset, or go on with one.
 
     What is there already is kept: the same call after an interruption makes what is missing,
-    and on a finished set does nothing. The bytes depend on the config alone, not on engine,
+    and on a finished set does nothing. A sequence whose files differ from the sizes and checksums
+    of its `sequence.json` is made again. The bytes depend on the config alone, not on engine,
     workers, order or interruptions.
 
     Args:
@@ -142,6 +143,7 @@ def generate(
         if stored is not None:
             refuse_changes(stored, resolved, root)
         run.store_config(config.to_dict(), resolved, finished=False)
+        _remove_damaged(root, plan, run.partial)
         run.clear_partial()
         state = Progress(
             plan,
@@ -180,6 +182,14 @@ def generate(
             seconds=time.monotonic() - started,
             failed=tuple(failed),
         )
+
+
+def _remove_damaged(root: Path, plan: Plan, partial: Path) -> None:
+    """Move damaged sequences out of the dataset, so that new ones can take their names."""
+    for task in plan.tasks:
+        if task.id in plan.damaged:
+            logger.warning("%s is made again: %s", task.id, plan.damaged[task.id])
+            task.folder(root).rename(partial / f"{task.id}-damaged")
 
 
 def _make_missing(
