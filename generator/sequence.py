@@ -103,7 +103,8 @@ class SequenceMaker:
                 self.renderer.begin(subject, look, camera)
             for frame, (pose, truth) in enumerate(_ahead(seen()) if self.overlap else seen()):
                 with clock("render"):
-                    rgb = self.renderer.render(pose, truth)
+                    rng = self._random(task, "depth-camera", frame)
+                    rgb = self.renderer.render(pose, truth, rng)
                 if self._noise_settings is not None:
                     with clock("noise"):
                         rng = self._random(task, "noise", frame)

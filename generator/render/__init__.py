@@ -27,12 +27,15 @@ class Renderer(Protocol):
         """Take what stays the same over a sequence: topology, colours, light, camera."""
         ...
 
-    def render(self, pose: Pose, truth: FrameTruth) -> npt.NDArray[np.uint8]:
+    def render(
+        self, pose: Pose, truth: FrameTruth, rng: np.random.Generator | None = None
+    ) -> npt.NDArray[np.uint8]:
         """Render one frame.
 
         Args:
             pose: The frame's geometry.
             truth: The frame's truth under the camera given to `begin`.
+            rng: Source of randomness of this frame; styles without random faults ignore it.
 
         Returns:
             uint8 (H, W, 3), sRGB; a new array.

@@ -96,12 +96,13 @@ class CyclesRenderer:
             )
             self._objects.append(made)
 
-    def render(self, pose: Pose, truth: FrameTruth) -> Rgb:
+    def render(self, pose: Pose, truth: FrameTruth, rng: np.random.Generator | None = None) -> Rgb:
         """Render one frame.
 
         Args:
             pose: The frame's geometry; the truth holds its vertices.
             truth: The frame's truth.
+            rng: Not used.
 
         Returns:
             uint8 (H, W, 3), sRGB.

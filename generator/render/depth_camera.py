@@ -13,7 +13,6 @@ table is taken away: black. No renderer has a part in it, and the truth stays as
 
 from __future__ import annotations
 
-import hashlib
 from typing import Final
 
 import numpy as np
@@ -51,19 +50,25 @@ class DepthCameraRenderer:
         self._focal_px = float(camera.K[0, 0])
         self._table_m = table_distance_m(camera)
 
-    def render(self, pose: Pose, truth: FrameTruth) -> npt.NDArray[np.uint8]:
-        """Render one frame; the faults depend on the frame's depth and the settings alone.
+    def render(
+        self, pose: Pose, truth: FrameTruth, rng: np.random.Generator | None = None
+    ) -> npt.NDArray[np.uint8]:
+        """Render one frame.
 
         Args:
-            pose: The frame's geometry; the truth holds what is seen of it.
+            pose: The frame's geometry, which is not used: the truth has what is seen of it.
             truth: The frame's truth.
+            rng: Source of the faults.
 
         Returns:
             uint8 (H, W, 3), three times the same grey; 0 is no depth.
+
+        Raises:
+            ValueError: There is no `rng`.
         """
+        if rng is None:
+            raise ValueError("the style real-depth needs a random generator for each frame")
         depth_m = truth.surface.depth_m
-        digest = hashlib.sha256(np.ascontiguousarray(depth_m).tobytes()).digest()
-        rng = np.random.default_rng(int.from_bytes(digest[:16], "little"))
         grey = depth_picture(rng, depth_m, self._focal_px, self._table_m, self.settings)
         return np.repeat(grey[..., None], 3, axis=2)
 

@@ -47,12 +47,13 @@ class RasterRenderer:
         self._two_faced = any(part.double_sided for part in subject.parts)
         self._table = TableView(camera, look)
 
-    def render(self, pose: Pose, truth: FrameTruth) -> Rgb:
+    def render(self, pose: Pose, truth: FrameTruth, rng: np.random.Generator | None = None) -> Rgb:
         """Render one frame.
 
         Args:
             pose: The frame's geometry; the truth holds its vertices.
             truth: The frame's truth.
+            rng: Not used.
 
         Returns:
             uint8 (H, W, 3), sRGB.

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from pliant.generator.camera import Camera
+from pliant.generator.config import GenerateConfig
 from pliant.generator.look import LookSettings, sample_look
+from pliant.generator.plan import SequenceTask
 from pliant.generator.render import open_renderer
 from pliant.generator.render.depth_camera import (
     DepthCameraSettings,
@@ -17,6 +20,7 @@ from pliant.generator.render.depth_camera import (
     slope_to_the_right,
     table_distance_m,
 )
+from pliant.generator.sequence import SequenceMaker
 from pliant.generator.subject import Subject
 from pliant.generator.truth import FrameTruth, frame_truth
 from pliant.spec.errors import CallError
@@ -50,7 +54,7 @@ def seen(subject: Subject, settings: DepthCameraSettings) -> tuple[np.ndarray, F
     renderer = open_renderer("real-depth", SIZE, depth_camera=settings)
     renderer.begin(subject, sample_look(np.random.default_rng(0), subject, LookSettings()), VIEW)
     truth = frame_truth(subject, subject.pose(0), VIEW)
-    rgb = renderer.render(subject.pose(0), truth)
+    rgb = renderer.render(subject.pose(0), truth, np.random.default_rng(0))
     renderer.close()
     return rgb, truth
 
@@ -76,12 +80,39 @@ def test_same_bytes_whatever_was_rendered_before(name: str, request: pytest.Fixt
     renderer = open_renderer("real-depth", SIZE)
     look = sample_look(np.random.default_rng(5), subject, LookSettings())  # shows nowhere
     renderer.begin(subject, look, VIEW)
-    again = [renderer.render(subject.pose(0), truth) for _ in range(2)]
-    np.testing.assert_array_equal(again[0], first)
-    np.testing.assert_array_equal(again[1], first)
-    assert again[0] is not again[1]
-    moved = replace(truth, surface=replace(truth.surface, depth_m=truth.surface.depth_m + 1e-6))
-    assert (renderer.render(subject.pose(0), moved) != first).any()  # other faults
+
+    def again(seed: int) -> np.ndarray:
+        return renderer.render(subject.pose(0), truth, np.random.default_rng(seed))
+
+    np.testing.assert_array_equal(again(0), first)
+    np.testing.assert_array_equal(again(0), first)
+    assert (again(1) != first).any()  # other faults
+    with pytest.raises(ValueError, match="needs a random generator"):
+        renderer.render(subject.pose(0), truth)
+
+
+def test_faults_follow_from_the_datasets_seed(tmp_path: Path, tube: Subject) -> None:
+    """Frames of equal depth have other faults in every dataset, sequence and frame."""
+    truth = frame_truth(tube, tube.pose(0), VIEW)
+    look = sample_look(np.random.default_rng(0), tube, LookSettings())
+    pictures = {}
+
+    def record(seed: int) -> None:
+        config = GenerateConfig(
+            ("rope",), splits={"test": 2}, frames=2, width=160, height=120, style="real-depth",
+            seed=seed,
+        )  # fmt: skip
+        maker = SequenceMaker(config, tmp_path / str(seed), tmp_path / "scratch")
+        for index in range(2):
+            for frame in range(2):
+                rng = maker._random(SequenceTask("rope", "test", index), "depth-camera", frame)
+                maker.renderer.begin(tube, look, VIEW)
+                rgb = maker.renderer.render(tube.pose(0), truth, rng)
+                pictures[seed, index, frame] = rgb.tobytes()
+
+    record(1)
+    record(2)
+    assert len(set(pictures.values())) == 8
 
 
 def test_greys_of_a_frame_lie_close_together(tube: Subject) -> None:
