@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +14,14 @@ import pyarrow as pa
 
 from pliant.generator.config import QuerySettings
 from pliant.generator.plan import SequenceTask
+from pliant.generator.query_sampling import (
+    FrameRef,
+    Tracks,
+    draw_points,
+    frame_pairs,
+    point_classes,
+    track_pairs,
+)
 from pliant.generator.seeding import random_generator
 from pliant.spec.checksums import sha256_file
 from pliant.spec.jsonfiles import read_json
@@ -29,30 +36,6 @@ from pliant.spec.parquet import read_table, write_table
 from pliant.spec.tables import QUERIES, TRUTH
 
 _SEQUENCES_IN_MEMORY = 64
-_SHARE = 0.25
-
-
-@dataclass(frozen=True)
-class FrameRef:
-    """One image: a frame of a sequence."""
-
-    task: SequenceTask
-    frame: int
-
-
-@dataclass(frozen=True)
-class Tracks:
-    """The tables of a sequence, one row per frame, as queries need them.
-
-    Attributes:
-        uv_px: float32 (F, P, 2).
-        visibility: object (F, P), states.
-        boxes_px: per frame the visible box of the queried object, or None.
-    """
-
-    uv_px: npt.NDArray[np.float32]
-    visibility: npt.NDArray[np.object_]
-    boxes_px: list[list[int] | None]
 
 
 def build_queries(
@@ -68,16 +51,24 @@ def build_queries(
 ) -> list[str]:
     """Write `queries/SPLIT.parquet` and `truth/SPLIT.parquet` of a dataset's splits.
 
-    A pair's target lies in one sequence, its source in the same sequence where that has
-    several frames, else in another sequence of the same tier and split. Sequences of several
-    frames ask half of their pairs from frame 0, towards targets spread over it, two
-    neighbouring frames at a time, and half between any two frames; with `settings.kind`
-    `track`, frame 0 is the source of every later frame. Query points are drawn among the
-    tabulated surface points of the queried object that frame A sees, so that their positions
-    are exact; pairs of one source ask the same points, so that an episode's neighbouring
-    targets show how an answer trembles. No point that a frame shows as a query's pixel is asked
-    for in that frame: the questions, which are public, hold no answer. A target that does not
+    A pair's target is a frame of one sequence. Its source is a frame of the same sequence where
+    that has several frames, else of another sequence of the same tier and split. Sequences of
+    several frames ask half of their pairs from frame 0, towards targets spread over the sequence,
+    two neighbouring frames at a time, and half between any two frames; with `settings.kind`
+    `track`, frame 0 is the source of every later frame. Query points are tabulated surface points
+    of the queried object that frame A sees, so their positions are exact. A target that does not
     show the object at all, or a source that shows none of its points, makes no pair.
+
+    The queries are public, so they must not contain information about the answers:
+
+    - Every source frame draws its points once, with a generator of its own, and asks them in all of
+      its pairs, each pair in a random order of its own. Which points a pair asks and how many
+      depends on frame A alone. (The shared points also let an evaluator measure temporal jitter
+      over neighbouring targets.)
+    - The material is divided at random into classes. A frame asks points of one class, and no
+      pair has a source and a target of the same class. The query pixels of frame B are therefore
+      never answers to a pair whose target is B, nor symmetric to one. A track needs no classes:
+      its targets are never sources.
 
     Args:
         root: The dataset's folder, whose sequences are finished.
@@ -126,11 +117,9 @@ def _split_tables(
         if not members:
             continue
         points = read_table(members[0].folder(root) / POINTS_TABLE, "points")
-        asked = _queried_points(points, int(tier["queried_object"]))
+        askable = _queried_points(points, int(tier["queried_object"]))
         partners = np.array(points["partners"].to_pylist(), np.int64).reshape(len(points), -1)
         drawn: dict[FrameRef, npt.NDArray[np.int64]] = {}
-        answered: dict[FrameRef, npt.NDArray[np.int64]] = {}
-        nothing = np.zeros(0, np.int64)
         for task in members:
             rng = random_generator(seed, task.tier, split, task.index, stream="queries")
             frames, wanted = len(tracks(task).boxes_px), settings.pairs_per_sequence
@@ -144,21 +133,21 @@ def _split_tables(
                 if made == wanted:
                     break
                 if source not in drawn:
+                    asked = askable
+                    if settings.kind != "track":
+                        classes = point_classes(seed, source, frames, partners)
+                        asked = askable[classes[askable] == source.point_class(frames)]
                     drawn[source] = draw_points(
-                        rng,
+                        source.random(seed),
                         tracks(source.task),
                         source.frame,
                         asked,
                         settings.queries_per_pair,
-                        answered.get(source),
-                        share=1.0 if settings.kind == "track" else _SHARE,
                     )
-                # The query pixels of a frame are public: they must not answer another pair.
-                chosen = np.setdiff1d(drawn[source], drawn.get(target, nothing))
                 pair = Pair(len(queries), source, target)
-                tables = pair.tables(chosen, tracks(source.task), tracks(target.task), partners)
+                rows = rng.permutation(drawn[source])
+                tables = pair.tables(rows, tracks(source.task), tracks(target.task), partners)
                 if tables is not None:
-                    answered[target] = np.union1d(answered.get(target, nothing), chosen)
                     queries.append(tables[0])
                     truth.append(tables[1])
                     made += 1
@@ -171,87 +160,6 @@ def _queried_points(points: pa.Table, queried: int) -> npt.NDArray[np.int64]:
     """Return the ids of the surface points of the queried object."""
     kind = np.array(points["kind"].to_pylist())
     return np.flatnonzero((points["object"].to_numpy() == queried) & (kind == "surface"))
-
-
-def draw_points(
-    rng: np.random.Generator,
-    source: Tracks,
-    frame: int,
-    asked: npt.NDArray[np.int64],
-    most: int,
-    answered: npt.NDArray[np.int64] | None = None,
-    *,
-    share: float = 1.0,
-) -> npt.NDArray[np.int64]:
-    """Draw the points that a source frame is asked at.
-
-    Args:
-        rng: Source of randomness.
-        source: Tracks of its sequence.
-        frame: The source frame.
-        asked: Ids of the points that may be asked.
-        most: Points wanted.
-        answered: Ids of points that other pairs are to find in this frame, or None.
-        share: At most this share of the points the frame sees, so that some are left to be
-            found in it.
-
-    Returns:
-        int64 (N,), ids of points the frame sees, none of those answered, ascending; fewer than
-        wanted where there are no more.
-    """
-    visible = asked[source.visibility[frame, asked] == "visible"]
-    free = visible if answered is None else np.setdiff1d(visible, answered)
-    count = min(most, max(1, int(share * len(visible))), len(free))
-    return np.sort(rng.choice(free, size=count, replace=False))
-
-
-def track_pairs(target: SequenceTask, frames: int) -> Iterator[tuple[FrameRef, FrameRef]]:
-    """Yield frame 0 as the source of every later frame of an episode.
-
-    Args:
-        target: The episode.
-        frames: Its frames.
-    """
-    for frame in range(1, frames):
-        yield FrameRef(target, 0), FrameRef(target, frame)
-
-
-def frame_pairs(
-    rng: np.random.Generator,
-    target: SequenceTask,
-    members: Sequence[SequenceTask],
-    frames: int,
-    wanted: int,
-) -> Iterator[tuple[FrameRef, FrameRef]]:
-    """Yield candidate (source, target) frames without repetition, more than wanted.
-
-    Args:
-        rng: Source of randomness.
-        target: The sequence the targets lie in.
-        members: All sequences of its tier and split.
-        frames: Frames of the target's sequence.
-        wanted: Pairs the caller will take.
-    """
-    if frames == 1:
-        others = [task for task in members if task != target]
-        for k in rng.permutation(len(others)):
-            yield FrameRef(others[k], 0), FrameRef(target, 0)
-        return
-    seen: set[tuple[int, int]] = set()
-    # Half of the pairs: from frame 0 to frames spread over the sequence, two neighbours from
-    # each stretch.
-    edges = np.linspace(1, frames, num=(wanted + 2) // 4 + 1).astype(int)
-    for low, high in pairwise(edges):
-        if high > low:
-            first = int(rng.integers(low, max(high - 1, low + 1)))
-            seen |= {(0, first), (0, min(first + 1, high - 1))}
-    for a, b in sorted(seen):
-        yield FrameRef(target, a), FrameRef(target, b)
-    for _ in range(20 * wanted):
-        a, b = (int(k) for k in rng.choice(frames, size=2, replace=False))
-        if (a, b) not in seen:
-            seen.add((a, b))
-            yield FrameRef(target, a), FrameRef(target, b)
 
 
 @dataclass(frozen=True)
@@ -272,7 +180,7 @@ class Pair:
         """Return the rows of queries and truth, or None if this pair cannot be asked about.
 
         Args:
-            chosen: Ids of the points to ask, visible in the source, ascending.
+            chosen: Ids of the points to ask, visible in the source, in the order of the rows.
             source: Tracks of the source's sequence.
             target: Tracks of the target's sequence.
             partners: int64 (P, S), per symmetry the point each is mapped to.

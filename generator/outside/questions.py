@@ -48,14 +48,19 @@ def make_questions(
     for index, (clip, sequence) in enumerate(zip(clips, ids, strict=True)):
         rng = np.random.default_rng(np.random.SeedSequence([seed, index]))
         frame_pairs = _frame_pairs(clip, scheme, pairs, rng)
-        asked, true, first_pair = _of_clip(clip, frame_pairs, sequence, tier, first_pair)
+        asked, true, first_pair = _of_clip(clip, frame_pairs, sequence, tier, first_pair, rng)
         queries.append(asked)
         truths.append(true)
     return pa.concat_tables(queries), pa.concat_tables(truths)
 
 
 def _of_clip(
-    clip: Clip, frame_pairs: Iterator[_FramePair], sequence: str, tier: str, first_pair: int
+    clip: Clip,
+    frame_pairs: Iterator[_FramePair],
+    sequence: str,
+    tier: str,
+    first_pair: int,
+    rng: np.random.Generator,
 ) -> tuple[pa.Table, pa.Table, int]:
     """Return a clip's queries, their truth, and the number of the next pair."""
     asked: dict[str, list[Any]] = {name: [] for name in QUERIES.names}
@@ -67,7 +72,8 @@ def _of_clip(
         if not len(chosen):
             continue
         box_px = _box_px(clip.uv_px[clip.visible[:, b], b])
-        for query, point in enumerate(chosen.tolist()):
+        # Annotations are often numbered along the material, which the row order must not show.
+        for query, point in enumerate(rng.permutation(chosen).tolist()):
             hidden = "occluded" if within[point, b] else "out_of_frame"
             state = "visible" if clip.visible[point, b] else hidden
             key = (pair, query, tier)

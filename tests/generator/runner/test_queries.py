@@ -9,7 +9,13 @@ import pytest
 from pliant.generator.config import GenerateConfig, QuerySettings
 from pliant.generator.manifest import refuse_changes
 from pliant.generator.plan import SequenceTask
-from pliant.generator.queries import FrameRef, Pair, Tracks, draw_points, frame_pairs
+from pliant.generator.queries import Pair
+from pliant.generator.query_sampling import (
+    FrameRef,
+    Tracks,
+    draw_points,
+    frame_pairs,
+)
 from pliant.generator.runner import generate
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
