@@ -110,7 +110,7 @@ def read_answers(whole: Path, split: str, tier: str) -> Answers:
     queries, truth = dataset.queries(split).filter(mine), dataset.truth(split).filter(mine)
     places, seen = {}, {}
     targets = set(_frames(queries, "b"))
-    queried = dataset.tiers[tier]["queried_object"]
+    queried = dataset.tiers[tier].queried_object
     for key, number in frame_numbers(queries).items():
         if key not in targets:
             continue
