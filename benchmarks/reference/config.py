@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import field
+from dataclasses import field, replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -148,9 +148,9 @@ def read_config(path: Path, overrides: Sequence[str] = ()) -> BenchmarkConfig:
     for key, run in _mappings(values, "runs"):
         recipe = _recipe(run["recipe"], path, f"runs.{key}.recipe") if "recipe" in run else {}
         values["runs"][key] = {**run, "settings": merged(recipe, run.get("settings") or {})}
-    if values.get("checksums"):
-        values["checksums"] = str(path.parent / values["checksums"])
-    config = settings_from(BenchmarkConfig, values, path=path)
+    config = settings_from(BenchmarkConfig, values, path=path, overrides=overrides)
+    if config.checksums is not None:
+        config = replace(config, checksums=path.parent / config.checksums)
     _check_references(config, path)
     return config
 

@@ -61,7 +61,7 @@ def test_resume_needs_no_settings(sheet_dataset: Dataset, tmp_path: Path) -> Non
         (["--set", "stepps=1"], 2, "stepps: unknown setting"),
         (["--set", "tier=rope"], 2, "no such tier"),
         (["--set", "split=test"], 2, "no sequence in split 'test'"),
-        (["--config", "missing.yaml"], 2, "the config cannot be read"),
+        (["--config", "missing.yaml"], 2, "cannot read the file"),
         (["--resume"], 1, "no checkpoint to resume"),
     ],
 )

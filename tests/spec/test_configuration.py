@@ -12,6 +12,7 @@ from typing import Annotated, Any
 import jsonschema
 import pytest
 
+from pliant.cli.main import run
 from pliant.spec.configuration import (
     SettingsError,
     configuration,
@@ -224,3 +225,36 @@ def test_the_schemas_accept_the_shipped_files_and_refuse_a_misspelt_key(
     document = json.loads(json.dumps(read_yaml(path)))
     validator.validate(document)
     assert not validator.is_valid({**document, "misspelt": 1})
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (
+            ["generate", "rope", "--out", "OUT", "--set", "look.specular=[0, 3]"],
+            "--set, look.specular: the setting is not possible; found [0, 3]; required: 0 to 1",
+        ),
+        (
+            ["train", "don", "--data", "DATA", "--out", "OUT", "--set", "augment.rotate_degree=3"],
+            "--set, augment.rotate_degree: unknown setting. Did you mean 'rotate_deg'?",
+        ),
+        (
+            ["benchmark", "BENCHMARK", "--out", "OUT", "--set", "sets.rope.tiers=[ropes]"],
+            '--set, sets.rope.tiers.0: the setting is not possible; found "ropes"; '
+            "required: one of rope, cloth-1, cloth-2, cloth-3. Did you mean 'rope'?",
+        ),
+    ],
+    ids=lambda each: each[0] if isinstance(each, list) else "",
+)
+def test_set_is_the_same_in_every_command(
+    arguments: list[str],
+    sentence: str,
+    tiny_dataset: Path,
+    tmp_path: Path,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    benchmark = Path(__file__).parents[2] / "benchmarks" / "pliant-v1-mini.yaml"
+    places = {"OUT": tmp_path / "out", "DATA": tiny_dataset, "BENCHMARK": benchmark}
+    assert run([str(places.get(each, each)) for each in arguments]) == 2
+    assert sentence in capfd.readouterr().err
+    assert not (tmp_path / "out").exists()
