@@ -85,7 +85,8 @@ class _Window:
         footprint_m: float64 (N,), a pixel's width at the point's depth.
         smooth: bool (N,).
         uniform: bool (N,), one object id.
-        behind: bool (N,), not in front of the surface that the pixels show.
+        inside: float64 (N, 2), place of the point in its pixel, 0 to 1.
+        point_depth_m: float64 (N,), the point's own depth.
     """
 
     depth_m: npt.NDArray[np.float32]
@@ -95,7 +96,17 @@ class _Window:
     footprint_m: npt.NDArray[np.float64]
     smooth: npt.NDArray[np.bool_]
     uniform: npt.NDArray[np.bool_]
-    behind: npt.NDArray[np.bool_]
+    inside: npt.NDArray[np.float64]
+    point_depth_m: npt.NDArray[np.float64]
+
+    def behind(self, which: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+        """Return which of some points are not in front of the object that their pixels show."""
+        behind = which & self.uniform & (self.object_id[:, 2, 2] != 0)
+        rows = np.flatnonzero(behind)
+        behind[rows] = _is_behind(
+            self.depth_m[rows], self.inside[rows], self.point_depth_m[rows], self.smooth[rows]
+        )
+        return behind
 
 
 def check_visibility(
@@ -195,11 +206,12 @@ def _check_points(
     matched = np.any(on_depth & (away <= (reach + below)[:, None, None]), axis=(1, 2))
     visible = (rows.state[chosen] == VISIBLE) & ~near_by.thin(own)
     missed = visible & ~matched
-    in_front = missed & window.smooth & ~window.behind
+    doubted = missed & window.smooth
+    in_front = doubted & ~window.behind(doubted)
     _report_visible(
         rows,
         chosen,
-        missed & window.smooth & ~near_by.shown(own, in_front),
+        doubted & ~near_by.shown(own, in_front),
         on_depth.any(axis=(1, 2)),
         near,
         depth,
@@ -208,7 +220,11 @@ def _check_points(
     )
     _report_hidden(tier, rows, chosen, window, own, near_by, shown, findings)
     visible &= ~np.isin(own, edge_on)
-    missed &= visible & ~_on_slope(same, lower, away, reach, reach + below)
+    missed &= visible
+    rest = np.flatnonzero(missed)
+    missed[rest] = ~_on_slope(
+        same[rest], lower[rest], away[rest], reach[rest], (reach + below)[rest]
+    )
     deep = missed & on_depth.any(axis=(1, 2))
     return np.array([np.count_nonzero(part) for part in (visible, missed, deep)])
 
@@ -354,9 +370,17 @@ def _window(
             gap_1 = inner_m1[belongs] - own_m[belongs[0], 1]
             away[belongs] = np.sqrt(_squared(gap_0, gap_1, material))
             along[belongs] = np.abs(gap_0) * material[0]["metres_per_unit"]
-    inside = rows.uv_px[chosen] - pixel
-    behind = uniform & (centre_id != 0) & _is_behind(depth, inside, rows.depth_m[chosen], smooth)
-    return _Window(depth, object_id, away, along, footprint, smooth, uniform, behind)
+    return _Window(
+        depth,
+        object_id,
+        away,
+        along,
+        footprint,
+        smooth,
+        uniform,
+        rows.uv_px[chosen] - pixel,
+        rows.depth_m[chosen],
+    )
 
 
 def _is_behind(
@@ -484,12 +508,13 @@ def _report_hidden(
     nearer &= ~itself
     shows_own = window.object_id[:, 2, 2] == own
     misnamed = (
-        window.behind
+        hidden
         & ~itself
         & (window.object_id[:, 2, 2] != 0)
         & (((state == SELF_OCCLUDED) & ~shows_own) | ((state == OCCLUDED) & shows_own))
     )
     others = (window.object_id != own[:, None, None]) & (window.object_id != 0)
+    misnamed &= window.behind(misnamed)
     alone = (state == OCCLUDED) & ~others.any(axis=(1, 2))
     covered = near_by.shown(own, alone | (nearer & (state == OCCLUDED)), others=True)
     nobody = alone & ~covered
