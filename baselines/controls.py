@@ -15,7 +15,7 @@ from pliant.baselines.matcher import Answers, View
 from pliant.baselines.pixels import central_position, pixel_centres, searched_mask
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, SpecError
-from pliant.spec.layout import truth_name
+from pliant.spec.storage.layout import truth_name
 
 _UINT64: Final = 2**64
 

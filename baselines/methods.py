@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from pliant.baselines.controls import Identity, MaskCentroid, Oracle, RandomInMask
+from pliant.baselines.features.orb import orb
+from pliant.baselines.features.sift import sift
+from pliant.baselines.features.surf import surf
 from pliant.baselines.matcher import Matcher, SplitMatcher
-from pliant.baselines.orb import orb
-from pliant.baselines.sift import sift
-from pliant.baselines.surf import surf
 
 METHODS: dict[str, Callable[[], Matcher | SplitMatcher]] = {
     "sift": sift,

@@ -12,7 +12,7 @@ from PIL import Image, ImageOps
 
 from pliant.baselines.matcher import View
 from pliant.spec.errors import CallError, PliantError
-from pliant.spec.limits import MAX_IMAGE_SIDE_PX
+from pliant.spec.io.limits import MAX_IMAGE_SIDE_PX
 
 BLACK: Final = 10
 """Brightest value of a mask's channel that still counts as black (JPEG is never quite)."""

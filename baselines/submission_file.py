@@ -15,7 +15,7 @@ import pyarrow as pa
 from pliant.baselines.matcher import Answers, Matches
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, PliantError
-from pliant.spec.parquet import read_footer, write_table
+from pliant.spec.io.parquet import read_footer, write_table
 from pliant.spec.tables import ANSWERS_OPTIONAL
 
 Kind = Literal["answers", "matches"]

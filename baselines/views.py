@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from pliant.baselines.lru_cache import LRUCache
 from pliant.baselines.matcher import View
-from pliant.baselines.recent import Recent
 from pliant.spec.dataset import Dataset
-from pliant.spec.layout import depth_name
+from pliant.spec.storage.layout import depth_name
 
 
 class ViewReader:
@@ -21,7 +21,7 @@ class ViewReader:
 
     def __init__(self, dataset: Dataset, capacity: int = 4) -> None:
         self._dataset = dataset
-        self._views: Recent[View] = Recent(capacity)
+        self._views: LRUCache[View] = LRUCache(capacity)
 
     def view(self, sequence_id: str, frame: int) -> View:
         """Return one frame.

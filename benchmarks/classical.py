@@ -22,12 +22,12 @@ import numpy as np
 from record import Value, main
 
 from pliant.baselines import METHODS, Matcher
-from pliant.baselines.local_features import LocalFeatureMatcher
-from pliant.baselines.sift import Sift
-from pliant.baselines.surf import MahotasSurf
+from pliant.baselines.features.local_features import LocalFeatureMatcher
+from pliant.baselines.features.sift import Sift
+from pliant.baselines.features.surf import MahotasSurf
 from pliant.baselines.views import ViewReader
 from pliant.generator.config import GenerateConfig
-from pliant.generator.runner import generate
+from pliant.generator.runner.run import generate
 from pliant.spec.dataset import Dataset
 
 SEED = 2005

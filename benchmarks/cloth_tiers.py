@@ -14,7 +14,7 @@ import numpy as np
 from independent_intersections import count_intersections
 from record import Value, main
 
-from pliant.generator.cloth import ClothSettings, sample_cloth
+from pliant.generator.objects.cloth import ClothSettings, sample_cloth
 from pliant.generator.settings.cloth import COVERAGE_BANDS, LARGEST_HAND_SPEED_M_S
 
 
@@ -40,7 +40,7 @@ def measure(quick: bool) -> dict[str, Value]:
 
 def _tier(settings: ClothSettings, level: int, cloths: int, label: str) -> dict[str, Value]:
     band = COVERAGE_BANDS[level]
-    subject = sample_cloth(
+    scene_object = sample_cloth(
         settings,
         tier=f"cloth-{level}",
         seed=2024,
@@ -49,12 +49,12 @@ def _tier(settings: ClothSettings, level: int, cloths: int, label: str) -> dict[
         frames=cloths,
         temporal=False,
     )
-    faces = subject.parts[0].faces
+    faces = scene_object.parts[0].faces
     rows: list[tuple[float, ...]] = []
     intersections = not_finite = poking = 0
     for frame in range(cloths):
         begin = time.process_time()
-        pose = subject.pose(frame)
+        pose = scene_object.pose(frame)
         cpu_s = time.process_time() - begin
         vertices = pose.vertices["cloth"]
         not_finite += int(not np.isfinite(vertices).all())

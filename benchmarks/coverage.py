@@ -27,9 +27,9 @@ import numpy as np
 import numpy.typing as npt
 from record import Value, main
 
-from pliant.evaluator.bootstrap import Clusters, percentile_interval, replicates
-from pliant.evaluator.ratios import Ratio
-from pliant.evaluator.sign_flips import paired_difference
+from pliant.evaluator.statistics.bootstrap import Clusters, percentile_interval, replicates
+from pliant.evaluator.statistics.ratios import Ratio
+from pliant.evaluator.statistics.sign_flips import paired_difference
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -36,15 +36,15 @@ import torch
 from record import Value, main
 
 from pliant.baselines import METHODS
-from pliant.baselines.submission import predict
-from pliant.benchmarks.reference.config import read_config
+from pliant.baselines.predict import predict
+from pliant.benchmarks.suite.config import read_config
 from pliant.evaluator import Scores, evaluate
 from pliant.generator.config import QuerySettings
-from pliant.generator.runner import generate
+from pliant.generator.runner.run import generate
 from pliant.models import load_matcher
-from pliant.models.don import DonTask, train_don
-from pliant.models.processes import Processes
+from pliant.models.don.trainer import DonTask, train_don
 from pliant.models.settings import DonSettings
+from pliant.models.training.processes import Processes
 from pliant.spec.configuration import read_settings
 from pliant.spec.dataset import Dataset
 

@@ -27,14 +27,14 @@ from pathlib import Path
 
 from record import Value, main
 
-from pliant.baselines.submission import predict
-from pliant.benchmarks.reference.config import read_config
+from pliant.baselines.predict import predict
+from pliant.benchmarks.suite.config import read_config
 from pliant.evaluator import evaluate
-from pliant.generator.runner import generate
+from pliant.generator.runner.run import generate
 from pliant.models import load_matcher
-from pliant.models.checkpoint import latest_checkpoint
-from pliant.models.don import train_don
+from pliant.models.don.trainer import train_don
 from pliant.models.settings import DonSettings
+from pliant.models.training.checkpoint import latest_checkpoint
 from pliant.spec.configuration import read_settings
 from pliant.spec.dataset import Dataset
 

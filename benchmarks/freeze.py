@@ -10,9 +10,9 @@ from pathlib import Path
 
 import click
 
-from pliant.benchmarks.reference.config import read_config
-from pliant.benchmarks.reference.freezing import frozen_questions
-from pliant.spec.jsonfiles import write_json
+from pliant.benchmarks.suite.config import read_config
+from pliant.benchmarks.suite.freezing import frozen_questions
+from pliant.spec.io.jsonfiles import write_json
 
 
 @click.command(help=__doc__)

@@ -28,10 +28,10 @@ import numpy.typing as npt
 from record import Value, main
 
 from pliant.generator.config import GenerateConfig
-from pliant.generator.engine import STAGES, Failed, Finished, Rendered, SequenceResult
-from pliant.generator.engine_local import LocalEngine
-from pliant.generator.plan import SequenceTask, plan_tasks
-from pliant.generator.runner import open_sequence_maker
+from pliant.generator.runner.engine import STAGES, Failed, Finished, Rendered, SequenceResult
+from pliant.generator.runner.engine_local import LocalEngine
+from pliant.generator.runner.plan import SequenceTask, plan_tasks
+from pliant.generator.runner.run import open_sequence_maker
 
 STYLES = ("raster", "fast", "photo")
 FRAMES = {"raster": 150, "fast": 150, "photo": 50}
@@ -121,19 +121,19 @@ def run(tier: str, style: str, frames: int, *, workers: int) -> Run:
 
 def floors(style: str, frames: int) -> dict[str, Value]:
     """CPU seconds of rendering alone: pose and truth are at hand, nothing is written."""
-    from pliant.generator.sequence import SequenceMaker
-    from pliant.generator.tiers import sample_subject
-    from pliant.generator.truth import frame_truth
+    from pliant.generator.objects.tiers import sample_scene_object
+    from pliant.generator.runner.sequence import SequenceMaker
+    from pliant.generator.truth.frame_truth import frame_truth
 
     config = _config("rope", style, frames + 1, 1)
     task = SequenceTask("rope", "train", 0)
     with _folder() as root:
         maker = SequenceMaker(config, root, root / "scratch")
-        subject = sample_subject(config, task)
-        camera, look = maker.view(task, subject, [subject.pose(0)])
-        poses = [subject.pose(frame) for frame in range(frames + 1)]
-        truths = [frame_truth(subject, pose, camera) for pose in poses]
-        maker.renderer.begin(subject, look, camera)
+        scene_object = sample_scene_object(config, task)
+        camera, appearance = maker.view(task, scene_object, [scene_object.pose(0)])
+        poses = [scene_object.pose(frame) for frame in range(frames + 1)]
+        truths = [frame_truth(scene_object, pose, camera) for pose in poses]
+        maker.renderer.begin(scene_object, appearance, camera)
         maker.renderer.render(poses[0], truths[0])
         start = time.process_time()
         for pose, truth in zip(poses[1:], truths[1:], strict=True):
@@ -147,9 +147,9 @@ def encoders(frames: int) -> dict[str, Value]:
     """CPU time and size of a frame's images as written, and as they might be."""
     import OpenEXR
 
-    from pliant.generator.runner import generate
+    from pliant.generator.runner.run import generate
     from pliant.spec.dataset import Dataset
-    from pliant.spec.images import write_rgb, write_surface
+    from pliant.spec.io.images import write_rgb, write_surface
 
     record: dict[str, Value] = {}
     with _folder() as root:
@@ -190,7 +190,7 @@ def encoders(frames: int) -> dict[str, Value]:
 
 def memory(style: str, frames: int) -> dict[str, Value]:
     """Resident memory of a worker after a tenth of the frames of an episode, and after all."""
-    from pliant.generator.sequence import SequenceMaker, resident_bytes
+    from pliant.generator.runner.sequence import SequenceMaker, resident_bytes
 
     config = _config("rope", style, frames, 1, width=160, height=120)
     seen: list[int] = []

@@ -18,11 +18,11 @@ import numpy.typing as npt
 from mahotas.features import surf as mahotas_surf
 from record import Value, main
 
-from pliant.baselines.local_features import Keypoints
-from pliant.baselines.nearest import ratio_test
-from pliant.baselines.orb import MAX_KEYPOINTS, Orb
-from pliant.baselines.sift import Sift
-from pliant.baselines.surf import (
+from pliant.baselines.features.local_features import Keypoints
+from pliant.baselines.features.nearest import ratio_test
+from pliant.baselines.features.orb import MAX_KEYPOINTS, Orb
+from pliant.baselines.features.sift import Sift
+from pliant.baselines.features.surf import (
     MAHOTAS_MAX_POINTS,
     MAHOTAS_OCTAVES,
     MAHOTAS_SCALES,

@@ -1,4 +1,4 @@
-"""Self-intersections of a mesh counted another way, to check `pliant.generator.cloth`.
+"""Self-intersections of a mesh counted another way, to check `pliant.generator.objects.cloth`.
 
 The package walks a grid of cells and decides by signs of volumes. Here candidates come from
 a k-d tree and each is decided by Möller and Trumbore's ray against the triangle; numpy and

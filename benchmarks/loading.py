@@ -20,7 +20,7 @@ from pathlib import Path
 from record import Value, main
 
 from pliant.generator.config import GenerateConfig
-from pliant.generator.runner import generate
+from pliant.generator.runner.run import generate
 from pliant.loaders import AugmentSettings, PairDataset
 from pliant.spec.dataset import Dataset
 

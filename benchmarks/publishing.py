@@ -27,15 +27,15 @@ import pyarrow as pa
 from record import Value, main
 
 from pliant.generator.config import GenerateConfig
-from pliant.generator.publish import PublishSettings, publish
-from pliant.generator.runner import generate
+from pliant.generator.runner.run import generate
 from pliant.loaders import PairDataset
-from pliant.spec import layout
+from pliant.publishing import PublishSettings, publish
 from pliant.spec.dataset import Dataset
-from pliant.spec.jsonfiles import read_json, write_json
-from pliant.spec.packing import FolderToPack, Packer
-from pliant.spec.parquet import write_table
-from pliant.spec.reading import read_bytes
+from pliant.spec.io.jsonfiles import read_json, write_json
+from pliant.spec.io.parquet import write_table
+from pliant.spec.io.reading import read_bytes
+from pliant.spec.storage import layout
+from pliant.spec.storage.packing import FolderToPack, Packer
 from pliant.spec.tables import SEQUENCES
 
 LIMIT = 2**30

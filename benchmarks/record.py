@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 
-from pliant.benchmarks.reference.work import processor_name
+from pliant.benchmarks.suite.work import processor_name
 
 Value = float | int | str | bool | None
 

@@ -7,9 +7,9 @@ import time
 import numpy as np
 from record import Value, main
 
-from pliant.generator.rope import RopeSettings
-from pliant.generator.rope.episode import Episode
-from pliant.generator.rope.posing import RopeBody
+from pliant.generator.objects.rope import RopeSettings
+from pliant.generator.objects.rope.episode import Episode
+from pliant.generator.objects.rope.posing import RopeBody
 
 
 def measure_rope(quick: bool) -> dict[str, Value]:

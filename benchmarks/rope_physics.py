@@ -15,12 +15,12 @@ import numpy as np
 import numpy.typing as npt
 from record import Value, main
 
-from pliant.generator.rope import RopeSettings
-from pliant.generator.rope.contact import EPISODE_RULE, NEIGHBOUR_DIAMETERS, STATIC_RULE
-from pliant.generator.rope.curve import arc_length, tightest_bend
-from pliant.generator.rope.episode import Episode
-from pliant.generator.rope.posing import RopeBody
-from pliant.generator.rope.static import sample_configuration
+from pliant.generator.objects.rope import RopeSettings
+from pliant.generator.objects.rope.contact import EPISODE_RULE, NEIGHBOUR_DIAMETERS, STATIC_RULE
+from pliant.generator.objects.rope.curve import arc_length, tightest_bend
+from pliant.generator.objects.rope.episode import Episode
+from pliant.generator.objects.rope.posing import RopeBody
+from pliant.generator.objects.rope.static import sample_configuration
 from pliant.generator.settings.rope import SHAPES
 
 FloatArray = npt.NDArray[np.float64]

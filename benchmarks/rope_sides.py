@@ -30,12 +30,12 @@ import numpy as np
 import numpy.typing as npt
 from record import Value, main
 
-from pliant.benchmarks.reference.config import read_config
-from pliant.generator.runner import generate
+from pliant.benchmarks.suite.config import read_config
+from pliant.generator.runner.run import generate
 from pliant.loaders.frame_store import FrameStore
 from pliant.models import load_matcher
+from pliant.models.don.validation import ValidationPair, draw_validation_pairs
 from pliant.models.shipped import FOLDER
-from pliant.models.validation import ValidationPair, draw_validation_pairs
 from pliant.spec.dataset import Dataset
 
 Points = npt.NDArray[np.float64]

@@ -19,10 +19,10 @@ from collections.abc import Callable
 import numpy as np
 from record import Value, main
 
-from pliant.generator.cloth import ClothSettings, sample_cloth
-from pliant.generator.cloth.grid import flat_positions
-from pliant.generator.cloth.obstacles import Table
-from pliant.generator.cloth.simulator import Contact, Sheet, Simulator
+from pliant.generator.objects.cloth import ClothSettings, sample_cloth
+from pliant.generator.objects.cloth.grid import flat_positions
+from pliant.generator.objects.cloth.obstacles import Table
+from pliant.generator.objects.cloth.simulator import Contact, Sheet, Simulator
 
 POINTS_A_SIDE = (25, 50, 100)
 CONTACTS: dict[str, Contact] = {"": "none", "_self": "pbd", "_cs184": "cs184"}
@@ -101,7 +101,7 @@ def _heap(points: int, contact: Contact) -> Simulator:
 
 
 def _cpu_s_per_cloth(level: int, cloths: int) -> float:
-    subject = sample_cloth(
+    scene_object = sample_cloth(
         ClothSettings(),
         tier=f"cloth-{level}",
         seed=7,
@@ -112,7 +112,7 @@ def _cpu_s_per_cloth(level: int, cloths: int) -> float:
     )
     begin = time.process_time()
     for frame in range(cloths):
-        subject.pose(frame)
+        scene_object.pose(frame)
     return (time.process_time() - begin) / cloths
 
 

@@ -15,18 +15,18 @@ import numpy as np
 import numpy.typing as npt
 from record import Value, main
 
-from pliant.generator.camera import Camera, CameraSettings, sample_camera
-from pliant.generator.cloth import ClothSettings, sample_cloth
-from pliant.generator.look import Look, LookSettings, sample_look
-from pliant.generator.render import open_renderer
-from pliant.generator.rope import RopeSettings, sample_rope
-from pliant.generator.sequence import resident_bytes
-from pliant.generator.subject import Pose, Subject
-from pliant.generator.truth import FrameTruth, frame_truth
+from pliant.generator.objects.cloth import ClothSettings, sample_cloth
+from pliant.generator.objects.rope import RopeSettings, sample_rope
+from pliant.generator.rendering import open_renderer
+from pliant.generator.runner.sequence import resident_bytes
+from pliant.generator.scene.appearance import Appearance, AppearanceSettings, sample_appearance
+from pliant.generator.scene.camera import Camera, CameraSettings, sample_camera
+from pliant.generator.scene.scene_object import Pose, SceneObject
+from pliant.generator.truth.frame_truth import FrameTruth, frame_truth
 
 SIZE = (640, 480)
-STYLES = ("photo", "fast", "raster")  # what shows a look; `real-depth` shows none
-Scene = tuple[str, Subject, Pose, Camera, Look, FrameTruth]
+STYLES = ("photo", "fast", "raster")  # what shows an appearance; `real-depth` shows none
+Scene = tuple[str, SceneObject, Pose, Camera, Appearance, FrameTruth]
 
 
 def scenes(quick: bool) -> list[Scene]:
@@ -35,27 +35,27 @@ def scenes(quick: bool) -> list[Scene]:
     braid = RopeSettings(structure="braid", strands=8, rows=640)
     found = []
     for index in range(1 if quick else 3):
-        for kind, subject in (
+        for kind, scene_object in (
             ("rope", sample_rope(RopeSettings(), tier="rope", index=index, **place)),
             ("braid", sample_rope(braid, tier="rope", index=10 + index, **place)),
             ("cloth", sample_cloth(ClothSettings(), tier="cloth-2", index=index, **place)),
         ):
-            pose, rng = subject.pose(0), np.random.default_rng(index)
-            camera = sample_camera(rng, subject, CameraSettings(), SIZE, [pose])
-            look = sample_look(rng, subject, LookSettings())
-            truth = frame_truth(subject, pose, camera)
-            found.append((kind, subject, pose, camera, look, truth))
+            pose, rng = scene_object.pose(0), np.random.default_rng(index)
+            camera = sample_camera(rng, scene_object, CameraSettings(), SIZE, [pose])
+            appearance = sample_appearance(rng, scene_object, AppearanceSettings())
+            truth = frame_truth(scene_object, pose, camera)
+            found.append((kind, scene_object, pose, camera, appearance, truth))
     return found
 
 
 def references(every: list[Scene], samples: int) -> list[npt.NDArray[np.uint8]]:
     """Render the scenes with many samples and no denoiser."""
-    from pliant.generator.render.cycles_styles import PhotoRenderer
+    from pliant.generator.rendering.cycles_styles import PhotoRenderer
 
     renderer = PhotoRenderer(SIZE, 2, "auto")
     images = []
-    for _, subject, pose, camera, look, truth in every:
-        renderer.begin(subject, look, camera)
+    for _, scene_object, pose, camera, appearance, truth in every:
+        renderer.begin(scene_object, appearance, camera)
         renderer.set_quality(samples, denoise=False)
         images.append(renderer.render(pose, truth))
     renderer.close()
@@ -71,11 +71,11 @@ def measure(quick: bool) -> dict[str, Value]:
         costs: dict[str, list[float]] = {}
         quality: dict[str, list[float]] = {}
         begin = []
-        for (kind, subject, pose, camera, look, truth), reference in zip(
+        for (kind, scene_object, pose, camera, appearance, truth), reference in zip(
             every, wanted, strict=True
         ):
             started = time.process_time()
-            renderer.begin(subject, look, camera)
+            renderer.begin(scene_object, appearance, camera)
             begin.append(time.process_time() - started)
             image = renderer.render(pose, truth)
             error = float(((image.astype(np.float64) - reference) ** 2).mean())
@@ -89,8 +89,8 @@ def measure(quick: bool) -> dict[str, Value]:
             record[f"psnr_db_{style}_{kind}"] = float(min(quality[kind]))
         record[f"begin_s_{style}"] = float(np.median(begin))
         if style == "fast":
-            _, subject, pose, camera, look, truth = every[0]
-            renderer.begin(subject, look, camera)
+            _, scene_object, pose, camera, appearance, truth = every[0]
+            renderer.begin(scene_object, appearance, camera)
             for frame in range(20 if quick else 300):
                 renderer.render(pose, truth)
                 if frame == 9:

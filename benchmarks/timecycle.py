@@ -33,13 +33,13 @@ import torch
 from record import Value, main
 
 from pliant.generator.config import GenerateConfig
-from pliant.generator.runner import generate
+from pliant.generator.runner.run import generate
 from pliant.models import load_matcher
-from pliant.models.processes import Processes
 from pliant.models.timecycle.affinity import affinity
 from pliant.models.timecycle.matcher import TimeCycleMatcher
 from pliant.models.timecycle.settings import TimeCycleSettings
 from pliant.models.timecycle.trainer import TimeCycleTask, train_timecycle
+from pliant.models.training.processes import Processes
 from pliant.spec.configuration import read_settings
 from pliant.spec.dataset import Dataset
 

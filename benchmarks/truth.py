@@ -16,24 +16,24 @@ from collections.abc import Callable
 import numpy as np
 from record import Value, main
 
-from pliant.generator.camera import CameraSettings, sample_camera
-from pliant.generator.cloth import ClothSettings, sample_cloth
-from pliant.generator.render.passes import PassRenderer, compare_with_cycles
-from pliant.generator.rope import RopeSettings, sample_rope
-from pliant.generator.subject import Subject
-from pliant.generator.truth import frame_truth
+from pliant.generator.objects.cloth import ClothSettings, sample_cloth
+from pliant.generator.objects.rope import RopeSettings, sample_rope
+from pliant.generator.rendering.passes import PassRenderer, compare_with_cycles
+from pliant.generator.scene.camera import CameraSettings, sample_camera
+from pliant.generator.scene.scene_object import SceneObject
+from pliant.generator.truth.frame_truth import frame_truth
 
 SIZE = (640, 480)
 
 
-def rope(index: int) -> Subject:
+def rope(index: int) -> SceneObject:
     """The default rope."""
     return sample_rope(
         RopeSettings(), tier="rope", seed=0, split="train", index=index, frames=1, temporal=False
     )
 
 
-def cloth(index: int) -> Subject:
+def cloth(index: int) -> SceneObject:
     """The default cloth of tiers 1 to 3, one after the other."""
     return sample_cloth(
         ClothSettings(),
@@ -64,14 +64,14 @@ def measure(quick: bool) -> dict[str, Value]:
     for name, make, count in (("rope", rope, 6 if quick else 40), ("cloth", cloth, 3)):
         raster_ms, cycles_ms = [], []
         for index in range(count):
-            subject = make(index)
-            pose = subject.pose(0)
+            scene_object = make(index)
+            pose = scene_object.pose(0)
             for view in range(1 if quick else 4):
                 rng = np.random.default_rng([index, view])
-                camera = sample_camera(rng, subject, CameraSettings(), SIZE, [pose])
-                truth = frame_truth(subject, pose, camera)
-                raster_ms.append(cpu_ms(lambda: frame_truth(subject, pose, camera), 5))  # noqa: B023
-                found = compare_with_cycles(renderer, subject, truth, camera)
+                camera = sample_camera(rng, scene_object, CameraSettings(), SIZE, [pose])
+                truth = frame_truth(scene_object, pose, camera)
+                raster_ms.append(cpu_ms(lambda: frame_truth(scene_object, pose, camera), 5))  # noqa: B023
+                found = compare_with_cycles(renderer, scene_object, truth, camera)
                 cycles_ms.append(1e3 * found.cycles_cpu_s)
                 mismatches += found.id_mismatch_px
                 depth_errors += found.depth_errors

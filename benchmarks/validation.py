@@ -24,8 +24,8 @@ import record
 from PIL import Image
 
 from pliant.generator.config import GenerateConfig
-from pliant.generator.runner import generate
-from pliant.spec.validate import validate
+from pliant.generator.runner.run import generate
+from pliant.spec.validation.validate import validate
 
 WORKERS = 2
 CHANNELS = ["Z", "surface.m0", "surface.m1", "surface.object"]

@@ -70,8 +70,8 @@ def measure(quick: bool) -> dict[str, record.Value]:
 
 def _one_sequence(root: Path) -> None:
     from pliant.generator.config import GenerateConfig
-    from pliant.generator.plan import plan_run
-    from pliant.generator.runner import open_sequence_maker
+    from pliant.generator.runner.plan import plan_run
+    from pliant.generator.runner.run import open_sequence_maker
 
     config = GenerateConfig(
         tiers=("rope",), splits={"test": 1}, frames=2, width=160, height=120, style="raster"

@@ -61,12 +61,12 @@ def command(
     stage can be interrupted and goes on with --resume. Exit code 1 where the test queries are
     not the frozen ones.
     """
-    from pliant.benchmarks.reference.config import read_config
+    from pliant.benchmarks.suite.config import read_config
 
     config = read_config(config_file, overrides)
     try:
-        from pliant.benchmarks.reference.results import write_results
-        from pliant.benchmarks.reference.run import run_benchmark
+        from pliant.benchmarks.suite.results import write_results
+        from pliant.benchmarks.suite.run import run_benchmark
     except ImportError as error:
         raise MissingExtraError("a benchmark", "all") from error
 

@@ -27,11 +27,11 @@ def command(reports: tuple[Path, ...], metrics: tuple[str, ...], as_json: bool) 
     that excludes zero and at least 6 sequences. Each line ends with the number of sequences
     that would separate two methods so far apart.
     """
-    from pliant.evaluator.comparison import differences, method_names, ranks
-    from pliant.evaluator.leaderboard import read_reports
-    from pliant.evaluator.protocol import read_protocol
-    from pliant.evaluator.sign_flips import fewest_sequences
-    from pliant.evaluator.wording import about, label, written, written_unit
+    from pliant.evaluator.protocols.protocol import read_protocol
+    from pliant.evaluator.report.leaderboard import read_reports
+    from pliant.evaluator.report.wording import about, label, written, written_unit
+    from pliant.evaluator.statistics.comparison import differences, method_names, ranks
+    from pliant.evaluator.statistics.sign_flips import fewest_sequences
     from pliant.spec.errors import CallError
 
     scores = read_reports(reports)

@@ -157,7 +157,7 @@ def generate(config: GenerateConfig, root: Path, workers: int) -> None:
     Raises:
         GenerationError: A sequence failed three times.
     """
-    from pliant.generator.runner import generate
+    from pliant.generator.runner.run import generate
     from pliant.spec.errors import GenerationError
 
     summary = generate(config, root, workers=workers)
@@ -179,7 +179,7 @@ def validate(root: Path, workers: int) -> None:
         SpecError: It breaks the specification.
     """
     from pliant.spec.errors import SpecError
-    from pliant.spec.validate import validate
+    from pliant.spec.validation.validate import validate
 
     report = validate(root, workers=workers)
     if report.errors:
@@ -198,7 +198,7 @@ def answer_and_score(dataset: Dataset, method: str, out: Path, workers: int) -> 
         The method's scores, as in its `scores.json`.
     """
     from pliant.baselines import METHODS as AVAILABLE
-    from pliant.baselines.submission import predict
+    from pliant.baselines.predict import predict
 
     submission = out / "submissions" / f"{method}.parquet"
     submission.parent.mkdir(parents=True, exist_ok=True)
@@ -213,7 +213,7 @@ def match_and_score(dataset: Dataset, method: str, out: Path, workers: int) -> d
         The scores, as in its `scores.json`.
     """
     from pliant.baselines import METHODS as AVAILABLE
-    from pliant.baselines.submission import predict
+    from pliant.baselines.predict import predict
 
     submission = out / "submissions" / f"{method}-matches.parquet"
     predict(dataset, SPLIT, AVAILABLE[method](), submission, "matches", workers=workers)
@@ -233,7 +233,7 @@ def print_table(console: Console, scores: dict[str, Any], tiers: list[str]) -> N
     """Print RMSE in pixels, a row a tier and a column a method."""
     from rich.table import Table
 
-    from pliant.evaluator.overview import format_px
+    from pliant.evaluator.report.overview import format_px
 
     table = Table(title="RMSE, px", title_justify="left")
     table.add_column("tier")

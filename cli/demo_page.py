@@ -12,12 +12,12 @@ import numpy.typing as npt
 import pyarrow as pa
 from PIL import Image
 
-from pliant.evaluator.best_matches import BestMatches, best_matches
-from pliant.evaluator.overview import CONTROLS, Column, TierSection, render_overview
-from pliant.evaluator.plots import histogram_svg
+from pliant.evaluator.report.best_matches import BestMatches, best_matches
+from pliant.evaluator.report.overview import CONTROLS, Column, TierSection, render_overview
+from pliant.evaluator.report.plots import histogram_svg
 from pliant.spec.dataset import Dataset
-from pliant.spec.parquet import read_table
-from pliant.spec.writing import replacing
+from pliant.spec.io.parquet import read_table
+from pliant.spec.io.writing import replacing
 
 if TYPE_CHECKING:
     from pliant.generator.config import GenerateConfig
@@ -92,7 +92,7 @@ def _column(name: str, scores: Mapping[str, Any], folder: str) -> Column:
 
 
 def _section(dataset: Dataset, tier: str, split: str, sparse: list[str], out: Path) -> TierSection:
-    from pliant.generator.view import contact_sheet
+    from pliant.viewer.figures import contact_sheet
 
     queries = dataset.queries(split)
     mine = np.array(queries["tier"].to_pylist()) == tier

@@ -64,7 +64,7 @@ def command(
     from pliant.spec.errors import SubmissionError
 
     if out is not None:
-        from pliant.evaluator.report import check_out_dir
+        from pliant.evaluator.report.report import check_out_dir
 
         check_out_dir(out)
     columns = ("Scoring", BarColumn(), MofNCompleteColumn(), "pairs", TimeRemainingColumn())
@@ -98,7 +98,13 @@ def command(
 
 def _print(scores: Scores, out: Path | None) -> None:
     """Print the headline table."""
-    from pliant.evaluator.wording import about, label, match_coverage_text, written, written_unit
+    from pliant.evaluator.report.wording import (
+        about,
+        label,
+        match_coverage_text,
+        written,
+        written_unit,
+    )
 
     document = scores.document
     dataset = document["dataset"]

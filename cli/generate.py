@@ -17,8 +17,8 @@ from pliant.spec.errors import CallError
 
 if TYPE_CHECKING:
     from pliant.generator.config import GenerateConfig
-    from pliant.generator.plan import Plan
-    from pliant.generator.runner import Progress, Summary
+    from pliant.generator.runner.plan import Plan
+    from pliant.generator.runner.run import Progress, Summary
 
 _STOPPED = "Interrupted: finished sequences are kept, the same command goes on."
 
@@ -78,7 +78,7 @@ def command(
     do. More --sequences or more TIERs may be added later; other settings on the same folder
     are refused. Exit code 1 if a sequence failed three times; the rest is kept.
     """
-    from pliant.generator.runner import generate
+    from pliant.generator.runner.run import generate
 
     config = build_config(tiers, config_file, overrides, flags)
     count = len(os.sched_getaffinity(0)) if workers is None else workers
@@ -159,9 +159,9 @@ def _parse_splits(text: str) -> dict[str, int]:
 
 
 def _dry_run(config: GenerateConfig, out: Path, workers: int, as_json: bool) -> int:
-    from pliant.generator.estimate import Estimate, estimate_run
-    from pliant.generator.manifest import RunFolder, refuse_changes
-    from pliant.generator.plan import plan_run
+    from pliant.generator.runner.estimate import Estimate, estimate_run
+    from pliant.generator.runner.manifest import RunFolder, refuse_changes
+    from pliant.generator.runner.plan import plan_run
 
     folder = RunFolder(out)
     folder.check()

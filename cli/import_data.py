@@ -79,9 +79,9 @@ def command(
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
-    from pliant.generator.outside.knots import read_knots
-    from pliant.generator.outside.tapvid import read_tapvid
-    from pliant.generator.outside.writer import ImportSettings, write_imported
+    from pliant.converters.knots import read_knots
+    from pliant.converters.tapvid import read_tapvid
+    from pliant.converters.writer import ImportSettings, write_imported
     from pliant.spec.errors import CallError
 
     facts: dict[str, Any] = {"source": source.name}

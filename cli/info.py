@@ -39,8 +39,8 @@ def describe(dataset: Dataset) -> dict[str, Any]:
     """
     import pyarrow.compute as pc
 
-    from pliant.spec.layout import SEQUENCES_TABLE, queries_name, truth_name
-    from pliant.spec.parquet import read_table
+    from pliant.spec.io.parquet import read_table
+    from pliant.spec.storage.layout import SEQUENCES_TABLE, queries_name, truth_name
 
     table = read_table(dataset.local(SEQUENCES_TABLE), "sequences")
     tiers = []

@@ -23,8 +23,8 @@ def command(reports: tuple[Path, ...], out: Path) -> int:
 
     Reports of different protocols, datasets or splits are refused.
     """
-    from pliant.evaluator.leaderboard import read_reports, render_leaderboard
-    from pliant.spec.writing import replacing
+    from pliant.evaluator.report.leaderboard import read_reports, render_leaderboard
+    from pliant.spec.io.writing import replacing
 
     scores = read_reports(reports)
     page = render_leaderboard(scores)

@@ -22,7 +22,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "publish": ("pliant.cli.publish", "Pack, describe and tie a dataset; hold answers out."),
     "predict": ("pliant.cli.predict", "Answer a split's queries with a method."),
     "train": ("pliant.cli.train", "Train a learned method."),
-    "ship": ("pliant.cli.ship", "Write a trained run small, with a model card."),
+    "export": ("pliant.cli.export", "Export a trained model with its model card."),
     "submit-template": ("pliant.cli.submit_template", "Write a submission to be filled in."),
     "check": ("pliant.cli.check", "List a submission's problems without scoring it."),
     "evaluate": ("pliant.cli.evaluate", "Score a submission by a named protocol."),
@@ -35,6 +35,9 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "migrate": ("pliant.cli.migrate", "Bring a dataset to the current specification version."),
 }
 
+FORMER_NAMES = {"ship": "export"}
+"""Names that commands had before: they still work and are not listed."""
+
 
 class LazyGroup(click.Group):
     """A group whose commands are imported when they are called."""
@@ -45,6 +48,7 @@ class LazyGroup(click.Group):
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Import one command's module and return its `command`."""
+        cmd_name = FORMER_NAMES.get(cmd_name, cmd_name)
         if cmd_name not in COMMANDS:
             return None
         command: click.Command = importlib.import_module(COMMANDS[cmd_name][0]).command

@@ -57,11 +57,11 @@ def command(
     METHOD is sift, surf, orb, identity, random, centroid, a shipped model (don-rope, don-cloth),
     or the folder of a training run. Without --mask-target the whole target is searched.
     """
-    from pliant.baselines.match_figure import check_figure_path, draw_match, match_photo
     from pliant.baselines.matcher import SplitMatcher
     from pliant.baselines.photo import read_view
     from pliant.cli.methods import open_method
     from pliant.spec.errors import CallError
+    from pliant.viewer.match_figure import check_figure_path, draw_match, match_photo
 
     check_figure_path(out)
     matcher = open_method(method)

@@ -62,7 +62,7 @@ def command(
         TimeRemainingColumn,
     )
 
-    from pliant.baselines.submission import predict
+    from pliant.baselines.predict import predict
     from pliant.cli.methods import open_method
     from pliant.spec.dataset import Dataset
 

@@ -15,8 +15,8 @@ from pliant.cli.interrupts import terminated_like_interrupted
 from pliant.spec.errors import CallError
 
 if TYPE_CHECKING:
-    from pliant.generator.publish import Published
-    from pliant.generator.publish.publish import Finish, Progress
+    from pliant.publishing import Published
+    from pliant.publishing.publish import Finish, Progress
 
 _UNITS = {"": 1, "B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9}
 
@@ -71,7 +71,7 @@ def command(
     and all it could be read from, goes into a folder of its own, DIR2-private: keep it. The same
     dataset gives the same bytes wherever it is published.
     """
-    from pliant.generator.publish import PublishSettings, publish
+    from pliant.publishing import PublishSettings, publish
 
     settings = PublishSettings(
         hold_out=tuple(dict.fromkeys(name for text in hold_out for name in text.split(","))),
@@ -110,7 +110,7 @@ def parse_size(text: str) -> int:
 
 def _bundle_writer() -> Finish:
     """Return what adds the Codabench bundle to the private half."""
-    from pliant.evaluator.competition.bundle import write_bundle
+    from pliant.publishing.competition.bundle import write_bundle
 
     def finish(public: Path, private: Path | None) -> None:
         if private is not None:

@@ -35,7 +35,7 @@ def command(
     SITE is plain files: open index.html, copy it to any web server, or upload it as a
     Hugging Face Space (its README.md says `sdk: static`).
     """
-    from pliant.evaluator.site import write_site
+    from pliant.evaluator.report.site import write_site
 
     names = write_site(reports, out, title=title, hide_truth=hide_truth)
     if as_json:

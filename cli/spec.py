@@ -28,9 +28,9 @@ def command(name: str | None, out: Path | None, as_json: bool) -> None:
         specification_files,
         write_specification,
     )
-    from pliant.spec.issue_codes import ISSUE_CODES
-    from pliant.spec.jsonfiles import load_schema
+    from pliant.spec.io.jsonfiles import load_schema
     from pliant.spec.tables import TABLES
+    from pliant.spec.validation.issue_codes import ISSUE_CODES
 
     if out is not None:
         written = write_specification(out)

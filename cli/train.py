@@ -17,7 +17,7 @@ from pliant.cli.options import set_option
 from pliant.spec.errors import MissingExtraError
 
 if TYPE_CHECKING:
-    from pliant.models.training import Progress
+    from pliant.models.training.loop import Progress
 
 
 @click.group("train")
@@ -71,7 +71,7 @@ def don(
     With --resume and no settings of its own, a run goes on with those it began with.
     """
     try:
-        from pliant.models.don import shipped_recipe, train_don
+        from pliant.models.don.trainer import shipped_recipe, train_don
         from pliant.models.settings import DonSettings
         from pliant.spec.configuration import read_settings
     except ImportError as error:

@@ -32,7 +32,7 @@ def command(data: Path, quick: bool, workers: int | None, limit: int, as_json: b
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
-    from pliant.spec.validate import validate
+    from pliant.spec.validation.validate import validate
 
     if workers is None:
         workers = len(os.sched_getaffinity(0))

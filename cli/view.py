@@ -60,7 +60,7 @@ def command(
     as_json: bool,
 ) -> None:
     """Draw a figure of the dataset DIR: contact sheets, index colours, depth, tracks."""
-    from pliant.generator.view import draw_figure, draw_predicted_tracks
+    from pliant.viewer.figures import draw_figure, draw_predicted_tracks
 
     if frames is not None and tracks is None:
         raise CallError("--frames belongs to --tracks", found=frames)

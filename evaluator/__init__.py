@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pliant.evaluator.check import check, inspect
 from pliant.evaluator.evaluate import evaluate
-from pliant.evaluator.protocol import PROTOCOL_NAMES, read_protocol
+from pliant.evaluator.protocols.protocol import PROTOCOL_NAMES, read_protocol
 from pliant.evaluator.scores import Scores, read_scores
+from pliant.evaluator.submission.check import check, inspect
 from pliant.spec.dataset import Dataset
 
 __all__ = [
@@ -27,6 +27,6 @@ def write_report(
 ) -> None:
     """Write scores.json, per_pair.parquet and report.html; see `report.write_report`."""
     # Imported here: matplotlib takes longer to import than a small submission to score.
-    from pliant.evaluator.report import write_report as write
+    from pliant.evaluator.report.report import write_report as write
 
     write(scores, out_dir, data=data)

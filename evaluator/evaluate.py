@@ -8,25 +8,25 @@ from typing import Any, Final
 
 import numpy as np
 
-from pliant.evaluator.answers import Answers
-from pliant.evaluator.blocks import check_truth, read_blocks
-from pliant.evaluator.bootstrap import Clusters, intervals
-from pliant.evaluator.examples import choose_examples
-from pliant.evaluator.hints import TruthHints, hints_without_truth
-from pliant.evaluator.loading import Loaded, load
-from pliant.evaluator.match_scoring import score_matches
-from pliant.evaluator.matches import Matches
-from pliant.evaluator.problems import Problems
-from pliant.evaluator.protocol import Protocol, read_protocol
-from pliant.evaluator.ratios import ratios_of
-from pliant.evaluator.scorers import Groups, PairTable, Setting, Summary, scorers_of
+from pliant.evaluator.protocols.protocol import Protocol, read_protocol
+from pliant.evaluator.report.examples import choose_examples
+from pliant.evaluator.scorers import Groups, PairTable, ScoringContext, Summary, scorers_of
+from pliant.evaluator.scorers.match_scoring import score_matches
+from pliant.evaluator.scorers.surfaces import Surfaces
 from pliant.evaluator.scores import SCORES_VERSION, Scores, pair_table, tool_versions
-from pliant.evaluator.scratch import MEMORY_LIMIT_BYTES, Scratch
-from pliant.evaluator.surfaces import Surfaces
-from pliant.spec import layout
-from pliant.spec.checksums import sha256_file
+from pliant.evaluator.statistics.bootstrap import Clusters, intervals
+from pliant.evaluator.statistics.ratios import ratios_of
+from pliant.evaluator.submission.answers import Answers
+from pliant.evaluator.submission.blocks import check_truth, read_blocks
+from pliant.evaluator.submission.hints import TruthHints, hints_without_truth
+from pliant.evaluator.submission.loading import Loaded, load
+from pliant.evaluator.submission.matches import Matches
+from pliant.evaluator.submission.problems import Problems
+from pliant.evaluator.submission.scratch import MEMORY_LIMIT_BYTES, Scratch
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, SubmissionError
+from pliant.spec.io.checksums import sha256_file
+from pliant.spec.storage import layout
 
 Progress = Callable[[int, int], None]
 
@@ -114,21 +114,21 @@ def _score(
     progress: Progress | None,
     hide_truth: bool,
 ) -> Scores:
-    questions = loaded.questions
-    table = PairTable(questions.pairs)
-    groups = Groups.of(questions)
+    queries = loaded.queries
+    table = PairTable(queries.pairs)
+    groups = Groups.of(queries)
     summary = Summary()
     surfaces = Surfaces(dataset, _search_px(protocol))
     hints: tuple[str, ...] = ()
     if isinstance(loaded.answers, Matches):
         score_matches(
-            loaded.answers, questions, protocol.metrics, table, groups, summary, surfaces, progress
+            loaded.answers, queries, protocol.metrics, table, groups, summary, surfaces, progress
         )
         coverage = float((np.diff(loaded.answers.starts) > 0).mean())
     else:
-        setting = Setting(dataset, questions, loaded.answers, table, scratch, surfaces)
-        hints = _score_answers(setting, truth, protocol, groups, summary, progress, hide_truth)
-        coverage = loaded.answers.answered / questions.rows
+        context = ScoringContext(dataset, queries, loaded.answers, table, scratch, surfaces)
+        hints = _score_answers(context, truth, protocol, groups, summary, progress, hide_truth)
+        coverage = loaded.answers.answered / queries.rows
     ratios = ratios_of(protocol.metrics)
     for ratio in ratios:
         above, below = ratio.terms(table.columns)
@@ -136,19 +136,17 @@ def _score(
             mask = groups.masks[index]
             value = ratio.finish(np.array(above[mask].sum()), np.array(below[mask].sum()))
             summary.set(name, ratio.name, float(value))
-    clusters = Clusters.of(questions.sequence_a, questions.tier, len(questions.tiers))
+    clusters = Clusters.of(queries.sequence_a, queries.tier, len(queries.tiers))
     found = intervals(ratios, table.columns, clusters, protocol.bootstrap)
     document = _document(loaded, dataset, truth, protocol, groups, summary, coverage, found, table)
     if hide_truth:
         document["hide_truth"] = True
-    examples = (
-        () if hide_truth else choose_examples(loaded.answers, questions, table.columns, truth)
-    )
-    return Scores(document, pair_table(questions, table.columns), examples, hints)
+    examples = () if hide_truth else choose_examples(loaded.answers, queries, table.columns, truth)
+    return Scores(document, pair_table(queries, table.columns), examples, hints)
 
 
 def _score_answers(
-    setting: Setting,
+    context: ScoringContext,
     truth: Path,
     protocol: Protocol,
     groups: Groups,
@@ -157,32 +155,32 @@ def _score_answers(
     hide_truth: bool,
 ) -> tuple[str, ...]:
     """Run the scorers over the blocks of a split; return hints about the answers."""
-    scorers = scorers_of(protocol.metrics, setting)
+    scorers = scorers_of(protocol.metrics, context)
     wanted = sorted({column for scorer in scorers for column in scorer.truth_columns})
-    answers: Answers = setting.answers
+    answers: Answers = context.answers
     if "distribution" in protocol.metrics and "symmetry" not in protocol.metrics:
         has = answers.sigma_px is not None or answers.modes is not None
         wanted = wanted if has else [name for name in wanted if name != "alternatives"]
     blocks = read_blocks(
-        setting.questions,
+        context.queries,
         truth,
         answers,
         truth_columns=wanted,
         query_pixels=any(scorer.query_pixels for scorer in scorers),
         # Where surface images are read too, they take the time: shorter blocks show progress.
-        block_rows=_ROWS_WITH_IMAGES if _has_images(setting.dataset) else None,
+        block_rows=_ROWS_WITH_IMAGES if _has_images(context.dataset) else None,
         cap_errors=hide_truth,
     )
-    hints = TruthHints(answers, setting.questions)
+    hints = TruthHints(answers, context.queries)
     for block in blocks:
         hints.update(block)
         for scorer in scorers:
             scorer.update(block)
         if progress is not None:
-            progress(block.pairs.stop, setting.questions.pairs)
+            progress(block.pairs.stop, context.queries.pairs)
     for scorer in scorers:
         scorer.finish(groups, summary)
-    return (*hints_without_truth(answers, setting.questions), *hints.found())
+    return (*hints_without_truth(answers, context.queries), *hints.found())
 
 
 def _ordered(values: Mapping[str, float | None]) -> dict[str, float | None]:
@@ -227,13 +225,13 @@ def _document(
     table: PairTable,
 ) -> dict[str, Any]:
     """Return what scores.json holds."""
-    submission, questions = loaded.submission, loaded.questions
+    submission, queries = loaded.submission, loaded.queries
     counts: Mapping[str, Any] = table.columns
 
     def total(name: str) -> int:
         return int(counts[name].sum()) if name in counts else 0
 
-    sequences = [len(np.unique(questions.sequence_a[mask])) for mask in groups.masks]
+    sequences = [len(np.unique(queries.sequence_a[mask])) for mask in groups.masks]
     return {
         "scores_version": SCORES_VERSION,
         "protocol": protocol.name,
@@ -244,11 +242,11 @@ def _document(
             "id": dataset.id,
             "version": dataset.version,
             "title": dataset.info["title"],
-            "image_size": list(questions.size),
+            "image_size": list(queries.size),
             "queries_sha256": submission.footer["queries_sha256"],
             "truth_sha256": sha256_file(truth) if protocol.kind == "answers" else None,
         },
-        "split": questions.split,
+        "split": queries.split,
         "submission": {
             "file": submission.path.name,
             "sha256": sha256_file(submission.path),
@@ -259,8 +257,8 @@ def _document(
         },
         "coverage": coverage,
         "counts": {
-            "pairs": questions.pairs,
-            "queries": questions.rows,
+            "pairs": queries.pairs,
+            "queries": queries.rows,
             "counted": total("counted"),
             "sequences": dict(zip(groups.names, sequences, strict=True)),
         },

@@ -15,9 +15,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from pliant.evaluator.arrays import FloatArray
-from pliant.evaluator.questions import Questions
+from pliant.evaluator.submission.queries import Queries
 from pliant.spec.errors import SubmissionError
-from pliant.spec.jsonfiles import write_json
+from pliant.spec.io.jsonfiles import write_json
 
 SCORES_VERSION: Final = "1.0"
 SCORES_JSON: Final = "scores.json"
@@ -72,19 +72,19 @@ def tool_versions() -> dict[str, str]:
     return {name: metadata.version(name) for name in names}
 
 
-def pair_table(questions: Questions, columns: Mapping[str, FloatArray]) -> pa.Table:
+def pair_table(queries: Queries, columns: Mapping[str, FloatArray]) -> pa.Table:
     """Return the pair table as Arrow, ids and frames first, sums after."""
 
     def texts(codes: Any, names: list[str]) -> pa.Array:
         return pa.DictionaryArray.from_arrays(pa.array(codes, pa.int32()), names).cast(pa.string())
 
     data: dict[str, Any] = {
-        "pair_id": np.arange(questions.pairs, dtype=np.int32),
-        "tier": texts(questions.tier, questions.tiers),
-        "sequence_a": texts(questions.sequence_a, questions.sequences),
-        "frame_a": questions.frame_a,
-        "sequence_b": texts(questions.sequence_b, questions.sequences),
-        "frame_b": questions.frame_b,
+        "pair_id": np.arange(queries.pairs, dtype=np.int32),
+        "tier": texts(queries.tier, queries.tiers),
+        "sequence_a": texts(queries.sequence_a, queries.sequences),
+        "frame_a": queries.frame_a,
+        "sequence_b": texts(queries.sequence_b, queries.sequences),
+        "frame_b": queries.frame_b,
     }
     data |= {name: values for name, values in sorted(columns.items()) if name != "one"}
     return pa.table(data)

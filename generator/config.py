@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Annotated, Any, Final, Literal, get_args
 
 from pliant.generator.settings import (
+    AppearanceSettings,
     CameraSettings,
     ClothSettings,
     DepthCameraSettings,
-    LookSettings,
     NoiseSettings,
     RopeSettings,
 )
@@ -23,7 +23,7 @@ from pliant.spec.configuration import (
 )
 from pliant.spec.constraints import Bounds, Count, Natural, NotEmpty, OneOf, Refused
 from pliant.spec.conventions import SPLITS
-from pliant.spec.yamlfiles import yaml_text
+from pliant.spec.io.yamlfiles import yaml_text
 
 TIER_KINDS: Final[dict[str, str]] = {
     "rope": "rope",
@@ -124,7 +124,7 @@ class GenerateConfig:
     style: Style = "fast"
     rope: RopeSettings = field(default_factory=RopeSettings)
     cloth: ClothSettings = field(default_factory=ClothSettings)
-    look: LookSettings = field(default_factory=LookSettings)
+    look: AppearanceSettings = field(default_factory=AppearanceSettings)
     camera: CameraSettings = field(default_factory=CameraSettings)
     noise: NoiseSettings | None = None
     depth_camera: DepthCameraSettings | None = None

@@ -18,11 +18,11 @@ import numpy as np
 import numpy.typing as npt
 
 from pliant.loaders.views import FrameView, read_view, surface_points
-from pliant.spec import layout
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
 from pliant.spec.model import Tier
 from pliant.spec.sequence import SequenceRecord
+from pliant.spec.storage import layout
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from pliant.spec.images import Surface
+from pliant.spec.io.images import Surface
 from pliant.spec.model import FloatArray, MaterialObject
 
 _JUMP: Final = 4.0

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from pliant.models.matching import DonMatcher
+    from pliant.models.don.matcher import DonMatcher
     from pliant.models.timecycle.matcher import TimeCycleMatcher
 
 __all__ = ["load_matcher"]
@@ -26,19 +26,19 @@ def load_matcher(run: Path | str) -> DonMatcher | TimeCycleMatcher:
     from pliant.spec.errors import MissingExtraError
 
     try:
-        from pliant.models import matching
+        from pliant.models.don import matcher
         from pliant.models.timecycle.matcher import load_timecycle
     except ImportError as error:
         raise MissingExtraError("answering with a trained network", "train") from error
-    if _kind(Path(run) / matching.CONFIG) == "timecycle":
+    if _kind(Path(run) / matcher.CONFIG) == "timecycle":
         return load_timecycle(Path(run))
-    return matching.load_matcher(run)
+    return matcher.load_matcher(run)
 
 
 def _kind(config: Path) -> str:
     """Return the kind that a run's config names; runs of Dense Object Nets name none."""
     from pliant.spec.errors import CallError
-    from pliant.spec.yamlfiles import read_yaml
+    from pliant.spec.io.yamlfiles import read_yaml
 
     try:
         values = read_yaml(config)

@@ -6,7 +6,7 @@ import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from pliant.evaluator.wording import about, interval_text, label, written, written_unit
+from pliant.evaluator.report.wording import about, interval_text, label, written, written_unit
 
 _WIDTH = 100
 
@@ -224,7 +224,7 @@ def _commands(name: str, facts: Mapping[str, Any], dataset: Mapping[str, Any], s
             "pliant evaluate SUB.parquet --data DATA --out REPORT",
         ]
         scores = " --scores REPORT"
-    lines.append(f"pliant ship RUN --name {name} --data DATA{scores} --out models/shipped")
+    lines.append(f"pliant export RUN --name {name} --data DATA{scores} --out models/shipped")
     return "```\n" + "\n".join(lines) + "\n```\n"
 
 

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pliant.loaders import AugmentSettings, PairSettings
 from pliant.models.losses.distributional import Direction
-from pliant.models.networks import NetworkSettings
+from pliant.models.networks.descriptor_network import NetworkSettings
 from pliant.spec.configuration import configuration
 from pliant.spec.constraints import (
     Bounds,
@@ -97,7 +97,8 @@ class OptimiserSettings:
     """The optimiser and how its learning rate goes.
 
     Attributes:
-        kind: `adamw`, or `muon` for the layers' weights (`models/muon.py`) and AdamW for the rest.
+        kind: `adamw`, or `muon` for the layers' weights (`models/training/muon.py`) and AdamW
+            for the rest.
         learning_rate: AdamW's highest value.
         matrix_rate: Muon's highest value; it follows the same schedule.
         weight_decay: Decoupled weight decay.

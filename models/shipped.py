@@ -1,6 +1,6 @@
 """Trained models that come with the package: small runs, by name.
 
-`models/shipped/NAME/` is a run's folder with what answering needs (`pliant.models.shipping`
+`models/shipped/NAME/` is a run's folder with what answering needs (`pliant.models.export`
 makes it). Listing the names needs no torch.
 """
 
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 from pliant.spec.errors import CallError
 
 if TYPE_CHECKING:
-    from pliant.models.matching import DonMatcher
+    from pliant.models.don.matcher import DonMatcher
     from pliant.models.timecycle.matcher import TimeCycleMatcher
 
 FOLDER: Final = Path(__file__).parent / "shipped"

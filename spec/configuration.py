@@ -21,7 +21,7 @@ import pydantic
 
 from pliant.spec.constraints import Refused, did_you_mean, unit_of
 from pliant.spec.errors import CallError
-from pliant.spec.yamlfiles import parse_yaml, read_yaml
+from pliant.spec.io.yamlfiles import parse_yaml, read_yaml
 
 __all__ = [
     "SettingsError",

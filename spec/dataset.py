@@ -10,18 +10,18 @@ from typing import Any, Final
 
 import pyarrow as pa
 
-from pliant.spec import layout
-from pliant.spec.checksums import sha256_file
 from pliant.spec.conventions import SPEC_VERSION, SPLITS
 from pliant.spec.errors import SpecError
-from pliant.spec.files import Files, LayeredFiles, LocalFiles, PackedFiles, storage_of
-from pliant.spec.jsonfiles import read_json
-from pliant.spec.manifest import check_halves
+from pliant.spec.io.checksums import sha256_file
+from pliant.spec.io.jsonfiles import read_json
+from pliant.spec.io.parquet import read_table
+from pliant.spec.io.reading import AnyFile, FileRefusedError
 from pliant.spec.model import Tier
-from pliant.spec.parquet import read_table
 from pliant.spec.queries import QueryPair, group_queries
-from pliant.spec.reading import AnyFile, FileRefusedError
 from pliant.spec.sequence import SequenceRecord
+from pliant.spec.storage import layout
+from pliant.spec.storage.files import Files, LayeredFiles, LocalFiles, PackedFiles, storage_of
+from pliant.spec.storage.manifest import check_halves
 
 NAME: Final = re.compile(r"[A-Za-z0-9](?:[A-Za-z0-9._-]{0,126}[A-Za-z0-9])?")
 """What names of tiers and sequences look like; they are folder names too."""

@@ -13,12 +13,12 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from pliant.spec import limits
 from pliant.spec.conventions import SPEC_VERSION
 from pliant.spec.export import JSON_SCHEMAS, describe_table, generated_files
-from pliant.spec.issue_codes import ISSUE_CODES
-from pliant.spec.jsonfiles import load_schema
+from pliant.spec.io import limits
+from pliant.spec.io.jsonfiles import load_schema
 from pliant.spec.tables import TABLES
+from pliant.spec.validation.issue_codes import ISSUE_CODES
 
 HERE: Final = Path(__file__).resolve().parent
 TEXT: Final = HERE / "SPEC.md"

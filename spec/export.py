@@ -11,8 +11,8 @@ import pyarrow as pa
 
 from pliant.spec.conventions import SPEC_VERSION
 from pliant.spec.errors import CallError
+from pliant.spec.io.writing import replacing
 from pliant.spec.tables import ANSWERS_OPTIONAL, TABLES
-from pliant.spec.writing import replacing
 
 JSON_SCHEMAS: Final = (
     "dataset",

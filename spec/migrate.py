@@ -9,12 +9,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from pliant.spec import layout
-from pliant.spec.checksums import sha256_file
 from pliant.spec.conventions import SPEC_VERSION
 from pliant.spec.dataset import check_version, is_name
 from pliant.spec.errors import SpecError
-from pliant.spec.jsonfiles import is_newer_minor, read_json, write_json
+from pliant.spec.io.checksums import sha256_file
+from pliant.spec.io.jsonfiles import is_newer_minor, read_json, write_json
+from pliant.spec.storage import layout
 
 Document = dict[str, Any]
 Change = Callable[[Document], Document]

@@ -11,16 +11,16 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from pliant.spec import layout
 from pliant.spec.errors import CallError, SpecError
-from pliant.spec.exr import Surface, read_surface
-from pliant.spec.files import Files
-from pliant.spec.jsonfiles import read_json
+from pliant.spec.io.exr import Surface, read_surface
+from pliant.spec.io.jsonfiles import read_json
+from pliant.spec.io.parquet import open_table, read_table
+from pliant.spec.io.parquet_columns import load_columns
+from pliant.spec.io.png import read_rgb
+from pliant.spec.io.reading import AnyFile
 from pliant.spec.model import Tier
-from pliant.spec.parquet import open_table, read_table
-from pliant.spec.parquet_columns import load_columns
-from pliant.spec.png import read_rgb
-from pliant.spec.reading import AnyFile
+from pliant.spec.storage import layout
+from pliant.spec.storage.files import Files
 from pliant.spec.tables import CORRESPONDENCES
 
 

@@ -114,7 +114,7 @@ def _made_once(config: GenerateConfig, name: str, tmp_path_factory: pytest.TempP
     """Make a dataset once for all workers of pytest-xdist."""
     from filelock import FileLock
 
-    from pliant.generator.runner import generate
+    from pliant.generator.runner.run import generate
     from pliant.spec.errors import CallError
 
     base = tmp_path_factory.getbasetemp()

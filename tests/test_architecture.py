@@ -12,7 +12,8 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDERS = (
-    "spec", "generator", "loaders", "evaluator", "baselines", "models", "benchmarks", "cli",
+    "spec", "generator", "loaders", "evaluator", "baselines", "models", "publishing", "converters",
+    "viewer", "benchmarks", "cli",
 )  # fmt: skip
 
 # folder -> the folders it may import (DESIGN: arrows point one way).
@@ -25,6 +26,10 @@ ARROWS: dict[str, set[str]] = {
     # score in a report are one number; the evaluator knows nothing of them.
     "models": {"spec", "loaders", "baselines", "evaluator"},
     "evaluator": {"spec"},
+    "converters": {"spec"},
+    # A dataset card shows a contact sheet.
+    "publishing": {"spec", "evaluator", "viewer"},
+    "viewer": {"spec", "baselines", "evaluator", "models"},
     "benchmarks": set(FOLDERS) - {"cli"},
     "cli": set(FOLDERS),
 }
@@ -79,15 +84,15 @@ def test_light_folders_never_name_heavy_libraries(folder: str) -> None:
 def test_packages_list_is_complete() -> None:
     """A package that pyproject forgets works editable and is missing from the wheel."""
     settings = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
-    found = {
+    found = {"pliant"} | {
         "pliant." + ".".join(path.parent.relative_to(ROOT).parts)
         for folder in FOLDERS
         for path in (ROOT / folder).rglob("__init__.py")
     }
     assert found == set(settings["packages"])
-    assert {name: "/".join(name.split(".")[1:]) for name in settings["packages"]} == settings[
-        "package-dir"
-    ]
+    assert {
+        name: "/".join(name.split(".")[1:]) or "pliant" for name in settings["packages"]
+    } == settings["package-dir"]
 
 
 def test_every_module_lies_in_a_package() -> None:
@@ -95,6 +100,13 @@ def test_every_module_lies_in_a_package() -> None:
         for path in modules(folder):
             if "conformance" not in path.parts:
                 assert (path.parent / "__init__.py").exists(), path
+
+
+def test_package_of_the_checkout_links_to_every_room() -> None:
+    """`pliant/` is complete without an installation: this is what mypy and worktrees import."""
+    for folder in FOLDERS:
+        name = "benchmarks/suite" if folder == "benchmarks" else folder
+        assert (ROOT / "pliant" / name).resolve() == ROOT / name
 
 
 LIGHT = """
@@ -106,7 +118,8 @@ sys.exit(f"importing {module} brought in {{heavy}}" if heavy else 0)
 
 
 @pytest.mark.parametrize(
-    "module", ["pliant.spec", "pliant.spec.dataset", "pliant.evaluator", "pliant.cli.main"]
+    "module",
+    ["pliant", "pliant.spec", "pliant.spec.dataset", "pliant.evaluator", "pliant.cli.main"],
 )
 def test_import_stays_light(module: str) -> None:
     done = subprocess.run(

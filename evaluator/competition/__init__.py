@@ -1,1 +1,4 @@
-"""Competitions on existing platforms: Codabench and EvalAI bundles, and what runs in them."""
+"""What a competition platform runs: the scoring of `pliant evaluate`, and the programs around it.
+
+The bundles that carry it are written by `pliant.publishing.competition`.
+"""

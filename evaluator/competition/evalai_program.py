@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from pliant.evaluator.competition.scoring import COMPETITION_JSON, flat_scores, score
-from pliant.spec.jsonfiles import read_json
+from pliant.spec.io.jsonfiles import read_json
 
 
 def evaluate(

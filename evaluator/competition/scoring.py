@@ -8,9 +8,9 @@ from typing import Any, Final
 
 from pliant.evaluator.evaluate import evaluate
 from pliant.evaluator.hidden_truth import public_scores
-from pliant.evaluator.report import render_report
+from pliant.evaluator.report.report import render_report
 from pliant.evaluator.scores import Scores
-from pliant.spec.jsonfiles import read_json
+from pliant.spec.io.jsonfiles import read_json
 
 COMPETITION_JSON: Final = "competition.json"
 """In the reference data: the split and the protocol of the competition."""

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from pliant.evaluator.scorers.analysis import AnalysisScorer
-from pliant.evaluator.scorers.base import Groups, PairTable, Scorer, Setting, Summary
+from pliant.evaluator.scorers.base import Groups, PairTable, Scorer, ScoringContext, Summary
 from pliant.evaluator.scorers.continuity import ContinuityScorer
 from pliant.evaluator.scorers.distribution import DistributionScorer
 from pliant.evaluator.scorers.geodesic import GeodesicScorer
@@ -34,15 +34,15 @@ SCORERS: Final[dict[str, type[Scorer]]] = {
 """The scorer of each family of metrics that a protocol may name."""
 
 
-def scorers_of(metrics: Mapping[str, Mapping[str, Any]], setting: Setting) -> list[Scorer]:
+def scorers_of(metrics: Mapping[str, Mapping[str, Any]], context: ScoringContext) -> list[Scorer]:
     """Return the counts and the scorers of a protocol's families, in the order of `SCORERS`.
 
     Args:
         metrics: The `metrics` of a protocol.
-        setting: What is scored.
+        context: What is scored.
     """
-    named = [kind(metrics[name], setting) for name, kind in SCORERS.items() if name in metrics]
-    return [CountScorer({}, setting), *named]
+    named = [kind(metrics[name], context) for name, kind in SCORERS.items() if name in metrics]
+    return [CountScorer({}, context), *named]
 
 
-__all__ = ["SCORERS", "Groups", "PairTable", "Scorer", "Setting", "Summary", "scorers_of"]
+__all__ = ["SCORERS", "Groups", "PairTable", "Scorer", "ScoringContext", "Summary", "scorers_of"]

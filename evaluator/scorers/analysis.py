@@ -11,8 +11,8 @@ from typing import Any, Final
 import numpy as np
 
 from pliant.evaluator.arrays import FloatArray
-from pliant.evaluator.blocks import Block
-from pliant.evaluator.scorers.base import Groups, Scorer, Setting, Summary
+from pliant.evaluator.scorers.base import Groups, Scorer, ScoringContext, Summary
+from pliant.evaluator.submission.blocks import Block
 
 _CDF_PX: Final = (0.5, 1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512)
 
@@ -23,25 +23,25 @@ _L2_BINS: Final = 32
 class AnalysisScorer(Scorer):
     """Histograms of errors, counted in narrow bins while the blocks pass."""
 
-    def __init__(self, settings: Mapping[str, Any], setting: Setting) -> None:
-        super().__init__(settings, setting)
+    def __init__(self, settings: Mapping[str, Any], context: ScoringContext) -> None:
+        super().__init__(settings, context)
         self._bin_px = float(settings["bin_px"])
-        self._fine = int(np.ceil(setting.questions.diagonal_px / self._bin_px))
+        self._fine = int(np.ceil(context.queries.diagonal_px / self._bin_px))
         # The last bin takes everything beyond the diagonal.
-        self._counts = np.zeros((len(setting.questions.tiers), self._fine + 1))
+        self._counts = np.zeros((len(context.queries.tiers), self._fine + 1))
 
     def update(self, block: Block) -> None:
         """Take in one block."""
         counted = block.counted
         scaled = np.minimum(block.error_px[counted] / self._bin_px, self._fine)
         width = self._fine + 1
-        tier = self.setting.questions.tier[block.pairs]
+        tier = self.context.queries.tier[block.pairs]
         key = tier[block.pair[counted]] * width + scaled.astype(np.int64)
         self._counts += np.bincount(key, minlength=self._counts.size).reshape(self._counts.shape)
 
     def finish(self, groups: Groups, summary: Summary) -> None:
         """Add histograms, the CDF and the boxes."""
-        diagonal = self.setting.questions.diagonal_px
+        diagonal = self.context.queries.diagonal_px
         bins = int(self.settings["bins"])
         columns = self.table.columns
         counted = columns["counted"]
@@ -86,5 +86,5 @@ class AnalysisScorer(Scorer):
     def _coarse(self, fine: FloatArray, bins: int) -> FloatArray:
         """Return the shares in `bins` equal bins up to the diagonal; the rest joins the last."""
         middle = (np.arange(len(fine)) + 0.5) * self._bin_px
-        index = np.minimum(middle / self.setting.questions.diagonal_px * bins, bins - 1)
+        index = np.minimum(middle / self.context.queries.diagonal_px * bins, bins - 1)
         return np.bincount(index.astype(np.int64), fine, bins) / fine.sum()

@@ -9,12 +9,12 @@ from typing import Any, ClassVar, Final
 import numpy as np
 import numpy.typing as npt
 
-from pliant.evaluator.answers import Answers
 from pliant.evaluator.arrays import BoolArray, FloatArray
-from pliant.evaluator.blocks import Block
-from pliant.evaluator.questions import Questions
-from pliant.evaluator.scratch import Scratch
-from pliant.evaluator.surfaces import Surfaces
+from pliant.evaluator.scorers.surfaces import Surfaces
+from pliant.evaluator.submission.answers import Answers
+from pliant.evaluator.submission.blocks import Block
+from pliant.evaluator.submission.queries import Queries
+from pliant.evaluator.submission.scratch import Scratch
 from pliant.spec.dataset import Dataset
 
 OVERALL: Final = "overall"
@@ -46,25 +46,25 @@ class Groups:
     Attributes:
         names: `overall` and the tiers.
         masks: bool (P,) for each.
-        questions: The split's queries.
+        queries: The split's queries.
     """
 
     names: list[str]
     masks: list[BoolArray]
-    questions: Questions
+    queries: Queries
 
     @classmethod
-    def of(cls, questions: Questions) -> Groups:
+    def of(cls, queries: Queries) -> Groups:
         """Return the groups of a split."""
-        masks = [np.ones(questions.pairs, bool)]
-        masks += [questions.tier == code for code in range(len(questions.tiers))]
-        return cls([OVERALL, *questions.tiers], masks, questions)
+        masks = [np.ones(queries.pairs, bool)]
+        masks += [queries.tier == code for code in range(len(queries.tiers))]
+        return cls([OVERALL, *queries.tiers], masks, queries)
 
     def rows(self, index: int, values: npt.NDArray[Any]) -> list[npt.NDArray[Any]]:
         """Return a group's parts of an array with a value for each query of the split."""
         edges = np.diff(self.masks[index].astype(np.int8), prepend=0, append=0)
         first, end = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
-        starts = self.questions.starts
+        starts = self.queries.starts
         return [
             values[starts[a] : starts[b]] for a, b in zip(first.tolist(), end.tolist(), strict=True)
         ]
@@ -102,12 +102,12 @@ class Summary:
 
 
 @dataclass(frozen=True)
-class Setting:
+class ScoringContext:
     """What is scored, handed to every scorer.
 
     Attributes:
         dataset: The dataset.
-        questions: The split's queries.
+        queries: The split's queries.
         answers: The answers in the order of the queries.
         table: The pair table, which scorers fill.
         scratch: Where long arrays live.
@@ -115,7 +115,7 @@ class Setting:
     """
 
     dataset: Dataset
-    questions: Questions
+    queries: Queries
     answers: Answers
     table: PairTable
     scratch: Scratch
@@ -127,16 +127,16 @@ class Scorer:
 
     Args:
         settings: The family's settings in the protocol.
-        setting: What is scored.
+        context: What is scored.
     """
 
     truth_columns: ClassVar[tuple[str, ...]] = ()
     query_pixels: ClassVar[bool] = False
 
-    def __init__(self, settings: Mapping[str, Any], setting: Setting) -> None:
+    def __init__(self, settings: Mapping[str, Any], context: ScoringContext) -> None:
         self.settings = settings
-        self.setting = setting
-        self.table = setting.table
+        self.context = context
+        self.table = context.table
 
     def update(self, block: Block) -> None:
         """Take in one block; blocks come in order, each once."""

@@ -7,10 +7,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from pliant.evaluator.blocks import Block
 from pliant.evaluator.metrics.continuity import distance_px, is_jump, nearest_neighbours
-from pliant.evaluator.quantiles import exact_quantiles
-from pliant.evaluator.scorers.base import Groups, Scorer, Setting, Summary
+from pliant.evaluator.scorers.base import Groups, Scorer, ScoringContext, Summary
+from pliant.evaluator.statistics.quantiles import exact_quantiles
+from pliant.evaluator.submission.blocks import Block
 
 
 class ContinuityScorer(Scorer):
@@ -18,9 +18,9 @@ class ContinuityScorer(Scorer):
 
     query_pixels: ClassVar[bool] = True
 
-    def __init__(self, settings: Mapping[str, Any], setting: Setting) -> None:
-        super().__init__(settings, setting)
-        self._stretch = setting.scratch.full(setting.questions.rows, np.float64, np.nan)
+    def __init__(self, settings: Mapping[str, Any], context: ScoringContext) -> None:
+        super().__init__(settings, context)
+        self._stretch = context.scratch.full(context.queries.rows, np.float64, np.nan)
 
     def update(self, block: Block) -> None:
         """Take in one block."""

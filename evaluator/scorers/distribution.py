@@ -8,12 +8,12 @@ from typing import Any, ClassVar, Final
 import numpy as np
 
 from pliant.evaluator.arrays import BoolArray, FloatArray, IntArray
-from pliant.evaluator.blocks import Block
 from pliant.evaluator.metrics import calibration, distribution
 from pliant.evaluator.metrics.distribution import Mixtures
 from pliant.evaluator.metrics.localisation import sum_by_pair
-from pliant.evaluator.ratios import threshold_name
-from pliant.evaluator.scorers.base import Groups, Scorer, Setting, Summary
+from pliant.evaluator.scorers.base import Groups, Scorer, ScoringContext, Summary
+from pliant.evaluator.statistics.ratios import threshold_name
+from pliant.evaluator.submission.blocks import Block
 
 _MOST_SORTED: Final = 4_000_000
 """Sparsification sorts: of more answers than this, every k-th is taken, and a note says so."""
@@ -24,17 +24,17 @@ class DistributionScorer(Scorer):
 
     truth_columns: ClassVar[tuple[str, ...]] = ("alternatives",)
 
-    def __init__(self, settings: Mapping[str, Any], setting: Setting) -> None:
-        super().__init__(settings, setting)
-        answers = setting.answers
+    def __init__(self, settings: Mapping[str, Any], context: ScoringContext) -> None:
+        super().__init__(settings, context)
+        answers = context.answers
         self._present = answers.sigma_px is not None or answers.modes is not None
         self._bins = int(settings["ece_bins"])
-        self._reliability = np.zeros((len(setting.questions.tiers), self._bins, 3))
-        self._missing = np.zeros(len(setting.questions.tiers))
+        self._reliability = np.zeros((len(context.queries.tiers), self._bins, 3))
+        self._missing = np.zeros(len(context.queries.tiers))
         if self._present:
-            rows = setting.questions.rows
-            self._spread = setting.scratch.full(rows, np.float64, np.nan)
-            self._squared = setting.scratch.full(rows, np.float64, np.nan)
+            rows = context.queries.rows
+            self._spread = context.scratch.full(rows, np.float64, np.nan)
+            self._squared = context.scratch.full(rows, np.float64, np.nan)
 
     def update(self, block: Block) -> None:
         """Take in one block."""
@@ -69,9 +69,9 @@ class DistributionScorer(Scorer):
         self, block: Block, lost: IntArray, sums: dict[str, FloatArray], recallable: FloatArray
     ) -> None:
         """Count missing answers as the worst: certain, and wrong by the image diagonal."""
-        width, height = self.setting.questions.size
+        width, height = self.context.queries.size
         sums["sum_nll"][lost] = np.log(width * height / self.settings["outlier_weight"])
-        tier = self.setting.questions.tier[block.first_pair + block.pair[lost]]
+        tier = self.context.queries.tier[block.first_pair + block.pair[lost]]
         self._missing += np.bincount(tier, minlength=len(self._missing))
         self._spread[block.first_row + lost] = 0.0
         self._squared[block.first_row + lost] = block.squared_px2[lost]
@@ -81,7 +81,7 @@ class DistributionScorer(Scorer):
 
     def _mixtures(self, block: Block, chosen: IntArray) -> Mixtures:
         """Return the distributions of some rows of a block, their sigma floored."""
-        answers, floor = self.setting.answers, self.settings["sigma_floor_px"]
+        answers, floor = self.context.answers, self.settings["sigma_floor_px"]
         at = block.first_row + chosen
         if answers.sigma_px is not None:
             sigma = answers.sigma_px[at].astype(np.float64)
@@ -101,7 +101,7 @@ class DistributionScorer(Scorer):
     def _add_sums(
         self, block: Block, chosen: IntArray, mixtures: Mixtures, sums: dict[str, FloatArray]
     ) -> None:
-        width, height = self.setting.questions.size
+        width, height = self.context.queries.size
         true_px = block.true_px[chosen]
         sums["sum_nll"][chosen] = distribution.negative_log_likelihood(
             mixtures,
@@ -119,7 +119,7 @@ class DistributionScorer(Scorer):
         centre = block.answer_px[chosen].astype(np.float64)
         confidence = distribution.probability_within(mixtures, centre, radius)
         happened = block.error_px[chosen] <= radius
-        tier = self.setting.questions.tier[block.first_pair + block.pair[chosen]]
+        tier = self.context.queries.tier[block.first_pair + block.pair[chosen]]
         for code in np.unique(tier).tolist():
             of_tier = tier == code
             self._reliability[code] += calibration.reliability_bins(

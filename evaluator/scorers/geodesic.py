@@ -6,9 +6,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from pliant.evaluator.blocks import Block
 from pliant.evaluator.metrics.localisation import sum_by_pair
 from pliant.evaluator.scorers.base import Groups, Scorer, Summary
+from pliant.evaluator.submission.blocks import Block
 
 
 class GeodesicScorer(Scorer):
@@ -18,7 +18,7 @@ class GeodesicScorer(Scorer):
 
     def update(self, block: Block) -> None:
         """Take in one block."""
-        facts = self.setting.surfaces.facts(block, self.setting.questions)
+        facts = self.context.surfaces.facts(block, self.context.queries)
         starts = block.starts[:-1]
         points = facts.on_object
         if block.missing is not None:

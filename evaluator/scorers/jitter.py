@@ -8,9 +8,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from pliant.evaluator.arrays import FloatArray, IntArray
-from pliant.evaluator.blocks import Block
 from pliant.evaluator.metrics.jitter import jitter_px
-from pliant.evaluator.scorers.base import Groups, Scorer, Setting, Summary
+from pliant.evaluator.scorers.base import Groups, Scorer, ScoringContext, Summary
+from pliant.evaluator.submission.blocks import Block
 
 
 class JitterScorer(Scorer):
@@ -22,9 +22,9 @@ class JitterScorer(Scorer):
 
     truth_columns: ClassVar[tuple[str, ...]] = ("point",)
 
-    def __init__(self, settings: Mapping[str, Any], setting: Setting) -> None:
-        super().__init__(settings, setting)
-        self._clip = _clips(setting)
+    def __init__(self, settings: Mapping[str, Any], context: ScoringContext) -> None:
+        super().__init__(settings, context)
+        self._clip = _clips(context)
         self._gathered: list[tuple[IntArray, IntArray, IntArray, IntArray, FloatArray]] = []
 
     def update(self, block: Block) -> None:
@@ -38,7 +38,7 @@ class JitterScorer(Scorer):
             (
                 clip[pair],
                 block.point[wanted],
-                self.setting.questions.frame_b[block.pairs][pair].astype(np.int64),
+                self.context.queries.frame_b[block.pairs][pair].astype(np.int64),
                 block.first_pair + pair,
                 (block.answer_px - block.true_px)[wanted],
             )
@@ -54,7 +54,7 @@ class JitterScorer(Scorer):
             np.concatenate(parts) for parts in zip(*self._gathered, strict=True)
         )
         # Two answers inside the image differ by at most one diagonal, and so do two positions.
-        farthest = 2 * self.setting.questions.diagonal_px
+        farthest = 2 * self.context.queries.diagonal_px
         _, track = np.unique(np.stack([clip, point], axis=1), axis=0, return_inverse=True)
         row, change = jitter_px(track.reshape(-1), frame, error)
         everything = slice(0, self.table.pairs)
@@ -65,25 +65,25 @@ class JitterScorer(Scorer):
         self.table.put("jitter_steps", everything, count)
 
 
-def _clips(setting: Setting) -> IntArray:
+def _clips(context: ScoringContext) -> IntArray:
     """Return each pair's clip, int64 (P,); -1 where it belongs to none with a successor."""
-    questions = setting.questions
-    temporal = np.array([setting.dataset.sequence(s).temporal for s in questions.sequences])
-    clip = np.full(questions.pairs, -1, np.int64)
-    candidates = np.flatnonzero(temporal[questions.sequence_b])
+    queries = context.queries
+    temporal = np.array([context.dataset.sequence(s).temporal for s in queries.sequences])
+    clip = np.full(queries.pairs, -1, np.int64)
+    candidates = np.flatnonzero(temporal[queries.sequence_b])
     if not len(candidates):
         return clip
     key = np.stack(
         [
-            questions.sequence_a[candidates],
-            questions.frame_a[candidates],
-            questions.sequence_b[candidates],
+            queries.sequence_a[candidates],
+            queries.frame_a[candidates],
+            queries.sequence_b[candidates],
         ],
         axis=1,
     )
     _, number = np.unique(key, axis=0, return_inverse=True)
     number = number.reshape(-1)
-    frame = questions.frame_b[candidates]
+    frame = queries.frame_b[candidates]
     order = np.lexsort((frame, number))
     following = (np.diff(number[order]) == 0) & (np.diff(frame[order]) == 1)
     near = np.zeros(len(candidates), bool)

@@ -7,10 +7,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from pliant.evaluator.blocks import Block
 from pliant.evaluator.metrics.localisation import sum_by_pair
-from pliant.evaluator.quantiles import exact_quantiles
-from pliant.evaluator.scorers.base import Groups, Scorer, Setting, Summary
+from pliant.evaluator.scorers.base import Groups, Scorer, ScoringContext, Summary
+from pliant.evaluator.statistics.quantiles import exact_quantiles
+from pliant.evaluator.submission.blocks import Block
 
 _NAMES: Final = {0.5: "median_px", 0.95: "p95_px"}
 
@@ -31,13 +31,11 @@ class CountScorer(Scorer):
 class LocalisationScorer(Scorer):
     """RMSE, mean and quantiles of the error over the queries visible in the target frame."""
 
-    def __init__(self, settings: Mapping[str, Any], setting: Setting) -> None:
-        super().__init__(settings, setting)
+    def __init__(self, settings: Mapping[str, Any], context: ScoringContext) -> None:
+        super().__init__(settings, context)
         self._levels: list[float] = list(settings["quantiles"])
         self._errors = (
-            setting.scratch.full(setting.questions.rows, np.float64, np.nan)
-            if self._levels
-            else None
+            context.scratch.full(context.queries.rows, np.float64, np.nan) if self._levels else None
         )
 
     def update(self, block: Block) -> None:
@@ -49,7 +47,7 @@ class LocalisationScorer(Scorer):
         )
         put("sum_error_px", pairs, sum_by_pair(np.where(counted, block.error_px, 0.0), starts))
         u, v = block.answer_px[:, 0], block.answer_px[:, 1]
-        width, height = self.setting.questions.size
+        width, height = self.context.queries.size
         inside = (u >= 0) & (u <= width) & (v >= 0) & (v <= height)  # a missing one is not inside
         answered = self.table.columns["answered"][pairs]
         put("outside_image", pairs, answered - sum_by_pair(inside, starts))

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any, ClassVar
 
 from pliant.evaluator.arrays import IntArray
-from pliant.evaluator.blocks import Block
 from pliant.evaluator.metrics.pck import threshold_level, within_by_pair
-from pliant.evaluator.ratios import threshold_name
 from pliant.evaluator.scorers.base import Scorer
+from pliant.evaluator.statistics.ratios import threshold_name
+from pliant.evaluator.submission.blocks import Block
 
 
 class PckScorer(Scorer):

@@ -10,12 +10,12 @@ import numpy as np
 import pyarrow as pa
 
 from pliant.evaluator.arrays import BoolArray, FloatArray, IntArray
-from pliant.evaluator.blocks import Block
 from pliant.evaluator.metrics.localisation import endpoint_error_px, sum_by_pair
-from pliant.evaluator.scorers.base import Groups, Scorer, Setting, Summary
-from pliant.spec import layout
+from pliant.evaluator.scorers.base import Groups, Scorer, ScoringContext, Summary
+from pliant.evaluator.submission.blocks import Block
 from pliant.spec.conventions import VISIBILITY_STATES
-from pliant.spec.parquet import read_table
+from pliant.spec.io.parquet import read_table
+from pliant.spec.storage import layout
 
 
 class _Tally:
@@ -56,8 +56,8 @@ class SlicesScorer(Scorer):
     truth_columns: ClassVar[tuple[str, ...]] = ("point",)
     query_pixels: ClassVar[bool] = True
 
-    def __init__(self, settings: Mapping[str, Any], setting: Setting) -> None:
-        super().__init__(settings, setting)
+    def __init__(self, settings: Mapping[str, Any], context: ScoringContext) -> None:
+        super().__init__(settings, context)
         self._state = _Tally(VISIBILITY_STATES)
         self._displacement = _Tally(_labels(settings["displacement_px"], "px"))
         self._silhouette = _Tally(_labels(settings["silhouette_px"], "px"))
@@ -77,7 +77,7 @@ class SlicesScorer(Scorer):
         self.table.put(
             "within_slice", block.pairs, sum_by_pair(within & counted, block.starts[:-1])
         )
-        facts = self.setting.surfaces.facts(block, self.setting.questions)
+        facts = self.context.surfaces.facts(block, self.context.queries)
         known = facts.known & counted
         if known.any():
             index = np.digitize(facts.silhouette_px[known], self.settings["silhouette_px"])
@@ -95,27 +95,27 @@ class SlicesScorer(Scorer):
             rows = tally.rows(within_px)
             if rows:
                 summary.slices[name] = rows
-        questions = self.setting.questions
+        queries = self.context.queries
         shapes, coverage = self._sequence_facts()
         shape = [
-            f"{questions.tiers[tier]} {shapes[sequence]}" if shapes[sequence] else ""
-            for tier, sequence in zip(questions.tier, questions.sequence_b, strict=True)
+            f"{queries.tiers[tier]} {shapes[sequence]}" if shapes[sequence] else ""
+            for tier, sequence in zip(queries.tier, queries.sequence_b, strict=True)
         ]
         self._pair_slice("shape", np.array(shape), summary)
         edges = self.settings["coverage"]
         labels = np.array([*_labels(edges, ""), ""])
-        value = coverage[questions.sequence_b]
+        value = coverage[queries.sequence_b]
         index = np.where(np.isnan(value), len(labels) - 1, np.digitize(value, edges))
         self._pair_slice("coverage of the cloth", labels[index], summary)
 
     def _sequence_facts(self) -> tuple[list[str], FloatArray]:
-        """Return the shape and coverage of each sequence of the questions."""
-        dataset, questions = self.setting.dataset, self.setting.questions
-        shapes = [dataset.sequence(name).shape or "" for name in questions.sequences]
+        """Return the shape and coverage of each sequence of the queries."""
+        dataset, queries = self.context.dataset, self.context.queries
+        shapes = [dataset.sequence(name).shape or "" for name in queries.sequences]
         path = dataset.local(layout.SEQUENCES_TABLE)
         table: pa.Table = read_table(path, "sequences", ["id", "coverage"])
         known = dict(zip(*(table[name].to_pylist() for name in ("id", "coverage")), strict=True))
-        coverage = [known.get(name) for name in questions.sequences]
+        coverage = [known.get(name) for name in queries.sequences]
         return shapes, np.array([np.nan if c is None else c for c in coverage], np.float64)
 
     def _pair_slice(self, name: str, label: np.ndarray, summary: Summary) -> None:  # type: ignore[type-arg]

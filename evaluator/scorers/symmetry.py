@@ -6,10 +6,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from pliant.evaluator.blocks import Block
 from pliant.evaluator.metrics.localisation import sum_by_pair
 from pliant.evaluator.metrics.symmetry import symmetric_errors
 from pliant.evaluator.scorers.base import Groups, Scorer, Summary
+from pliant.evaluator.submission.blocks import Block
 
 
 class SymmetryScorer(Scorer):
@@ -70,7 +70,7 @@ class SymmetryScorer(Scorer):
 
     def finish(self, groups: Groups, summary: Summary) -> None:
         """Say where flips are not defined."""
-        blank = [n for n, tier in self.setting.dataset.tiers.items() if not tier.symmetries]
+        blank = [n for n, tier in self.context.dataset.tiers.items() if not tier.symmetries]
         asked = [name for name in groups.names if name in blank]
         if asked:
             summary.notes["flip_rate"] = f"tiers without symmetries: {', '.join(asked)}"

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from pliant.evaluator.blocks import Block
 from pliant.evaluator.metrics.tapvid import tapvid_pairs
-from pliant.evaluator.ratios import threshold_name
 from pliant.evaluator.scorers.base import Groups, Scorer, Summary
+from pliant.evaluator.statistics.ratios import threshold_name
+from pliant.evaluator.submission.blocks import Block
 
 
 class TapvidScorer(Scorer):
@@ -15,12 +15,12 @@ class TapvidScorer(Scorer):
 
     def update(self, block: Block) -> None:
         """Take in one block."""
-        width, height = self.setting.questions.size
+        width, height = self.context.queries.size
         scale_u, scale_v = self.settings["scale"][0] / width, self.settings["scale"][1] / height
         offset = block.answer_px - block.true_px
         error = np.hypot(offset[:, 0] * scale_u, offset[:, 1] * scale_v)
         visible = block.counted
-        predicted = self.setting.answers.visible
+        predicted = self.context.answers.visible
         if predicted is None:
             predicted_visible = np.ones(len(error), bool)
         else:
@@ -54,7 +54,7 @@ class TapvidScorer(Scorer):
 
     def finish(self, groups: Groups, summary: Summary) -> None:
         """Say what was assumed."""
-        if self.setting.answers.visible is None:
+        if self.context.answers.visible is None:
             summary.notes["visible"] = (
                 "the submission has no column `visible`: every point was taken as predicted visible"
             )

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from pliant.evaluator.arrays import IntArray
-from pliant.evaluator.blocks import Block
 from pliant.evaluator.metrics.localisation import sum_by_pair
-from pliant.evaluator.scorers.base import Groups, Scorer, Setting, Summary
+from pliant.evaluator.scorers.base import Groups, Scorer, ScoringContext, Summary
+from pliant.evaluator.submission.blocks import Block
 
 
 class TimeScorer(Scorer):
@@ -20,9 +20,9 @@ class TimeScorer(Scorer):
     and are left out here.
     """
 
-    def __init__(self, settings: Mapping[str, Any], setting: Setting) -> None:
-        super().__init__(settings, setting)
-        self._elapsed = elapsed_frames(setting)
+    def __init__(self, settings: Mapping[str, Any], context: ScoringContext) -> None:
+        super().__init__(settings, context)
+        self._elapsed = elapsed_frames(context)
 
     def update(self, block: Block) -> None:
         """Take in one block."""
@@ -59,12 +59,12 @@ class TimeScorer(Scorer):
                 summary.add_curve(name, "rmse_over_time", curve)
 
 
-def elapsed_frames(setting: Setting) -> IntArray:
+def elapsed_frames(context: ScoringContext) -> IntArray:
     """Return the frames between source and target of each pair, int64 (P,); -1 where undefined."""
-    questions = setting.questions
-    temporal = np.array([setting.dataset.sequence(s).temporal for s in questions.sequences], bool)
-    same = questions.sequence_a == questions.sequence_b
+    queries = context.queries
+    temporal = np.array([context.dataset.sequence(s).temporal for s in queries.sequences], bool)
+    same = queries.sequence_a == queries.sequence_b
     if not len(same):
         return np.empty(0, np.int64)
-    between = np.abs(questions.frame_b.astype(np.int64) - questions.frame_a.astype(np.int64))
-    return np.where(same & temporal[questions.sequence_b], between, -1)
+    between = np.abs(queries.frame_b.astype(np.int64) - queries.frame_a.astype(np.int64))
+    return np.where(same & temporal[queries.sequence_b], between, -1)

@@ -10,7 +10,7 @@ from pliant.spec.constraints import Bounds, Range, Refused, Share
 from pliant.spec.errors import CallError
 
 if TYPE_CHECKING:
-    from pliant.generator.cloth.simulator import Sheet
+    from pliant.generator.objects.cloth.simulator import Sheet
 
 Variant = Literal["plain", "two-sided", "striped", "printed"]
 
@@ -129,7 +129,7 @@ class ClothSettings:
 
     def sheet(self) -> Sheet:
         """Return the simulator's settings: the step follows from stiffness and mass."""
-        from pliant.generator.cloth.simulator import Sheet  # brings numba
+        from pliant.generator.objects.cloth.simulator import Sheet  # brings numba
 
         mass_kg = self.density * self.side_m**2 / self.points_a_side**2
         steps_per_frame = math.ceil(

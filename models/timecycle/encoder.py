@@ -8,8 +8,8 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from pliant.models.pretrained import load_pretrained
-from pliant.models.resnet import ResNetFCN
+from pliant.models.networks.pretrained import load_pretrained
+from pliant.models.networks.resnet import ResNetFCN
 from pliant.models.timecycle.settings import EncoderSettings
 
 STRIDE: Final = 8

@@ -11,17 +11,17 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
+from pliant.baselines.lru_cache import LRUCache
 from pliant.baselines.matcher import Answers, Heat, View
-from pliant.baselines.recent import Recent
 from pliant.loaders.views import input_channels, resize_mask, resize_rgb
-from pliant.models.checkpoint import load_best
-from pliant.models.matching import CONFIG, RUN_FACTS
+from pliant.models.don.matcher import CONFIG, RUN_FACTS
 from pliant.models.timecycle.encoder import STRIDE
 from pliant.models.timecycle.network import TimeCycleNetwork
 from pliant.models.timecycle.propagation import Propagator
 from pliant.models.timecycle.settings import TimeCycleSettings
+from pliant.models.training.checkpoint import load_best
 from pliant.spec.configuration import read_settings
-from pliant.spec.jsonfiles import read_json
+from pliant.spec.io.jsonfiles import read_json
 
 Float32 = npt.NDArray[np.float32]
 
@@ -49,7 +49,7 @@ class TimeCycleMatcher:
         self.settings = settings
         self.size = (settings.width, settings.height)
         self.facts = dict(facts or {})
-        self._encoded: Recent[torch.Tensor] = Recent(_KEPT_VIEWS)
+        self._encoded: LRUCache[torch.Tensor] = LRUCache(_KEPT_VIEWS)
 
     def describe(self) -> Mapping[str, Any]:
         """Return what the footer of a submission says about the method."""

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from pliant.models.run_report import figure_png, picture, report_head
+from pliant.models.don.report import figure_png, picture, report_head
 from pliant.models.timecycle.guard import Guard
 from pliant.models.timecycle.matcher import TimeCycleMatcher
 from pliant.models.timecycle.validation import Stretch, track_with
-from pliant.spec.writing import replacing
+from pliant.spec.io.writing import replacing
 
 _SHOWN = 3
 _COLOURS = {"trained": "C3", "untrained": "C0", "identity": "0.35", "centroid": "0.7"}

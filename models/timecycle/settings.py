@@ -6,7 +6,7 @@ from dataclasses import field
 from typing import Annotated, Literal
 
 from pliant.loaders.augment import AugmentSettings
-from pliant.models.resnet import DEPTHS
+from pliant.models.networks.resnet import DEPTHS
 from pliant.models.settings import OptimiserSettings, RunSettings
 from pliant.spec.configuration import configuration
 from pliant.spec.constraints import (

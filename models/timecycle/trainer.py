@@ -13,10 +13,7 @@ from torch.nn import functional
 
 from pliant.loaders import ClipDataset
 from pliant.loaders.frame_store import FrameStore
-from pliant.models.checkpoint import BEST, load_best
-from pliant.models.matching import RUN_FACTS
-from pliant.models.processes import Processes, joined_processes
-from pliant.models.run_folder import open_run, run_facts, with_tier, write_json
+from pliant.models.don.matcher import RUN_FACTS
 from pliant.models.timecycle.cycles import cycle_losses, weighted_sum
 from pliant.models.timecycle.guard import Guard, compare_with_trivial
 from pliant.models.timecycle.matcher import TimeCycleMatcher
@@ -29,7 +26,10 @@ from pliant.models.timecycle.validation import (
     figures,
     track_with,
 )
-from pliant.models.training import Batch, LoopSettings, Progress, step_batches, train
+from pliant.models.training.checkpoint import BEST, load_best
+from pliant.models.training.loop import Batch, LoopSettings, Progress, step_batches, train
+from pliant.models.training.processes import Processes, joined_processes
+from pliant.models.training.run_folder import open_run, run_facts, with_tier, write_json
 from pliant.spec.dataset import Dataset
 
 RESUMABLE = ("threads", "workers", "cache", "checkpoint_every", "propagation")
@@ -37,7 +37,7 @@ RESUMABLE = ("threads", "workers", "cache", "checkpoint_every", "propagation")
 
 
 class TimeCycleTask:
-    """What `pliant.models.training.train` needs to know of TimeCycle.
+    """What `pliant.models.training.loop.train` needs to know of TimeCycle.
 
     Args:
         dataset: The dataset.

@@ -13,18 +13,13 @@ import pytest
 pytest.importorskip("numba", reason="making the datasets needs the extra 'generate'")
 pytest.importorskip("scipy", reason="the attacks need the extra 'generate'")
 
-from pliant.benchmarks.reference.attacked_queries import (
-    Answers,
-    Queries,
-    read_answers,
-    read_queries,
-)
-from pliant.benchmarks.reference.query_attacks import attack_everything
+from pliant.benchmarks.suite.attacked_queries import Answers, Queries, read_answers, read_queries
+from pliant.benchmarks.suite.query_attacks import attack_everything
 from pliant.generator.config import GenerateConfig, QuerySettings
-from pliant.generator.dataset_files import write_dataset_files
-from pliant.generator.plan import plan_tasks
-from pliant.generator.publish import PublishSettings, publish
-from pliant.generator.runner import generate
+from pliant.generator.runner.dataset_files import write_dataset_files
+from pliant.generator.runner.plan import plan_tasks
+from pliant.generator.runner.run import generate
+from pliant.publishing import PublishSettings, publish
 
 SMALL: dict[str, Any] = {
     "width": 96,

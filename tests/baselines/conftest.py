@@ -13,13 +13,13 @@ import pyarrow as pa
 import pytest
 
 from pliant.baselines import View
-from pliant.spec import layout
 from pliant.spec.conventions import CONVENTIONS
 from pliant.spec.dataset import Dataset
-from pliant.spec.exr import Surface, write_surface
-from pliant.spec.jsonfiles import write_json
-from pliant.spec.parquet import write_table
-from pliant.spec.png import write_rgb
+from pliant.spec.io.exr import Surface, write_surface
+from pliant.spec.io.jsonfiles import write_json
+from pliant.spec.io.parquet import write_table
+from pliant.spec.io.png import write_rgb
+from pliant.spec.storage import layout
 
 WIDTH, HEIGHT = 240, 200
 HALF_SIDE = 64.0  # of the card, in its own px

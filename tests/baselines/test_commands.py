@@ -12,7 +12,7 @@ from PIL import Image
 from pliant.baselines import METHODS
 from pliant.baselines.controls import Identity
 from pliant.cli.main import run
-from pliant.spec.parquet import read_footer, read_table
+from pliant.spec.io.parquet import read_footer, read_table
 
 
 def outcome(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:

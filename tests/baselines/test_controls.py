@@ -13,11 +13,11 @@ import pytest
 from pliant.baselines import METHODS, SplitMatcher, View
 from pliant.baselines.controls import Identity, MaskCentroid, Oracle, RandomInMask
 from pliant.baselines.pixels import lies_on
-from pliant.baselines.submission import predict
-from pliant.spec import layout
+from pliant.baselines.predict import predict
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, SpecError
-from pliant.spec.parquet import read_table
+from pliant.spec.io.parquet import read_table
+from pliant.spec.storage import layout
 
 QUERIES = np.array([[1.25, 2.5], [3.0, 0.125], [4.75, 3.5]], dtype=np.float32)
 

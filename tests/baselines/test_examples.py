@@ -11,10 +11,10 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from pliant.baselines.submission import predict, write_template
+from pliant.baselines.predict import predict, write_template
 from pliant.evaluator import check, evaluate
 from pliant.spec.dataset import Dataset
-from pliant.spec.parquet import read_footer, read_table
+from pliant.spec.io.parquet import read_footer, read_table
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 EXAMPLE = DOCS / "examples" / "submit_without_pliant.py"

@@ -10,7 +10,7 @@ import numpy.typing as npt
 import pytest
 
 from pliant.baselines import METHODS, HeatMatcher, KeypointMatcher, View
-from pliant.baselines.local_features import LocalFeatureMatcher
+from pliant.baselines.features.local_features import LocalFeatureMatcher
 
 CLASSICAL = ("sift", "surf", "orb")
 

@@ -10,10 +10,10 @@ import pytest
 from pliant import evaluator
 from pliant.baselines import METHODS
 from pliant.baselines.pixels import lies_on
-from pliant.baselines.submission import predict
+from pliant.baselines.predict import predict
 from pliant.baselines.views import ViewReader
 from pliant.spec.dataset import Dataset
-from pliant.spec.parquet import read_table
+from pliant.spec.io.parquet import read_table
 
 pytestmark = pytest.mark.blender
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pliant.baselines import View
-from pliant.baselines.local_features import dense_stride
+from pliant.baselines.features.local_features import dense_stride
 from pliant.baselines.pixels import (
     central_position,
     lies_on,

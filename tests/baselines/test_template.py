@@ -12,7 +12,7 @@ import pytest
 
 from pliant.cli.main import run
 from pliant.evaluator import check, evaluate, inspect
-from pliant.spec.parquet import read_footer
+from pliant.spec.io.parquet import read_footer
 
 DATA = Path(__file__).resolve().parents[1] / "data" / "tiny-submission" / "dataset"
 

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from pliant.baselines.matcher import Answers, TrackMatcher, View
-from pliant.baselines.submission import predict
+from pliant.baselines.predict import predict
 from pliant.baselines.tracks import answer_tracks, tasks_by_source
 from pliant.baselines.views import ViewReader
 from pliant.spec.dataset import Dataset
-from pliant.spec.parquet import read_table
+from pliant.spec.io.parquet import read_table
 from pliant.spec.queries import QueryPair
 
 

@@ -12,8 +12,8 @@ import pytest
 
 from pliant.cli.main import run
 from pliant.spec.errors import CallError
-from pliant.spec.jsonfiles import write_json
-from pliant.spec.writing import replacing
+from pliant.spec.io.jsonfiles import write_json
+from pliant.spec.io.writing import replacing
 
 LIMITED = (
     "import resource, sys\n"

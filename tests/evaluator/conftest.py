@@ -19,12 +19,13 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from pliant.spec import layout, tables
+from pliant.spec import tables
 from pliant.spec.conventions import CONVENTIONS, SPEC_VERSION
 from pliant.spec.dataset import Dataset
-from pliant.spec.images import Surface, write_rgb, write_surface
-from pliant.spec.jsonfiles import write_json
-from pliant.spec.parquet import write_table
+from pliant.spec.io.images import Surface, write_rgb, write_surface
+from pliant.spec.io.jsonfiles import write_json
+from pliant.spec.io.parquet import write_table
+from pliant.spec.storage import layout
 
 WIDTH, HEIGHT = 160, 120
 CLOTH = {

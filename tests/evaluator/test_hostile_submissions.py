@@ -23,7 +23,7 @@ import pytest
 
 from pliant.cli.main import run
 from pliant.evaluator import evaluate, inspect
-from pliant.spec.issue_codes import ISSUE_CODES
+from pliant.spec.validation.issue_codes import ISSUE_CODES
 
 Build = Callable[[Any, Path], None]
 CASES: dict[str, tuple[set[str] | None, Build]] = {}

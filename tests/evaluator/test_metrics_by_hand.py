@@ -18,7 +18,7 @@ from pliant.evaluator.metrics import (
     symmetry,
     tapvid,
 )
-from pliant.evaluator.quantiles import exact_quantiles
+from pliant.evaluator.statistics.quantiles import exact_quantiles
 from pliant.spec.model import MaterialCoordinate, MaterialObject
 
 
@@ -282,9 +282,9 @@ def test_quantiles_are_numpys_whether_selected_or_counted(monkeypatch: pytest.Mo
         parts = [holes[: len(holes) // 3], holes[len(holes) // 3 :]]
         expected = np.quantile(values, levels)
         for limit in (1 << 23, 0):
-            monkeypatch.setattr("pliant.evaluator.quantiles._SELECT", limit)
+            monkeypatch.setattr("pliant.evaluator.statistics.quantiles._SELECT", limit)
             monkeypatch.setattr(
-                "pliant.evaluator.quantiles._COLLECT", 64 if limit == 0 else 1 << 21
+                "pliant.evaluator.statistics.quantiles._COLLECT", 64 if limit == 0 else 1 << 21
             )
             found = exact_quantiles(parts, levels)
             np.testing.assert_allclose(found, expected, rtol=1e-14, err_msg=name)

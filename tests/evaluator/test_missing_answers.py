@@ -10,7 +10,7 @@ import pyarrow as pa
 import pytest
 
 from pliant.evaluator import evaluate, read_protocol
-from pliant.evaluator.wording import about
+from pliant.evaluator.report.wording import about
 from pliant.spec.tables import ANSWERS_OPTIONAL
 
 

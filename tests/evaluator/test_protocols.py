@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from pliant.evaluator import PROTOCOL_NAMES, evaluate, read_protocol
-from pliant.evaluator.ratios import ratios_of
 from pliant.evaluator.scores import scores_schema
+from pliant.evaluator.statistics.ratios import ratios_of
 from pliant.spec.errors import CallError, SpecError, SubmissionError
 
 TINY = Path(__file__).parents[1] / "data" / "tiny-submission"

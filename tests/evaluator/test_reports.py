@@ -15,9 +15,10 @@ import numpy as np
 import pytest
 
 from pliant.cli.main import run
-from pliant.evaluator import evaluate, plots, read_scores, write_report
-from pliant.evaluator.comparison import differences, ranks
-from pliant.evaluator.leaderboard import render_leaderboard
+from pliant.evaluator import evaluate, read_scores, write_report
+from pliant.evaluator.report import plots
+from pliant.evaluator.report.leaderboard import render_leaderboard
+from pliant.evaluator.statistics.comparison import differences, ranks
 from pliant.spec.errors import CallError, SubmissionError
 
 

@@ -11,9 +11,9 @@ import pyarrow as pa
 import pytest
 
 from pliant.evaluator import evaluate
-from pliant.evaluator.bootstrap import Clusters, expanded_tail, intervals
-from pliant.evaluator.ratios import Ratio
-from pliant.evaluator.scratch import Scratch
+from pliant.evaluator.statistics.bootstrap import Clusters, expanded_tail, intervals
+from pliant.evaluator.statistics.ratios import Ratio
+from pliant.evaluator.submission.scratch import Scratch
 
 
 @pytest.fixture(scope="module")
@@ -37,10 +37,10 @@ def test_blocks_and_batches_of_any_size_give_the_same_scores(
 ) -> None:
     whole = evaluate(noisy, scene.root)
     for rows in (1, 21, 47):
-        monkeypatch.setattr("pliant.evaluator.blocks.BLOCK_ROWS", rows)
-        monkeypatch.setattr("pliant.evaluator.stream.BATCH_ROWS", rows)
-        monkeypatch.setattr("pliant.evaluator.batches.BATCH_ROWS", rows)
-        monkeypatch.setattr("pliant.evaluator.questions._BLOCK_ROWS", rows)
+        monkeypatch.setattr("pliant.evaluator.submission.blocks.BLOCK_ROWS", rows)
+        monkeypatch.setattr("pliant.evaluator.submission.stream.BATCH_ROWS", rows)
+        monkeypatch.setattr("pliant.evaluator.submission.batches.BATCH_ROWS", rows)
+        monkeypatch.setattr("pliant.evaluator.submission.queries._BLOCK_ROWS", rows)
         cut = evaluate(noisy, scene.root)
         for name, value in whole.overall.items():
             expected = None if value is None else pytest.approx(value, rel=1e-12)

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from pliant.cli.main import run
 from pliant.evaluator import Scores, check, evaluate, inspect
-from pliant.evaluator.problems import Problems
+from pliant.evaluator.submission.problems import Problems
 from pliant.spec.errors import Issue, SubmissionError
 
 
@@ -127,7 +127,8 @@ def test_the_commands_exit_and_print_as_promised(
 
 def test_the_evaluator_imports_nothing_heavy() -> None:
     program = (
-        "import sys, pliant.evaluator, pliant.evaluator.report, pliant.evaluator.leaderboard;"
+        "import sys, pliant.evaluator, pliant.evaluator.report.report;"
+        "import pliant.evaluator.report.leaderboard;"
         "print(*sorted({'torch', 'bpy', 'cv2', 'numba', 'scipy', 'ray'} & set(sys.modules)))"
     )
     done = subprocess.run(

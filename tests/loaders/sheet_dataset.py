@@ -14,11 +14,11 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from pliant.spec import layout
 from pliant.spec.conventions import CONVENTIONS, SPEC_VERSION
-from pliant.spec.images import Surface, write_rgb, write_surface
-from pliant.spec.jsonfiles import write_json
-from pliant.spec.parquet import write_table
+from pliant.spec.io.images import Surface, write_rgb, write_surface
+from pliant.spec.io.jsonfiles import write_json
+from pliant.spec.io.parquet import write_table
+from pliant.spec.storage import layout
 from pliant.spec.tables import CORRESPONDENCES, POINTS, SEQUENCES
 
 SIDE_M = 0.5

@@ -7,7 +7,7 @@ import pytest
 
 from pliant.loaders.surface_matches import draw_surface_pixels, find_on_surface
 from pliant.spec.dataset import Dataset
-from pliant.spec.images import Surface
+from pliant.spec.io.images import Surface
 from pliant.spec.model import MaterialCoordinate, MaterialObject, Symmetry, Tier
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from pliant.cli.main import run
 from pliant.spec.dataset import Dataset
-from pliant.spec.parquet import read_footer
+from pliant.spec.io.parquet import read_footer
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
 

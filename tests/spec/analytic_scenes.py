@@ -13,9 +13,9 @@ from unittest import mock
 
 import numpy as np
 
-from pliant.spec.conformance import base
-from pliant.spec.conformance.analytic import Ball, FloatArray, Scene, Shape, Sheet, Tube, View
-from pliant.spec.conformance.base import NamedPoints, Shot
+from tests.conformance import base
+from tests.conformance.analytic import Ball, FloatArray, Scene, Shape, Sheet, Tube, View
+from tests.conformance.base import NamedPoints, Shot
 
 STEPS = 400
 

@@ -9,7 +9,7 @@ from types import ModuleType
 
 import pytest
 
-from pliant.spec.validate import validate
+from pliant.spec.validation.validate import validate
 
 FEW, MANY = 20, 500
 

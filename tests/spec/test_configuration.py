@@ -24,7 +24,7 @@ from pliant.spec.configuration import (
 )
 from pliant.spec.constraints import Bounds, Count, OneOf, Range, Refused, Weights
 from pliant.spec.errors import CallError
-from pliant.spec.yamlfiles import read_yaml, yaml_text
+from pliant.spec.io.yamlfiles import read_yaml, yaml_text
 
 
 @configuration(frozen=True)
@@ -212,7 +212,7 @@ def shipped() -> list[tuple[str, Path]]:
 def test_the_schemas_accept_the_shipped_files_and_refuse_a_misspelt_key(
     kind: str, path: Path
 ) -> None:
-    from pliant.benchmarks.reference.config import BenchmarkConfig
+    from pliant.benchmarks.suite.config import BenchmarkConfig
     from pliant.generator.config import GenerateConfig
     from pliant.models.settings import DonSettings
     from pliant.models.timecycle.settings import TimeCycleSettings

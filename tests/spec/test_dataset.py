@@ -9,9 +9,9 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from pliant.spec.conformance.edits import ROPE_TEST, change_json, change_rows, remove
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, SpecError
+from tests.conformance.edits import ROPE_TEST, change_json, change_rows, remove
 
 DATASETS = Path(__file__).resolve().parents[2] / "spec" / "conformance" / "datasets"
 Copy = Callable[[str], Path]

@@ -17,9 +17,9 @@ from pliant.cli.spec import command
 from pliant.spec import document
 from pliant.spec.conventions import CONVENTIONS, VISIBILITY_STATES
 from pliant.spec.export import JSON_SCHEMAS
-from pliant.spec.issue_codes import ISSUE_CODES
-from pliant.spec.jsonfiles import load_schema, parse_json, schema_errors
+from pliant.spec.io.jsonfiles import load_schema, parse_json, schema_errors
 from pliant.spec.tables import TABLES
+from pliant.spec.validation.issue_codes import ISSUE_CODES
 
 TEXT = document.TEXT.read_text(encoding="utf-8")
 SPEC = Path(__file__).resolve().parents[2] / "spec"

@@ -10,10 +10,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from pliant.spec.conformance.edits import listed
 from pliant.spec.dataset import Dataset
 from pliant.spec.sequence import SequenceRecord
-from pliant.spec.validate import validate
+from pliant.spec.validation.validate import validate
+from tests.conformance.edits import listed
 
 
 def test_a_generated_set_is_valid(tiny_dataset: Path) -> None:

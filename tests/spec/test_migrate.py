@@ -12,12 +12,12 @@ import pytest
 from click.testing import CliRunner
 
 from pliant.cli.migrate import command
-from pliant.spec.checksums import sha256_file
 from pliant.spec.conventions import SPEC_VERSION
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import SpecError
+from pliant.spec.io.checksums import sha256_file
 from pliant.spec.migrate import STEPS, Step, migrate, migrate_document
-from pliant.spec.validate import validate
+from pliant.spec.validation.validate import validate
 
 STORED = Path(__file__).parent / "data" / "dataset-1.0.0"
 

@@ -40,7 +40,7 @@ def uninterrupted(
     standin: ModuleType, digests: Callable[[Path], dict[str, str]], tmp_path_factory
 ) -> dict[str, str]:
     """Digests of the small stand-in set made at once by one worker."""
-    from pliant.generator.runner import generate
+    from pliant.generator.runner.run import generate
 
     out = tmp_path_factory.mktemp("uninterrupted") / "set"
     config = standin.small_config()

@@ -18,12 +18,12 @@ from types import SimpleNamespace
 import numpy as np
 
 from pliant.generator.config import GenerateConfig
-from pliant.generator.engine import SequenceResult
-from pliant.generator.plan import SequenceTask
+from pliant.generator.runner.engine import SequenceResult
+from pliant.generator.runner.plan import SequenceTask
+from pliant.generator.runner.sequence_writer import SequenceWriter
+from pliant.generator.scene.scene_object import Points
 from pliant.generator.seeding import random_generator
-from pliant.generator.sequence_writer import SequenceWriter
-from pliant.generator.subject import Points
-from pliant.spec.images import Surface
+from pliant.spec.io.images import Surface
 
 SIDE = 4  # points along a side of the sheet
 
@@ -148,7 +148,7 @@ def small_config(**changes: object) -> GenerateConfig:
 
 
 if __name__ == "__main__":  # OUT WORKERS: a run in a process of its own, to be killed
-    from pliant.generator.runner import generate
+    from pliant.generator.runner.run import generate
 
     out, workers = Path(sys.argv[1]), int(sys.argv[2])
     config = small_config()

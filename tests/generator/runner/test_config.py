@@ -5,7 +5,7 @@ import json
 import pytest
 
 from pliant.generator.config import GenerateConfig, QuerySettings, split_counts
-from pliant.generator.plan import plan_tasks
+from pliant.generator.runner.plan import plan_tasks
 from pliant.spec.errors import CallError
 
 

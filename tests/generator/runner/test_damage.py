@@ -6,8 +6,8 @@ import json
 
 import pytest
 
-from pliant.generator.plan import first_damage
-from pliant.generator.runner import generate
+from pliant.generator.runner.plan import first_damage
+from pliant.generator.runner.run import generate
 
 NAMES = ["rgb/000001.png", "depth/000002.exr", "correspondences.parquet", "points.parquet"]
 
@@ -63,5 +63,5 @@ def test_sizes_are_compared_before_any_file_is_read(finished, monkeypatch):
     assert first_damage(folder) is None
     last = json.loads((folder / "sequence.json").read_text())["files"][-1]["path"]
     truncate(folder / last)
-    monkeypatch.setattr("pliant.generator.plan.sha256_file", lambda path: 1 / 0)
+    monkeypatch.setattr("pliant.generator.runner.plan.sha256_file", lambda path: 1 / 0)
     assert f"{last} has" in first_damage(folder)

@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from pliant.generator.engine_local import worker_cores
+from pliant.generator.runner.engine_local import worker_cores
 
 
 @pytest.fixture

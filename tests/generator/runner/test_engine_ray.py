@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from pliant.generator.engine_ray import RayEngine
-from pliant.generator.runner import generate
+from pliant.generator.runner.engine_ray import RayEngine
+from pliant.generator.runner.run import generate
 
 
 @pytest.fixture

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from pliant.generator.config import GenerateConfig
-from pliant.generator.runner import generate
+from pliant.generator.runner.run import generate
 
 
 def config(style, count):
@@ -62,7 +62,7 @@ def test_the_depth_camera_changes_the_colours_alone(digests, tmp_path):
     faults = kept["parameters"]["depth_camera"]
     assert faults["specks"] == [2, 2]
     assert faults == dataset.info["provenance"]["config"]["depth_camera"]
-    from pliant.spec.validate import validate
+    from pliant.spec.validation.validate import validate
 
     assert validate(tmp_path / "deep").errors == 0
 
@@ -95,10 +95,10 @@ def test_sequences_share_materials_and_another_set_has_others(tmp_path):
         [s.info["parameters"]["look"] for s in Dataset.open(tmp_path / name).sequences]
         for name in ("seen", "unseen")
     )
-    lights = [look.pop("light") for look in seen]
+    lights = [appearance.pop("light") for appearance in seen]
     assert seen[0] == seen[1] == seen[2]
     assert lights[0] != lights[1]
-    assert lights == [look.pop("light") for look in unseen]
+    assert lights == [appearance.pop("light") for appearance in unseen]
     assert unseen[0] == unseen[1] != seen[0]
     for name in ("points", "correspondences"):
         first = Dataset.open(tmp_path / "seen").sequences[0]

@@ -6,7 +6,7 @@ import shutil
 
 import pytest
 
-from pliant.generator.runner import generate
+from pliant.generator.runner.run import generate
 from pliant.spec.errors import CallError, GenerationError
 
 
@@ -63,7 +63,7 @@ def test_growth_that_was_interrupted_before_the_tables_is_finished(
     out = tmp_path / "set"
     make(out, splits={"test": 2})
     with monkeypatch.context() as patch:
-        patch.setattr("pliant.generator.runner._finish", lambda *_: 1 / 0)
+        patch.setattr("pliant.generator.runner.run._finish", lambda *_: 1 / 0)
         with pytest.raises(ZeroDivisionError):
             make(out)
     assert make(out).made == 0
@@ -107,7 +107,7 @@ def test_foreign_folders_and_files_are_refused(make, tmp_path):
 
 
 def test_one_run_at_a_time(make, standin, tmp_path):
-    from pliant.generator.manifest import RunFolder
+    from pliant.generator.runner.manifest import RunFolder
 
     run = RunFolder(tmp_path / "set")
     run.open()

@@ -7,10 +7,10 @@ import shutil
 import pyarrow as pa
 import pytest
 
-from pliant.generator import sequence_writer
-from pliant.generator.plan import SequenceTask
-from pliant.spec.checksums import sha256_file
-from pliant.spec.parquet import TableWriter, read_footer, read_table, write_table
+from pliant.generator.runner import sequence_writer
+from pliant.generator.runner.plan import SequenceTask
+from pliant.spec.io.checksums import sha256_file
+from pliant.spec.io.parquet import TableWriter, read_footer, read_table, write_table
 
 TASK = SequenceTask("rope", "train", 0)
 

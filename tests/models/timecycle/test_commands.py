@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pliant.baselines.submission import predict
+from pliant.baselines.predict import predict
 from pliant.baselines.views import ViewReader
 from pliant.cli.main import run
 from pliant.models import load_matcher
 from pliant.spec.dataset import Dataset
-from pliant.spec.parquet import read_footer, read_table
+from pliant.spec.io.parquet import read_footer, read_table
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
 

@@ -12,7 +12,6 @@ import torch
 
 from pliant.loaders.frame_store import FrameStore
 from pliant.models import load_matcher
-from pliant.models.checkpoint import latest_checkpoint, read_checkpoint
 from pliant.models.timecycle import report
 from pliant.models.timecycle.guard import Guard
 from pliant.models.timecycle.matcher import TimeCycleMatcher
@@ -27,6 +26,7 @@ from pliant.models.timecycle.validation import (
     track_centroid,
     track_identity,
 )
+from pliant.models.training.checkpoint import latest_checkpoint, read_checkpoint
 from pliant.spec.configuration import read_settings, settings_to_dict
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, TrainingError

@@ -1,0 +1,240 @@
+"""A matcher from any local feature: dense descriptors for answers, keypoints for matches."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from pliant.baselines.features.nearest import Descriptors, Metric, distances, nearest, ratio_test
+from pliant.baselines.lru_cache import LRUCache
+from pliant.baselines.matcher import Answers, Heat, Matches, View
+from pliant.baselines.pixels import (
+    central_position,
+    lies_on,
+    luma,
+    pixel_centres,
+    searched_mask,
+)
+
+LOWE_RATIO: Final = 0.8
+"""Nearest over second-nearest distance below which a keypoint match is kept."""
+
+DENSE_LIMIT: Final = 20_000
+"""Descriptors computed over a target at most; the grid's stride follows from it."""
+
+SMALLEST_SIDE_PX: Final = 32
+"""An image with a shorter side has no keypoints: the detectors' pyramids do not fit into it."""
+
+RIVAL_RADIUS_PX: Final = 16.0
+"""A second place nearer than this to the answer is not a rival but its neighbour."""
+
+
+@dataclass(frozen=True)
+class Keypoints:
+    """What a detector found.
+
+    Attributes:
+        uv_px: float32 (N, 2), Pliant's pixel convention.
+        descriptors: (N, D).
+    """
+
+    uv_px: npt.NDArray[np.float32]
+    descriptors: Descriptors
+
+
+class LocalFeatures(Protocol):
+    """A detector and descriptor of image patches."""
+
+    name: str
+    metric: Metric
+
+    def facts(self) -> Mapping[str, Any]:
+        """Return settings and versions for the submission's footer."""
+        ...
+
+    def detect(self, grey: npt.NDArray[np.uint8]) -> Keypoints:
+        """Find and describe the image's own keypoints.
+
+        Args:
+            grey: uint8 (H, W).
+        """
+        ...
+
+    def describe_at(
+        self, grey: npt.NDArray[np.uint8], uv_px: npt.NDArray[np.float32]
+    ) -> Descriptors:
+        """Describe the patches around given positions.
+
+        Args:
+            grey: uint8 (H, W).
+            uv_px: float32 (N, 2), inside the image.
+
+        Returns:
+            (N, D), a row for every position.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class _Dense:
+    uv_px: npt.NDArray[np.float32]  # (G, 2)
+    descriptors: Descriptors  # (G, D)
+    stride: int
+
+
+def dense_stride(pixels: int, limit: int = DENSE_LIMIT) -> int:
+    """Return the smallest grid stride that leaves at most `limit` of a mask's pixels.
+
+    Args:
+        pixels: Pixels of the mask.
+        limit: Descriptors that may be computed.
+    """
+    stride = 1
+    while pixels > limit * stride * stride:
+        stride += 1
+    return stride
+
+
+class LocalFeatureMatcher:
+    """Answers queries, and matches keypoints, with a local feature.
+
+    An answer is the place on the target's object whose descriptor is nearest to the query
+    pixel's, among all pixels (or, where the object has more than `DENSE_LIMIT`, a grid of
+    every second, third … row and column). A query that nothing distinguishes (a blank image,
+    an empty mask) is answered by the mask's centroid or the image's centre.
+
+    Keypoint matches follow the method's own detector: keypoints on the object in both
+    images, nearest neighbour, Lowe's ratio test; the score is 1 - ratio.
+
+    Args:
+        features: The local feature.
+        ratio: Threshold of the ratio test, in (0, 1].
+    """
+
+    def __init__(self, features: LocalFeatures, *, ratio: float = LOWE_RATIO) -> None:
+        self.name = features.name
+        self._features = features
+        self._ratio = ratio
+        self._dense: LRUCache[_Dense] = LRUCache(4)
+        self._keypoints: LRUCache[Keypoints] = LRUCache(8)
+
+    def describe(self) -> Mapping[str, Any]:
+        """Return name, settings and versions for the submission's footer."""
+        return {
+            "name": self.name,
+            **self._features.facts(),
+            "ratio": self._ratio,
+            "dense_limit": DENSE_LIMIT,
+            "without_a_choice": "centroid of the mask, or the image's centre",
+        }
+
+    def answer(self, source: View, target: View, uv_a_px: npt.NDArray[np.float32]) -> Answers:
+        """Answer each query by the nearest descriptor on the target's object.
+
+        Args:
+            source: The image the queries are in.
+            target: The image to find them in.
+            uv_a_px: float32 (N, 2).
+
+        Returns:
+            Positions alone: pixel centres of the target.
+        """
+        uv_b_px = np.tile(central_position(target), (len(uv_a_px), 1))  # (N, 2)
+        if len(uv_a_px) == 0:
+            return Answers(uv_px=uv_b_px)
+        dense = self._dense_of(target)
+        if len(dense.uv_px):
+            queries = self._features.describe_at(luma(source.rgb), uv_a_px)
+            row, decided = nearest(queries, dense.descriptors, self._features.metric)
+            uv_b_px[decided] = dense.uv_px[row[decided]]
+        return Answers(uv_px=uv_b_px)
+
+    def match(self, source: View, target: View) -> Matches:
+        """Match the method's own keypoints by the ratio test.
+
+        Args:
+            source: First image.
+            target: Second image.
+
+        Returns:
+            The matches that pass, in the order of the source's keypoints.
+        """
+        a, b = self._keypoints_of(source), self._keypoints_of(target)
+        row_a, row_b, score = ratio_test(
+            a.descriptors, b.descriptors, self._features.metric, self._ratio
+        )
+        return Matches(uv_a_px=a.uv_px[row_a], uv_b_px=b.uv_px[row_b], score=score)
+
+    def heat(self, source: View, target: View, uv_a_px: npt.NDArray[np.float32]) -> Heat:
+        """Return how alike each place of the target is to the query.
+
+        Args:
+            source: The image the query is in.
+            target: The image to find it in.
+            uv_a_px: float32 (2,).
+
+        Returns:
+            Minus the descriptor distance; the confidence is 1 - nearest / nearest rival, a
+            rival being at least `RIVAL_RADIUS_PX` away.
+        """
+        dense = self._dense_of(target)
+        values = np.full(target.rgb.shape[:2], np.nan, dtype=np.float32)
+        confidence = 0.0
+        if len(dense.uv_px):
+            query = self._features.describe_at(luma(source.rgb), uv_a_px.reshape(1, 2))
+            distance = distances(query, dense.descriptors, self._features.metric)[0]  # (G,)
+            _paint(values, dense, -distance, searched_mask(target))
+            best = dense.uv_px[distance.argmin()]
+            away = np.hypot(*(dense.uv_px - best).T) >= RIVAL_RADIUS_PX
+            rival = distance[away].min() if away.any() else np.float32(0)
+            confidence = float(1 - distance.min() / rival) if rival > 0 else 0.0
+        unit = "bits" if self._features.metric == "hamming" else "descriptor units"
+        return Heat(
+            values=values,
+            label=f"similarity: minus the distance, {unit}",
+            confidence=confidence,
+            confidence_label=(
+                f"1 - best / second-best distance at least {RIVAL_RADIUS_PX:.0f} px away"
+            ),
+        )
+
+    def _dense_of(self, view: View) -> _Dense:
+        def make() -> _Dense:
+            mask = searched_mask(view)
+            stride = dense_stride(int(mask.sum()))
+            uv_px = pixel_centres(mask, stride)
+            return _Dense(uv_px, self._features.describe_at(luma(view.rgb), uv_px), stride)
+
+        return self._dense.get(view.key, make)
+
+    def _keypoints_of(self, view: View) -> Keypoints:
+        def make() -> Keypoints:
+            if min(view.rgb.shape[:2]) < SMALLEST_SIDE_PX:
+                nothing = self._features.describe_at(luma(view.rgb), np.zeros((0, 2), np.float32))
+                return Keypoints(np.zeros((0, 2), np.float32), nothing)
+            found = self._features.detect(luma(view.rgb))
+            kept = lies_on(found.uv_px, searched_mask(view))
+            return Keypoints(found.uv_px[kept], found.descriptors[kept])
+
+        return self._keypoints.get(view.key, make)
+
+
+def _paint(
+    values: npt.NDArray[np.float32],
+    dense: _Dense,
+    score: npt.NDArray[np.float32],
+    mask: npt.NDArray[np.bool_],
+) -> None:
+    """Spread a grid's scores over the blocks of pixels they stand for, inside the mask."""
+    column, row = np.floor(dense.uv_px).astype(np.int64).T
+    first = -(dense.stride // 2)
+    for down in range(first, first + dense.stride):
+        for right in range(first, first + dense.stride):
+            y = np.clip(row + down, 0, values.shape[0] - 1)
+            x = np.clip(column + right, 0, values.shape[1] - 1)
+            values[y, x] = score
+    values[~mask] = np.nan

@@ -1,0 +1,136 @@
+"""The frozen test questions: their checksums, and those of the sequences they are asked about."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pliant.benchmarks.suite.config import BenchmarkConfig
+from pliant.benchmarks.suite.work import Workspace
+from pliant.spec.dataset import Dataset
+from pliant.spec.errors import CallError
+from pliant.spec.io.checksums import sha256_file
+from pliant.spec.io.jsonfiles import write_json
+from pliant.spec.storage.layout import CORRESPONDENCES_TABLE, queries_path, truth_path
+
+SPLIT = "test"
+
+
+@dataclass(frozen=True)
+class Differences:
+    """How a benchmark's test questions compare with the frozen ones.
+
+    Attributes:
+        frozen: Whether there are frozen checksums at all.
+        sets: Sets that differ, with what differs.
+    """
+
+    frozen: bool
+    sets: Mapping[str, str]
+
+
+def set_checksums(data: Path) -> dict[str, Any]:
+    """Return the checksums of a set's test split.
+
+    Args:
+        data: The set's folder, finished.
+
+    Returns:
+        `queries` and `truth`, SHA-256 of the two files, and `tables`: sequence -> SHA-256 of its
+        correspondence table.
+    """
+    dataset = Dataset.open(data)
+    tables = {
+        each.id: sha256_file(each.dir / CORRESPONDENCES_TABLE)
+        for each in dataset.sequences
+        if each.split == SPLIT
+    }
+    return {
+        "queries": sha256_file(queries_path(data, SPLIT)),
+        "truth": sha256_file(truth_path(data, SPLIT)),
+        "tables": tables,
+    }
+
+
+def compare_checksums(config: BenchmarkConfig, work: Workspace) -> Differences:
+    """Compare the finished sets with the frozen checksums, and write those found to the folder.
+
+    Args:
+        config: The benchmark.
+        work: Its folder, all sets made.
+
+    Raises:
+        CallError: The file of checksums cannot be read.
+    """
+    found = {name: set_checksums(work.set_path(name)) for name in config.sets}
+    document = {"name": config.name, "version": config.version, "sets": found}
+    write_json(work.root / "checksums.json", document)
+    frozen = read_frozen(config)
+    if frozen is None:
+        return Differences(False, {})
+    differing = {}
+    for name, checksums in found.items():
+        wanted = frozen["sets"].get(name)
+        if wanted is None:
+            differing[name] = "it is not among the frozen sets"
+        elif wanted != checksums:
+            differing[name] = _what_differs(wanted, checksums)
+            if frozen.get("superseded") and wanted["tables"] == checksums["tables"]:
+                differing[name] += ", whose frozen checksums are superseded (docs/benchmark.md)"
+    return Differences(True, differing)
+
+
+def read_frozen(config: BenchmarkConfig) -> dict[str, Any] | None:
+    """Return the frozen checksums, or None where the benchmark has none yet.
+
+    Under `tables` a file may name another set that has the very same ones. `superseded` lists the
+    checksums (`queries`, `truth`) that the present generator does not reproduce.
+
+    Raises:
+        CallError: The file cannot be read or belongs to another benchmark or version.
+    """
+    path = config.checksums
+    if path is None or not path.is_file():
+        return None
+    try:
+        document: dict[str, Any] = json.loads(path.read_text())
+        belongs = document["name"], document["version"]
+    except (ValueError, KeyError, TypeError) as error:
+        raise CallError("the checksums cannot be read", path=path, found=str(error)) from error
+    if belongs != (config.name, config.version):
+        raise CallError(
+            "the checksums belong to another benchmark",
+            path=path,
+            found=" ".join(map(str, belongs)),
+            required=f"{config.name} {config.version}",
+        )
+    _share_tables(document["sets"], path)
+    return document
+
+
+def _share_tables(sets: dict[str, Any], path: Path) -> None:
+    """Replace a set's name that stands for its tables by those tables."""
+    for name, checksums in sets.items():
+        source = checksums["tables"]
+        if isinstance(source, str):
+            if source not in sets:
+                raise CallError(
+                    "the checksums name an unknown set",
+                    path=path,
+                    where=f"sets.{name}.tables",
+                    found=repr(source),
+                    required="one of " + ", ".join(sets),
+                )
+            checksums["tables"] = sets[source]["tables"]
+
+
+def _what_differs(wanted: Mapping[str, Any], found: Mapping[str, Any]) -> str:
+    tables = [
+        name for name, value in wanted["tables"].items() if found["tables"].get(name) != value
+    ]
+    if tables:
+        return f"{len(tables)} of {len(wanted['tables'])} sequences, {tables[0]} first"
+    return "its queries" if wanted["queries"] != found["queries"] else "its truth"

@@ -1,0 +1,212 @@
+"""What a reference benchmark is made of: its sets, its trainings, its tests, from one YAML file."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import field, replace
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, Final, Literal
+
+from pliant.baselines import METHODS
+from pliant.generator.config import GenerateConfig
+from pliant.models.shipped import shipped_names
+from pliant.spec.configuration import (
+    configuration,
+    merged,
+    read_mapping,
+    settings_from,
+    with_overrides,
+)
+from pliant.spec.constraints import did_you_mean
+from pliant.spec.errors import CallError
+from pliant.spec.io.yamlfiles import parse_yaml
+
+RECIPES: Final = files("pliant.models") / "configs"
+"""The settings of trainings that are shipped with the trainers."""
+
+
+@configuration(frozen=True)
+class Training:
+    """One run of a trainer.
+
+    Attributes:
+        label: The method's name in the table.
+        set: Set it is trained on.
+        trainer: `don` or `timecycle`.
+        recipe: Shipped file of settings under the run's own, or empty.
+        settings: The trainer's settings, complete but for defaults.
+        after: Run whose finished weights it starts from, or empty.
+    """
+
+    label: str
+    set: str
+    trainer: Literal["don", "timecycle"] = "don"
+    recipe: str = ""
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    after: str = ""
+
+    @property
+    def input(self) -> str:
+        """What the network sees: `rgb`, `depth` or `rgbd`."""
+        return str(self.settings.get("pairs", {}).get("input", "rgb"))
+
+
+@configuration(frozen=True)
+class Test:
+    """One block of the table: a tier's test queries, what answers them, what the paper found.
+
+    Attributes:
+        tier: The tier.
+        title: Heading of the block.
+        variants: Name of the variant (`clean`, `noisy` …) -> set whose test split is asked.
+        methods: Methods without training, keys of `pliant.baselines.METHODS`.
+        runs: Names of trainings.
+        shipped: Names of models that come with the package: the whole recipes, trained once.
+        protocols: Protocols to score by, the table's first.
+        paper_rmse_px: Label of a method -> RMSE in the paper.
+    """
+
+    __test__ = False
+
+    tier: str
+    title: str
+    variants: Mapping[str, str]
+    methods: tuple[str, ...] = ()
+    runs: tuple[str, ...] = ()
+    shipped: tuple[str, ...] = ()
+    protocols: tuple[str, ...] = ("standard", "paper")
+    paper_rmse_px: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def answering(self) -> tuple[str, ...]:
+        """Everything that answers, in the table's order."""
+        return (*self.methods, *self.runs, *self.shipped)
+
+
+@configuration(frozen=True)
+class Comparison:
+    """A paired difference that the page reports.
+
+    Attributes:
+        question: What it answers.
+        set: Set whose test split both answered.
+        method: The method judged.
+        against: The method it is held against.
+        metric: A metric of the block's first protocol.
+    """
+
+    question: str
+    set: str
+    method: str
+    against: str
+    metric: str
+
+
+@configuration(frozen=True)
+class BenchmarkConfig:
+    """A named, frozen benchmark.
+
+    Attributes:
+        name: Its name.
+        version: Its version; what changes a query changes it.
+        sets: Name -> config of a dataset.
+        common: What every set takes before its own values.
+        runs: Name -> training.
+        tests: Name -> block of the table.
+        comparisons: Paired differences to report.
+        checksums: File of the test queries' checksums, or None.
+    """
+
+    name: str
+    version: str
+    sets: Mapping[str, GenerateConfig]
+    common: Mapping[str, Any] = field(default_factory=dict)
+    runs: Mapping[str, Training] = field(default_factory=dict)
+    tests: Mapping[str, Test] = field(default_factory=dict)
+    comparisons: tuple[Comparison, ...] = ()
+    checksums: Path | None = None
+
+
+def read_config(path: Path, overrides: Sequence[str] = ()) -> BenchmarkConfig:
+    """Read a benchmark's YAML file.
+
+    Args:
+        path: The file.
+        overrides: `dotted.key=value` texts, such as `sets.rope.frames=3`.
+
+    Raises:
+        CallError: It cannot be read, or something in it is unknown, missing or impossible.
+    """
+    values = with_overrides(read_mapping(path), overrides)
+    name, version, common = (values.get(key) for key in ("name", "version", "common"))
+    for key, own in _mappings(values, "sets"):
+        labels = {"id": f"{name}-{key}", "version": version, "title": f"{name}: {key}"}
+        values["sets"][key] = {**labels, **(common or {}), **own}
+    for key, run in _mappings(values, "runs"):
+        recipe = _recipe(run["recipe"], path, f"runs.{key}.recipe") if "recipe" in run else {}
+        values["runs"][key] = {**run, "settings": merged(recipe, run.get("settings") or {})}
+    config = settings_from(BenchmarkConfig, values, path=path, overrides=overrides)
+    if config.checksums is not None:
+        config = replace(config, checksums=path.parent / config.checksums)
+    _check_references(config, path)
+    return config
+
+
+def digest(*parts: Any) -> str:
+    """Return a SHA-256 of JSON values, the same for the same values."""
+    text = json.dumps(parts, sort_keys=True, default=str)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _mappings(values: dict[str, Any], section: str) -> list[tuple[str, dict[str, Any]]]:
+    """Return the mappings of a section, which is copied; anything else is refused later."""
+    if not isinstance(values.get(section), dict):
+        return []
+    values[section] = dict(values[section])
+    return [(key, each) for key, each in values[section].items() if isinstance(each, dict)]
+
+
+def _recipe(name: str, path: Path, where: str) -> dict[str, Any]:
+    shipped = sorted(each.name for each in RECIPES.iterdir() if each.name.endswith(".yaml"))
+    _check_known(name, shipped, path, where)
+    values: dict[str, Any] = parse_yaml((RECIPES / name).read_text(encoding="utf-8"), name)
+    return values
+
+
+def _check_known(name: str, names: Collection[str], path: Path, where: str) -> None:
+    if name not in names:
+        raise CallError(
+            "unknown name", path=path, where=where, found=name,
+            required="one of " + ", ".join(names), fix=did_you_mean(name, names),
+        )  # fmt: skip
+
+
+def _check_references(config: BenchmarkConfig, path: Path) -> None:
+    def known(name: str, names: Collection[str], where: str) -> None:
+        _check_known(name, names, path, where)
+
+    for key, run in config.runs.items():
+        known(run.set, config.sets, f"runs.{key}.set")
+        if run.after:
+            known(run.after, list(config.runs)[: list(config.runs).index(key)], f"runs.{key}.after")
+    for key, test in config.tests.items():
+        for variant, name in test.variants.items():
+            known(name, config.sets, f"tests.{key}.variants.{variant}")
+        for name in test.runs:
+            known(name, config.runs, f"tests.{key}.runs")
+        for name in test.methods:
+            known(name, METHODS, f"tests.{key}.methods")
+        for name in test.shipped:
+            known(name, shipped_names(), f"tests.{key}.shipped")
+        for name in test.paper_rmse_px:
+            known(name, test.answering, f"tests.{key}.paper_rmse_px")
+    for index, each in enumerate(config.comparisons):
+        where = f"comparisons.{index}"
+        known(each.set, config.sets, f"{where}.set")
+        asked = [test for test in config.tests.values() if each.set in test.variants.values()]
+        answers = [name for test in asked for name in test.answering]
+        known(each.method, answers, f"{where}.method")
+        known(each.against, answers, f"{where}.against")

@@ -1,0 +1,211 @@
+"""What a process of the benchmark does: train one run, or answer and score one test."""
+
+from __future__ import annotations
+
+import os
+
+# Waiting threads sleep: CPU time is then work, also where other processes run beside this one.
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+
+import shutil
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pliant.benchmarks.suite.work import Cost, Meter
+from pliant.spec.dataset import Dataset
+from pliant.spec.errors import PliantError
+
+Tell = Callable[[int, int], None]
+"""Told how much is done, of how much."""
+
+
+@dataclass(frozen=True)
+class TrainingJob:
+    """One training.
+
+    Attributes:
+        trainer: `don` or `timecycle`.
+        settings: Its settings.
+        data: The set's folder.
+        run: The run's folder.
+        after: Weights to start from, or None.
+        threads: CPU threads, 0 for torch's own choice.
+    """
+
+    trainer: str
+    settings: Mapping[str, Any]
+    data: Path
+    run: Path
+    after: Path | None
+    threads: int
+
+
+@dataclass(frozen=True)
+class AnswerJob:
+    """One method on one test.
+
+    Attributes:
+        method: A key of `pliant.baselines.METHODS`, or a name for `run`.
+        run: The run's folder of a learned method, or None.
+        data: The set's folder.
+        answers: The submission to write.
+        scores: Protocol -> folder of the report.
+        threads: CPU threads.
+    """
+
+    method: str
+    run: Path | None
+    data: Path
+    answers: Path
+    scores: Mapping[str, Path]
+    threads: int
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a job.
+
+    Attributes:
+        cost: What it took.
+        facts: What there is to note.
+        error: The error's sentence, empty if it went well.
+    """
+
+    cost: Cost
+    facts: Mapping[str, Any]
+    error: str = ""
+
+
+def train(job: TrainingJob, tell: Tell) -> Outcome:
+    """Train, going on where an earlier attempt stopped."""
+    meter = Meter()
+    try:
+        facts = _trained(job, tell)
+    except PliantError as error:
+        return Outcome(meter.cost, {}, str(error))
+    return Outcome(meter.cost, facts)
+
+
+def _trained(job: TrainingJob, tell: Tell) -> dict[str, Any]:
+    resume = any((job.run / "checkpoints").glob("*"))
+    if job.run.exists() and not resume:
+        shutil.rmtree(job.run)  # stopped before its first checkpoint
+    dataset = Dataset.open(job.data)
+    values = {**job.settings, "threads": job.threads}
+
+    def telling(steps: int) -> Callable[[int, Mapping[str, float]], None]:
+        return lambda step, figures: tell(step, steps)
+
+    from pliant.spec.configuration import settings_from
+
+    if job.trainer == "timecycle":
+        from pliant.models.timecycle.settings import TimeCycleSettings
+        from pliant.models.timecycle.trainer import train_timecycle
+
+        cycle = settings_from(TimeCycleSettings, values)
+        told = telling(cycle.steps)
+        facts = train_timecycle(dataset, job.run, cycle, resume=resume, progress=told)
+        return {"steps": facts["steps"]}
+    from pliant.models.don.trainer import train_don
+    from pliant.models.settings import DonSettings
+
+    if job.after is not None:
+        values["network"] = {**values.get("network", {}), "pretrained": str(job.after)}
+    don = settings_from(DonSettings, values)
+    facts = train_don(dataset, job.run, don, resume=resume, progress=telling(don.steps))
+    return {"steps": facts["steps"], "validation": facts.get("validation", {})}
+
+
+def answer(job: AnswerJob, tell: Tell) -> Outcome:
+    """Answer a test's queries and score the answers."""
+    from pliant.baselines import METHODS
+    from pliant.baselines.predict import predict
+    from pliant.evaluator import evaluate, write_report
+
+    meter = Meter()
+    try:
+        dataset = Dataset.open(job.data)
+        matcher: Any
+        if job.run is None:
+            matcher = METHODS[job.method]()
+        else:
+            import torch
+
+            from pliant.models import load_matcher
+
+            torch.set_num_threads(job.threads or torch.get_num_threads())
+            matcher = load_matcher(job.run)
+            matcher.name = job.method
+        job.answers.parent.mkdir(parents=True, exist_ok=True)
+        prediction = predict(dataset, "test", matcher, job.answers, progress=tell)
+        predicted = meter.cost
+        for protocol, folder in job.scores.items():
+            shutil.rmtree(folder, ignore_errors=True)
+            folder.parent.mkdir(parents=True, exist_ok=True)
+            write_report(evaluate(job.answers, dataset, protocol=protocol), folder, data=job.data)
+    except PliantError as error:
+        return Outcome(meter.cost, {}, str(error))
+    facts = {"pairs": prediction.pairs, "rows": prediction.rows, "predict_cpu_s": predicted.cpu_s}
+    return Outcome(meter.cost, facts)
+
+
+def run_all(
+    jobs: Mapping[str, tuple[Callable[[Any, Tell], Outcome], Any, Sequence[str]]],
+    workers: int,
+    started: Callable[[str], None],
+    tell: Callable[[str, int, int], None],
+    ended: Callable[[str, Outcome], None],
+) -> None:
+    """Run jobs in processes of their own, each as soon as those it needs have ended.
+
+    Args:
+        jobs: Name -> function, its job, and the names of jobs that must have ended before.
+        workers: Processes at a time.
+        started: Told when a job starts.
+        tell: Told how far a job is.
+        ended: Told what became of a job. After one that failed, no other is started.
+    """
+    import multiprocessing
+    from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+
+    context = multiprocessing.get_context("spawn")
+    waiting = dict(jobs)
+    running: dict[Future[Outcome], str] = {}
+    done: set[str] = set()
+    failed = False
+    with (
+        context.Manager() as manager,
+        ProcessPoolExecutor(workers, mp_context=context, max_tasks_per_child=1) as pool,
+    ):
+        news = manager.Queue()
+        while running or (waiting and not failed):
+            for name in list(waiting):
+                function, job, needs = waiting[name]
+                if failed or len(running) >= workers or not set(needs) <= done:
+                    continue
+                del waiting[name]
+                started(name)
+                running[pool.submit(_reporting, function, job, name, news)] = name
+            finished, _ = wait(running, timeout=0.5, return_when=FIRST_COMPLETED)
+            while not news.empty():
+                tell(*news.get())
+            for future in finished:
+                name = running.pop(future)
+                outcome = future.result()
+                ended(name, outcome)
+                done.add(name)
+                failed = failed or bool(outcome.error)
+
+
+def _reporting(function: Callable[[Any, Tell], Outcome], job: Any, name: str, news: Any) -> Outcome:
+    last = [-1]
+
+    def tell(done: int, total: int) -> None:
+        share = done * 200 // max(total, 1)
+        if share != last[0]:  # at most 200 messages a job
+            last[0] = share
+            news.put((name, done, total))
+
+    return function(job, tell)

@@ -1,0 +1,225 @@
+"""A benchmark from its config to its table: sets, trainings, answers, scores, pages."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Protocol
+
+from pliant.benchmarks.suite.checksums import Differences, compare_checksums
+from pliant.benchmarks.suite.config import BenchmarkConfig, Test, Training, digest
+from pliant.benchmarks.suite.jobs import AnswerJob, Outcome, TrainingJob, answer, run_all, train
+from pliant.benchmarks.suite.work import Workspace
+from pliant.generator.runner.run import generate
+from pliant.models.shipped import FOLDER
+from pliant.spec.errors import CallError, GenerationError, TrainingError
+from pliant.spec.io.checksums import sha256_file
+
+
+class Watcher(Protocol):
+    """Who is told what happens."""
+
+    def begin(self, stage: str, jobs: int, finished: int) -> None:
+        """Take note that a stage begins, with so many jobs, some finished by an earlier call."""
+
+    def started(self, job: str) -> None:
+        """Take note that a job starts."""
+
+    def progress(self, job: str, done: int, total: int) -> None:
+        """Take note of how far a job is."""
+
+    def ended(self, job: str, wall_s: float, cpu_s: float, error: str) -> None:
+        """Take note that a job ended, and of its error, if any."""
+
+
+def run_benchmark(
+    config: BenchmarkConfig,
+    out: Path,
+    *,
+    resume: bool = False,
+    workers: int = 2,
+    until: str = "answer",
+    watcher: Watcher,
+) -> Differences:
+    """Make what is missing of a benchmark, stage by stage.
+
+    Args:
+        config: The benchmark.
+        out: Its folder: new or empty, or with `resume` one that was begun.
+        resume: Go on.
+        workers: Processes at a time; each training takes its share of the cores.
+        until: Last stage to do: `generate`, `train` or `answer`.
+        watcher: Told what happens.
+
+    Returns:
+        How the test queries differ from the frozen ones.
+
+    Raises:
+        CallError: The folder or the config cannot be used.
+        GenerationError: A sequence could not be made.
+        TrainingError: A training or an answer failed; what was finished is kept.
+    """
+    work = Workspace(out)
+    work.open(config.name, config.version, resume=resume)
+    _generate(config, work, workers, watcher)
+    differences = compare_checksums(config, work)
+    if until == "generate":
+        return differences
+    _train(config, work, workers, watcher)
+    if until == "train":
+        return differences
+    _answer(config, work, workers, watcher)
+    return differences
+
+
+def set_digest(config: BenchmarkConfig, name: str) -> str:
+    """Return what identifies a set."""
+    return digest(config.sets[name].resolved())
+
+
+def run_digest(config: BenchmarkConfig, name: str) -> str:
+    """Return what identifies a training: its settings, its set, what it started from."""
+    run = config.runs[name]
+    earlier = run_digest(config, run.after) if run.after else ""
+    return digest(run.trainer, run.settings, set_digest(config, run.set), earlier)
+
+
+def _generate(config: BenchmarkConfig, work: Workspace, workers: int, watcher: Watcher) -> None:
+    identities = {name: set_digest(config, name) for name in config.sets}
+    missing = {
+        name: each for name, each in identities.items() if not work.holds(f"set/{name}", each)
+    }
+    watcher.begin("generate", len(identities), len(identities) - len(missing))
+    for name, identity in missing.items():
+        watcher.started(name)
+        stage = f"set/{name}"
+        with work.metered(stage, identity) as facts:
+            summary = generate(
+                config.sets[name],
+                work.set_path(name),
+                workers=workers,
+                progress=lambda state, name=name: watcher.progress(  # type: ignore[misc]
+                    name, state.frames, state.frames_wanted
+                ),
+            )
+            facts |= {"sequences": summary.sequences, "frames": summary.frames}
+            if summary.failed:
+                first = summary.failed[0]
+                raise GenerationError(
+                    "sequences could not be made",
+                    path=work.set_path(name),
+                    where=first.id,
+                    found=first.error.splitlines()[-1],
+                )
+        cost = work.cost(stage)
+        watcher.ended(name, cost.wall_s, cost.cpu_s, "")
+
+
+def _train(config: BenchmarkConfig, work: Workspace, workers: int, watcher: Watcher) -> None:
+    threads = max(1, len(os.sched_getaffinity(0)) // workers)
+    jobs: dict[str, Any] = {}
+    for name, run in config.runs.items():
+        note = work.finished(f"run/{name}")
+        if note is None:
+            needs = [run.after] if run.after in jobs else []
+            jobs[name] = (train, _training_job(work, name, run, threads), needs)
+        elif note["digest"] != run_digest(config, name):
+            raise CallError(
+                "this training was made with other settings",
+                path=work.run_path(name),
+                fix="Remove it and its note in stages/ to train it anew, or give another folder",
+            )
+    watcher.begin("train", len(config.runs), len(config.runs) - len(jobs))
+    identities = {f"run/{name}": run_digest(config, name) for name in jobs}
+    _run(jobs, "run", identities, work, workers, watcher)
+
+
+def _training_job(work: Workspace, name: str, run: Training, threads: int) -> TrainingJob:
+    from pliant.models.training.checkpoint import BEST
+
+    after = work.run_path(run.after) / BEST if run.after else None
+    data = work.set_path(run.set)
+    return TrainingJob(run.trainer, run.settings, data, work.run_path(name), after, threads)
+
+
+def _answer(config: BenchmarkConfig, work: Workspace, workers: int, watcher: Watcher) -> None:
+    threads = max(1, len(os.sched_getaffinity(0)) // workers)
+    every: dict[str, AnswerJob] = {}
+    identities: dict[str, str] = {}
+    for test, set_name in _asked(config):
+        for method in test.answering:
+            run = _run_folder(work, test, method)
+            stage = f"answer/{set_name}--{method}"
+            identities[stage] = digest(
+                set_digest(config, set_name),
+                _method_digest(config, test, method),
+                test.protocols,
+            )
+            scores = {p: work.scores_path(set_name, method, p) for p in test.protocols}
+            answers = work.answers_path(set_name, method)
+            data = work.set_path(set_name)
+            every[stage] = AnswerJob(method, run, data, answers, scores, threads)
+    jobs: dict[str, Any] = {
+        stage.removeprefix("answer/"): (answer, job, [])
+        for stage, job in every.items()
+        if not work.holds(stage, identities[stage])
+    }
+    watcher.begin("answer", len(every), len(every) - len(jobs))
+    _run(jobs, "answer", identities, work, workers, watcher)
+
+
+def _run_folder(work: Workspace, test: Test, method: str) -> Path | None:
+    """Return the folder of what was trained, None for a method without training."""
+    if method in test.shipped:
+        return FOLDER / method
+    return work.run_path(method) if method in test.runs else None
+
+
+def _method_digest(config: BenchmarkConfig, test: Test, method: str) -> str:
+    if method in test.runs:
+        return run_digest(config, method)
+    if method in test.shipped:
+        return digest([sha256_file(path) for path in sorted((FOLDER / method).iterdir())])
+    return method
+
+
+def _asked(config: BenchmarkConfig) -> list[tuple[Test, str]]:
+    """Return what is to be answered: the first variant of every block, then the second ones."""
+    return [
+        (test, set_name)
+        for _, test, set_name in sorted(
+            (
+                (position, test, set_name)
+                for test in config.tests.values()
+                for position, set_name in enumerate(test.variants.values())
+            ),
+            key=lambda each: each[0],
+        )
+    ]
+
+
+def _run(
+    jobs: Mapping[str, Any],
+    kind: str,
+    identities: Mapping[str, str],
+    work: Workspace,
+    workers: int,
+    watcher: Watcher,
+) -> None:
+    failures: list[str] = []
+
+    def ended(name: str, outcome: Outcome) -> None:
+        stage = f"{kind}/{name}"
+        finished = not outcome.error
+        work.record(stage, identities[stage], outcome.cost, finished=finished, facts=outcome.facts)
+        cost = work.cost(stage)
+        watcher.ended(name, cost.wall_s, cost.cpu_s, outcome.error)
+        if outcome.error:
+            failures.append(f"{name}: {outcome.error}")
+
+    run_all(jobs, workers, watcher.started, watcher.progress, ended)
+    if failures:
+        raise TrainingError(
+            failures[0], path=work.root, fix="What was finished is kept; go on with --resume"
+        )

@@ -1,0 +1,156 @@
+"""The table of a benchmark: what each method scored and cost, beside the paper's figures."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from pliant.benchmarks.suite.config import BenchmarkConfig, Test
+from pliant.benchmarks.suite.work import Cost, Workspace
+from pliant.evaluator.scores import read_scores
+
+CLASSICAL = ("sift", "surf", "orb")
+
+
+@dataclass(frozen=True)
+class Row:
+    """One method on one variant of one tier.
+
+    Attributes:
+        test: Key of the block.
+        variant: `clean`, `noisy` …
+        set: The set that was asked.
+        method: A method's name, or a training's.
+        label: What the table calls it.
+        learned: Whether it was trained, here or before it was shipped.
+        paper_rmse_px: The paper's figure, or None.
+        scores: Protocol -> {"values": metric -> value, "intervals": metric -> [low, high]}.
+        train: What training here took, what it started from included; None where there is none.
+        predict_cpu_s: CPU seconds of answering.
+        pairs: Pairs answered.
+    """
+
+    test: str
+    variant: str
+    set: str
+    method: str
+    label: str
+    learned: bool
+    paper_rmse_px: float | None
+    scores: dict[str, Any]
+    train: Cost | None
+    predict_cpu_s: float
+    pairs: int
+
+    def value(self, protocol: str, metric: str) -> float | None:
+        """Return a score, None where the method has none."""
+        found: float | None = self.scores[protocol]["values"].get(metric)
+        return found
+
+    def interval(self, protocol: str, metric: str) -> tuple[float, float] | None:
+        """Return the 95 % interval of a score, None where it has none."""
+        found = self.scores[protocol]["intervals"].get(metric)
+        return None if found is None else (float(found[0]), float(found[1]))
+
+
+def finished_rows(config: BenchmarkConfig, work: Workspace) -> list[Row]:
+    """Return the rows of everything that has been answered and scored, in the config's order."""
+    rows = []
+    for key, test in config.tests.items():
+        for variant, set_name in test.variants.items():
+            for method in test.answering:
+                note = work.finished(f"answer/{set_name}--{method}")
+                if note is None:
+                    continue
+                rows.append(_row(config, work, key, test, variant, set_name, method, note))
+    return rows
+
+
+def _row(
+    config: BenchmarkConfig,
+    work: Workspace,
+    key: str,
+    test: Test,
+    variant: str,
+    set_name: str,
+    method: str,
+    note: dict[str, Any],
+) -> Row:
+    scores = {}
+    for protocol in test.protocols:
+        found = read_scores(work.scores_path(set_name, method, protocol))
+        intervals = found.document.get("intervals", {}).get("overall", {})
+        scores[protocol] = {"values": found.overall, "intervals": intervals}
+    trained = method in config.runs
+    return Row(
+        key,
+        variant,
+        set_name,
+        method,
+        _label(config, test, method),
+        trained or method in test.shipped,
+        test.paper_rmse_px.get(method) if variant == "clean" else None,
+        scores,
+        training_cost(config, work, method) if trained else None,
+        float(note["facts"]["predict_cpu_s"]),
+        int(note["facts"]["pairs"]),
+    )
+
+
+def _label(config: BenchmarkConfig, test: Test, method: str) -> str:
+    if method in config.runs:
+        return config.runs[method].label
+    if method in test.shipped:
+        return f"{method}, as shipped"
+    return method.upper() if method in CLASSICAL else method.capitalize()
+
+
+def training_cost(config: BenchmarkConfig, work: Workspace, run: str) -> Cost:
+    """Return what a run's weights cost, those it started from included."""
+    cost = work.cost(f"run/{run}")
+    earlier = config.runs[run].after
+    return cost + training_cost(config, work, earlier) if earlier else cost
+
+
+def blocks(rows: list[Row]) -> Iterator[tuple[str, str, list[Row]]]:
+    """Yield test, variant and rows of each block, in order."""
+    seen: dict[tuple[str, str], list[Row]] = {}
+    for row in rows:
+        seen.setdefault((row.test, row.variant), []).append(row)
+    for (test, variant), members in seen.items():
+        yield test, variant, members
+
+
+def best_classical(rows: list[Row], protocol: str, metric: str = "rmse_px") -> float | None:
+    """Return the lowest error among SIFT, SURF and ORB, None where none was asked."""
+    found = [row.value(protocol, metric) for row in rows if row.method in CLASSICAL]
+    known = [value for value in found if value is not None]
+    return min(known) if known else None
+
+
+def table_document(config: BenchmarkConfig, work: Workspace, rows: list[Row]) -> dict[str, Any]:
+    """Return the table as JSON values: every row, and what each stage cost."""
+    told = ("wall_s", "cpu_s", "machine", "cores", "finished")
+    stages = {stage: {name: note[name] for name in told} for stage, note in work.notes().items()}
+    return {
+        "name": config.name,
+        "version": config.version,
+        "rows": [
+            {
+                "test": row.test,
+                "variant": row.variant,
+                "set": row.set,
+                "method": row.method,
+                "label": row.label,
+                "paper_rmse_px": row.paper_rmse_px,
+                "scores": row.scores,
+                "train_wall_s": None if row.train is None else row.train.wall_s,
+                "train_cpu_s": None if row.train is None else row.train.cpu_s,
+                "predict_cpu_s": row.predict_cpu_s,
+                "pairs": row.pairs,
+            }
+            for row in rows
+        ],
+        "stages": stages,
+    }

@@ -1,0 +1,88 @@
+"""What every outside source is read into: frames, and where points are in them."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+import numpy.typing as npt
+
+from pliant.spec.io import limits
+
+Floats = npt.NDArray[np.float64]
+Image = npt.NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class Clip:
+    """Frames of one object or scene, and the points known in them.
+
+    Attributes:
+        name: Where it comes from, for messages and records.
+        size: (width, height) of its frames, px.
+        frames: How many frames there are.
+        read: Returns a frame, uint8 (H, W, 3), sRGB.
+        uv_px: float64 (N, T, 2), positions from the image's corner (the first pixel's centre is
+            at (0.5, 0.5)); NaN where the position is not known.
+        visible: bool (N, T), where the point is seen and its position known.
+        temporal: True for frames in time, False for independent configurations.
+    """
+
+    name: str
+    size: tuple[int, int]
+    frames: int
+    read: Callable[[int], Image]
+    uv_px: Floats
+    visible: npt.NDArray[np.bool_]
+    temporal: bool
+
+    def within(self) -> npt.NDArray[np.bool_]:
+        """Return where positions are known and lie in the image, bool (N, T)."""
+        u, v = self.uv_px[..., 0], self.uv_px[..., 1]
+        # As float32, in which they are stored: a position just below the border may round up.
+        low = (u >= 0) & (v >= 0)
+        return low & (np.float32(u) < self.size[0]) & (np.float32(v) < self.size[1])
+
+
+def resized(clip: Clip, size: tuple[int, int]) -> Clip:
+    """Return a clip at another size: images resampled, positions scaled from the corner.
+
+    Args:
+        clip: The clip.
+        size: (width, height), px.
+    """
+    if clip.size == size:
+        return clip
+    from PIL import Image as Pictures
+
+    def read(frame: int) -> Image:
+        picture = Pictures.fromarray(clip.read(frame))
+        return np.asarray(picture.resize(size, Pictures.Resampling.BOX), dtype=np.uint8)
+
+    scale = np.array([size[0] / clip.size[0], size[1] / clip.size[1]])
+    return Clip(clip.name, size, clip.frames, read, clip.uv_px * scale, clip.visible, clip.temporal)
+
+
+def decode_picture(source: Path | IO[bytes]) -> Image:
+    """Decode a JPEG or PNG, uint8 (H, W, 3), after checking the size that it announces.
+
+    Raises:
+        ValueError: The image is larger than the specification allows.
+        Exception: Pillow's errors on a damaged file do not share a base.
+    """
+    from PIL import Image as Pictures
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", Pictures.DecompressionBombWarning)
+        with Pictures.open(source, formats=("JPEG", "PNG")) as picture:
+            width, height = picture.size
+            if width * height > limits.MAX_IMAGE_PIXELS:
+                raise ValueError(
+                    f"an image of {width} x {height} pixels; at most "
+                    f"{limits.MAX_IMAGE_PIXELS:,} are allowed"
+                )
+            return np.asarray(picture.convert("RGB"), dtype=np.uint8)

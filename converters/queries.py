@@ -1,0 +1,121 @@
+"""Makes the queries of imported data, and their answers, from the points that are known."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+
+from pliant.converters.clip import Clip, Floats
+from pliant.spec.tables import QUERIES, TRUTH
+
+Scheme = Literal["first", "pairs"]
+"""`first`: each point is asked in the first frame that shows it, against every later one, as
+TAP-Vid's mode of this name does. `pairs`: drawn pairs of frames, every point the source shows."""
+
+_FramePair = tuple[int, int, npt.NDArray[np.int64]]
+
+
+def make_queries(
+    clips: Sequence[Clip],
+    ids: Sequence[str],
+    tier: str,
+    scheme: Scheme,
+    pairs: int,
+    seed: int = 0,
+) -> tuple[pa.Table, pa.Table]:
+    """Return the queries and the truth of some clips.
+
+    A target in which the point is hidden is asked about only where a position stands in the
+    source: that answer cannot be held against a method, but its visibility can.
+
+    Args:
+        clips: The clips.
+        ids: The sequences that they become.
+        tier: Name of their tier.
+        scheme: Which pairs of frames.
+        pairs: Of scheme `pairs`, the most pairs of a clip.
+        seed: Of the drawing.
+
+    Returns:
+        The tables `queries` and `truth`, row by row.
+    """
+    queries, truths = [QUERIES.empty_table()], [TRUTH.empty_table()]
+    first_pair = 0
+    for index, (clip, sequence) in enumerate(zip(clips, ids, strict=True)):
+        rng = np.random.default_rng(np.random.SeedSequence([seed, index]))
+        frame_pairs = _frame_pairs(clip, scheme, pairs, rng)
+        asked, true, first_pair = _of_clip(clip, frame_pairs, sequence, tier, first_pair, rng)
+        queries.append(asked)
+        truths.append(true)
+    return pa.concat_tables(queries), pa.concat_tables(truths)
+
+
+def _of_clip(
+    clip: Clip,
+    frame_pairs: Iterator[_FramePair],
+    sequence: str,
+    tier: str,
+    first_pair: int,
+    rng: np.random.Generator,
+) -> tuple[pa.Table, pa.Table, int]:
+    """Return a clip's queries, their truth, and the number of the next pair."""
+    asked: dict[str, list[Any]] = {name: [] for name in QUERIES.names}
+    true: dict[str, list[Any]] = {name: [] for name in TRUTH.names}
+    known, within = np.isfinite(clip.uv_px).all(axis=2), clip.within()
+    pair = first_pair
+    for a, b, points in frame_pairs:
+        chosen = points[known[points, b]]
+        if not len(chosen):
+            continue
+        box_px = _box_px(clip.uv_px[clip.visible[:, b], b])
+        # Annotations are often numbered along the material, which the row order must not show.
+        for query, point in enumerate(rng.permutation(chosen).tolist()):
+            hidden = "occluded" if within[point, b] else "out_of_frame"
+            state = "visible" if clip.visible[point, b] else hidden
+            key = (pair, query, tier)
+            question = (*key, sequence, a, sequence, b, *clip.uv_px[point, a])
+            answer = (*key, point, *clip.uv_px[point, b], state, box_px, [])
+            for column, value in zip(asked, question, strict=True):
+                asked[column].append(value)
+            for column, value in zip(true, answer, strict=True):
+                true[column].append(value)
+        pair += 1
+    return pa.table(asked, schema=QUERIES), pa.table(true, schema=TRUTH), pair
+
+
+def _frame_pairs(
+    clip: Clip, scheme: Scheme, pairs: int, rng: np.random.Generator
+) -> Iterator[_FramePair]:
+    """Yield source frame, target frame, and the points asked."""
+    if scheme == "first":
+        shown = clip.visible.any(axis=1)
+        first = np.where(shown, clip.visible.argmax(axis=1), -1)
+        for a in sorted(set(first[shown].tolist())):
+            points = np.flatnonzero(first == a)
+            for b in range(a + 1, clip.frames):
+                yield a, b, points
+        return
+    total = clip.frames * (clip.frames - 1)
+    drawn = rng.permutation(total) if total <= 10**6 else _distinct(rng, total, pairs)
+    # Sorted, so that neighbouring pairs read neighbouring frames.
+    for number in sorted(drawn[:pairs].tolist()):
+        a, b = divmod(number, clip.frames - 1)
+        b += b >= a  # skip the pair of a frame with itself
+        yield a, b, np.flatnonzero(clip.visible[:, a])
+
+
+def _distinct(rng: np.random.Generator, total: int, count: int) -> npt.NDArray[np.int64]:
+    found = np.unique(rng.integers(0, total, 2 * count))
+    return rng.permutation(found)
+
+
+def _box_px(uv_px: Floats) -> float:
+    """Return the longer side, in whole pixels, of the box about the points; 1 for none."""
+    if not len(uv_px):
+        return 1.0
+    cells = np.floor(uv_px)
+    return float((cells.max(axis=0) - cells.min(axis=0)).max() + 1)

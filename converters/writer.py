@@ -1,0 +1,267 @@
+"""Writes imported data as a dataset: images and queries, and the answers beside it.
+
+The specification lets a split stand without depth, cameras, points and correspondences: that is
+what a held-out split looks like. Data whose geometry nobody knows is written in that form, so
+every reader and the validator take it, and nothing is invented. The truth is a file of its own.
+"""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Final, Literal
+
+import pyarrow as pa
+
+from pliant.converters.clip import Clip, resized
+from pliant.converters.queries import Scheme, make_queries
+from pliant.spec.conventions import CONVENTIONS, SPEC_VERSION
+from pliant.spec.dataset import is_name
+from pliant.spec.errors import CallError, SpecError
+from pliant.spec.io import limits
+from pliant.spec.io.checksums import sha256_file
+from pliant.spec.io.jsonfiles import write_json
+from pliant.spec.io.parquet import write_table
+from pliant.spec.io.png import write_rgb
+from pliant.spec.storage import layout
+from pliant.spec.tables import SEQUENCES
+
+UNKNOWN: Final = ("cameras", "depth", "surface", "material coordinates", "scale", "symmetries")
+"""What imported data does not say; it stands in the dataset's provenance."""
+
+Progress = Callable[[int, int], None]
+"""Called with the frames written and the frames in all."""
+
+
+@dataclass(frozen=True)
+class ImportSettings:
+    """How imported data becomes a dataset.
+
+    Attributes:
+        id: The dataset's id, and the name of its tier.
+        kind: What the points lie on.
+        split: The split that all of it becomes.
+        title: One line for people.
+        licence: SPDX identifier of the data's licence, or `LicenseRef-unknown`.
+        queries: Which pairs of frames are asked about.
+        pairs: Of scheme `pairs`, the most pairs of a clip.
+        size: (width, height) to bring every frame to, px; None keeps their common size.
+    """
+
+    id: str
+    kind: Literal["rope", "cloth"] = "rope"
+    split: Literal["train", "val", "test"] = "test"
+    title: str = ""
+    licence: str = "LicenseRef-unknown"
+    queries: Scheme = "pairs"
+    pairs: int = 100
+    size: tuple[int, int] | None = None
+
+
+@dataclass(frozen=True)
+class Imported:
+    """What was written.
+
+    Attributes:
+        dataset: The dataset's folder.
+        truth: The file of the answers.
+        sequences, frames, pairs, queries: How many.
+    """
+
+    dataset: Path
+    truth: Path
+    sequences: int
+    frames: int
+    pairs: int
+    queries: int
+
+
+def write_imported(
+    clips: Sequence[Clip],
+    out: Path,
+    settings: ImportSettings,
+    source: Mapping[str, Any],
+    *,
+    progress: Progress | None = None,
+) -> Imported:
+    """Write clips as a dataset in `out`, and their truth as `out-truth/SPLIT.parquet`.
+
+    Args:
+        clips: What was read.
+        out: The dataset's folder; must not be there yet.
+        settings: How.
+        source: JSON-able facts of where the data comes from, for the provenance.
+        progress: Told after every frame.
+
+    Raises:
+        CallError: A folder is there already, or the settings do not fit the data.
+        SpecError: A frame cannot be read, or nothing can be asked.
+    """
+    beside = out.with_name(f"{out.name}-truth")
+    for folder in (out, beside):
+        if folder.exists():
+            raise CallError("the folder is there already", path=folder, fix="Give a new folder")
+    if not is_name(settings.id):
+        raise CallError("this is no name for a dataset", found=repr(settings.id)[:80])
+    if settings.pairs < 1:
+        raise CallError("the number of pairs is wrong", found=settings.pairs, required=">= 1")
+    size = settings.size or _common_size(clips)
+    if max(size) > limits.MAX_IMAGE_SIDE_PX or size[0] * size[1] > limits.MAX_IMAGE_PIXELS:
+        raise CallError(
+            "the frames are larger than a dataset's may be",
+            found=f"{size[0]}x{size[1]}",
+            required=f"sides of at most {limits.MAX_IMAGE_SIDE_PX:,} px, "
+            f"{limits.MAX_IMAGE_PIXELS:,} pixels in all",
+            fix="Give a smaller --size WxH",
+        )
+    clips = [resized(clip, size) for clip in clips]
+    ids = [f"{settings.id}-{settings.split}-{index:06d}" for index in range(len(clips))]
+    queries, truth = make_queries(clips, ids, settings.id, settings.queries, settings.pairs)
+    if not len(queries):
+        raise SpecError("no point is seen in two frames, so nothing can be asked", path=out)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=f".{out.name}-", dir=out.parent) as scratch:
+        root = Path(scratch) / "dataset"
+        done, total = 0, sum(clip.frames for clip in clips)
+        for index, (clip, name) in enumerate(zip(clips, ids, strict=True)):
+            folder = layout.sequence_dir(root, settings.id, name)
+            (folder / "rgb").mkdir(parents=True)
+            for frame in range(clip.frames):
+                write_rgb(folder / layout.rgb_name(frame), clip.read(frame))
+                done += 1
+                if progress is not None:
+                    progress(done, total)
+            write_json(
+                folder / layout.SEQUENCE_JSON, _sequence(clip, name, index, settings, folder)
+            )
+        answers = _write_tables(root, Path(scratch) / "truth", clips, ids, settings, queries, truth)
+        names = dict(zip(ids, (clip.name for clip in clips), strict=True))
+        config = {**source, "queries": settings.queries, "sources": names, "unknown": list(UNKNOWN)}
+        write_json(root / layout.DATASET_JSON, _dataset(settings, size, config), "dataset")
+        shutil.move(answers.parent, beside)
+        shutil.move(root, out)
+    pairs = int(queries["pair_id"][-1].as_py()) + 1
+    return Imported(out, beside / answers.name, len(clips), total, pairs, len(queries))
+
+
+def _common_size(clips: Sequence[Clip]) -> tuple[int, int]:
+    sizes = sorted({clip.size for clip in clips})
+    if len(sizes) > 1:
+        shown = ", ".join(f"{width}x{height}" for width, height in sizes[:6])
+        raise CallError(
+            "the clips differ in size, and a dataset has one",
+            found=shown,
+            fix="Give --size WxH to bring all of them to one size (TAP-Vid scores at 256x256)",
+        )
+    return sizes[0]
+
+
+def _write_tables(
+    root: Path,
+    beside: Path,
+    clips: Sequence[Clip],
+    ids: Sequence[str],
+    settings: ImportSettings,
+    queries: pa.Table,
+    truth: pa.Table,
+) -> Path:
+    """Write the three tables; return where the truth is."""
+    identity = {"dataset": {"id": settings.id, "version": "1.0.0"}}
+    rows = [
+        {
+            "id": name,
+            "tier": settings.id,
+            "split": settings.split,
+            "shape": None,
+            "frames": clip.frames,
+            "temporal": clip.temporal,
+            "seed": 0,
+            "style": "external",
+            "coverage": None,
+            "self_occluded": 0.0,
+        }
+        for clip, name in zip(clips, ids, strict=True)
+    ]
+    table = pa.Table.from_pylist(rows, schema=SEQUENCES)
+    write_table(root / layout.SEQUENCES_TABLE, table, "sequences", identity)
+    path = layout.queries_path(root, settings.split)
+    path.parent.mkdir()
+    footer: dict[str, Any] = {**identity, "split": settings.split}
+    write_table(path, queries, "queries", footer)
+    footer["queries_sha256"] = sha256_file(path)
+    beside.mkdir()
+    answers = beside / f"{settings.split}.parquet"
+    write_table(answers, truth, "truth", footer)
+    return answers
+
+
+def _sequence(
+    clip: Clip, name: str, index: int, settings: ImportSettings, folder: Path
+) -> dict[str, Any]:
+    """Return a `sequence.json` that tells nothing but the files."""
+    files = [layout.rgb_name(frame) for frame in range(clip.frames)]
+    return {
+        "spec_version": SPEC_VERSION,
+        "id": name,
+        "tier": settings.id,
+        "split": settings.split,
+        "shape": None,
+        "index": index,
+        "seed": 0,
+        "temporal": clip.temporal,
+        "frames": clip.frames,
+        "style": "external",
+        "noise": None,
+        "parameters": {},
+        "frame_info": [{} for _ in files],
+        "tools": {"pliant": version("pliant")},
+        "files": [
+            {
+                "path": file,
+                "sha256": sha256_file(folder / file),
+                "bytes": (folder / file).stat().st_size,
+            }
+            for file in files
+        ],
+    }
+
+
+def _dataset(
+    settings: ImportSettings, size: tuple[int, int], config: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return `dataset.json`; the tier's material is one that is called unknown."""
+    unknown = {"name": "unknown", "min": 0, "max": 1, "metres_per_unit": 1, "period": None}
+    return {
+        "spec_version": SPEC_VERSION,
+        "id": settings.id,
+        "version": "1.0.0",
+        "title": settings.title or settings.id,
+        "description": "Imported images and point annotations. Not known: "
+        + ", ".join(UNKNOWN)
+        + ".",
+        "licence": settings.licence,
+        "conventions": CONVENTIONS,
+        "image_size": {"width": size[0], "height": size[1]},
+        "tiers": [
+            {
+                "name": settings.id,
+                "kind": settings.kind,
+                "variant": "unknown",
+                "queried_object": 1,
+                "objects": [{"id": 1, "name": "unknown", "material": [unknown, unknown]}],
+                "symmetries": [],
+            }
+        ],
+        "splits": [settings.split],
+        "held_out": [settings.split],
+        "provenance": {
+            "generator": f"pliant import {version('pliant')}",
+            "seed": None,
+            "config": dict(config),
+            "tools": {"pliant": version("pliant")},
+        },
+    }

@@ -1,0 +1,145 @@
+"""A leaderboard and its reports as a static site: files that any web server or Hub Space hosts."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+import yaml
+
+from pliant.evaluator.hidden_truth import public_scores
+from pliant.evaluator.report.leaderboard import find_reports, render_leaderboard
+from pliant.evaluator.report.report import render_report
+from pliant.evaluator.scores import PER_PAIR_TABLE, REPORT_HTML, SCORES_JSON, Scores, read_scores
+from pliant.spec.errors import CallError
+from pliant.spec.io.jsonfiles import write_json
+
+INDEX: Final = "index.html"
+README: Final = "README.md"
+REPORTS: Final = "reports"
+_KNOWN: Final = (INDEX, README, REPORTS)
+
+
+def write_site(
+    places: Sequence[Path], out: Path, *, title: str | None = None, hide_truth: bool = False
+) -> list[str]:
+    """Write a site: `index.html` with the leaderboard, `reports/NAME/` with each report.
+
+    All links are relative, so that it works below any address and from a disk.
+
+    Args:
+        places: Report folders, or folders of report folders.
+        out: The site's folder: new, empty, or an earlier site, which is replaced.
+        title: The site's name; None takes the dataset's title.
+        hide_truth: Show only what `public_scores` leaves: no pictures of example pairs, no
+            tables of pairs, rounded headline metrics.
+
+    Returns:
+        The names of the reports' folders.
+
+    Raises:
+        CallError: The reports do not compare, `out` holds something else, or `hide_truth` is
+            asked for reports that were scored without it.
+        SubmissionError: A report is damaged.
+    """
+    _check_out_dir(out)
+    folders = find_reports(places)
+    reports = [read_scores(folder) for folder in folders]
+    names = _names(folders)
+    links = [f"{REPORTS}/{name}/{REPORT_HTML}" for name in names]
+    page = render_leaderboard(reports, links, hide_truth=hide_truth)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=".pliant-site-", dir=out.parent) as scratch:
+        site = Path(scratch)
+        (site / INDEX).write_text(page, encoding="utf-8")
+        (site / README).write_text(_readme(reports, names, title), encoding="utf-8")
+        for folder, scores, name in zip(folders, reports, names, strict=True):
+            (site / REPORTS / name).mkdir(parents=True)
+            _copy_report(folder, scores, site / REPORTS / name, hide_truth=hide_truth)
+        out.mkdir(exist_ok=True)
+        for name in _KNOWN:
+            if (out / name).is_dir():
+                shutil.rmtree(out / name)
+            shutil.move(site / name, out / name)
+    return names
+
+
+def _check_out_dir(out: Path) -> None:
+    """Refuse a folder that holds something other than a site."""
+    if out.exists() and not out.is_dir():
+        raise CallError("the site needs a folder", path=out, found="a file")
+    others = sorted(p.name for p in out.iterdir() if p.name not in _KNOWN) if out.exists() else []
+    if others:
+        raise CallError(
+            "the folder holds something other than a site",
+            path=out,
+            found=", ".join(others[:5]),
+            fix="Give a new folder.",
+        )
+
+
+def _copy_report(folder: Path, scores: Scores, target: Path, *, hide_truth: bool) -> None:
+    source = folder / REPORT_HTML
+    if hide_truth:
+        scores = public_scores(scores)
+        write_json(target / SCORES_JSON, scores.document)
+    else:
+        shutil.copyfile(folder / SCORES_JSON, target / SCORES_JSON)
+    if hide_truth or not source.is_file():
+        page = render_report(scores)  # scores that were read back have no examples
+    else:
+        page = source.read_text(encoding="utf-8")
+    back = f'<body>\n<nav><a href="../../{INDEX}">← All methods</a></nav>'
+    (target / REPORT_HTML).write_text(page.replace("<body>", back, 1), encoding="utf-8")
+    if not hide_truth:
+        shutil.copyfile(folder / PER_PAIR_TABLE, target / PER_PAIR_TABLE)
+
+
+def _names(folders: Sequence[Path]) -> list[str]:
+    """Return a name for each report's folder in the site, fit for an address."""
+    names: list[str] = []
+    for folder in folders:
+        wanted = re.sub(r"[^A-Za-z0-9_-]+", "-", folder.resolve().name).strip("-") or "report"
+        name, number = wanted, 1
+        while name.lower() in {taken.lower() for taken in names}:
+            number += 1
+            name = f"{wanted}-{number}"
+        names.append(name)
+    return names
+
+
+def _readme(reports: Sequence[Scores], names: Sequence[str], title: str | None) -> str:
+    """Return README.md, whose front matter makes the folder a static Hugging Face Space."""
+    document = reports[0].document
+    dataset = document["dataset"]
+    shown = title or f"{dataset['title']}: leaderboard"
+    front = {
+        "title": shown,
+        "emoji": "🪢",
+        "colorFrom": "blue",
+        "colorTo": "green",
+        "sdk": "static",
+        "app_file": INDEX,
+        "pinned": False,
+    }
+    text = yaml.safe_dump(front, sort_keys=False, allow_unicode=True, width=1000)
+    rows = "".join(
+        f"- [{_plain(scores.method)}]({REPORTS}/{name}/{REPORT_HTML})\n"
+        for scores, name in zip(reports, names, strict=True)
+    )
+    return (
+        f"---\n{text}---\n\n# {_plain(shown)}\n\n"
+        f"{len(reports)} methods on {dataset['id']} {dataset['version']}, split "
+        f"{document['split']}, protocol {document['protocol']} {document['protocol_version']}. "
+        f"The leaderboard is [{INDEX}]({INDEX}); each report holds its scores as `{SCORES_JSON}`."
+        f"\n\n{rows}"
+    )
+
+
+def _plain(text: str) -> str:
+    """Return text in which Markdown has nothing to do."""
+    return re.sub(r"([\\`*_{}\[\]()<>#+!|])", r"\\\1", " ".join(text.split()))

@@ -1,0 +1,273 @@
+"""Walks a split in blocks of whole image pairs: queries, truth and answers side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from pliant.evaluator.arrays import BoolArray, FloatArray, IntArray, RealArray, StateArray
+from pliant.evaluator.metrics.localisation import squared_error_px2
+from pliant.evaluator.submission.answers import Answers
+from pliant.evaluator.submission.queries import Queries
+from pliant.evaluator.submission.stream import ColumnStream, Vocabulary, numbers
+from pliant.spec.conventions import VISIBILITY_STATES
+from pliant.spec.errors import SpecError
+from pliant.spec.io.parquet import footer_of, open_table
+
+BLOCK_ROWS: Final = 1 << 18
+"""A block takes whole pairs up to about so many queries."""
+
+VISIBLE: Final = VISIBILITY_STATES.index("visible")
+
+
+@dataclass(frozen=True)
+class Partners:
+    """Where the symmetric partners of a block's queries are.
+
+    Attributes:
+        begin: int64 (N + 1,), first partner of each query.
+        uv_px: float64 (M, 2), positions in the target frame.
+        visible: bool (M,).
+    """
+
+    begin: IntArray
+    uv_px: FloatArray
+    visible: BoolArray
+
+
+@dataclass(frozen=True)
+class Block:
+    """Consecutive whole pairs of a split.
+
+    Attributes:
+        first_row: Row of the block's first query in the split.
+        first_pair: Pair id of its first pair.
+        starts: int64 (P + 1,), first row of each pair in the block, and N.
+        true_px: float64 (N, 2), the truth in the target frame.
+        state: uint8 (N,), visibility in the target frame.
+        answer_px: float (N, 2), the answers; NaN where missing.
+        missing: bool (N,), queries without an answer, or None if there are none.
+        missing_px: The error a missing answer is given.
+        uv_a_px: float64 (N, 2), query pixels, if asked for.
+        point: int64 (N,), material points, if asked for.
+        box_px: float64 (N,), object sizes, if asked for.
+        partners: Symmetric partners, if asked for.
+    """
+
+    first_row: int
+    first_pair: int
+    starts: IntArray
+    true_px: FloatArray
+    state: StateArray
+    answer_px: RealArray
+    missing: BoolArray | None
+    missing_px: float
+    uv_a_px: FloatArray | None = None
+    point: IntArray | None = None
+    box_px: FloatArray | None = None
+    partners: Partners | None = None
+
+    @property
+    def rows(self) -> slice:
+        """The block's rows in the split."""
+        return slice(self.first_row, self.first_row + int(self.starts[-1]))
+
+    @property
+    def pairs(self) -> slice:
+        """The block's pairs in the split."""
+        return slice(self.first_pair, self.first_pair + len(self.starts) - 1)
+
+    @cached_property
+    def pair(self) -> IntArray:
+        """int64 (N,), the pair of each query, counted from the block's first."""
+        return np.repeat(np.arange(len(self.starts) - 1), np.diff(self.starts))
+
+    @cached_property
+    def counted(self) -> BoolArray:
+        """Bool (N,), queries whose point is visible in the target frame."""
+        return self.state == VISIBLE
+
+    @cached_property
+    def squared_px2(self) -> FloatArray:
+        """float64 (N,), squared errors; of a missing answer, of the stated error."""
+        squared = squared_error_px2(self.answer_px, self.true_px)
+        if self.missing is not None:
+            squared[self.missing] = self.missing_px**2
+        return squared
+
+    @cached_property
+    def error_px(self) -> FloatArray:
+        """float64 (N,), errors; of a missing answer, the stated one."""
+        return np.sqrt(self.squared_px2)
+
+    @cached_property
+    def reach_px(self) -> FloatArray:
+        """float64 (N,), errors to hold against thresholds: inf for a missing answer."""
+        if self.missing is None:
+            return self.error_px
+        return np.where(self.missing, np.inf, self.error_px)
+
+
+def read_blocks(
+    queries: Queries,
+    truth: Path,
+    answers: Answers,
+    *,
+    truth_columns: Sequence[str] = (),
+    query_pixels: bool = False,
+    block_rows: int | None = None,
+    cap_errors: bool = False,
+) -> Iterator[Block]:
+    """Yield the split block by block, in order.
+
+    Args:
+        queries: The split's queries.
+        truth: The truth file; its keys must be those of the queries, row by row.
+        answers: The answers in the order of the queries.
+        truth_columns: Any of `point`, `box_px`, `alternatives`, besides the position and state.
+        query_pixels: Whether `uv_a_px` is wanted.
+        block_rows: About so many queries a block; None takes `BLOCK_ROWS`.
+        cap_errors: Move answers to visible points that are further off than the image diagonal
+            towards the truth, up to that distance.
+
+    Raises:
+        SpecError: The truth is damaged or does not belong to these queries.
+    """
+    names = ["pair_id", "query_id", "u_b", "v_b", "visibility_b", *truth_columns]
+    stream = ColumnStream(truth, names, ["visibility_b"])
+    if stream.rows != queries.rows:
+        raise _foreign_truth(truth, f"{stream.rows:,} rows", f"{queries.rows:,} rows")
+    query_stream = ColumnStream(queries.path, ["u_a", "v_a"]) if query_pixels else None
+    states = Vocabulary(VISIBILITY_STATES, closed=True)
+    complete = answers.answered == queries.rows
+    for first_pair, end_pair in _spans(queries.starts, block_rows or BLOCK_ROWS):
+        first, end = int(queries.starts[first_pair]), int(queries.starts[end_pair])
+        starts = queries.starts[first_pair : end_pair + 1] - first
+        table = stream.take(end - first)
+        pair = np.repeat(np.arange(first_pair, end_pair), np.diff(starts))
+        query = np.arange(end - first) - np.repeat(starts[:-1], np.diff(starts))
+        if not (
+            np.array_equal(numbers(table["pair_id"], np.int64), pair)
+            and np.array_equal(numbers(table["query_id"], np.int64), query)
+        ):
+            raise _foreign_truth(truth, f"other keys in rows {first} to {end}", "the queries' keys")
+        state = states.encode(table["visibility_b"])
+        true_px = np.stack([numbers(table[n], np.float64) for n in ("u_b", "v_b")], axis=1)
+        if state.min() < 0:
+            raise SpecError(
+                "an unknown visibility state",
+                path=truth,
+                where="visibility_b",
+                required=", ".join(VISIBILITY_STATES),
+            )
+        if not np.isfinite(true_px[state == VISIBLE]).all():
+            raise SpecError("a visible point has no finite position", path=truth, where="u_b, v_b")
+        answer_px = answers.uv_px[first:end]
+        if cap_errors:
+            answer_px = _capped(answer_px, true_px, state == VISIBLE, queries.diagonal_px)
+        uv_a = None
+        if query_stream is not None:
+            taken = query_stream.take(end - first)
+            uv_a = np.stack([numbers(taken[n], np.float64) for n in ("u_a", "v_a")], axis=1)
+        yield Block(
+            first_row=first,
+            first_pair=first_pair,
+            starts=starts,
+            true_px=true_px,
+            state=state.astype(np.uint8),
+            answer_px=answer_px,
+            missing=None if complete else np.isnan(answer_px[:, 0]),
+            missing_px=queries.diagonal_px,
+            uv_a_px=uv_a,
+            point=numbers(table["point"], np.int64) if "point" in truth_columns else None,
+            box_px=numbers(table["box_px"], np.float64) if "box_px" in truth_columns else None,
+            partners=_partners(table, states) if "alternatives" in truth_columns else None,
+        )
+
+
+def _capped(
+    answer_px: RealArray, true_px: FloatArray, visible: BoolArray, most_px: float
+) -> FloatArray:
+    """Return answers whose error is at most a distance, float64 (N, 2)."""
+    capped = answer_px.astype(np.float64)
+    offset = capped - true_px
+    length = np.hypot(offset[:, 0], offset[:, 1])
+    far = np.flatnonzero(visible & (length > most_px))
+    capped[far] = true_px[far] + offset[far] * (most_px / length[far])[:, None]
+    return capped
+
+
+def check_truth(truth: Path, dataset_id: str, dataset_version: str, split: str, sha: str) -> None:
+    """Check by its footer that a truth file belongs to a dataset's split.
+
+    Args:
+        truth: The file.
+        dataset_id: The dataset's id.
+        dataset_version: Its version.
+        split: The split.
+        sha: sha256 of the split's queries file.
+
+    Raises:
+        SpecError: It belongs to something else, or is no truth.
+    """
+    if not truth.is_file():
+        raise SpecError(
+            f"the truth of split {split} is not here",
+            path=truth,
+            fix="Give its file with --truth; a published dataset leaves the held-out truth out.",
+        )
+    footer = footer_of(open_table(truth), truth)
+    found = {
+        "table": footer.get("table"),
+        "dataset": footer.get("dataset"),
+        "split": footer.get("split"),
+        "queries_sha256": footer.get("queries_sha256"),
+    }
+    required = {
+        "table": "truth",
+        "dataset": {"id": dataset_id, "version": dataset_version},
+        "split": split,
+        "queries_sha256": sha,
+    }
+    for field, value in required.items():
+        if found[field] != value:
+            raise _foreign_truth(truth, f"{field} {found[field]!r:.120}", f"{field} {value!r}")
+
+
+def _foreign_truth(truth: Path, found: str, required: str) -> SpecError:
+    return SpecError(
+        "the truth does not belong to these queries",
+        path=truth,
+        found=found,
+        required=required,
+        fix="Give the truth file of this dataset's split.",
+    )
+
+
+def _spans(starts: IntArray, block_rows: int) -> Iterator[tuple[int, int]]:
+    """Yield (first pair, end pair) of blocks of whole pairs."""
+    pair, pairs = 0, len(starts) - 1
+    while pair < pairs:
+        end = int(np.searchsorted(starts, starts[pair] + block_rows, side="right")) - 1
+        end = min(max(end, pair + 1), pairs)
+        yield pair, end
+        pair = end
+
+
+def _partners(table: object, states: Vocabulary) -> Partners:
+    column = table["alternatives"].combine_chunks()  # type: ignore[index]
+    chunks = column.chunks if hasattr(column, "chunks") else [column]
+    begins, parts, visible = [np.zeros(1, np.int64)], [], []
+    for chunk in chunks:
+        offsets = chunk.offsets.to_numpy().astype(np.int64)
+        begins.append(offsets[1:] - offsets[0] + begins[-1][-1])
+        items = chunk.flatten()
+        positions = [items.field(n).to_numpy(zero_copy_only=False) for n in ("u", "v")]
+        parts.append(np.stack(positions, axis=1).astype(np.float64))
+        visible.append(states.encode(items.field("visibility")) == VISIBLE)
+    return Partners(np.concatenate(begins), np.concatenate(parts), np.concatenate(visible))

@@ -1,0 +1,308 @@
+"""Opens a submission without trusting it: the file, its footer and its columns."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from pliant.evaluator.submission import limits
+from pliant.evaluator.submission.file_kinds import kind_of_file
+from pliant.evaluator.submission.problems import Problems
+from pliant.spec.conventions import SPEC_VERSION
+from pliant.spec.dataset import Dataset, check_version
+from pliant.spec.io.jsonfiles import schema_errors
+from pliant.spec.io.parquet import footer_of, open_table
+from pliant.spec.io.parquet_footer import ColumnChunk, read_column_chunks
+from pliant.spec.io.reading import FileRefusedError
+
+_KEYS: Final = {"pair_id": "integer", "query_id": "integer"}
+REQUIRED: Final[dict[str, dict[str, str]]] = {
+    "answers": {**_KEYS, "u": "real", "v": "real"},
+    "matches": {
+        "pair_id": "integer",
+        **dict.fromkeys(("u_a", "v_a", "u", "v", "score"), "real"),
+    },
+}
+OPTIONAL: Final[dict[str, dict[str, str]]] = {
+    "answers": {"visible": "probability", "sigma": "real", "modes": "modes"},
+    "matches": {},
+}
+MODE_FIELDS: Final = ("u", "v", "sigma", "weight")
+
+_TEMPLATE: Final = (
+    "The footer is JSON under the key `pliant` of the file's metadata; "
+    "`pliant submit-template` writes a file that has it."
+)
+
+_WANTED: Final = {
+    "integer": "an integer type",
+    "real": "float32 or float64",
+    "probability": "float32, float64 or bool",
+    "modes": "list<struct<u, v, sigma, weight>> of float32 or float64",
+}
+
+
+@dataclass(frozen=True)
+class Submission:
+    """A submission whose file, footer and columns may be used.
+
+    Attributes:
+        path: The file.
+        file: The open Parquet file.
+        kind: `answers` or `matches`.
+        footer: The footer object.
+        columns: The columns to read, by name: `integer`, `real`, `probability` or `modes`.
+        rows: Rows the footer announces.
+        most_modes: The most modes that all rows can have together, by the footer.
+    """
+
+    path: Path
+    file: pq.ParquetFile
+    kind: str
+    footer: Mapping[str, Any]
+    columns: Mapping[str, str]
+    rows: int
+    most_modes: int
+
+    @property
+    def split(self) -> str:
+        """The split it answers."""
+        return str(self.footer["split"])
+
+
+def open_submission(path: Path, dataset: Dataset, problems: Problems) -> Submission | None:
+    """Open a submission; everything that is wrong with it goes to `problems`.
+
+    Args:
+        path: The file.
+        dataset: The dataset it must answer.
+        problems: Receives the problems of the file, its footer and its columns.
+
+    Returns:
+        The submission, or None where its rows cannot be read or matched with queries.
+    """
+    opened = _open(path, problems)
+    if opened is None:
+        return None
+    file, chunks = opened
+    footer = _footer(file, path, dataset, problems)
+    kind = None if footer is None else str(footer["table"])
+    columns = _columns(file, kind or "answers", problems)
+    if footer is None or kind is None or columns is None:
+        return None
+    if not _sizes_sane(chunks, columns, problems):
+        return None
+    leaves = [chunk for chunk in chunks if chunk.path[0] == "modes" and "modes" in columns]
+    # Every leaf of a chunk announces the same values; the largest is an upper bound.
+    most: dict[int, int] = {}
+    for chunk in leaves:
+        most[chunk.row_group] = max(most.get(chunk.row_group, 0), chunk.values)
+    rows = file.metadata.num_rows
+    return Submission(path, file, kind, footer, columns, rows, sum(most.values()))
+
+
+def _open(path: Path, problems: Problems) -> tuple[pq.ParquetFile, list[ColumnChunk]] | None:
+    try:
+        resolved = path.resolve(strict=True)
+        regular = resolved.is_file()
+        size = resolved.stat().st_size
+    except (OSError, ValueError, RuntimeError):
+        problems.add("FILE_MISSING", "", "the file is not there; give the path of a Parquet file")
+        return None
+    if not regular:
+        problems.add(
+            "FILE_UNREADABLE", "", "this is a folder or a special file, not a Parquet file"
+        )
+        return None
+    if size > limits.MAX_SUBMISSION_BYTES:
+        problems.add(
+            "FILE_TOO_LARGE",
+            "",
+            f"found {size:,} bytes; required: at most {limits.MAX_SUBMISSION_BYTES:,}",
+        )
+        return None
+    try:
+        file = open_table(resolved)
+        chunks = read_column_chunks(resolved)
+        _ = file.schema_arrow.names
+    except FileRefusedError as error:
+        problems.add(error.code, error.where or "", kind_of_file(resolved) or _reason(error))
+        return None
+    except Exception as error:  # Arrow's errors on a hostile file do not share a base
+        problems.add("FILE_UNREADABLE", "", f"its schema cannot be read: {_short(error)}")
+        return None
+    return file, chunks
+
+
+def _footer(
+    file: pq.ParquetFile, path: Path, dataset: Dataset, problems: Problems
+) -> Mapping[str, Any] | None:
+    """Return the footer, or None where it does not say which queries the rows answer."""
+    try:
+        footer = footer_of(file, path)
+    except FileRefusedError as error:
+        problems.add(error.code, "", f"{_reason(error)} {_TEMPLATE}")
+        return None
+    try:
+        check_version(footer.get("spec_version"), path)
+    except FileRefusedError as error:
+        found = footer.get("spec_version")
+        three = isinstance(found, str) and re.fullmatch(r"\d+\.\d+\.\d+", found)
+        problems.add(
+            error.code,
+            "footer spec_version",
+            _reason(error)
+            if three
+            else f"found {found!r:.40}; required: text of three numbers, such as {SPEC_VERSION!r}",
+        )
+        return None
+    table = footer.get("table")
+    if not isinstance(table, str) or table not in REQUIRED:
+        problems.add(
+            "FOOTER_INVALID",
+            "footer table",
+            f"found {table!r:.80}; required: {' or '.join(REQUIRED)}",
+        )
+        return None
+    broken = list(schema_errors(footer, f"footer-{table}"))
+    if broken:
+        for where, message in broken:
+            problems.add("FOOTER_INVALID", f"footer {where}".strip(), message)
+        return None
+    found, required = footer["dataset"], {"id": dataset.id, "version": dataset.version}
+    usable = True
+    for field, value in required.items():
+        if found[field] != value:
+            usable = False
+            problems.add(
+                "DATASET_MISMATCH",
+                f"footer dataset.{field}",
+                f"found {found[field]!r:.80}; required: {value!r}, the dataset at {dataset.root}",
+            )
+    splits = dataset.splits_with_queries()
+    if footer["split"] not in splits:
+        problems.add(
+            "SPLIT_MISMATCH",
+            "footer split",
+            f"found {footer['split']!r:.80}; required: one of {', '.join(splits) or 'none'}",
+        )
+        return None
+    sha256 = dataset.queries_sha256(footer["split"])
+    if footer["queries_sha256"] != sha256:
+        usable = False
+        problems.add(
+            "QUERIES_MISMATCH",
+            "footer queries_sha256",
+            f"found {footer['queries_sha256']!r:.80}; required: {sha256}; the answers belong to "
+            "other queries: predict again with this dataset",
+        )
+    return footer if usable else None
+
+
+def _columns(file: pq.ParquetFile, kind: str, problems: Problems) -> dict[str, str] | None:
+    """Return the columns to read, or None where one is missing or of a wrong type."""
+    schema = file.schema_arrow
+    columns: dict[str, str] = {}
+    fine = True
+    for name, wanted in (REQUIRED[kind] | OPTIONAL[kind]).items():
+        count = schema.names.count(name)
+        if count == 0:
+            if name in REQUIRED[kind]:
+                fine = False
+                present = ", ".join(schema.names[:20])
+                problems.add(
+                    "COLUMN_MISSING",
+                    name,
+                    f"found the columns {present[:300] or 'none'}; required: {name}, "
+                    f"{_WANTED[wanted]}",
+                )
+            continue
+        if count > 1:
+            fine = False
+            problems.add("COLUMN_TYPE", name, f"found {count} columns of this name; required: one")
+            continue
+        found = schema.field(name).type
+        if _accepts(wanted, found):
+            columns[name] = wanted
+        else:
+            fine = False
+            problems.add(
+                "COLUMN_TYPE", name, f"found {str(found)[:120]}; required: {_WANTED[wanted]}"
+            )
+    if "sigma" in columns and "modes" in columns:
+        fine = False
+        problems.add("MODES_INVALID", "sigma, modes", "found both; required: one of them or none")
+    return columns if fine else None
+
+
+def _accepts(wanted: str, found: pa.DataType) -> bool:
+    """Return whether a column can be read as `wanted` without losing anything."""
+    types = pa.types
+    if types.is_dictionary(found):
+        return wanted != "modes" and _accepts(wanted, found.value_type)
+    if wanted == "integer":
+        return bool(types.is_integer(found))
+    real = types.is_float32(found) or types.is_float64(found)
+    if wanted == "real":
+        return bool(real)
+    if wanted == "probability":
+        return bool(real or types.is_boolean(found))
+    listed = types.is_list(found) or types.is_large_list(found) or types.is_fixed_size_list(found)
+    if not listed or not types.is_struct(found.value_type):
+        return False
+    fields = list(found.value_type)
+    names = [field.name for field in fields]
+    return all(
+        names.count(name) == 1 and _accepts("real", fields[names.index(name)].type)
+        for name in MODE_FIELDS
+    )
+
+
+def _sizes_sane(chunks: list[ColumnChunk], columns: Mapping[str, str], problems: Problems) -> bool:
+    """Check, before a page is decoded, what the metadata announces for the columns we read."""
+    for chunk in chunks:
+        name = chunk.path[0]
+        if name not in columns:
+            continue
+        place = f"{name}, row group {chunk.row_group}"
+        modes = columns[name] == "modes"
+        most = chunk.rows * (limits.MAX_MODES if modes else 1)
+        if chunk.values > most:
+            problems.add(
+                "MODES_INVALID" if modes else "FILE_UNREADABLE",
+                place,
+                f"found {chunk.values:,} values in {chunk.rows:,} rows; required: at most {most:,}",
+            )
+            return False
+        allowed = limits.MAX_VALUE_BYTES * max(chunk.values, 0) + 2**20
+        if chunk.uncompressed_bytes > allowed:
+            problems.add(
+                "FILE_TOO_LARGE",
+                place,
+                f"found {chunk.uncompressed_bytes:,} bytes for {chunk.values:,} numbers; "
+                f"required: at most {allowed:,}",
+            )
+            return False
+    return True
+
+
+def _reason(error: FileRefusedError) -> str:
+    """Return an error's words without its path, which the issue carries already."""
+    text = error.message
+    if error.found is not None:
+        text += f"; found {_short(error.found)}"
+    if error.required is not None:
+        text += f"; required: {error.required}"
+    if error.fix is not None:
+        text += f". {error.fix}"
+    return text
+
+
+def _short(text: object) -> str:
+    return " ".join(str(text).split())[:200]

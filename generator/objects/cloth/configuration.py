@@ -1,0 +1,123 @@
+"""Independent configurations: simulate, look, and accept or begin again."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from pliant.generator.objects.cloth.handling import CALM_SPEED_M_S, Handling
+from pliant.generator.objects.cloth.levels import shape_cloth
+from pliant.generator.objects.cloth.surface import PART, Placement, cover_of, render_vertices
+from pliant.generator.scene.scene_object import Pose
+from pliant.generator.seeding import random_generator
+from pliant.generator.settings.cloth import ClothSettings
+from pliant.spec.errors import GenerationError
+
+FloatArray = npt.NDArray[np.float64]
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Configuration:
+    """An accepted configuration.
+
+    Attributes:
+        handling: The cloth, calm, with the record of what was done to it.
+        placement: Where it stands in the world.
+        vertices: float64 (render_a_side², 3), the rendered surface in the world, metres.
+        info: JSON-able facts: coverage, hidden material, actions, tries.
+    """
+
+    handling: Handling
+    placement: Placement
+    vertices: FloatArray
+    info: Mapping[str, Any]
+
+
+class Configurations:
+    """The frames of a sequence of independent configurations, made when asked for."""
+
+    def __init__(
+        self, settings: ClothSettings, level: int, tier: str, seed: int, split: str, index: int
+    ) -> None:
+        self._settings = settings
+        self._level = level
+        self._key = (seed, tier, split, index)
+        self._last: tuple[int, Pose] | None = None
+
+    def __call__(self, frame: int) -> Pose:
+        """Return the pose of a frame; the last one asked for is kept."""
+        if self._last is None or self._last[0] != frame:
+            rng = random_generator(*self._key, frame, stream="actions")
+            made = make_configuration(self._settings, self._level, rng)
+            self._last = (frame, Pose(vertices={PART: made.vertices}, info=made.info))
+        return self._last[1]
+
+
+def make_configuration(
+    settings: ClothSettings, level: int, rng: np.random.Generator
+) -> Configuration:
+    """Simulate one configuration whose coverage lies in the level's band.
+
+    Args:
+        settings: The tier's settings.
+        level: 1, 2 or 3.
+        rng: Source of every choice.
+
+    Returns:
+        A calm cloth that pokes through itself nowhere, its box centred over the origin.
+
+    Raises:
+        GenerationError: No try of `max_tries` gave one.
+    """
+    band = settings.band_of(level)
+    refused: dict[str, int] = {}
+    for attempt in range(settings.max_tries):
+        made = _try_configuration(settings, level, band, rng)
+        if isinstance(made, Configuration):
+            facts = {**made.info, "tries": attempt + 1, "refused": refused}
+            return Configuration(made.handling, made.placement, made.vertices, facts)
+        refused[made] = refused.get(made, 0) + 1
+        _log.debug("cloth level %d, try %d refused: %s", level, attempt + 1, made)
+    raise GenerationError(
+        f"no cloth of level {level} could be made in {settings.max_tries} tries",
+        where="cloth.coverage_band",
+        found=", ".join(f"{count} x {reason}" for reason, count in sorted(refused.items())),
+        required=f"silhouette coverage from {band[0]:g} to {band[1]:g}",
+        fix="Widen coverage_band or raise max_tries",
+    )
+
+
+def _try_configuration(
+    settings: ClothSettings, level: int, band: tuple[float, float], rng: np.random.Generator
+) -> Configuration | str:
+    """Return a configuration, or why it was refused."""
+    handling = Handling(settings, rng)
+    if not shape_cloth(handling, level, band):
+        return "coverage outside the band"
+    speed_m_s = handling.calm()
+    if not speed_m_s < CALM_SPEED_M_S:
+        return "never calm"
+    positions = handling.simulator.positions
+    yaw_rad = float(rng.uniform(-settings.yaw_max_rad, settings.yaw_max_rad))
+    placement = Placement.centred(positions, yaw_rad)
+    vertices, pierced = render_vertices(settings, placement.apply(positions))
+    if pierced:
+        return "pokes through itself"
+    cover = cover_of(settings, vertices)
+    if not band[0] <= cover.silhouette <= band[1]:
+        return "coverage outside the band"
+    info = {
+        **cover.as_dict(),
+        "actions": handling.record,
+        "yaw_rad": yaw_rad,
+        "mean_speed_m_s": speed_m_s,
+        "steps": handling.simulator.steps,
+    }
+    return Configuration(handling, placement, vertices, info)

@@ -1,0 +1,187 @@
+"""A cloth on the table and the things done to it, each told as a hand's action."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from pliant.generator.objects.cloth.grid import corner_vertices, flat_positions, grid_faces
+from pliant.generator.objects.cloth.hand import Action, perform
+from pliant.generator.objects.cloth.measure import silhouette_m2
+from pliant.generator.objects.cloth.obstacles import Table
+from pliant.generator.objects.cloth.simulator import Simulator
+from pliant.generator.settings.cloth import ClothSettings
+
+FloatArray = npt.NDArray[np.float64]
+
+GRAVITY_M_S2 = (0.0, 0.0, -9.8)
+UNEVEN_SHARE = 1e-4
+"""Height of the random unevenness of a flat cloth over its side: without any, nothing buckles."""
+
+CALM_SPEED_M_S = 1e-3
+CALM_DAMPING_PERCENT = (1.5, 3.0, 6.0, 12.0, 24.0)
+"""Motion lost per 1/2700 s (0.2 while the cloth moves), one stage after another."""
+
+CALM_CHECKS = 8
+"""Looks at the speed per stage."""
+
+CALM_CHECK_S = 0.05
+SETTLED_SPEED_M_S = 0.01
+
+
+class Handling:
+    """One cloth on a table, its random numbers and the record of what was done to it.
+
+    Attributes:
+        settings: The tier's settings.
+        simulator: The cloth.
+        rng: Where every choice comes from.
+        record: What was done, JSON-able.
+    """
+
+    def __init__(self, settings: ClothSettings, rng: np.random.Generator) -> None:
+        self.settings = settings
+        self.rng = rng
+        self.side_m = settings.side_m
+        self.side = settings.points_a_side
+        self.record: list[dict[str, Any]] = []
+        self._faces = grid_faces(self.side, self.side)
+        height_m = 0.5 * settings.thickness_m
+        flat = flat_positions(self.side, self.side, self.side_m, self.side_m)
+        flat[:, :2] -= 0.5 * self.side_m
+        flat[:, 2] = height_m + rng.uniform(0.0, UNEVEN_SHARE * self.side_m, len(flat))
+        self.simulator = Simulator(
+            settings.sheet(),
+            flat,
+            gravity=GRAVITY_M_S2,
+            obstacles=[Table(height_m, settings.table_friction)],
+        )
+
+    # What is seen
+
+    def coverage(self) -> float:
+        """Return the silhouette's area over the flat cloth's, as quickly counted."""
+        area = silhouette_m2(self.simulator.positions, self._faces, self.side_m / 256)
+        return float(area) / self.side_m**2
+
+    def middle(self) -> FloatArray:
+        """Return the mean of the masses over the table: float64 (2,), metres."""
+        mean: FloatArray = self.simulator.positions[:, :2].mean(axis=0)
+        return mean
+
+    def top_vertex(self, xy: FloatArray) -> int:
+        """Return the uppermost mass about a place, the nearest one where there is none."""
+        offsets = self.simulator.positions[:, :2] - xy
+        square = (offsets**2).sum(axis=1)
+        near = np.flatnonzero(square < (1.5 * self.simulator.sheet.spacing_m) ** 2)
+        if len(near) == 0:
+            return int(square.argmin())
+        return int(near[self.simulator.positions[near, 2].argmax()])
+
+    # What is done
+
+    def act(
+        self,
+        name: str,
+        vertex: int,
+        carry: npt.ArrayLike,
+        lift: float,
+        lower_share: float = 0.5,
+        settle_s: float = 0.5,
+    ) -> None:
+        """Pick a mass, carry it and let go; lengths are in sides of the cloth."""
+        carried = np.asarray(carry, dtype=np.float64) * self.side_m
+        action = Action(
+            name=name,
+            vertex=int(vertex),
+            carry_m=(float(carried[0]), float(carried[1])),
+            lift_m=lift * self.side_m,
+            lower_m=lift * lower_share * self.side_m,
+            speed_m_s=self.settings.hand_speed_m_s,
+        )
+        self.record.append(action.record(self.side, self.side))
+        for _ in perform(self.simulator, action):
+            pass
+        self.settle(settle_s)
+
+    def settle(self, longest_s: float) -> None:
+        """Let the cloth fall until it hardly moves, or for some time."""
+        check = max(1, round(CALM_CHECK_S / self.simulator.dt_s))
+        for _ in range(max(1, round(longest_s / CALM_CHECK_S))):
+            self.simulator.run(check)
+            if self.simulator.speeds().mean() < SETTLED_SPEED_M_S:
+                break
+
+    def calm(self) -> float:
+        """Brake the cloth, harder and harder, until its mean speed is under 1 mm/s.
+
+        Returns:
+            The mean speed reached, m/s; it is over the limit where the time ran out.
+        """
+        simulator = self.simulator
+        moving = simulator.damping
+        check = max(1, round(CALM_CHECK_S / simulator.dt_s))
+        speed = math.inf
+        for percent in CALM_DAMPING_PERCENT:
+            kept = (1.0 - percent / 100.0) ** (2700.0 * simulator.dt_s)
+            simulator.damping = 1.0 - kept
+            for _ in range(CALM_CHECKS):
+                simulator.run(check)
+                speed = float(simulator.speeds().mean())
+                if not speed >= CALM_SPEED_M_S:  # not a number ends it as well
+                    simulator.damping = moving
+                    return speed
+        simulator.damping = moving
+        return speed
+
+    def stand_up(self) -> int:
+        """Stand the cloth on an edge, leaning and a little twisted, and let go of it.
+
+        Returns:
+            Which of the four edges is up: 0 and 1 the ends of u, 2 and 3 those of v.
+        """
+        rng, side_m = self.rng, self.side_m
+        upper = int(rng.integers(4))
+        tilt_rad = rng.uniform(math.radians(25.0), math.radians(50.0))
+        twist_rad = rng.uniform(math.radians(-15.0), math.radians(15.0))
+        towards = -1.0 if rng.random() < 0.5 else 1.0
+        up_axis = upper // 2
+        rest = self.simulator.rest
+        raised = rest[:, up_axis] if upper % 2 else side_m - rest[:, up_axis]
+        along = rest[:, 1 - up_axis] - 0.5 * side_m
+        lean_rad = tilt_rad + twist_rad * along / side_m
+        positions = np.empty_like(rest)
+        positions[:, 1 - up_axis] = along
+        positions[:, up_axis] = towards * np.sin(lean_rad) * raised
+        positions[:, up_axis] += rng.uniform(-0.005, 0.005, len(rest)) * side_m
+        positions[:, 2] = 0.5 * self.settings.thickness_m + np.cos(lean_rad) * raised
+        self.simulator.place(positions)
+        self.record.append(
+            {
+                "name": "stand",
+                "upper_edge": ("u=0", "u=1", "v=0", "v=1")[upper],
+                "tilt_rad": float(tilt_rad),
+                "twist_rad": float(twist_rad),
+                "towards": towards,
+            }
+        )
+        return upper
+
+    def corner(self) -> int:
+        """Return a random corner mass."""
+        return int(self.rng.choice(corner_vertices(self.side, self.side)))
+
+    def inwards(self, vertex: int, spread_rad: float) -> FloatArray:
+        """Return a unit direction from a mass to the middle, off by a random angle."""
+        towards = self.middle() - self.simulator.positions[vertex, :2]
+        length = float(np.linalg.norm(towards))
+        angle = self.rng.uniform(-spread_rad, spread_rad)
+        if length < 1e-6:
+            towards, angle = np.array([1.0, 0.0]), self.rng.uniform(-math.pi, math.pi)
+            length = 1.0
+        c, s = math.cos(angle), math.sin(angle)
+        turned: FloatArray = np.array([[c, -s], [s, c]]) @ (towards / length)
+        return turned

@@ -1,0 +1,206 @@
+"""Curves in space: Bezier control points with automatic handles, arc length, frames."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from numba import njit
+
+from pliant.generator.scene.scene_object import FloatArray
+
+HANDLE_SHARE: Final = 0.39
+"""Length of an automatic handle over the distance to that neighbour (near a circle's 0.3905
+for neighbours a right angle apart)."""
+
+
+def automatic_handles(nodes: FloatArray) -> FloatArray:
+    """Return the two handles of every control point, along the bisector of its neighbours.
+
+    Args:
+        nodes: float64 (n, d), control points, n >= 2.
+
+    Returns:
+        float64 (n, 2, d): left and right handle. At an end the handles lie on the chord.
+    """
+    steps = np.diff(nodes, axis=0)  # (n - 1, d)
+    lengths = np.sqrt((steps**2).sum(axis=1))[:, None]
+    units = steps / np.maximum(lengths, 1e-12)
+    before = np.concatenate([units[:1], units])
+    after = np.concatenate([units, units[-1:]])
+    tangent = before + after
+    tangent /= np.maximum(np.sqrt((tangent**2).sum(axis=1))[:, None], 1e-12)
+    left_length = np.concatenate([lengths[:1], lengths])
+    right_length = np.concatenate([lengths, lengths[-1:]])
+    left = nodes - HANDLE_SHARE * left_length * tangent
+    right = nodes + HANDLE_SHARE * right_length * tangent
+    return np.stack([left, right], axis=1)
+
+
+def bezier_curve(nodes: FloatArray, handles: FloatArray, per_segment: int = 96) -> FloatArray:
+    """Return points on the cubic Bezier curve through the control points.
+
+    Args:
+        nodes: float64 (n, d).
+        handles: float64 (n, 2, d).
+        per_segment: Points per stretch between two control points.
+
+    Returns:
+        float64 ((n - 1) * per_segment + 1, d), the first and last node among them.
+    """
+    t = (np.arange(per_segment) / per_segment)[None, :, None]
+    a, b = nodes[:-1, None], handles[:-1, 1][:, None]
+    c, d = handles[1:, 0][:, None], nodes[1:, None]
+    points = (1 - t) ** 3 * a + 3 * (1 - t) ** 2 * t * b + 3 * (1 - t) * t**2 * c + t**3 * d
+    return np.concatenate([points.reshape(-1, nodes.shape[1]), nodes[-1:]])
+
+
+def arc_length(points: FloatArray) -> FloatArray:
+    """Return the length of the polyline up to each of its points.
+
+    Args:
+        points: float64 (n, d).
+
+    Returns:
+        float64 (n,), the first entry 0.
+    """
+    steps = np.sqrt((np.diff(points, axis=0) ** 2).sum(axis=1))
+    return np.concatenate([np.zeros(1), np.cumsum(steps)])
+
+
+def resample(points: FloatArray, count: int) -> FloatArray:
+    """Return `count` points at equal arc length along a polyline, both ends among them.
+
+    Args:
+        points: float64 (n, d).
+        count: How many, >= 2.
+
+    Returns:
+        float64 (count, d).
+    """
+    length = arc_length(points)
+    wanted = np.linspace(0.0, length[-1], count)
+    columns = [np.interp(wanted, length, points[:, k]) for k in range(points.shape[1])]
+    return np.stack(columns, axis=1)
+
+
+def tightest_bend(points: FloatArray) -> float:
+    """Return the smallest radius of curvature of an evenly sampled polyline.
+
+    Args:
+        points: float64 (n, d), metres, equal steps.
+
+    Returns:
+        Radius of the circle through three successive points, metres; inf if straight.
+    """
+    before, after = points[1:-1] - points[:-2], points[2:] - points[1:-1]
+    chord = points[2:] - points[:-2]
+    a2, b2, c2 = ((each**2).sum(axis=1) for each in (before, after, chord))
+    # 16 * area^2 of the triangle; the circumradius is a b c / (4 area).
+    area = np.maximum(4 * a2 * b2 - (a2 + b2 - c2) ** 2, 0.0)
+    with np.errstate(divide="ignore"):
+        return float(np.sqrt(a2 * b2 * c2 / area).min())
+
+
+@njit(cache=True)
+def _transport(points: FloatArray, first: FloatArray, out: FloatArray) -> None:
+    n = points.shape[0]
+    for i in range(n):
+        # Central differences inside, one-sided at the ends.
+        low = max(i - 1, 0)
+        high = min(i + 1, n - 1)
+        length = 0.0
+        for c in range(3):
+            out[i, 0, c] = points[high, c] - points[low, c]
+            length += out[i, 0, c] ** 2
+        length = math.sqrt(length)
+        for c in range(3):
+            out[i, 0, c] /= length
+    along = 0.0
+    for c in range(3):
+        along += first[c] * out[0, 0, c]
+    length = 0.0
+    for c in range(3):
+        out[0, 1, c] = first[c] - along * out[0, 0, c]
+        length += out[0, 1, c] ** 2
+    length = math.sqrt(length)
+    for c in range(3):
+        out[0, 1, c] /= length
+    for i in range(n - 1):
+        # Two reflections: one along the step, one along what is left of the tangent.
+        c1 = 0.0
+        dot_normal = 0.0
+        dot_tangent = 0.0
+        for c in range(3):
+            step = points[i + 1, c] - points[i, c]
+            c1 += step * step
+            dot_normal += step * out[i, 1, c]
+            dot_tangent += step * out[i, 0, c]
+        c2 = 0.0
+        dot = 0.0
+        for c in range(3):
+            step = points[i + 1, c] - points[i, c]
+            normal = out[i, 1, c] - 2.0 / c1 * dot_normal * step
+            tangent = out[i, 0, c] - 2.0 / c1 * dot_tangent * step
+            rest = out[i + 1, 0, c] - tangent
+            c2 += rest * rest
+            dot += rest * normal
+            out[i + 1, 1, c] = normal
+            out[i + 1, 2, c] = rest
+        length = 0.0
+        for c in range(3):
+            if c2 > 1e-24:
+                out[i + 1, 1, c] -= 2.0 / c2 * dot * out[i + 1, 2, c]
+            length += out[i + 1, 1, c] ** 2
+        # Keep it a unit vector at right angles against the drift of rounding.
+        along = 0.0
+        for c in range(3):
+            along += out[i + 1, 1, c] * out[i + 1, 0, c]
+        length = 0.0
+        for c in range(3):
+            out[i + 1, 1, c] -= along * out[i + 1, 0, c]
+            length += out[i + 1, 1, c] ** 2
+        length = math.sqrt(length)
+        for c in range(3):
+            out[i + 1, 1, c] /= length
+    for i in range(n):
+        out[i, 2, 0] = out[i, 0, 1] * out[i, 1, 2] - out[i, 0, 2] * out[i, 1, 1]
+        out[i, 2, 1] = out[i, 0, 2] * out[i, 1, 0] - out[i, 0, 0] * out[i, 1, 2]
+        out[i, 2, 2] = out[i, 0, 0] * out[i, 1, 1] - out[i, 0, 1] * out[i, 1, 0]
+
+
+def twist_free_frames(points: FloatArray, normal: FloatArray) -> FloatArray:
+    """Return the rotation-minimising frame along a curve.
+
+    Double reflection (Wang, Juettler, Zheng, Liu 2008, "Computation of rotation minimizing
+    frames", section 4).
+
+    Args:
+        points: float64 (n, 3), metres.
+        normal: float64 (3,), direction wanted for the first normal; it is made to stand at
+            right angles to the tangent and must not be parallel to it.
+
+    Returns:
+        float64 (n, 3, 3): tangent, normal, binormal (their cross product) of each point.
+    """
+    frames = np.empty((len(points), 3, 3))
+    _transport(np.ascontiguousarray(points), np.ascontiguousarray(normal), frames)
+    return frames
+
+
+def turned(vector: FloatArray, before: FloatArray, after: FloatArray) -> FloatArray:
+    """Return `vector` turned by the smallest rotation that takes one direction to another.
+
+    Args:
+        vector: float64 (3,).
+        before: float64 (3,), unit direction.
+        after: float64 (3,), unit direction, not opposite to `before`.
+
+    Returns:
+        float64 (3,).
+    """
+    axis = np.cross(before, after)
+    cosine = float((before * after).sum())
+    along = float((axis * vector).sum()) / max(1.0 + cosine, 1e-12)
+    return cosine * vector + np.cross(axis, vector) + along * axis

@@ -1,0 +1,199 @@
+"""The rope's surface: strands in the straight rope, and the same strands along a curve.
+
+A vertex is known by its rest coordinates (s * L, a, b) in metres: how far along the rope, and
+where in its cross section. Every cross section of the mesh lies in one plane of constant s, so
+that bending the rope never interpolates between samples of its centre line.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from pliant.generator.scene.scene_object import Chart, FloatArray, IntArray
+from pliant.generator.settings.rope import RopeSettings
+
+
+@dataclass(frozen=True)
+class RopeMesh:
+    """Topology and rest shape of the rope.
+
+    Attributes:
+        rest: float64 (V, 3), (s * L, a, b), metres.
+        faces: int32 (F, 3), outward winding.
+        strand: int32 (V,).
+        row: int32 (V,), cross section of the vertex.
+        mirror: int32 (V,), the vertex on which the reversal (s, a, b) -> (L - s, a, -b) lands.
+        outer: bool (V,), no other strand lies outside the vertex in its cross section.
+    """
+
+    rest: FloatArray
+    faces: IntArray
+    strand: IntArray
+    row: IntArray
+    mirror: IntArray
+    outer: npt.NDArray[np.bool_]
+
+
+def rope_mesh(settings: RopeSettings) -> RopeMesh:
+    """Return the mesh of a straight rope.
+
+    Args:
+        settings: Structure, proportions and resolution.
+
+    Returns:
+        The mesh; it is symmetric under the reversal to the last bit of a and b.
+    """
+    sections = _sections(settings)  # (strands, rows, ring, 2)
+    strands, rows, ring, _ = sections.shape
+    mirror_strand = _mirror_strands(settings, strands)
+    mirror_ring = -np.arange(ring) % ring
+    reversed_sections = sections[mirror_strand][:, ::-1][:, :, mirror_ring] * [1.0, -1.0]
+    sections = (sections + reversed_sections) / 2.0
+
+    index = np.arange(strands * rows * ring, dtype=np.int32).reshape(strands, rows, ring)
+    mirror = index[mirror_strand][:, ::-1][:, :, mirror_ring].reshape(-1)
+    along = np.linspace(0.0, settings.length_m, rows)
+    along = (along + (settings.length_m - along[::-1])) / 2.0
+    rest = np.empty((strands, rows, ring, 3))
+    rest[..., 0] = along[None, :, None]
+    rest[..., 1:] = sections
+    strand, row, _ = np.unravel_index(np.arange(index.size), index.shape)
+    return RopeMesh(
+        rest=rest.reshape(-1, 3),
+        faces=_faces(index),
+        strand=strand.astype(np.int32),
+        row=row.astype(np.int32),
+        mirror=mirror.astype(np.int32),
+        outer=_outer(sections).reshape(-1),
+    )
+
+
+def rope_chart(length_m: float) -> Chart:
+    """Return the chart (s * L, a, b) -> (s, theta).
+
+    Args:
+        length_m: Length of the rope, metres.
+
+    Returns:
+        A function of float64 (N, 3) to float64 (N, 2): s in 0..1, theta in radians.
+    """
+
+    def chart(rest: FloatArray) -> FloatArray:
+        return np.stack([rest[:, 0] / length_m, np.arctan2(rest[:, 2], rest[:, 1])], axis=1)
+
+    return chart
+
+
+def bend(mesh: RopeMesh, centreline: FloatArray, frames: FloatArray) -> FloatArray:
+    """Return the vertices of the rope along a curve.
+
+    Args:
+        mesh: The straight rope.
+        centreline: float64 (rows, 3), metres, at equal arc length.
+        frames: float64 (rows, 3, 3): tangent, normal, binormal.
+
+    Returns:
+        float64 (V, 3), metres.
+    """
+    row = mesh.row
+    return np.asarray(
+        centreline[row] + mesh.rest[:, 1:2] * frames[row, 1] + mesh.rest[:, 2:3] * frames[row, 2]
+    )
+
+
+def _sections(settings: RopeSettings) -> FloatArray:
+    """Return the outline of each strand in each cross section: (strands, rows, ring, 2)."""
+    s = np.linspace(0.0, 1.0, settings.rows)
+    radius = settings.radius_m
+    if settings.structure == "tube":
+        turn = 2.0 * math.pi * np.arange(3 * settings.ring) / (3 * settings.ring)
+        circle = radius * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
+        return np.broadcast_to(circle, (1, settings.rows, *circle.shape)).copy()
+    turn = 2.0 * math.pi * np.arange(settings.ring) / settings.ring
+    wave = 2.0 * math.pi * settings.turns
+    strands = settings.strands
+    phase: FloatArray
+    if settings.structure == "laid":
+        # Equal strands side by side; cut at right angles to the rope they are wider than high,
+        # and pressed a little into each other so that no light falls between them.
+        height = settings.strand_radius_m
+        axis_radius = radius - height
+        lay_angle = math.atan(wave / settings.length_m * axis_radius)
+        width = 1.04 * height / math.cos(lay_angle)
+        phase = 2.0 * math.pi * np.arange(strands)[:, None] / strands + wave * s
+        centre = np.full_like(phase, axis_radius)
+    else:
+        # Half of the strands each way; a strand passes over one and under the next.
+        half = strands // 2
+        height = settings.strand_radius_m
+        middle = radius - 1.85 * height
+        way = np.where(np.arange(strands) < half, 1.0, -1.0)[:, None]
+        phase = 2.0 * math.pi * (np.arange(strands) % half)[:, None] / half + way * wave * s
+        centre = middle + 0.85 * height * way * np.cos(half * wave * s)
+        lay_angle = math.atan(wave / settings.length_m * middle)
+        width = 0.74 * 2.0 * math.pi * middle / strands / math.cos(lay_angle)
+    radial = centre[..., None] + height * np.cos(turn)
+    sideways = width * np.sin(turn)
+    # Sideways runs along the circle, so that a wide strand wraps around the rope.
+    angle = phase[..., None] + sideways / centre[..., None]
+    if settings.structure == "laid":
+        cos, sin = np.cos(phase)[..., None], np.sin(phase)[..., None]
+        outline = np.stack([radial * cos - sideways * sin, radial * sin + sideways * cos], axis=-1)
+        reach = np.sqrt((outline**2).sum(axis=-1)).max()
+        return np.asarray(outline * (radius / reach))
+    return np.stack([radial * np.cos(angle), radial * np.sin(angle)], axis=-1)
+
+
+def _mirror_strands(settings: RopeSettings, strands: int) -> IntArray:
+    """Return the strand each strand becomes when the rope is reversed."""
+    number = np.arange(strands)
+    if settings.structure == "braid":
+        half = strands // 2
+        return np.where(number < half, -number % half, half + (-number % half)).astype(np.int32)
+    return (-number % strands).astype(np.int32)
+
+
+def _faces(index: IntArray) -> IntArray:
+    """Return the triangles of tubes of (strands, rows, ring) vertices, closed by flat caps."""
+    after = np.roll(index, -1, axis=2)
+    a, b = index[:, :-1], after[:, :-1]
+    c, d = after[:, 1:], index[:, 1:]
+    wall = np.stack([np.stack([a, b, c], axis=-1), np.stack([a, c, d], axis=-1)], axis=-2)
+    first, last = index[:, 0], index[:, -1]
+    start = np.stack(
+        [np.broadcast_to(first[:, :1], first[:, 2:].shape), first[:, 2:], first[:, 1:-1]], axis=-1
+    )
+    end = np.stack(
+        [np.broadcast_to(last[:, :1], last[:, 2:].shape), last[:, 1:-1], last[:, 2:]], axis=-1
+    )
+    return np.concatenate([each.reshape(-1, 3) for each in (wall, start, end)]).astype(np.int32)
+
+
+def _outer(sections: FloatArray) -> npt.NDArray[np.bool_]:
+    """Return which vertices see the outside: no edge of any strand crosses their outward ray."""
+    strands, rows, ring, _ = sections.shape
+    points = sections.transpose(1, 0, 2, 3).reshape(rows, strands * ring, 2)
+    starts = points
+    ends = np.roll(sections, -1, axis=2).transpose(1, 0, 2, 3).reshape(rows, strands * ring, 2)
+    outer = np.empty((rows, strands * ring), dtype=bool)
+    for row in range(rows):
+        p, a, b = points[row], starts[row], ends[row]
+        reach = np.sqrt((p**2).sum(axis=1))
+        ray = p / reach[:, None]
+        # Side of each edge's ends with respect to each ray; a crossing changes side.
+        side_a = ray[:, None, 0] * a[None, :, 1] - ray[:, None, 1] * a[None, :, 0]
+        side_b = ray[:, None, 0] * b[None, :, 1] - ray[:, None, 1] * b[None, :, 0]
+        # A corner exactly on the ray counts to one side, so that one of its edges is crossed.
+        crosses = (side_a < 0) != (side_b < 0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            share = side_a / (side_a - side_b)
+            met = a[None] + share[..., None] * (b - a)[None]
+            distance = (met * ray[:, None]).sum(axis=-1)
+        beyond = crosses & (distance > reach[:, None] * (1.0 + 1e-6))
+        # The edges that meet in the vertex itself touch the ray but do not lie beyond it.
+        outer[row] = ~beyond.any(axis=1)
+    return outer.reshape(rows, strands, ring).transpose(1, 0, 2)

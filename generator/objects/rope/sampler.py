@@ -1,0 +1,119 @@
+"""Sequences of a rope tier."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from pliant.generator.scene.scene_object import Pose, SceneObject
+from pliant.generator.seeding import random_generator
+from pliant.generator.settings.rope import RopeSettings
+from pliant.spec.errors import CallError, MissingExtraError
+
+LONGEST_EPISODE = 3000
+"""Frames; the physics is checked up to here."""
+
+
+def sample_rope(
+    settings: RopeSettings,
+    *,
+    tier: str,
+    seed: int,
+    split: str,
+    index: int,
+    frames: int,
+    temporal: bool,
+) -> SceneObject:
+    """Return one sequence of a rope.
+
+    A sequence has one shape. Its frames are independent draws of that shape, or (temporal) one
+    episode of a hand moving a rope that starts in it.
+
+    Args:
+        settings: The tier's settings.
+        tier: Tier name.
+        seed: The dataset's seed, >= 0.
+        split: Split name.
+        index: Index of the sequence in its tier and split, >= 0.
+        frames: Number of frames, 1 or more; at most 3,000 for an episode.
+        temporal: True for an episode.
+
+    Returns:
+        The sequence before it is seen by a camera.
+
+    Raises:
+        CallError: The number of frames is impossible.
+        GenerationError: A shape finds no room under these settings.
+        MissingExtraError: numba is not installed.
+    """
+    if frames < 1:
+        raise CallError(
+            "impossible number of frames", where="frames", found=frames, required=">= 1"
+        )
+    if temporal and frames > LONGEST_EPISODE:
+        raise CallError(
+            "the episode is too long",
+            where="frames",
+            found=frames,
+            required=f"at most {LONGEST_EPISODE}",
+            fix="Make more episodes instead.",
+        )
+    try:
+        from pliant.generator.objects.rope.episode import Episode
+        from pliant.generator.objects.rope.posing import RopeBody, upward_normal
+        from pliant.generator.objects.rope.static import sample_configuration
+    except ImportError as error:
+        raise MissingExtraError("making ropes", "generate") from error
+
+    shape_rng = random_generator(seed, tier, split, index, stream="rope shape")
+    names = sorted(name for name, weight in settings.shapes.items() if weight > 0)
+    weights = np.array([settings.shapes[name] for name in names])
+    shape = names[int(shape_rng.choice(len(names), p=weights / weights.sum()))]
+    body = RopeBody(settings)
+    roll_limit = math.radians(settings.roll_deg)
+
+    def still(frame: int) -> Pose:
+        rng = random_generator(seed, tier, split, index, frame, stream="rope configuration")
+        made = sample_configuration(shape, settings, rng)
+        roll = rng.uniform(-roll_limit, roll_limit)
+        info = {
+            "shape": shape,
+            "roll_rad": roll,
+            "control_points_m": made.control_points.tolist(),
+            "handles_m": made.handles.tolist(),
+            "attempts": made.attempts,
+            **made.detail,
+        }
+        normal = upward_normal(made.centreline, roll)
+        return body.pose(made.centreline, normal, made.ball_centre, info)
+
+    pose = still
+    if temporal:
+        pose = Episode(
+            body,
+            shape,
+            lambda: random_generator(seed, tier, split, index, stream="rope episode"),
+        ).pose
+    return SceneObject(
+        tier=tier,
+        kind="rope",
+        shape=shape,
+        temporal=temporal,
+        frames=frames,
+        parts=body.parts,
+        points=body.points,
+        pose=pose,
+        size_m=settings.length_m,
+        thickness_m=settings.diameter_m,
+        info={
+            "shape": shape,
+            "length_m": settings.length_m,
+            "radius_m": settings.radius_m,
+            "structure": settings.structure,
+            "strands": settings.strands,
+            "turns": settings.turns,
+            "workspace_m": [extent * settings.length_m for extent in settings.workspace],
+            "ball_radius_m": settings.ball_radius_m if settings.ball else None,
+        },
+    )

@@ -1,0 +1,259 @@
+"""The styles that Cycles renders: `photo`, the whole frame, and `fast`, the object alone.
+
+`fast` spends its samples where the object is. Cycles renders the object's box with the table
+hidden from the camera (it still reflects light onto the object), and the result is laid over the
+table of `rendering.table`, whose shadows come from our own maps. Cycles' alpha is the share of
+a pixel that the object covers and its colours are premultiplied, so edges blend in linear light
+without a halo.
+"""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from pliant.generator.rendering import blender
+from pliant.generator.rendering.blender_materials import (
+    COLOUR,
+    PLACE,
+    surface_material,
+    table_material,
+)
+from pliant.generator.rendering.deferred import materials
+from pliant.generator.rendering.patterns import table_reflectance
+from pliant.generator.rendering.shadow import shadow_map
+from pliant.generator.rendering.sky import sky_maps
+from pliant.generator.rendering.srgb import encode_srgb
+from pliant.generator.rendering.table import TableView
+from pliant.generator.scene.appearance import Appearance
+from pliant.generator.scene.camera import NEAR_M, Camera
+from pliant.generator.scene.scene_mesh import SceneMesh
+from pliant.generator.scene.scene_object import FloatArray, Pose, SceneObject
+from pliant.generator.truth.frame_truth import FrameTruth
+from pliant.spec.errors import GenerationError
+
+Rgb = npt.NDArray[np.uint8]
+Linear = npt.NDArray[np.float32]
+
+PHOTO_SAMPLES: Final = 1
+"""One sample and OpenImageDenoise: nearer to 192 samples than four samples without, and cheaper."""
+
+FAST_SAMPLES: Final = 4
+
+_FLOOR_M: Final = 60.0
+# Half the side of the table in Blender; its texture ends long before.
+
+_TEXTURE_M: Final = 1.6
+_TEXTURE_PX: Final = 1024
+
+_FILTER_PX: Final = 2
+# The pixel filter spreads a sample over less than this.
+
+
+class CyclesRenderer:
+    """What both styles share: one scene, whose vertices change.
+
+    Blender keeps one scene a process. A renderer that begins a sequence takes it over.
+
+    Args:
+        size: Width and height, px.
+        threads: Threads of Cycles.
+        device: `auto`, `cpu` or `gpu`.
+    """
+
+    style = ""
+    _owner: ClassVar[CyclesRenderer | None] = None
+
+    def __init__(self, size: tuple[int, int], threads: int = 1, device: str = "auto") -> None:
+        self._size, self._threads, self._device = size, threads, device
+        self._scene: Any = None
+        self._objects: list[Any] = []
+        self._own_scene()
+
+    def begin(self, scene_object: SceneObject, appearance: Appearance, camera: Camera) -> None:
+        """Take what stays the same over a sequence: topology, colours, light, camera."""
+        self._own_scene()
+        self._camera, self._appearance = camera, appearance
+        blender.remove_meshes(self._scene)
+        blender.place_camera(self._scene, camera)
+        blender.place_light(self._scene, appearance.light)
+        self._mesh = SceneMesh.of(scene_object)
+        surfaces = materials(scene_object, self._mesh, appearance)
+        self._objects = []
+        for k, part in enumerate(scene_object.parts):
+            rows = slice(self._mesh.vertex_starts[k], self._mesh.vertex_starts[k + 1])
+            kind = "cloth" if scene_object.kind == "cloth" else part.name
+            made = blender.add_mesh(
+                self._scene,
+                part.name,
+                part.rest,
+                part.faces,
+                {PLACE: surfaces.place[rows], COLOUR: surfaces.colour[rows]},
+                surface_material(part.name, appearance, kind),
+                part.object_id,
+            )
+            self._objects.append(made)
+
+    def render(self, pose: Pose, truth: FrameTruth, rng: np.random.Generator | None = None) -> Rgb:
+        """Render one frame.
+
+        Args:
+            pose: The frame's geometry; the truth holds its vertices.
+            truth: The frame's truth.
+            rng: Not used.
+
+        Returns:
+            uint8 (H, W, 3), sRGB.
+        """
+        if CyclesRenderer._owner is not self:
+            raise GenerationError("another renderer has taken Blender's scene; call begin again")
+        for k, made in enumerate(self._objects):
+            rows = slice(self._mesh.vertex_starts[k], self._mesh.vertex_starts[k + 1])
+            blender.move_vertices(made, truth.world_vertices[rows])
+        return self._picture(truth)
+
+    def close(self) -> None:
+        """Empty the scene."""
+        if CyclesRenderer._owner is self:
+            blender.remove_meshes(self._scene)
+            CyclesRenderer._owner = None
+
+    @staticmethod
+    def release_scene() -> None:
+        """Take Blender's scene from whatever renderer has it; its next `begin` makes a new one."""
+        CyclesRenderer._owner = None
+
+    def _own_scene(self) -> None:
+        if CyclesRenderer._owner is not self:
+            self._scene = blender.new_scene(self._size, self._threads, self._device)
+            CyclesRenderer._owner = self
+            self._set_up()
+
+    def _set_up(self) -> None:
+        raise NotImplementedError
+
+    def _picture(self, truth: FrameTruth) -> Rgb:
+        raise NotImplementedError
+
+    def _combined(self) -> Linear:
+        """Render and return float32 (H, W, 4), linear, premultiplied."""
+        passes = blender.render_passes(self._scene)
+        if "Combined" not in passes:
+            raise GenerationError("Cycles returned no image")
+        return passes["Combined"]
+
+    def _add_table(self, reflectance: Linear, span_m: float) -> Any:
+        corners = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * _FLOOR_M
+        place = corners / (2 * span_m) + [0.5, 0.5, 0.0]
+        return blender.add_mesh(
+            self._scene,
+            "table",
+            corners,
+            np.array([[0, 1, 2], [0, 2, 3]], np.int32),
+            {PLACE: place},
+            table_material(reflectance),
+            0,
+        )
+
+
+class PhotoRenderer(CyclesRenderer):
+    """Path tracing of the whole frame, denoised by OpenImageDenoise."""
+
+    style = "photo"
+
+    def begin(self, scene_object: SceneObject, appearance: Appearance, camera: Camera) -> None:
+        """Take what stays the same over a sequence, the table's texture too."""
+        super().begin(scene_object, appearance, camera)
+        middle = (np.arange(_TEXTURE_PX) + 0.5) / _TEXTURE_PX * 2 * _TEXTURE_M - _TEXTURE_M
+        x, y = np.meshgrid(middle, middle)
+        places = np.stack([x.ravel(), y.ravel()], axis=1)
+        reflectance = table_reflectance(appearance.table, places).astype(np.float32)
+        self._add_table(reflectance.reshape(_TEXTURE_PX, _TEXTURE_PX, 3), _TEXTURE_M)
+
+    def set_quality(self, samples: int, *, denoise: bool) -> None:
+        """Render with other samples than the style's: a reference, for example.
+
+        Args:
+            samples: Samples a pixel, >= 1.
+            denoise: Run OpenImageDenoise over the result.
+        """
+        self._scene.cycles.samples = samples
+        self._scene.cycles.use_denoising = denoise
+
+    def _set_up(self) -> None:
+        self.set_quality(PHOTO_SAMPLES, denoise=True)
+        cycles = self._scene.cycles
+        cycles.denoiser = "OPENIMAGEDENOISE"
+        cycles.denoising_input_passes = "RGB_ALBEDO_NORMAL"
+        cycles.denoising_prefilter = "FAST"
+        cycles.denoising_quality = "FAST"
+
+    def _picture(self, truth: FrameTruth) -> Rgb:
+        return encode_srgb(self._combined()[..., :3])
+
+
+class FastRenderer(CyclesRenderer):
+    """The object's box by Cycles over a table shaded once per sequence."""
+
+    style = "fast"
+
+    def begin(self, scene_object: SceneObject, appearance: Appearance, camera: Camera) -> None:
+        """Take what stays the same over a sequence, and shade the open table."""
+        super().begin(scene_object, appearance, camera)
+        self._table = TableView(camera, appearance)
+        mean = np.asarray(appearance.table.colour, np.float32).reshape(1, 1, 3)
+        self._add_table(mean, _FLOOR_M).visible_camera = False
+
+    def _set_up(self) -> None:
+        self._scene.cycles.samples = FAST_SAMPLES
+        self._scene.render.film_transparent = True
+
+    def _picture(self, truth: FrameTruth) -> Rgb:
+        world = truth.world_vertices
+        shadow = shadow_map(world, self._mesh.faces, self._appearance.light)
+        linear, changed = self._table.under(shadow, sky_maps(world))
+        window = object_window(self._camera, world, _FILTER_PX)
+        if window is not None:
+            blender.set_border(self._scene, window)
+            left, right, top, bottom = window
+            box = linear[top:bottom, left:right]
+            layer = self._combined()
+            if layer.shape[:2] != box.shape[:2]:
+                raise GenerationError(
+                    "Cycles rendered another window than it was given",
+                    found=layer.shape[:2],
+                    required=box.shape[:2],
+                )
+            alpha = layer[..., 3:]
+            box *= 1.0 - alpha
+            box += layer[..., :3]
+            changed[top:bottom, left:right] |= alpha[..., 0] > 0
+        out = self._table.encoded.copy()
+        out[changed] = encode_srgb(linear[changed])
+        return out
+
+
+def object_window(
+    camera: Camera, world: FloatArray, margin_px: int
+) -> tuple[int, int, int, int] | None:
+    """Return the pixels that an object can touch.
+
+    Args:
+        camera: The camera.
+        world: float64 (V, 3), metres.
+        margin_px: Added on each side.
+
+    Returns:
+        First and last column, first and last row (exclusive), or None if it is out of frame.
+    """
+    uvz = camera.project(world)
+    if uvz[:, 2].min() < NEAR_M:
+        return 0, camera.width, 0, camera.height
+    size = np.array([camera.width, camera.height])
+    low = np.clip(np.floor(uvz[:, :2].min(axis=0)) - margin_px, 0, size).astype(int)
+    high = np.clip(np.floor(uvz[:, :2].max(axis=0)) + 1 + margin_px, 0, size).astype(int)
+    if (low >= high).any():
+        return None
+    return int(low[0]), int(high[0]), int(low[1]), int(high[1])

@@ -1,0 +1,172 @@
+"""Reflectances: the table's texture, and the image that is woven into a cloth.
+
+One source for all styles: the raster style reads these arrays, the Blender styles get them as
+image textures.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from pliant.generator.scene.appearance import Appearance, TableAppearance
+from pliant.generator.scene.scene_object import FloatArray
+
+Image = npt.NDArray[np.float32]
+
+WEAVE_THREADS = 96
+"""Periods of the weave along a side of the cloth."""
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _corner(x: int, y: int, z: int) -> float:
+    """Hash a lattice point to 0..1."""
+    n = (x * 73856093) ^ (y * 19349663) ^ (z * 83492791)
+    n = n & 0xFFFFFFFF
+    n = ((n ^ (n >> 13)) * 1274126177) & 0xFFFFFFFF
+    n = ((n ^ (n >> 16)) * 668265263) & 0xFFFFFFFF
+    return ((n >> 8) & 0xFFFF) / 65535.0
+
+
+@njit(cache=True, nogil=True)
+def value_noise(x: float, y: float, z: float) -> float:
+    """Return smooth noise, 0 to 1, with features of about one unit.
+
+    Args:
+        x: Place.
+        y: Place.
+        z: Place.
+    """
+    xi, yi, zi = math.floor(x), math.floor(y), math.floor(z)
+    fx, fy, fz = x - xi, y - yi, z - zi
+    fx = fx * fx * (3.0 - 2.0 * fx)
+    fy = fy * fy * (3.0 - 2.0 * fy)
+    fz = fz * fz * (3.0 - 2.0 * fz)
+    ix, iy, iz = int(xi), int(yi), int(zi)
+    total = 0.0
+    for dz in range(2):
+        wz = fz if dz else 1.0 - fz
+        for dy in range(2):
+            wy = wz * (fy if dy else 1.0 - fy)
+            total += wy * (1.0 - fx) * _corner(ix, iy + dy, iz + dz)
+            total += wy * fx * _corner(ix + 1, iy + dy, iz + dz)
+    return total
+
+
+@njit(cache=True, nogil=True)
+def _table_factors(
+    xy: FloatArray, wood: bool, contrast: float, scale: float, angle: float, shift: float
+) -> FloatArray:
+    out = np.empty(xy.shape[0])
+    c, s = math.cos(angle), math.sin(angle)
+    for n in range(xy.shape[0]):
+        x = (c * xy[n, 0] + s * xy[n, 1]) / scale
+        y = (c * xy[n, 1] - s * xy[n, 0]) / scale
+        if wood:
+            # Long grain: rings, bent by slow noise, over fine streaks.
+            bend = value_noise(0.6 * x, 0.9 * y, shift)
+            ring = y * 1.6 + 1.8 * bend
+            ring = abs(2.0 * (ring - math.floor(ring)) - 1.0)
+            streak = value_noise(1.2 * x, 14.0 * y, shift + 7.3)
+            f = 0.55 * (ring * ring * (3.0 - 2.0 * ring)) + 0.45 * streak
+        else:
+            f = 0.55 * value_noise(x, y, shift)
+            f += 0.30 * value_noise(2.3 * x + 5.1, 2.3 * y, shift + 3.7)
+            f += 0.15 * value_noise(5.1 * x, 5.1 * y + 1.9, shift + 9.1)
+        out[n] = 1.0 + contrast * (f - 0.5)
+    return out
+
+
+def table_reflectance(table: TableAppearance, xy_m: FloatArray) -> FloatArray:
+    """Return the table's colour at places on it.
+
+    Args:
+        table: The table's appearance.
+        xy_m: float64 (N, 2), world metres.
+
+    Returns:
+        float64 (N, 3), linear reflectance, 0 to 0.95.
+    """
+    colour = np.asarray(table.colour)
+    if table.kind == "plain":
+        return np.broadcast_to(colour, (len(xy_m), 3)).copy()
+    factors = _table_factors(
+        np.ascontiguousarray(xy_m, np.float64),
+        table.kind == "wood",
+        table.contrast,
+        table.scale_m,
+        table.angle_rad,
+        0.37 + table.seed % 4096,
+    )
+    return np.clip(colour * factors[:, None], 0.0, 0.95)
+
+
+def cloth_images(appearance: Appearance, side_px: int = 768) -> tuple[Image, Image]:
+    """Return what is woven and printed on a cloth, front and back.
+
+    Args:
+        appearance: The appearance of a cloth sequence.
+        side_px: Width and height of the images.
+
+    Returns:
+        Two float32 (side_px, side_px, 3) images of linear reflectance; row k is
+        v = (k + 0.5) / side_px, column k is u = (k + 0.5) / side_px.
+    """
+    ground, second, third = (np.asarray(colour) for colour in appearance.cloth_colours)
+    place = (np.arange(side_px) + 0.5) / side_px
+    u, v = np.meshgrid(place, place)
+    front = np.broadcast_to(ground, (side_px, side_px, 3)).astype(np.float64)
+    back = np.broadcast_to(np.asarray(appearance.back_colour), front.shape).astype(np.float64)
+    if appearance.pattern == "striped":
+        edges, first = _stripes(appearance.pattern_seed)
+        band = (np.searchsorted(edges, u) + first) % 2 == 1
+        wide = np.searchsorted(edges, u) % 5 == 3
+        front[band] = second
+        front[band & wide] = third
+        back = front
+    elif appearance.pattern == "printed":
+        _print(front, u, v, second, third, appearance.pattern_seed)
+        back = 0.75 * np.asarray(appearance.back_colour) + 0.25 * front  # the print shines through
+    # Even in u and in v and under their exchange, about the middle too.
+    weave = np.cos(2 * np.pi * WEAVE_THREADS * u) * np.cos(2 * np.pi * WEAVE_THREADS * v)
+    shade = (1.0 - appearance.weave_contrast * (0.5 - 0.5 * weave))[..., None]
+    return (front * shade).astype(np.float32), (back * shade).astype(np.float32)
+
+
+def _stripes(seed: int) -> tuple[FloatArray, int]:
+    """Return the stripes' edges along u: widths that grow, so that the ends differ."""
+    rng = np.random.default_rng(seed)
+    widths = np.sort(rng.uniform(0.02, 0.11, 14))
+    edges = np.cumsum(widths) / widths.sum()
+    return edges[:-1], int(rng.integers(2))
+
+
+def _print(
+    front: FloatArray,
+    u: FloatArray,
+    v: FloatArray,
+    second: FloatArray,
+    third: FloatArray,
+    seed: int,
+) -> None:
+    """Print discs, rings and bars of many sizes, no two places alike."""
+    rng = np.random.default_rng(seed)
+    for k in range(46):
+        cu, cv = rng.uniform(0.02, 0.98, 2)
+        size = rng.uniform(0.02, 0.085)
+        turn = rng.uniform(0, np.pi)
+        ink = second if rng.random() < 0.6 else third
+        du, dv = u - cu, v - cv
+        distance = np.hypot(du, dv)
+        if k % 3 == 0:
+            mark = distance < size
+        elif k % 3 == 1:
+            mark = (distance < size) & (distance > 0.55 * size)
+        else:
+            along = np.abs(np.cos(turn) * du + np.sin(turn) * dv)
+            across = np.abs(np.cos(turn) * dv - np.sin(turn) * du)
+            mark = (along < 1.6 * size) & (across < 0.28 * size)
+        front[mark] = ink

@@ -1,0 +1,224 @@
+"""The sun's shadows: a depth map from the sun, and soft lookups in it.
+
+The width of a penumbra follows from the sun's disc: a first ring of taps finds what blocks the
+sun, its distance gives the width, a second disc of taps measures how much is blocked
+(percentage-closer soft shadows, Fernando 2005). The taps are turned by a fixed 4 x 4 pattern over
+the pixels, so that nothing is random.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from pliant.generator.scene.appearance import Light
+from pliant.generator.scene.scene_object import FloatArray, IntArray
+
+_SIDE: Final = 1024
+# Texels along the longer side of the object as the sun sees it.
+
+_BLOCK: Final = 8
+# Texels a side of a coarse cell; a coarse cell knows the nearest surface around it.
+
+_MAX_RADIUS: Final = 14.0
+# Widest penumbra, texels; less than two coarse cells, which the coarse map looks around.
+
+_TAPS: Final = 12
+
+_EMPTY: Final = np.float32(1e9)
+
+
+def _disc(count: int) -> FloatArray:
+    """Return points spread evenly over the unit disc (Vogel's spiral)."""
+    k = np.arange(count)
+    turn, radius = k * (math.pi * (3.0 - math.sqrt(5.0))), np.sqrt((k + 0.5) / count)
+    return np.stack([radius * np.cos(turn), radius * np.sin(turn)], axis=1)
+
+
+_DISC: Final = _disc(_TAPS)
+_TURNS: Final = np.stack(
+    [
+        np.cos(2 * np.pi * np.array([0, 8, 2, 10, 12, 4, 14, 6, 3, 11, 1, 9, 15, 7, 13, 5]) / 16),
+        np.sin(2 * np.pi * np.array([0, 8, 2, 10, 12, 4, 14, 6, 3, 11, 1, 9, 15, 7, 13, 5]) / 16),
+    ],
+    axis=1,
+)
+
+
+@dataclass(frozen=True)
+class ShadowMap:
+    """What the sun sees of the object.
+
+    Attributes:
+        frame: float64 (3, 4); world -> map columns, map rows, metres away from the sun.
+        depth: float32 (h, w), metres along the light, 1e9 where nothing is.
+        coarse: float32, nearest depth in and around each block of 8 x 8 texels.
+        texel_m: Side of a texel.
+        spread: Penumbra radius over distance from the blocker.
+    """
+
+    frame: FloatArray
+    depth: npt.NDArray[np.float32]
+    coarse: npt.NDArray[np.float32]
+    texel_m: float
+    spread: float
+
+    def arguments(self) -> tuple[Any, ...]:
+        """Return what `sunlight` takes after the place."""
+        return self.frame, self.depth, self.coarse, self.texel_m, self.spread
+
+
+def sun_axes(light: Light) -> FloatArray:
+    """Return float64 (3, 3): two axes across the light, and the way it travels."""
+    towards = np.asarray(light.sun_direction)
+    across = np.cross([0.0, 1.0, 0.0] if abs(towards[1]) < 0.9 else [1.0, 0.0, 0.0], towards)
+    across /= np.linalg.norm(across)
+    return np.stack([across, np.cross(towards, across), -towards])
+
+
+def shadow_map(world: FloatArray, faces: IntArray, light: Light) -> ShadowMap:
+    """Draw the object as the sun sees it.
+
+    Args:
+        world: float64 (V, 3), metres.
+        faces: int32 (F, 3).
+        light: The sun.
+    """
+    axes = sun_axes(light)
+    seen = world @ axes.T
+    low, high = seen[:, :2].min(axis=0), seen[:, :2].max(axis=0)
+    texel = float((high - low).max()) / (_SIDE - 4)
+    origin = low - 2 * texel
+    columns, rows = (np.ceil((high - origin) / texel).astype(int) + 2).tolist()
+    depth = np.full((rows, columns), _EMPTY, np.float32)
+    seen[:, :2] = (seen[:, :2] - origin) / texel
+    _draw(seen, faces, depth)
+    frame = np.zeros((3, 4))
+    frame[:2, :3], frame[:2, 3] = axes[:2] / texel, -origin / texel
+    frame[2, :3] = axes[2]
+    spread = math.tan(light.sun_angle_rad / 2)
+    return ShadowMap(frame, depth, _coarse(depth), texel, spread)
+
+
+@njit(cache=True, nogil=True)
+def _draw(points: FloatArray, faces: IntArray, depth: npt.NDArray[np.float32]) -> None:
+    rows, columns = depth.shape
+    for t in range(faces.shape[0]):
+        a, b, c = faces[t, 0], faces[t, 1], faces[t, 2]
+        x0, y0, z0 = points[a, 0], points[a, 1], points[a, 2]
+        x1, y1, z1 = points[b, 0], points[b, 1], points[b, 2]
+        x2, y2, z2 = points[c, 0], points[c, 1], points[c, 2]
+        i0 = max(0, math.ceil(min(x0, x1, x2) - 0.5))
+        i1 = min(columns - 1, math.floor(max(x0, x1, x2) - 0.5))
+        j0 = max(0, math.ceil(min(y0, y1, y2) - 0.5))
+        j1 = min(rows - 1, math.floor(max(y0, y1, y2) - 0.5))
+        if i0 > i1 or j0 > j1:
+            continue
+        area = (x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0)
+        if area == 0.0:
+            continue
+        scale = 1.0 / area
+        for j in range(j0, j1 + 1):
+            py = j + 0.5
+            for i in range(i0, i1 + 1):
+                px = i + 0.5
+                w1 = ((px - x0) * (y2 - y0) - (x2 - x0) * (py - y0)) * scale
+                w2 = ((x1 - x0) * (py - y0) - (px - x0) * (y1 - y0)) * scale
+                w0 = 1.0 - w1 - w2
+                if w0 < 0.0 or w1 < 0.0 or w2 < 0.0:
+                    continue
+                z = np.float32(w0 * z0 + w1 * z1 + w2 * z2)
+                if z < depth[j, i]:
+                    depth[j, i] = z
+
+
+@njit(cache=True, nogil=True)
+def _coarse(depth: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    rows, columns = depth.shape
+    tall = (rows + _BLOCK - 1) // _BLOCK
+    wide = (columns + _BLOCK - 1) // _BLOCK
+    own = np.full((tall, wide), _EMPTY, np.float32)
+    for j in range(rows):
+        for i in range(columns):
+            own[j // _BLOCK, i // _BLOCK] = min(own[j // _BLOCK, i // _BLOCK], depth[j, i])
+    around = np.full((tall, wide), _EMPTY, np.float32)
+    for j in range(tall):
+        for i in range(wide):
+            if own[j, i] == _EMPTY:
+                continue
+            for dj in range(max(0, j - 2), min(tall, j + 3)):
+                for di in range(max(0, i - 2), min(wide, i + 3)):
+                    around[dj, di] = min(around[dj, di], own[j, i])
+    return around
+
+
+@njit(cache=True, nogil=True)
+def sunlight(
+    x: float,
+    y: float,
+    z: float,
+    column: int,
+    row: int,
+    frame: FloatArray,
+    depth: npt.NDArray[np.float32],
+    coarse: npt.NDArray[np.float32],
+    texel_m: float,
+    spread: float,
+) -> float:
+    """Return the share of the sun's disc that a place sees.
+
+    Args:
+        x: Place, world metres, moved off its surface by two texels.
+        y: Place.
+        z: Place.
+        column: Pixel; it turns the taps.
+        row: Pixel.
+        frame: Of the map, like the rest; see `ShadowMap`.
+        depth: Of the map.
+        coarse: Of the map.
+        texel_m: Of the map.
+        spread: Of the map.
+    """
+    rows, columns = depth.shape
+    sx = frame[0, 0] * x + frame[0, 1] * y + frame[0, 2] * z + frame[0, 3]
+    sy = frame[1, 0] * x + frame[1, 1] * y + frame[1, 2] * z + frame[1, 3]
+    # Beyond the map's edge the penumbra goes on: look up the nearest coarse cell.
+    reach = _MAX_RADIUS + 1.0
+    if sx < -reach or sy < -reach or sx >= columns + reach or sy >= rows + reach:
+        return 1.0
+    away = frame[2, 0] * x + frame[2, 1] * y + frame[2, 2] * z - 0.5 * texel_m
+    ci = min(max(int(sx) // _BLOCK, 0), coarse.shape[1] - 1)
+    cj = min(max(int(sy) // _BLOCK, 0), coarse.shape[0] - 1)
+    nearest = coarse[cj, ci]
+    if nearest >= away:
+        return 1.0
+    turn = (row & 3) * 4 + (column & 3)
+    c, s = _TURNS[turn, 0], _TURNS[turn, 1]
+    search = min(max(spread * (away - nearest) / texel_m, 1.0), _MAX_RADIUS)
+    blockers = 0
+    total = 0.0
+    for k in range(_TAPS):
+        u, v = _DISC[k, 0], _DISC[k, 1]
+        i = math.floor(sx + search * (c * u - s * v))
+        j = math.floor(sy + search * (s * u + c * v))
+        if 0 <= i < columns and 0 <= j < rows and depth[j, i] < away:
+            blockers += 1
+            total += depth[j, i]
+    if blockers == 0:
+        return 1.0
+    radius = min(max(spread * (away - total / blockers) / texel_m, 0.9), _MAX_RADIUS)
+    if radius > 0.9 * search:
+        return 1.0 - blockers / _TAPS
+    lit = 0
+    for k in range(_TAPS):
+        u, v = _DISC[k, 0], _DISC[k, 1]
+        i = math.floor(sx + radius * (c * u - s * v))
+        j = math.floor(sy + radius * (s * u + c * v))
+        if not (0 <= i < columns and 0 <= j < rows and depth[j, i] < away):
+            lit += 1
+    return lit / _TAPS

@@ -1,7 +1,0 @@
-"""Ropes: shapes, knots, geometry, material points and episodes."""
-
-from pliant.generator.rope.sampler import sample_rope
-from pliant.generator.rope.tier import rope_tier
-from pliant.generator.settings.rope import RopeSettings
-
-__all__ = ["RopeSettings", "rope_tier", "sample_rope"]

@@ -1,0 +1,138 @@
+"""The files of a whole dataset: written when its sequences are there, `dataset.json` last."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Mapping, Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from pliant.generator.config import GenerateConfig
+from pliant.generator.objects.tiers import describe_tier
+from pliant.generator.runner.plan import SequenceTask
+from pliant.generator.truth.queries import build_queries
+from pliant.spec.conventions import CONVENTIONS, SPEC_VERSION, SPLITS
+from pliant.spec.io.jsonfiles import read_json, write_json
+from pliant.spec.io.parquet import write_table
+from pliant.spec.storage.layout import (
+    DATASET_JSON,
+    QUERIES_DIR,
+    SEQUENCE_JSON,
+    SEQUENCES_TABLE,
+    TRUTH_DIR,
+)
+from pliant.spec.tables import SEQUENCES
+
+
+def write_dataset_files(
+    config: GenerateConfig,
+    resolved: Mapping[str, Any],
+    tasks: Sequence[SequenceTask],
+    root: Path,
+    scratch: Path,
+) -> None:
+    """Write `sequences.parquet`, the queries, their truth and `dataset.json`.
+
+    Everything is written to a scratch folder first. `dataset.json` is removed before the first
+    file is replaced and put back after the last one: a folder that has it is whole.
+
+    Args:
+        config: The dataset's config.
+        resolved: The same with every default filled in, kept as provenance.
+        tasks: The finished sequences, in the order of the table.
+        root: The dataset's folder.
+        scratch: A folder on the same file system.
+    """
+    made = scratch / "dataset-files"
+    shutil.rmtree(made, ignore_errors=True)
+    made.mkdir(parents=True)
+    infos = [read_json(task.folder(root) / SEQUENCE_JSON) for task in tasks]
+    tiers = [describe_tier(config, tier) for tier in config.tiers]
+    dataset = {"id": config.id, "version": config.version}
+    write_table(
+        made / SEQUENCES_TABLE,
+        sequence_rows(infos),
+        "sequences",
+        {"dataset": dataset},
+    )
+    build_queries(
+        root,
+        tiers,
+        tasks,
+        config.queries,
+        seed=config.seed,
+        dataset=dataset,
+        queries_dir=made / QUERIES_DIR,
+        truth_dir=made / TRUTH_DIR,
+    )
+    write_json(made / DATASET_JSON, describe_dataset(config, resolved, tiers, infos), "dataset")
+    (root / DATASET_JSON).unlink(missing_ok=True)
+    for name in (QUERIES_DIR, TRUTH_DIR):
+        shutil.rmtree(root / name, ignore_errors=True)
+        if (made / name).is_dir():
+            (made / name).rename(root / name)
+    (made / SEQUENCES_TABLE).replace(root / SEQUENCES_TABLE)
+    (made / DATASET_JSON).replace(root / DATASET_JSON)
+    made.rmdir()
+
+
+def describe_dataset(
+    config: GenerateConfig,
+    resolved: Mapping[str, Any],
+    tiers: Sequence[Mapping[str, Any]],
+    infos: Sequence[Mapping[str, Any]],
+) -> dict[str, Any]:
+    """Return the content of `dataset.json`.
+
+    Args:
+        config: The dataset's config.
+        resolved: The same with every default filled in.
+        tiers: Entries of the tiers.
+        infos: The `sequence.json` of every sequence.
+    """
+    names = ", ".join(config.tiers)
+    kind = "episodes" if config.episodes else "configurations"
+    return {
+        "spec_version": SPEC_VERSION,
+        "id": config.id,
+        "version": config.version,
+        "title": config.title or f"Pliant: {names}",
+        "description": config.description
+        or f"{len(infos)} sequences of {config.frames} frames ({kind}) of {names}, rendered in "
+        f"style {config.style} with exact correspondences.",
+        "licence": config.licence,
+        "conventions": CONVENTIONS,
+        "image_size": {"width": config.width, "height": config.height},
+        "tiers": list(tiers),
+        "splits": [split for split in SPLITS if any(info["split"] == split for info in infos)],
+        "provenance": {
+            "generator": f"pliant {version('pliant')}",
+            "seed": config.seed,
+            "config": dict(resolved),
+            "tools": {key: tool for info in infos for key, tool in info["tools"].items()},
+        },
+    }
+
+
+def sequence_rows(infos: Sequence[Mapping[str, Any]]) -> pa.Table:
+    """Return the rows of `sequences.parquet` from every sequence's `sequence.json`."""
+    rows = [
+        {
+            **{name: info[name] for name in ("id", "tier", "split", "shape", "frames")},
+            **{name: info[name] for name in ("temporal", "seed", "style")},
+            "coverage": _mean(info, "coverage"),
+            "self_occluded": _mean(info, "self_occluded"),
+        }
+        for info in infos
+    ]
+    return pa.Table.from_pylist(rows, schema=SEQUENCES)
+
+
+def _mean(info: Mapping[str, Any], name: str) -> float | None:
+    """Return the mean of a fact over the frames that state it, None where none does."""
+    values = [frame[name] for frame in info["frame_info"] if frame.get(name) is not None]
+    return float(np.mean(values)) if values else None

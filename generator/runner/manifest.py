@@ -1,0 +1,232 @@
+"""The run's own records in `DATASET/.pliant`: lock, config, failures, logs, unfinished work.
+
+Nothing here is part of the dataset; deleting the folder of a finished set loses nothing.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import shutil
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Final
+
+from pliant.generator.config import GROWING_FIELDS, LABEL_FIELDS
+from pliant.spec.errors import CallError
+from pliant.spec.io.writing import replacing
+from pliant.spec.storage.layout import DATASET_JSON
+
+RUN_DIR: Final = ".pliant"
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A sequence that could not be made.
+
+    Attributes:
+        id: The sequence.
+        attempts: How often it was tried in this run.
+        error: Traceback or cause of the last attempt.
+    """
+
+    id: str
+    attempts: int
+    error: str
+
+
+class RunFolder:
+    """`DATASET/.pliant`: what a run must remember beside the dataset itself."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+        self.path = root / RUN_DIR
+        self.partial = self.path / "partial"
+        self.logs = self.path / "logs"
+        self._config = self.path / "config.json"
+        self._failures = self.path / "failures.json"
+
+    def check(self) -> None:
+        """Refuse a folder that holds anything but a dataset of ours; write nothing.
+
+        Raises:
+            CallError: The folder holds something else, or is no folder.
+        """
+        if self.root.exists() and not self.root.is_dir():
+            raise CallError("the output is a file, not a folder", path=self.root)
+        if self.root.is_dir() and self.stored_config() is None:
+            others = sorted(p.name for p in self.root.iterdir() if p.name != RUN_DIR)
+            if others:
+                raise CallError(
+                    "the output folder holds something else",
+                    path=self.root,
+                    found=", ".join(others[:3]) + (" …" if len(others) > 3 else ""),
+                    fix="Name a new or empty folder",
+                )
+
+    def open(self) -> None:
+        """Make the folder, after `check`.
+
+        Raises:
+            CallError: As `check`, or the folder cannot be written.
+        """
+        try:
+            self.check()
+            self.logs.mkdir(parents=True, exist_ok=True)
+            self.partial.mkdir(exist_ok=True)
+        except OSError as error:
+            raise CallError(
+                "the output folder cannot be written", path=self.root, found=error.strerror
+            ) from error
+
+    @contextmanager
+    def locked(self) -> Iterator[None]:
+        """Hold the folder for one process; the lock ends with the process, however it ends.
+
+        Raises:
+            CallError: Another process is generating into this folder.
+        """
+        with (self.path / "lock").open("a+") as handle:
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError as error:
+                handle.seek(0)
+                raise CallError(
+                    "another process is generating into this folder",
+                    path=self.root,
+                    found=handle.read().strip() or None,
+                    fix="Wait for it to end, or stop it",
+                ) from error
+            handle.truncate(0)
+            handle.write(f"process {os.getpid()} on {os.uname().nodename}")
+            handle.flush()
+            yield
+
+    def is_finished(self, config: Mapping[str, Any]) -> bool:
+        """Return whether a run with just this config, and this Pliant, came to its end.
+
+        Args:
+            config: The config as it was given, defaults of the sections not filled in: the
+                question costs no import of theirs.
+        """
+        stored = _read_object(self._config)
+        if stored is None or stored.get("finished") is not True:
+            return False
+        return stored.get("given") == _given(config)
+
+    def stored_config(self) -> dict[str, Any] | None:
+        """Return the resolved config the folder was started with, None where there is none.
+
+        A finished set that was copied without `.pliant` still tells it in `dataset.json`.
+        """
+        stored = _read_object(self._config)
+        if stored is None:
+            stored = (_read_object(self.root / DATASET_JSON) or {}).get("provenance")
+            stored = {"resolved": stored.get("config")} if isinstance(stored, dict) else None
+        resolved = None if stored is None else stored.get("resolved")
+        return resolved if isinstance(resolved, dict) else None
+
+    def store_config(
+        self, config: Mapping[str, Any], resolved: Mapping[str, Any], *, finished: bool
+    ) -> None:
+        """Remember the config as given and as resolved, and whether its run came to its end."""
+        document = {"given": _given(config), "resolved": resolved, "finished": finished}
+        write_atomically(self._config, json.dumps(document, indent=1, sort_keys=True) + "\n")
+
+    def store_failures(self, failures: list[Failure]) -> None:
+        """Remember the sequences that failed, with their tracebacks; none removes the file."""
+        if failures:
+            text = json.dumps([asdict(failure) for failure in failures], indent=1) + "\n"
+            write_atomically(self._failures, text)
+        else:
+            self._failures.unlink(missing_ok=True)
+
+    def clear_partial(self) -> None:
+        """Remove what interrupted runs left unfinished."""
+        for path in self.partial.iterdir():
+            shutil.rmtree(path, ignore_errors=True)
+
+    def new_log(self) -> Path:
+        """Return the path of this run's log file."""
+        return self.logs / time.strftime(f"run-%Y%m%d-%H%M%S-{os.getpid()}.log", time.gmtime())
+
+
+def refuse_changes(stored: Mapping[str, Any], wanted: Mapping[str, Any], root: Path) -> None:
+    """Refuse a config that would not continue the set in a folder.
+
+    Tiers and sequences may be added, and the labels may change; every other field decides
+    the bytes of the sequences that are there.
+
+    Args:
+        stored: Resolved config of the folder.
+        wanted: Resolved config of this call.
+        root: The folder, for the message.
+
+    Raises:
+        CallError: Fields differ; the message names each with both values.
+    """
+    # `queries.kind` is younger than the first sets, which all asked pairs.
+    stored = {**stored, "queries": {"kind": "pairs", **stored.get("queries", {})}}
+    free = {*GROWING_FIELDS, *LABEL_FIELDS}
+    free |= {kind for kind in ("rope", "cloth") if kind not in stored or kind not in wanted}
+    differences = _differences(
+        {key: value for key, value in stored.items() if key not in free},
+        {key: value for key, value in wanted.items() if key not in free},
+    )
+    for split, count in stored.get("splits", {}).items():
+        asked = wanted["splits"].get(split, 0)
+        if asked < count:
+            differences.append(f"splits.{split} ({count} there, {asked} in this call)")
+    missing = [tier for tier in stored.get("tiers", []) if tier not in wanted["tiers"]]
+    if missing:
+        differences.append(f"tiers ({', '.join(missing)} there, not in this call)")
+    if differences:
+        raise CallError(
+            "the folder holds a set made with other settings",
+            path=root,
+            found="; ".join(differences),
+            fix="Call it with the same settings (sequences and tiers may be added, not taken "
+            "away), or name another folder",
+        )
+
+
+def write_atomically(path: Path, text: str) -> None:
+    """Write a file so that its name never stands for half of it, even after a power cut."""
+    with replacing(path, durable=True) as partial:
+        partial.write_text(text, encoding="utf-8")
+
+
+def _given(config: Mapping[str, Any]) -> dict[str, Any]:
+    return {"pliant": version("pliant"), "config": json.loads(json.dumps(config))}
+
+
+def _read_object(path: Path) -> dict[str, Any] | None:
+    """Return a JSON file's object; None if there is no file, or no object in it."""
+    try:
+        values = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError) as error:
+        raise CallError("the file cannot be read", path=path, found=error) from error
+    return values if isinstance(values, dict) else None
+
+
+def _differences(stored: Mapping[str, Any], wanted: Mapping[str, Any], at: str = "") -> list[str]:
+    lines: list[str] = []
+    for key in sorted({*stored, *wanted}):
+        old, new = stored.get(key), wanted.get(key)
+        if isinstance(old, Mapping) and isinstance(new, Mapping):
+            lines += _differences(old, new, f"{at}{key}.")
+        elif old != new:
+            lines.append(f"{at}{key} ({_short(old)} there, {_short(new)} in this call)")
+    return lines
+
+
+def _short(value: Any) -> str:
+    text = json.dumps(value)
+    return text if len(text) <= 60 else text[:57] + "…"

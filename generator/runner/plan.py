@@ -1,0 +1,139 @@
+"""The tasks of a run: one sequence each, and which of them a folder already holds."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from pliant.generator.config import GenerateConfig
+from pliant.spec.io.checksums import sha256_file
+from pliant.spec.storage.layout import SEQUENCE_JSON, sequence_dir
+
+
+@dataclass(frozen=True)
+class SequenceTask:
+    """One sequence to make: the unit of work, of retry and of resume.
+
+    Attributes:
+        tier: Tier name.
+        split: Split the sequence belongs to.
+        index: Index of the sequence in its tier and split, >= 0.
+    """
+
+    tier: str
+    split: str
+    index: int
+
+    @property
+    def id(self) -> str:
+        """The sequence's id, and its folder's name."""
+        return f"{self.tier}-{self.split}-{self.index:06d}"
+
+    def folder(self, root: Path) -> Path:
+        """Return the sequence's folder in a dataset."""
+        return sequence_dir(root, self.tier, self.id)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a run has to do.
+
+    Attributes:
+        tasks: Every sequence of the dataset, in the order of `sequences.parquet`.
+        finished: Ids that the folder already contains, whole.
+        damaged: First damaged file of each sequence that has to be made again, with the reason.
+        frames_per_sequence: Frames of each sequence.
+    """
+
+    tasks: tuple[SequenceTask, ...]
+    finished: frozenset[str]
+    frames_per_sequence: int
+    damaged: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def missing(self) -> list[SequenceTask]:
+        """The sequences still to be made, in an order that brings every tier along.
+
+        An interrupted run thus holds some of each tier and split.
+        """
+        tasks = [task for task in self.tasks if task.id not in self.finished]
+        return sorted(tasks, key=lambda task: task.index)  # stable: tiers and splits alternate
+
+    @property
+    def frames(self) -> int:
+        """Frames of the whole dataset."""
+        return len(self.tasks) * self.frames_per_sequence
+
+
+def plan_run(config: GenerateConfig, root: Path) -> Plan:
+    """Compare a config with what its folder contains.
+
+    A sequence is finished when its folder has a `sequence.json` and every file that this lists,
+    with the listed size and checksum. Others are made again.
+
+    Args:
+        config: The dataset's config.
+        root: The dataset's folder, which need not exist.
+    """
+    tasks = plan_tasks(config)
+    present = [task for task in tasks if (task.folder(root) / SEQUENCE_JSON).is_file()]
+    # Hashing releases the interpreter lock.
+    with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
+        found = pool.map(first_damage, (task.folder(root) for task in present))
+        damaged = {
+            task.id: damage
+            for task, damage in zip(present, found, strict=True)
+            if damage is not None
+        }
+    finished = frozenset(task.id for task in present) - damaged.keys()
+    return Plan(tasks, finished, config.frames, damaged)
+
+
+def first_damage(folder: Path) -> str | None:
+    """Return what is wrong with a sequence's files, None if they are as `sequence.json` lists.
+
+    All sizes are compared before the first checksum.
+
+    Args:
+        folder: The sequence's folder.
+    """
+    try:
+        files = [(str(e["path"]), e["bytes"], e["sha256"]) for e in _listed(folder)]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        return f"{SEQUENCE_JSON} cannot be read: {error}"
+    for name, size, _ in files:
+        path = folder / name
+        if not path.is_file():
+            return f"{name} is missing"
+        if path.stat().st_size != size:
+            return f"{name} has {path.stat().st_size} bytes; {SEQUENCE_JSON} lists {size}"
+    for name, _, sha256 in files:
+        if sha256_file(folder / name) != sha256:
+            return f"{name} has another sha256 than {SEQUENCE_JSON} lists"
+    return None
+
+
+def _listed(folder: Path) -> list[dict[str, Any]]:
+    document = json.loads((folder / SEQUENCE_JSON).read_text(encoding="utf-8"))
+    files: list[dict[str, Any]] = document["files"]
+    return files
+
+
+def plan_tasks(config: GenerateConfig) -> tuple[SequenceTask, ...]:
+    """Return every sequence of a config, by tier, split and index."""
+    return tuple(
+        SequenceTask(tier, split, index)
+        for tier in config.tiers
+        for split, count in config.counts.items()
+        for index in range(count)
+    )
+
+
+def first_of_each_tier(tasks: Sequence[SequenceTask]) -> list[SequenceTask]:
+    """Return one task per tier, the first in order."""
+    return list({task.tier: task for task in reversed(tasks)}.values())[::-1]

@@ -1,0 +1,341 @@
+"""Generating a dataset: plan, make what is missing, retry what failed, finish the set."""
+
+from __future__ import annotations
+
+import functools
+import logging
+import os
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final, Literal
+
+from pliant.generator.config import BLENDER_STYLES, GenerateConfig
+from pliant.generator.runner.engine import Engine, Failed, Finished, Maker, OpenMaker, Rendered
+from pliant.generator.runner.manifest import Failure, RunFolder, refuse_changes
+from pliant.generator.runner.plan import Plan, SequenceTask, plan_run
+from pliant.spec.errors import CallError, GenerationError
+from pliant.spec.storage.layout import DATASET_JSON
+
+ATTEMPTS: Final = 3
+"""How often a sequence is tried before it is recorded as failed."""
+
+ENGINES: Final = ("local", "ray")
+
+logger = logging.getLogger("pliant.generator")
+
+
+@dataclass
+class Progress:
+    """How far a run is; the same object is shown again and again while it runs.
+
+    Attributes:
+        plan: What the run set out to do.
+        sequences: Sequences in place, those of earlier runs included.
+        frames: Frames rendered in this run.
+        frames_wanted: Frames this run has to render.
+        bytes: Bytes this run wrote.
+        failures: Failed attempts so far.
+        memory_bytes: Largest resident memory a worker reported.
+        started: `time.monotonic()` at the start of the rendering.
+        log: The run's log file.
+        measured: First finished sequence of this run: (id, frames, seconds, bytes).
+    """
+
+    plan: Plan
+    sequences: int
+    frames_wanted: int
+    frames: int = 0
+    bytes: int = 0
+    failures: int = 0
+    memory_bytes: int = 0
+    started: float = field(default_factory=time.monotonic)
+    log: Path | None = None
+    measured: tuple[str, int, float, int] | None = None
+
+    @property
+    def seconds(self) -> float:
+        """Seconds since the rendering began."""
+        return time.monotonic() - self.started
+
+    @property
+    def images_per_s(self) -> float:
+        """Images a second, all workers together."""
+        return self.frames / self.seconds if self.frames else 0.0
+
+
+@dataclass(frozen=True)
+class Summary:
+    """How a run ended.
+
+    Attributes:
+        root: The dataset's folder.
+        sequences: Sequences of the dataset that are in place.
+        made: Sequences this run made.
+        frames: Frames this run rendered.
+        bytes: Bytes this run wrote into sequences.
+        seconds: Wall time of the run.
+        failed: Sequences that could not be made, each with its traceback.
+    """
+
+    root: Path
+    sequences: int
+    made: int
+    frames: int
+    bytes: int
+    seconds: float
+    failed: tuple[Failure, ...] = ()
+
+    @property
+    def unchanged(self) -> bool:
+        """True if the set was finished before the run."""
+        return self.made == 0 and not self.failed
+
+
+def generate(
+    config: GenerateConfig,
+    out: Path | str,
+    *,
+    workers: int = 1,
+    engine: Literal["local", "ray"] | Engine = "local",
+    progress: Callable[[Progress], None] | None = None,
+    open_maker: OpenMaker | None = None,
+) -> Summary:
+    """Make a dataset, or go on with one.
+
+    What is there already is kept: the same call after an interruption makes what is missing,
+    and on a finished set does nothing. A sequence whose files differ from the sizes and checksums
+    of its `sequence.json` is made again. The bytes depend on the config alone, not on engine,
+    workers, order or interruptions.
+
+    Args:
+        config: What to make.
+        out: The dataset's folder: new, empty, or begun by an earlier call.
+        workers: Sequences in work at a time, >= 1.
+        engine: `local`, `ray`, or an engine object.
+        progress: Called at the start and after every event.
+        open_maker: What makes the sequences in a worker, picklable; None renders them.
+
+    Returns:
+        What was done. Sequences that failed are listed, and the set holds the others.
+
+    Raises:
+        CallError: The folder holds something else, or a set made with other settings.
+        GenerationError: The disk is full or the folder cannot be written: nothing more can be
+            done, and nothing that was finished is lost.
+    """
+    root = Path(out)
+    if workers < 1:
+        raise CallError("there must be a worker", where="workers", found=workers, required=">= 1")
+    started = time.monotonic()
+    run = RunFolder(root)
+    run.open()
+    with run.locked(), _logged(run) as log:
+        plan = plan_run(config, root)
+        whole = not plan.missing and (root / DATASET_JSON).is_file()
+        if whole and run.is_finished(config.to_dict()):
+            run.clear_partial()
+            return Summary(root, len(plan.tasks), 0, 0, 0, time.monotonic() - started)
+        resolved = config.resolved()
+        stored = run.stored_config()
+        if stored is not None:
+            refuse_changes(stored, resolved, root)
+        run.store_config(config.to_dict(), resolved, finished=False)
+        _remove_damaged(root, plan, run.partial)
+        run.clear_partial()
+        state = Progress(
+            plan,
+            sequences=len(plan.finished),
+            frames_wanted=len(plan.missing) * config.frames,
+            log=log,
+        )
+        logger.info("%d of %d sequences to make in %s", len(plan.missing), len(plan.tasks), root)
+        failed: list[Failure] = []
+        if plan.missing:
+            chosen = _open_engine(engine, workers, log, config.style)
+            maker = open_maker or functools.partial(
+                open_sequence_maker, config, root, run.partial, _threads_each(chosen)
+            )
+            try:
+                failed = _make_missing(root, plan, chosen, maker, state, progress or _ignore)
+            finally:
+                run.clear_partial()
+        run.store_failures(failed)
+        missing = {failure.id for failure in failed}
+        tasks = [task for task in plan.tasks if task.id not in missing]
+        if not tasks:
+            raise GenerationError(
+                "no sequence could be made", path=log, found=failed[0].error.splitlines()[-1]
+            )
+        with _fatal_errors(root, len(tasks), len(plan.tasks)):
+            _finish(config, resolved, tasks, run)
+            run.store_config(config.to_dict(), resolved, finished=True)
+        logger.info("finished: %d sequences, %d failed", len(tasks), len(failed))
+        return Summary(
+            root=root,
+            sequences=len(tasks),
+            made=state.sequences - len(plan.finished),
+            frames=state.frames,
+            bytes=state.bytes,
+            seconds=time.monotonic() - started,
+            failed=tuple(failed),
+        )
+
+
+def _remove_damaged(root: Path, plan: Plan, partial: Path) -> None:
+    """Move damaged sequences out of the dataset, so that new ones can take their names."""
+    for task in plan.tasks:
+        if task.id in plan.damaged:
+            logger.warning("%s is made again: %s", task.id, plan.damaged[task.id])
+            task.folder(root).rename(partial / f"{task.id}-damaged")
+
+
+def _make_missing(
+    root: Path,
+    plan: Plan,
+    engine: Engine,
+    open_maker: OpenMaker,
+    state: Progress,
+    show: Callable[[Progress], None],
+) -> list[Failure]:
+    """Make the missing sequences; those that fail are tried again after all others."""
+    tasks = plan.missing
+    failed: dict[str, Failure] = {}
+    show(state)
+    for number in range(1, ATTEMPTS + 1):
+        again: list[SequenceTask] = []
+        failed.clear()
+        with closing(engine.events(tasks, open_maker)) as events:
+            for event in events:
+                if isinstance(event, Rendered):
+                    state.frames += event.frames
+                elif isinstance(event, Finished):
+                    _require_here(root, event)
+                    _count(state, event)
+                else:
+                    state.failures += 1
+                    logger.error("%s, attempt %d: %s", event.task.id, number, event.error)
+                    if event.fatal is not None:
+                        raise _stopped(event, state)
+                    again.append(event.task)
+                    failed[event.task.id] = Failure(event.task.id, number, event.error)
+                show(state)
+        if not again:
+            break
+        tasks = again
+    return list(failed.values())
+
+
+def _require_here(root: Path, event: Finished) -> None:
+    """Check that what another node may have written can be seen here."""
+    folder = event.task.folder(root)
+    if not folder.is_dir():
+        raise GenerationError(
+            "a worker finished this sequence, but it is not here",
+            path=folder,
+            fix="With --engine ray the output must lie on a file system that all nodes share",
+        )
+
+
+def _count(state: Progress, event: Finished) -> None:
+    result = event.result
+    state.sequences += 1
+    state.bytes += result.bytes
+    state.memory_bytes = max(state.memory_bytes, result.memory_bytes)
+    if state.measured is None:
+        state.measured = (result.id, result.frames, result.seconds, result.bytes)
+    stages = ", ".join(f"{stage} {spent:.3f}" for stage, spent in result.stage_cpu_s.items())
+    logger.info(
+        "%s: %d frames, %.2f s, %.2f CPU s (%s), %.0f MB resident, %d bytes",
+        result.id,
+        result.frames,
+        result.seconds,
+        result.cpu_s,
+        stages,
+        result.memory_bytes / 1e6,
+        result.bytes,
+    )
+
+
+def _stopped(event: Failed, state: Progress) -> GenerationError:
+    return GenerationError(
+        "the run cannot go on",
+        where=event.task.id,
+        found=event.fatal,
+        fix=f"{state.sequences} of {len(state.plan.tasks)} sequences are finished and kept: make "
+        "room or mend the folder, and give the same command again",
+    )
+
+
+def _open_engine(engine: str | Engine, workers: int, log: Path, style: str) -> Engine:
+    if not isinstance(engine, str):
+        return engine
+    # Imported here: a finished set is told so without them.
+    if engine == "local":
+        from pliant.generator.runner.engine_local import LocalEngine, count_gpus
+
+        return LocalEngine(workers, log, count_gpus() if style in BLENDER_STYLES else 0)
+    if engine == "ray":
+        from pliant.generator.runner.engine_ray import RayEngine
+
+        return RayEngine(workers, None if style in BLENDER_STYLES else 0.0)
+    raise CallError(
+        "unknown engine", where="engine", found=engine, required="one of " + ", ".join(ENGINES)
+    )
+
+
+def open_sequence_maker(config: GenerateConfig, root: Path, scratch: Path, threads: int) -> Maker:
+    """Open the real maker, in a worker process: only there are Blender and numba imported."""
+    from pliant.generator.runner.sequence import SequenceMaker
+
+    return SequenceMaker(config, root, scratch, threads=threads)
+
+
+def _threads_each(engine: Engine) -> int:
+    """Return how many threads each worker's renderer gets, so that workers do not fight."""
+    return max(1, len(os.sched_getaffinity(0)) // engine.workers)
+
+
+def _finish(
+    config: GenerateConfig, resolved: dict[str, object], tasks: list[SequenceTask], run: RunFolder
+) -> None:
+    from pliant.generator.runner.dataset_files import write_dataset_files
+
+    write_dataset_files(config, resolved, tasks, run.root, run.partial)
+
+
+@contextmanager
+def _fatal_errors(root: Path, finished: int, wanted: int) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise GenerationError(
+            "the dataset's tables cannot be written",
+            path=root,
+            found=error.strerror or error,
+            fix=f"{finished} of {wanted} sequences are finished and kept: make room or mend the "
+            "folder, and give the same command again",
+        ) from error
+
+
+@contextmanager
+def _logged(run: RunFolder) -> Iterator[Path]:
+    """Send this package's log to a file of the run while it lasts."""
+    path = run.new_log()
+    handler = logging.FileHandler(path, delay=True)
+    handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(message)s"))
+    level = logger.level
+    logger.addHandler(handler)
+    logger.setLevel(logging.INFO)
+    try:
+        yield path
+    finally:
+        logger.removeHandler(handler)
+        logger.setLevel(level)
+        handler.close()
+
+
+def _ignore(progress: Progress) -> None:
+    """Show nothing."""

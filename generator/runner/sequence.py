@@ -1,0 +1,270 @@
+"""Making one sequence: draw it, pose it, see it, render it, write it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from importlib.metadata import PackageNotFoundError, version
+from itertools import chain, islice
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+import numpy as np
+
+from pliant.generator.config import BLENDER_STYLES, GenerateConfig
+from pliant.generator.objects.tiers import describe_tier, sample_scene_object
+from pliant.generator.rendering import open_renderer
+from pliant.generator.runner.engine import SequenceResult
+from pliant.generator.runner.plan import SequenceTask
+from pliant.generator.runner.sequence_writer import SequenceWriter
+from pliant.generator.scene.appearance import Appearance, sample_appearance
+from pliant.generator.scene.camera import Camera, sample_camera
+from pliant.generator.scene.noise import apply_noise
+from pliant.generator.scene.scene_object import Pose, SceneObject
+from pliant.generator.seeding import random_generator
+from pliant.generator.truth.frame_truth import FrameTruth, frame_truth
+from pliant.spec.configuration import settings_to_dict
+
+T = TypeVar("T")
+
+FRAMED_POSES: Final = 32
+"""Independent configurations share a camera that sees so many of them whole."""
+
+
+class SequenceMaker:
+    """Makes sequences with one renderer, whose scene it keeps.
+
+    Args:
+        config: The dataset's config.
+        root: The dataset's folder.
+        scratch: Folder for unfinished sequences, on the same file system.
+        threads: Threads of the renderer.
+        overlap: Pose and annotate the next frame on a second thread while one renders.
+    """
+
+    def __init__(
+        self,
+        config: GenerateConfig,
+        root: Path,
+        scratch: Path,
+        *,
+        threads: int = 1,
+        overlap: bool = True,
+    ) -> None:
+        self.config = config
+        self.root = root
+        self.scratch = scratch
+        self.overlap = overlap
+        self._depth_camera = config.depth_faults
+        self.renderer = open_renderer(
+            config.style, config.size, threads=threads, depth_camera=self._depth_camera
+        )
+        self._camera_settings = config.camera
+        self._appearance_settings = config.look
+        self._noise_settings = config.noise
+        self._tools = tool_versions(config.style)
+
+    def make(self, task: SequenceTask, on_frame: Callable[[], None]) -> SequenceResult:
+        """Make one sequence: populate, pose, annotate, render, write.
+
+        Args:
+            task: Which sequence.
+            on_frame: Called after each frame.
+
+        Raises:
+            GenerationError: No acceptable configuration was found.
+            OSError: The disk is full or cannot be written.
+        """
+        started, cpu_started = time.perf_counter(), time.process_time()
+        clock = _StageClock()
+        config = self.config
+        with clock("sample"):
+            scene_object = sample_scene_object(config, task)
+        poses = (scene_object.pose(frame) for frame in range(scene_object.frames))
+        with clock("pose"):
+            framed = list(islice(poses, 1 if scene_object.temporal else FRAMED_POSES))
+        with clock("sample"):
+            camera, appearance = self.view(task, scene_object, framed)
+        queried = int(describe_tier(config, task.tier)["queried_object"])
+
+        def seen() -> Iterator[tuple[Pose, FrameTruth]]:
+            coming = chain(framed, poses)
+            for _ in range(scene_object.frames):
+                with clock("pose"):
+                    pose = next(coming)
+                with clock("truth"):
+                    truth = frame_truth(scene_object, pose, camera)
+                yield pose, truth
+
+        frame_info: list[dict[str, Any]] = []
+        with SequenceWriter(task.folder(self.root), self.scratch) as writer:
+            with clock("render"):
+                self.renderer.begin(scene_object, appearance, camera)
+            for frame, (pose, truth) in enumerate(_ahead(seen()) if self.overlap else seen()):
+                with clock("render"):
+                    rng = self._random(task, "depth-camera", frame)
+                    rgb = self.renderer.render(pose, truth, rng)
+                if self._noise_settings is not None:
+                    with clock("noise"):
+                        rng = self._random(task, "noise", frame)
+                        rgb = apply_noise(rng, rgb, truth.surface, self._noise_settings)
+                with clock("tables"):
+                    writer.add_frame(rgb, truth, camera)
+                frame_info.append(_frame_info(scene_object, pose, truth, queried))
+                on_frame()
+            with clock("tables"):
+                size = writer.commit(
+                    self._info(task, scene_object, settings_to_dict(appearance), frame_info),
+                    scene_object.points,
+                )
+        clock.seconds["encode"] = writer.encode_cpu_s
+        return SequenceResult(
+            id=task.id,
+            frames=scene_object.frames,
+            bytes=size,
+            seconds=time.perf_counter() - started,
+            cpu_s=time.process_time() - cpu_started,
+            stage_cpu_s=clock.seconds,
+            memory_bytes=resident_bytes(),
+        )
+
+    def view(
+        self, task: SequenceTask, scene_object: SceneObject, framed: Sequence[Pose]
+    ) -> tuple[Camera, Appearance]:
+        """Draw a sequence's camera and appearance.
+
+        Args:
+            task: Which sequence.
+            scene_object: Its object.
+            framed: Poses that the camera must see whole.
+        """
+        camera = sample_camera(
+            self._random(task, "camera"),
+            scene_object,
+            self._camera_settings,
+            self.config.size,
+            framed,
+        )
+        rng, settings = self._random(task, "look"), self._appearance_settings
+        material = None
+        if settings.materials:
+            number = settings.first_material + int(rng.integers(settings.materials))
+            material = random_generator(self.config.seed, task.tier, "", number, stream="material")
+        return camera, sample_appearance(rng, scene_object, settings, material)
+
+    def close(self) -> None:
+        """Release the renderer."""
+        self.renderer.close()
+
+    def _random(
+        self, task: SequenceTask, stream: str, frame: int | None = None
+    ) -> np.random.Generator:
+        return random_generator(
+            self.config.seed, task.tier, task.split, task.index, frame, stream=stream
+        )
+
+    def _info(
+        self,
+        task: SequenceTask,
+        scene_object: SceneObject,
+        appearance: dict[str, Any],
+        frame_info: list[dict[str, Any]],
+    ) -> dict[str, Any]:
+        noise = self._noise_settings
+        parameters = {**settings_to_dict(scene_object.info), "look": appearance}
+        if self._depth_camera is not None:
+            parameters["depth_camera"] = settings_to_dict(self._depth_camera)
+        return {
+            "id": task.id,
+            "tier": task.tier,
+            "split": task.split,
+            "shape": scene_object.shape,
+            "index": task.index,
+            "seed": self.config.seed,
+            "temporal": scene_object.temporal,
+            "frames": scene_object.frames,
+            "style": self.config.style,
+            "noise": None if noise is None else settings_to_dict(noise),
+            "parameters": parameters,
+            "frame_info": frame_info,
+            "tools": self._tools,
+        }
+
+
+def tool_versions(style: str) -> dict[str, str]:
+    """Return name -> version of what decides the bytes of a sequence."""
+    names = ["pliant", "numpy", "numba", "pyarrow", "OpenEXR"] + ["bpy"] * (style in BLENDER_STYLES)
+    found: dict[str, str] = {}
+    for name in names:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            continue
+    return found
+
+
+def resident_bytes() -> int:
+    """Return this process's resident memory, bytes."""
+    import psutil
+
+    return int(psutil.Process().memory_info().rss)
+
+
+def _frame_info(
+    scene_object: SceneObject, pose: Pose, truth: FrameTruth, queried: int
+) -> dict[str, Any]:
+    """Return a frame's entry of `sequence.json`: the sampler's facts and what the camera sees."""
+    states = np.asarray(truth.visibility)[~scene_object.points.centreline]
+    return {
+        **settings_to_dict(pose.info),
+        "self_occluded": float(np.mean(states == "self_occluded")),
+        "box_px": visible_box(truth.surface.object_id == queried),
+    }
+
+
+def visible_box(mask: np.ndarray[Any, np.dtype[np.bool_]]) -> list[int] | None:
+    """Return the bounding box of a mask.
+
+    Args:
+        mask: bool (H, W).
+
+    Returns:
+        [left, top, right, bottom], px, the edges of the outermost pixels; None if it is empty.
+    """
+    columns = np.flatnonzero(mask.any(axis=0))
+    rows = np.flatnonzero(mask.any(axis=1))
+    if len(columns) == 0:
+        return None
+    return [int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1]
+
+
+class _StageClock:
+    """CPU seconds of the calling thread, summed by stage."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+
+    def __call__(self, stage: str) -> _Stage:
+        return _Stage(self.seconds, stage)
+
+
+class _Stage:
+    def __init__(self, seconds: dict[str, float], stage: str) -> None:
+        self._seconds, self._stage = seconds, stage
+
+    def __enter__(self) -> None:
+        self._start = time.thread_time()
+
+    def __exit__(self, *exc: object) -> None:
+        spent = time.thread_time() - self._start
+        self._seconds[self._stage] = self._seconds.get(self._stage, 0.0) + spent
+
+
+def _ahead(items: Iterator[T]) -> Iterator[T]:
+    """Yield items while the one after is computed on another thread."""
+    with ThreadPoolExecutor(1, thread_name_prefix="ahead") as pool:
+        coming = pool.submit(next, items, None)
+        while (item := coming.result()) is not None:
+            coming = pool.submit(next, items, None)
+            yield item

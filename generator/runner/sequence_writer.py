@@ -1,0 +1,233 @@
+"""Writing one sequence: into a scratch folder, synced, and renamed into place when whole."""
+
+from __future__ import annotations
+
+import errno
+import os
+import shutil
+import time
+from collections import deque
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+
+from pliant.spec.conventions import POINT_KINDS, SPEC_VERSION
+from pliant.spec.io.checksums import sha256_file
+from pliant.spec.io.images import Surface, write_rgb, write_surface
+from pliant.spec.io.jsonfiles import write_json
+from pliant.spec.io.parquet import TableWriter, write_table
+from pliant.spec.storage.layout import (
+    CAMERAS_JSON,
+    CORRESPONDENCES_TABLE,
+    POINTS_TABLE,
+    SEQUENCE_JSON,
+    depth_name,
+    rgb_name,
+)
+from pliant.spec.tables import CORRESPONDENCES, POINTS
+
+if TYPE_CHECKING:
+    from pliant.generator.scene.camera import Camera
+    from pliant.generator.scene.scene_object import Points
+    from pliant.generator.truth.frame_truth import FrameTruth
+
+PNG_LEVEL: Final = 1
+_FRAMES_IN_FLIGHT: Final = 4
+_ROWS_IN_MEMORY: Final = 32768
+
+
+class SequenceWriter:
+    """Collects the frames of a sequence and puts the whole of it into place, or nothing.
+
+    Images are encoded on a thread of their own, at most four frames behind, so that the next
+    frame renders meanwhile. Use it as a context manager: leaving it without `commit` removes
+    what was written.
+
+    Args:
+        folder: The sequence's folder in the dataset.
+        scratch: A folder on the same file system for unfinished sequences.
+    """
+
+    def __init__(self, folder: Path, scratch: Path) -> None:
+        self.folder = folder
+        self.encode_cpu_s = 0.0
+        self._partial = scratch / f"{folder.name}-{os.uname().nodename}-{os.getpid()}"
+        self._encoder = ThreadPoolExecutor(1, thread_name_prefix="encode")
+        self._pending: deque[Future[float]] = deque()
+        self._images: list[dict[str, Any]] = []
+        self._cameras: list[dict[str, Any]] = []
+        self._size = (0, 0)
+        self._footer = {"sequence": folder.name}
+        self._rows: list[pa.Table] = []
+        self._table: TableWriter | None = None
+
+    def __enter__(self) -> SequenceWriter:
+        shutil.rmtree(self._partial, ignore_errors=True)
+        for name in (rgb_name(0), depth_name(0)):
+            (self._partial / name).parent.mkdir(parents=True)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self._encoder.shutdown(wait=True, cancel_futures=True)
+        self._close_table()
+        shutil.rmtree(self._partial, ignore_errors=True)
+
+    def add_frame(self, rgb: npt.NDArray[np.uint8], truth: FrameTruth, camera: Camera) -> None:
+        """Take the next frame; the arrays must not be changed afterwards.
+
+        Args:
+            rgb: uint8 (H, W, 3), sRGB.
+            truth: What the camera sees and where the points are.
+            camera: The frame's camera.
+        """
+        frame = len(self._cameras)
+        while len(self._pending) >= _FRAMES_IN_FLIGHT:
+            self.encode_cpu_s += self._pending.popleft().result()
+        self._pending.append(self._encoder.submit(self._encode, frame, rgb, truth.surface))
+        self._cameras.append(
+            {
+                "frame": frame,
+                "K": camera.K.tolist(),
+                "world_to_camera": camera.world_to_camera.tolist(),
+            }
+        )
+        self._size = (camera.width, camera.height)
+        self._rows.append(correspondence_rows(frame, truth))
+        if sum(map(len, self._rows)) >= _ROWS_IN_MEMORY:
+            self._write_rows()
+
+    def commit(self, info: Mapping[str, Any], points: Points) -> int:
+        """Write the tables and `sequence.json`, sync everything and rename it into place.
+
+        Args:
+            info: Fields of `sequence.json` except `spec_version` and `files`.
+            points: The sequence's material points.
+
+        Returns:
+            Bytes of the sequence.
+        """
+        while self._pending:
+            self.encode_cpu_s += self._pending.popleft().result()
+        self._write_rows()
+        self._close_table()
+        write_table(self._partial / POINTS_TABLE, point_rows(points), "points", self._footer)
+        width, height = self._size
+        write_json(
+            self._partial / CAMERAS_JSON,
+            {
+                "spec_version": SPEC_VERSION,
+                "width": width,
+                "height": height,
+                "frames": self._cameras,
+            },
+            "cameras",
+        )
+        names = (CAMERAS_JSON, CORRESPONDENCES_TABLE, POINTS_TABLE)
+        files = [*map(self._entry, names), *self._images]
+        files.sort(key=lambda file: str(file["path"]))
+        document = {"spec_version": SPEC_VERSION, **info, "files": files}
+        write_json(self._partial / SEQUENCE_JSON, document, "sequence")
+        for path in (*self._partial.glob("*"), self._partial):  # the images are synced already
+            _sync(path)
+        self._move_into_place()
+        json_bytes = (self.folder / SEQUENCE_JSON).stat().st_size
+        total: int = json_bytes + sum(file["bytes"] for file in files)
+        return total
+
+    def _entry(self, name: str) -> dict[str, Any]:
+        """Return a file's entry in `sequence.json`."""
+        path = self._partial / name
+        return {"path": name, "sha256": sha256_file(path), "bytes": path.stat().st_size}
+
+    def _write_rows(self) -> None:
+        if self._rows:
+            if self._table is None:
+                path = self._partial / CORRESPONDENCES_TABLE
+                self._table = TableWriter(path, "correspondences", self._footer)
+            self._table.write(pa.concat_tables(self._rows))
+            self._rows.clear()
+
+    def _close_table(self) -> None:
+        if self._table is not None:
+            self._table.close()
+            self._table = None
+
+    def _encode(self, frame: int, rgb: npt.NDArray[np.uint8], surface: Surface) -> float:
+        start = time.thread_time()
+        write_rgb(self._partial / rgb_name(frame), rgb, level=PNG_LEVEL)
+        try:
+            write_surface(self._partial / depth_name(frame), surface)
+        except RuntimeError as error:  # all that OpenEXR says is that the output failed
+            if _free_bytes(self._partial) < surface.depth_m.nbytes:
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)) from error
+            raise
+        for name in (rgb_name(frame), depth_name(frame)):
+            _sync(self._partial / name)  # here, beside the rendering, and not all at the end
+            self._images.append(self._entry(name))
+        return time.thread_time() - start
+
+    def _move_into_place(self) -> None:
+        self.folder.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            self._partial.rename(self.folder)
+        except OSError:
+            # Another worker (a lost one that was not lost) may have put the same bytes there.
+            if not (self.folder / SEQUENCE_JSON).is_file():
+                raise
+        _sync(self.folder.parent)
+
+
+def point_rows(points: Points) -> pa.Table:
+    """Return the rows of `points.parquet`."""
+    count, symmetries = points.partners.shape
+    offsets = np.arange(count + 1, dtype=np.int32) * np.int32(symmetries)
+    kinds = np.array(POINT_KINDS)[points.centreline.astype(np.intp)]
+    columns: Sequence[Any] = [
+        np.arange(count, dtype=np.int32),
+        points.object_id,
+        pa.array(kinds.tolist(), pa.string()),
+        np.ascontiguousarray(points.material[:, 0], np.float32),
+        np.ascontiguousarray(points.material[:, 1], np.float32),
+        pa.ListArray.from_arrays(offsets, points.partners.reshape(-1)).cast(
+            POINTS.field("partners").type
+        ),
+    ]
+    return pa.Table.from_arrays([pa.array(c) for c in columns], schema=POINTS)
+
+
+def correspondence_rows(frame: int, truth: FrameTruth) -> pa.Table:
+    """Return one frame's rows of `correspondences.parquet`."""
+    count = len(truth.depth_m)
+    columns: Sequence[Any] = [
+        np.full(count, frame, np.int32),
+        np.arange(count, dtype=np.int32),
+        truth.uv_px[:, 0].astype(np.float32),
+        truth.uv_px[:, 1].astype(np.float32),
+        np.asarray(truth.depth_m, np.float32),
+        pa.array(truth.visibility, pa.string()),
+        *(truth.xyz_m[:, axis].astype(np.float32) for axis in range(3)),
+    ]
+    return pa.Table.from_arrays([pa.array(c) for c in columns], schema=CORRESPONDENCES)
+
+
+def _free_bytes(folder: Path) -> int:
+    return shutil.disk_usage(folder).free
+
+
+def _sync(path: Path) -> None:
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

@@ -1,0 +1,275 @@
+"""The pinhole camera of the truth, and how one is placed so that the whole object is seen.
+
+Axes are x right, y down, z forward; the centre of the top-left pixel is (0.5, 0.5); the world
+is in metres with z up and the table at z = 0. Blender's axes are known to
+`generator.rendering.blender` alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from pliant.generator.scene.scene_object import FloatArray, Pose, SceneObject
+from pliant.generator.settings.camera import CLEARANCE_M, MIN_MARGIN, CameraSettings
+from pliant.spec.errors import CallError
+
+NEAR_M: Final = 1e-3
+"""Surfaces nearer to the camera than this (planar z) are not seen."""
+
+_HEADROOM_M: Final = 0.06
+# How high an episode lifts things, about.
+
+_AZIMUTH_DEG: Final = {"rope": (-180.0, 180.0), "cloth": (-20.0, 20.0)}
+# With a cloth's own yaw of up to 20 degrees it stays within 45 of upright.
+
+_WORKSPACE_SHARE: Final = 0.8
+# Share of an episode's workspace that is framed: things rarely reach its rim.
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A pinhole camera without distortion or skew.
+
+    Attributes:
+        K: float64 (3, 3), pixels; `[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]`.
+        world_to_camera: float64 (4, 4), rigid, metres.
+        width: Image width, px.
+        height: Image height, px.
+    """
+
+    K: npt.NDArray[np.float64]
+    world_to_camera: npt.NDArray[np.float64]
+    width: int
+    height: int
+
+    @property
+    def centre_m(self) -> npt.NDArray[np.float64]:
+        """Where the camera stands, float64 (3,), world metres."""
+        return -self.world_to_camera[:3, :3].T @ self.world_to_camera[:3, 3]
+
+    def to_camera(self, points_world: FloatArray) -> FloatArray:
+        """Move world points into the camera's axes.
+
+        Args:
+            points_world: float64 (N, 3), metres.
+
+        Returns:
+            float64 (N, 3), metres; the third column is the planar depth.
+        """
+        return points_world @ self.world_to_camera[:3, :3].T + self.world_to_camera[:3, 3]
+
+    def to_pixels(self, points_camera: FloatArray) -> FloatArray:
+        """Project points given in the camera's axes.
+
+        Args:
+            points_camera: float64 (N, 3), metres.
+
+        Returns:
+            float64 (N, 3): u, v in px and planar z in metres. At and behind the camera's plane
+            u and v mean nothing, but they are finite.
+        """
+        z = points_camera[:, 2]
+        safe = np.where(np.abs(z) < 1e-9, 1e-9, z)
+        uvz = np.empty_like(points_camera)
+        uvz[:, 0] = self.K[0, 0] * points_camera[:, 0] / safe + self.K[0, 2]
+        uvz[:, 1] = self.K[1, 1] * points_camera[:, 1] / safe + self.K[1, 2]
+        uvz[:, 2] = z
+        return uvz
+
+    def project(self, points_world: FloatArray) -> FloatArray:
+        """Project world points.
+
+        Args:
+            points_world: float64 (N, 3), metres.
+
+        Returns:
+            float64 (N, 3): u, v in px and planar z in metres.
+        """
+        return self.to_pixels(self.to_camera(points_world))
+
+    @classmethod
+    def looking_at(
+        cls,
+        eye_m: npt.ArrayLike,
+        target_m: npt.ArrayLike,
+        size: tuple[int, int],
+        *,
+        fov_deg: float = 45.0,
+        up: npt.ArrayLike = (0.0, 1.0, 0.0),
+    ) -> Camera:
+        """Return the camera at `eye_m` whose centre pixel sees `target_m`.
+
+        Args:
+            eye_m: (3,), world metres.
+            target_m: (3,), world metres.
+            size: Width and height, px.
+            fov_deg: Horizontal field of view, degrees.
+            up: (3,), world direction that points up in the image; not along the view.
+        """
+        eye = np.asarray(eye_m, np.float64)
+        rotation = _facing(np.asarray(target_m, np.float64) - eye, np.asarray(up, np.float64))
+        return _placed(rotation, eye, size, fov_deg)
+
+
+def sample_camera(
+    rng: np.random.Generator,
+    scene_object: SceneObject,
+    settings: CameraSettings,
+    size: tuple[int, int],
+    poses: Sequence[Pose] = (),
+) -> Camera:
+    """Draw a camera that sees the whole object.
+
+    Args:
+        rng: Source of every random number.
+        scene_object: The object; its first pose is taken where no poses are given. Of an episode
+            that names its workspace (`workspace_m` in its info: extent in x and in y about the
+            origin) the middle 80 % of it is framed too, so that the object stays in view.
+        settings: The ranges.
+        size: Width and height of the image, px.
+        poses: Poses that must be wholly in the frame.
+
+    Returns:
+        A camera; every vertex of the poses projects at least 2 % inside the frame.
+
+    Raises:
+        CallError: `camera.distance_m` puts the camera into the object or below the table, or
+            too near to see all of it.
+    """
+    seen = poses or (scene_object.pose(0),)
+    points = np.concatenate(
+        [pose.vertices[part.name] for pose in seen for part in scene_object.parts]
+    ).astype(np.float64)
+    if scene_object.temporal and "workspace_m" in scene_object.info:
+        points = np.concatenate([points, _workspace_corners(scene_object.info["workspace_m"])])
+    top = rng.random() < settings.top / (settings.top + settings.oblique)
+    fov_deg = rng.uniform(*settings.fov_deg)
+    fill = rng.uniform(*settings.fill)
+    offset = rng.uniform(-1.0, 1.0, 2) * rng.uniform(*settings.shift)
+    if top:
+        elevation = 90.0 - rng.uniform(*settings.top_tilt_deg)
+        turn = rng.uniform(-180.0, 180.0)
+        roll = rng.uniform(*settings.top_roll_deg)
+        up = np.array([0.0, 1.0, 0.0])
+    else:
+        elevation = rng.uniform(*settings.oblique_elevation_deg)
+        turn = rng.uniform(*(settings.oblique_azimuth_deg or _AZIMUTH_DEG[scene_object.kind]))
+        roll = rng.uniform(*settings.oblique_roll_deg)
+        up = np.array([0.0, 0.0, 1.0])
+        if elevation > 89.0:
+            up = _direction(0.0, turn + 180.0)
+    toward = _direction(elevation, turn)
+    rotation = _rolled(_facing(-toward, up), roll)
+    middle = (points.min(axis=0) + points.max(axis=0)) / 2
+    if settings.distance_m is not None:
+        eye = middle + toward * rng.uniform(*settings.distance_m)
+        return _checked(_placed(rotation, eye, size, fov_deg), points)
+    return _framed(points, middle, rotation, size, fov_deg, fill, offset)
+
+
+def _workspace_corners(extent_m: Sequence[float]) -> FloatArray:
+    """Return the corners of the box an episode moves in, float64 (8, 3), metres."""
+    x, y = extent_m
+    signs = np.array([[i, j, k] for i in (-0.5, 0.5) for j in (-0.5, 0.5) for k in (0.0, 1.0)])
+    share = _WORKSPACE_SHARE
+    corners: FloatArray = signs * [share * x, share * y, _HEADROOM_M]
+    return corners
+
+
+def _direction(elevation_deg: float, azimuth_deg: float) -> npt.NDArray[np.float64]:
+    """Return the unit vector at an elevation over the table; azimuth 0 is -y."""
+    elevation, azimuth = np.radians([elevation_deg, azimuth_deg])
+    flat = np.array([np.sin(azimuth), -np.cos(azimuth), 0.0]) * np.cos(elevation)
+    flat[2] = np.sin(elevation)
+    return flat
+
+
+def _facing(
+    forward: npt.NDArray[np.float64], up: npt.NDArray[np.float64]
+) -> npt.NDArray[np.float64]:
+    """Return the world-to-camera rotation that looks along `forward`."""
+    z = forward / np.linalg.norm(forward)
+    x = np.cross(z, up)
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(z, x), z])
+
+
+def _rolled(rotation: npt.NDArray[np.float64], roll_deg: float) -> npt.NDArray[np.float64]:
+    c, s = np.cos(np.radians(roll_deg)), np.sin(np.radians(roll_deg))
+    return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) @ rotation
+
+
+def _placed(
+    rotation: npt.NDArray[np.float64],
+    eye: npt.NDArray[np.float64],
+    size: tuple[int, int],
+    fov_deg: float,
+) -> Camera:
+    width, height = size
+    focal = width / 2 / np.tan(np.radians(fov_deg) / 2)
+    pose = np.eye(4)
+    pose[:3, :3] = rotation
+    pose[:3, 3] = -rotation @ eye
+    K = np.array([[focal, 0.0, width / 2], [0.0, focal, height / 2], [0.0, 0.0, 1.0]])
+    return Camera(K, pose, width, height)
+
+
+def _framed(
+    points: FloatArray,
+    middle: npt.NDArray[np.float64],
+    rotation: npt.NDArray[np.float64],
+    size: tuple[int, int],
+    fov_deg: float,
+    fill: float,
+    offset: npt.NDArray[np.float64],
+) -> Camera:
+    """Back away from the object until its box takes `fill` of the frame, `offset` off centre."""
+    frame = np.asarray(size, np.float64)
+    local = (points - middle) @ rotation.T
+    nearest = -local[:, 2].min() + CLEARANCE_M
+    distance = nearest + float(np.ptp(local, axis=0).max())
+    sideways = np.zeros(2)
+    focal = frame[0] / 2 / np.tan(np.radians(fov_deg) / 2)
+    for _ in range(60):
+        depth = local[:, 2] + distance
+        uv = focal * (local[:, :2] + sideways) / depth[:, None]
+        low, high = uv.min(axis=0), uv.max(axis=0)
+        ratio = float(((high - low) / (frame * fill)).max())
+        room = np.maximum(frame - (high - low) - 2 * MIN_MARGIN * frame, 0.0) / 2
+        wanted = offset * room
+        sideways += (wanted - (low + high) / 2) * distance / focal
+        settled = np.abs(wanted - (low + high) / 2).max() < 1e-3 * frame[0]
+        if abs(ratio - 1) < 1e-3 and settled:
+            break
+        distance = max(nearest, distance * (1 + 0.8 * (ratio - 1)))
+    shift = np.array([sideways[0], sideways[1], distance])
+    return _checked(_placed(rotation, middle - rotation.T @ shift, size, fov_deg), points)
+
+
+def _checked(camera: Camera, points: FloatArray) -> Camera:
+    """Refuse a camera that does not see the whole object from outside and above."""
+    eye = camera.centre_m
+    low, high = points.min(axis=0) - CLEARANCE_M, points.max(axis=0) + CLEARANCE_M
+    field = "camera.distance_m"
+    if bool(((eye > low) & (eye < high)).all()):
+        raise CallError(
+            "the camera stands inside the object", where=field, found=eye.round(3).tolist()
+        )
+    if eye[2] < CLEARANCE_M:
+        raise CallError("the camera stands below the table", where=field, found=f"{eye[2]:.3f} m")
+    uvz = camera.project(points)
+    margin = np.array([camera.width, camera.height]) * MIN_MARGIN * 0.99
+    inside = (uvz[:, :2] >= margin) & (uvz[:, :2] <= [camera.width, camera.height] - margin)
+    if not bool(inside.all()) or float(uvz[:, 2].min()) < NEAR_M:
+        raise CallError(
+            "the camera does not see the whole object",
+            where=field,
+            found=f"{float(np.linalg.norm(eye - (low + high) / 2)):.3f} m",
+            fix="Give a larger distance, or none, to have it chosen by camera.fill.",
+        )
+    return camera

@@ -1,0 +1,116 @@
+"""What a tier hands to the renderer: parts, points and the vertices of each frame.
+
+A tier's sampler (rope, cloth) knows shapes and physics; truth, styles and the writer know
+cameras and files. A `SceneObject` is all that passes between them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int32]
+
+Chart = Callable[[FloatArray], FloatArray]
+"""Maps rest coordinates (N, 3) to material coordinates (N, 2)."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """One object of a scene: topology and rest coordinates, which no frame changes.
+
+    Attributes:
+        object_id: 1 for the rope or the cloth, 2 for the rope's ball.
+        name: `rope`, `ball` or `cloth`.
+        faces: int32 (F, 3), vertex indices, outward winding where there is an outside.
+        rest: float64 (V, 3), coordinates in the undeformed object. They are continuous over
+            every triangle, so that interpolating them inside one is exact; the chart turns
+            them into material coordinates afterwards (a rope's theta thus has no seam).
+        chart: rest (N, 3) -> material (N, 2).
+        strand: int32 (V,), which strand (or 0) a vertex belongs to; the appearances colour by it.
+        double_sided: True for a sheet whose back can be seen.
+    """
+
+    object_id: int
+    name: str
+    faces: IntArray
+    rest: FloatArray
+    chart: Chart
+    strand: IntArray
+    double_sided: bool = False
+
+
+@dataclass(frozen=True)
+class Points:
+    """The named material points of a scene object.
+
+    A surface point is a vertex of a part; a centre-line point is a row of the frame's
+    centre line. Ids are the row numbers.
+
+    Attributes:
+        object_id: int32 (P,).
+        vertex: int32 (P,), row in the part's vertices (surface) or in the centre line.
+        centreline: bool (P,), True for a centre-line point.
+        material: float32 (P, 2).
+        partners: int32 (P, S), per symmetry of the tier the point it is mapped to.
+    """
+
+    object_id: IntArray
+    vertex: IntArray
+    centreline: npt.NDArray[np.bool_]
+    material: npt.NDArray[np.float32]
+    partners: IntArray
+
+
+@dataclass(frozen=True)
+class Pose:
+    """The deformed geometry of one frame.
+
+    Attributes:
+        vertices: part name -> float64 (V, 3), world metres, table at z = 0, z up.
+        centreline: float64 (M, 3) world metres, or None for a cloth.
+        info: JSON-able facts of this frame (crossings, coverage, action …).
+    """
+
+    vertices: Mapping[str, FloatArray]
+    centreline: FloatArray | None = None
+    info: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class SceneObject:
+    """One sequence before it is seen by a camera.
+
+    Attributes:
+        tier: Tier name.
+        kind: `rope` or `cloth`.
+        shape: Named shape or None.
+        temporal: True for an episode.
+        frames: Number of frames.
+        parts: The objects, the queried one first.
+        points: The named material points.
+        pose: frame index -> Pose; called once per frame in ascending order.
+        size_m: A length for framing the camera: rope length, or cloth side, metres.
+        thickness_m: Rope diameter or cloth thickness, metres.
+        info: JSON-able parameters kept in `sequence.json` (control points, handles, actions …).
+        variant: Appearance that the tier's symmetry depends on (`plain`, `two-sided`,
+            `striped`, `printed`; a rope: `plain`).
+    """
+
+    tier: str
+    kind: Literal["rope", "cloth"]
+    shape: str | None
+    temporal: bool
+    frames: int
+    parts: tuple[Part, ...]
+    points: Points
+    pose: Callable[[int], Pose]
+    size_m: float
+    thickness_m: float
+    info: Mapping[str, Any] = field(default_factory=dict)
+    variant: str = "plain"

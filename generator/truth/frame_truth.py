@@ -1,0 +1,162 @@
+"""The truth of one frame: what every pixel shows, and where every material point is.
+
+Both come from the same vertices: the surface image by exact rasterisation, the points by
+projection and ray casting. No renderer has a part in it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from pliant.generator.scene.camera import Camera
+from pliant.generator.scene.scene_mesh import SceneMesh
+from pliant.generator.scene.scene_object import FloatArray, Pose, SceneObject
+from pliant.generator.truth.rasteriser import Hits, interpolate, rasterise
+from pliant.generator.truth.visibility import first_occluders, inside_frame
+from pliant.spec.io.images import Surface
+
+_VISIBLE, _SELF_OCCLUDED, _OCCLUDED, _OUT_OF_FRAME = (
+    "visible",
+    "self_occluded",
+    "occluded",
+    "out_of_frame",
+)
+
+
+@dataclass(frozen=True)
+class FrameTruth:
+    """The exact answers of one frame.
+
+    Attributes:
+        surface: Depth, material coordinates and object id of every pixel.
+        uv_px: float64 (P, 2), where each point of the scene object projects to.
+        depth_m: float64 (P,), planar z of each point.
+        visibility: Per point one of the specification's visibility states.
+        xyz_m: float64 (P, 3), world positions.
+        hits: The triangle under each pixel's centre.
+        world_vertices: float64 (V, 3), the vertices of all parts, as rendered.
+    """
+
+    surface: Surface
+    uv_px: FloatArray
+    depth_m: FloatArray
+    visibility: list[str]
+    xyz_m: FloatArray
+    hits: Hits
+    world_vertices: FloatArray
+
+
+def frame_truth(scene_object: SceneObject, pose: Pose, camera: Camera) -> FrameTruth:
+    """Work out the truth of one frame.
+
+    Args:
+        scene_object: The sequence's object and points.
+        pose: The frame's geometry.
+        camera: The frame's camera.
+
+    Returns:
+        The surface image and, row by row of `scene_object.points`, the point table's columns.
+    """
+    mesh = SceneMesh.of(scene_object)
+    world = mesh.vertices(pose)
+    local = camera.to_camera(world)
+    hits = rasterise(camera, local, mesh.faces)
+    xyz_m, own_vertex = _point_positions(scene_object, pose, mesh, world)
+    point_local = camera.to_camera(xyz_m)
+    uvz = camera.to_pixels(point_local)
+    states = np.full(len(uvz), _VISIBLE, dtype="<U13")
+    inside = inside_frame(camera, uvz)
+    states[~inside] = _OUT_OF_FRAME
+    rows = np.flatnonzero(inside)
+    if len(rows):
+        triangle, weights = first_occluders(
+            camera, point_local[rows], own_vertex[rows], local, mesh.faces
+        )
+        states[rows] = _states(scene_object, mesh, rows, triangle, weights)
+    surface = surface_image(scene_object, mesh, hits)
+    return FrameTruth(surface, uvz[:, :2], uvz[:, 2], states.tolist(), xyz_m, hits, world)
+
+
+def surface_image(scene_object: SceneObject, mesh: SceneMesh, hits: Hits) -> Surface:
+    """Turn hits into depth, material coordinates and object ids.
+
+    The rest coordinates are interpolated and the part's chart is applied afterwards, so that a
+    coordinate with a seam (a rope's theta) is exact on the triangles across it too.
+
+    Args:
+        scene_object: The parts.
+        mesh: Their joined topology.
+        hits: The triangle under each pixel's centre.
+    """
+    shape = hits.triangle.shape
+    depth = hits.depth_m.astype(np.float32)
+    material = np.zeros((2, *shape), np.float32)
+    object_id = np.zeros(shape, np.uint32)
+    seen = np.flatnonzero(hits.triangle.ravel() >= 0)
+    triangle = hits.triangle.ravel()[seen]
+    weights = hits.weights.reshape(-1, 2)[seen]
+    for part, first, last in zip(
+        scene_object.parts, mesh.face_starts[:-1], mesh.face_starts[1:], strict=True
+    ):
+        mine = (triangle >= first) & (triangle < last)
+        at = seen[mine]
+        rest = interpolate(triangle[mine] - np.int32(first), weights[mine], part.faces, part.rest)
+        m = part.chart(rest)
+        material[0].ravel()[at] = m[:, 0]
+        material[1].ravel()[at] = m[:, 1]
+        object_id.ravel()[at] = part.object_id
+    return Surface(depth, material[0], material[1], object_id)
+
+
+def _point_positions(
+    scene_object: SceneObject, pose: Pose, mesh: SceneMesh, world: FloatArray
+) -> tuple[FloatArray, npt.NDArray[np.int32]]:
+    """Return each point's world position and its row in the joined vertices (-1: none)."""
+    points = scene_object.points
+    own = np.full(len(points.vertex), -1, np.int32)
+    xyz = np.empty((len(points.vertex), 3))
+    for part, start in zip(scene_object.parts, mesh.vertex_starts[:-1], strict=True):
+        mine = (points.object_id == part.object_id) & ~points.centreline
+        own[mine] = points.vertex[mine] + start
+    surface = own >= 0
+    xyz[surface] = world[own[surface]]
+    if not bool(surface.all()):
+        if pose.centreline is None:
+            raise ValueError(
+                "the scene object has centre-line points but the pose has no centre line"
+            )
+        line = pose.centreline.astype(np.float32).astype(np.float64)
+        xyz[~surface] = line[points.vertex[~surface]]
+    return xyz, own
+
+
+def _states(
+    scene_object: SceneObject,
+    mesh: SceneMesh,
+    rows: npt.NDArray[np.int64],
+    triangle: npt.NDArray[np.int32],
+    weights: FloatArray,
+) -> npt.NDArray[np.str_]:
+    """Name the state of points inside the frame from the first triangle before each."""
+    points = scene_object.points
+    states = np.full(len(rows), _VISIBLE, dtype="<U13")
+    hidden = triangle >= 0
+    part_of = np.searchsorted(mesh.face_starts, triangle, side="right") - 1
+    ids = np.array([part.object_id for part in scene_object.parts])
+    same = hidden & (ids[np.maximum(part_of, 0)] == points.object_id[rows])
+    states[hidden & ~same] = _OCCLUDED
+    states[same] = _SELF_OCCLUDED
+    # A point of the centre line lies under the surface and is never seen itself. It counts as
+    # visible where the surface seen in its place is the rope's own, within one diameter of it.
+    line = np.flatnonzero(same & points.centreline[rows])
+    for index in np.unique(part_of[line]):
+        part, first = scene_object.parts[index], mesh.face_starts[index]
+        at = line[part_of[line] == index]
+        rest = interpolate(triangle[at] - np.int32(first), weights[at], part.faces, part.rest)
+        s_seen, s_own = part.chart(rest)[:, 0], points.material[rows[at], 0]
+        near = np.abs(s_seen - s_own) * scene_object.size_m <= scene_object.thickness_m
+        states[at[near]] = _VISIBLE
+    return states

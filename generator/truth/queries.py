@@ -1,0 +1,244 @@
+"""The frozen benchmark: which pairs of frames are asked about, at which points, and the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+
+from pliant.generator.config import QuerySettings
+from pliant.generator.runner.plan import SequenceTask
+from pliant.generator.seeding import random_generator
+from pliant.generator.truth.query_sampling import (
+    FrameRef,
+    Tracks,
+    draw_points,
+    frame_pairs,
+    point_classes,
+    track_pairs,
+)
+from pliant.spec.io.checksums import sha256_file
+from pliant.spec.io.jsonfiles import read_json
+from pliant.spec.io.parquet import read_table, write_table
+from pliant.spec.storage.layout import (
+    CORRESPONDENCES_TABLE,
+    POINTS_TABLE,
+    SEQUENCE_JSON,
+    queries_path,
+    truth_path,
+)
+from pliant.spec.tables import QUERIES, TRUTH
+
+_SEQUENCES_IN_MEMORY = 64
+
+
+def build_queries(
+    root: Path,
+    tiers: Sequence[Mapping[str, Any]],
+    tasks: Sequence[SequenceTask],
+    settings: QuerySettings,
+    *,
+    seed: int,
+    dataset: Mapping[str, str],
+    queries_dir: Path | None = None,
+    truth_dir: Path | None = None,
+) -> list[str]:
+    """Write `queries/SPLIT.parquet` and `truth/SPLIT.parquet` of a dataset's splits.
+
+    A pair's target is a frame of one sequence. Its source is a frame of the same sequence where
+    that has several frames, else of another sequence of the same tier and split. Sequences of
+    several frames ask half of their pairs from frame 0, towards targets spread over the sequence,
+    two neighbouring frames at a time, and half between any two frames; with `settings.kind`
+    `track`, frame 0 is the source of every later frame. Query points are tabulated surface points
+    of the queried object that frame A sees, so their positions are exact. A target that does not
+    show the object at all, or a source that shows none of its points, makes no pair.
+
+    The queries are public, so they must not contain information about the answers:
+
+    - Every source frame draws its points once, with a generator of its own, and asks them in all of
+      its pairs, each pair in a random order of its own. Which points a pair asks and how many
+      depends on frame A alone. (The shared points also let an evaluator measure temporal jitter
+      over neighbouring targets.)
+    - The material is divided at random into classes. A frame asks points of one class, and no
+      pair has a source and a target of the same class. The query pixels of frame B are therefore
+      never answers to a pair whose target is B, nor symmetric to one. A track needs no classes:
+      its targets are never sources.
+
+    Args:
+        root: The dataset's folder, whose sequences are finished.
+        tiers: The tiers of `dataset.json`.
+        tasks: The finished sequences.
+        settings: How many pairs and queries, and of which splits.
+        seed: The dataset's seed.
+        dataset: `id` and `version` for the footers.
+        queries_dir: Where to write instead of `root/queries`.
+        truth_dir: Where to write instead of `root/truth`.
+
+    Returns:
+        The splits that got queries.
+    """
+    written: list[str] = []
+    for split in settings.splits:
+        queries, truth = _split_tables(root, tiers, tasks, settings, seed, split)
+        if len(queries) == 0:
+            continue
+        path = queries_path(root, split)
+        path = path if queries_dir is None else queries_dir / path.name
+        answers = truth_path(root, split)
+        answers = answers if truth_dir is None else truth_dir / answers.name
+        footer: dict[str, Any] = {"dataset": dict(dataset), "split": split}
+        path.parent.mkdir(parents=True, exist_ok=True)
+        answers.parent.mkdir(parents=True, exist_ok=True)
+        write_table(path, queries, "queries", footer)
+        write_table(answers, truth, "truth", {**footer, "queries_sha256": sha256_file(path)})
+        written.append(split)
+    return written
+
+
+def _split_tables(
+    root: Path,
+    tiers: Sequence[Mapping[str, Any]],
+    tasks: Sequence[SequenceTask],
+    settings: QuerySettings,
+    seed: int,
+    split: str,
+) -> tuple[pa.Table, pa.Table]:
+    tracks = lru_cache(_SEQUENCES_IN_MEMORY)(lambda task: _read_tracks(task.folder(root)))
+    queries: list[pa.Table] = []
+    truth: list[pa.Table] = []
+    for tier in tiers:
+        members = [task for task in tasks if (task.tier, task.split) == (tier["name"], split)]
+        if not members:
+            continue
+        points = read_table(members[0].folder(root) / POINTS_TABLE, "points")
+        askable = _queried_points(points, int(tier["queried_object"]))
+        partners = np.array(points["partners"].to_pylist(), np.int64).reshape(len(points), -1)
+        drawn: dict[FrameRef, npt.NDArray[np.int64]] = {}
+        for task in members:
+            rng = random_generator(seed, task.tier, split, task.index, stream="queries")
+            frames, wanted = len(tracks(task).boxes_px), settings.pairs_per_sequence
+            if settings.kind == "track":
+                wanted = frames - 1
+                pairs = track_pairs(task, frames)
+            else:
+                pairs = frame_pairs(rng, task, members, frames, wanted)
+            made = 0
+            for source, target in pairs:
+                if made == wanted:
+                    break
+                if source not in drawn:
+                    asked = askable
+                    if settings.kind != "track":
+                        classes = point_classes(seed, source, frames, partners)
+                        asked = askable[classes[askable] == source.point_class(frames)]
+                    drawn[source] = draw_points(
+                        source.random(seed),
+                        tracks(source.task),
+                        source.frame,
+                        asked,
+                        settings.queries_per_pair,
+                    )
+                pair = Pair(len(queries), source, target)
+                rows = rng.permutation(drawn[source])
+                tables = pair.tables(rows, tracks(source.task), tracks(target.task), partners)
+                if tables is not None:
+                    queries.append(tables[0])
+                    truth.append(tables[1])
+                    made += 1
+    if not queries:
+        return QUERIES.empty_table(), TRUTH.empty_table()
+    return pa.concat_tables(queries), pa.concat_tables(truth)
+
+
+def _queried_points(points: pa.Table, queried: int) -> npt.NDArray[np.int64]:
+    """Return the ids of the surface points of the queried object."""
+    kind = np.array(points["kind"].to_pylist())
+    return np.flatnonzero((points["object"].to_numpy() == queried) & (kind == "surface"))
+
+
+@dataclass(frozen=True)
+class Pair:
+    """One image pair: its number in the file, its source and its target."""
+
+    pair_id: int
+    source: FrameRef
+    target: FrameRef
+
+    def tables(
+        self,
+        chosen: npt.NDArray[np.int64],
+        source: Tracks,
+        target: Tracks,
+        partners: npt.NDArray[np.int64],
+    ) -> tuple[pa.Table, pa.Table] | None:
+        """Return the rows of queries and truth, or None if this pair cannot be asked about.
+
+        Args:
+            chosen: Ids of the points to ask, visible in the source, in the order of the rows.
+            source: Tracks of the source's sequence.
+            target: Tracks of the target's sequence.
+            partners: int64 (P, S), per symmetry the point each is mapped to.
+        """
+        a, b = self.source.frame, self.target.frame
+        box = target.boxes_px[b]
+        if box is None or len(chosen) == 0:
+            return None
+        count = len(chosen)
+        tier = [self.source.task.tier] * count
+        ids = np.arange(count, dtype=np.int32)
+        pair_ids = np.full(count, self.pair_id, np.int32)
+        uv_a = source.uv_px[a, chosen]
+        queries = [
+            pair_ids,
+            ids,
+            tier,
+            [self.source.task.id] * count,
+            np.full(count, a, np.int32),
+            [self.target.task.id] * count,
+            np.full(count, b, np.int32),
+            np.ascontiguousarray(uv_a[:, 0]),
+            np.ascontiguousarray(uv_a[:, 1]),
+        ]
+        uv_b = target.uv_px[b]
+        states = target.visibility[b]
+        alternatives = [
+            [
+                {"u": uv_b[partner, 0], "v": uv_b[partner, 1], "visibility": states[partner]}
+                for partner in partners[point]
+            ]
+            for point in chosen
+        ]
+        truth = [
+            pair_ids,
+            ids,
+            tier,
+            chosen.astype(np.int32),
+            np.ascontiguousarray(uv_b[chosen, 0]),
+            np.ascontiguousarray(uv_b[chosen, 1]),
+            states[chosen].tolist(),
+            np.full(count, max(box[2] - box[0], box[3] - box[1]), np.float32),
+            pa.array(alternatives, TRUTH.field("alternatives").type),
+        ]
+        return _table(queries, QUERIES), _table(truth, TRUTH)
+
+
+def _table(columns: Sequence[Any], schema: pa.Schema) -> pa.Table:
+    arrays = [pa.array(c, field.type) for c, field in zip(columns, schema, strict=True)]
+    return pa.Table.from_arrays(arrays, schema=schema)
+
+
+def _read_tracks(folder: Path) -> Tracks:
+    names = ["u_px", "v_px", "visibility"]
+    table = read_table(folder / CORRESPONDENCES_TABLE, "correspondences", names)
+    boxes = [info["box_px"] for info in read_json(folder / SEQUENCE_JSON)["frame_info"]]
+    frames = len(boxes)
+    uv_px = np.stack([table["u_px"].to_numpy(), table["v_px"].to_numpy()], axis=-1)
+    states = table["visibility"].combine_chunks().dictionary_encode()
+    visibility = np.array(states.dictionary.to_pylist(), object)[states.indices.to_numpy()]
+    return Tracks(uv_px.reshape(frames, -1, 2), visibility.reshape(frames, -1), boxes)

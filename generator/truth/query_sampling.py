@@ -1,0 +1,172 @@
+"""Drawing the benchmark's queries: pairs of frames, and the material points they ask.
+
+Nothing here sees a target's content: what a pair asks depends on its source frame alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from pliant.generator.runner.plan import SequenceTask
+from pliant.generator.seeding import random_generator
+
+_CLASSES: Final = 4
+
+
+@dataclass(frozen=True)
+class FrameRef:
+    """One image: a frame of a sequence."""
+
+    task: SequenceTask
+    frame: int
+
+    def random(self, seed: int) -> np.random.Generator:
+        """Return the generator that draws this frame's query points.
+
+        Args:
+            seed: The dataset's seed.
+        """
+        task = self.task
+        return random_generator(
+            seed, task.tier, task.split, task.index, self.frame, stream="query-points"
+        )
+
+    def point_class(self, frames: int) -> int:
+        """Return the class of the material points that this frame may ask.
+
+        Frame 0 is alone in its class, so that it can be paired with every other frame.
+
+        Args:
+            frames: Frames of its sequence.
+        """
+        if frames == 1:
+            return self.task.index % _CLASSES
+        return 0 if self.frame == 0 else 1 + (self.frame - 1) % (_CLASSES - 1)
+
+
+@dataclass(frozen=True)
+class Tracks:
+    """The tables of a sequence, one row per frame, as queries need them.
+
+    Attributes:
+        uv_px: float32 (F, P, 2).
+        visibility: object (F, P), states.
+        boxes_px: per frame the visible box of the queried object, or None.
+    """
+
+    uv_px: npt.NDArray[np.float32]
+    visibility: npt.NDArray[np.object_]
+    boxes_px: list[list[int] | None]
+
+
+def point_classes(
+    seed: int, source: FrameRef, frames: int, partners: npt.NDArray[np.int64]
+) -> npt.NDArray[np.int64]:
+    """Divide the material points at random into classes of nearly equal size.
+
+    Sequences of several frames, whose pairs stay within the sequence, have a division each.
+    Single frames of a tier and split, which are paired with each other, share one. A point and
+    its symmetric partners are in one class.
+
+    Args:
+        seed: The dataset's seed.
+        source: A frame.
+        frames: Frames of its sequence.
+        partners: int64 (P, S), per symmetry the point that each is mapped to.
+
+    Returns:
+        int64 (P,), 0 to 3.
+    """
+    task = source.task
+    index = 0 if frames == 1 else task.index
+    rng = random_generator(seed, task.tier, task.split, index, stream="query-classes")
+    count = len(partners)
+    orbits = np.column_stack([np.arange(count), partners]).min(axis=1)
+    label = np.zeros(count, np.int64)
+    distinct = np.unique(orbits)
+    label[distinct] = rng.permutation(len(distinct)) % _CLASSES
+    return label[orbits]
+
+
+def draw_points(
+    rng: np.random.Generator,
+    source: Tracks,
+    frame: int,
+    asked: npt.NDArray[np.int64],
+    most: int,
+) -> npt.NDArray[np.int64]:
+    """Draw the points that a source frame is asked at.
+
+    Args:
+        rng: Source of randomness.
+        source: Tracks of its sequence.
+        frame: The source frame.
+        asked: Ids of the points that may be asked.
+        most: Points wanted.
+
+    Returns:
+        int64 (N,), ids of points the frame sees, in random order; fewer than wanted where there
+        are no more.
+    """
+    visible = asked[source.visibility[frame, asked] == "visible"]
+    return rng.permutation(visible)[:most]
+
+
+def track_pairs(target: SequenceTask, frames: int) -> Iterator[tuple[FrameRef, FrameRef]]:
+    """Yield frame 0 as the source of every later frame of an episode.
+
+    Args:
+        target: The episode.
+        frames: Its frames.
+    """
+    for frame in range(1, frames):
+        yield FrameRef(target, 0), FrameRef(target, frame)
+
+
+def frame_pairs(
+    rng: np.random.Generator,
+    target: SequenceTask,
+    members: Sequence[SequenceTask],
+    frames: int,
+    wanted: int,
+) -> Iterator[tuple[FrameRef, FrameRef]]:
+    """Yield candidate (source, target) frames of different classes, more than wanted.
+
+    No pair is repeated.
+
+    Args:
+        rng: Source of randomness.
+        target: The sequence of the targets.
+        members: All sequences of its tier and split.
+        frames: Frames of the target's sequence.
+        wanted: Pairs the caller will take.
+    """
+    if frames == 1:
+        own = FrameRef(target, 0)
+        sources = [FrameRef(task, 0) for task in members]
+        others = [each for each in sources if each.point_class(1) != own.point_class(1)]
+        for k in rng.permutation(len(others)):
+            yield others[k], own
+        return
+    seen: set[tuple[int, int]] = set()
+    # Half of the pairs: from frame 0 to frames spread over the sequence, two neighbours from
+    # each stretch.
+    edges = np.linspace(1, frames, num=(wanted + 2) // 4 + 1).astype(int)
+    for low, high in pairwise(edges):
+        if high > low:
+            first = int(rng.integers(low, max(high - 1, low + 1)))
+            seen |= {(0, first), (0, min(first + 1, high - 1))}
+    for a, b in sorted(seen):
+        yield FrameRef(target, a), FrameRef(target, b)
+    for _ in range(20 * wanted):
+        a, b = (int(k) for k in rng.choice(frames, size=2, replace=False))
+        pair = FrameRef(target, a), FrameRef(target, b)
+        if (a, b) not in seen and pair[0].point_class(frames) != pair[1].point_class(frames):
+            seen.add((a, b))
+            yield pair

@@ -1,0 +1,201 @@
+"""Making the stated certainty true: temperature, spread, stray share and the visible threshold.
+
+All are chosen on the validation split by the evaluator's own definitions: the mixture's
+negative log likelihood of the truth, and for `visible` a logistic curve in the log of the
+best descriptor distance, shifted so that 0.5 is the threshold with the fewest errors.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import torch
+
+from pliant.evaluator.metrics.calibration import expected_calibration_error, reliability_bins
+from pliant.evaluator.metrics.distribution import (
+    Mixtures,
+    negative_log_likelihood,
+    probability_within,
+)
+from pliant.evaluator.metrics.localisation import endpoint_error_px
+from pliant.evaluator.protocols.protocol import read_protocol
+from pliant.models.don.decoding import Widths, decode_position, mixture_of_modes
+from pliant.models.don.matcher import Calibration, DonMatcher, visible_probability
+from pliant.models.don.validation import ValidationPair
+
+TEMPERATURES = (0.5, 0.7, 1.0, 1.4, 2.0, 4.0, 8.0)
+MODE_RADII_PX = (4.0, 9.0, 14.0)
+STRAYS = (0.0, 0.01, 0.03, 0.06, 0.12, 0.25)
+WIDTHS = {
+    "spread": (0.25, 0.35, 0.5, 0.7, 0.85, 1.0, 1.2, 1.4, 1.7, 2.0, 2.5, 3.0),
+    "blur_px": (0.0, 0.5, 0.8, 1.1, 1.3, 1.5, 1.8),
+    "power": (0.7, 1.0, 1.4, 1.8, 2.2, 2.6),
+    "sigma_floor_px": (0.1, 0.2, 0.3, 0.45, 0.7, 1.0, 1.5, 2.2),
+}
+"""What is tried; the widths, which cost little, for every temperature and radius."""
+
+_ECE_WEIGHT = 10.0
+
+
+@dataclass(frozen=True)
+class _Pair:
+    """One pair's probabilities and truth, of the points visible in the target."""
+
+    log_p: torch.Tensor  # (Q, M)
+    uv: torch.Tensor  # (M, 2)
+    answer: npt.NDArray[np.float64]  # (Q, 2), full-size pixels
+    truth: npt.NDArray[np.float64]  # (Q, 2), full-size pixels
+
+
+def calibrate(
+    matcher: DonMatcher, pairs: Sequence[ValidationPair], full_size: tuple[int, int]
+) -> Calibration:
+    """Choose the calibration of a matcher.
+
+    Args:
+        matcher: The matcher; its own calibration is not looked at.
+        pairs: Pairs of the validation split.
+        full_size: (W, H) of the dataset's images.
+
+    Returns:
+        The calibration, with what was measured on the same pairs in `figures`.
+    """
+    scale = np.array(full_size) / np.array(matcher.size)
+    kept: list[_Pair] = []
+    distances, hidden = [], []
+    for pair in pairs:
+        log_p, uv, distance = matcher.log_probabilities(pair.source, pair.target, pair.uv_a_px)
+        seen = pair.visible[:, 0]
+        distances.append(distance)
+        hidden.append(~seen)
+        if not seen.any():
+            continue
+        log_p = log_p[torch.from_numpy(seen)]
+        answer = decode_position(log_p, uv, matcher.settings.decode).double().numpy() * scale
+        kept.append(_Pair(log_p, uv, answer, pair.uv_b_px[seen, 0].astype(np.float64) * scale))
+    modes = _Modes(kept)
+
+    def cost(calibration: Calibration) -> float:
+        measured = _measure(modes, calibration, scale, full_size)
+        return measured["nll"] + _ECE_WEIGHT * measured["ece"]
+
+    starts = itertools.product(TEMPERATURES, MODE_RADII_PX)
+    tried = [
+        _best_widths(Calibration(temperature=heat, mode_radius_px=radius), cost)
+        for heat, radius in starts
+    ]
+    best = min(tried, key=cost)
+    best = min((_changed(best, "stray", value) for value in STRAYS), key=cost)
+    best = _best_widths(_best_widths(best, cost), cost)
+    best = _fit_visible(best, np.concatenate(distances), np.concatenate(hidden))
+    figures = _measure(modes, best, scale, full_size)
+    if best.visible_slope > 0:
+        seen = ~np.concatenate(hidden)
+        said = visible_probability(np.concatenate(distances), best) >= 0.5
+        figures["visible_accuracy"] = float(np.mean(said == seen))
+        figures["visible_share"] = float(np.mean(seen))
+    return replace(best, figures=figures)
+
+
+class _Modes:
+    """The modes of every pair, found once for each way of finding them."""
+
+    def __init__(self, pairs: Sequence[_Pair]) -> None:
+        self.pairs = pairs
+        self._found: dict[tuple[float, float, float], list[npt.NDArray[np.float64]]] = {}
+
+    def of(self, calibration: Calibration) -> list[npt.NDArray[np.float64]]:
+        """Return a pair's modes each: float64 (Q, K, 4), weight 0 where a mode is not used."""
+        key = (calibration.temperature, calibration.stray, calibration.mode_radius_px)
+        if key not in self._found:
+            found = []
+            for pair in self.pairs:
+                flat = DonMatcher.flattened(pair.log_p, calibration)
+                modes, _ = mixture_of_modes(flat, pair.uv, Widths(0.0), calibration.mode_radius_px)
+                found.append(modes.double().numpy())
+            self._found[key] = found
+        return self._found[key]
+
+
+def _best_widths(start: Calibration, cost: Callable[[Calibration], float]) -> Calibration:
+    """Return the best widths of the modes, chosen one after the other."""
+    best = start
+    for name, values in WIDTHS.items():
+        best = min((_changed(best, name, value) for value in values), key=cost)
+    return best
+
+
+def _changed(calibration: Calibration, name: str, value: float) -> Calibration:
+    changes: dict[str, Any] = {name: value}
+    return replace(calibration, **changes)
+
+
+def _measure(
+    modes: _Modes,
+    calibration: Calibration,
+    scale: npt.NDArray[np.float64],
+    full_size: tuple[int, int],
+) -> dict[str, float]:
+    """Return `nll` and `ece` of the mixtures, as the standard protocol defines them."""
+    rules = read_protocol("standard").metrics["distribution"]
+    width = float(np.sqrt(scale[0] * scale[1]))
+    losses, tables = [], []
+    for pair, own in zip(modes.pairs, modes.of(calibration), strict=True):
+        used = own[..., 3] > 0
+        values = own[used] * [scale[0], scale[1], 1.0, 1.0]
+        variance = torch.from_numpy(values[:, 2] ** 2)
+        values[:, 2] = calibration.widths.of(variance).numpy() * width
+        mixtures = Mixtures(
+            row=np.nonzero(used)[0],
+            uv_px=values[:, :2],
+            sigma_px=np.maximum(values[:, 2], rules["sigma_floor_px"]),
+            weight=values[:, 3],
+            rows=len(pair.truth),
+        )
+        area = float(full_size[0] * full_size[1])
+        losses.append(
+            negative_log_likelihood(
+                mixtures, pair.truth, outlier_weight=rules["outlier_weight"], area_px2=area
+            )
+        )
+        radius = rules["ece_radius_px"]
+        confidence = probability_within(mixtures, pair.answer, radius)
+        happened = endpoint_error_px(pair.answer, pair.truth) <= radius
+        tables.append(reliability_bins(confidence, happened, rules["ece_bins"]))
+    return {
+        "nll": float(np.mean(np.concatenate(losses))),
+        "ece": expected_calibration_error(np.sum(tables, axis=0)),
+    }
+
+
+def _fit_visible(
+    calibration: Calibration, distance: npt.NDArray[np.float64], hidden: npt.NDArray[np.bool_]
+) -> Calibration:
+    """Return the calibration with the logistic curve of `visible`.
+
+    With no hidden point (or no visible one) there is nothing to learn: slope 0.
+    """
+    if hidden.all() or not hidden.any():
+        return replace(calibration, visible_slope=0.0)
+    x = np.log(np.maximum(distance, 1e-12))
+    order = np.argsort(x)
+    # Below the threshold visible, above hidden: wrong for a cut after each sorted value.
+    hidden_below = np.cumsum(hidden[order])
+    seen_below = np.cumsum(~hidden[order])
+    cut = int(np.argmin(hidden_below - seen_below))
+    threshold = float(x[order[cut]])
+    if cut + 1 < len(x):
+        threshold = (threshold + float(x[order[cut + 1]])) / 2
+    slopes = np.geomspace(0.25, 16.0, 25)
+    exponent = np.clip(np.outer(slopes, x - threshold), -60, 60)  # (slopes, N)
+    log_loss = np.where(hidden, np.logaddexp(0, -exponent), np.logaddexp(0, exponent)).mean(axis=1)
+    return replace(
+        calibration,
+        visible_at=float(np.exp(threshold)),
+        visible_slope=float(slopes[int(np.argmin(log_loss))]),
+    )

@@ -1,0 +1,131 @@
+"""Watching a run: the matcher's errors on pairs of unseen frames, by the evaluator's metrics."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from pliant.baselines.matcher import View
+from pliant.evaluator.metrics.localisation import endpoint_error_px, rmse_px
+from pliant.loaders.frame_store import FrameStore
+from pliant.loaders.order import sample_generator
+from pliant.loaders.views import FrameView
+from pliant.models.don.matcher import DonMatcher
+from pliant.spec.errors import CallError
+
+Float32 = npt.NDArray[np.float32]
+VALIDATION_STREAM = 1
+
+
+@dataclass(frozen=True)
+class ValidationPair:
+    """Two frames at the working size, with queries and their truth in working pixels.
+
+    Attributes:
+        source: The frame the queries are in.
+        target: The frame to find them in.
+        uv_a_px: float32 (Q, 2), queries, on surface visible in the source.
+        uv_b_px: float32 (Q, 1 + S, 2), the truth and its symmetry partners.
+        visible: bool (Q, 1 + S), which of those the camera sees.
+    """
+
+    source: View
+    target: View
+    uv_a_px: Float32
+    uv_b_px: Float32
+    visible: npt.NDArray[np.bool_]
+
+
+def draw_validation_pairs(
+    store: FrameStore, pairs: int, queries: int, seed: int
+) -> list[ValidationPair]:
+    """Draw pairs of frames, the same ones for the same seed.
+
+    Args:
+        store: Frames of the validation split.
+        pairs: How many pairs.
+        queries: Queries a pair, fewer where fewer points are visible.
+        seed: Seed of the draws.
+
+    Raises:
+        CallError: The split has fewer than two frames.
+    """
+    if len(store) < 2:
+        raise CallError(
+            "validation needs at least two frames", found=len(store), fix="Use a larger split."
+        )
+    drawn = []
+    for number in range(pairs):
+        rng = sample_generator(seed, number, VALIDATION_STREAM)
+        a, b = (int(frame) for frame in rng.choice(len(store), size=2, replace=False))
+        view_a, view_b = store.view(a), store.view(b)
+        usable = view_a.visible & np.isfinite(view_b.uv_px).all(axis=1)
+        candidates = np.flatnonzero(usable)
+        if len(candidates) == 0:
+            continue
+        points = rng.choice(candidates, size=min(queries, len(candidates)), replace=False)
+        orbit = np.column_stack([points, store.partners[points]])  # (Q, 1 + S)
+        drawn.append(
+            ValidationPair(
+                source=_as_view(view_a, store.frames[a].key),
+                target=_as_view(view_b, store.frames[b].key),
+                uv_a_px=view_a.uv_px[points],
+                uv_b_px=np.nan_to_num(view_b.uv_px[orbit]),
+                visible=view_b.visible[orbit] & np.isfinite(view_b.uv_px[orbit]).all(axis=2),
+            )
+        )
+    if not drawn:
+        raise CallError("no validation pair has a visible point", found=f"{pairs} pairs tried")
+    return drawn
+
+
+def _as_view(view: FrameView, key: str) -> View:
+    return View(rgb=view.rgb, mask=view.mask, depth_m=view.depth_m, key=key)
+
+
+def validate(
+    matcher: DonMatcher, pairs: Sequence[ValidationPair], full_size: tuple[int, int]
+) -> dict[str, float]:
+    """Return the matcher's errors on the pairs, in the dataset's own pixels.
+
+    Args:
+        matcher: The matcher.
+        pairs: From `draw_validation_pairs`.
+        full_size: (W, H) of the dataset's images.
+
+    Returns:
+        `rmse_px` pooled over points visible in both frames, `rmse_px_mean_over_pairs`,
+        `median_px`, `pck_8px`; with symmetries also `symmetric_rmse_px`, each answer against
+        the nearest visible partner; `criterion_px`, the symmetric RMSE where there is one.
+    """
+    strict, symmetric, per_pair = [], [], []
+    scale = np.array(full_size) / np.array(matcher.size)
+    for pair in pairs:
+        answers = matcher.answer(pair.source, pair.target, pair.uv_a_px)
+        found = answers.uv_px * scale
+        truth = pair.uv_b_px * scale
+        errors = np.stack(
+            [endpoint_error_px(found, truth[:, slot]) for slot in range(truth.shape[1])], axis=1
+        )  # (Q, 1 + S)
+        seen = pair.visible[:, 0]
+        if seen.any():
+            strict.append(errors[seen, 0])
+            per_pair.append(rmse_px(errors[seen, 0]))
+            symmetric.append(np.where(pair.visible, errors, np.inf)[seen].min(axis=1))
+    if not strict:
+        raise CallError("no validation pair shows a point in both frames")
+    pooled = np.concatenate(strict)
+    figures = {
+        "rmse_px": rmse_px(pooled),
+        "rmse_px_mean_over_pairs": float(np.mean(per_pair)),
+        "median_px": float(np.median(pooled)),
+        "pck_8px": float(np.mean(pooled <= 8.0)),
+    }
+    figures["criterion_px"] = figures["rmse_px"]
+    if pairs[0].visible.shape[1] > 1:
+        figures["symmetric_rmse_px"] = rmse_px(np.concatenate(symmetric))
+        figures["criterion_px"] = figures["symmetric_rmse_px"]
+    return figures

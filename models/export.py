@@ -1,0 +1,152 @@
+"""Exports a finished run: its weights at half the size, and its model card."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from pliant.evaluator.scores import Scores
+from pliant.models import load_matcher
+from pliant.models.don.matcher import CALIBRATION, CONFIG, RUN_FACTS
+from pliant.models.model_card import model_card
+from pliant.models.shipped import CARD
+from pliant.models.training.checkpoint import BEST, Weights, read_weights_file, save_weights
+from pliant.spec.dataset import Dataset
+from pliant.spec.errors import CallError
+from pliant.spec.io.jsonfiles import read_json
+from pliant.spec.io.yamlfiles import read_yaml, yaml_text
+
+DATA_CONFIG: Final = "data.yaml"
+"""The config that the training set was generated from; `pliant generate` takes it."""
+
+_NAME: Final = re.compile(r"[a-z0-9]+(-[a-z0-9]+)*")
+_LOG: Final = "tensorboard"
+_LARGEST_HALF: Final = 65504.0
+
+
+def export_run(
+    run: Path, name: str, out: Path, dataset: Dataset, reports: Sequence[Scores] = ()
+) -> Path:
+    """Write the small form of a finished run.
+
+    Args:
+        run: The run's folder.
+        name: What the model is called: lower-case letters, digits and dashes.
+        out: The folder of models; `out/name` is made, or replaced if a model is there.
+        dataset: What the run was trained on.
+        reports: Evaluations of the run (or of its shipped form) for the card.
+
+    Returns:
+        The model's folder: `config.yaml`, `best.safetensors` (float16), `run.json`, where the
+        run has them `calibration.json`, and `data.yaml`, and `CARD.md`.
+
+    Raises:
+        CallError: The name cannot be used, the run is no run or was trained on other data, a
+            report is of another run, or something else stands in the way.
+        TrainingError: The run is not finished or damaged.
+    """
+    if not _NAME.fullmatch(name):
+        raise CallError(
+            "the model's name cannot be used",
+            found=repr(name),
+            required="lower-case letters, digits and dashes, such as don-rope",
+        )
+    matcher = load_matcher(run)  # it answers: config, weights and calibration fit
+    if not (run / RUN_FACTS).is_file():
+        raise CallError("the run is not finished", path=run, required=RUN_FACTS)
+    facts = read_json(run / RUN_FACTS)
+    trained_on = {"id": dataset.id, "version": dataset.version}
+    if facts["dataset"] != trained_on:
+        raise CallError(
+            "the run was trained on another dataset",
+            path=run / RUN_FACTS,
+            where="dataset",
+            found=facts["dataset"],
+            required=trained_on,
+        )
+    for report in reports:
+        _check_report(report, facts)
+    folder = out / name
+    if folder.exists() and not (folder / CARD).is_file():
+        raise CallError("something other than a shipped model stands there", path=folder)
+    partial = folder.with_name(f".{name}.partial")
+    shutil.rmtree(partial, ignore_errors=True)
+    partial.mkdir(parents=True)
+    for kept in (CONFIG, RUN_FACTS, CALIBRATION):
+        if (run / kept).is_file():
+            shutil.copyfile(run / kept, partial / kept)
+    save_weights(partial / BEST, halved(read_weights_file(run / BEST)))
+    (partial / BEST).chmod(0o644)  # safetensors makes it the owner's alone
+    config = dataset.info["provenance"].get("config")
+    if config is not None:
+        (partial / DATA_CONFIG).write_text(yaml_text(config), encoding="utf-8")
+    card = model_card(
+        name=name,
+        settings=read_yaml(run / CONFIG),
+        facts=facts,
+        dataset=dataset.info,
+        parameters=sum(p.numel() for p in matcher.network.parameters()),
+        training_s=training_seconds(run),
+        reports=[report.document for report in reports],
+    )
+    (partial / CARD).write_text(card, encoding="utf-8")
+    shutil.rmtree(folder, ignore_errors=True)
+    partial.rename(folder)
+    return folder
+
+
+def halved(weights: Weights) -> Weights:
+    """Return weights with the large tensors as float16.
+
+    Vectors and scalars (norms, biases, the softmax's scale) weigh little and stay as they are,
+    and so does a tensor with a value that float16 cannot hold.
+
+    Args:
+        weights: Name -> tensor.
+    """
+    return {
+        name: tensor.half()
+        if tensor.is_floating_point()
+        and tensor.dim() > 1
+        and float(tensor.abs().max()) <= _LARGEST_HALF
+        else tensor
+        for name, tensor in weights.items()
+    }
+
+
+def training_seconds(run: Path) -> float | None:
+    """Return the wall time of a run's training by its TensorBoard log, pauses left out.
+
+    Args:
+        run: The run's folder.
+
+    Returns:
+        Seconds from the first logged step to the last, summed over the log's files (a resumed
+        run has several); None where there is no log.
+    """
+    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+    total = 0.0
+    for path in (run / _LOG).glob("events.out.tfevents.*"):
+        events: Any = EventAccumulator(str(path))
+        events.Reload()
+        if "loss" in events.Tags()["scalars"]:
+            times = [event.wall_time for event in events.Scalars("loss")]
+            total += times[-1] - times[0]
+    return total or None
+
+
+def _check_report(report: Scores, facts: dict[str, Any]) -> None:
+    method = report.document["submission"]["method"]
+    for key in ("dataset", "tier", "steps", "seed", "validation"):
+        if method.get(key) != facts.get(key):
+            raise CallError(
+                "the report is of another run",
+                path=report.document["submission"]["file"],
+                where=f"method.{key}",
+                found=method.get(key),
+                required=facts.get(key),
+            )

@@ -1,0 +1,195 @@
+"""Checkpoints: weights as safetensors, the optimiser's state beside them, swapped in whole.
+
+`RUN/checkpoints/000500/` holds `weights.safetensors`, `average.safetensors` (the running
+average that answers), `optimiser.safetensors` and `state.json`. Nothing is pickled. The
+folder is written under another name and renamed, so a checkpoint is there or it is not.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import torch
+from safetensors import SafetensorError
+from safetensors.torch import load_file, save_file
+
+from pliant.spec.errors import TrainingError
+from pliant.spec.io.writing import replacing
+
+CHECKPOINTS: Final = "checkpoints"
+BEST: Final = "best.safetensors"
+
+Weights = dict[str, torch.Tensor]
+
+
+@dataclass
+class TrainingState:
+    """Where a run stands.
+
+    Attributes:
+        step: Steps done.
+        weights: The network's state dictionary.
+        average: The running average of it (buffers as they are).
+        optimiser: The optimiser's state dictionary.
+        best: Lowest validation criterion so far, px.
+        waited: Validations since then.
+        history: Figures of every logged step, {"step": …, name: value}.
+    """
+
+    step: int
+    weights: Weights
+    average: Weights
+    optimiser: dict[str, Any]
+    best: float = float("inf")
+    waited: int = 0
+    history: list[dict[str, float]] = field(default_factory=list)
+
+
+def save_weights(path: Path, weights: Mapping[str, torch.Tensor]) -> None:
+    """Write weights so that the file is there whole or not at all.
+
+    Args:
+        path: The `.safetensors` file.
+        weights: Name -> tensor.
+    """
+    with replacing(path) as partial:
+        save_file({k: v.detach().cpu().contiguous() for k, v in weights.items()}, partial)
+
+
+def read_weights_file(path: Path) -> Weights:
+    """Read a `.safetensors` file.
+
+    Raises:
+        TrainingError: Missing or damaged.
+    """
+    try:
+        return load_file(path)
+    except (OSError, SafetensorError) as error:
+        raise TrainingError(
+            "the weights cannot be read", path=path, found=str(error).splitlines()[0]
+        ) from error
+
+
+def load_best(network: torch.nn.Module, run: Path) -> None:
+    """Give a network the weights that answer for a run.
+
+    Args:
+        network: Built by the run's config.
+        run: The run's folder.
+
+    Raises:
+        TrainingError: The run has no validated weights yet, or they are damaged or do not fit.
+    """
+    if not (run / BEST).is_file():
+        raise TrainingError(
+            "the run has no validated weights yet", path=run, fix="Train it longer first."
+        )
+    weights = read_weights_file(run / BEST)
+    try:
+        network.load_state_dict(weights)
+    except RuntimeError as error:
+        raise TrainingError(
+            "the weights do not fit the run's config",
+            path=run / BEST,
+            found=str(error).splitlines()[0],
+        ) from error
+
+
+def save_checkpoint(run: Path, state: TrainingState) -> Path:
+    """Write a checkpoint and remove the ones before it.
+
+    Args:
+        run: The run's folder.
+        state: Where it stands.
+
+    Returns:
+        The checkpoint's folder.
+    """
+    folder = run / CHECKPOINTS / f"{state.step:07d}"
+    partial = folder.with_name(folder.name + ".partial")
+    shutil.rmtree(partial, ignore_errors=True)
+    partial.mkdir(parents=True)
+    save_weights(partial / "weights.safetensors", state.weights)
+    save_weights(partial / "average.safetensors", state.average)
+    tensors, plain = _split(state.optimiser)
+    save_weights(partial / "optimiser.safetensors", tensors)
+    document = {
+        "step": state.step,
+        "best": None if state.best == float("inf") else state.best,
+        "waited": state.waited,
+        "history": state.history,
+        "optimiser": plain,
+    }
+    (partial / "state.json").write_text(json.dumps(document, indent=1, sort_keys=True) + "\n")
+    shutil.rmtree(folder, ignore_errors=True)
+    partial.rename(folder)
+    for other in (run / CHECKPOINTS).iterdir():
+        if other != folder:
+            shutil.rmtree(other, ignore_errors=True)
+    return folder
+
+
+def latest_checkpoint(run: Path) -> Path | None:
+    """Return the newest whole checkpoint of a run, or None."""
+    folder = run / CHECKPOINTS
+    whole = [p for p in folder.glob("*") if p.name.isdigit()] if folder.is_dir() else []
+    return max(whole, default=None)
+
+
+def read_checkpoint(folder: Path) -> TrainingState:
+    """Read a checkpoint.
+
+    Args:
+        folder: From `latest_checkpoint`.
+
+    Raises:
+        TrainingError: A file of it is missing or damaged.
+    """
+    path = folder / "state.json"
+    try:
+        document = json.loads(path.read_text())
+        return TrainingState(
+            step=document["step"],
+            weights=read_weights_file(folder / "weights.safetensors"),
+            average=read_weights_file(folder / "average.safetensors"),
+            optimiser=_join(
+                read_weights_file(folder / "optimiser.safetensors"), document["optimiser"]
+            ),
+            best=float("inf") if document["best"] is None else document["best"],
+            waited=document["waited"],
+            history=document["history"],
+        )
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise TrainingError(
+            "the checkpoint is damaged", path=path, found=repr(error), fix="Remove its folder."
+        ) from error
+
+
+def _split(optimiser: dict[str, Any]) -> tuple[Weights, dict[str, Any]]:
+    """Part an optimiser's state dictionary into tensors and plain values."""
+    tensors = {
+        f"{number}.{name}": value
+        for number, values in optimiser["state"].items()
+        for name, value in values.items()
+    }
+    return tensors, {"param_groups": optimiser["param_groups"]}
+
+
+def _join(tensors: Weights, plain: dict[str, Any]) -> dict[str, Any]:
+    state: dict[int, Weights] = {}
+    for key, tensor in tensors.items():
+        number, _, name = key.partition(".")
+        state.setdefault(int(number), {})[name] = tensor
+    groups = [
+        {
+            name: tuple(value) if isinstance(value, list) and name == "betas" else value
+            for name, value in group.items()
+        }
+        for group in plain["param_groups"]
+    ]
+    return {"state": state, "param_groups": groups}

@@ -1,0 +1,107 @@
+"""A run's folder: made for a new run, checked for one that goes on; what it says of itself."""
+
+from __future__ import annotations
+
+import json
+import platform
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from pliant.models.don.matcher import CONFIG
+from pliant.models.settings import RunSettings
+from pliant.models.training.checkpoint import latest_checkpoint
+from pliant.spec.configuration import read_settings, settings_to_dict
+from pliant.spec.dataset import Dataset
+from pliant.spec.errors import CallError, TrainingError
+from pliant.spec.io.writing import replacing
+from pliant.spec.io.yamlfiles import yaml_text
+
+
+def with_tier(tier: str, dataset: Dataset) -> str:
+    """Return the tier to train on.
+
+    Args:
+        tier: As the settings name it; may be empty.
+        dataset: The dataset.
+
+    Raises:
+        CallError: No tier is named and the dataset has several.
+    """
+    names = list(dataset.tiers)
+    if tier or len(names) == 1:
+        return tier or names[0]
+    raise CallError(
+        "name the tier to train on",
+        where="tier",
+        required="one of " + ", ".join(names),
+        fix=f"Add --set tier={names[0]}",
+    )
+
+
+def open_run(run: Path, settings: RunSettings, resume: bool, free: tuple[str, ...]) -> None:
+    """Make a run's folder with its config, or check that it was begun with the same settings.
+
+    Args:
+        run: The folder.
+        settings: The run's settings.
+        resume: Whether the run goes on.
+        free: Settings that may differ then.
+
+    Raises:
+        CallError: A new run's folder is not empty.
+        TrainingError: There is nothing to resume, or a setting differs.
+    """
+    if resume:
+        if latest_checkpoint(run) is None:
+            raise TrainingError(
+                "there is no checkpoint to resume", path=run, fix="Start it without --resume."
+            )
+        begun = settings_to_dict(read_settings(type(settings), run / CONFIG))
+        for name, value in settings_to_dict(settings).items():
+            if name not in free and begun[name] != value:
+                raise TrainingError(
+                    "a run goes on with the settings it began with",
+                    path=run / CONFIG,
+                    where=name,
+                    found=value,
+                    required=begun[name],
+                    fix="Leave --config and --set out, or start another run.",
+                )
+    elif run.exists() and (not run.is_dir() or any(run.iterdir())):
+        raise CallError(
+            "the folder of a new run must be empty",
+            path=run,
+            fix="Name another one, or go on with --resume.",
+        )
+    run.mkdir(parents=True, exist_ok=True)
+    with replacing(run / CONFIG) as partial:
+        partial.write_text(yaml_text(settings_to_dict(settings)), encoding="utf-8")
+
+
+def run_facts(
+    dataset: Dataset, settings: RunSettings, steps: int, processes: int
+) -> dict[str, Any]:
+    """Return what `run.json` says of every run.
+
+    Args:
+        dataset: What it was trained on.
+        settings: Its settings.
+        steps: Steps done.
+        processes: Processes that trained together.
+    """
+    return {
+        "dataset": {"id": dataset.id, "version": dataset.version},
+        "tier": settings.tier,
+        "split": settings.split,
+        "steps": steps,
+        "seed": settings.seed,
+        "processes": processes,
+        "python": platform.python_version(),
+    }
+
+
+def write_json(path: Path, document: Mapping[str, Any]) -> None:
+    """Write one of a run's JSON files."""
+    with replacing(path) as partial:
+        partial.write_text(json.dumps(document, indent=1, sort_keys=True) + "\n", encoding="utf-8")

@@ -1,0 +1,8 @@
+"""Prepares a dataset for release: a public half to host and cite, and a private half.
+
+Writes shards, dataset card, Croissant metadata and checksums; `competition` writes bundles.
+"""
+
+from pliant.publishing.publish import Published, PublishSettings, publish
+
+__all__ = ["PublishSettings", "Published", "publish"]

@@ -1,0 +1,323 @@
+"""`croissant.json`: the dataset for catalogues and loaders (Croissant 1.1), and a check of it.
+
+`mlcroissant` accepts a file that names columns which no file has, or leaves `name` out. The check
+here looks into the files.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, Final
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+from jsonschema import Draft202012Validator
+
+from pliant.publishing.papers import licence_url
+from pliant.spec.dataset import Dataset
+from pliant.spec.errors import SpecError
+from pliant.spec.io.checksums import sha256_file
+from pliant.spec.io.jsonfiles import read_json, write_json
+from pliant.spec.storage import layout
+from pliant.spec.storage.packing import FRAMES, ROWS
+from pliant.spec.tables import QUERIES, SEQUENCES, TRUTH
+
+FILE: Final = "croissant.json"
+
+CONFORMS_TO: Final = "http://mlcommons.org/croissant/1.1"
+
+_CONTEXT: Final[dict[str, Any]] = {
+    "@language": "en",
+    "@vocab": "https://schema.org/",
+    "arrayShape": "cr:arrayShape",
+    "citeAs": "cr:citeAs",
+    "column": "cr:column",
+    "conformsTo": "dct:conformsTo",
+    "containedIn": "cr:containedIn",
+    "cr": "http://mlcommons.org/croissant/",
+    "data": {"@id": "cr:data", "@type": "@json"},
+    "dataType": {"@id": "cr:dataType", "@type": "@vocab"},
+    "dct": "http://purl.org/dc/terms/",
+    "description": {"@container": "@language"},
+    "equivalentProperty": "cr:equivalentProperty",
+    "examples": {"@id": "cr:examples", "@type": "@json"},
+    "extract": "cr:extract",
+    "field": "cr:field",
+    "fileObject": "cr:fileObject",
+    "fileProperty": "cr:fileProperty",
+    "fileSet": "cr:fileSet",
+    "format": "cr:format",
+    "includes": "cr:includes",
+    "isArray": "cr:isArray",
+    "isLiveDataset": "cr:isLiveDataset",
+    "jsonPath": "cr:jsonPath",
+    "key": "cr:key",
+    "md5": "cr:md5",
+    "name": {"@container": "@language"},
+    "parentField": "cr:parentField",
+    "path": "cr:path",
+    "rai": "http://mlcommons.org/croissant/RAI/",
+    "recordSet": "cr:recordSet",
+    "references": "cr:references",
+    "regex": "cr:regex",
+    "repeated": "cr:repeated",
+    "replace": "cr:replace",
+    "samplingRate": "cr:samplingRate",
+    "sc": "https://schema.org/",
+    "separator": "cr:separator",
+    "source": "cr:source",
+    "subField": "cr:subField",
+    "transform": "cr:transform",
+}
+
+_ENCODINGS: Final = {
+    ".parquet": "application/x-parquet",
+    ".json": "application/json",
+    ".tar": "application/x-tar",
+    ".jpg": "image/jpeg",
+    ".md": "text/markdown",
+}
+
+_TEXTS: Final = {"id", "sequence", "sequence_a", "sequence_b"}
+
+
+def write_croissant(
+    dataset: Dataset, root: Path, *, authors: Sequence[str], url: str | None, date: str | None
+) -> None:
+    """Write `croissant.json` of a packed dataset.
+
+    Args:
+        dataset: The dataset.
+        root: Its folder, every file of which but this one, the checksums and the manifest is there.
+        authors: Who publishes it.
+        url: Where it will be hosted, or None.
+        date: Day of the release, YYYY-MM-DD, or None.
+    """
+    info = dataset.info
+    document: dict[str, Any] = {
+        "@context": _CONTEXT,
+        "@type": "sc:Dataset",
+        "conformsTo": CONFORMS_TO,
+        "name": dataset.id,
+        "alternateName": info["title"],
+        "description": info["description"] or info["title"],
+        "version": dataset.version,
+        "license": licence_url(info["licence"]),
+        "creator": [{"@type": "sc:Organization", "name": author} for author in authors],
+        "citeAs": f"{', '.join(authors)}: {info['title']}, version {dataset.version}",
+        "keywords": ["dense correspondence", "deformable objects", *dataset.tiers],
+        "isLiveDataset": False,
+        **_responsible(dataset),
+        "distribution": _distribution(root),
+        "recordSet": _record_sets(dataset, root),
+    }
+    if url is not None:
+        document["url"] = url
+    if date is not None:
+        document["datePublished"] = date
+    write_json(root / FILE, document)
+
+
+def _responsible(dataset: Dataset) -> dict[str, Any]:
+    """Return the RAI fields: how the data came about and what it should not be taken for."""
+    provenance = dataset.info["provenance"]
+    synthetic = provenance["config"] != {}
+    how = (
+        "Simulated ropes and cloths, rendered; answers are computed from the simulated geometry."
+        if synthetic
+        else "Brought in from outside; see the description."
+    )
+    fields = {
+        "rai:dataCollection": f"{how} Made with {provenance['generator']}.",
+        "rai:dataCollectionType": ["Software Collection"] if synthetic else ["Others"],
+        "rai:dataAnnotationProtocol": "Positions and visibility of material points, computed "
+        "on the deformed geometry itself; no human annotators.",
+        "rai:dataUseCases": ["Training and evaluation of dense correspondence"],
+        "rai:dataLimitations": "One object a scene on a flat table; appearance, cameras and motion "
+        "come from the generator's distributions, stated in dataset.json, and cover no real scene.",
+        "rai:dataBiases": "Shapes, colours and cameras follow the generator's settings.",
+        "rai:personalSensitiveInformation": "None: no people are shown.",
+        "rai:dataReleaseMaintenancePlan": "Any change of the data changes the version; "
+        "SHA256SUMS identifies a copy.",
+    }
+    if dataset.held_out:
+        fields["rai:dataCollectionMissingData"] = (
+            f"The answers of {', '.join(dataset.held_out)} are held out for evaluation."
+        )
+    return fields
+
+
+def _distribution(root: Path) -> list[dict[str, Any]]:
+    """Return a FileObject for every file, and a FileSet for every kind of shard."""
+    apart = {FILE, layout.CHECKSUMS, layout.MANIFEST_JSON}
+    found: list[dict[str, Any]] = []
+    names = sorted(p.relative_to(root).as_posix() for p in root.rglob("*") if p.is_file())
+    for name in names:
+        if name in apart:
+            continue
+        path = root / name
+        found.append(
+            {
+                "@type": "cr:FileObject",
+                "@id": name,
+                "name": name,
+                "contentUrl": name,
+                "contentSize": f"{path.stat().st_size} B",
+                "encodingFormat": _ENCODINGS.get(path.suffix, "text/plain"),
+                "sha256": sha256_file(path),
+            }
+        )
+    return found
+
+
+def _record_sets(dataset: Dataset, root: Path) -> list[dict[str, Any]]:
+    sets = [_of_table("sequences", layout.SEQUENCES_TABLE, SEQUENCES, ["id"], {})]
+    joins = {name: "sequences/id" for name in ("sequence", "sequence_a", "sequence_b")}
+    for split in dataset.splits_with_queries():
+        name = f"queries_{split}"
+        sets.append(
+            _of_table(name, layout.queries_name(split), QUERIES, ["pair_id", "query_id"], joins)
+        )
+        if dataset.has(layout.truth_name(split)):
+            sets.append(
+                _of_table(
+                    f"truth_{split}",
+                    layout.truth_name(split),
+                    TRUTH,
+                    ["pair_id", "query_id"],
+                    {key: f"{name}/{key}" for key in ("pair_id", "query_id")},
+                )
+            )
+    for folder, schema, key in (
+        ("frames", FRAMES, ["sequence", "frame"]),
+        ("correspondences", ROWS, ["sequence", "frame", "point"]),
+    ):
+        for path in sorted((root / folder).glob("*.parquet")):
+            name = f"{folder}_{path.stem.replace('-', '_')}"
+            sets.append(_of_table(name, path.relative_to(root).as_posix(), schema, key, joins))
+    return sets
+
+
+def _of_table(
+    name: str, file: str, schema: pa.Schema, key: Sequence[str], joins: dict[str, str]
+) -> dict[str, Any]:
+    """Return the record set of one Parquet file."""
+    return {
+        "@type": "cr:RecordSet",
+        "@id": name,
+        "name": name,
+        "description": f"The rows of {file}.",
+        "key": [{"@id": f"{name}/{column}"} for column in key],
+        "field": [_field(name, file, column, joins) for column in schema],
+    }
+
+
+def _field(name: str, file: str, column: pa.Field, joins: dict[str, str]) -> dict[str, Any]:
+    own = f"{name}/{column.name}"
+    text = (column.metadata or {}).get(b"doc", b"").decode()
+    field: dict[str, Any] = {
+        "@type": "cr:Field",
+        "@id": own,
+        "name": column.name,
+        "description": text or column.name.replace("_", " "),
+        "dataType": _data_type(column),
+        "source": {"fileObject": {"@id": file}, "extract": {"column": column.name}},
+    }
+    if column.name == "image":
+        field["source"]["transform"] = {"jsonPath": "bytes"}
+    if pa.types.is_list(column.type):
+        field |= {"isArray": True, "arrayShape": "-1"}
+    if column.name in joins:
+        field["references"] = {"field": {"@id": joins[column.name]}}
+    return field
+
+
+def _data_type(column: pa.Field) -> str:
+    kind = column.type.value_type if pa.types.is_list(column.type) else column.type
+    if column.name == "image":
+        return "sc:ImageObject"
+    if pa.types.is_boolean(kind):
+        return "sc:Boolean"
+    if pa.types.is_integer(kind):
+        return f"cr:Int{kind.bit_width}"
+    if pa.types.is_floating(kind):
+        return f"cr:Float{kind.bit_width}"
+    return "sc:Text"
+
+
+def check_croissant(root: Path) -> None:
+    """Check `croissant.json` against our schema and against the files it speaks of.
+
+    Args:
+        root: The dataset.
+
+    Raises:
+        SpecError: With the first thing that is wrong, and how many there are.
+    """
+    problems = list(croissant_problems(root))
+    if problems:
+        raise SpecError(
+            "croissant.json does not describe the dataset",
+            path=root / FILE,
+            found=f"{problems[0]} ({len(problems)} problems)",
+        )
+
+
+def croissant_problems(root: Path) -> Iterator[str]:
+    """Yield, in words, everything in which `croissant.json` is incomplete or untrue.
+
+    Args:
+        root: The dataset.
+    """
+    document = read_json(root / FILE)
+    for error in _validator().iter_errors(document):
+        yield f"{'/'.join(map(str, error.absolute_path)) or 'the document'}: {error.message[:200]}"
+    objects = {}
+    for entry in document.get("distribution", []):
+        name = str(entry.get("contentUrl", ""))
+        objects[entry.get("@id")] = path = root / name
+        if ".." in Path(name).parts or Path(name).is_absolute() or not path.is_file():
+            yield f"{name}: the file is not there"
+        elif sha256_file(path) != entry.get("sha256"):
+            yield f"{name}: the sha256 is not the file's"
+    fields = {
+        field.get("@id"): field
+        for records in document.get("recordSet", [])
+        for field in records.get("field", [])
+    }
+    for records in document.get("recordSet", []):
+        for field in records.get("field", []):
+            yield from _field_problems(field, objects, fields)
+        for key in records.get("key", []):
+            if key.get("@id") not in fields:
+                yield f"{records.get('@id')}: the key {key.get('@id')} is no field"
+
+
+def _field_problems(
+    field: dict[str, Any], objects: dict[Any, Path], fields: dict[Any, Any]
+) -> Iterator[str]:
+    own, source = field.get("@id"), field.get("source", {})
+    path = objects.get(source.get("fileObject", {}).get("@id"))
+    column = source.get("extract", {}).get("column")
+    if path is None:
+        yield f"{own}: its source is none of the files"
+    elif path.is_file() and path.suffix == ".parquet" and column not in _columns(str(path)):
+        yield f"{own}: {path.name} has no column {column!r}"
+    target = field.get("references", {}).get("field", {}).get("@id")
+    if target is not None and target not in fields:
+        yield f"{own}: it refers to {target}, which is no field"
+
+
+@cache
+def _columns(path: str) -> frozenset[str]:
+    return frozenset(pq.ParquetFile(path).schema_arrow.names)
+
+
+@cache
+def _validator() -> Draft202012Validator:
+    text = (files("pliant.publishing") / "croissant.schema.json").read_text("utf-8")
+    return Draft202012Validator(json.loads(text))

@@ -1,1 +1,0 @@
-"""The conformance suite: valid data worked out by hand, and named ways of breaking it."""

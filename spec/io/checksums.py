@@ -1,0 +1,24 @@
+"""Checksums of files."""
+
+from __future__ import annotations
+
+import hashlib
+
+from pliant.spec.errors import SpecError
+from pliant.spec.io.reading import AnyFile, open_binary
+
+
+def sha256_file(path: AnyFile) -> str:
+    """Return the sha256 of a file's bytes as 64 lower-case hexadecimal digits.
+
+    Args:
+        path: The file.
+
+    Raises:
+        SpecError: The file cannot be read.
+    """
+    try:
+        with open_binary(path) as stream:
+            return hashlib.file_digest(stream, "sha256").hexdigest()
+    except OSError as error:
+        raise SpecError("the file cannot be read", path=path, found=error.strerror) from error

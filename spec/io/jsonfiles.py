@@ -1,0 +1,201 @@
+"""JSON files: strict in reading, canonical in writing."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Iterator
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, NoReturn
+
+from jsonschema import Draft202012Validator
+from jsonschema.exceptions import ValidationError
+from jsonschema.validators import extend
+
+from pliant.spec.conventions import SPEC_VERSION
+from pliant.spec.io import limits
+from pliant.spec.io.reading import AnyFile, FileRefusedError, read_bytes
+from pliant.spec.io.writing import replacing
+
+SCHEMAS = files("pliant.spec") / "schemas"
+
+
+def read_json(path: AnyFile, schema: str | None = None) -> Any:
+    """Read a JSON file.
+
+    Args:
+        path: The file: UTF-8, no duplicate keys, no NaN or infinity, within the limits.
+        schema: Name of a schema of the current version (`dataset`, `sequence`, `cameras` …) it
+            must satisfy, or None.
+
+    Raises:
+        FileRefusedError: It cannot be read or parsed, or breaks the schema.
+    """
+    data = parse_json(read_bytes(path, limits.MAX_JSON_BYTES), path)
+    if schema is not None:
+        for where, message in schema_errors(data, schema):
+            raise FileRefusedError(
+                "SCHEMA_INVALID", f"breaks {schema}.schema.json: {message}", path=path, where=where
+            )
+    return data
+
+
+def parse_json(data: bytes, path: AnyFile) -> Any:
+    """Parse JSON strictly: UTF-8, unique keys, finite numbers, bounded depth.
+
+    Args:
+        data: The bytes.
+        path: The file they come from, for messages.
+
+    Raises:
+        FileRefusedError: With the place and the reason.
+    """
+    try:
+        parsed = json.loads(
+            data.decode("utf-8"),
+            object_pairs_hook=_unique,
+            parse_constant=_refuse_constant,
+            parse_float=_finite,
+        )
+    except RecursionError as error:
+        raise _too_deep(path) from error
+    except ValueError as error:
+        raise FileRefusedError(
+            "FILE_UNREADABLE", "this is no strict JSON", path=path, found=str(error)
+        ) from error
+    level: list[Any] = [parsed]
+    for _ in range(limits.MAX_JSON_DEPTH):
+        level = [
+            child
+            for node in level
+            if isinstance(node, dict | list)
+            for child in (node.values() if isinstance(node, dict) else node)
+            if isinstance(child, dict | list)
+        ]
+        if not level:
+            return parsed
+    raise _too_deep(path)
+
+
+def write_json(path: Path | str, document: Any, schema: str | None = None) -> None:
+    """Write a JSON file: keys sorted, indent 1, shortest exact floats, a newline at the end.
+
+    Args:
+        path: Where to; replaced if it exists.
+        document: JSON-able; no NaN or infinity.
+        schema: Name of a schema it must satisfy, or None.
+
+    Raises:
+        ValueError: The document is not JSON-able or breaks the schema: the caller's mistake.
+        CallError: The file cannot be written; an earlier one is unchanged.
+    """
+    data = json_bytes(document, schema, path)
+    with replacing(path) as partial:
+        partial.write_bytes(data)
+
+
+def json_bytes(document: Any, schema: str | None = None, name: Path | str = "document") -> bytes:
+    """Return the bytes that `write_json` writes; arguments and errors as there."""
+    text = json.dumps(document, indent=1, sort_keys=True, allow_nan=False, ensure_ascii=False)
+    if schema is not None:
+        for where, message in schema_errors(json.loads(text), schema):
+            raise ValueError(f"{name}, {where}: breaks {schema}.schema.json: {message}")
+    return (text + "\n").encode("utf-8")
+
+
+@cache
+def load_schema(name: str, version: str = SPEC_VERSION) -> dict[str, Any]:
+    """Return one of the specification's JSON Schemas.
+
+    Args:
+        name: `dataset`, `sequence`, `cameras`, or `footer-TABLE`.
+        version: Specification version.
+    """
+    text = (SCHEMAS / version / f"{name}.schema.json").read_text(encoding="utf-8")
+    schema: dict[str, Any] = json.loads(text)
+    return schema
+
+
+def _is_integer(_: object, value: object) -> bool:
+    """An integer is written without a fraction: 3, not 3.0."""
+    return isinstance(value, int) and not isinstance(value, bool)
+
+
+_Validator = extend(
+    Draft202012Validator,
+    type_checker=Draft202012Validator.TYPE_CHECKER.redefine("integer", _is_integer),
+)
+
+
+@cache
+def _validator(name: str) -> Any:
+    return _Validator(load_schema(name))
+
+
+def schema_errors(document: Any, name: str) -> Iterator[tuple[str, str]]:
+    """Yield (place, message) for everything in which a document breaks a schema.
+
+    Unknown fields are no fault of a document whose minor version is newer than this code's.
+
+    Args:
+        document: Parsed JSON.
+        name: Name of the schema.
+    """
+    newer = isinstance(document, dict) and is_newer_minor(document.get("spec_version"))
+    for error in _validator(name).iter_errors(document):
+        if not (newer and error.validator == "additionalProperties"):
+            yield _place(error), _shortened(error.message)
+
+
+def is_newer_minor(version: object) -> bool:
+    """Return whether a version is of this code's major and of a newer minor version.
+
+    Args:
+        version: A `spec_version`, of any type.
+    """
+    found = re.fullmatch(r"(\d{1,6})\.(\d{1,6})\.\d{1,6}", str(version))
+    major, minor, _ = SPEC_VERSION.split(".")
+    return found is not None and found[1] == major and int(found[2]) > int(minor)
+
+
+def _place(error: ValidationError) -> str:
+    place = ""
+    for part in error.absolute_path:
+        place += f"[{part}]" if isinstance(part, int) else f".{part}" if place else str(part)
+    return place
+
+
+def _shortened(message: str, length: int = 300) -> str:
+    return message if len(message) <= length else message[: length - 1] + "…"
+
+
+def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for key, value in pairs:
+        if key in found:
+            raise ValueError(f"the key {key[:80]!r} twice in one object")
+        found[key] = value
+    return found
+
+
+def _refuse_constant(name: str) -> NoReturn:
+    raise ValueError(f"{name} is no JSON number")
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(f"{text:.40} is beyond the range of a double")
+    return value
+
+
+def _too_deep(path: AnyFile) -> FileRefusedError:
+    return FileRefusedError(
+        "FILE_TOO_LARGE",
+        "the JSON is nested too deeply",
+        path=path,
+        required=f"at most {limits.MAX_JSON_DEPTH} levels",
+    )

@@ -1,0 +1,135 @@
+"""What a validation run has found: every problem counted, the first few of a kind in words."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from pliant.spec.errors import Issue
+from pliant.spec.io.reading import FileRefusedError
+from pliant.spec.validation.issue_codes import make_issue
+
+RowDescription = Callable[[int], tuple[str, str]]
+
+LISTED_PER_CODE = 20
+"""So many issues of one code are put in words for one file set; all are counted."""
+
+
+@dataclass
+class Findings:
+    """The problems of one part of a dataset.
+
+    Attributes:
+        listed_per_code: So many of one code are kept in words.
+        issues: Those kept.
+        counts: Code -> how many there are.
+        diagnoses: (code, cause) -> (file, rows) of every file that has this one cause.
+    """
+
+    listed_per_code: int = LISTED_PER_CODE
+    issues: list[Issue] = field(default_factory=list)
+    counts: dict[str, int] = field(default_factory=dict)
+    diagnoses: dict[tuple[str, str], list[tuple[str, int]]] = field(default_factory=dict)
+
+    def add(self, code: str, path: str, where: str, message: str) -> None:
+        """Add one problem; arguments as `make_issue`."""
+        seen = self.counts.get(code, 0)
+        self.counts[code] = seen + 1
+        if seen < self.listed_per_code:
+            self.issues.append(make_issue(code, path, where, message))
+
+    def add_rows(
+        self,
+        code: str,
+        path: str,
+        bad: npt.NDArray[np.bool_],
+        describe: RowDescription,
+    ) -> None:
+        """Add a problem for every true element.
+
+        Args:
+            code: Issue code.
+            path: The file.
+            bad: bool (N,), True where the rule is broken.
+            describe: Takes an index and returns (where, message); called for those listed.
+        """
+        indices = np.flatnonzero(bad)
+        seen = self.counts.get(code, 0)
+        if indices.size:
+            self.counts[code] = seen + int(indices.size)
+        for index in indices[: max(0, self.listed_per_code - seen)]:
+            where, message = describe(int(index))
+            self.issues.append(make_issue(code, path, where, message))
+
+    def diagnose(self, code: str, path: str, cause: str) -> None:
+        """Explain every problem of one code by one cause.
+
+        One issue then replaces those of the code listed so far, and their number stays. Equal
+        causes of several files become one issue.
+
+        Args:
+            code: Issue code.
+            path: The file.
+            cause: If rows have this code: what they do, in the plural. Otherwise a sentence; it
+                counts as one problem.
+        """
+        rows = self.counts.get(code, 0)
+        self.counts[code] = max(rows, 1)
+        self.issues = [issue for issue in self.issues if issue.code != code]
+        self.diagnoses.setdefault((code, cause), []).append((path, rows))
+
+    def listed(self) -> list[Issue]:
+        """Return the issues in words: one for each diagnosis, then those without."""
+        found = []
+        for (code, cause), files in self.diagnoses.items():
+            rows = sum(count for _, count in files)
+            message = f"all {rows:,} rows {cause}" if rows else cause
+            where = f"and {len(files) - 1} more files" if len(files) > 1 else ""
+            found.append(make_issue(code, files[0][0], where, message))
+        return [*found, *self.issues]
+
+    def merge(self, other: Findings) -> None:
+        """Add the problems of another part."""
+        for key, files in other.diagnoses.items():
+            self.diagnoses.setdefault(key, []).extend(files)
+        listed = {code: 0 for code in other.counts}
+        for issue in other.issues:
+            kept = self.counts.get(issue.code, 0) + listed[issue.code]
+            if kept < self.listed_per_code:
+                self.issues.append(issue)
+            listed[issue.code] += 1
+        for code, count in other.counts.items():
+            self.counts[code] = self.counts.get(code, 0) + count
+
+    @property
+    def total(self) -> int:
+        """How many problems there are."""
+        return sum(self.counts.values())
+
+    @contextmanager
+    def refusals(self, path: str) -> Iterator[None]:
+        """Turn the refusal of a file inside the block into an issue; the block then ends.
+
+        Args:
+            path: The file, relative to the dataset.
+        """
+        try:
+            yield
+        except FileRefusedError as error:
+            self.add(error.code, path, error.where or "", reason(error))
+
+
+def reason(error: FileRefusedError) -> str:
+    """Return an error's sentence without the place, which an issue carries itself."""
+    text = error.message
+    if error.found is not None:
+        text += f"; found {error.found}"
+    if error.required is not None:
+        text += f"; required: {error.required}"
+    if error.fix is not None:
+        text += f". {error.fix}"
+    return text

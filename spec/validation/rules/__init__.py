@@ -1,0 +1,1 @@
+"""The rules of a dataset, one module for each part of it; `validation.validate` runs them."""

@@ -1,0 +1,186 @@
+"""What the measured points of a sequence say about it as a whole: shifts, depth, scale."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from pliant.spec.storage.layout import DATASET_JSON
+from pliant.spec.validation.findings import Findings
+from pliant.spec.validation.rules.alignment import Alignment, Measured
+
+FloatArray = npt.NDArray[np.float64]
+
+MIN_POINTS: Final = 12
+"""A median over fewer points says nothing."""
+
+SHIFT_PX: Final = 0.1
+"""A constant shift below this is left alone, pixels; statistical doubt is added."""
+
+SCATTER_PX: Final = 0.1
+"""Median distance from the median shift, pixels; the interpolation's error is added."""
+
+DEPTH_SHIFT: Final = 0.15
+"""Median depth residual, pixel footprints; what curvature explains is added."""
+
+DEPTH_SCATTER: Final = 0.1
+"""Interquartile range of the depth residual, pixel footprints; curvature is added."""
+
+SCALE_FACTOR: Final = 3.0
+"""How far a unit of the material may be from `metres_per_unit`."""
+
+
+def check_agreement(
+    tier: dict[str, Any], fitting: Alignment, others: Alignment, shown: str, findings: Findings
+) -> bool:
+    """Check the measured points of a sequence.
+
+    Args:
+        tier: The sequence's tier.
+        fitting: Points of frames whose surface image shows most of them.
+        others: Points of the other frames, which have an issue of their own.
+        shown: The correspondence table's path in issues.
+        findings: Gets `OFFSET_DISAGREES`, `OFFSET_SCATTERS`, `DEPTH_IMAGE_DISAGREES`,
+            `DEPTH_IMAGE_SCATTERS` and `SCALE_DISAGREES`.
+
+    Returns:
+        True if the images' depth is known not to be that of the tables.
+    """
+    measured = fitting.joined()
+    enough = measured is not None and len(measured) >= MIN_POINTS
+    if measured is not None and enough and _check_shift(fitting, measured, shown, findings):
+        return False  # the other measurements would follow from this
+    placed = Alignment([part for part in others.parts if _in_place(part)])
+    measured = Alignment([*fitting.parts, *placed.parts]).joined()
+    if measured is None or len(measured) < MIN_POINTS:
+        return False
+    wrong_depth = _check_depth(measured, shown, findings)
+    if not wrong_depth:
+        _check_scale(tier, measured, findings)
+    return wrong_depth
+
+
+def _in_place(part: Measured) -> bool:
+    """Return whether an image shows the points' material where they are, whatever its depth."""
+    return len(part) >= MIN_POINTS and float(np.median(np.abs(part.offset_px))) < 0.5
+
+
+def _doubt(values: FloatArray) -> float:
+    """Return five standard errors of the median of values (N, K): the largest of the columns."""
+    spread = 1.4826 * np.median(np.abs(values - np.median(values, axis=0)), axis=0)
+    return float(np.max(5 * 1.2533 * spread / np.sqrt(len(values))))
+
+
+def _check_shift(alignment: Alignment, measured: Measured, shown: str, findings: Findings) -> bool:
+    """Check where the points are; return True if that explains all that follows."""
+    frames = []
+    for part in alignment.parts:
+        if len(part) >= MIN_POINTS:
+            shift = np.median(part.offset_px, axis=0)
+            if np.abs(shift).max() > SHIFT_PX + _doubt(part.offset_px):
+                frames.append(int(part.frame[0]))
+    shift = np.median(measured.offset_px, axis=0)
+    if np.abs(shift).max() > SHIFT_PX + _doubt(measured.offset_px):
+        findings.diagnose("OFFSET_DISAGREES", shown, _shift_text(-shift))
+        return True
+    if frames:
+        part = next(p for p in alignment.parts if len(p) and p.frame[0] == frames[0])
+        text = _shift_text(-np.median(part.offset_px, axis=0))
+        findings.add("OFFSET_DISAGREES", shown, f"frames {_few(frames)}", text)
+    distance = np.abs(measured.offset_px - shift).max(axis=1)
+    scatter = float(np.median(distance))
+    if scatter > SCATTER_PX + float(np.median(measured.error_px)):
+        findings.add(
+            "OFFSET_SCATTERS",
+            shown,
+            "",
+            f"half of the points are more than {scatter:.2f} px from where the surface layer "
+            f"shows their material (the interpolation explains "
+            f"{float(np.median(measured.error_px)):.2f} px): noisy or rounded positions, a focal "
+            "length that differs from the images', or a material layer of few bits?",
+        )
+        return True
+    return bool(frames)
+
+
+def _shift_text(shift: FloatArray) -> str:
+    u, v = (round(float(value), 1) + 0.0 for value in shift)
+    cause = "the images are shifted, or of another camera?"
+    if {abs(u), abs(v)} <= {0.0, 0.5}:
+        cause = "pixel centres at whole numbers in one of them (OpenCV convention)?"
+    elif {abs(u) % 1, abs(v) % 1} == {0.0}:
+        cause = "the depth images are shifted by whole pixels?"
+    return (
+        f"u_px, v_px differ by about ({u:+.1f}, {v:+.1f}) px from where the surface layer shows "
+        f"the points' material: {cause}"
+    )
+
+
+def _few(numbers: list[int]) -> str:
+    shown = ", ".join(str(number) for number in numbers[:5])
+    return shown + (f" and {len(numbers) - 5} more" if len(numbers) > 5 else "")
+
+
+def _check_depth(measured: Measured, shown: str, findings: Findings) -> bool:
+    residual = measured.shown_m - measured.depth_m
+    relative = residual / measured.footprint_m
+    explained = float(np.median(measured.error_px))
+    middle = float(np.median(relative))
+    if abs(middle) > DEPTH_SHIFT + 2.2 * explained + _doubt(relative[:, None]):
+        findings.diagnose("DEPTH_IMAGE_DISAGREES", shown, _depth_text(measured))
+        return True
+    low, high = np.quantile(relative, [0.25, 0.75])
+    if high - low > DEPTH_SCATTER + 1.5 * explained:
+        size = 1e3 * float(np.median(np.abs(residual - np.median(residual))))
+        findings.add(
+            "DEPTH_IMAGE_SCATTERS",
+            shown,
+            "",
+            f"the depth images differ from depth_m by {size:.2f} mm (median) in both directions: "
+            "noisy, rounded or compressed depth?",
+        )
+    return False
+
+
+def _depth_text(measured: Measured) -> str:
+    ratio = measured.shown_m / measured.depth_m
+    factor = float(np.median(ratio))
+    for number, name in ((1000, "millimetres"), (100, "centimetres"), (1e-3, "kilometres")):
+        if abs(factor / number - 1) < 0.05:
+            return f"the depth images are {number:g} times depth_m: {name}?"
+    plain = float(np.median(np.abs(ratio - factor)))
+    along = float(np.median(np.abs(ratio / measured.ray - 1)))
+    text = "the depth images hold other depths than the tables"
+    if along < 0.3 * float(np.median(np.abs(ratio - 1))):
+        return "the depth images have the length of the ray; required: planar z"
+    shift = float(np.median(measured.shown_m - measured.depth_m))
+    steady = float(np.median(np.abs(measured.shown_m - measured.depth_m - shift)))
+    if steady < 0.2 * abs(shift):
+        return f"{text}: they differ by about {1e3 * shift:+.1f} mm"
+    if plain < 0.2 * abs(factor - 1):
+        return f"{text}: they are about {factor:.3g} times depth_m"
+    return f"{text}: of another frame or another camera?"
+
+
+def _check_scale(tier: dict[str, Any], measured: Measured, findings: Findings) -> None:
+    metres = measured.metres[np.isfinite(measured.metres).all(axis=1)]
+    if len(metres) < MIN_POINTS:
+        return
+    thing = next(each for each in tier["objects"] if each["id"] == tier["queried_object"])
+    wrong = []
+    for coordinate, found in zip(thing["material"], np.median(metres, axis=0), strict=True):
+        declared = coordinate["metres_per_unit"]
+        ratio = float(found) / declared
+        if not 1 / SCALE_FACTOR <= ratio <= SCALE_FACTOR:
+            about = declared * 10.0 ** round(float(np.log10(ratio)))
+            wrong.append(f"of {coordinate['name']} is {declared:g}, the images show {about:.3g}")
+    if wrong:
+        findings.add(
+            "SCALE_DISAGREES",
+            DATASET_JSON,
+            f"{tier['name']}, {thing['name']}",
+            f"metres_per_unit {'; '.join(wrong)}: a wrong power of ten, or positions in another "
+            "unit than metres?",
+        )

@@ -1,0 +1,114 @@
+"""Rules of cameras.json: one camera a frame, each a camera indeed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from pliant.spec.validation.findings import Findings
+from pliant.spec.validation.rules.context import Context
+
+ROTATION_TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True)
+class Cameras:
+    """The cameras of a sequence.
+
+    Attributes:
+        K: float64 (F, 3, 3), intrinsics in pixels.
+        world_to_camera: float64 (F, 4, 4), poses in metres.
+    """
+
+    K: npt.NDArray[np.float64]
+    world_to_camera: npt.NDArray[np.float64]
+
+    def project(
+        self, frame: int, xyz_m: npt.NDArray[np.float64]
+    ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+        """Project world points into a frame.
+
+        Args:
+            frame: The frame.
+            xyz_m: float64 (N, 3), world metres.
+
+        Returns:
+            float64 (N, 2), u and v in pixels (NaN or infinite at z = 0);
+            float64 (N,), camera-space z in metres.
+        """
+        pose = self.world_to_camera[frame]
+        local = xyz_m @ pose[:3, :3].T + pose[:3, 3]
+        K = self.K[frame]
+        z = local[:, 2]
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            u = K[0, 0] * local[:, 0] / z + K[0, 2]
+            v = K[1, 1] * local[:, 1] / z + K[1, 2]
+        return np.stack([u, v], axis=1), z
+
+
+def check_cameras(
+    context: Context, document: dict[str, Any], frames: int, shown: str, findings: Findings
+) -> Cameras | None:
+    """Check the cameras of a sequence.
+
+    Args:
+        context: The dataset.
+        document: The cameras.json, valid by its schema.
+        frames: Frames of the sequence.
+        shown: The file's path in issues.
+        findings: Gets `CAMERA_INVALID` and `IDENTITY_DIFFERS`.
+
+    Returns:
+        The cameras if all of them are good.
+    """
+    before = findings.total
+    size = (document["width"], document["height"])
+    if size != (context.width, context.height):
+        findings.add(
+            "IDENTITY_DIFFERS",
+            shown,
+            "width, height",
+            f"found {size[0]} x {size[1]}; dataset.json has {context.width} x {context.height}",
+        )
+    numbers = [entry["frame"] for entry in document["frames"]]
+    if numbers != list(range(frames)):
+        findings.add(
+            "CAMERA_INVALID",
+            shown,
+            "frames",
+            f"required: frames 0 to {frames - 1}, each once, in order; found {len(numbers)} "
+            f"entries from {numbers[0]} to {numbers[-1]}",
+        )
+        return None
+    K = np.array([entry["K"] for entry in document["frames"]], np.float64)
+    poses = np.array([entry["world_to_camera"] for entry in document["frames"]], np.float64)
+    fixed = K[:, [0, 1, 2, 2, 2], [1, 0, 0, 1, 2]] != np.array([0, 0, 0, 0, 1.0])
+    findings.add_rows(
+        "CAMERA_INVALID",
+        shown,
+        np.any(fixed, axis=1) | (K[:, 0, 0] <= 0) | (K[:, 1, 1] <= 0),
+        lambda i: (
+            f"frames[{i}].K",
+            f"required: [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], fx, fy > 0; found {K[i].tolist()}",
+        ),
+    )
+    R = poses[:, :3, :3]
+    with np.errstate(over="ignore", invalid="ignore"):
+        gap = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
+        determinant = np.linalg.det(R)
+    turned = ~((gap <= ROTATION_TOLERANCE) & (determinant > 0))
+    last = np.any(poses[:, 3] != np.array([0, 0, 0, 1.0]), axis=1)
+    findings.add_rows(
+        "CAMERA_INVALID",
+        shown,
+        turned | last,
+        lambda i: (
+            f"frames[{i}].world_to_camera",
+            "required: a rotation (right-handed, orthonormal to 1e-6), a translation, and the "
+            "last row 0 0 0 1",
+        ),
+    )
+    return Cameras(K, poses) if findings.total == before else None

@@ -1,0 +1,54 @@
+"""What a dataset's own description tells the rules of its sequences."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pliant.spec.storage.files import Files, LocalFiles
+
+
+@dataclass(frozen=True)
+class Context:
+    """The facts of dataset.json that every sequence is checked against.
+
+    Attributes:
+        root: The dataset.
+        files: Where the files of its sequences come from.
+        quick: True leaves images and geometry alone.
+        width: Of every image, px.
+        height: Of every image, px.
+        tiers: Tier name -> its entry.
+        splits: The splits declared.
+        held_out: Those of them published without their truth.
+        id: The dataset's id.
+        version: The dataset's version.
+    """
+
+    root: Path
+    files: Files
+    quick: bool
+    width: int
+    height: int
+    tiers: dict[str, dict[str, Any]]
+    splits: tuple[str, ...]
+    held_out: frozenset[str]
+    id: str
+    version: str
+
+    @classmethod
+    def of(cls, root: Path, info: dict[str, Any], quick: bool) -> Context:
+        """Take the facts from a dataset.json that satisfies its schema."""
+        return cls(
+            root=root,
+            files=LocalFiles(root),
+            quick=quick,
+            width=info["image_size"]["width"],
+            height=info["image_size"]["height"],
+            tiers={tier["name"]: tier for tier in info["tiers"]},
+            splits=tuple(info["splits"]),
+            held_out=frozenset(info.get("held_out", ())),
+            id=info["id"],
+            version=info["version"],
+        )

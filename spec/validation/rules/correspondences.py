@@ -1,0 +1,290 @@
+"""Rules of correspondences.parquet: every point of every frame, and where it projects to."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+
+from pliant.spec.conventions import VISIBILITY_STATES
+from pliant.spec.io import limits
+from pliant.spec.validation.findings import Findings
+from pliant.spec.validation.rules.cameras import Cameras
+from pliant.spec.validation.rules.context import Context
+from pliant.spec.validation.rules.tables import (
+    CheckedTable,
+    check_table,
+    codes_of,
+    numbers,
+    report_not_finite,
+)
+
+VISIBLE, SELF_OCCLUDED, OCCLUDED, OUT_OF_FRAME = range(4)
+
+PIXEL_TOLERANCE = 0.01
+"""How far u_px, v_px may be from the projection of x_m, y_m, z_m, pixels."""
+
+DEPTH_TOLERANCE_M = 1e-5
+"""How far depth_m may be from the camera-space z of x_m, y_m, z_m, metres."""
+
+BORDER_TOLERANCE = 1e-3
+"""A point so near the image's border may be on either side of it, pixels."""
+
+_FLOATS = ["u_px", "v_px", "depth_m", "x_m", "y_m", "z_m"]
+_MAX_SORTED_ROWS = 2_000_000
+
+
+@dataclass(frozen=True)
+class FrameRows:
+    """Rows of one frame, all with finite values and known keys.
+
+    Attributes:
+        frame: The frame.
+        first_row: Row of the first in the file (as sorted, where the file is not in order).
+        point: int32 (N,).
+        uv_px: float64 (N, 2).
+        depth_m: float64 (N,).
+        state: int64 (N,), index into `VISIBILITY_STATES`.
+        xyz_m: float64 (N, 3), world metres.
+    """
+
+    frame: int
+    first_row: int
+    point: npt.NDArray[np.int32]
+    uv_px: npt.NDArray[np.float64]
+    depth_m: npt.NDArray[np.float64]
+    state: npt.NDArray[np.int64]
+    xyz_m: npt.NDArray[np.float64]
+
+    def where(self, index: int) -> str:
+        """Return the place of a row for an issue."""
+        return f"frame {self.frame}, point {self.point[index]}"
+
+
+def open_correspondences(path: Path, shown: str, findings: Findings) -> CheckedTable | None:
+    """Open the table; None if it cannot be opened or lacks a column."""
+    table = check_table(
+        path, shown, "correspondences", findings, max_rows=limits.MAX_CORRESPONDENCE_ROWS
+    )
+    return table if table is not None and table.whole else None
+
+
+def check_keys(table: CheckedTable, frames: int, points: int, findings: Findings) -> bool:
+    """Check that every point of every frame has one row, in order.
+
+    Args:
+        table: The correspondences.
+        frames: Frames of the sequence.
+        points: Points of the sequence.
+        findings: Gets `ROW_UNKNOWN`, `ROW_DUPLICATE`, `ROW_MISSING`, `ROW_ORDER`.
+
+    Returns:
+        True if the rows of a frame lie together, so that they can be read frame by frame.
+    """
+    if frames * points > limits.MAX_CORRESPONDENCE_ROWS:
+        findings.add(
+            "FILE_TOO_LARGE",
+            table.shown,
+            "",
+            f"{frames} frames of {points} points; required: at most "
+            f"{limits.MAX_CORRESPONDENCE_ROWS} rows",
+        )
+        return False
+    seen = np.zeros(frames * points, np.uint8)
+    grouped = ordered = True
+    last_frame, last_key = -1, -1
+    for start, batch in table.batches(["frame", "point"], findings):
+        frame = numbers(batch, "frame").astype(np.int64)
+        point = numbers(batch, "point").astype(np.int64)
+        known = (frame >= 0) & (frame < frames) & (point >= 0) & (point < points)
+        findings.add_rows(
+            "ROW_UNKNOWN",
+            table.shown,
+            ~known,
+            lambda i, s=start, f=frame, p=point: (  # type: ignore[misc]
+                f"row {s + i}",
+                f"frame {f[i]}, point {p[i]}; required: frame < {frames}, point < {points}",
+            ),
+        )
+        key = (frame * points + point)[known]
+        unique, counts = np.unique(key, return_counts=True)
+        twice = unique[(counts > 1) | (seen[unique] > 0)]
+        findings.add_rows(
+            "ROW_DUPLICATE",
+            table.shown,
+            np.ones(len(twice), np.bool_),
+            lambda i, t=twice: (  # type: ignore[misc]
+                f"frame {t[i] // points}, point {t[i] % points}",
+                "this point has more than one row",
+            ),
+        )
+        seen[unique] = 1
+        steps = np.diff(np.concatenate([[last_key], key]))
+        ordered &= bool(np.all(steps > 0))
+        frame_steps = np.diff(np.concatenate([[last_frame], frame[known]]))
+        grouped &= bool(np.all(frame_steps >= 0))
+        if len(key):
+            last_key, last_frame = int(key[-1]), int(frame[known][-1])
+    missing = seen == 0
+    findings.add_rows(
+        "ROW_MISSING",
+        table.shown,
+        missing,
+        lambda i: (f"frame {i // points}, point {i % points}", "this point has no row"),
+    )
+    if not ordered and not findings.counts.get("ROW_DUPLICATE"):
+        findings.add("ROW_ORDER", table.shown, "", "required: ascending by frame, then by point")
+    return grouped
+
+
+def frame_rows(
+    table: CheckedTable, frames: int, points: int, grouped: bool, findings: Findings
+) -> Iterator[FrameRows]:
+    """Yield the rows of each frame, ascending by frame; broken values are reported.
+
+    Args:
+        table: The correspondences.
+        frames: Frames of the sequence.
+        points: Points of the sequence.
+        grouped: What `check_keys` returned.
+        findings: Gets `VALUE_NOT_FINITE` and `VALUE_OUT_OF_RANGE`.
+    """
+    columns = ["frame", "point", *_FLOATS, "visibility"]
+    batches = table.batches(columns, findings)
+    if not grouped:
+        if table.rows > _MAX_SORTED_ROWS:
+            return
+        whole = pa.concat_tables([batch for _, batch in batches])
+        order = np.argsort(numbers(whole, "frame"), kind="stable")
+        batches = iter([(0, whole.take(pa.array(order)))])
+    rest: list[FrameRows] = []
+    for start, batch in batches:
+        for part in _split(batch, start, frames, points, table.shown, findings):
+            if rest and rest[0].frame != part.frame:
+                yield _joined(rest)
+                rest = []
+            rest.append(part)
+    if rest:
+        yield _joined(rest)
+
+
+def _split(
+    batch: pa.Table, start: int, frames: int, points: int, shown: str, findings: Findings
+) -> Iterator[FrameRows]:
+    frame = numbers(batch, "frame")
+    point = numbers(batch, "point")
+    state = codes_of(batch, "visibility", VISIBILITY_STATES)
+    findings.add_rows(
+        "VALUE_OUT_OF_RANGE",
+        shown,
+        state < 0,
+        lambda i: (
+            f"row {start + i}, visibility",
+            f"required: {' | '.join(VISIBILITY_STATES)}",
+        ),
+    )
+    good = report_not_finite(batch, _FLOATS, start, shown, findings)
+    good &= (frame >= 0) & (frame < frames) & (point >= 0) & (point < points) & (state >= 0)
+    values = np.stack([numbers(batch, name) for name in _FLOATS], axis=1).astype(np.float64)
+    edges = np.flatnonzero(np.diff(frame)) + 1
+    for low, high in zip([0, *edges], [*edges, len(frame)], strict=True):
+        rows = np.arange(low, high)[good[low:high]]
+        if rows.size:
+            yield FrameRows(
+                frame=int(frame[low]),
+                first_row=start + int(low),
+                point=point[rows],
+                uv_px=values[rows, :2],
+                depth_m=values[rows, 2],
+                state=state[rows],
+                xyz_m=values[rows, 3:],
+            )
+
+
+def _joined(parts: list[FrameRows]) -> FrameRows:
+    if len(parts) == 1:
+        return parts[0]
+    return FrameRows(
+        frame=parts[0].frame,
+        first_row=parts[0].first_row,
+        point=np.concatenate([part.point for part in parts]),
+        uv_px=np.concatenate([part.uv_px for part in parts]),
+        depth_m=np.concatenate([part.depth_m for part in parts]),
+        state=np.concatenate([part.state for part in parts]),
+        xyz_m=np.concatenate([part.xyz_m for part in parts]),
+    )
+
+
+def check_projection(
+    context: Context, cameras: Cameras, rows: FrameRows, shown: str, findings: Findings
+) -> npt.NDArray[np.bool_]:
+    """Check that the rows of a frame project to where they say.
+
+    Args:
+        context: The dataset.
+        cameras: The sequence's cameras.
+        rows: The rows.
+        shown: The table's path in issues.
+        findings: Gets `REPROJECTION_DISAGREES`, `DEPTH_DISAGREES`, `OUT_OF_FRAME_DISAGREES`.
+
+    Returns:
+        bool (N,), True for rows that do.
+    """
+    uv, z = cameras.project(rows.frame, rows.xyz_m)
+    size = np.abs(rows.xyz_m).max(axis=1)
+    deep = np.abs(rows.depth_m - z) > DEPTH_TOLERANCE_M + 1e-6 * (size + np.abs(z))
+    findings.add_rows(
+        "DEPTH_DISAGREES",
+        shown,
+        deep,
+        lambda i: (
+            rows.where(i),
+            f"depth_m is {rows.depth_m[i]:.6f}; its position lies at z = {z[i]:.6f} m",
+        ),
+    )
+    front = z > 1e-6
+    K = cameras.K[rows.frame]
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        focal = max(K[0, 0], K[1, 1])
+        tilt = 1 + np.abs(uv - K[[0, 1], 2]).max(axis=1) / min(K[0, 0], K[1, 1])
+        rounding = 3e-7 * (focal * tilt * size / z + np.abs(uv).max(axis=1))
+        gap = np.abs(rows.uv_px - uv).max(axis=1)
+        off = front & ~(gap <= PIXEL_TOLERANCE + rounding)
+    findings.add_rows(
+        "REPROJECTION_DISAGREES",
+        shown,
+        off,
+        lambda i: (
+            rows.where(i),
+            f"u_px, v_px are {rows.uv_px[i, 0]:.3f}, {rows.uv_px[i, 1]:.3f}; its position "
+            f"projects to {uv[i, 0]:.3f}, {uv[i, 1]:.3f}",
+        ),
+    )
+    margin = np.where(
+        front,
+        np.minimum(
+            np.minimum(rows.uv_px[:, 0], context.width - rows.uv_px[:, 0]),
+            np.minimum(rows.uv_px[:, 1], context.height - rows.uv_px[:, 1]),
+        ),
+        -np.inf,
+    )
+    outside = rows.state == OUT_OF_FRAME
+    wrong = ~off & (
+        (outside & (margin > BORDER_TOLERANCE)) | (~outside & (margin < -BORDER_TOLERANCE))
+    )
+    findings.add_rows(
+        "OUT_OF_FRAME_DISAGREES",
+        shown,
+        wrong,
+        lambda i: (
+            rows.where(i),
+            f"visibility is {VISIBILITY_STATES[rows.state[i]]} at u, v = "
+            f"{rows.uv_px[i, 0]:.2f}, {rows.uv_px[i, 1]:.2f}, z = {z[i]:.3f} m",
+        ),
+    )
+    good: npt.NDArray[np.bool_] = ~(deep | off | wrong)
+    return good

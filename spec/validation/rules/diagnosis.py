@@ -1,0 +1,250 @@
+"""One cause for many rows: what turns every correct projection into what a table says.
+
+A writer that follows another convention breaks every row in the same way. Each hypothesis here
+predicts u_px, v_px and depth_m from the world positions; the first one that predicts the rows to
+the tolerance of the projection names the cause.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from pliant.spec.validation.findings import Findings
+from pliant.spec.validation.rules.cameras import Cameras
+from pliant.spec.validation.rules.correspondences import FrameRows
+
+FloatArray = npt.NDArray[np.float64]
+
+ROWS_PER_FRAME = 64
+MAX_FRAMES = 64
+"""So many rows and frames are kept to find a cause."""
+
+SHARE = 0.95
+"""A cause explains this share of the rows, or it is none."""
+
+_PIXELS = 0.02
+_DEPTH = 1e-4  # relative
+_AXES = ((0, 2, 1), (1, 0, 2), (2, 1, 0), (1, 2, 0), (2, 0, 1))
+
+
+@dataclass
+class RowSample:
+    """Some rows of a sequence, right and wrong, as the table has them.
+
+    Attributes:
+        rows: Of some frames.
+        checked: How many rows were compared.
+    """
+
+    rows: list[FrameRows] = field(default_factory=list)
+    checked: int = 0
+
+    def add(self, rows: FrameRows) -> None:
+        """Keep some rows of a frame."""
+        self.checked += len(rows.point)
+        if len(self.rows) >= MAX_FRAMES:
+            return
+        keep = np.unique(np.linspace(0, len(rows.point) - 1, ROWS_PER_FRAME).astype(np.int64))
+        self.rows.append(
+            FrameRows(
+                rows.frame,
+                rows.first_row,
+                rows.point[keep],
+                rows.uv_px[keep],
+                rows.depth_m[keep],
+                rows.state[keep],
+                rows.xyz_m[keep],
+            )
+        )
+
+
+@dataclass(frozen=True)
+class _Compared:
+    """The sampled rows beside their projection; (N, 2) pixels and (N,) metres."""
+
+    uv: FloatArray
+    depth: FloatArray
+    true_uv: FloatArray
+    true_depth: FloatArray
+    ray: FloatArray
+
+
+def diagnose_rows(
+    sample: RowSample, cameras: Cameras, size: tuple[int, int], shown: str, findings: Findings
+) -> None:
+    """Replace the issues of rows that share one cause by one issue that names it.
+
+    Args:
+        sample: Rows of the sequence.
+        cameras: Its cameras.
+        size: (width, height) of the images.
+        shown: The table's path in issues.
+        findings: The sequence's; its row issues may be replaced.
+    """
+    wrong_uv = findings.counts.get("REPROJECTION_DISAGREES", 0)
+    wrong_depth = findings.counts.get("DEPTH_DISAGREES", 0)
+    if max(wrong_uv, wrong_depth) < 0.9 * sample.checked or not sample.rows:
+        return
+    cause = _camera_cause(sample, cameras)
+    if cause is not None:
+        for code in ("REPROJECTION_DISAGREES", "DEPTH_DISAGREES", "OUT_OF_FRAME_DISAGREES"):
+            if findings.counts.get(code):
+                findings.diagnose(code, shown, cause)
+        return
+    compared = _compare(sample, cameras)
+    for code, rows, found in (
+        ("REPROJECTION_DISAGREES", wrong_uv, _pixel_cause(compared, size)),
+        ("DEPTH_DISAGREES", wrong_depth, _depth_cause(compared)),
+    ):
+        if found is not None and rows >= 0.9 * sample.checked:
+            findings.diagnose(code, shown, found)
+
+
+def _compare(sample: RowSample, cameras: Cameras) -> _Compared:
+    parts = [cameras.project(rows.frame, rows.xyz_m) for rows in sample.rows]
+    uv = np.concatenate([uv for uv, _ in parts])
+    depth = np.concatenate([z for _, z in parts])
+    rays = []
+    for rows, (true_uv, _) in zip(sample.rows, parts, strict=True):
+        K = cameras.K[rows.frame]
+        slope = (true_uv - K[[0, 1], 2]) / K[[0, 1], [0, 1]]
+        rays.append(np.sqrt(1 + (slope**2).sum(axis=1)))
+    front = depth > 1e-6
+    return _Compared(
+        np.concatenate([rows.uv_px for rows in sample.rows])[front],
+        np.concatenate([rows.depth_m for rows in sample.rows])[front],
+        uv[front],
+        depth[front],
+        np.concatenate(rays)[front],
+    )
+
+
+def _most(good: npt.NDArray[np.bool_]) -> bool:
+    return bool(good.size >= 4 and np.mean(good) >= SHARE)
+
+
+def _near(found: FloatArray, predicted: FloatArray, tolerance: float = _PIXELS) -> bool:
+    gap = np.abs(found - predicted).max(axis=1)
+    return _most(gap <= tolerance + 1e-5 * np.abs(predicted).max(axis=1))
+
+
+def _pixel_cause(rows: _Compared, size: tuple[int, int]) -> str | None:
+    """Return what u_px, v_px do, or None."""
+    u, v = rows.true_uv.T
+    width, height = size
+    shift = np.median(rows.uv - rows.true_uv, axis=0)
+    if _near(rows.uv, rows.true_uv + shift):
+        half = np.abs(np.abs(shift) - 0.5).max() < _PIXELS
+        why = ""
+        if half:
+            why = ": OpenCV convention?" if np.all(shift < 0) else ": half a pixel too much?"
+        step = np.round(shift, 2)
+        return f"differ by ({step[0]:+.2f}, {step[1]:+.2f}) px{why}"
+    for text, predicted in (
+        ("have v upwards: count v from the top of the image", (u, height - v)),
+        ("have u leftwards: count u from the left of the image", (width - u, v)),
+        ("are turned by 180 degrees", (width - u, height - v)),
+        ("have u and v exchanged: swapped axes", (v, u)),
+        ("lie in [0, 1]: divided by the image size; multiply by it", (u / width, v / height)),
+        ("lie in [-1, 1]: normalised device coordinates", (2 * u / width - 1, 2 * v / height - 1)),
+    ):
+        small = 1e-3 if "lie in" in text else _PIXELS
+        if _near(rows.uv, np.stack(predicted, axis=1), small):
+            return text
+    nearest = np.abs(2 * rows.uv - np.rint(2 * rows.uv)).max(axis=1) < 1e-4
+    if _most(nearest) and _most(np.abs(rows.uv - rows.true_uv).max(axis=1) <= 1.01):
+        return "are rounded to pixels: positions are never rounded"
+    with np.errstate(divide="ignore", invalid="ignore"):
+        factor = float(np.median(rows.uv / rows.true_uv))
+    if np.isfinite(factor) and abs(factor - 1) > 1e-3 and _near(rows.uv, factor * rows.true_uv):
+        return f"are {factor:.4g} times the projection: images of another size?"
+    return None
+
+
+def _depth_cause(rows: _Compared) -> str | None:
+    """Return what depth_m does, or None."""
+    z = rows.true_depth
+
+    def fits(predicted: FloatArray) -> bool:
+        return _most(np.abs(rows.depth - predicted) <= _DEPTH * np.abs(predicted))
+
+    for text, predicted in (
+        ("have depth_m 1000 times too large: millimetres", 1000 * z),
+        ("have depth_m 1000 times too small: kilometres", z / 1000),
+        ("have depth_m 100 times too large: centimetres", 100 * z),
+        ("have the length of the ray as depth_m; required: planar z", z * rows.ray),
+        ("have a negative depth_m: the camera looks along -z (OpenGL)?", -z),
+        ("have 1 / z as depth_m: disparity", 1 / z),
+    ):
+        if fits(predicted):
+            return text
+    factor = float(np.median(rows.depth / z))
+    if abs(factor - 1) > 1e-4 and fits(factor * z):
+        return f"have a depth_m of {factor:.4g} times the camera-space z"
+    shift = float(np.median(rows.depth - z))
+    if fits(z + shift):
+        return f"have a depth_m that differs by {shift:+.4f} m"
+    return None
+
+
+def _camera_cause(sample: RowSample, cameras: Cameras) -> str | None:
+    """Return which other camera or axes give u_px, v_px and depth_m, or None."""
+    for text, K, poses, points in _cameras(sample, cameras):
+        other = Cameras(K, poses)
+        good = []
+        for rows, frame in zip(sample.rows, points, strict=True):
+            if frame is None:
+                good.append(np.zeros(len(rows.point), np.bool_))
+                continue
+            index, xyz = frame
+            uv, z = other.project(index, xyz)
+            with np.errstate(invalid="ignore"):
+                gap = np.abs(rows.uv_px - uv).max(axis=1)
+                depth = np.abs(rows.depth_m - z) <= _DEPTH * np.abs(z) + 2e-5
+            good.append((gap <= _PIXELS * 2) & depth)
+        if _most(np.concatenate(good)):
+            return text
+    return None
+
+
+_Placed = list[tuple[int, FloatArray] | None]
+
+
+def _cameras(
+    sample: RowSample, cameras: Cameras
+) -> Iterator[tuple[str, FloatArray, FloatArray, _Placed]]:
+    """Yield (cause, K, poses, (camera, positions) of every sampled frame)."""
+    K, poses = cameras.K, cameras.world_to_camera
+    count = len(K)
+    plain: _Placed = [(rows.frame, rows.xyz_m) for rows in sample.rows]
+    yield "fit the inverse pose: camera_to_world?", K, np.linalg.inv(poses), plain
+    turn = np.diag([1.0, -1.0, -1.0, 1.0])
+    yield "fit a camera with y up and z backward (OpenGL, Blender)", K, turn @ poses, plain
+    for step in (1, -1):
+        moved: _Placed = [
+            (rows.frame + step, rows.xyz_m) if 0 <= rows.frame + step < count else None
+            for rows in sample.rows
+        ]
+        if count > 2:
+            yield "fit the camera of another frame: shifted by one frame", K, poses, moved
+    for frame in range(min(count, MAX_FRAMES)):
+        same: _Placed = [(frame, rows.xyz_m) for rows in sample.rows]
+        if count > 1:
+            yield f"fit the camera of frame {frame}: another frame's camera", K, poses, same
+    for factor, name in ((1e-3, "millimetres"), (1e-2, "centimetres"), (1e3, "kilometres")):
+        scaled: _Placed = [(rows.frame, rows.xyz_m * factor) for rows in sample.rows]
+        yield f"have a world position {1 / factor:g} times too large: {name}", K, poses, scaled
+    for axes in _AXES:
+        text = "".join("xyz"[axis] for axis in axes)
+        turned: _Placed = [(rows.frame, rows.xyz_m[:, list(axes)]) for rows in sample.rows]
+        yield f"have their world axes swapped: x, y, z stand in {text}", K, poses, turned
+    for axes in ((0, 2, 1), (0, 1, 2)):
+        for sign in ((1, -1, 1), (1, 1, -1), (-1, 1, 1)):
+            signed: _Placed = [
+                (rows.frame, rows.xyz_m[:, list(axes)] * np.array(sign)) for rows in sample.rows
+            ]
+            yield "have a world axis turned round: y up, or z down?", K, poses, signed

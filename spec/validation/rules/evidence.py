@@ -1,0 +1,167 @@
+"""What the frames of a sequence say together, gathered while each file is decoded once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from pliant.spec.io.exr import Surface
+from pliant.spec.storage import layout
+from pliant.spec.validation.findings import Findings
+from pliant.spec.validation.rules.agreement import check_agreement
+from pliant.spec.validation.rules.alignment import Alignment, measure
+from pliant.spec.validation.rules.cameras import Cameras
+from pliant.spec.validation.rules.colour import MAX_FRAMES, Colours, Rgb, is_blank
+from pliant.spec.validation.rules.correspondences import FrameRows
+from pliant.spec.validation.rules.diagnosis import RowSample, diagnose_rows
+from pliant.spec.validation.rules.duplicates import FrameKeys, digest_of, shape_key
+from pliant.spec.validation.rules.points import PointSet
+
+PRECISION_FRAMES = 8
+"""Frames of a sequence whose values are looked at for a coarser format."""
+
+MIN_SHOWN = 50
+"""Pixels of objects from which a picture of one colour is wrong."""
+
+MOVED_PX = 2.0
+"""Points that move farther cannot have one and the same picture."""
+
+_VISIBILITY = ("VISIBLE_DISAGREES", "MATERIAL_DISAGREES", "OCCLUDED_DISAGREES")
+
+
+@dataclass
+class Evidence:
+    """The evidence of one sequence.
+
+    Attributes:
+        frames: Frames of the sequence.
+        rows: Some rows, for the diagnosis of errors that all rows share.
+        fitting: Visible points against surface images that show most of them.
+        others: Visible points of the other frames.
+        colours: Colour images against the surface images.
+        keys: What identifies each frame.
+        blank: Frames whose picture is one colour.
+    """
+
+    frames: int
+    rows: RowSample = field(default_factory=RowSample)
+    fitting: Alignment = field(default_factory=Alignment)
+    others: Alignment = field(default_factory=Alignment)
+    colours: Colours = field(default_factory=Colours)
+    keys: FrameKeys = field(default_factory=FrameKeys)
+    blank: list[int] = field(default_factory=list)
+
+    def add_picture(self, frame: int, rgb: Rgb) -> None:
+        """Note a colour image."""
+        if is_blank(rgb):
+            self.blank.append(frame)
+        else:
+            self.keys.pictures[frame] = digest_of(rgb[::4])  # a quarter of the rows tells
+
+    def add_shown(self, frame: int, object_id: npt.NDArray[Any]) -> None:
+        """Note a frame's surface image: where nothing is seen, pictures may be empty and equal."""
+        if not object_id.any():
+            self.keys.depths.pop(frame, None)
+        if frame in self.blank and np.count_nonzero(object_id) < MIN_SHOWN:
+            self.blank.remove(frame)
+
+    def add_rows(self, cameras: Cameras, rows: FrameRows) -> None:
+        """Note the rows of a frame."""
+        self.rows.add(rows)
+        self.keys.shapes[rows.frame] = shape_key(cameras, rows)
+
+    def add_surface(
+        self,
+        tier: dict[str, Any],
+        cameras: Cameras,
+        points: PointSet,
+        rows: FrameRows,
+        good: npt.NDArray[np.bool_],
+        surface: Surface,
+        fits: bool,
+    ) -> None:
+        """Measure a frame's points against its surface image, which shows most of them or not."""
+        alignment = self.fitting if fits else self.others
+        if not alignment.full:
+            part = measure(tier, cameras, points, rows, good, surface)
+            if part is not None:
+                alignment.parts.append(part)
+
+    def add_silhouette(self, frame: int, rgb: Rgb, object_id: npt.NDArray[Any]) -> None:
+        """Compare a picture with a surface image that fits the points."""
+        block = self.frames // MAX_FRAMES + 1  # two frames in a row, then a gap
+        if frame not in self.blank and (frame // 2) % block == 0:
+            self.colours.add(frame, rgb, object_id)
+
+    def conclude(
+        self,
+        tier: dict[str, Any],
+        info: dict[str, Any],
+        cameras: Cameras | None,
+        size: tuple[int, int],
+        folder: str,
+        findings: Findings,
+    ) -> None:
+        """Report what the frames say together.
+
+        Args:
+            tier: The sequence's tier.
+            info: Its sequence.json.
+            cameras: Its cameras, if sound.
+            size: (width, height) of the images.
+            folder: Its path in issues.
+            findings: Gets the problems.
+        """
+        shown = f"{folder}/{layout.CORRESPONDENCES_TABLE}"
+        if cameras is not None:
+            diagnose_rows(self.rows, cameras, size, shown, findings)
+            if check_agreement(tier, self.fitting, self.others, shown, findings):
+                for code in _VISIBILITY:
+                    if findings.counts.get(code, 0) > 1:
+                        findings.diagnose(code, shown, "follow from DEPTH_IMAGE_DISAGREES")
+        self._check_blank(info, f"{folder}/rgb", findings)
+        explained = self.colours.explain()
+        # A surface image that is shifted against the points is also shifted against the colours.
+        if explained is not None and "OFFSET_DISAGREES" not in findings.counts:
+            certain, text = explained
+            # Noise, a depth camera's faults and foreign pictures leave doubt about an outline.
+            clean = info["noise"] is None and info["style"] in ("photo", "fast", "raster")
+            code = "COLOUR_DISAGREES" if certain and clean else "COLOUR_DOUBTFUL"
+            findings.diagnose(code, f"{folder}/rgb", text)
+        if cameras is not None:
+            self._check_repeated(cameras, f"{folder}/rgb", findings)
+
+    def _check_blank(self, info: dict[str, Any], shown: str, findings: Findings) -> None:
+        if self.blank:
+            known = bool(self.keys.shapes) and info["style"] != "external"
+            findings.add(
+                "COLOUR_DISAGREES" if known else "COLOUR_DOUBTFUL",
+                shown,
+                f"frame {self.blank[0]}",
+                f"{len(self.blank)} of {self.frames} pictures are one colour, black for example: "
+                "rendering failed?",
+            )
+
+    def _check_repeated(self, cameras: Cameras, shown: str, findings: Findings) -> None:
+        """A picture that is repeated although the points moved shows one of the frames wrongly."""
+        first: dict[int, int] = {}
+        moved = []
+        for frame, picture in self.keys.pictures.items():
+            earlier = first.setdefault(picture, frame)
+            a, b = (self.keys.shapes.get(each) for each in (earlier, frame))
+            if earlier == frame or a is None or b is None:
+                continue
+            focal = float(min(cameras.K[frame, 0, 0], cameras.K[frame, 1, 1]))
+            if np.abs(a - b).max() * focal / max(float(a[2]), 1e-6) > MOVED_PX:
+                moved.append((earlier, frame))
+        if moved:
+            findings.add(
+                "COLOUR_DISAGREES",
+                shown,
+                f"frame {moved[0][1]}",
+                f"{len(moved)} pictures repeat that of an earlier frame, here {moved[0][0]}, "
+                "though the points moved",
+            )

@@ -1,0 +1,189 @@
+"""Rules of a sequence's folder: its sequence.json, the files it lists, their checksums."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, field
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from pliant.spec.dataset import check_version
+from pliant.spec.io import limits
+from pliant.spec.io.jsonfiles import parse_json, schema_errors
+from pliant.spec.io.reading import FileRefusedError, check_regular, read_bytes
+from pliant.spec.storage import layout
+from pliant.spec.validation.findings import Findings, reason
+from pliant.spec.validation.rules.structure import list_folder, printable, report_extra
+
+_BLOCK = 2**20
+
+
+@dataclass
+class SequenceFiles:
+    """The files of a sequence as its sequence.json lists them and as they lie there.
+
+    Attributes:
+        folder: The sequence's folder.
+        shown: Its path in issues.
+        present: Paths of the regular files, relative to the folder.
+        sound: Those whose size and checksum are as listed; only they are looked into.
+        hashes: Path -> listed sha256.
+    """
+
+    folder: Path
+    shown: str
+    present: set[str]
+    sound: set[str] = field(default_factory=set)
+    hashes: dict[str, tuple[str, int]] = field(default_factory=dict)
+
+    def verified(self, name: str, findings: Findings) -> bool:
+        """Return whether a file is there and has its checksum, reporting where not.
+
+        Args:
+            name: Path relative to the folder.
+            findings: Gets `CHECKSUM_DIFFERS`, `FILE_TOO_LARGE`, `FILE_UNREADABLE`.
+        """
+        if name not in self.present:
+            return False
+        if name not in self.hashes:
+            return True
+        shown = f"{self.shown}/{name}"
+        limit = limits.MAX_TABLE_BYTES if name.endswith(".parquet") else limits.MAX_IMAGE_FILE_BYTES
+        try:
+            size = check_regular(self.folder / name, limit)
+            listed, listed_size = self.hashes[name]
+            found = _sha256(self.folder / name) if size == listed_size else None
+        except (FileRefusedError, OSError) as error:
+            code = error.code if isinstance(error, FileRefusedError) else "FILE_UNREADABLE"
+            findings.add(code, shown, "", str(error)[:300])
+            return False
+        if found == listed:
+            self.sound.add(name)
+            return True
+        findings.add(
+            "CHECKSUM_DIFFERS",
+            shown,
+            "",
+            f"found {size} bytes; sequence.json lists {listed_size}"
+            if found is None
+            else f"found sha256 {found}; sequence.json lists {listed}",
+        )
+        return False
+
+
+def _sha256(path: Path) -> str:
+    digest = hashlib.sha256()
+    with open(path, "rb", buffering=0) as stream:
+        while block := stream.read(_BLOCK):
+            digest.update(block)
+    return digest.hexdigest()
+
+
+def read_document(path: Path, shown: str, schema: str, findings: Findings) -> Any:
+    """Read a JSON file of the dataset; return it, or None if it breaks a rule.
+
+    Args:
+        path: The file.
+        shown: Its path in issues.
+        schema: Name of its schema.
+        findings: Gets the problems.
+    """
+    try:
+        document = parse_json(read_bytes(path, limits.MAX_JSON_BYTES), path)
+        version = document.get("spec_version") if isinstance(document, dict) else None
+        if isinstance(version, str):
+            check_version(version, path)
+    except FileRefusedError as error:
+        findings.add(error.code, shown, error.where or "", reason(error))
+        return None
+    good = True
+    for where, message in schema_errors(document, schema):
+        findings.add("SCHEMA_INVALID", shown, where, message)
+        good = False
+    return document if good else None
+
+
+def list_sequence(folder: Path, shown: str, findings: Findings) -> SequenceFiles:
+    """List a sequence's folder, reporting what does not belong there.
+
+    Args:
+        folder: The sequence's folder.
+        shown: Its path in issues.
+        findings: Gets `FILE_EXTRA` and `PATH_UNSAFE`.
+    """
+    files, folders = list_folder(folder, shown, findings)
+    present = set(files)
+    known = {"rgb", "depth"}
+    report_extra(findings, shown, folders - known, "folders rgb and depth alone do")
+    for name in sorted(folders & known):
+        inside, deeper = list_folder(folder / name, f"{shown}/{name}", findings)
+        report_extra(findings, f"{shown}/{name}", deeper, "images alone do")
+        present |= {f"{name}/{entry}" for entry in inside}
+    return SequenceFiles(folder, shown, present)
+
+
+def check_files(
+    files: SequenceFiles, info: dict[str, Any], findings: Findings, *, held_out: bool
+) -> None:
+    """Compare the files listed in sequence.json, those required, and those there.
+
+    Args:
+        files: The folder; gets the listed checksums.
+        info: The sequence.json, valid by its schema.
+        findings: Gets the problems.
+        held_out: True if the sequence's split is published without its truth.
+    """
+    pictures = {layout.rgb_name(frame) for frame in range(info["frames"])}
+    telling = {layout.POINTS_TABLE, layout.CORRESPONDENCES_TABLE}
+    telling |= {layout.depth_name(frame) for frame in range(info["frames"])}
+    required = pictures if held_out else pictures | telling | {layout.CAMERAS_JSON}
+    document = f"{files.shown}/{layout.SEQUENCE_JSON}"
+    for index, entry in enumerate(info["files"]):
+        name = entry["path"]
+        where = f"files[{index}]"
+        if not _is_safe(name):
+            findings.add(
+                "PATH_UNSAFE", document, where, f"{name[:120]!r} does not stay in the folder"
+            )
+        elif name in files.hashes:
+            findings.add("FILE_UNLISTED", document, where, f"{name[:120]} is listed twice")
+        elif name not in required and name not in files.present:
+            findings.add(
+                "FILE_MISSING", f"{files.shown}/{printable(name)[:200]}", "", "listed, not there"
+            )
+        else:
+            files.hashes[name] = (entry["sha256"], entry["bytes"])
+    unsafe = {issue.path for issue in findings.issues if issue.code == "PATH_UNSAFE"}
+    for name in sorted(required):
+        if name not in files.present:
+            if f"{files.shown}/{name}" not in unsafe:
+                findings.add(
+                    "FILE_MISSING",
+                    f"{files.shown}/{name}",
+                    "",
+                    f"a sequence of {info['frames']} frames must hold this file",
+                )
+        elif name not in files.hashes:
+            findings.add("FILE_UNLISTED", document, "files", f"{name} is not listed")
+    extra = files.present - required - {layout.SEQUENCE_JSON}
+    if held_out:
+        for name in sorted(extra & telling):
+            findings.add(
+                "HELD_OUT_LEAKS",
+                f"{files.shown}/{name}",
+                "",
+                f"the split {info['split']} is held out, and this file tells its truth",
+            )
+        extra -= telling | {layout.CAMERAS_JSON}
+    report_extra(findings, files.shown, extra, f"{info['frames']} frames need no such file")
+
+
+def _is_safe(name: str) -> bool:
+    path = PurePosixPath(name)
+    return (
+        not path.is_absolute()
+        and "\\" not in name
+        and "\0" not in name
+        and str(path) == name
+        and not {".", ".."} & set(name.split("/"))
+    )

@@ -1,0 +1,141 @@
+"""Rules of sequences.parquet: the list of a dataset's sequences."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from pliant.spec.dataset import is_name
+from pliant.spec.io import limits
+from pliant.spec.storage.layout import SEQUENCES_DIR, SEQUENCES_TABLE
+from pliant.spec.tables import SEQUENCES
+from pliant.spec.validation.findings import Findings
+from pliant.spec.validation.rules.context import Context
+from pliant.spec.validation.rules.tables import CheckedTable, check_table
+
+STYLES = ("photo", "fast", "raster", "real-depth", "external")
+
+
+def check_listing(
+    context: Context, folders: dict[str, set[str]], findings: Findings
+) -> dict[str, dict[str, Any]]:
+    """Check the list of sequences against itself and against the folders.
+
+    Args:
+        context: The dataset.
+        folders: Tier folder -> names of its sequence folders.
+        findings: Gets the problems.
+
+    Returns:
+        Sequence id -> its row, for the rows that name a sequence once.
+    """
+    path = context.root / SEQUENCES_TABLE
+    table = check_table(path, SEQUENCES_TABLE, "sequences", findings, max_rows=limits.MAX_SEQUENCES)
+    if table is None or not table.whole:
+        return {}
+    check_identity(context, table, findings)
+    rows: dict[str, dict[str, Any]] = {}
+    for start, batch in table.batches(SEQUENCES.names, findings):
+        for number, row in enumerate(batch.to_pylist(), start):
+            where = f"row {number}"
+            name = row["id"]
+            if not is_name(name):
+                findings.add(
+                    "PATH_UNSAFE", SEQUENCES_TABLE, where, f"{name[:80]!r} is no sequence name"
+                )
+                continue
+            if name in rows:
+                other = rows[name]["split"]
+                code = "ROW_DUPLICATE" if other == row["split"] else "SPLIT_SHARED"
+                findings.add(
+                    code,
+                    SEQUENCES_TABLE,
+                    where,
+                    f"{name} is listed a second time ({other} and {row['split']})",
+                )
+                continue
+            rows[name] = row
+            _check_row(context, row, where, findings)
+    _compare_folders(context, rows, folders, findings)
+    return rows
+
+
+def check_identity(context: Context, table: CheckedTable, findings: Findings) -> None:
+    """Check that a footer's `dataset`, where it has one, names this dataset.
+
+    Args:
+        context: The dataset.
+        table: A table of it.
+        findings: Gets `IDENTITY_DIFFERS`.
+    """
+    named = table.footer.get("dataset")
+    required = {"id": context.id, "version": context.version}
+    if named is not None and named != required:
+        findings.add(
+            "IDENTITY_DIFFERS",
+            table.shown,
+            "footer dataset",
+            f"found {named}; dataset.json has {required}",
+        )
+
+
+def _check_row(context: Context, row: dict[str, Any], where: str, findings: Findings) -> None:
+    if row["tier"] not in context.tiers:
+        findings.add(
+            "TIER_UNKNOWN",
+            SEQUENCES_TABLE,
+            f"{where}, tier",
+            f"{row['tier'][:80]!r} is none of {list(context.tiers)}",
+        )
+    if row["split"] not in context.splits:
+        findings.add(
+            "SPLIT_UNKNOWN",
+            SEQUENCES_TABLE,
+            f"{where}, split",
+            f"{row['split'][:80]!r} is none of {list(context.splits)}",
+        )
+    ranges: list[tuple[str, bool, str]] = [
+        ("frames", 1 <= row["frames"] <= limits.MAX_FRAMES, f"1 to {limits.MAX_FRAMES}"),
+        ("seed", row["seed"] >= 0, ">= 0"),
+        ("style", row["style"] in STYLES, " | ".join(STYLES)),
+    ]
+    for name, highest in (("coverage", math.inf), ("self_occluded", 1.0)):
+        value = row[name]
+        if value is None:
+            continue
+        if not math.isfinite(value):
+            findings.add("VALUE_NOT_FINITE", SEQUENCES_TABLE, f"{where}, {name}", f"found {value}")
+        else:
+            ranges.append((name, 0 <= value <= highest, f"0 to {highest}"))
+    for name, good, allowed in ranges:
+        if not good:
+            findings.add(
+                "VALUE_OUT_OF_RANGE",
+                SEQUENCES_TABLE,
+                f"{where}, {name}",
+                f"found {row[name]!r:.80}; required: {allowed}",
+            )
+
+
+def _compare_folders(
+    context: Context,
+    rows: dict[str, dict[str, Any]],
+    folders: dict[str, set[str]],
+    findings: Findings,
+) -> None:
+    listed = {(row["tier"], name) for name, row in rows.items() if row["tier"] in context.tiers}
+    present = {(tier, name) for tier, names in folders.items() for name in names}
+    for tier, name in sorted(listed - present):
+        findings.add(
+            "FILE_MISSING",
+            f"{SEQUENCES_DIR}/{tier}/{name}",
+            "",
+            "sequences.parquet lists this sequence, and it has no folder",
+        )
+    for tier, name in sorted(present - listed):
+        findings.add(
+            "ROW_MISSING",
+            SEQUENCES_TABLE,
+            "",
+            f"the folder {SEQUENCES_DIR}/{tier}/{name} is not listed"[:200],
+        )

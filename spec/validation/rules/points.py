@@ -1,0 +1,204 @@
+"""Rules of points.parquet: identities, material coordinates, symmetry partners."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+
+from pliant.spec.conventions import POINT_KINDS
+from pliant.spec.io import limits
+from pliant.spec.tables import POINTS
+from pliant.spec.validation.findings import Findings
+from pliant.spec.validation.rules.tables import check_table, codes_of, numbers, report_not_finite
+from pliant.spec.validation.rules.tiers import wrap_difference
+
+MATERIAL_TOLERANCE = 1e-5
+"""How far a float32 material coordinate may be off, as a share of its range."""
+
+
+@dataclass(frozen=True)
+class PointSet:
+    """The points of a sequence, sound enough for the rules that build on them.
+
+    Attributes:
+        object_id: int32 (P,).
+        centreline: bool (P,).
+        material: float64 (P, 2).
+        partners: int32 (P, S).
+        digest: Hash of the table's contents, equal for equal points.
+    """
+
+    object_id: npt.NDArray[np.int32]
+    centreline: npt.NDArray[np.bool_]
+    material: npt.NDArray[np.float64]
+    partners: npt.NDArray[np.int32]
+    digest: bytes
+
+    def __len__(self) -> int:
+        return len(self.object_id)
+
+
+def check_points(
+    path: Path, shown: str, tier: dict[str, Any], findings: Findings
+) -> PointSet | None:
+    """Check a point table.
+
+    Args:
+        path: The file.
+        shown: Its path in issues.
+        tier: Its tier's entry in dataset.json.
+        findings: Gets the problems.
+
+    Returns:
+        The points, or None where a problem leaves nothing to build on.
+    """
+    table = check_table(path, shown, "points", findings, max_rows=limits.MAX_POINTS)
+    if table is None or not table.whole:
+        return None
+    if table.rows == 0:
+        findings.add("ROW_MISSING", shown, "", "a sequence must have at least one point")
+        return None
+    before = findings.total
+    parts = [batch for _, batch in table.batches(POINTS.names, findings)]
+    if findings.total != before:
+        return None
+    rows = pa.concat_tables(parts)
+    ids = numbers(rows, "point")
+    findings.add_rows(
+        "ROW_ORDER",
+        shown,
+        ids != np.arange(len(ids)),
+        lambda i: (f"row {i}, point", f"found {ids[i]}; required: the row's number"),
+    )
+    object_id = numbers(rows, "object")
+    known = np.isin(object_id, [thing["id"] for thing in tier["objects"]])
+    findings.add_rows(
+        "VALUE_OUT_OF_RANGE",
+        shown,
+        ~known,
+        lambda i: (f"row {i}, object", f"found {object_id[i]}, no object of {tier['name']}"),
+    )
+    kind = codes_of(rows, "kind", POINT_KINDS)
+    findings.add_rows(
+        "VALUE_OUT_OF_RANGE",
+        shown,
+        kind < 0,
+        lambda i: (f"row {i}, kind", f"required: {' | '.join(POINT_KINDS)}"),
+    )
+    finite = report_not_finite(rows, ["m0", "m1"], 0, shown, findings)
+    material = np.stack([numbers(rows, "m0"), numbers(rows, "m1")], axis=1).astype(np.float64)
+    inside = material_inside(material, object_id, tier)
+    findings.add_rows(
+        "VALUE_OUT_OF_RANGE",
+        shown,
+        known & finite & ~inside,
+        lambda i: (f"row {i}, m0, m1", f"found {material[i].tolist()}, outside the object"),
+    )
+    partners = _partners(rows, len(tier["symmetries"]), shown, findings)
+    if partners is None or findings.total != before:
+        return None
+    points = PointSet(object_id, kind == 1, material, partners, _digest(rows))
+    _check_partners(points, tier, shown, findings)
+    return points
+
+
+def material_inside(
+    material: npt.NDArray[np.float64],
+    object_id: npt.NDArray[Any],
+    tier: dict[str, Any],
+) -> npt.NDArray[np.bool_]:
+    """Return which material coordinates lie in the range of their object.
+
+    Args:
+        material: float64 (N, 2).
+        object_id: integer (N,).
+        tier: The tier's entry in dataset.json.
+
+    Returns:
+        bool (N,); False for ids of no object.
+    """
+    inside = np.zeros(len(material), np.bool_)
+    for thing in tier["objects"]:
+        mine = object_id == thing["id"]
+        good = np.ones(np.count_nonzero(mine), np.bool_)
+        for axis, coordinate in enumerate(thing["material"]):
+            slack = MATERIAL_TOLERANCE * (coordinate["max"] - coordinate["min"])
+            values = material[mine, axis]
+            good &= values >= coordinate["min"] - slack
+            good &= values <= coordinate["max"] + slack
+        inside[mine] = good
+    return inside
+
+
+def _partners(
+    rows: pa.Table, symmetries: int, shown: str, findings: Findings
+) -> npt.NDArray[np.int32] | None:
+    column = rows.column("partners").combine_chunks()
+    column = column.chunk(0) if isinstance(column, pa.ChunkedArray) else column
+    lengths = np.diff(column.offsets.to_numpy())
+    findings.add_rows(
+        "VALUE_OUT_OF_RANGE",
+        shown,
+        lengths != symmetries,
+        lambda i: (
+            f"row {i}, partners",
+            f"found {lengths[i]}; required: one for each of the tier's {symmetries} symmetries",
+        ),
+    )
+    if np.any(lengths != symmetries):
+        return None
+    partners = column.flatten().to_numpy().reshape(len(lengths), symmetries)
+    outside = np.any((partners < 0) | (partners >= len(lengths)), axis=1)
+    findings.add_rows(
+        "VALUE_OUT_OF_RANGE",
+        shown,
+        outside,
+        lambda i: (f"row {i}, partners", f"found {partners[i].tolist()}, no points"),
+    )
+    return None if outside.any() else partners
+
+
+def _check_partners(points: PointSet, tier: dict[str, Any], shown: str, findings: Findings) -> None:
+    """Check that every partner is the point that the symmetry maps a point to."""
+    for number, symmetry in enumerate(tier["symmetries"]):
+        partner = points.partners[:, number]
+        wrong = (points.object_id[partner] != points.object_id) | (
+            points.centreline[partner] != points.centreline
+        )
+        for thing in tier["objects"]:
+            mine = points.object_id == thing["id"]
+            if thing["id"] != tier["queried_object"]:
+                wrong |= mine & (partner != np.arange(len(points)))
+                continue
+            mapped = points.material @ np.array(symmetry["matrix"]).T + np.array(symmetry["offset"])
+            gap = wrap_difference(points.material[partner] - mapped, thing["material"])
+            span = np.array([c["max"] - c["min"] for c in thing["material"]])
+            far = np.abs(gap) > MATERIAL_TOLERANCE * span
+            far[points.centreline, 1] = False
+            wrong |= mine & far.any(axis=1)
+        findings.add_rows(
+            "PARTNER_DISAGREES",
+            shown,
+            wrong,
+            lambda i, n=number, p=partner: (  # type: ignore[misc]
+                f"row {i}, partners[{n}]",
+                f"point {p[i]} is not where {tier['symmetries'][n]['name']} maps point {i}",
+            ),
+        )
+
+
+def _digest(rows: pa.Table) -> bytes:
+    digest = hashlib.sha256()
+    for name in ("object", "m0", "m1"):
+        digest.update(np.ascontiguousarray(numbers(rows, name)).tobytes())
+    digest.update(codes_of(rows, "kind", POINT_KINDS).tobytes())
+    for chunk in rows.column("partners").chunks:
+        digest.update(np.diff(chunk.offsets.to_numpy()).tobytes())
+        digest.update(np.ascontiguousarray(chunk.flatten().to_numpy()).tobytes())
+    return digest.digest()

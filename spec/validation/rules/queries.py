@@ -1,0 +1,451 @@
+"""Rules of queries and truth: what is asked, that it can be seen, and that the answer follows."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+
+from pliant.spec.conventions import VISIBILITY_STATES
+from pliant.spec.io import limits
+from pliant.spec.io.checksums import sha256_file
+from pliant.spec.io.parquet import open_table, select_schema
+from pliant.spec.io.parquet_columns import load_columns
+from pliant.spec.storage import layout
+from pliant.spec.tables import QUERIES, TRUTH
+from pliant.spec.validation.findings import Findings
+from pliant.spec.validation.rules.context import Context
+from pliant.spec.validation.rules.correspondences import VISIBLE
+from pliant.spec.validation.rules.listing import check_identity
+from pliant.spec.validation.rules.tables import CheckedTable, check_table, codes_of, numbers
+
+_TABLES_IN_MEMORY = 16
+_MAX_ALTERNATIVES = 64  # as many as dataset.schema.json allows symmetries
+
+
+@dataclass(frozen=True)
+class KnownSequence:
+    """What the queries' rules need of a sequence.
+
+    Attributes:
+        tier: Its tier.
+        split: Its split.
+        frames: Its frames.
+        boxes_px: float32 (F,), longer side of the queried object's visible box; NaN unknown.
+        sound: True if its tables can be compared with.
+    """
+
+    tier: str
+    split: str
+    frames: int
+    boxes_px: npt.NDArray[np.float32]
+    sound: bool
+
+
+@dataclass(frozen=True)
+class _Tracks:
+    """The tables of one sequence, by frame and point.
+
+    Attributes:
+        uv_px: float32 (F, P, 2).
+        state: int8 (F, P), index into `VISIBILITY_STATES`.
+        askable: bool (P,), surface points of the queried object.
+        partners: int32 (P, S).
+    """
+
+    uv_px: npt.NDArray[np.float32]
+    state: npt.NDArray[np.int8]
+    askable: npt.NDArray[np.bool_]
+    partners: npt.NDArray[np.int32]
+
+
+def check_split_queries(
+    context: Context, split: str, sequences: Mapping[str, KnownSequence]
+) -> Findings:
+    """Check the queries of a split, and their truth where it is there.
+
+    Args:
+        context: The dataset.
+        split: The split.
+        sequences: Every sequence whose sequence.json could be read.
+
+    Returns:
+        The problems.
+    """
+    findings = Findings()
+    path = layout.queries_path(context.root, split)
+    shown = f"{layout.QUERIES_DIR}/{split}.parquet"
+    truth_path = layout.truth_path(context.root, split)
+    truth_shown = f"{layout.TRUTH_DIR}/{split}.parquet"
+    if split not in context.splits:
+        findings.add("SPLIT_UNKNOWN", shown, "", f"dataset.json declares {list(context.splits)}")
+    table = None
+    if path.is_file() and not path.is_symlink():
+        table = check_table(path, shown, "queries", findings, max_rows=limits.MAX_TABLE_ROWS)
+    elif not path.is_symlink():
+        findings.add("FILE_MISSING", shown, "", f"{truth_shown} answers queries that are not there")
+    truth = None
+    if split in context.held_out and truth_path.is_file():
+        findings.add("HELD_OUT_LEAKS", truth_shown, "", f"the split {split} is held out")
+    elif truth_path.is_file() and not truth_path.is_symlink():
+        truth = check_table(
+            truth_path, truth_shown, "truth", findings, max_rows=limits.MAX_TABLE_ROWS
+        )
+    for part in (table, truth):
+        if part is not None:
+            check_identity(context, part, findings)
+            named = part.footer.get("split", split)
+            if named != split:
+                findings.add(
+                    "IDENTITY_DIFFERS",
+                    part.shown,
+                    "footer split",
+                    f"found {named}; the file's name says {split}",
+                )
+    if table is None or not table.whole:
+        return findings
+    if truth is not None and "queries_sha256" in truth.footer:
+        found = sha256_file(path)
+        if truth.footer["queries_sha256"] != found:
+            findings.add(
+                "QUERIES_MISMATCH",
+                truth_shown,
+                "footer queries_sha256",
+                f"found {truth.footer['queries_sha256']}; the queries file has {found}",
+            )
+    _SplitCheck(context, split, sequences, findings).run(
+        table, truth if truth is not None and truth.whole else None
+    )
+    return findings
+
+
+class _SplitCheck:
+    """One pass over the queries of a split and, beside them, their truth."""
+
+    def __init__(
+        self,
+        context: Context,
+        split: str,
+        sequences: Mapping[str, KnownSequence],
+        findings: Findings,
+    ) -> None:
+        self.context = context
+        self.split = split
+        self.sequences = sequences
+        self.findings = findings
+        self._tracks: OrderedDict[str, _Tracks | None] = OrderedDict()
+        self._last_key = (-1, 0)
+        self._last_pair: dict[str, Any] = {}
+
+    def run(self, table: CheckedTable, truth: CheckedTable | None) -> None:
+        """Check the rows, pair by pair."""
+        answers = _Aligned(truth, self.findings) if truth is not None else None
+        if truth is not None and truth.rows != table.rows:
+            code = "ROW_MISSING" if truth.rows < table.rows else "ROW_UNKNOWN"
+            self.findings.add(
+                code,
+                truth.shown,
+                "",
+                f"{truth.rows} answers to {table.rows} queries; required: one each, in order",
+            )
+            answers = None
+        for start, batch in table.batches(QUERIES.names, self.findings):
+            rows = {
+                name: batch.column(name).to_pylist()
+                if pa.types.is_string(QUERIES.field(name).type)
+                else numbers(batch, name)
+                for name in QUERIES.names
+            }
+            beside = answers.take(batch.num_rows) if answers is not None else None
+            if answers is not None and beside is None:
+                answers = None
+            edges = np.flatnonzero(np.diff(rows["pair_id"])) + 1
+            for low, high in zip([0, *edges], [*edges, batch.num_rows], strict=True):
+                self._check_pair(table.shown, start, rows, beside, int(low), int(high), truth)
+
+    def _check_pair(
+        self,
+        shown: str,
+        start: int,
+        rows: dict[str, Any],
+        beside: dict[str, Any] | None,
+        low: int,
+        high: int,
+        truth: CheckedTable | None,
+    ) -> None:
+        if high <= low:
+            return
+        findings = self.findings
+        pair_id = int(rows["pair_id"][low])
+        query_ids = rows["query_id"][low:high]
+        last_pair, next_query = self._last_key
+        first = 0 if pair_id == last_pair + 1 else next_query if pair_id == last_pair else None
+        expected = None if first is None else np.arange(first, first + high - low)
+        if expected is None or not np.array_equal(query_ids, expected):
+            findings.add(
+                "ROW_ORDER",
+                shown,
+                f"row {start + low}",
+                f"pair_id {pair_id} with query_id {query_ids[:3].tolist()} …; required: pairs "
+                "from 0 and queries of a pair from 0, consecutive and ascending",
+            )
+        again = pair_id == last_pair
+        self._last_key = (pair_id, int(query_ids[-1]) + 1)
+        names = ("tier", "sequence_a", "frame_a", "sequence_b", "frame_b")
+        pair = {name: rows[name][low] for name in names}
+        mixed = any(value != pair[name] for name in names for value in rows[name][low:high])
+        if mixed or (again and pair != self._last_pair):
+            findings.add(
+                "QUERY_INVALID", shown, f"pair {pair_id}", "its rows name different frames"
+            )
+            return
+        self._last_pair = pair
+        if not self._check_frames(shown, pair_id, pair):
+            return
+        uv_a = np.stack([rows["u_a"][low:high], rows["v_a"][low:high]], axis=1)
+        answers = None if beside is None else {k: v[low:high] for k, v in beside.items()}
+        point = self._check_sources(shown, pair_id, query_ids, pair, uv_a, answers)
+        if answers is not None and truth is not None:
+            keys = {"pair_id": np.full(high - low, pair_id), "query_id": query_ids}
+            self._check_answers(truth.shown, pair, keys, answers, point)
+
+    def _check_frames(self, shown: str, pair_id: int, pair: dict[str, Any]) -> bool:
+        problems = []
+        for side in ("a", "b"):
+            name, frame = pair[f"sequence_{side}"], int(pair[f"frame_{side}"])
+            known = self.sequences.get(name)
+            if known is None:
+                problems.append(f"sequence_{side} {name[:80]!r} is not in the dataset")
+            elif (known.tier, known.split) != (pair["tier"], self.split):
+                problems.append(
+                    f"sequence_{side} is of {known.tier}, {known.split}; required: "
+                    f"{pair['tier'][:80]}, {self.split}"
+                )
+            elif not 0 <= frame < known.frames:
+                problems.append(f"frame_{side} is {frame}; {name} has {known.frames} frames")
+        if not problems and (pair["sequence_a"], pair["frame_a"]) == (
+            pair["sequence_b"],
+            pair["frame_b"],
+        ):
+            problems.append("source and target are one frame")
+        for problem in problems:
+            self.findings.add("QUERY_INVALID", shown, f"pair {pair_id}", problem)
+        return not problems
+
+    def _check_sources(
+        self,
+        shown: str,
+        pair_id: int,
+        query_ids: npt.NDArray[np.int32],
+        pair: dict[str, Any],
+        uv_a: npt.NDArray[np.float32],
+        answers: dict[str, Any] | None,
+    ) -> npt.NDArray[np.int64] | None:
+        """Check that each query is a visible point; return which, -1 where it is none."""
+        bad_value = ~np.isfinite(uv_a).all(axis=1)
+        self.findings.add_rows(
+            "VALUE_NOT_FINITE",
+            shown,
+            bad_value,
+            lambda i: (f"pair {pair_id}, query {query_ids[i]}", f"found {uv_a[i].tolist()}"),
+        )
+        tracks = self._tracks_of(pair["sequence_a"])
+        if tracks is None:
+            size = np.array([self.context.width, self.context.height])
+            self.findings.add_rows(
+                "VALUE_OUT_OF_RANGE",
+                shown,
+                ~bad_value & np.any((uv_a < 0) | (uv_a >= size), axis=1),
+                lambda i: (
+                    f"pair {pair_id}, query {query_ids[i]}",
+                    f"found {uv_a[i].tolist()}, outside the image",
+                ),
+            )
+            return None
+        frame = int(pair["frame_a"])
+        seen = np.flatnonzero(tracks.askable & (tracks.state[frame] == VISIBLE))
+        table = {
+            (float(u), float(v)): int(p)
+            for p, (u, v) in zip(seen, tracks.uv_px[frame, seen], strict=True)
+        }
+        point = np.array([table.get((float(u), float(v)), -1) for u, v in uv_a], np.int64)
+        if answers is not None:
+            # Two points may project to one place: the truth says which of them is meant.
+            named = answers["point"].astype(np.int64)
+            inside = (named >= 0) & (named < len(tracks.askable))
+            safe = np.where(inside, named, 0)
+            fits = inside & tracks.askable[safe] & (tracks.state[frame, safe] == VISIBLE)
+            fits &= np.all(tracks.uv_px[frame, safe] == uv_a, axis=1)
+            point = np.where(fits, named, point)
+        self.findings.add_rows(
+            "QUERY_NOT_VISIBLE",
+            shown,
+            (point < 0) & ~bad_value,
+            lambda i: (
+                f"pair {pair_id}, query {query_ids[i]}",
+                f"no visible surface point of the queried object is at {uv_a[i].tolist()} in "
+                f"{pair['sequence_a']}, frame {frame}",
+            ),
+        )
+        return point
+
+    def _check_answers(
+        self,
+        shown: str,
+        pair: dict[str, Any],
+        keys: dict[str, Any],
+        answers: dict[str, Any],
+        point: npt.NDArray[np.int64] | None,
+    ) -> None:
+        count = len(keys["query_id"])
+        wrong_key = (answers["pair_id"] != keys["pair_id"]) | (
+            answers["query_id"] != keys["query_id"]
+        )
+        where = [f"pair {p}, query {q}" for p, q in zip(*keys.values(), strict=True)]
+        self.findings.add_rows(
+            "ROW_ORDER",
+            shown,
+            wrong_key,
+            lambda i: (
+                where[i],
+                f"found pair {answers['pair_id'][i]}, query {answers['query_id'][i]}",
+            ),
+        )
+        problems: list[list[str]] = [[] for _ in range(count)]
+        for index, tier in enumerate(answers["tier"]):
+            if tier != pair["tier"]:
+                problems[index].append(f"tier is {tier[:40]!r}; required: {pair['tier']}")
+        box = self.sequences[pair["sequence_b"]].boxes_px[int(pair["frame_b"])]
+        if np.isfinite(box):
+            for index in np.flatnonzero(answers["box_px"] != box):
+                problems[index].append(
+                    f"box_px is {answers['box_px'][index]}; the depth image gives {box}"
+                )
+        tracks = self._tracks_of(pair["sequence_b"])
+        if tracks is not None and point is not None:
+            frame = int(pair["frame_b"])
+            self._compare(tracks, frame, answers, point, problems)
+        self.findings.add_rows(
+            "TRUTH_DISAGREES",
+            shown,
+            ~wrong_key & np.array([bool(problem) for problem in problems]),
+            lambda i: (where[i], "; ".join(problems[i])),
+        )
+
+    def _compare(
+        self,
+        tracks: _Tracks,
+        frame: int,
+        answers: dict[str, Any],
+        point: npt.NDArray[np.int64],
+        problems: list[list[str]],
+    ) -> None:
+        """Compare answers with the target's table; float32 values must be equal."""
+        for index, asked in enumerate(point):
+            if asked < 0:
+                continue
+            if answers["point"][index] != asked:
+                problems[index].append(
+                    f"point is {answers['point'][index]}; the query lies on point {asked}"
+                )
+                continue
+            found = (answers["u_b"][index], answers["v_b"][index])
+            if not np.array_equal(tracks.uv_px[frame, asked], found):
+                problems[index].append(
+                    f"u_b, v_b are {found[0]}, {found[1]}; the correspondences have "
+                    f"{tracks.uv_px[frame, asked].tolist()}"
+                )
+            state = VISIBILITY_STATES[tracks.state[frame, asked]]
+            if answers["visibility_b"][index] != state:
+                problems[index].append(
+                    f"visibility_b is {answers['visibility_b'][index][:40]!r}; the "
+                    f"correspondences have {state}"
+                )
+            required = [
+                (*tracks.uv_px[frame, partner].tolist(), VISIBILITY_STATES[state])
+                for partner, state in (
+                    (partner, tracks.state[frame, partner]) for partner in tracks.partners[asked]
+                )
+            ]
+            listed = [(a["u"], a["v"], a["visibility"]) for a in answers["alternatives"][index]]
+            if listed != required:
+                problems[index].append("alternatives are not where the point's partners are")
+
+    def _tracks_of(self, name: str) -> _Tracks | None:
+        """Return a sequence's tables, None if they are not sound enough to compare with."""
+        if name in self._tracks:
+            self._tracks.move_to_end(name)
+            return self._tracks[name]
+        known = self.sequences[name]
+        tracks = self._load(name, known) if known.sound else None
+        self._tracks[name] = tracks
+        if len(self._tracks) > _TABLES_IN_MEMORY:
+            self._tracks.popitem(last=False)
+        return tracks
+
+    def _load(self, name: str, known: KnownSequence) -> _Tracks:
+        folder = layout.sequence_name(known.tier, name)
+        path = self.context.files.get(f"{folder}/{layout.POINTS_TABLE}")
+        points = load_columns(open_table(path), path, select_schema("points"))
+        count = points.num_rows
+        partners = points.column("partners").combine_chunks()
+        tier = self.context.tiers[known.tier]
+        askable = (numbers(points, "object") == tier["queried_object"]) & (
+            codes_of(points, "kind", ("surface",)) == 0
+        )
+        path = self.context.files.get(f"{folder}/{layout.CORRESPONDENCES_TABLE}")
+        file = open_table(path)
+        schema = select_schema("correspondences", ["u_px", "v_px", "visibility"])
+        table = load_columns(file, path, schema)
+        uv = np.stack([numbers(table, "u_px"), numbers(table, "v_px")], axis=1)
+        state = codes_of(table, "visibility", VISIBILITY_STATES).astype(np.int8)
+        return _Tracks(
+            uv.reshape(known.frames, count, 2),
+            state.reshape(known.frames, count),
+            askable,
+            partners.flatten().to_numpy().reshape(count, -1),
+        )
+
+
+class _Aligned:
+    """The truth's rows, handed out in the portions that the queries come in."""
+
+    def __init__(self, truth: CheckedTable, findings: Findings) -> None:
+        self._findings = findings
+        self._shown = truth.shown
+        self._batches = truth.batches(TRUTH.names, findings)
+        self._rest: pa.Table | None = None
+
+    def take(self, count: int) -> dict[str, Any] | None:
+        """Return the next rows as columns, or None if the file ends early."""
+        parts, have = [], 0
+        while have < count:
+            if self._rest is None or self._rest.num_rows == 0:
+                following = next(self._batches, None)
+                if following is None:
+                    return None
+                self._rest = following[1]
+            part = self._rest.slice(0, count - have)
+            self._rest = self._rest.slice(part.num_rows)
+            parts.append(part)
+            have += part.num_rows
+        rows = pa.concat_tables(parts)
+        listed = sum(len(chunk.flatten()) for chunk in rows.column("alternatives").chunks)
+        if listed > _MAX_ALTERNATIVES * count:
+            self._findings.add(
+                "VALUE_OUT_OF_RANGE",
+                self._shown,
+                "alternatives",
+                f"found {listed} in {count} rows; no tier has more than {_MAX_ALTERNATIVES}",
+            )
+            return None
+        plain = {"tier", "visibility_b", "alternatives"}
+        return {
+            name: rows.column(name).to_pylist() if name in plain else numbers(rows, name)
+            for name in TRUTH.names
+        }

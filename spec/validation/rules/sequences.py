@@ -1,0 +1,295 @@
+"""All rules of one sequence, in the order that each needs of the others."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from pliant.spec.storage import layout
+from pliant.spec.validation.findings import Findings
+from pliant.spec.validation.rules.cameras import Cameras, check_cameras
+from pliant.spec.validation.rules.context import Context
+from pliant.spec.validation.rules.correspondences import (
+    SELF_OCCLUDED,
+    FrameRows,
+    check_keys,
+    check_projection,
+    frame_rows,
+    open_correspondences,
+)
+from pliant.spec.validation.rules.duplicates import FrameKeys
+from pliant.spec.validation.rules.evidence import PRECISION_FRAMES, Evidence
+from pliant.spec.validation.rules.files import (
+    SequenceFiles,
+    check_files,
+    list_sequence,
+    read_document,
+)
+from pliant.spec.validation.rules.points import PointSet, check_points
+from pliant.spec.validation.rules.precision import check_precision
+from pliant.spec.validation.rules.surfaces import check_rgb, check_surface, visible_box_px
+from pliant.spec.validation.rules.visibility import check_visibility
+
+_SHARE = "self_occluded"
+_FROM_ROW = ("id", "tier", "split", "shape", "frames", "temporal", "seed", "style")
+
+
+@dataclass
+class SequenceResult:
+    """What checking a sequence gives to the rules above it.
+
+    Attributes:
+        id: The sequence.
+        tier: The folder of its tier.
+        split: Its split, None if its sequence.json is not readable.
+        frames: Its frames, 0 likewise.
+        findings: Its problems.
+        points_digest: Hash of its point table, None if that is not sound.
+        temporal: True for an episode.
+        keys: What identifies each frame.
+        boxes_px: float32 (F,), longer side of the queried object's visible box; NaN unknown.
+        tables_sound: True if queries can be checked against its tables.
+    """
+
+    id: str
+    tier: str
+    split: str | None = None
+    frames: int = 0
+    findings: Findings = field(default_factory=Findings)
+    points_digest: bytes | None = None
+    temporal: bool = False
+    keys: FrameKeys = field(default_factory=FrameKeys)
+    boxes_px: npt.NDArray[np.float32] = field(default_factory=lambda: np.zeros(0, np.float32))
+    tables_sound: bool = False
+
+
+def check_sequence(
+    context: Context, tier_name: str, name: str, row: dict[str, Any] | None
+) -> SequenceResult:
+    """Check one sequence.
+
+    Args:
+        context: The dataset.
+        tier_name: The folder of its tier.
+        name: The folder of the sequence.
+        row: Its row of sequences.parquet, None if it has none.
+
+    Returns:
+        Its problems and what the rules above it need.
+    """
+    result = SequenceResult(name, tier_name)
+    findings = result.findings
+    shown = f"{layout.SEQUENCES_DIR}/{tier_name}/{name}"
+    folder = layout.sequence_dir(context.root, tier_name, name)
+    files = list_sequence(folder, shown, findings)
+    info = _read_info(context, files, tier_name, name, row, findings)
+    if info is None:
+        return result
+    result.split, result.frames = info["split"], info["frames"]
+    result.temporal = info["temporal"]
+    held_out = info["split"] in context.held_out
+    check_files(files, info, findings, held_out=held_out)
+    tier = context.tiers.get(info["tier"])
+    if tier is None:
+        return result
+    cameras = _cameras(context, files, info, findings)
+    if held_out:
+        _check_held_out(info, f"{shown}/{layout.SEQUENCE_JSON}", findings)
+        evidence = Evidence(info["frames"])
+        for frame in range(info["frames"]):
+            rgb = check_rgb(context, files, frame, findings)
+            if rgb is not None:
+                evidence.add_picture(frame, rgb)
+        evidence.conclude(tier, info, None, (context.width, context.height), shown, findings)
+        result.keys = evidence.keys
+        return result
+    points = None
+    if files.verified(layout.POINTS_TABLE, findings):
+        path = f"{shown}/{layout.POINTS_TABLE}"
+        points = check_points(folder / layout.POINTS_TABLE, path, tier, findings)
+        result.points_digest = None if points is None else points.digest
+    _check_frames(context, tier, files, info, cameras, points, row, result)
+    broken = any(
+        issue.path.endswith(layout.CORRESPONDENCES_TABLE) and issue.code not in _HARMLESS
+        for issue in findings.issues
+    )
+    result.tables_sound = (
+        points is not None and layout.CORRESPONDENCES_TABLE in files.sound and not broken
+    )
+    return result
+
+
+_HARMLESS = frozenset(
+    {
+        "REPROJECTION_DISAGREES",
+        "DEPTH_DISAGREES",
+        "OUT_OF_FRAME_DISAGREES",
+        "VISIBLE_DISAGREES",
+        "OCCLUDED_DISAGREES",
+        "MATERIAL_DISAGREES",
+        "OFFSET_DISAGREES",
+        "OFFSET_SCATTERS",
+        "DEPTH_IMAGE_DISAGREES",
+        "DEPTH_IMAGE_SCATTERS",
+    }
+)
+"""Codes of a correspondence table that leave its rows in place, so that queries can be
+compared with them."""
+
+
+def _read_info(
+    context: Context,
+    files: SequenceFiles,
+    tier_name: str,
+    name: str,
+    row: dict[str, Any] | None,
+    findings: Findings,
+) -> dict[str, Any] | None:
+    path = f"{files.shown}/{layout.SEQUENCE_JSON}"
+    if layout.SEQUENCE_JSON not in files.present:
+        if not any(issue.path == path for issue in findings.issues):
+            findings.add(
+                "FILE_MISSING", path, "", "without it the folder is an unfinished sequence"
+            )
+        return None
+    info: dict[str, Any] | None = read_document(
+        files.folder / layout.SEQUENCE_JSON, path, "sequence", findings
+    )
+    if info is None:
+        return None
+    expected = {"id": name, "tier": tier_name}
+    if row is not None:
+        expected |= {key: row[key] for key in _FROM_ROW if key not in expected}
+    for key, value in expected.items():
+        if info[key] != value:
+            source = "its folder" if key in ("id", "tier") else "sequences.parquet"
+            findings.add(
+                "IDENTITY_DIFFERS", path, key, f"found {info[key]!r:.80}; {source} has {value!r}"
+            )
+    if len(info["frame_info"]) != info["frames"]:
+        findings.add(
+            "SCHEMA_INVALID",
+            path,
+            "frame_info",
+            f"found {len(info['frame_info'])} entries; required: one for each of the "
+            f"{info['frames']} frames",
+        )
+    if row is None and info["split"] not in context.splits:
+        findings.add(
+            "SPLIT_UNKNOWN", path, "split", f"{info['split']} is none of {list(context.splits)}"
+        )
+    if info["tier"] not in context.tiers and tier_name not in context.tiers and row is None:
+        findings.add(
+            "TIER_UNKNOWN",
+            path,
+            "tier",
+            f"{info['tier'][:80]!r} is none of {list(context.tiers)}",
+        )
+    return info
+
+
+def _check_held_out(info: dict[str, Any], path: str, findings: Findings) -> None:
+    """Check that a held-out sequence.json says nothing from which its truth could be made."""
+    telling = {
+        "parameters": info["parameters"] != {},
+        "frame_info": any(info["frame_info"]),
+        "seed": info["seed"] != 0,
+    }
+    for field_name in (name for name, tells in telling.items() if tells):
+        findings.add(
+            "HELD_OUT_LEAKS",
+            path,
+            field_name,
+            f"the split {info['split']} is held out; required: seed 0, parameters {{}} and an "
+            "empty object for each frame",
+        )
+
+
+def _cameras(
+    context: Context, files: SequenceFiles, info: dict[str, Any], findings: Findings
+) -> Cameras | None:
+    if not files.verified(layout.CAMERAS_JSON, findings):
+        return None
+    shown = f"{files.shown}/{layout.CAMERAS_JSON}"
+    document = read_document(files.folder / layout.CAMERAS_JSON, shown, "cameras", findings)
+    if document is None:
+        return None
+    return check_cameras(context, document, info["frames"], shown, findings)
+
+
+def _check_frames(
+    context: Context,
+    tier: dict[str, Any],
+    files: SequenceFiles,
+    info: dict[str, Any],
+    cameras: Cameras | None,
+    points: PointSet | None,
+    row: dict[str, Any] | None,
+    result: SequenceResult,
+) -> None:
+    """Go through the frames once: images, rows, and how they agree."""
+    findings, frames = result.findings, info["frames"]
+    shown = f"{files.shown}/{layout.CORRESPONDENCES_TABLE}"
+    stream: Iterator[FrameRows] = iter(())
+    if files.verified(layout.CORRESPONDENCES_TABLE, findings):
+        table = open_correspondences(files.folder / layout.CORRESPONDENCES_TABLE, shown, findings)
+        if table is not None and points is not None:
+            grouped = check_keys(table, frames, len(points), findings)
+            if not context.quick:
+                stream = frame_rows(table, frames, len(points), grouped, findings)
+    result.boxes_px = np.full(frames, np.nan, np.float32)
+    shares = np.full(frames, np.nan)
+    count = 0
+    evidence = Evidence(frames)
+    result.keys = evidence.keys
+    for frame in range(frames):
+        name = layout.depth_name(frame)
+        if name in files.hashes:
+            evidence.keys.depths[frame] = int(files.hashes[name][0][:15], 16)
+    rows = next(stream, None)
+    for frame in range(frames):
+        rgb = check_rgb(context, files, frame, findings)
+        if rgb is not None:
+            evidence.add_picture(frame, rgb)
+        surface = check_surface(context, tier, files, frame, findings)
+        if surface is not None:
+            result.boxes_px[frame] = visible_box_px(surface, tier["queried_object"])
+            evidence.add_shown(frame, surface.object_id)
+            if frame < PRECISION_FRAMES:
+                path = f"{files.shown}/{layout.depth_name(frame)}"
+                check_precision(surface, path, findings)
+        if rows is None or rows.frame != frame or points is None:
+            continue
+        count += len(rows.point)
+        outer = ~points.centreline[rows.point]
+        shares[frame] = np.mean((rows.state == SELF_OCCLUDED)[outer]) if outer.any() else np.nan
+        if cameras is not None:
+            good = check_projection(context, cameras, rows, shown, findings)
+            evidence.add_rows(cameras, rows)
+            if surface is not None:
+                fits = check_visibility(tier, cameras, points, rows, good, surface, shown, findings)
+                evidence.add_surface(tier, cameras, points, rows, good, surface, fits)
+                if fits and rgb is not None:
+                    evidence.add_silhouette(frame, rgb, surface.object_id)
+        rows = next(stream, None)
+    size = (context.width, context.height)
+    while rows is not None:  # so that broken values after the last frame are reported too
+        rows = next(stream, None)
+    evidence.conclude(tier, info, cameras, size, files.shown, findings)
+    whole = points is not None and count == frames * len(points)
+    if row is not None and whole and np.isfinite(shares).all() and np.isfinite(row[_SHARE]):
+        _check_summary(row, float(np.mean(shares)), findings)
+
+
+def _check_summary(row: dict[str, Any], share: float, findings: Findings) -> None:
+    if abs(row[_SHARE] - share) > 1e-5:
+        findings.add(
+            "SUMMARY_DISAGREES",
+            layout.SEQUENCES_TABLE,
+            f"{row['id']}, {_SHARE}",
+            f"found {row[_SHARE]:.6f}; its correspondences give {share:.6f}",
+        )

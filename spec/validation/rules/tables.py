@@ -1,0 +1,171 @@
+"""Rules every table shares: footer, columns, and values read batch by batch."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+
+from pliant.spec.dataset import check_version
+from pliant.spec.io.jsonfiles import is_newer_minor, schema_errors
+from pliant.spec.io.parquet import footer_of, open_table
+from pliant.spec.io.parquet_columns import column_problem, load_batches
+from pliant.spec.io.reading import FileRefusedError
+from pliant.spec.tables import TABLES
+from pliant.spec.validation.findings import Findings, reason
+
+
+@dataclass(frozen=True)
+class CheckedTable:
+    """A Parquet file whose footer and columns were checked.
+
+    Attributes:
+        file: The open file.
+        path: Where it is.
+        shown: Its path in issues.
+        name: Name of the table.
+        columns: The declared columns that are there with their types.
+        footer: Its `pliant` footer, empty if it has none that is valid.
+    """
+
+    file: pq.ParquetFile
+    path: Path
+    shown: str
+    name: str
+    columns: frozenset[str]
+    footer: Mapping[str, Any]
+
+    @property
+    def rows(self) -> int:
+        """Number of rows, by the file's metadata."""
+        return int(self.file.metadata.num_rows)
+
+    @property
+    def whole(self) -> bool:
+        """True if every declared column is there."""
+        return len(self.columns) == len(TABLES[self.name])
+
+    def batches(self, columns: list[str], findings: Findings) -> Iterator[tuple[int, pa.Table]]:
+        """Yield (first row, rows) of some columns, strings as dictionaries, little at a time.
+
+        Args:
+            columns: Names, all in `self.columns`.
+            findings: Gets `FILE_UNREADABLE` and `VALUE_NULL`; the rows end there.
+        """
+        start = 0
+        schema = pa.schema([TABLES[self.name].field(name) for name in columns])
+        with findings.refusals(self.shown):
+            for batch in load_batches(self.file, self.path, schema):
+                yield start, batch
+                start += batch.num_rows
+
+
+def check_table(
+    path: Path, shown: str, name: str, findings: Findings, *, max_rows: int
+) -> CheckedTable | None:
+    """Open a table and check footer and columns.
+
+    Args:
+        path: The file.
+        shown: Its path in issues.
+        name: A key of `TABLES`.
+        findings: Gets the problems.
+        max_rows: The most rows allowed.
+
+    Returns:
+        The table, or None if it cannot be opened.
+    """
+    try:
+        file = open_table(path, max_rows=max_rows)
+    except FileRefusedError as error:
+        findings.add(error.code, shown, error.where or "", reason(error))
+        return None
+    footer = _footer(file, path, shown, name, findings)
+    found = file.schema_arrow
+    good = set()
+    for field in TABLES[name]:
+        problem = column_problem(found, field)
+        if problem is None:
+            good.add(field.name)
+        else:
+            findings.add(problem[0], shown, field.name, problem[1])
+    unknown = () if is_newer_minor(footer.get("spec_version")) else set(found.names)
+    for extra in sorted(set(unknown) - set(TABLES[name].names)):
+        findings.add("COLUMN_EXTRA", shown, extra[:80], "the specification has no such column")
+    return CheckedTable(file, path, shown, name, frozenset(good), footer)
+
+
+def _footer(
+    file: pq.ParquetFile, path: Path, shown: str, name: str, findings: Findings
+) -> dict[str, Any]:
+    with findings.refusals(shown):
+        footer = footer_of(file, path)
+        if isinstance(footer.get("spec_version"), str):
+            check_version(footer["spec_version"], path)
+        problems = list(schema_errors(footer, f"footer-{name}"))
+        for where, message in problems:
+            findings.add("FOOTER_INVALID", shown, f"footer {where}".strip(), message)
+        if not problems:
+            return footer
+    return {}
+
+
+def numbers(table: pa.Table, column: str) -> npt.NDArray[Any]:
+    """Return a numeric column as one array."""
+    array: npt.NDArray[Any] = table.column(column).to_numpy()
+    return array
+
+
+def codes_of(
+    table: pa.Table, column: str, names: tuple[str, ...] | list[str]
+) -> npt.NDArray[np.int64]:
+    """Return, for each row of a string column, the index of its value in `names`.
+
+    Args:
+        table: The rows.
+        column: A string column.
+        names: The values known.
+
+    Returns:
+        int64 (N,), -1 for a value that is none of them.
+    """
+    found = pc.index_in(table.column(column).cast(pa.string()), pa.array(names, pa.string()))
+    indices: npt.NDArray[np.int64] = found.fill_null(-1).to_numpy().astype(np.int64)
+    return indices
+
+
+def report_not_finite(
+    table: pa.Table, columns: list[str], start: int, shown: str, findings: Findings
+) -> npt.NDArray[np.bool_]:
+    """Report NaN and infinities; return which rows hold none.
+
+    Args:
+        table: The rows.
+        columns: Float columns.
+        start: Number of the first row.
+        shown: The file's path in issues.
+        findings: Gets `VALUE_NOT_FINITE`.
+
+    Returns:
+        bool (N,), True for rows without any.
+    """
+    good = np.ones(table.num_rows, np.bool_)
+    for column in columns:
+        values = numbers(table, column)
+        bad = ~np.isfinite(values)
+        if bad.any():
+            good &= ~bad
+            findings.add_rows(
+                "VALUE_NOT_FINITE",
+                shown,
+                bad,
+                lambda i, c=column, v=values: (f"row {start + i}, {c}", f"found {v[i]}"),  # type: ignore[misc]
+            )
+    return good

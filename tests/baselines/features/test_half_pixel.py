@@ -1,0 +1,126 @@
+"""Where a method says something is: no half pixel off, in either direction of the conversion.
+
+OpenCV puts the centre of the first pixel at (0, 0), and each library has faults of its own. A
+conversion forgotten shifts every keypoint; a conversion forgotten on both sides hides, since
+two equal shifts cancel, until one picture is turned by 180 degrees and they add up.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from pliant.baselines import METHODS, View
+from pliant.baselines.features.local_features import LocalFeatures
+from pliant.baselines.features.orb import Orb
+from pliant.baselines.features.orientation import intensity_centroid_deg
+from pliant.baselines.features.sift import Sift
+from pliant.baselines.features.surf import MahotasSurf
+
+Floats = npt.NDArray[np.float64]
+
+FEATURES: dict[str, Callable[[], LocalFeatures]] = {
+    "sift": Sift,
+    "orb": Orb,
+    "surf": MahotasSurf,
+}
+
+
+@pytest.fixture(scope="module")
+def blobs() -> tuple[npt.NDArray[np.uint8], Floats]:
+    """Bright Gaussian blobs of 4 px at places known to a fraction of a pixel."""
+    rng = np.random.default_rng(5)
+    grid = np.stack(np.meshgrid(np.arange(6), np.arange(5)), axis=-1).reshape(-1, 2)
+    uv_px = 50 + 60 * grid + rng.uniform(0, 1, grid.shape)
+    v, u = np.mgrid[0:340, 0:400] + 0.5
+    image = np.full(u.shape, 60.0)
+    for centre_u, centre_v in uv_px:
+        image += 150 * np.exp(-((u - centre_u) ** 2 + (v - centre_v) ** 2) / (2 * 4**2))
+    return np.rint(image).astype(np.uint8), uv_px
+
+
+def offsets(found_px: npt.NDArray[np.float32], uv_px: Floats) -> Floats:
+    """Found minus true, for what lies within 3 px of a blob's centre."""
+    difference = found_px[:, None].astype(np.float64) - uv_px[None]  # (N, M, 2)
+    nearest = difference[np.arange(len(difference)), np.hypot(*difference.T).T.argmin(axis=1)]
+    return nearest[np.hypot(*nearest.T) < 3]
+
+
+@pytest.mark.parametrize(("name", "tolerance_px"), [("sift", 0.02), ("orb", 0.2), ("surf", 0.2)])
+def test_keypoints_sit_on_blobs(
+    name: str, tolerance_px: float, blobs: tuple[npt.NDArray[np.uint8], Floats]
+) -> None:
+    image, uv_px = blobs
+    off = offsets(FEATURES[name]().detect(image).uv_px, uv_px)
+    assert len(off) >= 20
+    assert np.abs(off.mean(axis=0)).max() < tolerance_px
+
+
+def texture(height: int, width: int) -> npt.NDArray[np.uint8]:
+    """A blurred random image of uneven, unlike sides."""
+    rng = np.random.default_rng(2)
+    image = rng.standard_normal((height, width))
+    for axis in (0, 1):
+        for _ in range(3):
+            image = (np.roll(image, 1, axis) + image + np.roll(image, -1, axis)) / 3
+    image = (image - image.min()) / np.ptp(image) * 255
+    return np.rint(image).astype(np.uint8)
+
+
+@pytest.mark.parametrize("name", sorted(FEATURES))
+def test_turned_keypoints_match_their_own_places(name: str) -> None:
+    """Any shift of the convention shows twice under a turn by 180 degrees."""
+    image = texture(201, 264)
+    features = FEATURES[name]()
+    plain, turned = features.detect(image), features.detect(image[::-1, ::-1].copy())
+    expected = [264, 201] - plain.uv_px
+    off = offsets(turned.uv_px, expected.astype(np.float64))
+    assert len(off) > 0.8 * len(plain.uv_px)
+    assert np.abs(off.mean(axis=0)).max() < 0.06
+
+
+@pytest.mark.parametrize(("name", "exact"), [("sift", 0.9), ("orb", 0.7), ("surf", 0.4)])
+def test_answers_in_a_turned_picture_are_the_turned_pixels(name: str, exact: float) -> None:
+    grey = texture(161, 184)
+    rgb = np.repeat(grey[..., None], 3, axis=2)
+    queries = np.random.default_rng(1).integers([30, 30], [154, 131], (50, 2)) + 0.5
+    inner = np.zeros(grey.shape, dtype=np.bool_)
+    inner[25:136, 25:159] = True
+    answers = METHODS[name]().answer(  # type: ignore[union-attr]
+        View(rgb, inner),
+        View(rgb[::-1, ::-1].copy(), inner[::-1, ::-1].copy()),
+        queries.astype(np.float32),
+    )
+    off = answers.uv_px - ([184, 161] - queries)
+    assert (off == 0).all(axis=1).mean() >= exact
+    assert np.abs(np.median(off, axis=0)).max() == 0
+
+
+def test_intensity_centroid_by_hand() -> None:
+    image = np.zeros((21, 21), dtype=np.uint8)
+    image[10, 13] = 200  # right of the centre
+    image[14, 10] = 150  # below it: 4 · 150 = 600 down, 3 · 200 = 600 right
+    image[0, 0] = 255  # outside the disc
+    centre = np.array([[10.5, 10.5]], dtype=np.float32)
+    assert intensity_centroid_deg(image, centre, 5).tolist() == [45.0]
+    beside = np.array([[13.5, 10.5]], dtype=np.float32)
+    # seen from (13, 10): its own pixel weighs nothing, the other is (-3, +4)
+    found = intensity_centroid_deg(image, beside, 6)
+    np.testing.assert_allclose(found, np.degrees(np.arctan2(4, -3)))
+
+
+def test_orb_angle_is_opencvs(blobs: tuple[npt.NDArray[np.uint8], Floats]) -> None:
+    """At the keypoints that OpenCV itself finds at full resolution."""
+    cv2: Any = pytest.importorskip("cv2")
+    noise = np.random.default_rng(0).integers(0, 40, blobs[0].shape)
+    image = np.clip(blobs[0] + noise, 0, 255).astype(np.uint8)
+    found = [k for k in cv2.ORB_create(500).detect(image, None) if k.octave == 0]
+    uv_px = np.array([k.pt for k in found], dtype=np.float32) + 0.5
+    ours = intensity_centroid_deg(image, uv_px, 15)
+    turn = (ours - [k.angle for k in found] + 180) % 360 - 180
+    assert len(found) > 50
+    assert np.abs(turn).max() < 0.05

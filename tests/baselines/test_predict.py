@@ -1,0 +1,229 @@
+"""The prediction loop and the files it writes."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from pliant.baselines import METHODS, Answers, View
+from pliant.baselines.predict import predict, query_keys, write_answers, write_template
+from pliant.spec.dataset import Dataset
+from pliant.spec.errors import CallError, SpecError, SubmissionError
+from pliant.spec.io.parquet import read_footer, read_table
+from pliant.spec.storage import layout
+
+
+class Fixed:
+    """Answers with whatever a test wants."""
+
+    name = "fixed"
+
+    def __init__(self, **fields: Any) -> None:
+        self._fields = fields
+
+    def describe(self) -> Mapping[str, Any]:
+        return {"settings": 3}
+
+    def answer(self, source: View, target: View, uv_a_px: npt.NDArray[np.float32]) -> Answers:
+        fields = {name: make(len(uv_a_px)) for name, make in self._fields.items()}
+        return Answers(**{"uv_px": uv_a_px + 1, **fields})
+
+
+def test_file_holds_an_answer_for_every_query_in_order(cards: Dataset, tmp_path: Path) -> None:
+    out = tmp_path / "fixed.parquet"
+    done = predict(cards, "test", Fixed(), out)
+    answers, queries = read_table(out, "answers"), cards.queries("test")
+    for key in ("pair_id", "query_id"):
+        assert answers.column(key).equals(queries.column(key))
+    np.testing.assert_array_equal(answers.column("u"), queries.column("u_a").to_numpy() + 1)
+    np.testing.assert_array_equal(answers.column("v"), queries.column("v_a").to_numpy() + 1)
+    assert (done.pairs, done.rows, done.kind) == (3, 60, "answers")
+
+
+def test_footer_ties_the_file_to_its_queries(cards: Dataset, tmp_path: Path) -> None:
+    out = tmp_path / "fixed.parquet"
+    predict(cards, "test", Fixed(), out)
+    assert read_footer(out) == {
+        "spec_version": "1.0.0",
+        "table": "answers",
+        "dataset": {"id": "cards", "version": "1.0.0"},
+        "split": "test",
+        "queries_sha256": cards.queries_sha256("test"),
+        "method": {"name": "fixed", "settings": 3, "mask": "given"},
+    }
+
+
+def test_optional_columns_round_trip(cards: Dataset, tmp_path: Path) -> None:
+    out = tmp_path / "modes.parquet"
+
+    def modes(count: int) -> list[npt.NDArray[np.float32]]:
+        two = np.array([[1, 2, 3, 0.25], [4, 5, 6, 0.75]], dtype=np.float32)
+        return [two[: 1 + row % 2] for row in range(count)]
+
+    predict(cards, "test", Fixed(visible=lambda n: np.full(n, 0.5, np.float32), modes=modes), out)
+    table = pq.read_table(out)
+    assert table.column("visible").to_pylist() == [0.5] * 60
+    assert table.column("modes")[1].as_py() == [
+        {"u": 1, "v": 2, "sigma": 3, "weight": 0.25},
+        {"u": 4, "v": 5, "sigma": 6, "weight": 0.75},
+    ]
+    assert len(table.column("modes")[0]) == 1
+
+
+@pytest.mark.parametrize("method", ["sift", "random"])
+def test_workers_change_no_byte(cards: Dataset, tmp_path: Path, method: str) -> None:
+    files = [tmp_path / f"{workers}.parquet" for workers in (1, 2)]
+    progress: list[tuple[int, int]] = []
+    for workers, out in enumerate(files, start=1):
+        matcher = METHODS[method]()
+        predict(
+            cards,
+            "test",
+            matcher,
+            out,
+            workers=workers,
+            progress=lambda done, total: progress.append((done, total)),
+        )
+    assert files[0].read_bytes() == files[1].read_bytes()
+    assert progress == [(1, 3), (2, 3), (3, 3), (3, 3)]
+
+
+def test_frames_without_surface_are_searched_whole(cards_root: Path, tmp_path: Path) -> None:
+    root = tmp_path / "public"
+    shutil.copytree(cards_root, root)
+    frame = layout.sequence_dir(root, "card", "card-test-000000") / layout.depth_name(1)
+    frame.unlink()
+    out = tmp_path / "random.parquet"
+    partly = predict(Dataset.open(root), "test", METHODS["random"](), out)
+    assert partly.method["mask"] == "partly given"
+    shutil.rmtree(frame.parent)
+    none = predict(Dataset.open(root), "test", METHODS["centroid"](), out)
+    assert none.method["mask"] == "none"
+    answers = read_table(out, "answers")
+    assert set(answers.column("u").to_pylist()) == {120.0}
+    assert set(answers.column("v").to_pylist()) == {100.0}
+
+
+def test_matches_are_written_pair_by_pair(cards: Dataset, tmp_path: Path) -> None:
+    out = tmp_path / "orb.parquet"
+    done = predict(cards, "test", METHODS["orb"](), out, "matches")
+    table = read_table(out, "matches")
+    pairs = table.column("pair_id").to_numpy()
+    assert done.rows == len(table) > 30
+    assert (np.diff(pairs) >= 0).all()
+    assert set(pairs.tolist()) == {0, 1, 2}
+    assert read_footer(out)["table"] == "matches"
+    score = table.column("score").to_numpy()
+    assert (score > 0.2 - 1e-6).all()  # 1 - ratio, ratio < 0.8
+    assert (score <= 1).all()
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"uv_px": lambda n: np.full((n, 2), np.nan, np.float32)}, "pair 0, uv_px.*not finite"),
+        ({"uv_px": lambda n: np.zeros((n - 1, 2), np.float32)}, "pair 0, uv_px.*wrong shape"),
+        ({"visible": lambda n: np.zeros((n, 1), np.float32)}, "pair 0, visible.*wrong shape"),
+        ({"modes": lambda n: []}, "pair 0, modes.*wrong shape"),
+    ],
+)
+def test_answers_that_are_none_are_refused(
+    cards: Dataset, tmp_path: Path, fields: dict[str, Any], message: str
+) -> None:
+    out = tmp_path / "bad.parquet"
+    with pytest.raises(SubmissionError, match=message):
+        predict(cards, "test", Fixed(**fields), out)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_template_lacks_only_the_answers(cards: Dataset, tmp_path: Path) -> None:
+    out = tmp_path / "template.parquet"
+    write_template(cards, "test", out)
+    table = read_table(out, "answers")
+    assert table.column("pair_id").equals(cards.queries("test").column("pair_id"))
+    assert np.isnan(table.column("u").to_numpy()).all()
+    assert read_footer(out)["queries_sha256"] == cards.queries_sha256("test")
+
+
+def test_only_a_submission_is_replaced(cards: Dataset, tmp_path: Path) -> None:
+    out = tmp_path / "out.parquet"
+    out.write_text("my notes")
+    with pytest.raises(CallError, match="is no submission"):
+        predict(cards, "test", Fixed(), out)
+    assert out.read_text() == "my notes"
+    out.unlink()
+    write_template(cards, "test", out)
+    predict(cards, "test", Fixed(), out)
+    assert read_footer(out)["method"]["name"] == "fixed"
+
+
+def test_bad_calls_are_refused_before_any_work(cards: Dataset, tmp_path: Path) -> None:
+    with pytest.raises(CallError, match="output folder does not exist"):
+        predict(cards, "test", Fixed(), tmp_path / "missing" / "out.parquet")
+    with pytest.raises(CallError, match=r"no queries for split 'val'.*required: test"):
+        predict(cards, "val", Fixed(), tmp_path / "out.parquet")
+    with pytest.raises(CallError, match="no keypoint matches"):
+        predict(cards, "test", METHODS["identity"](), tmp_path / "out.parquet", "matches")
+    with pytest.raises(CallError, match="workers"):
+        predict(cards, "test", Fixed(), tmp_path / "out.parquet", workers=0)
+    unpicklable = Fixed(visible=lambda n: np.zeros(n, np.float32))
+    with pytest.raises(CallError, match="cannot be sent to worker processes"):
+        predict(cards, "test", unpicklable, tmp_path / "out.parquet", workers=2)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_broken_image_stops_and_leaves_the_old_file(cards_root: Path, tmp_path: Path) -> None:
+    root = tmp_path / "cards"
+    shutil.copytree(cards_root, root)
+    dataset = Dataset.open(root)
+    out = tmp_path / "out.parquet"
+    write_template(dataset, "test", out)
+    before = out.read_bytes()
+    image = layout.sequence_dir(root, "card", "card-test-000000") / layout.rgb_name(2)
+    image.write_bytes(image.read_bytes()[:200])
+    with pytest.raises(SpecError, match=r"000002\.png"):
+        predict(dataset, "test", Fixed(), out)
+    assert out.read_bytes() == before
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["cards", "out.parquet"]
+
+
+def test_keys_may_be_a_part_of_the_queries(cards: Dataset, tmp_path: Path) -> None:
+    """A participant's own writer may answer some queries; the evaluator judges the rest."""
+    keys = query_keys(cards, "test")
+    first = type(keys)(keys.pair_id[:5], keys.query_id[:5])
+    out = tmp_path / "part.parquet"
+    answers = Answers(uv_px=np.ones((5, 2), np.float32))
+    write_answers(out, cards, "test", first, answers, {"name": "part"})
+    assert len(read_table(out, "answers")) == 5
+
+
+@pytest.mark.parametrize(
+    ("column", "row", "value", "message"),
+    [
+        ("frame_b", 25, 0, r"row 25, frame_b: one pair has two values of frame_b"),
+        ("sequence_a", 41, "other", r"row 41, sequence_a: one pair has two values"),
+        ("pair_id", 30, 0, "pair_id is not ascending"),
+    ],
+)
+def test_queries_that_contradict_themselves_are_refused(
+    column: str, row: int, value: Any, message: str, cards_root: Path, tmp_path: Path
+) -> None:
+    root = tmp_path / "cards"
+    shutil.copytree(cards_root, root)
+    path = layout.queries_path(root, "test")
+    table = pq.read_table(path)
+    values = table.column(column).to_pylist()
+    values[row] = value
+    index = table.schema.get_field_index(column)
+    field = table.schema.field(column)
+    pq.write_table(table.set_column(index, field, pa.array(values, field.type)), path)
+    with pytest.raises(SpecError, match=message):
+        predict(Dataset.open(root), "test", Fixed(), tmp_path / "out.parquet")

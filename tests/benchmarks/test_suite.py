@@ -1,0 +1,376 @@
+"""The reference benchmark: its configs, its frozen queries, a whole one at the size of a thumb."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import yaml
+from click.testing import CliRunner
+
+from pliant.benchmarks.suite.checksums import compare_checksums, read_frozen, set_checksums
+from pliant.benchmarks.suite.config import BenchmarkConfig, read_config
+from pliant.benchmarks.suite.freezing import frozen_questions
+from pliant.benchmarks.suite.run import run_benchmark, run_digest
+from pliant.benchmarks.suite.work import Cost, Workspace
+from pliant.cli.main import cli, run
+from pliant.generator.runner.run import generate
+from pliant.spec.dataset import Dataset
+from pliant.spec.errors import CallError, TrainingError
+from pliant.spec.io.checksums import sha256_file
+
+FOLDER = Path(__file__).parents[2] / "benchmarks"
+
+TINY = """
+name: thumb
+version: 1.0.0
+checksums: thumb.sha256.json
+common: {seed: 3, style: raster, width: 96, height: 72, look: {materials: 1}}
+sets:
+  rope:
+    tiers: [rope]
+    splits: {train: 4, val: 3, test: 4}
+    queries: {pairs_per_sequence: 1, queries_per_pair: 12}
+  rope-noisy:
+    tiers: [rope]
+    splits: {test: 4}
+    queries: {pairs_per_sequence: 1, queries_per_pair: 12}
+    noise: {}
+runs:
+  small:
+    label: DON
+    set: rope
+    settings: &small
+      width: 32
+      height: 24
+      steps: 4
+      batch: 1
+      checkpoint_every: 2
+      network: {widths: [8, 16, 32], descriptor_dim: 4}
+      optimiser: {warmup: 1}
+      validation: {every: 2, pairs: 2, queries: 8, calibration_pairs: 3}
+  more:
+    label: DON + Lipschitz
+    set: rope
+    after: small
+    settings:
+      <<: *small
+      loss: {space_weight: 0.1}
+tests:
+  rope:
+    title: Rope
+    tier: rope
+    variants: {clean: rope, noisy: rope-noisy}
+    methods: [identity, random]
+    runs: [small, more]
+    shipped: [don-rope]
+    paper_rmse_px: {small: 28.5}
+comparisons:
+  - {question: Does it help, set: rope-noisy, method: more, against: small, metric: jump_rate}
+  - {question: Or hurt, set: rope, method: more, against: small, metric: rmse_px}
+"""
+
+
+class Recorder:
+    """A watcher that remembers."""
+
+    def __init__(self) -> None:
+        self.begun: list[tuple[str, int, int]] = []
+        self.done: list[str] = []
+        self.steps: list[tuple[str, int, int]] = []
+        self.interrupt_at: str | None = None
+
+    def begin(self, stage: str, jobs: int, finished: int) -> None:
+        self.begun.append((stage, jobs, finished))
+
+    def started(self, job: str) -> None:
+        if job == self.interrupt_at:
+            raise KeyboardInterrupt
+
+    def progress(self, job: str, done: int, total: int) -> None:
+        self.steps.append((job, done, total))
+
+    def ended(self, job: str, wall_s: float, cpu_s: float, error: str) -> None:
+        assert wall_s > 0
+        assert cpu_s > 0
+        assert not error
+        self.done.append(job)
+
+
+@pytest.fixture(scope="module")
+def config_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("config") / "thumb.yaml"
+    path.write_text(TINY)
+    return path
+
+
+@pytest.fixture(scope="module")
+def made(config_file: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Recorder]:
+    """A finished benchmark, which was interrupted once on its way."""
+    out = tmp_path_factory.mktemp("made") / "out"
+    config, watcher = read_config(config_file), Recorder()
+    watcher.interrupt_at = "more"
+    with pytest.raises(KeyboardInterrupt):
+        run_benchmark(config, out, workers=1, watcher=watcher)
+    watcher.interrupt_at = None
+    run_benchmark(config, out, resume=True, workers=1, watcher=watcher)
+    return out, watcher
+
+
+@pytest.mark.parametrize("name", ["pliant-v1", "pliant-v1-mini"])
+def test_the_shipped_benchmarks_can_be_read_and_trained(name: str) -> None:
+    from pliant.models.settings import DonSettings
+    from pliant.models.timecycle.settings import TimeCycleSettings
+    from pliant.spec.configuration import settings_from
+
+    config = read_config(FOLDER / f"{name}.yaml")
+    assert config.name == name
+    for training in config.runs.values():
+        cls = DonSettings if training.trainer == "don" else TimeCycleSettings
+        settings_from(cls, training.settings)  # refuses what it does not know
+        assert config.sets[training.set].counts["train"] > 0
+        assert config.sets[training.set].counts["val"] > 0
+    for test in config.tests.values():
+        assert {config.sets[each].tiers for each in test.variants.values()} == {(test.tier,)}
+
+
+def test_the_full_benchmark_is_as_large_as_it_says() -> None:
+    config = read_config(FOLDER / "pliant-v1.yaml")
+    for tier in ("rope", "cloth-1", "cloth-2", "cloth-3"):
+        counts = config.sets[tier].counts
+        assert counts["train"] >= 3000
+        assert counts["test"] >= 300
+        assert {"clean", "noisy", "unseen"} <= set(config.tests[tier].variants)
+    for name, least in (("rope-episodes", 50), ("cloth-1-episodes", 20)):
+        assert config.sets[name].episodes
+        assert sum(config.sets[name].counts.values()) >= least
+
+
+@pytest.mark.parametrize(
+    ("name", "variant"),
+    [
+        ("pliant-v1-mini", "rope"),
+        ("pliant-v1-mini", "rope-noisy"),
+        ("pliant-v1-mini", "rope-unseen"),
+        ("pliant-v1-mini", "cloth-1"),
+        pytest.param("pliant-v1", "rope", marks=pytest.mark.blender),
+    ],
+)
+def test_a_regenerated_sequence_is_the_frozen_one(name: str, variant: str, tmp_path: Path) -> None:
+    """In the set's own style: `photo` in pliant-v1, which was frozen without rendering one."""
+    config = read_config(FOLDER / f"{name}.yaml")
+    frozen = read_frozen(config)
+    assert frozen is not None
+    few = replace(config.sets[variant], splits={"test": 1}, sequences=None)
+    generate(few, tmp_path / "set")
+    for sequence in Dataset.open(tmp_path / "set").sequences:
+        table = sequence.dir / "correspondences.parquet"
+        assert sha256_file(table) == frozen["sets"][variant]["tables"][sequence.id]
+
+
+@pytest.mark.parametrize("name", ["pliant-v1", "pliant-v1-mini"])
+def test_frozen_queries_are_superseded_but_tables_are_not(name: str) -> None:
+    """Remove the mark with the next freeze. The tables are compared above."""
+    frozen = read_frozen(read_config(FOLDER / f"{name}.yaml"))
+    assert frozen is not None
+    assert frozen["superseded"] == ["queries", "truth"]
+
+
+def test_noise_and_other_colours_ask_the_same_of_the_same_ropes() -> None:
+    frozen = read_frozen(read_config(FOLDER / "pliant-v1-mini.yaml"))
+    assert frozen is not None
+    clean, noisy = frozen["sets"]["rope"], frozen["sets"]["rope-noisy"]
+    assert clean["tables"] == noisy["tables"] == frozen["sets"]["rope-unseen"]["tables"]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"unknown": 1}, "unknown setting"),
+        ({"runs": {"a": {"label": "A", "set": "none"}}}, "unknown name"),
+        ({"runs": {"a": {"label": "A"}}}, "a setting is missing"),
+        ({"runs": {"a": {"label": "A", "set": "rope", "recipe": "x.yaml"}}}, "unknown name"),
+        ({"runs": {"a": {"label": "A", "set": "rope", "trainer": "x"}}}, "unknown value"),
+        ({"runs": {"a": {"label": "A", "set": "rope", "after": "b"}}}, "unknown name"),
+        ({"sets": {"rope": {"tiers": ["rope"], "style": "oil"}}}, "style"),
+        ({"sets": []}, "required: a mapping"),
+        ({"tests": {"t": {"title": "T", "tier": "rope", "variants": {"a": "b"}}}}, "unknown name"),
+    ],
+)
+def test_a_wrong_config_is_refused(change: dict[str, object], message: str, tmp_path: Path) -> None:
+    document = {**yaml.safe_load(TINY), "tests": {}, "runs": {}, "comparisons": [], **change}
+    path = tmp_path / "wrong.yaml"
+    path.write_text(yaml.safe_dump(document))
+    with pytest.raises(CallError, match=message) as refusal:
+        read_config(path)
+    assert "wrong.yaml" in str(refusal.value)
+
+
+def test_a_training_is_another_when_what_it_started_from_is(config_file: Path) -> None:
+    config = read_config(config_file)
+    changed = {**config.runs, "small": replace(config.runs["small"], settings={"steps": 5})}
+    other = replace(config, runs=changed)
+    assert run_digest(config, "more") != run_digest(other, "more")
+    assert run_digest(config, "more") == run_digest(read_config(config_file), "more")
+
+
+def test_an_interrupted_benchmark_goes_on_and_repeats_nothing(
+    made: tuple[Path, Recorder],
+) -> None:
+    _, watcher = made
+    assert watcher.begun[:2] == [("generate", 2, 0), ("train", 2, 0)]
+    assert watcher.begun[2:] == [("generate", 2, 2), ("train", 2, 1), ("answer", 10, 0)]
+    assert sorted(watcher.done) == sorted(set(watcher.done))
+    assert ("small", 4, 4) in watcher.steps
+
+
+def test_a_run_goes_on_from_the_one_before(made: tuple[Path, Recorder]) -> None:
+    out, _ = made
+    config = yaml.safe_load((out / "runs" / "more" / "config.yaml").read_text())
+    assert config["network"]["pretrained"] == str(out / "runs" / "small" / "best.safetensors")
+
+
+def test_table_and_page(config_file: Path, made: tuple[Path, Recorder], tmp_path: Path) -> None:
+    out, _ = made
+    before = {path: path.stat().st_mtime_ns for path in out.rglob("*.parquet")}
+    page = tmp_path / "results.md"
+    called = ["benchmark", str(config_file), "--out", str(out), "--resume", "--workers", "1"]
+    result = CliRunner().invoke(cli, [*called, "--page", str(page), "--json"])
+    assert result.exit_code == 0, result.output
+    table = json.loads(result.stdout)
+    assert before == {path: path.stat().st_mtime_ns for path in out.rglob("*.parquet")}
+    rows = {(row["variant"], row["method"]): row for row in table["rows"]}
+    assert len(rows) == 10
+    # A row says what the report in scores/ says.
+    report = json.loads((out / "scores/rope-noisy/more/paper/scores.json").read_text())
+    values = rows["noisy", "more"]["scores"]["paper"]["values"]
+    assert values["rmse_px"] == report["overall"]["rmse_px"]
+    # What a run started from is part of its cost.
+    assert rows["clean", "more"]["train_cpu_s"] > rows["clean", "small"]["train_cpu_s"]
+    shipped = rows["clean", "don-rope"]
+    assert shipped["label"] == "don-rope, as shipped"
+    assert shipped["train_cpu_s"] is None
+    assert shipped["scores"]["paper"]["values"]["rmse_px"] > 0
+    text = page.read_text()
+    assert "| DON + Lipschitz | " in text
+    assert "| don-rope, as shipped | " in text
+    assert "28.5" in text
+    assert f"{values['rmse_px']:.1f} [" in text
+    assert "Does it help" in text
+    assert (tmp_path / "pictures/thumb/rmse-rope.png").is_file()
+    assert "(pictures/thumb/rmse-rope.png)" in text
+
+
+def test_frozen_checksums(
+    config_file: Path, made: tuple[Path, Recorder], capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, _ = made
+    config, work = read_config(config_file), Workspace(out)
+    assert not compare_checksums(config, work).frozen
+    frozen = config_file.parent / "thumb.sha256.json"
+    try:
+        frozen.write_text((out / "checksums.json").read_text())
+        assert compare_checksums(config, work).sets == {}
+        document = json.loads(frozen.read_text())
+        first = next(iter(document["sets"]["rope"]["tables"]))
+        document["sets"]["rope"]["tables"][first] = "0" * 64
+        document["sets"]["rope-noisy"]["queries"] = "0" * 64
+        frozen.write_text(json.dumps(document))
+        differing = compare_checksums(config, work).sets
+        assert first in differing["rope"]
+        assert differing["rope-noisy"] == "its queries"
+        frozen.write_text(json.dumps({**document, "superseded": ["queries", "truth"]}))
+        differing = compare_checksums(config, work).sets
+        assert differing["rope-noisy"].startswith("its queries, whose frozen checksums are super")
+        assert "superseded" not in differing["rope"]
+        called = ["benchmark", str(config_file), "--out", str(out), "--resume"]
+        assert run([*called, "--until", "generate"]) == 1
+        assert "Not the frozen test queries: rope" in capsys.readouterr().err
+        assert "not the frozen ones" in (out / "results.md").read_text()
+        frozen.write_text(json.dumps({**document, "version": "2.0.0"}))
+        with pytest.raises(CallError, match="another benchmark"):
+            read_frozen(config)
+    finally:
+        frozen.unlink()
+
+
+def test_freezing_makes_the_test_splits_alone(
+    config_file: Path, made: tuple[Path, Recorder], tmp_path: Path
+) -> None:
+    """What is frozen without trainings, training splits and noise is what the benchmark asks."""
+    out, _ = made
+    config = read_config(config_file)
+    told: list[str] = []
+    document = frozen_questions(config, tmp_path / "freeze", tell=told.append)
+    assert document["sets"]["rope-noisy"]["tables"] == "rope"  # never made
+    assert [path.name for path in (tmp_path / "freeze").iterdir()] == ["rope"]
+    assert len(told) == 2
+    frozen = config_file.parent / "thumb.sha256.json"
+    try:
+        frozen.write_text(json.dumps(document))
+        assert compare_checksums(config, Workspace(out)).sets == {}
+        document["sets"]["rope-noisy"]["tables"] = "cloth"
+        frozen.write_text(json.dumps(document))
+        with pytest.raises(CallError, match="unknown set"):
+            read_frozen(config)
+    finally:
+        frozen.unlink()
+
+
+def test_the_same_config_gives_the_same_queries(
+    config_file: Path, made: tuple[Path, Recorder], tmp_path: Path
+) -> None:
+    out, _ = made
+    config = read_config(config_file)
+    run_benchmark(config, tmp_path / "again", workers=1, until="generate", watcher=Recorder())
+    for name in config.sets:
+        again = set_checksums(tmp_path / "again" / "sets" / name)
+        assert again == set_checksums(out / "sets" / name)
+
+
+def test_folders_that_cannot_be_taken(
+    config_file: Path, made: tuple[Path, Recorder], tmp_path: Path
+) -> None:
+    out, _ = made
+    config = read_config(config_file)
+
+    def make(config: BenchmarkConfig, folder: Path, resume: bool = False) -> None:
+        run_benchmark(config, folder, resume=resume, workers=1, watcher=Recorder())
+
+    with pytest.raises(CallError, match="begun already"):
+        make(config, out)
+    with pytest.raises(CallError, match="another benchmark"):
+        make(replace(config, version="2.0.0"), out, resume=True)
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "thesis.txt").write_text("mine")
+    with pytest.raises(CallError, match="not empty"):
+        make(config, tmp_path / "mine", resume=True)
+    longer = {**config.runs["small"].settings, "steps": 6}
+    changed = {**config.runs, "small": replace(config.runs["small"], settings=longer)}
+    with pytest.raises(CallError, match="made with other settings"):
+        make(replace(config, runs=changed), out, resume=True)
+
+
+def test_a_failed_training_is_told_and_the_rest_is_kept(config_file: Path, tmp_path: Path) -> None:
+    config = read_config(config_file)
+    wrong = replace(config.runs["small"], settings={**config.runs["small"].settings, "tier": "x"})
+    out = tmp_path / "out"
+    watcher = Recorder()
+    watcher.ended = lambda *_: None  # type: ignore[method-assign]
+    with pytest.raises(TrainingError, match="small: "):
+        run_benchmark(
+            replace(config, runs={"small": wrong}, tests={}), out, workers=1, watcher=watcher
+        )
+    assert Workspace(out).finished("set/rope") is not None
+    assert Workspace(out).finished("run/small") is None
+
+
+def test_costs_add_up_over_attempts(tmp_path: Path) -> None:
+    work = Workspace(tmp_path)
+    work.open("a", "1", resume=False)
+    work.record("run/x", "d", Cost(2.0, 3.0), finished=False)
+    assert work.finished("run/x") is None
+    work.record("run/x", "d", Cost(1.0, 1.5), finished=True)
+    assert work.cost("run/x") == Cost(3.0, 4.5)

@@ -1,0 +1,315 @@
+"""Mutations that leave every file in order by itself: images and tables that do not agree."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from pliant.spec.io.images import read_rgb, write_rgb
+from tests.conformance.edits import (
+    CLOTH_TEST,
+    CLOTH_TRAIN,
+    ROPE_TEST,
+    ROPE_TRAIN,
+    Case,
+    Edit,
+    both,
+    change_exr,
+    change_json,
+    change_rows,
+    listed,
+    remove,
+)
+
+Channels = dict[str, Any]
+FloatArray = npt.NDArray[np.float64]
+
+_EXR = f"{CLOTH_TRAIN}/depth/000000.exr"
+
+
+def _moved(move: Callable[[FloatArray], FloatArray]) -> Edit:
+    """Move the cloth's points parallel to the image plane; the tables follow."""
+
+    def edit(root: Path) -> None:
+        camera = json.loads((root / CLOTH_TRAIN / "cameras.json").read_text())["frames"][0]
+        K, pose = np.array(camera["K"]), np.array(camera["world_to_camera"])
+
+        def rows(table: list[dict[str, Any]]) -> None:
+            uv = move(np.array([[row["u_px"], row["v_px"]] for row in table]))
+            for row, (u, v) in zip(table, uv, strict=True):
+                z = row["depth_m"]
+                local = np.array([(u - K[0, 2]) / K[0, 0] * z, (v - K[1, 2]) / K[1, 1] * z, z])
+                xyz = pose[:3, :3].T @ (local - pose[:3, 3])
+                row.update(u_px=float(u), v_px=float(v))
+                row.update(zip(("x_m", "y_m", "z_m"), map(float, xyz), strict=True))
+
+        change_rows(f"{CLOTH_TRAIN}/correspondences.parquet", rows)(root)
+
+    return edit
+
+
+def _opencv(root: Path) -> None:
+    """Subtract half a pixel from the principal point and from every position."""
+
+    def centre(document: dict[str, Any]) -> None:
+        for axis in (0, 1):
+            document["frames"][0]["K"][axis][2] -= 0.5
+
+    def rows(table: list[dict[str, Any]]) -> None:
+        for row in table:
+            row["u_px"] -= 0.5
+            row["v_px"] -= 0.5
+
+    change_json(f"{CLOTH_TRAIN}/cameras.json", centre)(root)
+    change_rows(f"{CLOTH_TRAIN}/correspondences.parquet", rows)(root)
+
+
+def _jitter(uv: FloatArray) -> FloatArray:
+    return uv + np.random.default_rng(0).normal(0, 0.4, uv.shape)
+
+
+def _depth(change: Callable[[FloatArray], Any]) -> Callable[[Channels], None]:
+    def edit(channels: Channels) -> None:
+        seen = channels["surface.object"] > 0
+        channels["Z"][seen] = change(channels["Z"][seen].astype(np.float64))
+
+    return edit
+
+
+def _eight_bits(values: FloatArray) -> FloatArray:
+    low, high = values.min(), values.max()
+    return low + np.rint((values - low) / (high - low) * 255) / 255 * (high - low)
+
+
+def _material_8_bits(channels: Channels) -> None:
+    for name in ("surface.m0", "surface.m1"):
+        channels[name][:] = np.rint(channels[name].astype(np.float64) * 255) / 255
+
+
+def _column(channels: Channels) -> Channels:
+    return {name: np.ascontiguousarray(np.roll(part, 1, 1)) for name, part in channels.items()}
+
+
+def _scale(factor: float) -> Callable[[dict[str, Any]], None]:
+    def edit(document: dict[str, Any]) -> None:
+        for coordinate in document["tiers"][0]["objects"][0]["material"]:
+            coordinate["metres_per_unit"] *= factor
+
+    return edit
+
+
+def _pictures(folder: str, change: Callable[[list[Any]], list[Any]]) -> Edit:
+    """Change the colour images of a sequence."""
+
+    def edit(root: Path) -> None:
+        paths = sorted((root / folder / "rgb").glob("*.png"))
+        changed = change([read_rgb(path) for path in paths])
+        for path, rgb in zip(paths, changed, strict=True):
+            write_rgb(path, np.ascontiguousarray(rgb))
+
+    return edit
+
+
+def _random(pictures: list[Any]) -> list[Any]:
+    rng = np.random.default_rng(0)
+    return [rng.integers(0, 256, rgb.shape, np.uint8) for rgb in pictures]
+
+
+def _copied(names: tuple[str, ...]) -> Edit:
+    """Give the test rope files of the training rope, written again by another encoder."""
+
+    def edit(root: Path) -> None:
+        for name in names:
+            (root / ROPE_TEST / name).write_bytes((root / ROPE_TRAIN / name).read_bytes())
+        for frame in (0, 1):
+            exr = f"{ROPE_TEST}/depth/{frame:06d}.exr"
+            change_exr(exr, lambda channels: None, "PIZ_COMPRESSION")(root)
+            path = root / f"{ROPE_TEST}/rgb/{frame:06d}.png"
+            write_rgb(path, read_rgb(path), level=9)
+
+    return edit
+
+
+def _cameras_exchanged(document: dict[str, Any]) -> None:
+    first, second = document["frames"]
+    for key in ("K", "world_to_camera"):
+        first[key], second[key] = second[key], first[key]
+
+
+_NO_TRUTH = both(remove("truth"), remove("queries"))
+_IMAGES = tuple(f"rgb/{frame:06d}.png" for frame in (0, 1))
+_ALL = (
+    *_IMAGES,
+    *(f"depth/{frame:06d}.exr" for frame in (0, 1)),
+    "cameras.json",
+    "correspondences.parquet",
+)
+
+
+def _case(name: str, base: str, text: str, codes: tuple[str, ...], *edits: Edit) -> Case:
+    return Case(name, base, text, codes, listed(*edits))
+
+
+CASES = [
+    _case(
+        "opencv-tables",
+        "minimal",
+        "cameras and positions have pixel centres at whole numbers; the images do not",
+        ("OFFSET_DISAGREES",),
+        _opencv,
+    ),
+    _case(
+        "surface-one-column-right",
+        "minimal",
+        "a depth and surface image is one column too far to the right",
+        ("OFFSET_DISAGREES",),
+        change_exr(_EXR, _column),
+    ),
+    _case(
+        "points-scattered",
+        "minimal",
+        "the points are moved at random by 0.4 px, the tables with them",
+        ("OFFSET_SCATTERS",),
+        _moved(_jitter),
+    ),
+    _case(
+        "depth-image-float16",
+        "minimal",
+        "Z went through float16",
+        ("PRECISION_LOST",),
+        change_exr(_EXR, _depth(lambda z: z.astype(np.float16))),
+    ),
+    _case(
+        "depth-image-8-bits",
+        "minimal",
+        "Z went through 256 levels",
+        ("PRECISION_LOST",),
+        change_exr(_EXR, _depth(_eight_bits)),
+    ),
+    _case(
+        "depth-image-whole-millimetres",
+        "minimal",
+        "Z is rounded to millimetres",
+        ("PRECISION_LOST",),
+        change_exr(_EXR, _depth(lambda z: np.round(z, 3))),
+    ),
+    _case(
+        "material-8-bits",
+        "minimal",
+        "m0 and m1 went through 256 levels",
+        ("PRECISION_LOST",),
+        change_exr(_EXR, _material_8_bits),
+    ),
+    _case(
+        "depth-image-noisy",
+        "minimal",
+        "Z has noise of 3 mm",
+        ("DEPTH_IMAGE_SCATTERS",),
+        change_exr(_EXR, _depth(lambda z: z + np.random.default_rng(0).normal(0, 3e-3, z.shape))),
+    ),
+    _case(
+        "depth-image-1-centimetre-more",
+        "minimal",
+        "Z is 1 cm more than the depth of the points",
+        ("DEPTH_IMAGE_DISAGREES",),
+        change_exr(_EXR, _depth(lambda z: z + 0.01)),
+    ),
+    _case(
+        "depth-image-in-millimetres",
+        "minimal",
+        "Z is in millimetres",
+        ("DEPTH_IMAGE_DISAGREES", "VISIBLE_DISAGREES"),
+        change_exr(_EXR, _depth(lambda z: z * 1000)),
+    ),
+    _case(
+        "metres-per-unit-ten-times",
+        "minimal",
+        "metres_per_unit is ten times the size of the cloth",
+        ("SCALE_DISAGREES",),
+        change_json("dataset.json", _scale(10.0)),
+    ),
+    _case(
+        "metres-per-unit-a-tenth",
+        "minimal",
+        "metres_per_unit is a tenth of the size of the cloth",
+        ("SCALE_DISAGREES",),
+        change_json("dataset.json", _scale(0.1)),
+    ),
+    _case(
+        "cameras-of-the-other-frame",
+        "full",
+        "the cameras of two frames change places",
+        ("DEPTH_DISAGREES", "REPROJECTION_DISAGREES"),
+        change_json(f"{ROPE_TRAIN}/cameras.json", _cameras_exchanged),
+    ),
+    _case(
+        "colour-mirrored",
+        "minimal",
+        "the colour image is mirrored",
+        ("COLOUR_DISAGREES",),
+        _pictures(CLOTH_TRAIN, lambda pictures: [rgb[:, ::-1] for rgb in pictures]),
+    ),
+    _case(
+        "colour-shifted",
+        "minimal",
+        "the colour image is two pixels too far to the right",
+        ("COLOUR_DISAGREES",),
+        _pictures(CLOTH_TRAIN, lambda pictures: [np.roll(rgb, 2, 1) for rgb in pictures]),
+    ),
+    _case(
+        "colour-exchanged",
+        "full",
+        "the colour images of two frames change places",
+        ("COLOUR_DISAGREES",),
+        _pictures(CLOTH_TEST, lambda pictures: pictures[::-1]),
+    ),
+    _case(
+        "colour-repeated",
+        "full",
+        "both frames have the first colour image",
+        ("COLOUR_DISAGREES", "FRAME_REPEATED"),
+        _pictures(CLOTH_TEST, lambda pictures: [pictures[0]] * 2),
+    ),
+    _case(
+        "colour-black",
+        "full",
+        "the colour images are black",
+        ("COLOUR_DISAGREES",),
+        _pictures(CLOTH_TEST, lambda pictures: [0 * rgb for rgb in pictures]),
+    ),
+    _case(
+        "colour-random",
+        "minimal",
+        "the colour image is noise",
+        ("COLOUR_DOUBTFUL",),
+        _pictures(CLOTH_TRAIN, _random),
+    ),
+    _case(
+        "split-shared-content",
+        "full",
+        "a test sequence has the content of a training sequence, written by another encoder",
+        ("SPLIT_SHARED",),
+        _NO_TRUTH,
+        _copied(_ALL),
+        change_rows("sequences.parquet", lambda rows: _same_share(rows)),
+    ),
+    _case(
+        "split-shared-pictures",
+        "full",
+        "a test sequence has the colour images of a training sequence, written by another encoder",
+        ("SPLIT_SHARED",),
+        _NO_TRUTH,
+        _copied(_IMAGES),
+    ),
+]
+"""Every mutation of this kind."""
+
+
+def _same_share(rows: list[dict[str, Any]]) -> None:
+    share = next(row for row in rows if row["id"] == "rope-train-000000")["self_occluded"]
+    next(row for row in rows if row["id"] == "rope-test-000000")["self_occluded"] = share

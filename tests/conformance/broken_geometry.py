@@ -1,0 +1,402 @@
+"""Mutations of what geometry decides: projection, depth, visibility, the surface layer."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tests.conformance.edits import (
+    CLOTH_TRAIN,
+    ROPE_TRAIN,
+    Case,
+    change_exr,
+    change_json,
+    change_rows,
+    listed,
+)
+
+_TRACKS = f"{ROPE_TRAIN}/correspondences.parquet"
+_CLOTH_TRACKS = f"{CLOTH_TRAIN}/correspondences.parquet"
+_EXR = f"{ROPE_TRAIN}/depth/000001.exr"
+_CLOTH_EXR = f"{CLOTH_TRAIN}/depth/000000.exr"
+
+Rows = list[dict[str, Any]]
+Channels = dict[str, Any]
+
+
+def _each(change: Callable[[dict[str, Any]], None]) -> Callable[[Rows], None]:
+    def edit(rows: Rows) -> None:
+        for row in rows:
+            change(row)
+
+    return edit
+
+
+def _one(state: str, change: Callable[[dict[str, Any]], None], place: float = 0.5) -> Any:
+    """Return a change of one row of a state: the one so far down the list of them."""
+
+    def edit(rows: Rows) -> None:
+        chosen = [row for row in rows if row["visibility"] == state and row["frame"] == 0]
+        change(chosen[int(place * len(chosen))])
+
+    return edit
+
+
+def _half_pixel(row: dict[str, Any]) -> None:
+    row["u_px"] -= 0.5
+    row["v_px"] -= 0.5
+
+
+def _whole_pixels(row: dict[str, Any]) -> None:
+    row["u_px"], row["v_px"] = float(round(row["u_px"])), float(round(row["v_px"]))
+
+
+def _flip_v(row: dict[str, Any]) -> None:
+    row["v_px"] = 48 - row["v_px"]
+
+
+def _state(name: str) -> Callable[[dict[str, Any]], None]:
+    def change(row: dict[str, Any]) -> None:
+        row["visibility"] = name
+
+    return change
+
+
+def _millimetres(row: dict[str, Any]) -> None:
+    row["depth_m"] *= 1000
+
+
+def _ray_length(row: dict[str, Any]) -> None:
+    """Turn planar depth into the distance from the camera (f = 85 px, centre (32, 24))."""
+    x, y = (row["u_px"] - 32) / 85, (row["v_px"] - 24) / 85
+    row["depth_m"] *= float(np.sqrt(1 + x * x + y * y))
+
+
+def _nudge_point(row: dict[str, Any]) -> None:
+    row["u_px"] += 0.1
+
+
+def _nudge_depth(row: dict[str, Any]) -> None:
+    row["depth_m"] += 1e-3
+
+
+def _swap_depth(root: Path) -> None:
+    folder = root / ROPE_TRAIN / "depth"
+    first, second = folder / "000000.exr", folder / "000001.exr"
+    data = first.read_bytes()
+    first.write_bytes(second.read_bytes())
+    second.write_bytes(data)
+
+
+def _one_depth(root: Path) -> None:
+    """Give the second frame the depth image of the first."""
+    folder = root / ROPE_TRAIN / "depth"
+    (folder / "000001.exr").write_bytes((folder / "000000.exr").read_bytes())
+
+
+def _pixel(name: str, value: Any, *, background: bool) -> Callable[[Channels], None]:
+    """Return a change of one pixel: the middle one on an object, or the first off it."""
+
+    def edit(channels: Channels) -> None:
+        seen = channels["surface.object"] == 0 if background else channels["surface.object"] == 1
+        rows, columns = np.nonzero(seen)
+        place = 0 if background else len(rows) // 2
+        channels[name][rows[place], columns[place]] = value
+
+    return edit
+
+
+def _background(value: float) -> Callable[[Channels], None]:
+    def edit(channels: Channels) -> None:
+        channels["Z"][channels["surface.object"] == 0] = value
+
+    return edit
+
+
+def _nearer(channels: Channels) -> None:
+    """Bring the whole surface 0.2 m nearer: every point is behind it."""
+    channels["Z"] -= np.float32(0.2)
+
+
+def _farther(channels: Channels) -> None:
+    channels["Z"] += np.float32(0.2)
+
+
+def _mirrored_material(channels: Channels) -> None:
+    seen = channels["surface.object"] > 0
+    channels["surface.m1"][seen] = 1 - channels["surface.m1"][seen]
+
+
+def _exchanged_material(channels: Channels) -> None:
+    channels["surface.m0"], channels["surface.m1"] = (
+        channels["surface.m1"],
+        channels["surface.m0"],
+    )
+
+
+def _flipped_rows(channels: Channels) -> Channels:
+    return {name: np.ascontiguousarray(part[::-1]) for name, part in channels.items()}
+
+
+def _moved_camera(document: dict[str, Any]) -> None:
+    document["frames"][0]["world_to_camera"][0][3] += 0.01
+
+
+def _inverse_pose(document: dict[str, Any]) -> None:
+    for frame in document["frames"]:
+        frame["world_to_camera"] = np.linalg.inv(np.array(frame["world_to_camera"])).tolist()
+        frame["world_to_camera"][3] = [0, 0, 0, 1]
+
+
+def _zoomed(document: dict[str, Any]) -> None:
+    for frame in document["frames"]:
+        frame["K"][0][0] *= 1.02
+        frame["K"][1][1] *= 1.02
+
+
+def _moved_centre(document: dict[str, Any]) -> None:
+    for frame in document["frames"]:
+        frame["K"][0][2] -= 0.5
+        frame["K"][1][2] -= 0.5
+
+
+_CAMERAS = f"{ROPE_TRAIN}/cameras.json"
+_LOST = ("REPROJECTION_DISAGREES", "DEPTH_DISAGREES")
+
+CASES = [
+    Case(
+        "half-pixel",
+        "full",
+        "every point is half a pixel up and left: centres at (0, 0)",
+        ("REPROJECTION_DISAGREES",),
+        listed(change_rows(_TRACKS, _each(_half_pixel))),
+    ),
+    Case(
+        "whole-pixels",
+        "full",
+        "every position is rounded to a whole pixel",
+        ("REPROJECTION_DISAGREES",),
+        listed(change_rows(_TRACKS, _each(_whole_pixels))),
+    ),
+    Case(
+        "v-upwards",
+        "full",
+        "v runs upwards",
+        ("REPROJECTION_DISAGREES",),
+        listed(change_rows(_TRACKS, _each(_flip_v))),
+    ),
+    Case(
+        "one-point-moved",
+        "full",
+        "one point is moved by 0.1 pixel",
+        ("REPROJECTION_DISAGREES",),
+        listed(change_rows(_TRACKS, _one("visible", _nudge_point))),
+    ),
+    Case(
+        "camera-moved",
+        "full",
+        "a camera is moved by 1 cm",
+        ("REPROJECTION_DISAGREES",),
+        listed(change_json(_CAMERAS, _moved_camera)),
+    ),
+    Case(
+        "camera-zoomed",
+        "full",
+        "the focal length is 2 % longer",
+        ("REPROJECTION_DISAGREES",),
+        listed(change_json(_CAMERAS, _zoomed)),
+    ),
+    Case(
+        "principal-point-moved",
+        "full",
+        "cx and cy are half a pixel less",
+        ("REPROJECTION_DISAGREES",),
+        listed(change_json(_CAMERAS, _moved_centre)),
+    ),
+    Case(
+        "pose-inverted",
+        "full",
+        "the poses are camera-to-world",
+        _LOST,
+        listed(change_json(_CAMERAS, _inverse_pose)),
+    ),
+    Case(
+        "depth-in-millimetres",
+        "full",
+        "depth_m is in millimetres",
+        ("DEPTH_DISAGREES",),
+        listed(change_rows(_TRACKS, _each(_millimetres))),
+    ),
+    Case(
+        "depth-along-the-ray",
+        "full",
+        "depth_m is the distance from the camera",
+        ("DEPTH_DISAGREES",),
+        listed(change_rows(_TRACKS, _each(_ray_length))),
+    ),
+    Case(
+        "one-depth-moved",
+        "full",
+        "the depth of one point is 1 mm more",
+        ("DEPTH_DISAGREES",),
+        listed(change_rows(_TRACKS, _one("visible", _nudge_depth))),
+    ),
+    Case(
+        "visible-called-out-of-frame",
+        "full",
+        "a visible point is called out_of_frame",
+        ("OUT_OF_FRAME_DISAGREES",),
+        listed(change_rows(_TRACKS, _one("visible", _state("out_of_frame")))),
+    ),
+    Case(
+        "out-of-frame-called-occluded",
+        "full",
+        "a point outside the image is called occluded",
+        ("OUT_OF_FRAME_DISAGREES",),
+        listed(change_rows(_TRACKS, _one("out_of_frame", _state("occluded")))),
+    ),
+    Case(
+        "hidden-called-visible",
+        "minimal",
+        "a point of the cloth's lower layer is called visible",
+        ("SUMMARY_DISAGREES", "VISIBLE_DISAGREES"),
+        listed(change_rows(_CLOTH_TRACKS, _one("self_occluded", _state("visible")))),
+    ),
+    Case(
+        "visible-called-self-occluded",
+        "minimal",
+        "a visible point of the cloth is called self_occluded",
+        ("OCCLUDED_DISAGREES", "SUMMARY_DISAGREES"),
+        listed(change_rows(_CLOTH_TRACKS, _one("visible", _state("self_occluded")))),
+    ),
+    Case(
+        "visible-called-occluded",
+        "minimal",
+        "a visible point is called occluded where there is no second object",
+        ("OCCLUDED_DISAGREES",),
+        listed(change_rows(_CLOTH_TRACKS, _one("visible", _state("occluded")))),
+    ),
+    Case(
+        "self-occluded-called-occluded",
+        "minimal",
+        "a point under its own object is called occluded",
+        ("OCCLUDED_DISAGREES", "SUMMARY_DISAGREES"),
+        listed(change_rows(_CLOTH_TRACKS, _one("self_occluded", _state("occluded")))),
+    ),
+    Case(
+        "depth-image-nearer",
+        "minimal",
+        "the depth image lies 0.2 m nearer",
+        ("DEPTH_IMAGE_DISAGREES", "VISIBLE_DISAGREES"),
+        listed(change_exr(_CLOTH_EXR, _nearer)),
+    ),
+    Case(
+        "depth-image-farther",
+        "minimal",
+        "the depth image lies 0.2 m farther",
+        ("DEPTH_IMAGE_DISAGREES", "VISIBLE_DISAGREES"),
+        listed(change_exr(_CLOTH_EXR, _farther)),
+    ),
+    Case(
+        "depth-images-swapped",
+        "full",
+        "the depth images of two frames change places",
+        ("OCCLUDED_DISAGREES", "VISIBLE_DISAGREES"),
+        listed(_swap_depth),
+    ),
+    Case(
+        "depth-image-repeated",
+        "full",
+        "the second frame has the depth image of the first",
+        ("FRAME_REPEATED", "OCCLUDED_DISAGREES", "VISIBLE_DISAGREES"),
+        listed(_one_depth),
+    ),
+    Case(
+        "depth-image-upside-down",
+        "full",
+        "a depth image is upside down",
+        ("MATERIAL_DISAGREES", "VISIBLE_DISAGREES"),
+        listed(change_exr(_EXR, _flipped_rows)),
+    ),
+    Case(
+        "material-mirrored",
+        "minimal",
+        "m1 of the surface layer runs the other way",
+        ("MATERIAL_DISAGREES",),
+        listed(change_exr(_CLOTH_EXR, _mirrored_material)),
+    ),
+    Case(
+        "material-exchanged",
+        "minimal",
+        "m0 and m1 of the surface layer change places",
+        ("MATERIAL_DISAGREES",),
+        listed(change_exr(_CLOTH_EXR, _exchanged_material)),
+    ),
+    Case(
+        "depth-nan",
+        "full",
+        "a pixel's Z is NaN",
+        ("DEPTH_INVALID",),
+        listed(change_exr(_EXR, _pixel("Z", np.nan, background=False))),
+    ),
+    Case(
+        "depth-negative",
+        "full",
+        "a pixel's Z is negative",
+        ("DEPTH_INVALID",),
+        listed(change_exr(_EXR, _pixel("Z", -0.5, background=False))),
+    ),
+    Case(
+        "background-zero",
+        "full",
+        "Z is 0 where no object is seen",
+        ("DEPTH_INVALID",),
+        listed(change_exr(_EXR, _background(0.0))),
+    ),
+    Case(
+        "background-far",
+        "full",
+        "Z is 10,000 where no object is seen",
+        ("DEPTH_INVALID",),
+        listed(change_exr(_EXR, _background(1e4))),
+    ),
+    Case(
+        "hole-in-object",
+        "full",
+        "a pixel of an object has Z +inf",
+        ("DEPTH_INVALID",),
+        listed(change_exr(_EXR, _pixel("Z", np.inf, background=False))),
+    ),
+    Case(
+        "object-id-unknown",
+        "full",
+        "a pixel's object id is 9",
+        ("SURFACE_INVALID",),
+        listed(change_exr(_EXR, _pixel("surface.object", 9, background=False))),
+    ),
+    Case(
+        "material-out-of-range",
+        "full",
+        "a pixel's m0 is 1.5",
+        ("SURFACE_INVALID",),
+        listed(change_exr(_EXR, _pixel("surface.m0", 1.5, background=False))),
+    ),
+    Case(
+        "material-nan",
+        "full",
+        "a pixel's m1 is NaN",
+        ("SURFACE_INVALID",),
+        listed(change_exr(_EXR, _pixel("surface.m1", np.nan, background=False))),
+    ),
+    Case(
+        "material-on-background",
+        "full",
+        "a pixel without object has m0 0.5",
+        ("SURFACE_INVALID",),
+        listed(change_exr(_EXR, _pixel("surface.m0", 0.5, background=True))),
+    ),
+]
+"""Every mutation of this kind."""

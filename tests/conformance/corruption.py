@@ -1,0 +1,382 @@
+"""Random corruptions of a valid dataset, and an independent judge of the harmless ones.
+
+The mutation sweep draws thousands of them. A corruption that the validator does not report
+must be harmless: what the files say, as decoded here, is what they said before, up to the
+tolerances of SPEC.md and to the fields that no rule can see (its section 11).
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from pliant.spec.dataset import Dataset
+from pliant.spec.errors import SpecError
+from pliant.spec.io.parquet import read_table
+from pliant.spec.storage import layout
+from tests.conformance.base import relist
+
+Rng = np.random.Generator
+
+UNSEEN: Final = {
+    "dataset.json": ("title", "description", "licence", "provenance"),
+    "sequence.json": ("parameters", "noise", "tools", "files", "frame_info", "index"),
+}
+"""Fields of documents that are the publisher's word."""
+
+ODD_VALUES: Final[tuple[Any, ...]] = (
+    None,
+    True,
+    -1,
+    0,
+    3,
+    1e300,
+    "",
+    "x" * 1000,
+    [],
+    {},
+    [[]],
+    "../..",
+    "2.0.0",
+)
+
+
+def corrupt(root: Path, rng: Rng) -> str:
+    """Corrupt a dataset in one random way; return what was done.
+
+    Half of the time the checksums are brought up to date afterwards, as somebody would who
+    edits a dataset on purpose.
+
+    Args:
+        root: A copy of a valid dataset.
+        rng: Where every choice comes from.
+    """
+    kind = _KINDS[int(rng.integers(len(_KINDS)))]
+    text = kind(root, rng)
+    if rng.random() < 0.5:
+        _relist_all(root)
+        text += "; checksums brought up to date"
+    return text
+
+
+def _relist_all(root: Path) -> None:
+    for path in sorted(root.rglob(layout.SEQUENCE_JSON)):
+        try:
+            document = json.loads(path.read_text())
+        except ValueError:
+            continue
+        if isinstance(document, dict):
+            relist(path.parent, document)
+
+
+def _choice(rng: Rng, items: list[Any]) -> Any:
+    return items[int(rng.integers(len(items)))]
+
+
+def _any_file(root: Path, rng: Rng, suffix: str = "") -> Path:
+    files = [p for p in sorted(root.rglob(f"*{suffix}")) if p.is_file()]
+    found: Path = _choice(rng, files)
+    return found
+
+
+def _flip(root: Path, rng: Rng) -> str:
+    path = _any_file(root, rng)
+    data = bytearray(path.read_bytes())
+    places = rng.integers(len(data), size=int(rng.integers(1, 9)))
+    for place in places:
+        data[place] ^= 1 << int(rng.integers(8))
+    path.write_bytes(data)
+    return f"flipped bits of {path.relative_to(root)} at {places.tolist()}"
+
+
+def _truncate(root: Path, rng: Rng) -> str:
+    path = _any_file(root, rng)
+    data = path.read_bytes()
+    length = int(rng.integers(len(data)))
+    path.write_bytes(data[:length])
+    return f"cut {path.relative_to(root)} to {length} bytes"
+
+
+def _append(root: Path, rng: Rng) -> str:
+    path = _any_file(root, rng)
+    extra = rng.bytes(int(rng.integers(1, 100)))
+    path.write_bytes(path.read_bytes() + extra)
+    return f"appended {len(extra)} bytes to {path.relative_to(root)}"
+
+
+def _swap(root: Path, rng: Rng) -> str:
+    first = _any_file(root, rng)
+    second = _any_file(root, rng, first.suffix)
+    data = first.read_bytes()
+    first.write_bytes(second.read_bytes())
+    second.write_bytes(data)
+    return f"swapped {first.relative_to(root)} and {second.relative_to(root)}"
+
+
+def _remove(root: Path, rng: Rng) -> str:
+    path = _any_file(root, rng)
+    path.unlink()
+    return f"removed {path.relative_to(root)}"
+
+
+def _edit_number(root: Path, rng: Rng) -> str:
+    """Change one number, or word, of one table."""
+    path = _any_file(root, rng, ".parquet")
+    table = pq.read_table(path)
+    row = int(rng.integers(table.num_rows))
+    name = _choice(rng, [n for n in table.column_names if n != "alternatives"])
+    values = table.column(name).to_pylist()
+    old = values[row]
+    if isinstance(old, float):
+        steps = [old + 1e-3, old + 0.5, old * 1.1, -old, 0.0, old + 100, float("nan"), 1e30]
+        values[row] = float(np.float32(_choice(rng, steps)))
+    elif isinstance(old, bool):
+        values[row] = not old
+    elif isinstance(old, int):
+        values[row] = old + int(_choice(rng, [1, -1, 5, -old - 1, 2**31 - 1 - old]))
+    elif isinstance(old, str):
+        words = ["visible", "self_occluded", "occluded", "out_of_frame", "train", "test", "", "é"]
+        values[row] = _choice(rng, words)
+    elif isinstance(old, list):
+        values[row] = old[::-1] if old and rng.random() < 0.5 else old[:-1]
+    else:
+        values[row] = _choice(rng, [0.5, -1.0]) if name == "coverage" else "other"
+    if name == "visibility" and _on_line(path, table, row):
+        return "nothing: the state of a centre-line point is left alone"
+    index = table.column_names.index(name)
+    column = pa.array(values, table.schema.field(name).type)
+    pq.write_table(table.set_column(index, table.schema.field(name), column), path)
+    return f"{path.relative_to(root)}, {name}[{row}]: {old!r} becomes {values[row]!r}"
+
+
+def _on_line(path: Path, table: pa.Table, row: int) -> bool:
+    """Return whether a row is of a centre-line point, whose state no summary counts."""
+    point = table.column("point")[row].as_py()
+    kinds = pq.read_table(path.with_name(layout.POINTS_TABLE)).column("kind").to_pylist()
+    return bool(kinds[point] == "centreline")
+
+
+def _drop_rows(root: Path, rng: Rng) -> str:
+    path = _any_file(root, rng, ".parquet")
+    table = pq.read_table(path)
+    keep = np.ones(table.num_rows, np.bool_)
+    start = int(rng.integers(table.num_rows))
+    keep[start : start + int(rng.integers(1, 5))] = False
+    pq.write_table(table.filter(pa.array(keep)), path)
+    return f"dropped {np.count_nonzero(~keep)} rows of {path.relative_to(root)} from {start}"
+
+
+def _shuffle_rows(root: Path, rng: Rng) -> str:
+    path = _any_file(root, rng, ".parquet")
+    table = pq.read_table(path)
+    pq.write_table(table.take(pa.array(rng.permutation(table.num_rows))), path)
+    return f"shuffled the rows of {path.relative_to(root)}"
+
+
+def _drop_column(root: Path, rng: Rng) -> str:
+    path = _any_file(root, rng, ".parquet")
+    table = pq.read_table(path)
+    name = _choice(rng, table.column_names)
+    pq.write_table(table.drop_columns([name]), path)
+    return f"dropped the column {name} of {path.relative_to(root)}"
+
+
+def _retype_column(root: Path, rng: Rng) -> str:
+    path = _any_file(root, rng, ".parquet")
+    table = pq.read_table(path)
+    name = _choice(rng, table.column_names)
+    column = table.column(name)
+    kinds = [pa.float64(), pa.int64(), pa.string(), pa.large_string(), pa.int8(), pa.binary()]
+    kind = _choice(rng, kinds)
+    try:
+        column = column.cast(kind)
+    except (pa.ArrowInvalid, pa.ArrowNotImplementedError):
+        column = pa.array([None] * table.num_rows, kind)
+    field = pa.field(name, kind, nullable=True)
+    pq.write_table(table.set_column(table.column_names.index(name), field, column), path)
+    return f"made the column {name} of {path.relative_to(root)} {kind}"
+
+
+def _swap_columns(root: Path, rng: Rng) -> str:
+    """Exchange the contents of two columns of one type."""
+    path = _any_file(root, rng, ".parquet")
+    table = pq.read_table(path)
+    first = _choice(rng, table.column_names)
+    same = [
+        n
+        for n in table.column_names
+        if table.schema.field(n).type == table.schema.field(first).type
+    ]
+    second = _choice(rng, same)
+    columns = {first: table.column(second), second: table.column(first)}
+    for name, column in columns.items():
+        field = table.schema.field(name).with_nullable(True)
+        table = table.set_column(table.column_names.index(name), field, column)
+    pq.write_table(table, path)
+    return f"exchanged {first} and {second} of {path.relative_to(root)}"
+
+
+def _edit_json(root: Path, rng: Rng) -> str:
+    """Change, remove or add one value of one document."""
+    path = _any_file(root, rng, ".json")
+    document = json.loads(path.read_text())
+    node, place = document, ""
+    while True:
+        keys = list(node) if isinstance(node, dict) else list(range(len(node)))
+        if not keys:
+            return f"nothing: {path.relative_to(root)}{place} is empty"
+        key = _choice(rng, keys)
+        place += f"[{key!r}]"
+        if isinstance(node[key], dict | list) and node[key] and rng.random() < 0.85:
+            node = node[key]
+            continue
+        break
+    action = int(rng.integers(3))
+    if action == 0:
+        del node[key]
+    elif action == 1 and isinstance(node[key], int | float) and not isinstance(node[key], bool):
+        node[key] += float(_choice(rng, [1e-3, 1.0, -1.0, 100.0]))
+    else:
+        node[key] = _choice(rng, list(ODD_VALUES))
+    path.write_text(json.dumps(document))
+    return f"edited {path.relative_to(root)} at {place}"
+
+
+_KINDS: Final[tuple[Callable[[Path, Rng], str], ...]] = (
+    _flip,
+    _flip,
+    _truncate,
+    _append,
+    _swap,
+    _remove,
+    _edit_number,
+    _edit_number,
+    _edit_number,
+    _drop_rows,
+    _shuffle_rows,
+    _drop_column,
+    _retype_column,
+    _swap_columns,
+    _edit_json,
+    _edit_json,
+)
+
+
+def restore(base: Path, root: Path) -> None:
+    """Bring a corrupted copy back to its base, touching only what differs.
+
+    Args:
+        base: The valid dataset.
+        root: The copy.
+    """
+    wanted = {path.relative_to(base) for path in base.rglob("*") if path.is_file()}
+    for path in list(root.rglob("*")):
+        if path.is_file() and path.relative_to(root) not in wanted:
+            path.unlink()
+    for name in wanted:
+        source, target = base / name, root / name
+        if not target.is_file() or target.read_bytes() != source.read_bytes():
+            shutil.copyfile(source, target)
+
+
+def is_harmless(base: Path, changed: Path) -> bool:
+    """Return whether a changed dataset still says what its base says.
+
+    Args:
+        base: The valid dataset.
+        changed: A copy that was corrupted, and in which the validator found no fault.
+    """
+    try:
+        before, after = Dataset.open(base), Dataset.open(changed)
+        if not _same_document(before.info, after.info, "dataset.json"):
+            return False
+        ids = sorted(sequence.id for sequence in before.sequences)
+        if ids != sorted(sequence.id for sequence in after.sequences):
+            return False
+        same = all(_same_sequence(before.sequence(name), after.sequence(name)) for name in ids)
+        if not same or before.splits_with_queries() != after.splits_with_queries():
+            return False
+        for split in before.splits_with_queries():
+            if not before.queries(split).equals(after.queries(split)):
+                return False
+            # A publisher may leave the truth out; what is there must be the truth.
+            if layout.truth_path(changed, split).exists() and not (
+                before.truth(split).equals(after.truth(split))
+            ):
+                return False
+        return True
+    except SpecError:
+        return False
+
+
+def _same_document(before: dict[str, Any], after: dict[str, Any], name: str) -> bool:
+    def told(document: dict[str, Any]) -> str:
+        seen = {key: value for key, value in document.items() if key not in UNSEEN[name]}
+        for tier in seen.get("tiers", []):
+            for label in [tier, *tier["objects"], *tier["symmetries"]]:
+                label.pop("name", None)
+            tier.pop("variant", None)
+            tier.pop("kind", None)
+            for thing in tier["objects"]:
+                for coordinate in thing["material"]:
+                    # A wider range, another scale or name: the publisher's word.
+                    coordinate.clear()
+        return json.dumps(seen, sort_keys=True)
+
+    return told(json.loads(json.dumps(before))) == told(json.loads(json.dumps(after)))
+
+
+def _same_sequence(before: Any, after: Any) -> bool:
+    if not _same_document(before.info, after.info, "sequence.json"):
+        return False
+    if not before.points().equals(after.points()):
+        return False
+    for frame in range(before.frames):
+        old, new = before.correspondences(frame), after.correspondences(frame)
+        for name in ("frame", "point", "visibility"):
+            if not old.column(name).equals(new.column(name)):
+                return False
+        first = _projected(before, frame, old)
+        # The new numbers through the new camera, and as they are written.
+        for second in (_projected(after, frame, new), _written(new)):
+            gap = np.abs(first - second).max(axis=0)
+            if gap[:2].max() > 0.03 or gap[2] > 5e-5:
+                return False
+        a, b = before.surface(frame), after.surface(frame)
+        for name in ("depth_m", "m0", "m1", "object_id"):
+            if not np.array_equal(getattr(a, name), getattr(b, name)):
+                return False
+        if after.rgb(frame).shape != before.rgb(frame).shape:
+            return False
+    return True
+
+
+def _projected(sequence: Any, frame: int, rows: pa.Table) -> np.ndarray[Any, Any]:
+    K, pose = sequence.camera(frame)
+    xyz = np.stack([rows.column(f"{axis}_m").to_numpy() for axis in "xyz"], axis=1)
+    local = xyz.astype(np.float64) @ pose[:3, :3].T + pose[:3, 3]
+    uv = local[:, :2] / local[:, 2:] * K[[0, 1], [0, 1]] + K[:2, 2]
+    return np.column_stack([uv, local[:, 2]])
+
+
+def _written(rows: pa.Table) -> np.ndarray[Any, Any]:
+    names = ("u_px", "v_px", "depth_m")
+    return np.column_stack([rows.column(name).to_numpy() for name in names])
+
+
+def same_listing(base: Path, changed: Path) -> bool:
+    """Return whether sequences.parquet still says the same, in any order, `coverage` apart."""
+    old, new = (
+        read_table(root / layout.SEQUENCES_TABLE, "sequences")
+        .drop_columns(["coverage"])
+        .sort_by("id")
+        for root in (base, changed)
+    )
+    return bool(old.equals(new))

@@ -1,0 +1,124 @@
+"""Position-based contact: pairs by hand, and a list that never misses one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from pliant.generator.objects.cloth.contact_pbd import PairContact, part_pairs
+
+
+def part(
+    positions: list[list[float]],
+    previous: list[list[float]],
+    free: list[float],
+    friction: float = 0.0,
+    target: float = 1.0,
+) -> np.ndarray:
+    x = np.array(positions)
+    part_pairs(
+        x,
+        np.array(previous),
+        np.array(free),
+        np.array([0], np.int32),
+        np.array([1], np.int32),
+        np.array([target]),
+        np.array([friction]),
+        1,
+    )
+    return x
+
+
+def test_a_close_pair_is_parted_evenly() -> None:
+    x = part([[0, 0, 0], [0.6, 0, 0]], [[0, 0, 0], [0.6, 0, 0]], [1, 1])
+    np.testing.assert_allclose(x, [[-0.2, 0, 0], [0.8, 0, 0]])
+
+
+def test_a_held_mass_stays_and_the_other_goes_all_the_way() -> None:
+    x = part([[0, 0, 0], [0, 0, 0.5]], [[0, 0, 0], [0, 0, 0.5]], [0, 1])
+    np.testing.assert_allclose(x, [[0, 0, 0], [0, 0, 1.0]])
+    x = part([[0, 0, 0], [0, 0, 0.5]], [[0, 0, 0], [0, 0, 0.5]], [0, 0])
+    np.testing.assert_allclose(x, [[0, 0, 0], [0, 0, 0.5]])
+
+
+def test_a_pair_that_is_far_enough_is_left_alone() -> None:
+    x = part([[0, 0, 0], [1.0, 0, 0]], [[0, 0.3, 0], [1, 0, 0]], [1, 1], friction=1.0)
+    np.testing.assert_array_equal(x, [[0, 0, 0], [1, 0, 0]])
+
+
+def test_friction_brakes_the_slip_by_at_most_its_share_of_the_push() -> None:
+    # Depth 0.4; the first mass slid 0.3 along y. Coulomb with 0.5 takes 0.2 of it, by halves.
+    start = [[0.0, 0.3, 0.0], [0.6, 0.3, 0.0]]
+    x = part(start, [[0, 0, 0], [0.6, 0.3, 0]], [1, 1], friction=0.5)
+    np.testing.assert_allclose(x, [[-0.2, 0.2, 0], [0.8, 0.4, 0]])
+    # With 1.0 it could take 0.4: the slip ends, and does not turn round.
+    x = part(start, [[0, 0, 0], [0.6, 0.3, 0]], [1, 1], friction=1.0)
+    np.testing.assert_allclose(x, [[-0.2, 0.15, 0], [0.8, 0.45, 0]])
+    # A common motion is no slip.
+    x = part(start, [[0, 0, 0], [0.6, 0, 0]], [1, 1], friction=1.0)
+    np.testing.assert_allclose(x, [[-0.2, 0.3, 0], [0.8, 0.3, 0]])
+
+
+def contact_of(points: np.ndarray, rest: np.ndarray, **changes: float) -> PairContact:
+    settings = {"distance_m": 0.1, "friction": 0.3, "layer_m": 0.29, "margin_m": 0.06}
+    return PairContact(rest=rest, **{**settings, **changes})
+
+
+def listed(contact: PairContact) -> dict[tuple[int, int], tuple[float, float]]:
+    rows = slice(0, contact._count)
+    pairs = zip(
+        contact._first[rows],
+        contact._second[rows],
+        contact._target[rows],
+        contact._friction[rows],
+        strict=True,
+    )
+    return {(min(i, j), max(i, j)): (target, friction) for i, j, target, friction in pairs}
+
+
+@pytest.mark.parametrize("spread", [0.3, 1.0, 30.0])  # 30: a box too wide for its finest cells
+def test_the_list_holds_every_near_pair_once(spread: float) -> None:
+    points = np.random.default_rng(3).uniform(-spread, spread, (600, 3))
+    points[:200] = points[200:400] + 0.05
+    contact = contact_of(points, points)
+    contact.collide(points.copy(), points.copy(), np.ones(600))
+    found = listed(contact)
+    assert len(found) == contact._count
+    assert set(found) == cKDTree(points).query_pairs(0.16)
+
+
+def test_targets_and_friction_follow_the_rest_distance() -> None:
+    # Neighbours 0.08 apart at rest: 0.98 of that. 0.2 apart: the contact distance.
+    rest = np.array([[0, 0, 0], [0.08, 0, 0], [0.2, 0, 0], [0.9, 0, 0]], dtype=float)
+    points = np.array([[0, 0, 0], [0.05, 0, 0], [0, 0.05, 0], [0, 0, 0.05]], dtype=float)
+    contact = contact_of(points, rest)
+    contact._list_pairs(points)
+    found = listed(contact)
+    assert found[0, 1] == (pytest.approx(0.0784), 0.0)
+    assert found[0, 2] == (0.1, 0.0)
+    assert found[0, 3] == (0.1, 0.3)
+
+
+def test_no_pair_is_missed_while_the_list_is_old() -> None:
+    rng = np.random.default_rng(7)
+    x = rng.uniform(0.0, 1.0, (400, 3))
+    velocity = rng.normal(0.0, 0.004, x.shape)
+    # Touching pairs would be pushed: without free masses the contact only watches.
+    contact = contact_of(x, rng.uniform(0.0, 9.0, x.shape))
+    for _ in range(60):
+        x = x + velocity
+        contact.collide(x, x.copy(), np.zeros(400))
+        near = cKDTree(x).query_pairs(0.1)
+        assert near <= set(listed(contact))
+    assert 3 < contact.rebuilds < 60
+
+
+def test_a_jump_is_noticed() -> None:
+    x = np.array([[0, 0, 0], [5, 0, 0]], dtype=float)
+    contact = contact_of(x, x.copy())
+    contact.collide(x, x.copy(), np.ones(2))
+    assert contact._count == 0
+    x[1] = [0.05, 0, 0]
+    contact.collide(x, x.copy(), np.ones(2))
+    assert np.linalg.norm(x[1] - x[0]) == pytest.approx(0.1)

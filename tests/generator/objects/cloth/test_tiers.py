@@ -1,0 +1,181 @@
+"""The tiers as the renderer takes them: coverage, calm, no crossing, exact points."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib.util
+import json
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+import pytest
+
+from pliant.generator.objects.cloth import ClothSettings, cloth_tier, sample_cloth
+from pliant.generator.objects.cloth.grid import flat_positions, grid_mesh
+from pliant.generator.objects.cloth.hand import Action, perform
+from pliant.generator.objects.cloth.intersections import find_intersections
+from pliant.generator.objects.cloth.obstacles import Table
+from pliant.generator.objects.cloth.simulator import Simulator
+from pliant.generator.scene.scene_object import Pose, SceneObject
+from pliant.generator.settings.cloth import COVERAGE_BANDS, Variant
+from pliant.spec.errors import GenerationError
+
+COARSE = ClothSettings(points_a_side=33)
+
+
+def sample(tier: str, settings: ClothSettings = COARSE, **changes: Any) -> SceneObject:
+    call = {"seed": 0, "split": "train", "index": 0, "frames": 3, "temporal": False, **changes}
+    return sample_cloth(settings, tier=tier, **call)
+
+
+def count_intersections(pose: Pose, scene_object: SceneObject) -> int:
+    path = Path(__file__).parents[4] / "benchmarks" / "independent_intersections.py"
+    spec = importlib.util.spec_from_file_location("independent_intersections", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return int(module.count_intersections(pose.vertices["cloth"], scene_object.parts[0].faces))
+
+
+@pytest.mark.parametrize("level", [1, 2, 3])
+@pytest.mark.parametrize("speed_m_s", [0.6, 3.0])
+def test_a_tier_keeps_its_word(level: int, speed_m_s: float) -> None:
+    settings = ClothSettings(points_a_side=33, hand_speed_m_s=speed_m_s)
+    scene_object = sample(f"cloth-{level}", settings)
+    low, high = COVERAGE_BANDS[level]
+    for frame in range(3 if speed_m_s < 1 else 2):
+        pose = scene_object.pose(frame)
+        vertices, info = pose.vertices["cloth"], pose.info
+        assert np.isfinite(vertices).all()
+        assert low <= info["coverage"] <= high
+        assert info["coverage"] <= info["coverage_hull"] + 0.005
+        # What the silhouette lacks is hidden, stretched or slanting; at least a part is hidden.
+        assert 0.0 < info["self_occluded_area"] < 1.0
+        assert info["mean_speed_m_s"] < 1e-3
+        assert set(info["hidden_corners"]) <= {0, 1, 2, 3}
+        assert info["tries"] == 1 + sum(info["refused"].values())
+        assert vertices[:, 2].min() >= 0.5 * settings.thickness_m - 1e-12
+        middle = (vertices.max(axis=0) + vertices.min(axis=0)) / 2
+        assert np.abs(middle[:2]).max() < 0.02
+        assert count_intersections(pose, scene_object) == 0
+        hands = [action for action in info["actions"] if action["name"] != "stand"]
+        assert hands
+        assert all(action["speed_m_s"] == speed_m_s for action in hands)
+        assert json.loads(json.dumps(info)) == info
+
+
+def test_the_material_is_hardly_stretched() -> None:
+    vertices = sample("cloth-3").pose(0).vertices["cloth"].reshape(65, 65, 3)
+    cell_m = 0.6 / 64
+    for axis in (0, 1):
+        length = np.linalg.norm(np.diff(vertices, axis=axis), axis=2) / cell_m
+        assert np.quantile(length, 0.99) < 1.12
+        assert np.median(length) > 0.85
+
+
+def test_a_frame_depends_on_its_key_alone() -> None:
+    first, again = sample("cloth-1"), sample("cloth-1", frames=9)
+    later = again.pose(1).vertices["cloth"]
+    assert again.pose(1).vertices["cloth"] is later  # kept, not simulated twice
+    first.pose(0)
+    np.testing.assert_array_equal(first.pose(1).vertices["cloth"], later)
+    for change in ({"seed": 1}, {"split": "test"}, {"index": 1}):
+        other = sample("cloth-1", **change).pose(1).vertices["cloth"]
+        assert not np.array_equal(other, later)
+    assert not np.array_equal(again.pose(0).vertices["cloth"], later)
+
+
+def test_a_band_that_cannot_be_met_is_an_error_that_says_so() -> None:
+    settings = ClothSettings(
+        points_a_side=17, tracked_a_side=17, coverage_band=(1.1, 1.2), max_tries=2
+    )
+    with pytest.raises(GenerationError, match=r"coverage_band.*2 x coverage outside the band"):
+        sample("cloth-1", settings).pose(0)
+
+
+@pytest.mark.parametrize("variant", get_args(Variant))
+def test_points_and_partners_are_exact(variant: Variant) -> None:
+    settings = ClothSettings(variant=variant)
+    scene_object = sample("cloth-2", settings)
+    tier = cloth_tier(settings, "cloth-2")
+    points, part = scene_object.points, scene_object.parts[0]
+    assert scene_object.variant == tier["variant"] == variant
+    assert len(points.vertex) == 33 * 33
+    assert part.double_sided
+    np.testing.assert_array_equal(part.chart(part.rest[points.vertex]), points.material)
+    expected = {"plain": 7, "two-sided": 3, "striped": 1, "printed": 0}
+    assert len(tier["symmetries"]) == expected[variant]
+    assert points.partners.shape == (33 * 33, expected[variant])
+    seen = {tuple(range(33 * 33))}
+    for column, symmetry in enumerate(tier["symmetries"]):
+        partner = points.partners[:, column]
+        assert sorted(partner) == list(range(33 * 33))
+        mapped = points.material @ np.array(symmetry["matrix"], np.float32).T
+        mapped += np.array(symmetry["offset"], np.float32)
+        np.testing.assert_array_equal(points.material[partner], mapped)
+        seen.add(tuple(partner))
+    assert len(seen) == expected[variant] + 1  # all different, none the identity
+
+
+@pytest.mark.parametrize("variant", ["plain", "two-sided"])
+def test_the_symmetries_are_a_group_of_the_square(variant: Variant) -> None:
+    settings = ClothSettings(variant=variant)
+    partners = sample("cloth-1", settings).points.partners.T
+    maps = {tuple(range(33 * 33)), *map(tuple, partners)}
+    for one in maps:
+        for two in maps:
+            assert tuple(np.array(one)[list(two)]) in maps
+    # A two-sided cloth keeps only maps that can be had without turning it over.
+    for symmetry in cloth_tier(settings, "t")["symmetries"]:
+        determinant = round(np.linalg.det(np.array(symmetry["matrix"])))
+        assert determinant == 1 or variant == "plain"
+
+
+def test_the_tier_describes_the_material() -> None:
+    tier = cloth_tier(ClothSettings(side_m=0.8), "cloth-1")
+    assert tier["name"] == "cloth-1"
+    assert tier["kind"] == "cloth"
+    u, v = tier["objects"][0]["material"]
+    assert u == {"name": "u", "min": 0.0, "max": 1.0, "metres_per_unit": 0.8, "period": None}
+    assert v["name"] == "v"
+    assert tier["queried_object"] == tier["objects"][0]["id"] == 1
+    scene_object = sample("cloth-1", ClothSettings(side_m=0.8))
+    assert scene_object.size_m == 0.8
+    assert json.loads(json.dumps(scene_object.info)) == scene_object.info
+
+
+def test_faces_are_the_whole_sheet_facing_up() -> None:
+    part = sample("cloth-1").parts[0]
+    a, b, c = (part.rest[part.faces[:, k]] for k in range(3))
+    area = 0.5 * np.cross(b - a, c - a)
+    assert (area[:, 2] > 0).all()
+    assert area[:, 2].sum() == pytest.approx(1.0)
+
+
+def test_contact_holds_where_the_courses_lets_the_cloth_through() -> None:
+    """One lift and drop of a coarse cloth, under each scheme."""
+    side = 25
+    settings = ClothSettings(points_a_side=side, tracked_a_side=25)
+    faces, edges = grid_mesh(side, side)
+    crossings = {}
+    for contact in ("none", "cs184", "pbd"):
+        spacing_m = settings.side_m / (side - 1)
+        sheet = dataclasses.replace(
+            settings.sheet(),
+            contact=contact,
+            thickness_m=0.5 * spacing_m,  # both schemes part masses to one spacing
+        )
+        flat = flat_positions(side, side, settings.side_m, settings.side_m)
+        flat[:, 2] = np.random.default_rng(0).uniform(0.001, 0.0011, len(flat))
+        simulator = Simulator(
+            sheet, flat, gravity=(0.0, 0.0, -9.8), obstacles=[Table(0.001, friction=0.6)]
+        )
+        middle = (side // 2) * side + side // 2
+        for _ in perform(simulator, Action("drop", middle, (0.1, 0.05), 0.3, 0.1, 0.6)):
+            pass
+        simulator.run(int(sheet.steps_per_second))
+        crossings[contact] = len(find_intersections(simulator.positions, faces, edges))
+    assert crossings["pbd"] == 0
+    assert 0 < crossings["cs184"] < crossings["none"]

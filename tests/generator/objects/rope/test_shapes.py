@@ -1,0 +1,218 @@
+"""Sampled configurations: possible, of the shape they say, on the table, as long as the rope."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+from rope_checks import closest_stretches, knot_determinant, signed_crossings
+
+from pliant.generator.objects.rope import RopeSettings, sample_rope, static
+from pliant.generator.objects.rope.contact import crossings, nearest_stretches, segment_distance
+from pliant.generator.objects.rope.lift import lift
+from pliant.generator.objects.rope.static import Configuration, sample_configuration
+from pliant.spec.errors import GenerationError
+
+EACH = 25
+SHAPES: dict[str, dict[str, Any]] = {
+    "open": {},
+    "loop": {},
+    "overlap": {},
+    "overhand": {"knots": {"overhand": 1.0}},
+    "figure-eight": {"knots": {"figure-eight": 1.0}},
+}
+
+
+@pytest.fixture(params=SHAPES, scope="module")
+def drawn(request: pytest.FixtureRequest) -> tuple[str, RopeSettings, list[Configuration]]:
+    settings = RopeSettings(**SHAPES[request.param])
+    shape = "knot" if request.param in ("overhand", "figure-eight") else request.param
+    made = [
+        sample_configuration(shape, settings, np.random.default_rng([5, k])) for k in range(EACH)
+    ]
+    return request.param, settings, made
+
+
+Drawn = tuple[str, RopeSettings, list[Configuration]]
+
+
+def test_strands_keep_their_distance(drawn: Drawn) -> None:
+    _, settings, made = drawn
+    diameter = settings.diameter_m
+    for each in made:
+        found = closest_stretches(each.centreline, 2.5 * diameter)
+        assert found >= 0.98 * diameter
+        assert nearest_stretches(each.centreline, settings.length_m, diameter) == pytest.approx(
+            found, rel=0.01
+        )
+
+
+def test_the_curve_is_as_long_as_the_rope_and_evenly_sampled(drawn: Drawn) -> None:
+    _, settings, made = drawn
+    for each in made:
+        steps = np.linalg.norm(np.diff(each.centreline, axis=0), axis=1)
+        assert steps.sum() == pytest.approx(settings.length_m, rel=1e-3)
+        assert steps.min() > 0.99 * steps.mean()
+
+
+def test_the_rope_lies_on_the_table_within_the_workspace(drawn: Drawn) -> None:
+    _, settings, made = drawn
+    for each in made:
+        assert each.centreline[:, 2].min() >= settings.radius_m * (1 - 1e-5)
+        assert each.centreline[:, 2].min() < settings.radius_m * 1.01
+        assert each.centreline[:, 2].max() < 5 * settings.diameter_m
+        half = np.array(settings.workspace) * settings.length_m / 2
+        assert (np.abs(each.centreline[:, :2]) < half).all()
+
+
+def test_nothing_but_its_own_end_touches_the_ball(drawn: Drawn) -> None:
+    _, settings, made = drawn
+    reach = settings.ball_radius_m + settings.radius_m
+    for each in made:
+        assert each.ball_centre is not None
+        assert each.ball_centre[2] == settings.ball_radius_m
+        gap = np.linalg.norm(each.centreline - each.ball_centre, axis=1)
+        assert gap[0] < settings.ball_radius_m
+        far = np.linspace(0, settings.length_m, len(gap)) > 1.6 * reach
+        assert gap[far].min() > reach
+
+
+def test_seen_from_above_it_is_the_bezier_curve_of_its_control_points(drawn: Drawn) -> None:
+    """The anatomy figure draws curve and handles from the record alone."""
+    name, settings, made = drawn
+    t = np.linspace(0, 1, 200)[:, None]
+    for each in made[:5]:
+        nodes, handles = each.control_points, each.handles
+        if name in ("open", "loop", "overlap"):
+            assert len(nodes) == settings.control_points
+        pieces = [
+            (1 - t) ** 3 * nodes[i]
+            + 3 * t * (1 - t) ** 2 * handles[i, 1]
+            + 3 * t**2 * (1 - t) * handles[i + 1, 0]
+            + t**3 * nodes[i + 1]
+            for i in range(len(nodes) - 1)
+        ]
+        curve = np.concatenate(pieces)
+        for point in each.centreline[::10, :2]:
+            assert np.linalg.norm(curve - point, axis=1).min() < 1e-3
+
+
+def test_recorded_crossings_are_those_seen_from_above(drawn: Drawn) -> None:
+    name, _, made = drawn
+    counts = {
+        "open": {0},
+        "loop": {1, 2},
+        "overlap": {1, 2, 3},
+        "overhand": {3},
+        "figure-eight": {4},
+    }[name]
+    for each in made:
+        recorded = crossings(each.centreline)
+        assert len(recorded) in counts
+        last = len(each.centreline) - 1
+        expected = [
+            (over / last, under / last, sign)
+            for over, under, sign in signed_crossings(each.centreline)
+        ]
+        expected.sort(key=lambda row: min(row[:2]))
+        found = [(c.s_over, c.s_under, c.sign) for c in recorded]
+        np.testing.assert_allclose(np.reshape(found, (-1, 3)), np.reshape(expected, (-1, 3)))
+
+
+def test_knots_are_the_knots_they_say(drawn: Drawn) -> None:
+    name, _, made = drawn
+    expected = {"open": 1, "overhand": 3, "figure-eight": 5}.get(name)
+    if expected is None:
+        return
+    assert [knot_determinant(each.centreline) for each in made] == [expected] * len(made)
+
+
+def test_half_of_the_loops_are_tucked(drawn: Drawn) -> None:
+    """A tucked end passes the loop twice: over once and under once, the later passage."""
+    name, _, made = drawn
+    if name != "loop":
+        return
+    tucked = [each for each in made if each.detail["tucked"]]
+    assert 0.2 * EACH < len(tucked) < 0.8 * EACH
+    for each in tucked:
+        over_later = [c.s_over > c.s_under for c in crossings(each.centreline)]
+        assert sorted(over_later) == [False, True]
+
+
+def test_both_hands_and_both_overhands_occur() -> None:
+    settings = RopeSettings(shapes={"knot": 1.0}, knots={"overhand": 1.0})
+    seen = set()
+    for k in range(24):
+        made = sample_configuration("knot", settings, np.random.default_rng(k))
+        # A trefoil's crossings all have one sign, that of its hand.
+        signs = {c.sign for c in crossings(made.centreline)}
+        assert len(signs) == 1
+        seen.add((signs.pop(), made.detail["pretzel"]))
+    assert len(seen) == 4
+
+
+def test_shapes_occur_by_their_weights() -> None:
+    settings = RopeSettings(shapes={"open": 3.0, "knot": 1.0})
+    shapes = [
+        sample_rope(
+            settings, tier="rope", seed=0, split="train", index=k, frames=1, temporal=False
+        ).shape
+        for k in range(32)
+    ]
+    assert set(shapes) == {"open", "knot"}
+    assert 16 <= shapes.count("open") <= 30
+
+
+def test_no_room_is_said_plainly(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An open rope hardly ever fits a square of 0.4 lengths, ball and all."""
+    monkeypatch.setattr(static, "ATTEMPTS", 3)
+    crowded = RopeSettings(workspace=(0.4, 0.4), shapes={"open": 1.0})
+    rng = np.random.default_rng(0)
+    with pytest.raises(GenerationError, match="no possible open was found in 3 attempts"):
+        _ = [sample_configuration("open", crowded, rng) for _ in range(20)]
+
+
+def test_lift_of_two_straight_stretches() -> None:
+    """A square bow tie: two stretches cross at right angles, the later one over."""
+    h = 0.002
+    corner = np.array([[0.0, 0.0], [0.3, 0.0], [0.3, 0.15], [0.15, 0.15], [0.15, -0.15]])
+    xy = np.concatenate(
+        [
+            a + (b - a) * np.arange(0, 1, h / np.linalg.norm(b - a))[:, None]
+            for a, b in pairwise(corner)
+        ]
+    )
+    crossing = np.array([[75.0, 375.0, 0.15, 0.0, -1.0]])
+    d = 0.024
+    floor = np.full(len(xy), d / 2)
+    for late_over, upper, lower in ((True, 375, 75), (False, 75, 375)):
+        z = lift(xy, crossing, np.array([late_over]), floor, d)
+        assert z is not None
+        assert z[lower] == pytest.approx(d / 2)
+        assert 1.0 * d <= z[upper] - z[lower] < 1.1 * d
+        assert z.min() == pytest.approx(d / 2)
+        # Far from the crossing nothing is lifted, and the climb is gentle.
+        far = np.abs(np.arange(len(xy)) - upper) * h > 5 * d
+        assert np.abs(z[far] - d / 2).max() < 1e-12
+        assert np.abs(np.diff(z)).max() / h < 1.0
+    # Without a crossing two strands this close lie in each other.
+    assert lift(xy, np.empty((0, 5)), np.empty(0, dtype=bool), floor, d) is None
+
+
+def test_segment_distance_against_dense_sampling() -> None:
+    rng = np.random.default_rng(3)
+    t = np.linspace(0, 1, 60)
+    for _ in range(40):
+        p = rng.normal(size=(4, 3))
+        if rng.random() < 0.2:
+            p[3] = p[2] + (p[1] - p[0]) * rng.uniform(0.5, 2)  # parallel
+        a = p[0] + t[:, None] * (p[1] - p[0])
+        b = p[2] + t[:, None] * (p[3] - p[2])
+        dense = np.linalg.norm(a[:, None] - b[None], axis=-1).min()
+        d2, s, u = segment_distance(p, 0, 2)
+        assert np.sqrt(d2) <= dense + 1e-12
+        assert np.sqrt(d2) == pytest.approx(dense, abs=0.05)
+        gap = p[0] + s * (p[1] - p[0]) - p[2] - u * (p[3] - p[2])
+        assert np.linalg.norm(gap) == pytest.approx(np.sqrt(d2))

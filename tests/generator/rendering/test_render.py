@@ -1,0 +1,225 @@
+from __future__ import annotations
+
+import math
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pliant.generator.rendering import open_renderer
+from pliant.generator.rendering.shadow import shadow_map, sunlight
+from pliant.generator.rendering.sky import sky_maps
+from pliant.generator.rendering.srgb import encode_srgb
+from pliant.generator.rendering.table import TableView
+from pliant.generator.scene.appearance import (
+    Appearance,
+    AppearanceSettings,
+    Light,
+    TableAppearance,
+    sample_appearance,
+)
+from pliant.generator.scene.camera import Camera
+from pliant.generator.scene.scene_mesh import SceneMesh
+from pliant.generator.scene.scene_object import SceneObject
+from pliant.generator.truth.frame_truth import frame_truth
+from pliant.spec.errors import CallError
+
+SIZE = (160, 120)
+VIEW = Camera.looking_at((0.15, -0.6, 0.75), (0.0, 0.0, 0.0), SIZE, fov_deg=50.0)
+HIGH_SUN = Light((0.6, 0.0, 0.8), (2.0, 2.0, 2.0), math.radians(3.0), (0.3, 0.3, 0.3))
+
+
+def plain_appearance(scene_object: SceneObject, **values: object) -> Appearance:
+    settings = AppearanceSettings(tables={"mottled": 1.0}, specular=(0.2, 0.2), **values)  # type: ignore[arg-type]
+    return sample_appearance(np.random.default_rng(3), scene_object, settings)
+
+
+def picture(
+    style: str, scene_object: SceneObject, appearance: Appearance, threads: int = 1
+) -> np.ndarray:
+    renderer = open_renderer(style, SIZE, threads, "cpu")
+    renderer.begin(scene_object, appearance, VIEW)
+    rgb = renderer.render(
+        scene_object.pose(0), frame_truth(scene_object, scene_object.pose(0), VIEW)
+    )
+    renderer.close()
+    return rgb
+
+
+def psnr(a: np.ndarray, b: np.ndarray) -> float:
+    return float(10 * np.log10(255**2 / ((a.astype(float) - b) ** 2).mean()))
+
+
+def test_srgb_is_the_standards_curve() -> None:
+    linear = np.linspace(0, 1, 1000)
+    exact = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+    got = encode_srgb(linear.reshape(-1, 1, 1).repeat(3, 2))[:, 0, 0]
+    assert np.abs(got - 255 * exact).max() < 1.0
+    assert encode_srgb(np.array([[[-1.0, 0.0, 9.0]]])).tolist() == [[[0, 0, 255]]]
+
+
+def _plate(height: float) -> tuple[np.ndarray, np.ndarray]:
+    corners = np.array([[-0.4, -0.4], [0.4, -0.4], [0.4, 0.4], [-0.4, 0.4]])
+    vertices = np.concatenate([corners, np.full((4, 1), height)], axis=1)
+    return vertices, np.array([[0, 1, 2], [0, 2, 3]], np.int32)
+
+
+def test_a_shadow_falls_where_the_sun_says_and_is_half_at_its_edge() -> None:
+    # The sun stands 4 : 3; a plate 0.2 m up throws its shadow 0.15 m towards -x.
+    vertices, faces = _plate(0.2)
+    shadow = shadow_map(vertices, faces, HIGH_SUN)
+
+    def lit(x: float) -> float:
+        places = [sunlight(x, 0.001 * k, 0.0, k, k // 4, *shadow.arguments()) for k in range(16)]
+        return float(np.mean(places))
+
+    assert lit(-0.15) == 0.0
+    assert lit(-0.54) == 0.0
+    assert lit(0.27) == 1.0
+    assert lit(-0.60) == 1.0
+    assert lit(-0.55) == pytest.approx(0.5, abs=0.15)
+    # Light travels 0.25 m from the plate: the penumbra reaches tan(1.5 deg) 0.25 / 0.8 to a side.
+    assert 0.5 < lit(-0.55 - 0.005) < 1.0
+    assert 0.0 < lit(-0.55 + 0.005) < 0.5
+
+
+def test_the_sky_under_a_plate_is_dark_and_far_away_open() -> None:
+    grid = np.stack(np.meshgrid(*[np.linspace(-0.1, 0.1, 60)] * 2), axis=-1).reshape(-1, 2)
+    sky = sky_maps(np.concatenate([grid, np.full((len(grid), 1), 0.03)], axis=1))
+    places = np.array([[0.0, 0, 0], [0.12, 0, 0], [1.0, 0, 0], [0.0, 0, 0.03]])
+    up = np.broadcast_to([0.0, 0, 1], places.shape).copy()
+    under, beside, far, above = sky.openness(places, up)
+    assert under < 0.2
+    assert 0.5 < beside < 0.95
+    assert far == 1.0
+    assert above > 0.95
+
+
+def test_the_open_table_is_bright_by_the_formula(sheet: SceneObject) -> None:
+    table = TableAppearance("plain", (0.5, 0.25, 0.1), 0.0, 0.1, 0.0, 0)
+    appearance = sample_appearance(np.random.default_rng(0), sheet, AppearanceSettings())
+    appearance = Appearance(**{**appearance.__dict__, "light": HIGH_SUN, "table": table})
+    view = TableView(VIEW, appearance)
+    expected = np.array(table.colour) * (2.0 * 0.8 / math.pi + 0.3)
+    np.testing.assert_allclose(view.linear, np.broadcast_to(expected, view.linear.shape), rtol=1e-6)
+    world = SceneMesh.of(sheet).vertices(sheet.pose(0))
+    shadow = shadow_map(world, sheet.parts[0].faces, HIGH_SUN)
+    linear, changed = view.under(shadow, sky_maps(world))
+    assert (linear <= view.linear + 1e-6).all()
+    np.testing.assert_array_equal(linear[~changed], view.linear[~changed])
+    assert 0.05 < changed.mean() < 0.9
+
+
+@pytest.mark.parametrize("name", ["tube", "sheet"])
+def test_raster_shows_the_object_where_the_truth_says(
+    name: str, request: pytest.FixtureRequest
+) -> None:
+    scene_object: SceneObject = request.getfixturevalue(name)
+    appearance = plain_appearance(scene_object)
+    rgb = picture("raster", scene_object, appearance)
+    truth = frame_truth(scene_object, scene_object.pose(0), VIEW)
+    table = TableView(VIEW, appearance).encoded
+    on = truth.surface.object_id == 1
+    assert rgb.shape == (120, 160, 3)
+    brighter = rgb.astype(int) > table.astype(int) + 6
+    # Only an object can be brighter than the open table; no pixel away from it is.
+    near = on.copy()
+    near |= truth.surface.object_id > 0
+    for axis in (0, 1):
+        near |= np.roll(near, 1, axis) | np.roll(near, -1, axis)
+    assert not brighter[~near].any()
+    assert (np.abs(rgb.astype(int) - table)[on].max(axis=1) > 10).mean() > 0.9
+
+
+def test_raster_is_the_same_for_every_renderer_and_order(
+    tube: SceneObject, sheet: SceneObject
+) -> None:
+    first = picture("raster", tube, plain_appearance(tube))
+    renderer = open_renderer("raster", SIZE)
+    for scene_object in (sheet, tube):
+        renderer.begin(scene_object, plain_appearance(scene_object), VIEW)
+        truth = frame_truth(scene_object, scene_object.pose(0), VIEW)
+        again = [renderer.render(scene_object.pose(0), truth) for _ in range(2)]
+    np.testing.assert_array_equal(again[0], first)
+    np.testing.assert_array_equal(again[1], first)
+    assert again[0] is not again[1]
+
+
+def test_raster_needs_no_blender() -> None:
+    code = (
+        "import sys; sys.modules['bpy'] = None\n"
+        "from pliant.generator.rendering import open_renderer\n"
+        "open_renderer('raster', (32, 24)); assert 'cycles' not in sys.modules\n"
+        "from pliant.spec.errors import MissingExtraError\n"
+        "try: open_renderer('fast', (32, 24))\n"
+        "except MissingExtraError as error: print(error)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, cwd=Path("/"), check=True
+    )
+    assert "pliant[generate]" in done.stdout
+
+
+def test_an_unknown_style_is_refused() -> None:
+    with pytest.raises(CallError, match="style"):
+        open_renderer("oil", SIZE)
+
+
+@pytest.mark.blender
+@pytest.mark.parametrize("name", ["tube", "sheet"])
+def test_the_styles_show_one_scene(name: str, request: pytest.FixtureRequest) -> None:
+    """Cycles, the composite and our own shading differ by noise and fine shading only."""
+    scene_object: SceneObject = request.getfixturevalue(name)
+    appearance = plain_appearance(scene_object)
+    photo, fast, raster = (
+        picture(style, scene_object, appearance) for style in ("photo", "fast", "raster")
+    )
+    assert psnr(fast, photo) > 31
+    assert psnr(raster, photo) > 28
+    shifted = np.roll(raster, 2, axis=1)  # a view two pixels off is told apart
+    assert psnr(shifted, photo) < psnr(raster, photo) - 3
+
+
+@pytest.mark.blender
+@pytest.mark.parametrize("style", ["fast", "photo"])
+def test_cycles_bytes_depend_on_nothing_but_the_scene(
+    style: str, tube: SceneObject, sheet: SceneObject
+) -> None:
+    """Neither on the number of threads, nor on what the process rendered before."""
+    first = picture(style, sheet, plain_appearance(sheet), threads=1)
+    renderer = open_renderer(style, SIZE, 2, "cpu")
+    for scene_object in (tube, sheet, tube, sheet):
+        renderer.begin(scene_object, plain_appearance(scene_object), VIEW)
+        renderer.render(scene_object.pose(1), frame_truth(scene_object, scene_object.pose(1), VIEW))
+        rgb = renderer.render(
+            scene_object.pose(0), frame_truth(scene_object, scene_object.pose(0), VIEW)
+        )
+    renderer.close()
+    np.testing.assert_array_equal(rgb, first)
+
+
+@pytest.mark.blender
+def test_blender_prints_nothing(tube: SceneObject, capfd: pytest.CaptureFixture[str]) -> None:
+    picture("fast", tube, plain_appearance(tube))
+    assert capfd.readouterr().out == ""
+
+
+@pytest.mark.blender
+def test_an_absent_gpu_is_refused_when_asked_for() -> None:
+    if Path("/dev/nvidiactl").exists():
+        pytest.skip("there is a GPU")
+    with pytest.raises(CallError, match="device"):
+        open_renderer("fast", SIZE, 1, "gpu")
+
+
+@pytest.mark.blender
+def test_an_object_out_of_frame_leaves_the_table(tube: SceneObject) -> None:
+    away = Camera.looking_at((9.0, 9.0, 1.0), (9.0, 9.3, 0.0), SIZE)
+    appearance = plain_appearance(tube)
+    for style in ("raster", "fast"):
+        renderer = open_renderer(style, SIZE, 1, "cpu")
+        renderer.begin(tube, appearance, away)
+        rgb = renderer.render(tube.pose(0), frame_truth(tube, tube.pose(0), away))
+        np.testing.assert_array_equal(rgb, TableView(away, appearance).encoded)

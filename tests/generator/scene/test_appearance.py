@@ -1,0 +1,173 @@
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+
+import numpy as np
+import pytest
+
+from pliant.generator.rendering.deferred import fibre_places
+from pliant.generator.rendering.patterns import cloth_images, table_reflectance, value_noise
+from pliant.generator.scene.appearance import Appearance, AppearanceSettings, sample_appearance
+from pliant.generator.scene.scene_object import SceneObject
+from pliant.spec.configuration import settings_to_dict
+from pliant.spec.errors import CallError
+from tests.generator.conftest import sheet_scene_object
+
+
+def appearance_of(scene_object: SceneObject, seed: int = 0, **values: object) -> Appearance:
+    return sample_appearance(
+        np.random.default_rng(seed), scene_object, AppearanceSettings(**values)
+    )  # type: ignore[arg-type]
+
+
+def images(variant: str) -> tuple[np.ndarray, np.ndarray]:
+    return cloth_images(appearance_of(sheet_scene_object(4, variant)), 480)
+
+
+def test_a_appearance_is_json_and_repeats(tube: SceneObject) -> None:
+    first, second = appearance_of(tube), appearance_of(tube)
+    assert first == second
+    assert json.loads(json.dumps(settings_to_dict(first)))["pattern"] == "plain"
+    assert appearance_of(tube, 1) != first
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_colours_stand_out_and_light_is_what_was_asked(sheet: SceneObject, seed: int) -> None:
+    appearance = appearance_of(sheet, seed, brightness=(0.8, 0.8), sun_share=(0.7, 0.7))
+    srgb = [
+        np.where(c <= 0.0031308, 12.92 * c, 1.055 * c ** (1 / 2.4) - 0.055)
+        for c in (np.array(appearance.table.colour), np.array(appearance.cloth_colours[0]))
+    ]
+    assert math.dist(*srgb) >= AppearanceSettings().least_contrast - 1e-9
+    sun = np.mean(appearance.light.sun_irradiance) * appearance.light.sun_direction[2] / math.pi
+    assert sun == pytest.approx(0.7 * 0.8)
+    assert np.mean(appearance.light.sky_radiance) == pytest.approx(0.3 * 0.8)
+    assert np.linalg.norm(appearance.light.sun_direction) == pytest.approx(1.0)
+
+
+def test_odd_strands_are_kept_by_the_reversal(tube: SceneObject) -> None:
+    """Laid strand k becomes -k; of a braid the two halves do, each for itself."""
+    for count in (3, 4, 8):
+        part = dataclasses.replace(
+            tube.parts[0], strand=np.arange(len(tube.parts[0].rest), dtype=np.int32) % count
+        )
+        scene_object = dataclasses.replace(tube, parts=(part,))
+        for seed in range(6):
+            colours = appearance_of(scene_object, seed).strand_colours
+            assert len(colours) == count
+            assert all(colours[k] == colours[-k % count] for k in range(count))
+            if count == 8:
+                assert all(colours[4 + k] == colours[4 + -k % 4] for k in range(4))
+                assert all(colours[k] == colours[-k % 4] for k in range(4))
+
+
+def test_fibres_are_the_same_on_a_reversed_rope(tube: SceneObject) -> None:
+    rest = tube.parts[0].rest
+    length = rest[:, 0].max()
+    reversed_rest = np.stack([length - rest[:, 0], rest[:, 1], -rest[:, 2]], axis=1)
+    np.testing.assert_allclose(fibre_places(reversed_rest), fibre_places(rest), atol=1e-12)
+
+
+def test_a_plain_cloth_appearances_the_same_under_the_eight_maps() -> None:
+    front, back = images("plain")
+    np.testing.assert_array_equal(front, back)
+    for turned in (front[::-1], front[:, ::-1], np.swapaxes(front, 0, 1), np.rot90(front)):
+        np.testing.assert_allclose(turned, front, atol=1e-6)
+    assert np.ptp(front[..., 0]) > 0  # there is a weave at all
+
+
+def test_a_two_sided_cloth_keeps_the_rotations_only_by_its_back() -> None:
+    front, back = images("two-sided")
+    assert np.abs(front - back).max() > 0.02
+    np.testing.assert_allclose(np.rot90(front), front, atol=1e-6)
+
+
+def test_stripes_run_across_u_and_differ_from_end_to_end() -> None:
+    front, back = images("striped")
+    np.testing.assert_array_equal(front, back)
+    np.testing.assert_allclose(front[::-1], front, atol=1e-6)  # v -> 1 - v
+    assert np.abs(front[:, ::-1] - front).max() > 0.02  # u -> 1 - u
+    assert np.abs(np.swapaxes(front, 0, 1) - front).max() > 0.02
+
+
+def test_no_map_leaves_a_print_alone() -> None:
+    front, _ = images("printed")
+    maps = [np.rot90(front, k) for k in range(4)] + [np.rot90(front[::-1], k) for k in range(4)]
+    assert all(np.abs(other - front).max() > 0.02 for other in maps[1:])
+
+
+def test_a_pattern_lies_in_the_same_place_in_every_sequence() -> None:
+    scene_object = sheet_scene_object(4, "printed")
+    one, two = (cloth_images(appearance_of(scene_object, seed), 48)[0] for seed in (1, 2))
+    inks = [
+        np.unique(np.round(image / image.max(), 6).reshape(-1, 3), axis=0) for image in (one, two)
+    ]
+    assert len(inks[0]) > 1
+    ground = [np.abs(image - image[0, 0]).max(axis=-1) < 0.12 * image.max() for image in (one, two)]
+    assert (ground[0] == ground[1]).mean() > 0.6
+    assert not np.array_equal(one, two)
+
+
+@pytest.mark.parametrize("kind", ["plain", "mottled", "wood"])
+def test_a_table_keeps_its_mean_colour(sheet: SceneObject, kind: str) -> None:
+    table = dataclasses.replace(appearance_of(sheet).table, kind=kind, contrast=0.5)
+    xy = np.random.default_rng(0).uniform(-2, 2, (4000, 2))
+    colours = table_reflectance(table, xy)
+    np.testing.assert_allclose(colours.mean(axis=0), table.colour, rtol=0.1)
+    assert colours.min() >= 0
+    assert colours.max() <= 0.95
+    assert (colours.std(axis=0).max() > 1e-3) == (kind != "plain")
+
+
+def test_value_noise_is_continuous_across_its_lattice() -> None:
+    at = [value_noise(3.0 + d, -2.0 + d, 0.5) for d in (-1e-7, 0.0, 1e-7)]
+    assert max(at) - min(at) < 1e-5
+    many = np.array([value_noise(0.37 * k, 0.11 * k, 0.77 * k) for k in range(2000)])
+    assert many.min() >= 0
+    assert many.max() <= 1
+    assert many.mean() == pytest.approx(0.5, abs=0.03)
+
+
+@pytest.mark.parametrize(
+    ("values", "field"),
+    [
+        ({"sun_elevation_deg": (0.0, 40.0)}, "look.sun_elevation_deg"),
+        ({"table_value": (0.8, 0.2)}, "look.table_value"),
+        ({"tables": {"marble": 1.0}}, "look.tables.marble"),
+        ({"tables": {"wood": 0.0}}, "look.tables"),
+        ({"rope_colourings": {"solid": -1.0}}, "look.rope_colourings.solid"),
+        ({"least_contrast": 2.0}, "look.least_contrast"),
+    ],
+)
+def test_impossible_ranges_are_refused_by_name(values: dict[str, object], field: str) -> None:
+    with pytest.raises(CallError, match=field):
+        AppearanceSettings(**values)  # type: ignore[arg-type]
+
+
+def test_colours_that_cannot_stand_out_are_refused(sheet: SceneObject) -> None:
+    grey = {"table_value": (0.5, 0.5), "table_saturation": (0.0, 0.0)}
+    same = {"object_value": (0.5, 0.5), "object_saturation": (0.0, 0.0)}
+    with pytest.raises(CallError, match=r"look\.least_contrast"):
+        appearance_of(sheet, 0, **grey, **same)
+
+
+def test_sequences_that_share_a_material_differ_in_light_alone(tube: SceneObject) -> None:
+    one, two = (
+        sample_appearance(
+            np.random.default_rng(seed),
+            tube,
+            AppearanceSettings(),
+            material=np.random.default_rng(9),
+        )
+        for seed in (0, 1)
+    )
+    assert one.light != two.light
+    assert dataclasses.replace(one, light=two.light) == two
+
+
+@pytest.mark.parametrize("name", ["materials", "first_material"])
+def test_a_negative_number_of_materials_is_refused(name: str) -> None:
+    with pytest.raises(CallError, match=f"look.{name}"):
+        AppearanceSettings(**{name: -1})  # type: ignore[arg-type]

@@ -1,0 +1,106 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pliant.generator.scene.noise import NoiseSettings, apply_noise, perlin_noise
+from pliant.spec.errors import CallError
+from pliant.spec.io.images import Surface
+
+OFF = {
+    "gaussian": (0.0, 0.0),
+    "photons": (0.0, 0.0),
+    "salt_pepper": (0.0, 0.0),
+    "dropout": (0.0, 0.0),
+}
+H, W = 60, 80
+RGB = np.full((H, W, 3), 120, np.uint8)
+OBJECT = np.zeros((H, W), np.uint32)
+OBJECT[20:40, 20:60] = 1
+SURFACE = Surface(
+    np.ones((H, W), np.float32), np.zeros((H, W), np.float32), np.zeros((H, W), np.float32), OBJECT
+)
+
+
+def noisy(rgb: np.ndarray = RGB, seed: int = 0, **values: object) -> np.ndarray:
+    settings = NoiseSettings(**{**OFF, **values})  # type: ignore[arg-type]
+    return apply_noise(np.random.default_rng(seed), rgb, SURFACE, settings)
+
+
+def test_nothing_asked_nothing_changed() -> None:
+    np.testing.assert_array_equal(noisy(), RGB)
+
+
+def test_gaussian_has_the_deviation_asked_for() -> None:
+    off = noisy(gaussian=(4.0, 4.0)).astype(float) - 120
+    assert off.std() == pytest.approx(4.0, rel=0.05)
+    assert off.mean() == pytest.approx(0.0, abs=0.15)
+
+
+def test_poisson_has_the_variance_of_counted_photons() -> None:
+    # 500 photons make white: 120 / 255 of them give variance n, in steps (255 / 500)^2 n.
+    off = noisy(photons=(500.0, 500.0)).astype(float)
+    assert off.var() == pytest.approx((255 / 500) ** 2 * 500 * 120 / 255, rel=0.08)
+    assert (noisy(np.zeros_like(RGB), photons=(500.0, 500.0)) == 0).all()
+
+
+def test_salt_and_pepper_hit_the_share_asked_for() -> None:
+    out = noisy(salt_pepper=(0.1, 0.1))
+    assert (out == 0).all(axis=2).mean() == pytest.approx(0.05, abs=0.02)
+    assert (out == 255).all(axis=2).mean() == pytest.approx(0.05, abs=0.02)
+
+
+def test_dropout_takes_patches_of_the_outline_and_nothing_else() -> None:
+    rgb = RGB.copy()
+    rgb[OBJECT > 0] = [200, 10, 10]
+    out = noisy(rgb, dropout=(0.3, 0.3), dropout_px=2)
+    changed = (out != rgb).any(axis=2)
+    inner = np.zeros((H, W), bool)
+    inner[22:38, 22:58] = True
+    edge = (OBJECT > 0) & ~inner
+    assert not changed[~edge].any()
+    assert changed[edge].mean() == pytest.approx(0.3, abs=0.04)
+    assert (out[changed] == 120).all()  # what lies beyond the outline
+    # Patches: a lost pixel's neighbour on the outline is mostly lost too.
+    top = changed[20, 20:60]
+    assert (np.diff(top.astype(int)) != 0).sum() < 0.5 * max(top.sum(), 1) or top.sum() < 3
+
+
+def test_an_image_without_an_object_has_no_outline() -> None:
+    empty = Surface(SURFACE.depth_m, SURFACE.m0, SURFACE.m1, np.zeros((H, W), np.uint32))
+    settings = NoiseSettings(**{**OFF, "dropout": (0.5, 0.5)})  # type: ignore[arg-type]
+    np.testing.assert_array_equal(apply_noise(np.random.default_rng(0), RGB, empty, settings), RGB)
+
+
+def test_noise_follows_from_its_generator_and_leaves_its_inputs_alone() -> None:
+    rgb, everything = RGB.copy(), NoiseSettings(dropout=(0.2, 0.2))
+    one, two, other = (
+        apply_noise(np.random.default_rng(seed), rgb, SURFACE, everything) for seed in (0, 0, 1)
+    )
+    np.testing.assert_array_equal(one, two)
+    assert (one != other).any()
+    np.testing.assert_array_equal(rgb, RGB)
+    assert one.dtype == np.uint8
+
+
+def test_perlin_noise_is_zero_on_its_lattice_and_smooth() -> None:
+    field = perlin_noise(np.random.default_rng(0), 64, 96, 8.0)
+    assert field.shape == (64, 96)
+    np.testing.assert_allclose(field[::8, ::8], 0.0, atol=1e-12)
+    assert np.abs(np.diff(field, axis=1)).max() < 0.35
+    assert 0.1 < field.std() < 0.5
+
+
+@pytest.mark.parametrize(
+    ("values", "field"),
+    [
+        ({"gaussian": (-1.0, 2.0)}, "noise.gaussian"),
+        ({"salt_pepper": (0.5, 1.5)}, "noise.salt_pepper"),
+        ({"dropout": (0.4, 0.2)}, "noise.dropout"),
+        ({"dropout_px": 99}, "noise.dropout_px"),
+        ({"dropout_scale_px": 0.0}, "noise.dropout_scale_px"),
+    ],
+)
+def test_impossible_strengths_are_refused_by_name(values: dict[str, object], field: str) -> None:
+    with pytest.raises(CallError, match=field):
+        NoiseSettings(**values)  # type: ignore[arg-type]

@@ -1,0 +1,208 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pliant.generator.scene.camera import Camera, CameraSettings, sample_camera
+from pliant.generator.scene.scene_mesh import SceneMesh
+from pliant.generator.scene.scene_object import Part, Points, Pose, SceneObject
+from pliant.generator.truth.frame_truth import FrameTruth, frame_truth
+
+
+def embree(world: np.ndarray, faces: np.ndarray, camera: Camera, uv: np.ndarray) -> np.ndarray:
+    """Return planar depth and triangle of the first hit at image positions, by embree."""
+    trimesh = pytest.importorskip("trimesh")
+    from trimesh.ray.ray_pyembree import RayMeshIntersector
+
+    mesh = trimesh.Trimesh(world, faces, process=False)
+    rays = np.concatenate(
+        [(uv - camera.K[:2, 2]) / [camera.K[0, 0], camera.K[1, 1]], np.ones((len(uv), 1))], axis=1
+    )
+    directions = rays @ camera.world_to_camera[:3, :3]
+    centre = np.broadcast_to(camera.centre_m, directions.shape)
+    triangle = RayMeshIntersector(mesh).intersects_first(centre, directions)
+    depth = np.full(len(uv), np.inf)
+    hit = triangle >= 0
+    a, b, c = np.moveaxis(world[faces[triangle[hit]]], 1, 0)
+    normal = np.cross(b - a, c - a)
+    reach = ((a - camera.centre_m) * normal).sum(1) / (directions[hit] * normal).sum(1)
+    depth[hit] = reach  # the rays have z = 1, so the reach is the planar depth
+    return np.stack([depth, triangle], axis=1)
+
+
+@pytest.fixture(scope="module", params=["tube", "sheet"])
+def scene(request: pytest.FixtureRequest) -> tuple[SceneObject, Camera, FrameTruth]:
+    scene_object: SceneObject = request.getfixturevalue(request.param)
+    settings = CameraSettings(top=0.0)
+    camera = sample_camera(np.random.default_rng(5), scene_object, settings, (640, 480))
+    return scene_object, camera, frame_truth(scene_object, scene_object.pose(2), camera)
+
+
+Scene = tuple[SceneObject, Camera, FrameTruth]
+
+
+def test_depth_equals_an_independent_ray_cast(scene: Scene) -> None:
+    scene_object, camera, truth = scene
+    faces = SceneMesh.of(scene_object).faces
+    v, u = np.mgrid[: camera.height, : camera.width]
+    uv = np.stack([u.ravel() + 0.5, v.ravel() + 0.5], axis=1)
+    depth = embree(truth.world_vertices, faces, camera, uv)[:, 0]
+    ours = truth.surface.depth_m.ravel().astype(np.float64)
+    same = (np.isinf(depth) & np.isinf(ours)) | (
+        np.abs(np.where(np.isinf(depth), 0, depth) - np.where(np.isinf(ours), 0, ours)) <= 1e-5
+    )
+    assert same.mean() >= 0.9999
+    assert np.isfinite(ours).mean() > 0.01
+
+
+def test_visibility_equals_an_independent_ray_cast(scene: Scene) -> None:
+    scene_object, camera, truth = scene
+    faces = SceneMesh.of(scene_object).faces
+    surface = np.flatnonzero(~scene_object.points.centreline)
+    uv = truth.uv_px[surface]
+    depth = embree(truth.world_vertices, faces, camera, uv)[:, 0]
+    hidden = depth < truth.depth_m[surface] - 2e-5
+    turn = np.arange(8) * np.pi / 4
+    around = uv[:, None] + 0.5 * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    ring = embree(truth.world_vertices, faces, camera, around.reshape(-1, 2))[:, 0].reshape(-1, 8)
+    ring = np.where(np.isinf(ring), 9.0, ring)
+    smooth = (ring.max(axis=1) - ring.min(axis=1) < 4e-3) & np.isfinite(depth)
+    assert smooth.mean() > 0.5
+    ours = np.array(truth.visibility)[surface] != "visible"
+    assert (ours == hidden)[smooth].mean() >= 0.999
+    assert 0.05 < ours.mean() < 0.95
+
+
+def test_a_visible_point_lies_on_the_surface_image(scene: Scene) -> None:
+    """Interpolating nothing: the pixel that holds a visible point shows nearly its material."""
+    scene_object, _, truth = scene
+    seen = np.array(truth.visibility) == "visible"
+    seen &= ~scene_object.points.centreline
+    column, row = np.floor(truth.uv_px[seen]).astype(int).T
+    m0 = truth.surface.m0[row, column]
+    on = truth.surface.object_id[row, column] == 1
+    assert on.mean() > 0.9
+    off = np.abs(m0 - scene_object.points.material[seen, 0])[on]
+    assert np.median(off) < 0.004
+
+
+def test_every_pixel_reprojects_to_its_centre(scene: Scene) -> None:
+    scene_object, camera, truth = scene
+    from pliant.generator.truth.rasteriser import interpolate
+
+    mesh = SceneMesh.of(scene_object)
+    rows, columns = np.nonzero(truth.hits.triangle >= 0)
+    world = interpolate(
+        truth.hits.triangle[rows, columns],
+        truth.hits.weights[rows, columns],
+        mesh.faces,
+        truth.world_vertices,
+    )
+    uvz = camera.project(world)
+    np.testing.assert_allclose(uvz[:, 0], columns + 0.5, atol=1e-6)
+    np.testing.assert_allclose(uvz[:, 1], rows + 0.5, atol=1e-6)
+
+
+def test_files_reproject_within_a_hundredth_of_a_pixel(scene: Scene) -> None:
+    """What the tables hold (float32) and what the camera file holds agree."""
+    _, camera, truth = scene
+    stored = truth.xyz_m.astype(np.float32).astype(np.float64)
+    uvz = camera.project(stored)
+    assert np.abs(uvz[:, :2] - truth.uv_px.astype(np.float32)).max() < 1e-4
+    assert np.abs(uvz[:, 2] - truth.depth_m.astype(np.float32)).max() < 1e-6
+
+
+def _plates(height: float, one_object: bool) -> tuple[SceneObject, Camera]:
+    """A large plate at z = 0 and a small one `height` over its first corner."""
+    corners = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, -1, 0]])
+    over = corners * 0.1 + [-0.05, -0.02, height]
+    faces = np.array([[0, 1, 2], [0, 2, 3], [0, 4, 1]], np.int32)
+
+    def part(object_id: int, name: str, triangles: np.ndarray) -> Part:
+        count = int(triangles.max()) + 1
+        zeros = np.zeros(count, np.int32)
+        return Part(object_id, name, triangles, np.zeros((count, 3)), _flat, zeros, True)
+
+    if one_object:
+        parts: tuple[Part, ...] = (part(1, "low", np.concatenate([faces, faces + np.int32(5)])),)
+        pose = Pose({"low": np.concatenate([corners, over])})
+    else:
+        parts = (part(1, "low", faces), part(2, "high", faces))
+        pose = Pose({"low": corners, "high": over})
+    points = Points(
+        np.ones(2, np.int32),
+        np.array([0, 2], np.int32),
+        np.zeros(2, bool),
+        np.zeros((2, 2), np.float32),
+        np.zeros((2, 0), np.int32),
+    )
+    scene_object = SceneObject(
+        "t", "cloth", None, False, 1, parts, points, lambda _: pose, size_m=1.0, thickness_m=0.01
+    )
+    return scene_object, Camera.looking_at((0, 0, 2), (0, 0, 0), (64, 64), fov_deg=40.0)
+
+
+def _flat(rest: np.ndarray) -> np.ndarray:
+    return rest[:, :2]
+
+
+@pytest.mark.parametrize(
+    ("height", "one_object", "state"),
+    [
+        (0.01, True, "self_occluded"),
+        (0.01, False, "occluded"),
+        (-0.01, False, "visible"),
+        (-0.01, True, "visible"),
+        (0.0, False, "visible"),  # two surfaces at one place: neither hides the other
+        (1e-5, False, "occluded"),
+    ],
+)
+def test_states_worked_out_by_hand(height: float, one_object: bool, state: str) -> None:
+    scene_object, camera = _plates(height, one_object)
+    truth = frame_truth(scene_object, scene_object.pose(0), camera)
+    # Point 0 is under the small plate (if that lies higher); point 1 leaves a 40 degree view.
+    assert truth.visibility == [state, "out_of_frame"]
+    np.testing.assert_allclose(truth.uv_px[0], [32, 32], atol=1e-9)
+    assert truth.surface.object_id[20, 40] == 1
+
+
+def test_behind_the_camera_is_out_of_frame(sheet: SceneObject) -> None:
+    camera = Camera.looking_at((0, 0, 0.5), (0, 0, 1.0), (32, 32))
+    truth = frame_truth(sheet, sheet.pose(0), camera)
+    assert set(truth.visibility) == {"out_of_frame"}
+    assert np.isfinite(truth.uv_px).all()
+    assert (truth.surface.object_id == 0).all()
+    assert np.isinf(truth.surface.depth_m).all()
+
+
+def test_the_centre_line_is_seen_through_its_own_surface_only(tube: SceneObject) -> None:
+    camera = Camera.looking_at((0, 0, 1.2), (0, 0, 0), (320, 240), fov_deg=50.0)
+    truth = frame_truth(tube, tube.pose(0), camera)
+    line = tube.points.centreline
+    states, s = np.array(truth.visibility)[line], tube.points.material[line, 0]
+    uv, depth = truth.uv_px[line], truth.depth_m[line]
+    diameter_px = camera.K[0, 0] * tube.thickness_m / depth.min()
+    for k in np.flatnonzero((s > 0.08) & (s < 0.98)):  # away from the ball and the end
+        across = np.linalg.norm(uv - uv[k], axis=1)
+        other = np.abs(s - s[k]) > 0.15
+        if (other & (across < 0.4 * diameter_px) & (depth < depth[k] - 0.02)).any():
+            assert states[k] == "self_occluded"
+        elif (across[other] > 1.5 * diameter_px).all():
+            assert states[k] == "visible"
+    assert {"visible", "self_occluded"} <= set(states)
+
+
+def test_theta_has_no_seam(tube: SceneObject) -> None:
+    """On every pixel of the rope, theta is that of the rest position, never a mean across pi."""
+    camera = Camera.looking_at((0, 0.05, 1.0), (0, 0, 0), (320, 240), fov_deg=50.0)
+    truth = frame_truth(tube, tube.pose(0), camera)
+    on = truth.surface.object_id == 1
+    theta = truth.surface.m1[on]
+    assert theta.min() >= -np.pi - 1e-6
+    assert theta.max() <= np.pi + 1e-6
+    part, mesh = tube.parts[0], SceneMesh.of(tube)
+    corner_theta = part.chart(part.rest)[:, 1][mesh.faces[truth.hits.triangle[on]]]
+    off = (corner_theta - theta[:, None] + np.pi) % (2 * np.pi) - np.pi
+    assert np.abs(off).max() < 2 * np.pi / 12 + 1e-6 or np.abs(off).max() < np.pi
+    inside = np.abs(off).max(axis=1) < 2 * np.pi / 12 + 1e-5
+    assert inside.mean() > 0.99  # the rest lies on the end caps

@@ -1,0 +1,197 @@
+from __future__ import annotations
+
+import json
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from pliant.generator.config import GenerateConfig, QuerySettings
+from pliant.generator.runner.manifest import refuse_changes
+from pliant.generator.runner.plan import SequenceTask
+from pliant.generator.runner.run import generate
+from pliant.generator.truth.queries import Pair
+from pliant.generator.truth.query_sampling import FrameRef, Tracks, draw_points, frame_pairs
+from pliant.spec.dataset import Dataset
+from pliant.spec.errors import CallError
+from pliant.spec.io.parquet import read_footer
+
+TASK = SequenceTask("rope", "test", 0)
+
+
+def tracks(states: list[list[str]], boxes: list[list[int] | None]) -> Tracks:
+    frames, points = len(states), len(states[0])
+    uv = np.arange(frames * points * 2, dtype=np.float32).reshape(frames, points, 2) + 0.25
+    return Tracks(uv, np.array(states, object), boxes)
+
+
+def test_rows_of_a_pair_by_hand():
+    # Four points in two frames; points 0, 1 and 3 may be asked; a symmetry reverses them.
+    seen = tracks(
+        [
+            ["visible", "visible", "visible", "self_occluded"],
+            ["occluded", "visible", "out_of_frame", "visible"],
+        ],
+        [[0, 0, 9, 9], [2, 3, 12, 8]],
+    )
+    pair = Pair(7, FrameRef(TASK, 0), FrameRef(TASK, 1))
+    partners = np.array([[3], [2], [1], [0]])
+    # Point 3 is hidden in frame A: two queries are left.
+    chosen = draw_points(np.random.default_rng(0), seen, 0, np.array([0, 1, 3]), 10)
+    queries, truth = pair.tables(chosen, seen, seen, partners)
+    assert queries["pair_id"].to_pylist() == truth["pair_id"].to_pylist() == [7, 7]
+    assert queries["query_id"].to_pylist() == truth["query_id"].to_pylist() == [0, 1]
+    assert (queries["u_a"].to_pylist(), queries["v_a"].to_pylist()) == ([0.25, 2.25], [1.25, 3.25])
+    assert truth["point"].to_pylist() == [0, 1]
+    assert (truth["u_b"].to_pylist(), truth["v_b"].to_pylist()) == ([8.25, 10.25], [9.25, 11.25])
+    assert truth["visibility_b"].to_pylist() == ["occluded", "visible"]
+    assert truth["box_px"].to_pylist() == [10.0, 10.0]
+    assert truth["alternatives"].to_pylist() == [
+        [{"u": 14.25, "v": 15.25, "visibility": "visible"}],
+        [{"u": 12.25, "v": 13.25, "visibility": "out_of_frame"}],
+    ]
+
+
+@pytest.mark.parametrize(
+    ("states", "boxes"),
+    [
+        ([["occluded"], ["visible"]], [[0, 0, 1, 1], [0, 0, 1, 1]]),
+        ([["visible"], ["occluded"]], [[0, 0, 1, 1], None]),
+    ],
+)
+def test_a_pair_that_cannot_be_asked(states, boxes):
+    seen = tracks(states, boxes)
+    pair = Pair(0, FrameRef(TASK, 0), FrameRef(TASK, 1))
+    chosen = draw_points(np.random.default_rng(0), seen, 0, np.array([0]), 3)
+    assert pair.tables(chosen, seen, seen, np.empty((1, 0), np.int64)) is None
+
+
+@pytest.mark.parametrize("frames", [2, 3, 24, 3000])
+def test_frame_pairs_of_a_sequence(frames):
+    pairs = [
+        (source.frame, target.frame)
+        for source, target in frame_pairs(np.random.default_rng(1), TASK, [TASK], frames, 8)
+    ]
+    assert len(set(pairs)) == len(pairs)
+    assert all(a != b and min(a, b) >= 0 and max(a, b) < frames for a, b in pairs)
+    assert len(pairs) >= min(8, frames * (frames - 1))
+    if frames == 3000:  # from frame 0 into each half of the episode, to two neighbours each
+        assert all(a == 0 for a, _ in pairs[:4])
+        first, second, third, fourth = (b for _, b in pairs[:4])
+        assert second == first + 1 <= 1500
+        assert 1500 <= third == fourth - 1 < 2999
+
+
+def test_an_episode_asks_the_same_points_in_neighbouring_frames(tiny_episode):
+    """Without them no evaluator could tell how an answer trembles."""
+    dataset = Dataset.open(tiny_episode)
+    queries = dataset.queries("test").to_pylist()
+    points = dataset.truth("test")["point"].to_pylist()
+    asked = {}
+    for query, point in zip(queries, points, strict=True):
+        place = (query["sequence_b"], query["frame_a"], query["frame_b"])
+        asked.setdefault(place, set()).add(point)
+    follow = [place for place in asked if (*place[:2], place[2] + 1) in asked and place[1] == 0]
+    assert follow
+    for sequence, a, b in follow:
+        assert asked[sequence, a, b] == asked[sequence, a, b + 1]
+
+
+def test_a_track_asks_frame_0_in_every_later_frame(standin, tmp_path):
+    config = standin.small_config(
+        frames=5,
+        episodes=True,
+        splits={"test": 2},
+        queries=QuerySettings(queries_per_pair=3, kind="track"),
+    )
+    out = tmp_path / "set"
+    generate(config, out, open_maker=standin.maker(config, out))
+    dataset = Dataset.open(out)
+    queries, points = dataset.queries("test"), dataset.truth("test")["point"].to_pylist()
+    rows = list(zip(queries.to_pylist(), points, strict=True))
+    for sequence in ("rope-test-000000", "rope-test-000001"):
+        own = [(query, point) for query, point in rows if query["sequence_b"] == sequence]
+        assert {query["sequence_a"] for query, _ in own} == {sequence}
+        assert {query["frame_a"] for query, _ in own} == {0}
+        asked = {frame: set() for frame in range(1, 5)}
+        for query, point in own:
+            asked[query["frame_b"]].add(point)
+        assert len(asked[1]) == 3
+        assert asked[1] == asked[2] == asked[3] == asked[4]
+
+
+def test_a_track_needs_an_episode():
+    with pytest.raises(CallError, match="only an episode can be tracked"):
+        GenerateConfig(("rope",), queries=QuerySettings(kind="track"))
+    with pytest.raises(CallError, match=r"queries\.kind"):
+        QuerySettings(kind="tracks")
+
+
+def test_a_set_from_before_tracks_goes_on(tmp_path):
+    """Its stored config lacks `queries.kind`: pairs were all there was."""
+    wanted = GenerateConfig(("rope",)).to_dict()
+    stored = {**wanted, "queries": {k: v for k, v in wanted["queries"].items() if k != "kind"}}
+    refuse_changes(stored, wanted, tmp_path)
+    track = GenerateConfig(("rope",), frames=2, episodes=True, queries=QuerySettings(kind="track"))
+    with pytest.raises(CallError, match=r"queries\.kind"):
+        refuse_changes(stored, track.to_dict(), tmp_path)
+
+
+def test_single_frames_are_paired_across_sequences(standin, tmp_path):
+    config = standin.small_config(frames=1, episodes=False, splits={"val": 1, "test": 3})
+    out = tmp_path / "set"
+    generate(config, out, open_maker=standin.maker(config, out))
+    dataset = Dataset.open(out)
+    # One sequence alone makes no pair: the split has no queries, and that is no error.
+    assert dataset.splits_with_queries() == ["test"]
+    rows = dataset.queries("test").to_pylist()
+    pairs = {(row["sequence_a"], row["sequence_b"]) for row in rows}
+    assert all(a != b for a, b in pairs)
+    assert Counter(b for _, b in pairs) == {f"rope-test-{k:06d}": 2 for k in range(3)}
+
+
+@pytest.mark.parametrize("made", ["tiny_dataset", "tiny_episode"])
+def test_queries_lie_on_visible_points_and_truth_follows_the_tables(made, request):
+    dataset = Dataset.open(request.getfixturevalue(made))
+    assert "test" in dataset.splits_with_queries()
+    for split in dataset.splits_with_queries():
+        queries, truth = dataset.queries(split), dataset.truth(split)
+        assert len(queries) == len(truth) > 0
+        ids = queries["pair_id"].to_numpy()
+        assert ids[0] == 0
+        assert set(np.diff(ids)) <= {0, 1}
+        assert read_footer(dataset.root / "truth" / f"{split}.parquet")["queries_sha256"] == (
+            dataset.queries_sha256(split)
+        )
+        for query, answer in zip(queries.to_pylist(), truth.to_pylist(), strict=True):
+            a, b = dataset.sequence(query["sequence_a"]), dataset.sequence(query["sequence_b"])
+            assert a.split == b.split == split
+            assert a.tier == b.tier == query["tier"] == answer["tier"]
+            point = answer["point"]
+            at_a = a.correspondences(query["frame_a"]).slice(point, 1).to_pylist()[0]
+            at_b = b.correspondences(query["frame_b"]).slice(point, 1).to_pylist()[0]
+            assert at_a["visibility"] == "visible"
+            assert (at_a["u_px"], at_a["v_px"]) == (query["u_a"], query["v_a"])
+            assert (at_b["u_px"], at_b["v_px"]) == (answer["u_b"], answer["v_b"])
+            assert at_b["visibility"] == answer["visibility_b"]
+            symmetries = a.described.symmetries
+            assert len(answer["alternatives"]) == len(symmetries)
+
+
+def test_boxes_are_those_of_the_object_mask(tiny_dataset):
+    dataset = Dataset.open(tiny_dataset)
+    queries, truth = dataset.queries("test"), dataset.truth("test")
+    for row in {row["pair_id"]: row for row in queries.to_pylist()}.values():
+        target = dataset.sequence(row["sequence_b"])
+        rows, columns = np.nonzero(target.surface(row["frame_b"]).object_id == 1)
+        side = max(np.ptp(rows), np.ptp(columns)) + 1
+        boxes = truth.filter(truth["pair_id"].to_numpy() == row["pair_id"])["box_px"]
+        assert set(boxes.to_pylist()) == {float(side)}
+
+
+def test_sequence_rows_state_what_their_frames_say(tiny_dataset):
+    for sequence in Dataset.open(tiny_dataset).sequences:
+        info = json.loads((sequence.dir / "sequence.json").read_text())
+        assert len(info["frame_info"]) == sequence.frames
+        if sequence.tier != "rope":
+            assert all(0.2 < frame["coverage"] <= 1.0 for frame in info["frame_info"])

@@ -1,0 +1,146 @@
+from __future__ import annotations
+
+import pytest
+import torch
+from torch.utils.data import default_collate
+
+from pliant.loaders import PairDataset, PairSettings
+from pliant.models.don.loss import don_loss
+from pliant.models.settings import LossSettings
+from pliant.spec.dataset import Dataset
+
+Batch = dict[str, torch.Tensor]
+
+
+@pytest.fixture(scope="module")
+def batch(sheet_dataset: Dataset) -> Batch:
+    settings = PairSettings(views=3, queries=12)
+    pairs = PairDataset(sheet_dataset, "sheet", "train", settings, size=(40, 30), orientation=True)
+    made: Batch = default_collate([pairs[0], pairs[1]])
+    return made
+
+
+def material_map(batch: Batch, sharpness: float) -> torch.Tensor:
+    """Descriptors that are the truth: the material coordinate itself, fitted to the matches.
+
+    An affine map a view (the sheet's own) turns pixels into coordinates.
+    """
+    height, width = batch["mask"].shape[-2:]
+    v, u = torch.meshgrid(torch.arange(height) + 0.5, torch.arange(width) + 0.5, indexing="ij")
+    pixels = torch.stack([u, v, torch.ones_like(u)], dim=-1)  # (h, w, 3)
+    maps = []
+    for sample in range(len(batch["uv_px"])):
+        first = batch["uv_px"][sample, 0, :, 0]
+        for view in range(batch["uv_px"].shape[1]):
+            here = batch["uv_px"][sample, view, :, 0]
+            both = batch["visible"][sample, [0, view], :, 0].all(dim=0)
+            known = torch.cat([here[both], torch.ones(int(both.sum()), 1)], dim=1)
+            to_first = torch.linalg.lstsq(known, first[both]).solution  # (3, 2)
+            maps.append((pixels @ to_first * sharpness).permute(2, 0, 1))
+    return torch.stack(maps)
+
+
+def run(batch: Batch, descriptors: torch.Tensor, **options: object) -> float:
+    settings = LossSettings(**options)  # type: ignore[arg-type]
+    generator = torch.Generator().manual_seed(0)
+    loss, _ = don_loss(descriptors, torch.tensor(1.0), batch, settings, generator=generator)
+    return float(loss)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"kind": "distributional"},
+        {"kind": "distributional", "direction": "reverse"},
+        {"kind": "distributional", "background": -1},
+        {"kind": "contrastive", "margin": 3.0},
+    ],
+)
+def test_the_truth_costs_less_than_anything_else(batch: Batch, options: dict[str, object]) -> None:
+    """Descriptors equal to the material coordinate; sources, targets and views all line up."""
+    truth = material_map(batch, sharpness=0.7)
+    best = run(batch, truth, **options)
+    assert best < 0.5 * run(batch, truth.flip(0), **options)
+    assert best < 0.5 * run(batch, truth.flip(-1), **options)
+    assert best < 0.5 * run(batch, torch.zeros_like(truth), **options)
+
+
+def test_gaussian_descriptors_reach_the_target_itself(batch: Batch) -> None:
+    """With |f - g|^2 = |x - y|^2 / (2 sigma^2) in pixels, p is q and the divergence nearly 0.
+
+    Only the views' scales differ a little from one to another.
+    """
+    truth = material_map(batch, sharpness=2**-0.5)
+    assert run(batch, truth, background=0) < 0.1
+
+
+def test_chunks_and_bins(batch: Batch) -> None:
+    truth = material_map(batch, sharpness=0.7)
+    whole = run(batch, truth, chunk=0)
+    assert run(batch, truth, chunk=5) == pytest.approx(whole, rel=1e-5)
+    assert run(batch, truth, bin_px=2) < 0.5 * run(batch, truth.flip(0), bin_px=2)
+
+
+def test_lipschitz_terms_are_added_and_fall_silent_for_the_truth(batch: Batch) -> None:
+    truth = material_map(batch, sharpness=2.0)
+    settings = LossSettings(space_weight=1.0, space_mu=(1.0, 1.0))
+    generator = torch.Generator().manual_seed(0)
+    _, figures = don_loss(truth, torch.tensor(1.0), batch, settings, generator=generator)
+    wrong = torch.randn(truth.shape, generator=torch.Generator().manual_seed(1)) * 3
+    _, other = don_loss(wrong, torch.tensor(1.0), batch, settings, generator=generator)
+    assert float(figures["lipschitz_space"]) < 0.01
+    assert float(other["lipschitz_space"]) > 0.1
+
+
+def test_time_term_knows_which_views_an_action_connects(batch: Batch) -> None:
+    truth = material_map(batch, sharpness=2.0)
+    settings = LossSettings(time_weight=1.0, space_mu=(1.0, 1.0), time_constant=1.0)
+    connected = dict(batch)
+    moved = (batch["uv_px"][:, :, None, :, 0] - batch["uv_px"][:, None, :, :, 0]).norm(dim=-1)
+    both = batch["visible"][:, :, None, :, 0] & batch["visible"][:, None, :, :, 0]
+    connected["action_px"] = (moved * both).amax(dim=-1)
+    for action, expected in (("same", 0.3), ("small", None), ("none", 0.0)):
+        if action == "small":
+            connected["action_px"] = connected["action_px"] * 0.01
+        if action == "none":
+            connected = batch
+        generator = torch.Generator().manual_seed(0)
+        _, figures = don_loss(truth, torch.tensor(1.0), connected, settings, generator=generator)
+        value = float(figures["lipschitz_time"])
+        if expected is None:
+            assert value > 1.0
+        else:
+            assert value <= expected
+
+
+def test_orientation_of_the_sheet(batch: Batch) -> None:
+    """The flat sheet runs one way in each view: a map of that way costs nothing."""
+    truth = material_map(batch, sharpness=0.7)
+    ways = batch["orientation"].flatten(0, 1)[:, 0]  # (B V, 3); no sine
+    assert ways[:, 2].isnan().all()
+    maps = ways.nan_to_num(7.0)[:, :, None, None].expand(-1, -1, *truth.shape[-2:])
+    settings = LossSettings(orientation_weight=0.25)
+
+    def cost(orientation: torch.Tensor | None) -> tuple[float, float | None]:
+        generator = torch.Generator().manual_seed(0)
+        loss, figures = don_loss(
+            truth,
+            torch.tensor(1.0),
+            batch,
+            settings,
+            orientation=orientation,
+            generator=generator,
+        )
+        own = figures.get("orientation")
+        return float(loss), None if own is None else float(own)
+
+    without, none = cost(None)
+    assert none is None
+    right, own = cost(maps)
+    assert own == pytest.approx(0.0, abs=1e-4)
+    assert right == pytest.approx(without, abs=1e-4)
+    wrong, opposite = cost(-maps)
+    assert opposite == pytest.approx(4.0, rel=1e-3)
+    assert wrong == pytest.approx(without + 1.0, rel=1e-3)  # 0.25 of it
+    turned, _ = cost(maps.roll(1, 0))
+    assert turned > right

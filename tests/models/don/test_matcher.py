@@ -1,0 +1,306 @@
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from types import ModuleType
+
+import numpy as np
+import pytest
+import torch
+from torch import nn
+
+from pliant.baselines.matcher import HeatMatcher, View
+from pliant.loaders.frame_store import FrameStore
+from pliant.models.don.calibration import calibrate
+from pliant.models.don.decoding import Widths, decode_position, mixture_of_modes, spread_about
+from pliant.models.don.matcher import Calibration, DonMatcher, visible_probability
+from pliant.models.don.report import descriptor_colours
+from pliant.models.don.validation import ValidationPair, draw_validation_pairs, validate
+from pliant.models.networks.descriptor_network import (
+    DescriptorNetwork,
+    NetworkSettings,
+    build_network,
+)
+from pliant.models.settings import AnswerSettings
+from pliant.spec.dataset import Dataset
+
+SIZE = (80, 60)
+GRID = torch.tensor([[u + 0.5, v + 0.5] for v in range(6) for u in range(10)])
+
+
+class ColourIsPlace(nn.Module):
+    """The sheet's red and green say where on it a pixel is: a perfect descriptor by hand."""
+
+    def forward(self, image: torch.Tensor) -> torch.Tensor:
+        return image[:, :2] * 4
+
+
+def by_colour(settings: AnswerSettings | None = None, scale: float = 8.0) -> DonMatcher:
+    network = build_network(NetworkSettings(widths=(8, 32)), 3, initial_scale=scale)
+    network.backbone = ColourIsPlace()
+    return DonMatcher(network, SIZE, "rgb", settings or AnswerSettings())
+
+
+@pytest.fixture(scope="module")
+def pairs(sheet_dataset: Dataset) -> list[ValidationPair]:
+    store = FrameStore(sheet_dataset, "sheet", "train", SIZE)
+    return draw_validation_pairs(store, 8, 60, seed=0)
+
+
+def within(pair: ValidationPair) -> ValidationPair:
+    """The pair without the points on the sheet's rim, whose colours are mixed with the table's."""
+    assert pair.source.mask is not None
+    assert pair.target.mask is not None
+    keep = np.ones(len(pair.uv_a_px), bool)
+    for mask, uv in ((pair.source.mask, pair.uv_a_px), (pair.target.mask, pair.uv_b_px[:, 0])):
+        for shift in ((-2, 0), (2, 0), (0, -2), (0, 2)):
+            column, row = np.floor(uv + shift).astype(int).T
+            keep &= mask[row, column]
+    return replace(
+        pair, uv_a_px=pair.uv_a_px[keep], uv_b_px=pair.uv_b_px[keep], visible=pair.visible[keep]
+    )
+
+
+@pytest.mark.parametrize("decode", ["argmax", "median", "soft"])
+@pytest.mark.parametrize("rotations", [1, 2, 4])
+def test_answers_are_right_to_a_fraction_of_a_pixel(
+    pairs: list[ValidationPair], decode: str, rotations: int
+) -> None:
+    """Turned copies vote in their own frames: a slip in turning positions would show."""
+    settings = AnswerSettings(decode=decode, rotations=rotations)  # type: ignore[arg-type]
+    figures = validate(by_colour(settings), [within(pair) for pair in pairs], SIZE)
+    assert figures["median_px"] < 0.25
+    assert figures["rmse_px"] < 0.5
+
+
+def test_answers_are_in_the_pixels_of_each_view(sheets: ModuleType, sheet_dataset: Dataset) -> None:
+    """Source and target may have different sizes; neither is the network's."""
+    source, target = sheet_dataset.sequences[0], sheet_dataset.sequences[1]
+    rgb = target.rgb(0)
+    large = View(rgb.repeat(3, axis=0).repeat(2, axis=1), key="large")
+    small = View(source.rgb(0), mask=source.surface(0).object_id == 1, key="small")
+    matcher = by_colour(AnswerSettings(search="image"))
+    to_a = sheets.sheet_map(0, 0, SIZE, 0.0)
+    to_b = sheets.sheet_map(1, 0, SIZE, 0.0)
+    material = np.array([[0.3, 0.3], [0.5, 0.7], [0.7, 0.6]])
+    uv_a = (material @ to_a[:, :2].T + to_a[:, 2]).astype(np.float32)
+    answers = matcher.answer(small, large, uv_a)
+    expected = (material @ to_b[:, :2].T + to_b[:, 2]) * [2, 3]
+    np.testing.assert_allclose(answers.uv_px, expected, atol=1.0)
+
+
+def test_search_stays_in_the_mask_unless_told(pairs: list[ValidationPair]) -> None:
+    pair = pairs[0]
+    assert pair.target.mask is not None
+    corner = np.zeros_like(pair.target.mask)
+    corner[:8, :8] = True
+    target = replace(pair.target, mask=corner, key="corner")
+    inside = by_colour().answer(pair.source, target, pair.uv_a_px).uv_px
+    assert (inside <= 8).all()
+    anywhere = by_colour(AnswerSettings(search="image")).answer(pair.source, target, pair.uv_a_px)
+    assert (anywhere.uv_px > 8).any()
+
+
+def test_a_thin_mask_is_not_lost(pairs: list[ValidationPair]) -> None:
+    mask = np.zeros((480, 640), bool)
+    mask[100:300, 201] = True
+    view = View(np.zeros((480, 640, 3), np.uint8), mask=mask, key="thin")
+    answers = by_colour().answer(pairs[0].source, view, pairs[0].uv_a_px)
+    assert np.abs(answers.uv_px[:, 0] - 201).max() < 8
+
+
+def test_no_queries_and_empty_masks(pairs: list[ValidationPair]) -> None:
+    pair = pairs[0]
+    nothing = by_colour().answer(pair.source, pair.target, np.zeros((0, 2), np.float32))
+    assert nothing.uv_px.shape == (0, 2)
+    assert pair.target.mask is not None
+    unseen = replace(pair.target, mask=np.zeros_like(pair.target.mask), key="unseen")
+    assert np.isfinite(by_colour().answer(pair.source, unseen, pair.uv_a_px).uv_px).all()
+
+
+def test_heat_peaks_at_the_answer(pairs: list[ValidationPair]) -> None:
+    matcher = by_colour()
+    assert isinstance(matcher, HeatMatcher)
+    pair = pairs[0]
+    query = pair.uv_a_px[pair.visible[:, 0]][0]
+    heat = matcher.heat(pair.source, pair.target, query)
+    assert heat.values.shape == pair.target.rgb.shape[:2]
+    peak = np.unravel_index(np.nanargmax(heat.values), heat.values.shape)
+    answer = matcher.answer(pair.source, pair.target, query[None]).uv_px[0]
+    assert np.hypot(peak[1] + 0.5 - answer[0], peak[0] + 0.5 - answer[1]) < 1.5
+    assert np.isnan(heat.values[~pair.target.mask]).all()
+    assert 0 < heat.confidence <= 1
+
+
+def test_argmax_by_hand() -> None:
+    """Most probable pixel (3.5, 2.5), pulled towards its only likely neighbour."""
+    p = torch.full((60,), 1e-12)
+    p[2 * 10 + 3], p[2 * 10 + 4], p[5 * 10 + 9] = 0.5, 0.25, 0.25
+    found = decode_position(p.log()[None], GRID, "argmax")[0]
+    assert found.tolist() == pytest.approx([3.5 + 1 / 3, 2.5], abs=1e-4)
+    mean = decode_position(p.log()[None], GRID, "soft")[0]
+    assert mean.tolist() == pytest.approx([5.25, 3.25], abs=1e-4)
+
+
+def test_median_prefers_a_broad_hill_to_a_lone_peak() -> None:
+    p = torch.full((60,), 1e-12)
+    p[0] = 0.28
+    for u in (7, 8, 9):
+        p[5 * 10 + u] = 0.24
+    found = decode_position(p.log()[None], GRID, "median")[0]
+    assert found.tolist() == pytest.approx([8.5, 5.5], abs=1e-3)
+    assert decode_position(p.log()[None], GRID, "argmax")[0].tolist() == pytest.approx([0.5, 0.5])
+
+
+def test_modes_by_hand() -> None:
+    wide = torch.tensor([[u + 0.5, 0.5] for u in range(60)])
+    p = torch.full((60,), 1e-12)
+    p[9], p[11], p[40] = 0.3, 0.3, 0.4
+    modes, used = mixture_of_modes(p.log()[None], wide, Widths(0.5))
+    found = modes[0][used[0]]
+    assert found.shape == (2, 4)
+    # (40.5, weight 0.4) is the highest pixel; then 9.5 and 11.5 share a mode of variance 1 / 2.
+    np.testing.assert_allclose(
+        found.numpy(),
+        [[40.5, 0.5, 0.5, 0.4], [10.5, 0.5, math.sqrt(0.5 + 0.25), 0.6]],
+        atol=1e-4,
+    )
+
+
+def test_a_wider_radius_takes_a_hill_as_one_mode() -> None:
+    line = torch.tensor([[u + 0.5, 0.5] for u in range(60)])
+    p = torch.full((60,), 1e-12)
+    p[20], p[26], p[50] = 0.5, 0.3, 0.2  # 6 px apart: two modes of 4 px, one of 9 px
+    _, used = mixture_of_modes(p.log()[None], line, Widths(0.0), 4.0)
+    assert int(used.sum()) == 3
+    modes, used = mixture_of_modes(p.log()[None], line, Widths(0.0), 9.0)
+    # Mean 20 + 6 * 3 / 8; variance 36 * 15 / 64 along the line, half of it per axis.
+    np.testing.assert_allclose(
+        modes[0][used[0]].numpy(),
+        [[22.75, 0.5, math.sqrt(36 * 15 / 64 / 2), 0.8], [50.5, 0.5, 0.0, 0.2]],
+        atol=1e-4,
+    )
+
+
+def test_a_narrower_spread_moves_neither_modes_nor_weights() -> None:
+    wide = torch.tensor([[u + 0.5, 0.5] for u in range(60)])
+    p = torch.full((60,), 1e-12)
+    p[9], p[11], p[40] = 0.3, 0.3, 0.4
+    whole, _ = mixture_of_modes(p.log()[None], wide, Widths(0.5))
+    half, _ = mixture_of_modes(p.log()[None], wide, Widths(0.5, 0.5))
+    assert torch.equal(whole[..., [0, 1, 3]], half[..., [0, 1, 3]])
+    # The variance 1 / 2 of the second mode counts a quarter; a single pixel has none to shrink.
+    assert half[0, :2, 2].tolist() == pytest.approx([0.5, math.sqrt(0.125 + 0.25)], abs=1e-4)
+    sigma = spread_about(p.log()[None], wide, torch.tensor([[10.5, 0.5]]), Widths(0.0, 0.5))
+    full = spread_about(p.log()[None], wide, torch.tensor([[10.5, 0.5]]), Widths(0.0))
+    assert float(sigma) == pytest.approx(float(full) / 2)
+
+
+def test_the_blur_of_the_target_comes_off() -> None:
+    variance = torch.tensor([4.0, 2.25, 1.0])
+    found = Widths(0.5, 2.0, 1.5).of(variance)
+    # 4 (4 - 2.25) + 0.25 = 7.25; nothing is left of the others but a hundredth.
+    expected = [math.sqrt(7.25), math.sqrt(4 * 0.0225 + 0.25), math.sqrt(4 * 0.01 + 0.25)]
+    assert found.tolist() == pytest.approx(expected, rel=1e-6)
+    # Squared, a deviation of 2 px becomes 4 and one of half a pixel a quarter.
+    apart = Widths(0.0, 1.0, 0.0, 2.0).of(torch.tensor([4.0, 0.25]))
+    assert apart.tolist() == pytest.approx([4.0, 0.25], rel=1e-6)
+
+
+def test_spread_by_hand() -> None:
+    p = torch.full((60,), 1e-12)
+    p[23], p[27] = 0.5, 0.5  # 4 px apart: squared distance 4 about the middle, 2 per axis
+    sigma = spread_about(p.log()[None], GRID, torch.tensor([[5.5, 2.5]]), Widths(0.0))
+    assert float(sigma) == pytest.approx(math.sqrt(2), rel=1e-4)
+
+
+def test_weights_sum_to_one_and_sigmas_are_positive() -> None:
+    log_p = torch.randn(50, 60, generator=torch.Generator().manual_seed(0)).log_softmax(dim=1)
+    modes, used = mixture_of_modes(log_p, GRID, Widths(0.3))
+    torch.testing.assert_close((modes[..., 3] * used).sum(dim=1), torch.ones(50))
+    assert (modes[..., 2][used] >= 0.3).all()
+
+
+def test_calibration_makes_an_overconfident_matcher_honest(pairs: list[ValidationPair]) -> None:
+    """Noise makes the errors larger than the sharp softmax believes."""
+
+    class Noisy(ColourIsPlace):
+        def forward(self, image: torch.Tensor) -> torch.Tensor:
+            g = torch.Generator().manual_seed(int(image.abs().sum() * 1000) % 2**31)
+            return super().forward(image) + 0.7 * torch.randn(image[:, :2].shape, generator=g)
+
+    matcher = by_colour(scale=400.0)
+    matcher.network.backbone = Noisy()
+    calibration = calibrate(matcher, pairs, (640, 480))
+    assert calibration.temperature > 1.5
+    assert calibration.figures is not None
+    assert calibration.figures["ece"] < 0.1
+    matcher.calibration = calibration
+    answers = matcher.answer(pairs[0].source, pairs[0].target, pairs[0].uv_a_px)
+    assert answers.modes is not None
+    assert all(
+        abs(rows[:, 3].sum() - 1) < 1e-3 and (rows[:, 2] > 0).all() for rows in answers.modes
+    )
+    matcher.settings = AnswerSettings(distribution="sigma")
+    answers = matcher.answer(pairs[0].source, pairs[0].target, pairs[0].uv_a_px)
+    assert answers.modes is None
+    assert answers.sigma_px is not None
+    assert (answers.sigma_px > 0).all()
+
+
+def test_visible_is_learned_from_the_distance(pairs: list[ValidationPair]) -> None:
+    """Half the truths are declared hidden, and their colour is made to be nowhere."""
+    changed = []
+    for number, pair in enumerate(pairs):
+        hidden = number % 2 == 1
+        source = pair.source
+        if hidden:
+            source = replace(source, rgb=255 - source.rgb // 8, key=f"hidden {number}")
+        visible = np.zeros_like(pair.visible) if hidden else pair.visible
+        changed.append(replace(pair, source=source, visible=visible))
+    matcher = by_colour()
+    calibration = calibrate(matcher, changed, SIZE)
+    assert calibration.visible_slope > 0
+    assert calibration.figures is not None
+    assert calibration.figures["visible_accuracy"] > 0.9
+    matcher.calibration = calibration
+    seen = matcher.answer(changed[0].source, changed[0].target, changed[0].uv_a_px).visible
+    gone = matcher.answer(changed[1].source, changed[1].target, changed[1].uv_a_px).visible
+    assert seen is not None
+    assert gone is not None
+    assert np.median(seen) > 0.5 > np.median(gone)
+
+
+def test_visible_is_a_half_at_the_threshold() -> None:
+    calibration = Calibration(visible_at=2.0, visible_slope=3.0)
+    p = visible_probability(np.array([0.0, 2.0, 4.0]), calibration)
+    assert p.tolist() == pytest.approx([1.0, 0.5, 1 / 9])
+
+
+def test_network_weights_survive_a_pickle(pairs: list[ValidationPair]) -> None:
+    """`pliant predict --workers 2` sends the matcher to other processes."""
+    import pickle
+
+    matcher = by_colour()
+    again = pickle.loads(pickle.dumps(matcher))
+    pair = pairs[0]
+    np.testing.assert_array_equal(
+        again.answer(pair.source, pair.target, pair.uv_a_px).uv_px,
+        matcher.answer(pair.source, pair.target, pair.uv_a_px).uv_px,
+    )
+
+
+def test_colours_are_the_same_in_all_pictures() -> None:
+    rng = np.random.default_rng(0)
+    shared = rng.normal(size=(4, 5, 6)).astype(np.float32)
+    masks = [np.ones((4, 5), bool)] * 2
+    a, b = descriptor_colours([shared, shared[::-1]], masks)
+    np.testing.assert_allclose(a, b[::-1])
+    assert len(np.unique(a.reshape(-1, 3), axis=0)) > 10
+    flat = descriptor_colours([shared[..., :2]], [np.zeros((4, 5), bool)])
+    assert (flat[0] == 1).all()
+
+
+def test_matcher_is_in_evaluation_mode() -> None:
+    network: DescriptorNetwork = build_network(NetworkSettings(name="resnet18"), 3)
+    assert not DonMatcher(network.train(), SIZE, "rgb", AnswerSettings()).network.training

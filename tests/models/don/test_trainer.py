@@ -1,0 +1,280 @@
+from __future__ import annotations
+
+import json
+import os
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from pliant.loaders.frame_store import FrameStore
+from pliant.models import load_matcher
+from pliant.models.don.trainer import train_don
+from pliant.models.don.validation import draw_validation_pairs
+from pliant.models.settings import DonSettings, OptimiserSettings
+from pliant.models.training.checkpoint import latest_checkpoint, read_checkpoint, read_weights_file
+from pliant.models.training.loop import learning_rate
+from pliant.spec.configuration import read_settings, settings_to_dict
+from pliant.spec.dataset import Dataset
+from pliant.spec.errors import CallError, TrainingError
+
+# The import of TensorBoard's protocol buffers warns of its own future.
+pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
+
+TINY = [
+    "steps=6",
+    "batch=1",
+    "width=40",
+    "height=30",
+    "seed=3",
+    "network.widths=[8, 16, 32]",
+    "network.descriptor_dim=4",
+    "pairs.queries=8",
+    "validation.every=3",
+    "validation.pairs=2",
+    "validation.queries=8",
+    "validation.calibration_pairs=2",
+    "checkpoint_every=2",
+    "optimiser.warmup=2",
+]
+
+
+def tiny(*overrides: str) -> DonSettings:
+    return read_settings(DonSettings, None, [*TINY, *overrides])
+
+
+def test_overfits_four_pairs(sheet_dataset: Dataset, tmp_path: Path) -> None:
+    """Four frames, any two of them a pair: to be found to a fraction of a pixel."""
+    settings = tiny(
+        "steps=100",
+        "batch=2",
+        "width=80",
+        "height=60",
+        "network.widths=[16, 32, 32]",
+        "network.descriptor_dim=8",
+        "pairs.queries=32",
+        "augment={rotate_deg: 0, scale: 0, colour: 0, noise: 0}",
+        "validation={split: train, every: 100, pairs: 12, queries: 64, calibration_pairs: 2}",
+        "optimiser.warmup=10",
+        "checkpoint_every=100",
+    )
+    facts = train_don(sheet_dataset, tmp_path / "run", settings)
+    assert facts["validation"]["rmse_px"] < 1.5  # 3 is asked for
+
+
+@pytest.mark.parametrize("optimiser", ["adamw", "muon"])
+def test_resumed_equals_uninterrupted(
+    sheet_dataset: Dataset, tmp_path: Path, optimiser: str
+) -> None:
+    """Bit for bit: weights, running average, optimiser and history."""
+    whole, parts = tmp_path / "whole", tmp_path / "parts"
+    settings = tiny(f"optimiser.kind={optimiser}")
+    train_don(sheet_dataset, whole, settings)
+    train_don(sheet_dataset, parts, settings, stop_at=3)
+    assert read_checkpoint(latest_checkpoint(parts)).step == 3  # type: ignore[arg-type]
+    train_don(sheet_dataset, parts, settings, resume=True)
+    a, b = (read_checkpoint(latest_checkpoint(run)) for run in (whole, parts))  # type: ignore[arg-type]
+    assert a.step == b.step == 6
+    assert a.history == b.history
+    assert (a.best, a.waited) == (b.best, b.waited)
+    for left, right in (
+        (a.weights, b.weights),
+        (a.average, b.average),
+        *zip(a.optimiser["state"].values(), b.optimiser["state"].values(), strict=True),
+    ):
+        assert left.keys() == right.keys()
+        for name in left:
+            assert torch.equal(left[name], right[name]), name
+    assert (whole / "best.safetensors").read_bytes() == (parts / "best.safetensors").read_bytes()
+    calibrations = [(run / "calibration.json").read_text() for run in (whole, parts)]
+    assert calibrations[0] == calibrations[1]
+
+
+@pytest.mark.parametrize("keep", ["best", "last"])
+def test_which_weights_answer(
+    sheet_dataset: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, keep: str
+) -> None:
+    """Validation finds the weights of step 3 better than those of step 6."""
+    found = iter([1.0, 2.0, 2.0])
+
+    def worse_and_worse(*_: object) -> dict[str, float]:
+        error = next(found)
+        return {"criterion_px": error, "rmse_px": error, "rmse_px_mean_over_pairs": error,
+                "median_px": error, "pck_8px": 0.0}  # fmt: skip
+
+    monkeypatch.setattr("pliant.models.don.trainer.validate", worse_and_worse)
+    run = tmp_path / "run"
+    train_don(sheet_dataset, run, tiny(f"validation.keep={keep}"))
+    last = read_checkpoint(latest_checkpoint(run)).average  # type: ignore[arg-type]
+    answering = read_weights_file(run / "best.safetensors")
+    same = [torch.equal(answering[name], last[name]) for name in last]
+    assert all(same) if keep == "last" else not all(same)
+
+
+def test_a_run_that_learned_orientation_answers(sheet_dataset: Dataset, tmp_path: Path) -> None:
+    """Its network has three channels more, which no answer looks at."""
+    run = tmp_path / "run"
+    train_don(sheet_dataset, run, tiny("loss.orientation_weight=0.5"))
+    weights = read_weights_file(run / "best.safetensors")
+    assert weights["backbone.head.weight"].shape[0] == 4 + 3
+    history = read_checkpoint(latest_checkpoint(run)).history  # type: ignore[arg-type]
+    assert 0 < history[-1]["orientation"] < 4
+    matcher = load_matcher(run)
+    pair = draw_validation_pairs(FrameStore(sheet_dataset, "sheet", "val", (40, 30)), 1, 8, 0)[0]
+    assert matcher.descriptor_map(pair.source).shape == (30, 40, 4)
+    assert np.isfinite(matcher.answer(pair.source, pair.target, pair.uv_a_px).uv_px).all()
+
+
+def test_a_run_is_a_folder_that_answers(sheet_dataset: Dataset, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    facts = train_don(sheet_dataset, run, tiny())
+    assert (run / "report.html").stat().st_size > 20_000
+    assert list((run / "tensorboard").iterdir())
+    assert [p.name for p in (run / "checkpoints").iterdir()] == ["0000006"]
+    assert json.loads((run / "run.json").read_text())["steps"] == 6
+    assert not list(run.rglob("*.pt"))
+    assert not list(run.rglob("*.pkl"))
+    matcher = load_matcher(run)
+    described = matcher.describe()
+    assert described["tier"] == "sheet"
+    assert described["answer"] == {
+        "decode": "median",
+        "search": "mask",
+        "rotations": 1,
+        "distribution": "modes",
+    }
+    json.dumps(described)
+    assert facts["validation"]["rmse_px"] > 0
+    # The config that was stored is the one that ran, its tier named.
+    stored = settings_to_dict(read_settings(DonSettings, run / "config.yaml"))
+    assert stored == settings_to_dict(tiny("tier=sheet"))
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ["loss.kind=contrastive", "network.name=resnet18", "pairs.input=rgbd"],
+        ["precision=bfloat16", "pairs.views=3", "loss.direction=reverse", "optimiser.average=0"],
+        ["pairs.matches=surface", "cache=false", "network.normalise=true", "loss.space_weight=0.1"],
+    ],
+)
+def test_other_settings_train_too(
+    sheet_dataset: Dataset, tmp_path: Path, options: list[str]
+) -> None:
+    facts = train_don(
+        sheet_dataset, tmp_path / "run", tiny("steps=2", "validation.every=2", *options)
+    )
+    assert facts["steps"] == 2
+    load_matcher(tmp_path / "run")
+
+
+def test_stops_early_when_nothing_gets_better(sheet_dataset: Dataset, tmp_path: Path) -> None:
+    settings = tiny(
+        "steps=40",
+        "validation.every=1",
+        "validation.patience=2",
+        "optimiser.learning_rate=1e-12",
+        "optimiser.average=0",
+    )
+    facts = train_don(sheet_dataset, tmp_path / "run", settings)
+    assert facts["steps"] < 10
+
+
+def test_divergence_is_an_error(sheet_dataset: Dataset, tmp_path: Path) -> None:
+    settings = tiny("optimiser.learning_rate=1e30", "optimiser.warmup=0", "optimiser.clip_norm=0")
+    with pytest.raises(TrainingError, match="no longer finite"):
+        train_don(sheet_dataset, tmp_path / "run", settings)
+
+
+def test_calls_that_are_refused(sheet_dataset: Dataset, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    with pytest.raises(TrainingError, match="no checkpoint to resume"):
+        train_don(sheet_dataset, run, tiny(), resume=True)
+    train_don(sheet_dataset, run, tiny("steps=2"), stop_at=2)
+    with pytest.raises(CallError, match="must be empty"):
+        train_don(sheet_dataset, run, tiny("steps=2"))
+    with pytest.raises(TrainingError, match="settings it began with"):
+        train_don(sheet_dataset, run, tiny("steps=9"), resume=True)
+    with pytest.raises(CallError, match="no training run"):
+        load_matcher(tmp_path / "nothing")
+
+
+def test_a_damaged_checkpoint_is_named(sheet_dataset: Dataset, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    train_don(sheet_dataset, run, tiny("steps=2"), stop_at=2)
+    folder = latest_checkpoint(run)
+    assert folder is not None
+    (folder / "weights.safetensors").write_bytes(b"broken")
+    with pytest.raises(TrainingError, match=r"weights\.safetensors: the weights cannot be read"):
+        train_don(sheet_dataset, run, tiny("steps=2"), resume=True)
+    (run / "best.safetensors").write_bytes(b"\x00" * 50)
+    with pytest.raises(TrainingError, match=r"best\.safetensors"):
+        load_matcher(run)
+
+
+def test_schedules() -> None:
+    cosine = OptimiserSettings(learning_rate=1.0, warmup=10, schedule="cosine")
+    rates = [learning_rate(cosine, step, 110) for step in (0, 9, 10, 60, 110)]
+    assert rates == pytest.approx([0.1, 1.0, 1.0, 0.5, 0.0])
+    # DON's own: 0.9 every 250 steps
+    step = OptimiserSettings(learning_rate=1e-4, warmup=0, schedule="step")
+    assert learning_rate(step, 249, 3500) == pytest.approx(1e-4)
+    assert learning_rate(step, 3499, 3500) == pytest.approx(1e-4 * 0.9**13)
+
+
+@pytest.mark.slow
+def test_two_processes_equal_one_with_twice_the_batch(
+    sheet_dataset: Dataset, tmp_path: Path
+) -> None:
+    """Under torchrun with gloo: the same samples, so the same weights up to rounding.
+
+    Every background pixel competes: drawing some would differ from process to process.
+    """
+    common = ["steps=3", "cache=false", "loss.background=-1", "validation.every=3"]
+    alone = tmp_path / "alone"
+    train_don(sheet_dataset, alone, tiny(*common, "batch=2"))
+    together = tmp_path / "together"
+    defaults = tmp_path / "defaults.yaml"  # not the shipped recipe
+    defaults.write_text("")
+    overrides = [part for value in [*TINY, *common] for part in ("--set", value)]
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    done = subprocess.run(
+        [
+            sys.executable,
+            "-m",
+            "torch.distributed.run",
+            "--nproc-per-node=2",
+            "--master-addr=127.0.0.1",
+            f"--master-port={port}",
+            "--no-python",
+            str(Path(sys.executable).parent / "pliant"),
+            "train",
+            "don",
+            "--data",
+            str(sheet_dataset.root),
+            "--out",
+            str(together),
+            "--config",
+            str(defaults),
+            "--json",
+            *overrides,
+        ],
+        capture_output=True,
+        text=True,
+        env={**os.environ, "OMP_NUM_THREADS": "1"},
+    )
+    assert done.returncode == 0, done.stderr[-3000:]
+    assert json.loads(done.stdout)["processes"] == 2
+    one = read_weights_file(latest_checkpoint(alone) / "weights.safetensors")  # type: ignore[operator]
+    two = read_weights_file(latest_checkpoint(together) / "weights.safetensors")  # type: ignore[operator]
+    moved = 0.0
+    for name in one:
+        torch.testing.assert_close(one[name], two[name], atol=3e-4, rtol=1e-3, msg=name)
+        moved = max(moved, float((one[name] - two[name]).abs().max()))
+    assert moved > 0  # they did not by mistake run alone

@@ -1,0 +1,185 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from safetensors.torch import save_file
+from torch import nn
+
+from pliant.models.networks.descriptor_network import (
+    NetworkSettings,
+    build_network,
+    sample_descriptors,
+)
+from pliant.models.networks.pretrained import read_weights
+from pliant.models.networks.resnet import ResNetFCN
+from pliant.models.networks.unet import ConvBlock
+from pliant.spec.errors import CallError
+
+SMALL = NetworkSettings(widths=(8, 16, 32))
+
+
+@pytest.mark.parametrize("name", ["unet", "resnet18", "resnet50"])
+@pytest.mark.parametrize("channels", [1, 3])
+def test_a_descriptor_at_every_pixel(name: str, channels: int) -> None:
+    settings = NetworkSettings(name=name, descriptor_dim=5, widths=(8, 16, 32), normalise=True)
+    network = build_network(settings, channels).eval()
+    with torch.inference_mode():
+        descriptors = network(torch.randn(1, channels, 50, 66))
+    assert descriptors.shape == (1, 5, 50, 66)
+    torch.testing.assert_close(descriptors.norm(dim=1), torch.ones(1, 50, 66))
+
+
+@pytest.mark.parametrize(("name", "blocks"), [("resnet18", 8), ("resnet34", 16), ("resnet50", 16)])
+def test_resnets_have_their_depth_and_stride_8(name: str, blocks: int) -> None:
+    network = ResNetFCN(name, 3, 4).eval()
+    counted = sum(len(getattr(network, f"layer{stage}")) for stage in range(1, 5))
+    assert counted == blocks
+    sizes: list[torch.Size] = []
+    network.layer4.register_forward_hook(lambda module, inputs, output: sizes.append(output.shape))
+    with torch.inference_mode():
+        network(torch.randn(1, 3, 64, 96))
+    assert sizes[0][-2:] == (8, 12)
+
+
+def test_resnets_have_the_parameters_of_torchvision() -> None:
+    """11.18, 21.28 and 23.51 million without the classifier (torchvision's documentation)."""
+    for name, millions in (("resnet18", 11.18), ("resnet34", 21.28), ("resnet50", 23.51)):
+        network = ResNetFCN(name, 3, 4)
+        counted = sum(p.numel() for key, p in network.named_parameters() if "head" not in key)
+        assert counted / 1e6 == pytest.approx(millions, abs=0.01)
+        assert "layer4.1.bn2.running_mean" in network.state_dict()
+
+
+def test_descriptors_between_pixels() -> None:
+    """A map that holds each pixel's own centre must give back the position asked for."""
+    v, u = torch.meshgrid(torch.arange(6) + 0.5, torch.arange(8) + 0.5, indexing="ij")
+    descriptors = torch.stack([u, v])[None]
+    uv = torch.tensor([[[0.5, 0.5], [3.7, 2.2], [7.5, 5.5], [4.0, 3.0]]])
+    torch.testing.assert_close(sample_descriptors(descriptors, uv), uv)
+
+
+def test_global_blocks_see_the_whole_image() -> None:
+    torch.manual_seed(0)
+    image = torch.randn(1, 3, 64, 128, requires_grad=True)
+    for blocks, seen in ((0, False), (1, True)):
+        settings = NetworkSettings(widths=(8, 16, 32), global_blocks=blocks)
+        network = build_network(settings, 3)
+        for module in network.modules():  # group normalisation sees everything too, a little
+            if isinstance(module, ConvBlock):
+                module.norm1 = module.norm2 = nn.Identity()
+        (gradient,) = torch.autograd.grad(network(image)[0, :, 32, 0].sum(), image)
+        assert bool((gradient[..., 96:] != 0).any()) == seen
+
+
+def test_patches_keep_the_size_of_the_output() -> None:
+    settings = NetworkSettings(widths=(16, 32, 32), patch=2, descriptor_dim=3)
+    assert build_network(settings, 3)(torch.randn(1, 3, 33, 46)).shape == (1, 3, 33, 46)
+
+
+def test_unknown_networks_are_refused() -> None:
+    with pytest.raises(CallError, match=r"network\.name"):
+        NetworkSettings(name="vgg")
+
+
+def weights_of(network: nn.Module) -> dict[str, torch.Tensor]:
+    return {name: tensor.clone() for name, tensor in network.state_dict().items()}
+
+
+@pytest.mark.parametrize("suffix", [".safetensors", ".pth"])
+def test_pretrained_weights_from_a_file(tmp_path: Path, suffix: str) -> None:
+    torch.manual_seed(1)
+    given = weights_of(ResNetFCN("resnet18", 3, 4))
+    given["fc.weight"] = torch.zeros(1000, 512)  # what classifiers have besides
+    path = tmp_path / f"weights{suffix}"
+    if suffix == ".pth":
+        torch.save({"state_dict": given}, path)
+    else:
+        save_file(given, path)
+    torch.manual_seed(2)
+    settings = NetworkSettings(name="resnet18", descriptor_dim=7, pretrained=str(path))
+    network = build_network(settings, 3)
+    torch.testing.assert_close(network.backbone.conv1.weight, given["conv1.weight"])  # type: ignore[union-attr]
+    torch.testing.assert_close(network.backbone.layer3[1].bn1.running_var, torch.ones(256))  # type: ignore[union-attr,index]
+
+
+def test_colour_weights_serve_depth(tmp_path: Path) -> None:
+    given = weights_of(ResNetFCN("resnet18", 3, 4))
+    save_file(given, tmp_path / "w.safetensors")
+    settings = NetworkSettings(name="resnet18", pretrained=str(tmp_path / "w.safetensors"))
+    four = build_network(settings, 4).backbone.conv1.weight  # type: ignore[union-attr]
+    torch.testing.assert_close(four[:, :3], given["conv1.weight"])
+    torch.testing.assert_close(four[:, 3], given["conv1.weight"].mean(dim=1))
+
+
+def test_weights_from_torch_hub(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The hub is asked for what was named; nothing is downloaded here."""
+    asked: list[object] = []
+
+    def load(repository: str, name: str, *, pretrained: bool) -> nn.Module:
+        asked.extend([repository, name, pretrained])
+        return nn.Linear(2, 3)
+
+    monkeypatch.setattr(torch.hub, "load", load)
+    assert set(read_weights("hub:pytorch/vision:v0.20:resnet18")) == {"weight", "bias"}
+    assert asked == ["pytorch/vision:v0.20", "resnet18", True]
+
+
+@pytest.mark.parametrize("content", [None, b"", b"junk" * 100])
+@pytest.mark.parametrize("suffix", [".safetensors", ".pt"])
+def test_unreadable_weights_are_one_sentence(
+    tmp_path: Path, suffix: str, content: bytes | None
+) -> None:
+    path = tmp_path / f"bad{suffix}"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(CallError, match="pretrained weights cannot be read"):
+        read_weights(str(path))
+
+
+def test_a_pickle_with_code_is_not_run(tmp_path: Path) -> None:
+    import pickle
+
+    marker = tmp_path / "ran"
+
+    class Evil:
+        def __reduce__(self) -> tuple[object, ...]:
+            return Path.touch, (marker,)
+
+    path = tmp_path / "evil.pt"
+    path.write_bytes(pickle.dumps(Evil()))
+    with pytest.raises(CallError):
+        read_weights(str(path))
+    assert not marker.exists()
+
+
+def test_weights_of_another_network_are_refused(tmp_path: Path) -> None:
+    save_file({"other": torch.zeros(3)}, tmp_path / "w.safetensors")
+    settings = NetworkSettings(widths=(8, 16, 32), pretrained=str(tmp_path / "w.safetensors"))
+    with pytest.raises(CallError, match="none of the pretrained weights fits"):
+        build_network(settings, 3)
+
+
+def test_scale_is_positive_and_learned_only_if_asked() -> None:
+    learned = build_network(SMALL, 3, initial_scale=4.0)
+    fixed = build_network(SMALL, 3, initial_scale=4.0, learn_scale=False)
+    assert float(learned.scale.detach()) == pytest.approx(4.0)
+    assert learned.log_scale.requires_grad
+    assert not fixed.log_scale.requires_grad
+    assert np.isfinite(float(fixed.scale.detach()))
+
+
+def test_a_run_goes_on_from_the_weights_and_the_scale_of_another(tmp_path: Path) -> None:
+    settings = NetworkSettings(widths=(8, 16, 32))
+    torch.manual_seed(1)
+    earlier = build_network(settings, 3, initial_scale=2.5)
+    save_file(earlier.state_dict(), tmp_path / "best.safetensors")
+    torch.manual_seed(2)
+    source = str(tmp_path / "best.safetensors")
+    later = build_network(replace(settings, pretrained=source), 3, initial_scale=1.0)
+    image = torch.rand(1, 3, 32, 32)
+    assert torch.equal(later(image), earlier(image))
+    assert later.scale.item() == pytest.approx(2.5)

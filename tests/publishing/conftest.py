@@ -1,0 +1,32 @@
+"""The tiny dataset, published once with its test split held out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from pliant.publishing import Published, PublishSettings, publish
+
+SETTINGS = PublishSettings(
+    hold_out=("test",), shard_bytes=300_000, webdataset=True, authors=("Ada", "Grace")
+)
+
+
+@dataclass(frozen=True)
+class Halves:
+    """A dataset and the two halves that were published of it."""
+
+    whole: Path
+    public: Path
+    private: Path
+    facts: Published
+
+
+@pytest.fixture(scope="session")
+def halves(tiny_dataset: Path, tmp_path_factory: pytest.TempPathFactory) -> Halves:
+    out = tmp_path_factory.mktemp("published") / "tiny"
+    facts = publish(tiny_dataset, out, SETTINGS)
+    assert facts.private is not None
+    return Halves(tiny_dataset, out, facts.private, facts)

@@ -1,0 +1,340 @@
+"""What `pliant publish` writes: valid, whole, tied together, the same everywhere."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tarfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from PIL import Image
+
+from pliant.cli.main import run
+from pliant.publishing import PublishSettings, publish
+from pliant.publishing.croissant import check_croissant, croissant_problems
+from pliant.spec.dataset import Dataset
+from pliant.spec.errors import CallError, SpecError
+from pliant.spec.storage import layout
+from pliant.spec.storage.manifest import read_checksums
+from pliant.spec.validation.validate import validate
+
+
+def sums(root: Path) -> str:
+    return (root / layout.CHECKSUMS).read_text()
+
+
+def test_both_halves_are_whole_and_name_each_other(halves: Any) -> None:
+    assert validate(halves.public).counts == {}
+    names = {}
+    for root, half in ((halves.public, "public"), (halves.private, "private")):
+        listed = read_checksums(root / layout.CHECKSUMS)
+        present = {p.relative_to(root).as_posix() for p in root.rglob("*") if p.is_file()}
+        assert set(listed) == present - {layout.CHECKSUMS, layout.MANIFEST_JSON}
+        for name, sha256 in listed.items():
+            assert hashlib.sha256((root / name).read_bytes()).hexdigest() == sha256
+        manifest = json.loads((root / layout.MANIFEST_JSON).read_text())
+        assert manifest["half"] == half
+        assert manifest["held_out"] == ["test"]
+        own = hashlib.sha256((root / layout.CHECKSUMS).read_bytes()).hexdigest()
+        assert manifest["checksums_sha256"] == own
+        names[half] = (own, manifest["other_sha256"])
+    assert names["public"] == names["private"][::-1]
+
+
+def test_nothing_is_lost_between_the_halves(halves: Any) -> None:
+    whole, public = Dataset.open(halves.whole), Dataset.open(halves.public)
+    both = public.with_private(halves.private)
+    for split in ("val", "test"):
+        name = layout.queries_name(split)
+        assert (halves.public / name).read_bytes() == (halves.whole / name).read_bytes()
+        assert both.truth(split).equals(whole.truth(split))
+    for ours, theirs in zip(whole.sequences, both.sequences, strict=True):
+        for path in sorted(ours.dir.rglob("*")):
+            name = path.relative_to(ours.dir).as_posix()
+            if path.is_dir() or (name == layout.SEQUENCE_JSON and ours.split != "test"):
+                continue
+            found = theirs.file(name)
+            data = found.read_bytes() if isinstance(found, Path) else found.data  # type: ignore[union-attr]
+            assert data == path.read_bytes(), (ours.id, name)
+
+
+def test_without_hold_out_every_file_is_as_it_was(tiny_dataset: Path, tmp_path: Path) -> None:
+    facts = publish(tiny_dataset, tmp_path / "out", PublishSettings(shard_bytes=300_000))
+    assert (facts.private, facts.private_sha256, facts.warnings) == (None, None, [])
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["out"]
+    whole, packed = Dataset.open(tiny_dataset), Dataset.open(tmp_path / "out")
+    for ours, theirs in zip(whole.sequences, packed.sequences, strict=True):
+        for path in ours.dir.rglob("*"):
+            if path.is_file():
+                found = theirs.file(path.relative_to(ours.dir).as_posix())
+                assert found.data == path.read_bytes()  # type: ignore[union-attr]
+    for name in (layout.DATASET_JSON, layout.SEQUENCES_TABLE, layout.truth_name("test")):
+        assert (tmp_path / "out" / name).read_bytes() == (tiny_dataset / name).read_bytes()
+
+
+def test_shards_have_about_the_size_asked_for(halves: Any) -> None:
+    sizes = [p.stat().st_size for p in halves.public.glob("frames/train-*.parquet")]
+    assert len(sizes) >= 3
+    longest = max(s.frames for s in Dataset.open(halves.public).sequences) * 90_000
+    assert max(sizes) < SETTINGS_SHARD_BYTES + longest
+    index = Dataset.open(halves.public)
+    for sequence in index.sequences:  # a sequence is in one shard of a kind
+        places = index.files.members(sequence.id)  # type: ignore[attr-defined]
+        assert len({shard for shard, _, _ in places.values()}) == 2
+
+
+SETTINGS_SHARD_BYTES = 300_000
+
+
+def test_two_publications_are_the_same_bytes(halves: Any, tmp_path: Path) -> None:
+    """Another folder, another process, other times, modes, locale, time zone and hash seed."""
+    copy = tmp_path / "elsewhere" / "a copy"
+    shutil.copytree(halves.whole, copy, ignore=shutil.ignore_patterns(".pliant"))
+    for number, path in enumerate(sorted(copy.rglob("*"), reverse=True)):
+        path.chmod(0o700)
+        os.utime(path, (10**9 + number, 10**9 + number))
+    script = (
+        "import os, sys\nos.umask(0o077)\n"
+        "from pliant.cli.main import run\nsys.exit(run(sys.argv[1:]))"
+    )
+    out = tmp_path / "again"
+    command = [sys.executable, "-c", script, "publish", str(copy), "--out", str(out)]
+    command += ["--hold-out", "test", "--shard-size", "300kB", "--webdataset", "--no-bundle"]
+    command += ["--author", "Ada", "--author", "Grace", "--json"]
+    other = {"LC_ALL": "C", "TZ": "Asia/Tokyo", "PYTHONHASHSEED": "7"}
+    done = subprocess.run(command, env={**os.environ, **other}, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    report = json.loads(done.stdout)
+    assert report["checksums_sha256"] == halves.facts.checksums_sha256
+    assert report["private_sha256"] == halves.facts.private_sha256
+    assert sums(out) == sums(halves.public)
+    assert sums(tmp_path / "again-private") == sums(halves.private)
+    assert (tmp_path / "again-private").stat().st_mode & 0o077 == 0
+
+
+def test_an_interruption_leaves_nothing(halves: Any, tmp_path: Path) -> None:
+    def interrupt(public: Path, private: Path | None) -> None:
+        assert any(public.iterdir())
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        publish(
+            halves.whole, tmp_path / "out", PublishSettings(hold_out=("test",)), finish=interrupt
+        )
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_finish_adds_is_in_the_private_checksums(halves: Any, tmp_path: Path) -> None:
+    def finish(public: Path, private: Path | None) -> None:
+        assert private is not None
+        (private / "bundle").mkdir()
+        (private / "bundle" / "a.txt").write_text("a")
+
+    settings = PublishSettings(hold_out=("test",))
+    publish(halves.whole, tmp_path / "out", settings, private=tmp_path / "own", finish=finish)
+    assert "bundle/a.txt" in read_checksums(tmp_path / "own" / layout.CHECKSUMS)
+    Dataset.open(tmp_path / "out").with_private(tmp_path / "own")
+    with pytest.raises(SpecError, match="another publication"):
+        Dataset.open(tmp_path / "out").with_private(halves.private)
+    with pytest.raises(SpecError, match="public half"):
+        Dataset.open(tmp_path / "out").with_private(tmp_path / "out")
+
+
+def test_calls_that_make_no_sense_are_refused(
+    halves: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "file").write_text("x")
+    whole = str(halves.whole)
+    for arguments, code, words in (
+        ([whole, "--out", str(tmp_path / "full")], 2, "exists already"),
+        ([whole, "--out", str(halves.whole / "out")], 2, "inside the dataset"),
+        ([whole, "--out", str(tmp_path / "o"), "--hold-out", "tset"], 2, "unknown split"),
+        ([whole, "--out", str(tmp_path / "o"), "--hold-out", "train"], 2, "nothing to ask"),
+        ([whole, "--out", str(tmp_path / "o"), "--shard-size", "5XB"], 2, "size cannot be read"),
+        ([whole, "--out", str(tmp_path / "o"), "--date", "1 May"], 2, "no day"),
+        ([str(halves.public), "--out", str(tmp_path / "o")], 2, "packed"),
+        ([str(tmp_path), "--out", str(tmp_path / "o")], 1, "no Pliant dataset"),
+    ):
+        assert run(["publish", *arguments]) == code, arguments
+        assert words in capsys.readouterr().err
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["full"]
+
+
+def test_a_damaged_dataset_is_not_published(halves: Any, tmp_path: Path) -> None:
+    copy = tmp_path / "copy"
+    shutil.copytree(halves.whole, copy)
+    path = next(copy.glob("sequences/rope/*-test-*/depth/000001.exr"))
+    data = bytearray(path.read_bytes())
+    data[-1] ^= 1
+    path.write_bytes(data)
+    with pytest.raises(
+        SpecError, match=r"depth/000001\.exr.*not the one that sequence\.json lists"
+    ):
+        publish(copy, tmp_path / "out", PublishSettings(hold_out=("test",)))
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["copy"]
+
+
+def test_the_papers(halves: Any) -> None:
+    citation = yaml.safe_load((halves.public / "CITATION.cff").read_text())
+    assert citation["cff-version"] == "1.2.0"
+    assert [author["name"] for author in citation["authors"]] == ["Ada", "Grace"]
+    assert citation["license"] == "CC-BY-4.0"
+    assert "CC-BY-4.0" in (halves.public / "LICENSE").read_text()
+    card = (halves.public / "README.md").read_text()
+    front = yaml.safe_load(card.split("---\n")[1])
+    assert front["license"] == "cc-by-4.0"
+    default = [config["config_name"] for config in front["configs"] if config.get("default")]
+    assert default == ["queries"]
+    for config in front["configs"]:
+        for part in config["data_files"]:
+            assert list(halves.public.glob(part["path"])), part
+    assert "| cloth-3 | 2, 4 | 1, 2 | 2, 4 | 289 |" in card
+    assert "288 queries in 12 image pairs, answers held out" in card
+    for name in ("overview.jpg", "test.jpg"):
+        assert f"pictures/{name}" in card
+        with Image.open(halves.public / "pictures" / name) as picture:
+            assert np.asarray(picture).std() > 20
+
+
+def test_webdataset_samples(halves: Any) -> None:
+    whole = Dataset.open(halves.whole)
+    for split, parts in (("train", 3), ("test", 2)):
+        found: dict[str, dict[str, bytes]] = {}
+        for path in sorted(halves.public.glob(f"webdataset/{split}-*.tar")):
+            with tarfile.open(path) as tar:
+                for member in tar:
+                    key, _, extension = member.name.partition(".")
+                    stream = tar.extractfile(member)
+                    assert stream is not None
+                    found.setdefault(key, {})[extension] = stream.read()
+                    assert (member.mtime, member.uid, member.uname) == (0, 0, "")
+        wanted = [s for s in whole.sequences if s.split == split]
+        assert len(found) == sum(s.frames for s in wanted)
+        for sequence in wanted:
+            sample = found[f"{sequence.id}/000001"]
+            assert len(sample) == parts
+            assert sample["rgb.png"] == (sequence.dir / "rgb/000001.png").read_bytes()
+            facts = json.loads(sample["json"])
+            assert (facts["sequence"], facts["frame"]) == (sequence.id, 1)
+            assert ("K" in facts) is (split == "train")
+
+
+def test_croissant_is_accepted_offline(halves: Any) -> None:
+    pytest.importorskip("mlcroissant")
+    path = halves.public / "croissant.json"
+    code = (
+        "import sys, mlcroissant as mlc\n"
+        "dataset = mlc.Dataset(jsonld=sys.argv[1])\n"
+        "print(dataset.metadata.ctx.conforms_to.value)\n"
+        "rows = list(dataset.records('queries_test'))\n"
+        "print(len(rows), rows[0]['queries_test/sequence_a'].decode())\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code, path], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr[-2000:]
+    first = Dataset.open(halves.public).queries("test")["sequence_a"][0].as_py()
+    assert done.stdout.splitlines()[-2:] == [
+        "http://mlcommons.org/croissant/1.1",
+        f"288 {first}",
+    ]
+
+
+def test_our_own_check_of_croissant_finds_what_mlcroissant_passes(
+    halves: Any, tmp_path: Path
+) -> None:
+    assert list(croissant_problems(halves.public)) == []
+    root = tmp_path / "copy"
+    shutil.copytree(halves.public, root)
+    path = root / "croissant.json"
+    whole = path.read_text()
+
+    def problems(change: Any) -> str:
+        document = json.loads(whole)
+        change(document)
+        path.write_text(json.dumps(document))
+        return "; ".join(croissant_problems(root))
+
+    def field(document: Any) -> Any:
+        return document["recordSet"][1]["field"][0]
+
+    assert "'name' is a required property" in problems(lambda d: d.pop("name"))
+    assert "unknown" in problems(lambda d: d.update(unknown=1))
+    assert "'creator'" in problems(lambda d: d.pop("creator"))
+    unknown = problems(lambda d: field(d)["source"]["extract"].update(column="nowhere"))
+    assert "has no column 'nowhere'" in unknown
+    assert "sha256" in problems(lambda d: d["distribution"][0].update(sha256="0" * 64))
+    assert "is not there" in problems(lambda d: d["distribution"][0].update(contentUrl="gone"))
+    loose = problems(lambda d: field(d).update(references={"field": {"@id": "nobody"}}))
+    assert "refers to nobody" in loose
+    assert "'https://schema.org/' was expected" in problems(
+        lambda d: d["@context"].update(sc="http://schema.org/")
+    )
+    with pytest.raises(SpecError, match="does not describe"):
+        check_croissant(root)
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_hugging_face_datasets_shows_pictures(
+    halves: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("datasets")
+    script = (
+        "import sys\n"
+        "from datasets import load_dataset\n"
+        "frames = load_dataset(sys.argv[1], 'frames')\n"
+        "print(sorted(frames))\n"
+        "row = frames['test'][1]\n"
+        "image = row['image']\n"
+        "print(type(image).__module__, image.size, row['depth_exr'], row['sequence'])\n"
+        "image.convert('RGB').save(sys.argv[2])\n"
+        "print(frames['train'].features['image'])\n"
+        "queries = load_dataset(sys.argv[1])\n"
+        "print(len(frames['train'][0]['world_to_camera']), len(queries['test']))\n"
+        "print(load_dataset(sys.argv[1], 'correspondences')['val'].num_rows)\n"
+    )
+    environment = {
+        **os.environ,
+        "HF_HOME": str(tmp_path / "hf"),
+        "HF_HUB_OFFLINE": "1",
+        "HF_DATASETS_OFFLINE": "1",
+    }
+    done = subprocess.run(
+        [sys.executable, "-c", script, str(halves.public), str(tmp_path / "seen.png")],
+        env=environment,
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+    )
+    assert done.returncode == 0, done.stderr[-3000:]
+    whole = Dataset.open(halves.whole)
+    first = next(s for s in whole.sequences if s.split == "test")
+    lines = done.stdout.splitlines()
+    assert lines[0] == "['test', 'train', 'val']"
+    assert lines[1] == f"PIL.PngImagePlugin (160, 120) None {first.id}"
+    assert lines[2].startswith("Image(")
+    assert lines[3] == "16 288"
+    rows = sum(s.correspondences().num_rows for s in whole.sequences if s.split == "val")
+    assert lines[4] == str(rows)
+    with Image.open(tmp_path / "seen.png") as seen:
+        assert (np.asarray(seen) == first.rgb(1)).all()
+
+
+def test_command_reports(halves: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["publish", str(halves.whole), "--out", str(tmp_path / "out"), "--hold-out", "test"]
+    assert run([*arguments, "--no-bundle"]) == 0
+    shown = capsys.readouterr()
+    assert "15 sequences, 30 frames" in shown.out
+    assert "can be guessed (0)" in shown.err  # the tiny dataset's seed
+
+
+def test_settings_are_checked() -> None:
+    with pytest.raises(CallError, match="too small"):
+        PublishSettings(shard_bytes=10)

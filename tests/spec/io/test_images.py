@@ -1,0 +1,207 @@
+"""Colour and surface images: exact round trips, equal bytes, and refusals before decoding."""
+
+from __future__ import annotations
+
+import io
+import struct
+import zlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenEXR
+import pytest
+from PIL import Image
+
+from pliant.spec.io.images import Surface, read_rgb, read_surface, write_rgb, write_surface
+from pliant.spec.io.reading import FileRefusedError
+
+
+def surface(height: int = 6, width: int = 9) -> Surface:
+    rng = np.random.default_rng(0)
+    object_id = rng.integers(0, 3, (height, width)).astype(np.uint32)
+    depth = rng.uniform(0.3, 2, (height, width)).astype(np.float32)
+    depth[object_id == 0] = np.inf
+    m = rng.uniform(-3, 3, (2, height, width)).astype(np.float32)
+    return Surface(depth, m[0], m[1], object_id)
+
+
+@pytest.mark.parametrize("level", [0, 1, 9])
+def test_rgb_round_trip_is_exact(tmp_path: Path, level: int) -> None:
+    rgb = np.random.default_rng(1).integers(0, 256, (7, 5, 3), dtype=np.uint8)
+    write_rgb(tmp_path / "a.png", rgb, level=level)
+    assert np.array_equal(read_rgb(tmp_path / "a.png"), rgb)
+    # An independent decoder sees the same pixels and no metadata that would change them.
+    with Image.open(tmp_path / "a.png") as image:
+        assert image.mode == "RGB"
+        assert np.array_equal(np.asarray(image), rgb)
+
+
+def test_equal_arrays_give_equal_bytes(tmp_path: Path) -> None:
+    rgb = np.random.default_rng(1).integers(0, 256, (7, 5, 3), dtype=np.uint8)
+    for name in ("a", "b"):
+        write_rgb(tmp_path / f"{name}.png", rgb)
+        write_surface(tmp_path / f"{name}.exr", surface())
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+    assert (tmp_path / "a.exr").read_bytes() == (tmp_path / "b.exr").read_bytes()
+
+
+def test_a_slice_is_written_as_it_looks(tmp_path: Path) -> None:
+    rgb = np.random.default_rng(1).integers(0, 256, (8, 10, 3), dtype=np.uint8)[::2, ::-1]
+    write_rgb(tmp_path / "a.png", rgb)
+    assert np.array_equal(read_rgb(tmp_path / "a.png"), rgb)
+
+
+def test_surface_round_trip_is_exact(tmp_path: Path) -> None:
+    written = surface()
+    write_surface(tmp_path / "a.exr", written)
+    found = read_surface(tmp_path / "a.exr", size=(9, 6))
+    for name in ("depth_m", "m0", "m1", "object_id"):
+        expected = getattr(written, name)
+        assert getattr(found, name).dtype == expected.dtype
+        assert np.array_equal(getattr(found, name), expected)
+    found.depth_m[0, 0] = 1  # a reader's own copy
+
+
+def test_writers_refuse_wrong_arrays(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="uint8"):
+        write_rgb(tmp_path / "a.png", np.zeros((4, 4, 3), np.float32))  # type: ignore[arg-type]
+    good = surface()
+    with pytest.raises(ValueError, match=r"surface\.m0 must be float32"):
+        write_surface(
+            tmp_path / "a.exr",
+            Surface(good.depth_m, good.m0.astype(np.float64), good.m1, good.object_id),  # type: ignore[arg-type]
+        )
+    assert not list(tmp_path.iterdir())
+
+
+def channels_of(s: Surface) -> dict[str, Any]:
+    return {
+        "Z": s.depth_m,
+        "surface.m0": s.m0,
+        "surface.m1": s.m1,
+        "surface.object": s.object_id,
+    }
+
+
+def png(mode: str, size: tuple[int, int] = (4, 3), **options: object) -> bytes:
+    stream = io.BytesIO()
+    Image.new(mode, size).save(stream, "PNG", **options)
+    return stream.getvalue()
+
+
+def refusal(path: Path, size: tuple[int, int] | None = None) -> str:
+    read = read_rgb if path.suffix == ".png" else read_surface
+    with pytest.raises(FileRefusedError) as caught:
+        read(path, size=size)
+    assert str(path) in str(caught.value)
+    return caught.value.code
+
+
+@pytest.mark.parametrize("mode", ["L", "RGBA", "P", "I;16", "1"])
+def test_other_kinds_of_png_are_refused(tmp_path: Path, mode: str) -> None:
+    (tmp_path / "a.png").write_bytes(png(mode))
+    assert refusal(tmp_path / "a.png") == "IMAGE_FORMAT"
+
+
+def test_png_of_another_size(tmp_path: Path) -> None:
+    (tmp_path / "a.png").write_bytes(png("RGB"))
+    assert refusal(tmp_path / "a.png", size=(3, 4)) == "IMAGE_SIZE_DIFFERS"
+
+
+def test_png_bomb_is_refused_by_its_header(tmp_path: Path) -> None:
+    header = struct.pack(">IIBBBBB", 100_000, 100_000, 8, 2, 0, 0, 0)
+    parts = [b"\x89PNG\r\n\x1a\n"]
+    for kind, data in ((b"IHDR", header), (b"IDAT", zlib.compress(bytes(10**6))), (b"IEND", b"")):
+        parts += [
+            struct.pack(">I", len(data)),
+            kind,
+            data,
+            struct.pack(">I", zlib.crc32(kind + data)),
+        ]
+    (tmp_path / "a.png").write_bytes(b"".join(parts))
+    assert refusal(tmp_path / "a.png") == "FILE_TOO_LARGE"
+
+
+def test_exr_that_claims_too_much_is_refused_by_its_header(tmp_path: Path) -> None:
+    write_surface(tmp_path / "a.exr", surface())
+    data = (tmp_path / "a.exr").read_bytes()
+    window, vast = struct.pack("<4i", 0, 0, 8, 5), struct.pack("<4i", 0, 0, 99_999, 99_999)
+    assert data.count(window) == 2
+    (tmp_path / "a.exr").write_bytes(data.replace(window, vast))
+    assert refusal(tmp_path / "a.exr") == "FILE_TOO_LARGE"
+    negative = struct.pack("<4i", 10, 10, 0, 0)
+    (tmp_path / "a.exr").write_bytes(data.replace(window, negative))
+    assert refusal(tmp_path / "a.exr") == "FILE_TOO_LARGE"
+
+
+@pytest.mark.parametrize("keep", [0, 3, 8, 60, 400])
+def test_truncated_images_are_refused(tmp_path: Path, keep: int) -> None:
+    write_surface(tmp_path / "a.exr", surface(60, 80))
+    write_rgb(tmp_path / "a.png", np.random.default_rng(0).integers(0, 255, (60, 80, 3), np.uint8))
+    for name in ("a.exr", "a.png"):
+        path = tmp_path / name
+        path.write_bytes(path.read_bytes()[:keep])
+        assert refusal(path) in ("FILE_UNREADABLE", "IMAGE_FORMAT")
+
+
+@pytest.mark.parametrize(
+    ("compression", "code"),
+    [("PIZ_COMPRESSION", None), ("NO_COMPRESSION", None), ("ZIPS_COMPRESSION", None)]
+    + [(f"{name}_COMPRESSION", "IMAGE_FORMAT") for name in ("DWAA", "B44", "PXR24")],
+)
+def test_only_lossless_compressions(tmp_path: Path, compression: str, code: str | None) -> None:
+    s = surface(40, 40)
+    channels = {
+        "Z": s.depth_m,
+        "surface.m0": s.m0,
+        "surface.m1": s.m1,
+        "surface.object": s.object_id,
+    }
+    header = {"compression": getattr(OpenEXR, compression), "type": OpenEXR.scanlineimage}
+    OpenEXR.File(header, channels).write(str(tmp_path / "a.exr"))
+    if code is None:
+        assert np.array_equal(read_surface(tmp_path / "a.exr").m0, s.m0)
+    else:
+        assert refusal(tmp_path / "a.exr") == code
+
+
+@pytest.mark.parametrize("name", ["Z", "surface.object", "extra"])
+def test_channels_must_be_exactly_the_four(tmp_path: Path, name: str) -> None:
+    s = surface()
+    channels = {
+        "Z": s.depth_m,
+        "surface.m0": s.m0,
+        "surface.m1": s.m1,
+        "surface.object": s.object_id,
+    }
+    if name == "extra":
+        channels["A"] = s.depth_m
+    else:
+        del channels[name]
+    OpenEXR.File({"type": OpenEXR.scanlineimage}, channels).write(str(tmp_path / "a.exr"))
+    assert refusal(tmp_path / "a.exr") == "IMAGE_FORMAT"
+
+
+def test_several_parts_and_tiles_are_refused(tmp_path: Path) -> None:
+    parts = [OpenEXR.Part({}, {"Z": surface().depth_m}, name) for name in ("a", "b")]
+    OpenEXR.File(parts).write(str(tmp_path / "a.exr"))
+    assert refusal(tmp_path / "a.exr") == "IMAGE_FORMAT"
+
+
+def test_damaged_pixels_raise_and_print_nothing_on_stdout(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    write_surface(tmp_path / "a.exr", surface(60, 80))
+    data = bytearray((tmp_path / "a.exr").read_bytes())
+    data[len(data) // 2] ^= 255
+    (tmp_path / "a.exr").write_bytes(data)
+    assert refusal(tmp_path / "a.exr") == "FILE_UNREADABLE"
+    assert capfd.readouterr().out == ""
+
+
+def test_links_are_refused(tmp_path: Path) -> None:
+    write_rgb(tmp_path / "a.png", np.zeros((2, 2, 3), np.uint8))
+    (tmp_path / "b.png").symlink_to("a.png")
+    assert refusal(tmp_path / "b.png") == "PATH_UNSAFE"
+    assert refusal(tmp_path / "c.png") == "FILE_MISSING"

@@ -1,0 +1,121 @@
+"""Single rules, worked out by hand."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pliant.spec.validation.findings import Findings
+from pliant.spec.validation.rules.tiers import check_tiers, wrap_difference
+from pliant.spec.validation.rules.visibility import material_distance
+from tests.conformance.base import DIHEDRAL, TIERS
+
+OPEN = {"name": "a", "min": 0.0, "max": 1.0, "metres_per_unit": 2.0, "period": None}
+CLOSED = {"name": "b", "min": -2.0, "max": 2.0, "metres_per_unit": 0.5, "period": 4.0}
+
+
+def test_material_distance_by_hand() -> None:
+    gap = np.array([[0.3, 0.0], [0.0, 1.0], [0.3, 0.8], [0.0, 3.0], [0.0, 2.0], [0.0, -3.9]])
+    # 0.3 * 2 m; 1 * 0.5 m; a 3-4-5 triangle of 0.6 and 0.4 … ; 3 is 1 the other way round.
+    expected = [0.6, 0.5, np.hypot(0.6, 0.4), 0.5, 1.0, 0.05]
+    assert material_distance(gap, [OPEN, CLOSED]) == pytest.approx(expected)
+    assert material_distance(gap[3:4], [OPEN, OPEN]) == pytest.approx([6.0])
+
+
+def test_wrap_difference_by_hand() -> None:
+    gap = np.array([[3.0, 3.0], [-3.0, -3.0], [0.5, 1.9]])
+    assert wrap_difference(gap, [OPEN, CLOSED]).tolist() == [[3, -1], [-3, 1], [0.5, 1.9]]
+
+
+def symmetry_issues(material: list[dict[str, Any]], *maps: tuple[Any, Any]) -> int:
+    tier = {
+        "name": "t",
+        "queried_object": 1,
+        "objects": [{"id": 1, "name": "x", "material": material}],
+        "symmetries": [
+            {"name": f"s{i}", "matrix": matrix, "offset": offset}
+            for i, (matrix, offset) in enumerate(maps)
+        ],
+    }
+    findings = Findings()
+    check_tiers({"tiers": [tier]}, findings)
+    assert set(findings.counts) <= {"SYMMETRY_INVALID"}
+    return findings.total
+
+
+REVERSE = ([[-1, 0], [0, -1]], [1, 0])
+MIRROR = ([[1, 0], [0, -1]], [0, 0])
+TURN_HALF = ([[1, 0], [0, 1]], [0, 2])
+
+
+@pytest.mark.parametrize(
+    "maps",
+    [
+        (),
+        (REVERSE,),
+        (MIRROR,),
+        (TURN_HALF,),
+        (([[1, 0], [0, -1]], [0, 0.7]),),  # a mirror in any axial plane
+        (([[-1, 0], [0, 1]], [1, 0]),),
+        (REVERSE, MIRROR, ([[-1, 0], [0, 1]], [1, 0])),
+        (([[1, 0], [0, 1]], [0, 1]), TURN_HALF, ([[1, 0], [0, 1]], [0, 3])),
+    ],
+)
+def test_symmetries_of_a_tube(maps: tuple[Any, ...]) -> None:
+    assert symmetry_issues([OPEN, CLOSED], *maps) == 0
+
+
+@pytest.mark.parametrize(
+    "maps",
+    [
+        (([[1, 0], [0, 1]], [0, 0]),),  # the identity
+        (([[1, 0], [0, 1]], [0, 4]),),  # the identity, once round
+        (([[1, 0], [0, 1]], [0, 1]),),  # a quarter turn alone is no group
+        (REVERSE, REVERSE),
+        (REVERSE, MIRROR),  # their product is missing
+        (([[-1, 0], [0, -1]], [0, 0]),),  # leaves the range of s
+        (([[-2, 0], [0, 1]], [1, 0]),),
+        (([[1, 0], [0, 2]], [0, 0]),),  # twice round: two points go to one
+        (([[1, 0], [0, 0]], [0, 0]),),
+        (([[1, 0.5], [0, 1]], [0, 0]),),  # s would jump at the seam of theta
+        (([[0, 1], [1, 0]], [0, 0]),),
+    ],
+)
+def test_what_is_no_symmetry_of_a_tube(maps: tuple[Any, ...]) -> None:
+    assert symmetry_issues([OPEN, CLOSED], *maps) > 0
+
+
+def test_a_helix_may_shift_theta_along_s() -> None:
+    screw = ([[-1, 0], [0.5, -1]], [1, -0.25])
+    # Twice the map: s comes back; theta gains 0.5 (1 - s) - 0.25 + 0.25 - 0.5 s = 0.5 - s: no.
+    assert symmetry_issues([OPEN, CLOSED], screw) > 0
+    screw = ([[-1, 0], [0.5, 1]], [1, -0.25])
+    # theta + 0.5 s - 0.25, then + 0.5 (1 - s) - 0.25: comes back.
+    assert symmetry_issues([OPEN, CLOSED], screw) == 0
+
+
+def test_the_square_has_eight_symmetries() -> None:
+    maps = [(matrix, offset) for _, matrix, offset in DIHEDRAL]
+    assert symmetry_issues([OPEN, OPEN], *maps) == 0
+    assert symmetry_issues([OPEN, OPEN], *maps[:2]) > 0
+    for tier in TIERS.values():
+        findings = Findings()
+        check_tiers({"tiers": [tier]}, findings)
+        assert findings.total == 0
+
+
+def test_findings_count_all_and_keep_the_first() -> None:
+    findings = Findings(listed_per_code=3)
+    bad = np.array([True, False, True, True, True])
+    findings.add_rows("VALUE_NULL", "a", bad, lambda i: (f"row {i}", "x"))
+    findings.add("VALUE_NULL", "b", "", "x")
+    other = Findings(listed_per_code=3)
+    other.add("FILE_EXTRA", "c", "", "x")
+    other.add("VALUE_NULL", "c", "", "x")
+    findings.merge(other)
+    assert findings.counts == {"VALUE_NULL": 6, "FILE_EXTRA": 1}
+    assert findings.total == 7
+    assert [issue.where for issue in findings.issues] == ["row 0", "row 2", "row 3", ""]
+    assert [issue.code for issue in findings.issues][-1] == "FILE_EXTRA"

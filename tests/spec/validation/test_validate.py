@@ -1,0 +1,187 @@
+"""Validation as a whole: reports, caps, workers, quick runs, the command."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from click.testing import CliRunner
+
+from pliant.cli.main import run
+from pliant.cli.validate import command
+from pliant.spec.errors import CallError
+from pliant.spec.validation.validate import validate
+from tests.conformance.edits import (
+    ROPE_TEST,
+    ROPE_TRAIN,
+    change_json,
+    change_rows,
+    change_table,
+    listed,
+    remove,
+    write,
+)
+
+Copy = Callable[[str], Path]
+
+
+def spoil(root: Path) -> None:
+    """Break several things at once, in several files."""
+
+    def move(rows: list[dict[str, Any]]) -> None:
+        for row in rows:
+            row["u_px"] += 1.0 + row["point"] % 3  # no one cause explains it
+
+    listed(change_rows(f"{ROPE_TRAIN}/correspondences.parquet", move))(root)
+    remove(f"{ROPE_TEST}/rgb/000001.png")(root)
+    write("junk", b"")(root)
+    change_json("dataset.json", lambda document: document["provenance"].update(seed=3))(root)
+
+
+def test_all_problems_in_one_pass(copy_of: Copy) -> None:
+    root = copy_of("full")
+    spoil(root)
+    report = validate(root)
+    assert not report.valid
+    assert report.counts == {
+        "FILE_EXTRA": 1,
+        "FILE_MISSING": 1,
+        "REPROJECTION_DISAGREES": 2 * 93,
+    }
+    first = report.issues[0]
+    assert (first.code, first.path, first.severity) == ("FILE_EXTRA", "junk", "error")
+    moved = [issue for issue in report.issues if issue.code == "REPROJECTION_DISAGREES"]
+    assert moved[0].path == f"{ROPE_TRAIN}/correspondences.parquet"
+    assert moved[0].where.startswith("frame 0, point ")
+    assert "projects to" in moved[0].message
+
+
+def test_the_cap_keeps_every_code_and_the_true_total(copy_of: Copy) -> None:
+    root = copy_of("full")
+    spoil(root)
+    report = validate(root, limit=4)
+    assert len(report.issues) == 4
+    assert {issue.code for issue in report.issues} == set(report.counts)
+    assert report.total == 2 + 2 * 93
+    document = report.as_dict()
+    assert (document["total"], document["listed"], document["valid"]) == (188, 4, False)
+
+
+def test_workers_do_not_change_the_report(copy_of: Copy) -> None:
+    root = copy_of("full")
+    spoil(root)
+    assert validate(root, workers=3) == validate(root, workers=1)
+
+
+def test_quick_leaves_images_and_geometry_alone(copy_of: Copy) -> None:
+    root = copy_of("full")
+    listed(
+        write(f"{ROPE_TRAIN}/depth/000000.exr", b"no image"),
+        change_rows(f"{ROPE_TRAIN}/correspondences.parquet", lambda rows: rows[5].update(u_px=0.0)),
+    )(root)
+    assert validate(root, quick=True).counts == {}
+    assert set(validate(root).counts) == {"FILE_UNREADABLE", "REPROJECTION_DISAGREES"}
+    (root / f"{ROPE_TRAIN}/depth/000000.exr").write_bytes(b"no imagE")
+    remove("truth/test.parquet")(root)
+    change_rows("queries/test.parquet", lambda rows: rows[0].update(u_a=0.25))(root)
+    quick = validate(root, quick=True)
+    assert set(quick.counts) == {"CHECKSUM_DIFFERS", "QUERY_NOT_VISIBLE"}
+
+
+def test_progress_is_told(copy_of: Copy) -> None:
+    seen: list[tuple[int, int]] = []
+    validate(copy_of("full"), progress=lambda done, total: seen.append((done, total)))
+    assert seen == [(1, 5), (2, 5), (3, 5), (4, 5), (5, 5)]
+
+
+def test_wrong_calls(tmp_path: Path) -> None:
+    with pytest.raises(CallError, match="no such folder"):
+        validate(tmp_path / "nowhere")
+    with pytest.raises(CallError, match="at least 1"):
+        validate(tmp_path, workers=0)
+    assert run(["validate", str(tmp_path / "nowhere")]) == 2
+    assert validate(tmp_path).counts == {"FILE_MISSING": 3}
+
+
+def test_command_text_and_exit_codes(copy_of: Copy) -> None:
+    root = copy_of("full")
+    good = CliRunner().invoke(command, [str(root), "--workers", "1"], standalone_mode=False)
+    assert good.return_value == 0
+    assert "valid (5 sequences, 8 frames, full check)" in good.output
+    spoil(root)
+    bad = CliRunner().invoke(
+        command, [str(root), "--workers", "1", "--limit", "3"], standalone_mode=False
+    )
+    assert bad.return_value == 1
+    assert "3 of 188 problems listed" in bad.output
+    assert "REPROJECTION_DISAGREES 186" in bad.output
+
+
+def test_command_json_is_one_document(copy_of: Copy) -> None:
+    root = copy_of("minimal")
+    write("junk", b"")(root)
+    code = f"from pliant.cli.main import main; main(['validate', {str(root)!r}, '--json'])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 1, done.stderr
+    document = json.loads(done.stdout)
+    assert document["counts"] == {"FILE_EXTRA": 1}
+    assert document["issues"][0]["path"] == "junk"
+
+
+def test_frames_far_apart_in_the_file_are_still_compared(copy_of: Copy) -> None:
+    """Rows in the wrong order hide nothing: a moved point is found all the same."""
+    root = copy_of("full")
+
+    def change(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+        rows[10]["v_px"] += 2
+        return sorted(rows, key=lambda row: (row["point"], row["frame"]))
+
+    listed(change_rows(f"{ROPE_TRAIN}/correspondences.parquet", change))(root)
+    assert validate(root).counts == {"ROW_ORDER": 1, "REPROJECTION_DISAGREES": 1}
+
+
+def test_small_row_groups_are_read_frame_by_frame(copy_of: Copy) -> None:
+    """Frames that straddle row groups and batches are put together again."""
+    root = copy_of("full")
+    path = root / ROPE_TRAIN / "correspondences.parquet"
+    table = pq.read_table(path)
+    pq.write_table(table, path, row_group_size=7)
+    listed()(root)
+    assert validate(root).counts == {}
+    listed(change_table(f"{ROPE_TRAIN}/correspondences.parquet", lambda t: t.slice(0, 150)))(root)
+    assert validate(root).counts["ROW_MISSING"] == 2 * 93 - 150
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="measures this process's own peak")
+def test_hostile_claims_cost_no_memory(copy_of: Copy) -> None:
+    """Bombs in every kind of file, checked in one process that may use 1 GiB."""
+    root = copy_of("full")
+    count = 1_500_000
+    rows = pq.read_table(root / ROPE_TRAIN / "points.parquet").slice(0, 1)
+    many = rows.take(np.zeros(count, np.int64))
+    pq.write_table(many, root / ROPE_TRAIN / "points.parquet", row_group_size=count)
+    (root / ROPE_TEST / "cameras.json").write_bytes(b"[" * 15_000_000)
+    (root / "queries" / "test.parquet").write_bytes(b"PAR1" + os.urandom(1000) + b"PAR1")
+    change_json(f"{ROPE_TEST}/sequence.json", lambda document: document.update(frames=10**5))(root)
+    listed()(root)
+    code = (
+        "import resource, sys; resource.setrlimit(resource.RLIMIT_AS, (2**32, 2**32));"
+        "from pliant.spec.validation.validate import validate;"
+        f"report = validate({str(root)!r});"
+        # VmHWM, not ru_maxrss: that one is handed down from the process that started this one.
+        "status = open('/proc/self/status').read();"
+        "print(status.split('VmHWM:')[1].split()[0], sorted(report.counts))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    peak_kib, _, codes = done.stdout.partition(" ")
+    assert "FILE_TOO_LARGE" in codes
+    assert int(peak_kib) < 2**20

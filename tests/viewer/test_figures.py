@@ -1,0 +1,95 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from PIL import Image
+
+from pliant.cli.view import command
+from pliant.spec.dataset import Dataset
+from pliant.spec.errors import CallError
+from pliant.viewer.colours import depth_image, index_image, material_colours
+from pliant.viewer.figures import FIGURES, contact_sheet, draw_figure
+
+
+def test_one_material_point_has_one_colour_and_others_have_others(tiny_dataset: Path) -> None:
+    dataset = Dataset.open(tiny_dataset)
+    m = np.random.default_rng(0).uniform(0, 1, (50, 2))
+    for tier in dataset.tiers.values():
+        colours = material_colours(m[:, 0], m[:, 1], tier)
+        np.testing.assert_array_equal(colours[7:9], material_colours(m[7:9, 0], m[7:9, 1], tier))
+        assert colours.min() >= 0
+        assert colours.max() <= 1
+        apart = np.abs(colours[:, None] - colours[None]).sum(-1) + np.eye(50)
+        assert apart.min() > 0
+
+
+def test_index_and_depth_show_the_object_and_nothing_else(tiny_dataset: Path) -> None:
+    sequence = Dataset.open(tiny_dataset).sequences[0]
+    tier = Dataset.open(tiny_dataset).tiers[sequence.tier]
+    surface = sequence.surface(0)
+    for image in (index_image(surface, tier), depth_image(surface)):
+        np.testing.assert_array_equal((image != 18).any(axis=2), surface.object_id > 0)
+    nearest = np.unravel_index(np.argmin(surface.depth_m), surface.depth_m.shape)
+    shown = depth_image(surface).astype(int).sum(axis=2)
+    assert shown[nearest] == shown.max()
+
+
+def test_a_sheet_shows_as_many_frames_as_asked_from_all_sequences(tiny_dataset: Path) -> None:
+    dataset = Dataset.open(tiny_dataset)
+    for count, tiles in ((4, 4), (20, 20), (10_000, sum(s.frames for s in dataset.sequences))):
+        sheet = contact_sheet(dataset, list(dataset.sequences), "index", count)
+        # A tile is 240 x 180 under a line of text, a gap of white around it.
+        rows, columns = sheet.shape[0] // (180 + 16 + 6), sheet.shape[1] // (240 + 6)
+        starts = [(6 + r * 202 + 60, 6 + c * 246 + 60) for r in range(rows) for c in range(columns)]
+        assert sum((sheet[at] != 255).any() for at in starts) == tiles
+
+
+@pytest.mark.parametrize("figure", FIGURES)
+@pytest.mark.parametrize("tier", ["rope", "cloth-1"])
+def test_every_figure_is_drawn_for_every_kind(
+    figure: str, tier: str, tiny_dataset: Path, tmp_path: Path
+) -> None:
+    sequence = next(s for s in Dataset.open(tiny_dataset).sequences if s.tier == tier)
+    out = tmp_path / "figure.png"
+    draw_figure(tiny_dataset, out, figure=figure, sequence=sequence.id, count=2)
+    with Image.open(out) as image:
+        pixels = np.asarray(image.convert("RGB"))
+    assert min(pixels.shape[:2]) > 150
+    assert len(np.unique(pixels.reshape(-1, 3), axis=0)) > 100
+
+
+def test_an_episode_is_drawn_with_its_tracks(tiny_episode: Path, tmp_path: Path) -> None:
+    out = draw_figure(tiny_episode, tmp_path / "tracks.png", figure="tracks", count=4)
+    with Image.open(out) as image:
+        assert image.width > 1000
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"figure": "portrait"}, "figure"),
+        ({"count": 0}, "count"),
+        ({"figure": "anatomy", "frame": 99}, "frame"),
+        ({"out": "sheet.pdf"}, "format"),
+    ],
+)
+def test_a_wrong_call_says_what_is_wrong(
+    arguments: dict[str, object], message: str, tiny_dataset: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / str(arguments.pop("out", "figure.png"))
+    with pytest.raises(CallError, match=message):
+        draw_figure(tiny_dataset, out, **arguments)  # type: ignore[arg-type]
+    assert not out.exists()
+
+
+def test_the_command_reports_as_json(tiny_dataset: Path, tmp_path: Path) -> None:
+    out = tmp_path / "new" / "sheet.jpg"
+    done = CliRunner().invoke(
+        command, [str(tiny_dataset), "--out", str(out), "--count", "3", "--json"]
+    )
+    assert done.exit_code == 0, done.output
+    assert json.loads(done.stdout)["bytes"] == out.stat().st_size

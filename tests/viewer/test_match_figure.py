@@ -1,0 +1,220 @@
+"""One pixel between two photographs, and the figure of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from PIL import Image
+
+from pliant.baselines import METHODS, Answers, Heat, View
+from pliant.baselines.controls import Identity
+from pliant.baselines.photo import read_photo, read_view
+from pliant.spec.errors import CallError, PliantError
+from pliant.viewer.match_figure import _heat, _rings, draw_match, match_photo
+
+
+class Unsure:
+    """Answers with everything a learned method may say."""
+
+    name = "unsure"
+
+    def describe(self) -> Mapping[str, Any]:
+        return {}
+
+    def answer(self, source: View, target: View, uv_a_px: npt.NDArray[np.float32]) -> Answers:
+        modes = np.array([[40, 30, 4, 0.7], [80, 60, 9, 0.3]], dtype=np.float32)
+        return Answers(
+            uv_px=modes[:1, :2].copy(), visible=np.array([0.9], np.float32), modes=[modes]
+        )
+
+
+def test_turned_card_is_found(pose: Any, view_of: Any) -> None:
+    before, after = pose(), pose(angle_deg=30)
+    at = before.place(np.array([[20.0, -11.0]]))[0]
+    match = match_photo(METHODS["sift"](), view_of(before), view_of(after), tuple(at))  # type: ignore[arg-type]
+    assert np.hypot(*(match.uv_b_px - after.place(np.array([[20.0, -11.0]]))[0])) < 1.5
+    document = match.as_dict()
+    assert document["query_px"] == [140, 89]
+    assert 0 < document["confidence"] <= 1
+    assert "16 px" in document["confidence_is"]
+    assert document["visible"] is None
+
+
+def test_everything_a_method_says_is_told(pose: Any, view_of: Any, tmp_path: Path) -> None:
+    view = view_of(pose())
+    match = match_photo(Unsure(), view, view, (100, 100))
+    document = match.as_dict()
+    assert document["visible"] == pytest.approx(0.9)
+    assert document["confidence"] is None
+    assert document["modes"][1] == pytest.approx({"u": 80, "v": 60, "sigma": 9, "weight": 0.3})
+    draw_match(match, view, view, tmp_path / "figure.svg")
+    assert "visible with probability 0.90" in _svg_text(tmp_path / "figure.svg")
+
+
+def _svg_text(path: Path) -> str:
+    return path.read_text()  # matplotlib leaves each text as a comment beside its glyphs
+
+
+def test_figure_has_a_heat_map_where_the_method_has_one(
+    pose: Any, view_of: Any, tmp_path: Path
+) -> None:
+    view = view_of(pose())
+    sizes = []
+    for name in ("orb", "identity"):
+        out = tmp_path / f"{name}.png"
+        draw_match(
+            match_photo(METHODS[name](), view, view, (100, 100)),  # type: ignore[arg-type]
+            view,
+            view,
+            out,
+        )
+        with Image.open(out) as figure:
+            sizes.append(figure.size)
+    assert sizes[0][0] > 1.4 * sizes[1][0]  # three panels against two
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["identity.png", "orb.png"]
+
+
+def test_pictures_of_unlike_shapes_get_one_height(tmp_path: Path) -> None:
+    wide = View(np.full((100, 400, 3), 90, np.uint8))
+    tall = View(np.full((400, 100, 3), 90, np.uint8))
+    for number, (source, target) in enumerate(((wide, tall), (tall, tall), (wide, wide))):
+        out = tmp_path / f"{number}.png"
+        draw_match(match_photo(Identity(), source, target, (50, 50)), source, target, out)
+        with Image.open(out) as figure:
+            rows = np.asarray(figure.convert("L"))
+        grey = rows == 90
+        heights = grey.sum(axis=0)
+        panels = heights[heights > 0.9 * heights.max()]
+        assert heights.max() > 0.6 * rows.shape[0]
+        assert len(panels) > 0.5 * (heights > 50).sum()  # both pictures reach as far
+        assert rows.shape[0] < 800
+
+
+def test_logarithms_are_drawn_down_to_nothing() -> None:
+    from matplotlib.figure import Figure
+
+    values = np.array([[-np.inf, -60.0, -3.0, 0.0, np.nan]], np.float32)
+    heat = Heat(values, "log probability", 0.5, "probability of the peak")
+    image = _heat(Figure().subplots(), heat)
+    assert image.get_clim() == (-10.0, 0.0)
+    shown = image.get_array()
+    assert shown[0, :4].tolist() == [-10.0, -10.0, -3.0, 0.0]
+    assert np.ma.getmaskarray(shown).tolist() == [[False] * 4 + [True]]
+    distance = Heat(values, "similarity", 0.5, "ratio")
+    assert _heat(Figure().subplots(), distance).get_clim()[0] < -50
+    assert _heat(Figure().subplots(), Heat(values[:, -1:], "log", 0, "")) is None
+
+
+def test_modes_of_no_weight_are_not_drawn(pose: Any, view_of: Any) -> None:
+    from matplotlib.figure import Figure
+
+    view = view_of(pose())
+    match = match_photo(Unsure(), view, view, (100, 100))
+    assert match.modes is not None
+    assert _rings(Figure().subplots(), match) == 2
+    match.modes[1, 3] = 0.01
+    assert _rings(Figure().subplots(), match) == 1
+
+
+def test_figure_of_a_blank_picture(tmp_path: Path) -> None:
+    blank = View(np.zeros((20, 30, 3), dtype=np.uint8))
+    match = match_photo(METHODS["sift"](), blank, blank, (3, 3))  # type: ignore[arg-type]
+    draw_match(match, blank, blank, tmp_path / "blank.png")
+    assert match.uv_b_px.tolist() == [15, 10]
+
+
+@pytest.mark.parametrize("at", [(-0.1, 5.0), (30.0, 5.0), (5.0, 20.0), (float("nan"), 1.0)])
+def test_query_outside_the_picture_is_refused(at: tuple[float, float]) -> None:
+    blank = View(np.zeros((20, 30, 3), dtype=np.uint8))
+    with pytest.raises(CallError, match="0 <= U < 30, 0 <= V < 20"):
+        match_photo(Identity(), blank, blank, at)
+
+
+def test_query_beside_the_object_is_refused(pose: Any, view_of: Any) -> None:
+    view = view_of(pose())
+    with pytest.raises(CallError, match="beside the object"):
+        match_photo(Identity(), view, view, (3, 3))
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("figure.bmp", r"ending is unknown.*\.png"),
+        ("missing/figure.png", "output folder does not exist"),
+        ("folder.png", "a folder stands"),
+    ],
+)
+def test_bad_figure_paths_are_refused(name: str, message: str, tmp_path: Path) -> None:
+    (tmp_path / "folder.png").mkdir()
+    blank = View(np.zeros((20, 30, 3), dtype=np.uint8))
+    match = match_photo(Identity(), blank, blank, (3, 3))
+    with pytest.raises(CallError, match=message):
+        draw_match(match, blank, blank, tmp_path / name)
+
+
+def test_pictures_of_many_kinds_are_read(tmp_path: Path) -> None:
+    rgb = np.random.default_rng(0).integers(0, 256, (6, 9, 3)).astype(np.uint8)
+    grey16 = (rgb[..., 0].astype(np.uint16) << 8) + 7
+    alpha = np.dstack([rgb, np.where(np.arange(9) < 4, 0, 255)[None].repeat(6, 0)])
+    pictures = {
+        "plain.png": Image.fromarray(rgb),
+        "grey.png": Image.fromarray(rgb[..., 0]),
+        "grey16.png": Image.fromarray(grey16),
+        "alpha.png": Image.fromarray(alpha.astype(np.uint8)),
+        "colours.gif": Image.fromarray(rgb).quantize(256),
+    }
+    for name, picture in pictures.items():
+        picture.save(tmp_path / name)
+    turned = Image.Exif()
+    turned[0x0112] = 6  # to be turned by 90 degrees
+    Image.fromarray(rgb).save(tmp_path / "turned.png", exif=turned)
+
+    np.testing.assert_array_equal(read_photo(tmp_path / "plain.png"), rgb)
+    grey = np.repeat(rgb[..., :1], 3, axis=2)
+    np.testing.assert_array_equal(read_photo(tmp_path / "grey.png"), grey)
+    np.testing.assert_array_equal(read_photo(tmp_path / "grey16.png"), grey)
+    shown = read_photo(tmp_path / "alpha.png")
+    assert (shown[:, :4] == 0).all()
+    np.testing.assert_array_equal(shown[:, 4:], rgb[:, 4:])
+    assert read_photo(tmp_path / "colours.gif").shape == (6, 9, 3)
+    np.testing.assert_array_equal(
+        read_photo(tmp_path / "turned.png"), np.rot90(rgb, -1, axes=(0, 1))
+    )
+
+
+def test_bad_pictures_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(CallError, match="no such picture"):
+        read_photo(tmp_path / "missing.png")
+    (tmp_path / "text.png").write_text("not a picture")
+    with pytest.raises(PliantError, match=r"text\.png.*cannot be read") as caught:
+        read_photo(tmp_path / "text.png")
+    assert caught.value.exit_code == 1
+    Image.new("L", (9000, 2)).save(tmp_path / "wide.png")
+    with pytest.raises(PliantError, match="too large; found 9000x2"):
+        read_photo(tmp_path / "wide.png")
+    whole = tmp_path / "whole.png"
+    Image.effect_noise((64, 64), 50).save(whole)
+    whole.write_bytes(whole.read_bytes()[:900])
+    with pytest.raises(PliantError, match="cannot be read"):
+        read_photo(whole)
+
+
+def test_masks(tmp_path: Path) -> None:
+    Image.new("RGB", (9, 6), "red").save(tmp_path / "picture.png")
+    drawn = np.zeros((6, 9), dtype=np.uint8)
+    drawn[2:4, 3] = (10, 11)  # 10 is still black
+    Image.fromarray(drawn).save(tmp_path / "mask.png")
+    view = read_view(tmp_path / "picture.png", tmp_path / "mask.png")
+    assert view.mask is not None
+    assert np.argwhere(view.mask).tolist() == [[3, 3]]
+    Image.new("L", (9, 7), 255).save(tmp_path / "larger.png")
+    with pytest.raises(CallError, match="found 9x7; required: 9x6"):
+        read_view(tmp_path / "picture.png", tmp_path / "larger.png")
+    Image.new("L", (9, 6)).save(tmp_path / "black.png")
+    with pytest.raises(CallError, match="black all over"):
+        read_view(tmp_path / "picture.png", tmp_path / "black.png")
