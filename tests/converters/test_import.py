@@ -36,6 +36,7 @@ def knots_folder(folder: Path, document: Any = KNOTS) -> Path:
     (folder / "knots_info.json").write_text(json.dumps(document))
     for frame in range(3):
         rgb = np.full((HEIGHT, WIDTH, 3), 40 * frame, np.uint8)
+        rgb[:, 1::2, 2] += 9  # a picture of one colour would be reported
         Image.fromarray(rgb).save(folder / f"{frame:06d}_rgb.png")
     return folder
 

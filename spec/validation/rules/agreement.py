@@ -26,7 +26,7 @@ DEPTH_SHIFT: Final = 0.15
 """Median depth residual, pixel footprints; what curvature explains is added."""
 
 DEPTH_SCATTER: Final = 0.1
-"""Interquartile range of the depth residual, pixel footprints; curvature is added."""
+"""Twice the median distance of the depth residual from its median, pixel footprints."""
 
 SCALE_FACTOR: Final = 3.0
 """How far a unit of the material may be from `metres_per_unit`."""
@@ -131,8 +131,8 @@ def _check_depth(measured: Measured, shown: str, findings: Findings) -> bool:
     if abs(middle) > DEPTH_SHIFT + 2.2 * explained + _doubt(relative[:, None]):
         findings.diagnose("DEPTH_IMAGE_DISAGREES", shown, _depth_text(measured))
         return True
-    low, high = np.quantile(relative, [0.25, 0.75])
-    if high - low > DEPTH_SCATTER + 1.5 * explained:
+    scatter = 2 * float(np.median(np.abs(relative - middle)))
+    if scatter > DEPTH_SCATTER + 1.5 * explained:
         size = 1e3 * float(np.median(np.abs(residual - np.median(residual))))
         findings.add(
             "DEPTH_IMAGE_SCATTERS",
