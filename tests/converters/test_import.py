@@ -47,7 +47,7 @@ def rows_of(path: Path, name: str) -> dict[tuple[int, ...], dict[str, Any]]:
 
 
 def asked_and_true(out: Path) -> list[tuple[Any, ...]]:
-    """(frame a, u, v, frame b, u, v, state, box) of every query, in the order of the file."""
+    """(frame a, u, v, frame b, u, v, state, box) of every query, by pair and u in frame a."""
     queries = rows_of(out / "queries" / "test.parquet", "queries")
     truth = rows_of(out.with_name(f"{out.name}-truth") / "test.parquet", "truth")
     return [
@@ -55,7 +55,7 @@ def asked_and_true(out: Path) -> list[tuple[Any, ...]]:
             *(queries[key][name] for name in ("frame_a", "u_a", "v_a", "frame_b")),
             *(truth[key][name] for name in ("u_b", "v_b", "visibility_b", "box_px")),
         )
-        for key in queries
+        for key in sorted(queries, key=lambda key: (key[0], queries[key]["u_a"]))
     ]
 
 
@@ -107,6 +107,20 @@ def test_what_is_unknown_is_marked(tmp_path: Path) -> None:
     files = {path.name for path in (tmp_path / "out").rglob("*") if path.is_file()}
     assert not {"cameras.json", "points.parquet", "correspondences.parquet"} & files
     assert not [name for name in files if name.endswith(".exr")]
+
+
+def test_rows_of_a_pair_are_in_random_order(tmp_path: Path) -> None:
+    """Knots are numbered along the rope: sorted rows would say which one a pixel is."""
+    knots = {str(k): [[[u + k, 5]] for u in range(2, 38)] for k in range(3)}
+    imported(knots_folder(tmp_path / "knots", knots), tmp_path / "out")
+    rows = read_table(tmp_path / "out" / "queries" / "test.parquet", "queries").to_pylist()
+    orders = [
+        tuple(row["u_a"] - row["frame_a"] for row in rows if row["pair_id"] == pair)
+        for pair in (0, 1)
+    ]
+    assert set(orders[0]) == set(orders[1]) == {float(u) for u in range(2, 38)}
+    assert orders[0] != orders[1]
+    assert tuple(sorted(orders[0])) not in orders
 
 
 def tracks(height: int = HEIGHT, width: int = WIDTH) -> dict[str, Any]:

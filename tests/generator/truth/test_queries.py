@@ -11,7 +11,13 @@ from pliant.generator.runner.manifest import refuse_changes
 from pliant.generator.runner.plan import SequenceTask
 from pliant.generator.runner.run import generate
 from pliant.generator.truth.queries import Pair
-from pliant.generator.truth.query_sampling import FrameRef, Tracks, draw_points, frame_pairs
+from pliant.generator.truth.query_sampling import (
+    FrameRef,
+    Tracks,
+    draw_points,
+    frame_pairs,
+    point_classes,
+)
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
 from pliant.spec.io.parquet import read_footer
@@ -80,6 +86,35 @@ def test_frame_pairs_of_a_sequence(frames):
         first, second, third, fourth = (b for _, b in pairs[:4])
         assert second == first + 1 <= 1500
         assert 1500 <= third == fourth - 1 < 2999
+
+
+@pytest.mark.parametrize("frames", [1, 24])
+def test_no_pair_has_source_and_target_of_one_class(frames):
+    members = [SequenceTask("rope", "test", k) for k in range(9)] if frames == 1 else [TASK]
+    pairs = list(frame_pairs(np.random.default_rng(1), members[0], members, frames, 8))
+    assert len(pairs) >= 6
+    for source, target in pairs:
+        assert source.point_class(frames) != target.point_class(frames)
+
+
+def test_classes_divide_the_material_and_keep_symmetric_points_together():
+    partners = np.arange(400)[::-1, None]  # a rope that looks the same from both ends
+    one, other = (FrameRef(SequenceTask("rope", "test", k), 0) for k in (0, 1))
+    classes = point_classes(5, one, 24, partners)
+    assert (classes == classes[::-1]).all()
+    assert np.bincount(classes).tolist() == [100] * 4
+    assert (classes == point_classes(5, FrameRef(one.task, 7), 24, partners)).all()
+    assert (classes != point_classes(5, other, 24, partners)).mean() > 0.5
+    # Single frames are paired across sequences, so they share one division.
+    assert (point_classes(5, one, 1, partners) == point_classes(5, other, 1, partners)).all()
+
+
+def test_points_are_drawn_in_random_order():
+    seen = tracks([["visible"] * 60], [[0, 0, 9, 9]])
+    drawn = [draw_points(np.random.default_rng(k), seen, 0, np.arange(60), 20) for k in range(20)]
+    assert all(len(set(each.tolist())) == 20 for each in drawn)
+    steps = np.concatenate([np.diff(each) for each in drawn])
+    assert 0.35 < (steps > 0).mean() < 0.65
 
 
 def test_an_episode_asks_the_same_points_in_neighbouring_frames(tiny_episode):
