@@ -12,6 +12,7 @@ import click
 
 from pliant.cli.interrupts import terminated_like_interrupted
 from pliant.cli.options import set_option
+from pliant.cli.terminal import echo
 from pliant.spec.errors import MissingExtraError
 
 _TITLES = {"generate": "Making sets", "train": "Training", "answer": "Answering and scoring"}
@@ -83,15 +84,15 @@ def command(
     called = f"pliant benchmark {config_file} --out DIR"
     document = write_results(config, out, differing, called, page)
     if as_json:
-        click.echo(json.dumps(document, indent=1, sort_keys=True))
+        echo(json.dumps(document, indent=1, sort_keys=True))
     else:
-        click.echo(f"Table: {out / 'results.md'}")
+        echo(f"Table: {out / 'results.md'}")
         if not differing.frozen:
-            click.echo("There are no frozen checksums to hold the test queries against.")
+            echo("There are no frozen checksums to hold the test queries against.")
         elif not differing.sets:
-            click.echo("The test queries are the frozen ones.")
+            echo("The test queries are the frozen ones.")
     for name, what in differing.sets.items():
-        click.echo(f"Not the frozen test queries: {name}, {what}", err=True)
+        echo(f"Not the frozen test queries: {name}, {what}", err=True)
     return 1 if differing.sets else 0
 
 

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import click
 
+from pliant.cli.terminal import echo
+
 
 @click.command("check")
 @click.argument("submission", metavar="SUB.parquet", type=click.Path(path_type=Path))
@@ -36,15 +38,15 @@ def command(submission: Path, data: Path, allow_missing: bool, as_json: bool) ->
             "issues": [issue.as_dict() for issue in issues],
             "warnings": problems.hints,
         }
-        click.echo(json.dumps(document, indent=1))
+        echo(json.dumps(document, indent=1))
     elif issues:
         for issue in issues:
-            click.echo(str(issue))
+            echo(str(issue))
         counts = ", ".join(f"{code} {count:,}" for code, count in problems.totals.items())
         noun = "problem" if problems.total == 1 else "problems"
-        click.echo(f"{submission}: {problems.total:,} {noun} ({counts}).")
+        echo(f"{submission}: {problems.total:,} {noun} ({counts}).")
     else:
         for hint in problems.hints:
-            click.echo(f"Warning: {hint}")
-        click.echo(f"{submission}: nothing is wrong; it can be scored.")
+            echo(f"Warning: {hint}")
+        echo(f"{submission}: nothing is wrong; it can be scored.")
     return 1 if issues else 0

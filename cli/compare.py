@@ -7,6 +7,8 @@ from pathlib import Path
 
 import click
 
+from pliant.cli.terminal import echo
+
 
 @click.command("compare")
 @click.argument(
@@ -53,7 +55,7 @@ def command(reports: tuple[Path, ...], metrics: tuple[str, ...], as_json: bool) 
                 for (group, metric), places in standing.items()
             ],
         }
-        click.echo(json.dumps(document, indent=1))
+        echo(json.dumps(document, indent=1))
         return 0
     last = ("", "")
     one_tier = len({item.group for item in found} - {"overall"}) == 1
@@ -64,22 +66,22 @@ def command(reports: tuple[Path, ...], metrics: tuple[str, ...], as_json: bool) 
         if (item.metric, item.group) != last:
             last = (item.metric, item.group)
             shown = written_unit(unit)
-            click.echo(f"{label(item.metric)}{f' ({shown})' if shown else ''}, {item.group}")
+            echo(f"{label(item.metric)}{f' ({shown})' if shown else ''}, {item.group}")
         interval = ""
         if item.low == item.low:
             interval = f" [{written(item.low, unit)}, {written(item.high, unit)}]"
         sign = "+" if item.value > 0 else ""
-        click.echo(
+        echo(
             f"  {item.method} against {item.against}: {sign}{written(item.value, unit)}"
             f"{interval}: {item.verdict} ({_sequences(item.sequences, item.sequences_needed)})"
         )
     if any(item.verdict == "too few sequences" for item in found):
-        click.echo(f"No verdict is given with fewer than {fewest} sequences.")
+        echo(f"No verdict is given with fewer than {fewest} sequences.")
     for (group, metric), places in standing.items():
         if group == "overall":
             order = sorted(zip(places, names, strict=True))
             text = ", ".join(f"{place}. {name}" for place, name in order)
-            click.echo(f"Ranks by {label(metric)}: {text}")
+            echo(f"Ranks by {label(metric)}: {text}")
     return 0
 
 

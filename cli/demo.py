@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
+from pliant.cli.terminal import echo
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -68,9 +70,9 @@ def command(
     result = run_demo(config, out, count, console)
     seconds = time.monotonic() - started
     if as_json:
-        click.echo(json.dumps({**result, "seconds": round(seconds, 1)}, indent=1))
+        echo(json.dumps({**result, "seconds": round(seconds, 1)}, indent=1))
     else:
-        click.echo(f"{seconds:.0f} s in all. Open {result['page']}")
+        echo(f"{seconds:.0f} s in all. Open {result['page']}")
     return 0
 
 

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from pliant.cli.terminal import echo
+
 if TYPE_CHECKING:
     from pliant.evaluator import Scores
 
@@ -83,14 +85,14 @@ def command(
             )
     except SubmissionError as error:
         for issue in error.issues:
-            click.echo(str(issue), err=True)
+            echo(str(issue), err=True)
         raise
     for hint in scores.hints:
-        click.echo(f"Warning: {hint}", err=True)
+        echo(f"Warning: {hint}", err=True)
     if out is not None:
         write_report(scores, out, data=data)
     if as_json:
-        click.echo(json.dumps(scores.document, indent=1, sort_keys=True))
+        echo(json.dumps(scores.document, indent=1, sort_keys=True))
     else:
         _print(scores, out)
     return 0
@@ -108,12 +110,12 @@ def _print(scores: Scores, out: Path | None) -> None:
 
     document = scores.document
     dataset = document["dataset"]
-    click.echo(
+    echo(
         f"{scores.method} on {dataset['id']} {dataset['version']}, split {document['split']}, "
         f"protocol {document['protocol']} {document['protocol_version']}"
     )
     if document["coverage"] < 1:
-        click.echo(f"Coverage: {document['coverage'] * 100:.2f} %")
+        echo(f"Coverage: {document['coverage'] * 100:.2f} %")
     # Of one tier, the whole and the tier are the same figures.
     groups = {"overall": scores.overall} | (scores.tiers if len(scores.tiers) > 1 else {})
     width = max(len(name) for name in groups)
@@ -125,8 +127,8 @@ def _print(scores: Scores, out: Path | None) -> None:
             for name, values in groups.items()
         )
         shown = written_unit(unit)
-        click.echo(f"  {label(metric) + (f' ({shown})' if shown else ''):32} {cells}")
+        echo(f"  {label(metric) + (f' ({shown})' if shown else ''):32} {cells}")
     for name, note in document["notes"].items():
-        click.echo(f"Note, {name}: {note}", err=True)
+        echo(f"Note, {name}: {note}", err=True)
     if out is not None:
-        click.echo(f"Report: {out / 'report.html'}")
+        echo(f"Report: {out / 'report.html'}")

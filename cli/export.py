@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from pliant.cli.terminal import echo
 from pliant.spec.errors import MissingExtraError
 
 _DIR = click.Path(path_type=Path)
@@ -44,6 +45,6 @@ def command(
     folder = export_run(run, name, out, Dataset.open(data), reports)
     size = sum(path.stat().st_size for path in folder.iterdir())
     if as_json:
-        click.echo(json.dumps({"model": str(folder), "name": name, "bytes": size}))
+        echo(json.dumps({"model": str(folder), "name": name, "bytes": size}))
         return
-    click.echo(f"{folder}: {size / 1e6:.1f} MB; read {folder / 'CARD.md'}")
+    echo(f"{folder}: {size / 1e6:.1f} MB; read {folder / 'CARD.md'}")

@@ -13,6 +13,7 @@ import click
 
 from pliant.cli.interrupts import terminated_like_interrupted
 from pliant.cli.options import set_option
+from pliant.cli.terminal import echo
 from pliant.spec.errors import CallError
 
 if TYPE_CHECKING:
@@ -179,10 +180,10 @@ def _dry_run(config: GenerateConfig, out: Path, workers: int, as_json: bool) -> 
             "estimated_bytes": estimate.bytes,
             "files": estimate.files,
         }
-        click.echo(json.dumps(document, indent=1))
+        echo(json.dumps(document, indent=1))
         return 0
-    click.echo(describe_plan(plan, config, out, workers))
-    click.echo(
+    echo(describe_plan(plan, config, out, workers))
+    echo(
         f"By a trial of each tier: about {duration(estimate.seconds)}, "
         f"{size(estimate.bytes)} in {estimate.files:,} files. Nothing was written."
     )
@@ -274,20 +275,20 @@ def _report(summary: Summary, as_json: bool) -> None:
                 for each in summary.failed
             ],
         }
-        click.echo(json.dumps(document, indent=1))
+        echo(json.dumps(document, indent=1))
         return
     if summary.unchanged:
-        click.echo(f"{summary.root} is finished: {summary.sequences} sequences, nothing to do.")
+        echo(f"{summary.root} is finished: {summary.sequences} sequences, nothing to do.")
         return
-    click.echo(
+    echo(
         f"{summary.root}: {summary.sequences} sequences, {summary.made} made now "
         f"({summary.frames:,} images, {size(summary.bytes)}, {duration(summary.seconds)})."
     )
     for each in summary.failed:
         last = each.error.splitlines()[-1]
-        click.echo(f"FAILED {each.id} after {each.attempts} attempts: {last}", err=True)
+        echo(f"FAILED {each.id} after {each.attempts} attempts: {last}", err=True)
     if summary.failed:
-        click.echo(
+        echo(
             f"{len(summary.failed)} sequences are missing; tracebacks in "
             f"{summary.root / '.pliant' / 'failures.json'}. The same command tries them again.",
             err=True,

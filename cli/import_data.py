@@ -9,6 +9,8 @@ from typing import Any, Literal
 
 import click
 
+from pliant.cli.terminal import echo
+
 
 @click.command("import")
 @click.argument("source", metavar="SOURCE", type=click.Path(path_type=Path))
@@ -117,9 +119,9 @@ def command(
         )
     if as_json:
         document = {**vars(done), "dataset": str(done.dataset), "truth": str(done.truth)}
-        click.echo(json.dumps(document, indent=1))
+        echo(json.dumps(document, indent=1))
         return
-    click.echo(
+    echo(
         f"{done.dataset}: {done.queries:,} queries in {done.pairs:,} pairs of {done.frames:,} "
         f"frames in {done.sequences:,} sequences. Answers: {done.truth}\n"
         f"Then: pliant predict METHOD --data {done.dataset} --split {split} --out SUB.parquet; "

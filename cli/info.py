@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from pliant.cli.terminal import echo
+
 if TYPE_CHECKING:
     from pliant.spec.dataset import Dataset
 
@@ -25,7 +27,7 @@ def command(folder: Path, as_json: bool) -> int:
 
     document = describe(Dataset.open(folder))
     if as_json:
-        click.echo(json.dumps(document, indent=1))
+        echo(json.dumps(document, indent=1))
     else:
         _print(document)
     return 0
@@ -106,10 +108,10 @@ def _print(document: dict[str, Any]) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    console = Console(highlight=False, soft_wrap=True)
+    console = Console(highlight=False, soft_wrap=True, markup=False)
     size = document["image_size"]
+    console.print(document["title"], style="bold")
     console.print(
-        f"[bold]{document['title']}[/bold]\n"
         f"{document['id']} {document['version']}, specification {document['spec_version']}, "
         f"{document['licence']}, {size['width']}x{size['height']} px\n"
         f"{document['sequences']:,} sequences, {document['frames']:,} frames; made by "
@@ -142,7 +144,9 @@ def _print(document: dict[str, Any]) -> None:
 
 
 def _counts(counts: dict[str, int]) -> str:
-    return "\n".join(f"{name} {count}" for name, count in counts.items())
+    from pliant.spec.text import escaped
+
+    return "\n".join(f"{escaped(name)} {count}" for name, count in counts.items())
 
 
 def _mean(values: dict[str, float] | None) -> str:

@@ -9,7 +9,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-import click
+from pliant.cli.terminal import echo
 
 
 @contextmanager
@@ -36,7 +36,7 @@ def terminated_like_interrupted(message: str) -> Iterator[None]:
         yield
     except KeyboardInterrupt:
         if message:
-            click.echo(message, err=True)
+            echo(message, err=True)
         raise
     finally:
         signal.signal(signal.SIGTERM, before)

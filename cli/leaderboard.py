@@ -6,6 +6,8 @@ from pathlib import Path
 
 import click
 
+from pliant.cli.terminal import echo
+
 
 @click.command("leaderboard")
 @click.argument(
@@ -31,5 +33,5 @@ def command(reports: tuple[Path, ...], out: Path) -> int:
     out.parent.mkdir(parents=True, exist_ok=True)
     with replacing(out) as partial:
         partial.write_text(page, encoding="utf-8")
-    click.echo(f"{len(scores)} reports: {out}")
+    echo(f"{len(scores)} reports: {out}")
     return 0

@@ -8,6 +8,8 @@ from typing import Any
 
 import click
 
+from pliant.cli.terminal import echo
+
 CALL_WRONG = 2
 
 # name -> (module, one-line help). The module is imported only when the command is called,
@@ -96,7 +98,7 @@ def run(argv: list[str] | None = None) -> int:
         error.show()
         return error.exit_code
     except (click.exceptions.Abort, KeyboardInterrupt):
-        click.echo("Stopped.", err=True)
+        echo("Stopped.", err=True)
         return 130
     except BrokenPipeError:
         return 1
@@ -104,10 +106,10 @@ def run(argv: list[str] | None = None) -> int:
         from pliant.spec.errors import PliantError
 
         if isinstance(error, OSError) and (error.strerror or error.errno):
-            click.echo(f"Error: {_operating_system(error)}", err=True)
+            echo(f"Error: {_operating_system(error)}", err=True)
             return CALL_WRONG
         if not isinstance(error, PliantError):
             raise
-        click.echo(f"Error: {error}", err=True)
+        echo(f"Error: {error}", err=True)
         return error.exit_code
     return result if isinstance(result, int) else 0

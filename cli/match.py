@@ -7,6 +7,8 @@ from pathlib import Path
 
 import click
 
+from pliant.cli.terminal import echo
+
 _FILE = click.Path(path_type=Path)
 
 
@@ -72,10 +74,10 @@ def command(
     draw_match(match, view_a, view_b, out)
     if as_json:
         files = {"source": str(source), "target": str(target), "figure": str(out)}
-        click.echo(json.dumps({**match.as_dict(), **files}))
+        echo(json.dumps({**match.as_dict(), **files}))
         return
     confidence = "" if match.heat is None else f", confidence {match.heat.confidence:.2f}"
-    click.echo(
+    echo(
         f"{matcher.name}: ({at[0]:g}, {at[1]:g}) of {source} is at ({match.uv_b_px[0]:.1f}, "
         f"{match.uv_b_px[1]:.1f}) of {target}{confidence}; drawn in {out}"
     )

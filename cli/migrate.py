@@ -7,6 +7,8 @@ from pathlib import Path
 
 import click
 
+from pliant.cli.terminal import echo
+
 
 @click.command()
 @click.argument("data", metavar="DIR", type=click.Path(path_type=Path))
@@ -24,11 +26,11 @@ def command(data: Path, as_json: bool) -> None:
         raise CallError("there is no such folder", path=data, fix="Name a dataset's folder.")
     result = migrate(data)
     if as_json:
-        click.echo(json.dumps(vars(result), indent=1))
+        echo(json.dumps(vars(result), indent=1))
     elif not result.files:
-        click.echo(f"{data}: already of version {result.found}; nothing to do.")
+        echo(f"{data}: already of version {result.found}; nothing to do.")
     else:
-        click.echo(
+        echo(
             f"{data}: from {result.found} to {result.reached}, {len(result.files)} files "
             f"rewritten. Check it with: pliant validate {data}"
         )

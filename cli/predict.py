@@ -9,6 +9,8 @@ from typing import Literal
 
 import click
 
+from pliant.cli.terminal import echo
+
 
 @click.command()
 @click.argument("method")
@@ -89,10 +91,10 @@ def command(
         prediction = predict(dataset, split, matcher, out, kind, workers=workers, progress=show)
     seconds = time.perf_counter() - started
     if as_json:
-        click.echo(json.dumps({**prediction.as_dict(), "seconds": round(seconds, 3)}))
+        echo(json.dumps({**prediction.as_dict(), "seconds": round(seconds, 3)}))
         return
     ran = f"{prediction.method.get('implementation', '')} {prediction.method.get('version', '')}"
-    click.echo(
+    echo(
         f"{out}: {prediction.rows} {kind} for {prediction.pairs} pairs of {dataset.id}/{split} by "
         f"{matcher.name}{f' ({ran.strip()})' if ran.strip() else ''} in {seconds:.1f} s"
     )

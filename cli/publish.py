@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import click
 
 from pliant.cli.interrupts import terminated_like_interrupted
+from pliant.cli.terminal import echo
 from pliant.spec.errors import CallError
 
 if TYPE_CHECKING:
@@ -85,11 +86,11 @@ def command(
     with terminated_like_interrupted(""), _bar(as_json) as show:
         published = publish(folder, out, settings, private=private, progress=show, finish=finish)
     if as_json:
-        click.echo(json.dumps(published.as_dict(), indent=1))
+        echo(json.dumps(published.as_dict(), indent=1))
     else:
         _print(published, out, private or Path(f"{out}-private"))
     for text in published.warnings:
-        click.echo(f"Warning: {text}.", err=True)
+        echo(f"Warning: {text}.", err=True)
     return 0
 
 
@@ -146,10 +147,10 @@ def _bar(hidden: bool) -> Iterator[Progress]:
 
 def _print(published: Published, public: Path, private: Path) -> None:
     """Print the result, its folders under the names they were asked for by."""
-    click.echo(
+    echo(
         f"{public}: {published.sequences:,} sequences, {published.frames:,} frames, "
         f"{published.shards} shards, {published.bytes / 1e6:,.1f} MB; "
         f"SHA256SUMS {published.checksums_sha256[:16]}…"
     )
     if published.private is not None:
-        click.echo(f"{private}: the answers. Keep this folder to yourself.")
+        echo(f"{private}: the answers. Keep this folder to yourself.")

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import click
 
+from pliant.cli.terminal import echo
+
 
 @click.command("serve")
 @click.argument(
@@ -39,7 +41,7 @@ def command(
 
     names = write_site(reports, out, title=title, hide_truth=hide_truth)
     if as_json:
-        click.echo(json.dumps({"site": str(out), "reports": names}, indent=1))
+        echo(json.dumps({"site": str(out), "reports": names}, indent=1))
     else:
-        click.echo(f"{len(names)} reports: {out / 'index.html'}")
+        echo(f"{len(names)} reports: {out / 'index.html'}")
     return 0

@@ -7,6 +7,8 @@ from typing import Any
 
 import click
 
+from pliant.cli.terminal import echo
+
 
 @click.command()
 @click.argument("name", required=False)
@@ -35,9 +37,9 @@ def command(name: str | None, out: Path | None, as_json: bool) -> None:
     if out is not None:
         written = write_specification(out)
         if as_json:
-            click.echo(json.dumps({"written": [str(path) for path in written]}, indent=1))
+            echo(json.dumps({"written": [str(path) for path in written]}, indent=1))
         else:
-            click.echo(f"Wrote {len(written)} files to {out}.")
+            echo(f"Wrote {len(written)} files to {out}.")
         return
     if name is None:
         listing: dict[str, Any] = {
@@ -47,15 +49,15 @@ def command(name: str | None, out: Path | None, as_json: bool) -> None:
             "other": ["codes", "text"],
         }
         if as_json:
-            click.echo(json.dumps(listing, indent=1))
+            echo(json.dumps(listing, indent=1))
         else:
-            click.echo(f"Specification {SPEC_VERSION}")
+            echo(f"Specification {SPEC_VERSION}")
             for key in ("schemas", "tables", "other"):
-                click.echo(f"{key}: {', '.join(listing[key])}")
+                echo(f"{key}: {', '.join(listing[key])}")
         return
     if name == "text":
         text = specification_files()["SPEC.md"].decode()
-        click.echo(json.dumps({"text": text}) if as_json else text)
+        echo(json.dumps({"text": text}) if as_json else text)
         return
     if name == "codes":
         document: object = [vars(code) for code in ISSUE_CODES.values()]
@@ -69,4 +71,4 @@ def command(name: str | None, out: Path | None, as_json: bool) -> None:
             found=name,
             required=", ".join([*JSON_SCHEMAS, *TABLES, "codes", "text"]),
         )
-    click.echo(json.dumps(document, indent=1, ensure_ascii=False))
+    echo(json.dumps(document, indent=1, ensure_ascii=False))

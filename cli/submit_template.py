@@ -8,6 +8,8 @@ from typing import Literal
 
 import click
 
+from pliant.cli.terminal import echo
+
 
 @click.command("submit-template")
 @click.option(
@@ -56,11 +58,11 @@ def command(
     rows = write_template(dataset, split, out, kind, name=method)
     if as_json:
         facts = {"submission": str(out), "kind": kind, "split": split, "rows": rows}
-        click.echo(json.dumps({**facts, "method": {"name": method}}))
+        echo(json.dumps({**facts, "method": {"name": method}}))
         return
     what = "answers" if kind == "answers" else "pairs"
     fill = "u and v" if kind == "answers" else "u_a, v_a, u, v and score"
-    click.echo(
+    echo(
         f"{out}: {rows:,} {what} of {dataset.id}/{split} to fill in ({fill}). "
         f"Then: pliant check {out} --data {data}"
     )

@@ -14,6 +14,7 @@ import click
 
 from pliant.cli.interrupts import terminated_like_interrupted
 from pliant.cli.options import set_option
+from pliant.cli.terminal import echo
 from pliant.spec.errors import MissingExtraError
 
 if TYPE_CHECKING:
@@ -149,16 +150,16 @@ def _train(
     if not first:
         return
     if tell is None:
-        click.echo(json.dumps({"run": str(out), **facts}, indent=1, sort_keys=True))
+        echo(json.dumps({"run": str(out), **facts}, indent=1, sort_keys=True))
         return
     tell(facts)
-    click.echo(f"Report: {out / 'report.html'}")
-    click.echo(f"Answer with it: pliant predict {out} --data {data} --split test --out SUB.parquet")
+    echo(f"Report: {out / 'report.html'}")
+    echo(f"Answer with it: pliant predict {out} --data {data} --split test --out SUB.parquet")
 
 
 def _don_figures(facts: Mapping[str, Any]) -> None:
     figures = facts.get("validation", {})
-    click.echo(
+    echo(
         f"{facts['steps']} steps; validation RMSE {figures.get('rmse_px', float('nan')):.1f} px "
         f"pooled, {figures.get('rmse_px_mean_over_pairs', float('nan')):.1f} px mean over pairs, "
         f"median {figures.get('median_px', float('nan')):.1f} px"
@@ -169,8 +170,8 @@ def _timecycle_figures(facts: Mapping[str, Any]) -> None:
     guard = facts.get("guard", {})
     for method, errors in guard.get("rmse_px_of_640", {}).items():
         listed = ", ".join(f"{value:.1f} after {frames}" for frames, value in errors.items())
-        click.echo(f"{method:10} RMSE, px of 640, by frames since the query: {listed}")
-    click.echo(guard.get("verdict", "The run has not been validated."))
+        echo(f"{method:10} RMSE, px of 640, by frames since the query: {listed}")
+    echo(guard.get("verdict", "The run has not been validated."))
 
 
 @contextmanager

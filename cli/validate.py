@@ -7,6 +7,8 @@ from pathlib import Path
 
 import click
 
+from pliant.cli.terminal import echo
+
 
 @click.command()
 @click.argument("data", metavar="DIR", type=click.Path(path_type=Path))
@@ -48,18 +50,18 @@ def command(data: Path, quick: bool, workers: int | None, limit: int, as_json: b
             progress=lambda done, total: bar.update(task, completed=done, total=total),
         )
     if as_json:
-        click.echo(json.dumps(report.as_dict(), indent=1))
+        echo(json.dumps(report.as_dict(), indent=1))
         return 0 if report.valid else 1
     for issue in report.issues:
-        click.echo(str(issue))
+        echo(str(issue))
     kind = "quick check" if quick else "full check"
     scope = f"{report.sequences} sequences, {report.frames} frames, {kind}"
     if report.total == 0:
-        click.echo(f"{data}: valid ({scope}).")
+        echo(f"{data}: valid ({scope}).")
     else:
         if report.total > len(report.issues):
-            click.echo(f"… {len(report.issues)} of {report.total} problems listed.")
+            echo(f"… {len(report.issues)} of {report.total} problems listed.")
         totals = ", ".join(f"{code} {count}" for code, count in report.counts.items())
         state = "valid, with warnings" if report.valid else "NOT valid"
-        click.echo(f"{data}: {state} ({scope}): {report.total} problems: {totals}.")
+        echo(f"{data}: {state} ({scope}): {report.total} problems: {totals}.")
     return 0 if report.valid else 1

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from pliant.cli.terminal import echo
 from pliant.spec.errors import CallError
 
 _FIGURES = ("sheet", "index", "depth", "anatomy", "tracks")
@@ -70,9 +71,9 @@ def command(
     else:
         draw_figure(folder, out, figure=figure, sequence=sequence, frame=frame, count=count)
     if as_json:
-        click.echo(json.dumps({"out": str(out), "figure": figure, "bytes": out.stat().st_size}))
+        echo(json.dumps({"out": str(out), "figure": figure, "bytes": out.stat().st_size}))
     else:
-        click.echo(f"Wrote {out}")
+        echo(f"Wrote {out}")
 
 
 def _numbers(text: str | None) -> list[int] | None:

@@ -54,7 +54,8 @@ def evaluate(
         protocol: Name of a protocol; None takes `standard` for answers, `matches` for matches.
         allow_missing: Score a query without an answer as the worst value instead of refusing.
         hide_truth: Cap every error at the image diagonal, for scores that participants of a
-            competition see: uncapped errors tell single answers. See `public_scores`.
+            competition see: uncapped errors tell single answers. Hints that need the truth are
+            left out too. See `public_scores`.
         memory_limit_bytes: Arrays as long as the split go to temporary files beyond this.
         progress: Called with (pairs scored, pairs in all) now and then.
 
@@ -171,16 +172,18 @@ def _score_answers(
         block_rows=_ROWS_WITH_IMAGES if _has_images(context.dataset) else None,
         cap_errors=hide_truth,
     )
-    hints = TruthHints(answers, context.queries)
+    hints = None if hide_truth else TruthHints(answers, context.queries)
     for block in blocks:
-        hints.update(block)
+        if hints is not None:
+            hints.update(block)
         for scorer in scorers:
             scorer.update(block)
         if progress is not None:
             progress(block.pairs.stop, context.queries.pairs)
     for scorer in scorers:
         scorer.finish(groups, summary)
-    return (*hints_without_truth(answers, context.queries), *hints.found())
+    found = () if hints is None else hints.found()
+    return (*hints_without_truth(answers, context.queries), *found)
 
 
 def _ordered(values: Mapping[str, float | None]) -> dict[str, float | None]:

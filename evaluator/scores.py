@@ -17,7 +17,8 @@ import pyarrow.parquet as pq
 from pliant.evaluator.arrays import FloatArray
 from pliant.evaluator.submission.queries import Queries
 from pliant.spec.errors import SubmissionError
-from pliant.spec.io.jsonfiles import write_json
+from pliant.spec.io.jsonfiles import parse_json, write_json
+from pliant.spec.io.reading import FileRefusedError
 
 SCORES_VERSION: Final = "1.0"
 SCORES_JSON: Final = "scores.json"
@@ -101,10 +102,12 @@ def read_scores(folder: Path) -> Scores:
     """
     path = folder / SCORES_JSON
     try:
-        document = json.loads(path.read_bytes())
+        document = parse_json(path.read_bytes(), path)
         jsonschema.validate(document, scores_schema())
         table = pq.read_table(folder / PER_PAIR_TABLE)
-    except (OSError, ValueError, RecursionError, pa.ArrowException) as error:
+    except FileRefusedError as error:
+        raise _no_report(folder, f"{error.where or SCORES_JSON}: {error.message}") from error
+    except (OSError, ValueError, pa.ArrowException) as error:
         raise _no_report(folder, error) from error
     except jsonschema.ValidationError as error:
         raise _no_report(path, error.message) from error

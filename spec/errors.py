@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Literal
 
+from pliant.spec.text import escaped
+
 Severity = Literal["error", "warning"]
 
 
@@ -43,15 +45,15 @@ class PliantError(Exception):
         super().__init__(self._sentence())
 
     def _sentence(self) -> str:
-        place = ", ".join(part for part in (self.path, self.where) if part)
+        place = escaped(", ".join(part for part in (self.path, self.where) if part))
         text = f"{place}: {self.message}" if place else self.message
         if self.found is not None:
-            text += f"; found {self.found}"
+            text += f"; found {escaped(str(self.found))}"
         if self.required is not None:
             text += f"; required: {self.required}"
         if self.fix is not None:
             text += f". {self.fix}"
-        return text
+        return escaped(text, lines=True)
 
 
 class SpecError(PliantError):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -33,9 +34,8 @@ def score(submission: Path, reference: Path) -> Scores:
         SpecError: The reference data is at fault.
     """
     rules = read_json(reference / COMPETITION_JSON)
-    return public_scores(
-        evaluate(submission, reference, protocol=rules["protocol"], hide_truth=True)
-    )
+    scores = evaluate(submission, reference, protocol=rules["protocol"], hide_truth=True)
+    return replace(public_scores(scores), hints=())
 
 
 def flat_scores(document: Mapping[str, Any]) -> dict[str, float]:

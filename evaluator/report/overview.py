@@ -14,6 +14,8 @@ from typing import Any
 
 import jinja2
 
+from pliant.spec.text import shown
+
 CONTROLS = ("identity", "random", "centroid", "oracle")
 
 
@@ -121,7 +123,9 @@ def render_overview(
         tiers: The tiers, in the tables' order.
         facts: Provenance: label -> value.
     """
-    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
+    environment = jinja2.Environment(
+        autoescape=True, undefined=jinja2.StrictUndefined, finalize=shown
+    )
     environment.filters["data_uri"] = _data_uri
     source = (
         resources.files("pliant.evaluator.report") / "templates" / "overview.html"

@@ -34,6 +34,7 @@ from pliant.evaluator.scores import (
 )
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
+from pliant.spec.text import shown
 
 _ARROWS: Final = {"lower": "\u00a0↓", "higher": "\u00a0↑", "neither": ""}
 
@@ -96,6 +97,7 @@ def template_environment() -> jinja2.Environment:
         loader=jinja2.PackageLoader("pliant.evaluator.report", "templates"),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
+        finalize=shown,
         trim_blocks=True,
     )
 

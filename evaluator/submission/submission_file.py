@@ -20,6 +20,7 @@ from pliant.spec.io.jsonfiles import schema_errors
 from pliant.spec.io.parquet import footer_of, open_table
 from pliant.spec.io.parquet_footer import ColumnChunk, read_column_chunks
 from pliant.spec.io.reading import FileRefusedError
+from pliant.spec.text import escape, unsafe_character
 
 _KEYS: Final = {"pair_id": "integer", "query_id": "integer"}
 REQUIRED: Final[dict[str, dict[str, str]]] = {
@@ -147,7 +148,7 @@ def _footer(
     try:
         footer = footer_of(file, path)
     except FileRefusedError as error:
-        problems.add(error.code, "", f"{_reason(error)} {_TEMPLATE}")
+        problems.add(error.code, error.where or "", f"{_reason(error)} {_TEMPLATE}")
         return None
     try:
         check_version(footer.get("spec_version"), path)
@@ -174,6 +175,14 @@ def _footer(
     if broken:
         for where, message in broken:
             problems.add("FOOTER_INVALID", f"footer {where}".strip(), message)
+        return None
+    unsafe = unsafe_character(footer["method"]["name"])
+    if unsafe is not None:
+        problems.add(
+            "FOOTER_INVALID",
+            "footer method.name",
+            f"found the character {escape(unsafe)}; required: a name without control characters",
+        )
         return None
     found, required = footer["dataset"], {"id": dataset.id, "version": dataset.version}
     usable = True

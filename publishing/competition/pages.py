@@ -8,6 +8,7 @@ import jinja2
 from markdown_it import MarkdownIt
 
 from pliant.publishing.competition.facts import Competition
+from pliant.spec.text import shown
 
 PAGES = {
     "overview": "Overview",
@@ -30,6 +31,7 @@ def render_pages(competition: Competition, platform: str) -> dict[str, str]:
         loader=jinja2.PackageLoader("pliant.publishing.competition", "files"),
         autoescape=False,  # Markdown; as HTML it is escaped below
         undefined=jinja2.StrictUndefined,
+        finalize=shown,
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,

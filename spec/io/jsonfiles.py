@@ -19,6 +19,7 @@ from pliant.spec.conventions import SPEC_VERSION
 from pliant.spec.io import limits
 from pliant.spec.io.reading import AnyFile, FileRefusedError, read_bytes
 from pliant.spec.io.writing import replacing
+from pliant.spec.text import escape, texts_of, unsafe_character
 
 SCHEMAS = files("pliant.spec") / "schemas"
 
@@ -44,7 +45,10 @@ def read_json(path: AnyFile, schema: str | None = None) -> Any:
 
 
 def parse_json(data: bytes, path: AnyFile) -> Any:
-    """Parse JSON strictly: UTF-8, unique keys, finite numbers, bounded depth.
+    """Parse JSON strictly: UTF-8, unique keys, finite numbers, bounded depth, safe texts.
+
+    A text with a lone surrogate, a control character (except line feed and tab) or a
+    bidirectional control is refused: what a terminal or page shows of it is not what it says.
 
     Args:
         data: The bytes.
@@ -76,6 +80,7 @@ def parse_json(data: bytes, path: AnyFile) -> Any:
             if isinstance(child, dict | list)
         ]
         if not level:
+            _refuse_unsafe(parsed, path)
             return parsed
     raise _too_deep(path)
 
@@ -190,6 +195,20 @@ def _finite(text: str) -> float:
     if not math.isfinite(value):
         raise ValueError(f"{text:.40} is beyond the range of a double")
     return value
+
+
+def _refuse_unsafe(document: Any, path: AnyFile) -> None:
+    for where, text in texts_of(document):
+        found = unsafe_character(text, lines=True)
+        if found is not None:
+            raise FileRefusedError(
+                "FILE_UNREADABLE",
+                "the text has a control, bidirectional or surrogate character",
+                path=path,
+                where=where,
+                found=escape(found),
+                fix="Remove it.",
+            )
 
 
 def _too_deep(path: AnyFile) -> FileRefusedError:

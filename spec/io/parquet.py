@@ -239,9 +239,11 @@ def footer_of(file: pq.ParquetFile, path: AnyFile) -> dict[str, Any]:
     except FileRefusedError as error:
         raise FileRefusedError(
             "FOOTER_INVALID",
-            "the `pliant` footer is no strict JSON",
+            f"the `pliant` footer: {error.message}",
             path=path,
+            where=error.where and f"footer {error.where}",
             found=error.found,
+            fix=error.fix,
         ) from error
     if not isinstance(footer, dict):
         raise FileRefusedError("FOOTER_INVALID", "the `pliant` footer is no JSON object", path=path)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 from pliant.spec.errors import Issue, Severity
+from pliant.spec.text import escaped
 
 Subject = Literal["both", "dataset", "submission"]
 
@@ -324,7 +325,7 @@ ISSUE_CODES: Final[dict[str, IssueCode]] = _catalogue(
 
 
 def make_issue(code: str, path: str, where: str, message: str) -> Issue:
-    """Return an issue with the severity of its code.
+    """Return an issue with the severity of its code; unsafe characters are escaped.
 
     Args:
         code: A key of `ISSUE_CODES`.
@@ -332,4 +333,4 @@ def make_issue(code: str, path: str, where: str, message: str) -> Issue:
         where: Field, row, frame or query inside the file; empty for the whole file.
         message: Found, required and what to do, in words.
     """
-    return Issue(code, ISSUE_CODES[code].severity, path, where, message)
+    return Issue(code, ISSUE_CODES[code].severity, escaped(path), escaped(where), escaped(message))

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import shutil
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +18,9 @@ import pytest
 
 from pliant.cli.main import run
 from pliant.evaluator import evaluate, inspect, write_report
+from pliant.evaluator.competition import codabench_program, evalai_program, scoring
+from pliant.evaluator.hidden_truth import public_scores
+from pliant.evaluator.scores import Scores
 
 WIDTH, HEIGHT = 160, 120
 
@@ -105,6 +110,44 @@ def test_hints_are_on_the_terminal_and_in_no_file(
     shown = capsys.readouterr()
     assert "Warning: adding half a pixel" in shown.err
     assert "half a pixel" not in shown.out
+
+
+def test_scores_with_hidden_truth_have_no_hint_that_needs_it(
+    scene: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = scene.submit(tmp_path / "s.parquet", scene.table(scene.true_px - 0.5))
+    assert evaluate(path, scene.root, hide_truth=True).hints == ()
+    assert run(["evaluate", str(path), "--data", str(scene.root), "--hide-truth"]) == 0
+    assert "half a pixel" not in capsys.readouterr().err
+
+
+def test_competition_programs_show_no_hint(
+    scene: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Not even where the evaluation gives one."""
+    reference = tmp_path / "input" / "ref"
+    shutil.copytree(scene.root, reference)
+    rules = {"protocol": "paper", "split": "test", "columns": []}
+    (reference / "competition.json").write_text(json.dumps(rules))
+    (tmp_path / "input" / "res").mkdir()
+    path = tmp_path / "input" / "res" / "s.parquet"
+    scene.submit(path, scene.table(scene.true_px - 0.5))
+    hint = "adding half a pixel"
+
+    def with_hint(scores: Scores) -> Scores:
+        return replace(public_scores(scores), hints=(hint,))
+
+    monkeypatch.setattr(scoring, "public_scores", with_hint)
+    assert scoring.score(path, reference).hints == ()
+    assert codabench_program.main([str(tmp_path / "input"), str(tmp_path / "output")]) == 0
+    with zipfile.ZipFile(tmp_path / "ref.zip", "w") as archive:
+        for file in reference.rglob("*"):
+            archive.write(file, file.relative_to(reference))
+    result = evalai_program.evaluate(str(tmp_path / "ref.zip"), str(path), "test")
+    shown = capsys.readouterr()
+    pages = [file.read_text() for file in (tmp_path / "output").iterdir()]
+    assert len(pages) == 2
+    assert hint not in "".join([shown.out, shown.err, *pages, json.dumps(result)])
 
 
 def _zipped(scene: Any, path: Path) -> None:

@@ -1,0 +1,62 @@
+"""Characters that change how a text is shown: they are refused in files and escaped in output."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from typing import Any, Final
+
+_BIDIRECTIONAL: Final = "\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069"
+_UNSAFE: Final = re.compile(f"[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff{_BIDIRECTIONAL}]")
+_UNSAFE_BETWEEN_LINES: Final = re.compile(rf"(?![\n\t]){_UNSAFE.pattern}")
+
+
+def unsafe_character(text: str, *, lines: bool = False) -> str | None:
+    """Return the first control, bidirectional or surrogate character of a text, or None.
+
+    Args:
+        text: Any text.
+        lines: Whether the text may have several lines: line feeds and tabs are allowed.
+    """
+    found = (_UNSAFE_BETWEEN_LINES if lines else _UNSAFE).search(text)
+    return None if found is None else found[0]
+
+
+def escaped(text: str, *, lines: bool = False) -> str:
+    r"""Return a text in which every unsafe character is written as its escape, such as `\u202e`.
+
+    Args:
+        text: Any text.
+        lines: Whether the text may have several lines: line feeds and tabs are kept.
+    """
+    return (_UNSAFE_BETWEEN_LINES if lines else _UNSAFE).sub(lambda found: escape(found[0]), text)
+
+
+def escape(character: str) -> str:
+    r"""Return one character as `\xNN` or `\uNNNN`."""
+    code = ord(character)
+    return f"\\x{code:02x}" if code < 256 else f"\\u{code:04x}"
+
+
+def texts_of(document: Any, place: str = "") -> Iterator[tuple[str, str]]:
+    """Yield (place, text) for every key and every text of parsed JSON.
+
+    Args:
+        document: Parsed JSON of bounded depth.
+        place: Place of the document itself.
+    """
+    if isinstance(document, str):
+        yield place, document
+    elif isinstance(document, dict):
+        for key, value in document.items():
+            inner = f"{place}.{escaped(key)}" if place else escaped(key)
+            yield inner, key
+            yield from texts_of(value, inner)
+    elif isinstance(document, list):
+        for index, value in enumerate(document):
+            yield from texts_of(value, f"{place}[{index}]")
+
+
+def shown(value: Any) -> Any:
+    """Return a value for a page template: a plain text escaped, anything else as it is."""
+    return escaped(value, lines=True) if type(value) is str else value
