@@ -181,7 +181,9 @@ def _standing_out(
 ) -> Colour:
     """Draw an object colour (sRGB) at a distance from others."""
     for _ in range(200):
-        colour = _sample_hsv(rng, settings.object_saturation, settings.object_value)
+        colour = _sample_hsv(
+            rng, settings.object_saturation, settings.object_value, settings.object_hue
+        )
         if all(math.dist(colour, other) >= settings.least_contrast for other in others):
             return colour
     raise CallError(
@@ -192,8 +194,11 @@ def _standing_out(
     )
 
 
-def _sample_hsv(rng: np.random.Generator, saturation: Range, value: Range) -> Colour:
-    return colorsys.hsv_to_rgb(rng.random(), rng.uniform(*saturation), rng.uniform(*value))
+def _sample_hsv(
+    rng: np.random.Generator, saturation: Range, value: Range, hue: Range = (0.0, 1.0)
+) -> Colour:
+    turn = (hue[0] + (hue[1] - hue[0]) * rng.random()) % 1.0
+    return colorsys.hsv_to_rgb(turn, rng.uniform(*saturation), rng.uniform(*value))
 
 
 def _linear(srgb: Colour) -> Colour:

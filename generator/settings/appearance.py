@@ -33,6 +33,8 @@ class AppearanceSettings:
         table_scale_m: Size of the texture's largest features, metres.
         object_value: Brightness of the object's colours.
         object_saturation: Their saturation.
+        object_hue: Their hue, in turns of the colour circle from red; it may begin below 0.
+            Training sets and test sets with disjoint ranges show disjoint families of materials.
         rope_colourings: `solid`, `tracer` (strand 0 in another colour), `two-tone` -> weight.
         fibre_contrast: Mottling of a rope's fibres.
         weave_contrast: Visibility of a cloth's weave.
@@ -57,6 +59,7 @@ class AppearanceSettings:
     table_scale_m: Annotated[Range, Bounds(0.005, 5)] = (0.04, 0.25)
     object_value: Annotated[Range, Bounds(0, 1)] = (0.45, 0.95)
     object_saturation: Annotated[Range, Bounds(0, 1)] = (0.10, 0.85)
+    object_hue: Annotated[Range, Bounds(-1, 1)] = (0.0, 1.0)
     rope_colourings: Annotated[Mapping[str, float], Weights(ROPE_COLOURINGS)] = field(
         default_factory=_even_ropes
     )

@@ -3,6 +3,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+from colorsys import rgb_to_hsv
 
 import numpy as np
 import pytest
@@ -171,3 +172,17 @@ def test_sequences_that_share_a_material_differ_in_light_alone(tube: SceneObject
 def test_a_negative_number_of_materials_is_refused(name: str) -> None:
     with pytest.raises(CallError, match=f"look.{name}"):
         AppearanceSettings(**{name: -1})  # type: ignore[arg-type]
+
+
+def test_materials_stay_in_their_family_of_hues(sheet: Subject) -> None:
+    """Red to cyan over the origin of the circle, without the quarter from cyan to violet."""
+    values = {"object_hue": (-0.25, 0.5), "object_saturation": (0.5, 0.9)}
+    hues = []
+    for seed in range(40):
+        linear = np.array(appearance_of(sheet, seed, **values).cloth_colours)
+        srgb = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+        hues += [rgb_to_hsv(*colour)[0] for colour in srgb]
+    kept_out = (np.array(hues) > 0.501) & (np.array(hues) < 0.749)
+    assert not kept_out.any()
+    assert min(hues) < 0.1
+    assert max(hues) > 0.9
