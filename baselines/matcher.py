@@ -22,12 +22,14 @@ class View:
             given out.
         depth_m: float32 (H, W), planar z in metres, +inf is background, or None.
         key: Stable name of the frame (`sequence/frame`), for caches of descriptors.
+        objects: bool (H, W), True where any object is seen (a rope's ball too), or None.
     """
 
     rgb: npt.NDArray[np.uint8]
     mask: npt.NDArray[np.bool_] | None = None
     depth_m: npt.NDArray[np.float32] | None = None
     key: str = ""
+    objects: npt.NDArray[np.bool_] | None = None
 
 
 @dataclass(frozen=True)

@@ -48,4 +48,5 @@ class ViewReader:
             mask=surface.object_id == sequence.described.queried_object,
             depth_m=surface.depth_m,
             key=key,
+            objects=surface.object_id > 0,
         )

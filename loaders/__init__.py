@@ -2,14 +2,17 @@
 
 from pliant.loaders.augment import AugmentSettings
 from pliant.loaders.clips import ClipDataset
+from pliant.loaders.inputs import NetworkInput
 from pliant.loaders.order import StepOrder
-from pliant.loaders.pairs import PairDataset, PairSettings
+from pliant.loaders.pairs import MixedPairs, PairDataset, PairSettings
 from pliant.loaders.single_frames import FrameDataset
 
 __all__ = [
     "AugmentSettings",
     "ClipDataset",
     "FrameDataset",
+    "MixedPairs",
+    "NetworkInput",
     "PairDataset",
     "PairSettings",
     "StepOrder",

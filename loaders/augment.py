@@ -7,12 +7,14 @@ and to the points exactly.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Annotated, Any
 
 import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
+from pliant.loaders.recolouring import recolour, recolour_regions, replace_background
 from pliant.loaders.views import FrameView
 from pliant.spec.configuration import configuration
 from pliant.spec.constraints import Bounds, Refused, Share
@@ -30,7 +32,13 @@ class AugmentSettings:
             its points and the border; 1 lets it leave and turns about the image's centre.
         colour: Gain, offset and gamma of each channel vary by about this share.
         noise: Standard deviation of pixel noise, uniform from 0 to this (of 255).
-        background: Probability that everything but the object is replaced.
+        background: Probability that everything but the objects is replaced.
+        recolour: Probability that the queried object, the other objects and the background each
+            get other colours, so that a network learns no material.
+        mask_faults: Probability that the masks given to the network are eroded, dilated or have
+            holes; the masks that the losses use stay exact.
+        mask_drop: Probability that the network gets no mask, and again that it gets the queried
+            object's alone.
     """
 
     rotate_deg: Annotated[float, Bounds(0, 180)] = 180.0
@@ -39,6 +47,9 @@ class AugmentSettings:
     colour: Share = 0.2
     noise: Annotated[float, Bounds(0, 128, "of 255")] = 4.0
     background: Share = 0.0
+    recolour: Share = 0.0
+    mask_faults: Share = 0.0
+    mask_drop: Annotated[float, Bounds(0, 0.5)] = 0.0
 
     def __post_init__(self) -> None:
         if 0.5 <= self.margin < 1:
@@ -125,11 +136,14 @@ def warp_view(view: FrameView, affine: npt.NDArray[np.float64]) -> FrameView:
 
     nearest = Image.Resampling.NEAREST
     rgb = np.asarray(moved(view.rgb, Image.Resampling.BILINEAR, fill))
-    mask = np.asarray(moved(view.mask.astype(np.uint8), nearest, 0)) > 0
+    mask, objects = (
+        np.asarray(moved(each.astype(np.uint8), nearest, 0)) > 0
+        for each in (view.mask, view.objects)
+    )
     depth_m = np.asarray(moved(view.depth_m, nearest, math.inf))
     uv = (view.uv_px.astype(np.float64) @ affine[:, :2].T + affine[:, 2]).astype(np.float32)
     inside = (uv >= 0).all(axis=1) & (uv < size).all(axis=1)
-    return FrameView(rgb, mask, depth_m, uv, view.visible & inside)
+    return FrameView(rgb, mask, objects, depth_m, uv, view.visible & inside)
 
 
 def _inverse(affine: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
@@ -137,51 +151,6 @@ def _inverse(affine: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     (a, b, _), (c, d, _) = affine
     linear = np.array([[d, -b], [-c, a]]) / (a * d - b * c)
     return np.column_stack([linear, -linear @ affine[:, 2]])
-
-
-def recolour(
-    rng: np.random.Generator, rgb: npt.NDArray[np.uint8], strength: float, noise: float
-) -> npt.NDArray[np.uint8]:
-    """Return an image with another exposure, tint and contrast, and noise.
-
-    Args:
-        rng: Source of randomness.
-        rgb: uint8 (h, w, 3).
-        strength: Spread of gain, offset and gamma.
-        noise: Largest standard deviation of the pixel noise, of 255.
-    """
-    if strength > 0:
-        gain = 1 + strength * rng.uniform(-1, 1, 3) * 0.5 + strength * rng.uniform(-1, 1)
-        offset = strength * rng.uniform(-0.25, 0.25)
-        gamma = math.exp(strength * rng.uniform(-1, 1))
-        levels = np.arange(256)[:, None] / 255.0  # (256, 1): a table is cheaper than the image
-        table = (np.clip(levels * gain + offset, 0, 1) ** gamma * 255).round().astype(np.uint8)
-        rgb = np.stack([table[:, channel][rgb[..., channel]] for channel in range(3)], axis=-1)
-    if noise > 0:
-        sigma = rng.uniform(0, noise)
-        grain = rng.standard_normal(rgb.shape, dtype=np.float32) * np.float32(sigma)
-        rgb = np.clip(rgb + grain, 0, 255).astype(np.uint8)
-    return rgb
-
-
-def replace_background(
-    rng: np.random.Generator, view: FrameView, mask: npt.NDArray[np.bool_]
-) -> npt.NDArray[np.uint8]:
-    """Return the image with smooth random blotches wherever the mask is False.
-
-    Args:
-        rng: Source of randomness.
-        view: The frame.
-        mask: bool (h, w), what to keep.
-    """
-    height, width = mask.shape
-    cells = int(rng.integers(2, 12))
-    coarse = rng.integers(0, 256, (cells, cells, 3), dtype=np.uint8)
-    blotches = np.asarray(Image.fromarray(coarse).resize((width, height), Image.Resampling.BICUBIC))
-    mean = rng.uniform(0, 255, 3)
-    contrast = rng.uniform(0, 0.6)
-    backdrop = np.clip(mean + contrast * (blotches.astype(np.float64) - 127.5), 0, 255)
-    return np.where(mask[..., None], view.rgb, backdrop.astype(np.uint8))
 
 
 def augment(rng: np.random.Generator, view: FrameView, settings: AugmentSettings) -> FrameView:
@@ -193,8 +162,7 @@ def augment(rng: np.random.Generator, view: FrameView, settings: AugmentSettings
         settings: What may happen.
     """
     if settings.background > 0 and rng.random() < settings.background:
-        rgb = replace_background(rng, view, view.mask)
-        view = FrameView(rgb, view.mask, view.depth_m, view.uv_px, view.visible)
+        view = replace(view, rgb=replace_background(rng, view.rgb, view.objects))
     if settings.rotate_deg > 0 or settings.scale > 0:
         height, width = view.mask.shape
         angle = math.radians(rng.uniform(-settings.rotate_deg, settings.rotate_deg))
@@ -206,5 +174,7 @@ def augment(rng: np.random.Generator, view: FrameView, settings: AugmentSettings
             margin_px = settings.margin * height
             moved = placement_in_image(rng, seen, (width, height), angle, factor, margin_px)
         view = warp_view(view, moved)
-    rgb = recolour(rng, view.rgb, settings.colour, settings.noise)
-    return FrameView(rgb, view.mask, view.depth_m, view.uv_px, view.visible)
+    rgb = view.rgb
+    if settings.recolour > 0 and rng.random() < settings.recolour:
+        rgb = recolour_regions(rng, rgb, view.mask, view.objects)
+    return replace(view, rgb=recolour(rng, rgb, settings.colour, settings.noise))

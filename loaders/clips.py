@@ -9,10 +9,11 @@ import numpy as np
 import torch
 from torch.utils.data import Dataset as TorchDataset
 
-from pliant.loaders.augment import AugmentSettings, recolour, rotation_about_centre, warp_view
+from pliant.loaders.augment import AugmentSettings, rotation_about_centre, warp_view
 from pliant.loaders.frame_store import FrameStore
+from pliant.loaders.inputs import InputKind, NetworkInput
 from pliant.loaders.order import sample_generator
-from pliant.loaders.views import InputKind, input_channels
+from pliant.loaders.recolouring import recolour
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
 
@@ -33,7 +34,7 @@ class ClipDataset(TorchDataset[dict[str, torch.Tensor]]):
         step_max: With it, each clip draws its step from `step` to this; episodes too short for
             a step give none of that step.
         queries: Tracks in a clip Q.
-        input: `rgb`, `depth` or `rgbd`.
+        input: `rgb`, `grey`, `depth` or `rgbd`.
         size: (w, h) of the network's input.
         seed: Seed of the draws.
         stream: Keeps datasets of one run apart.
@@ -120,7 +121,7 @@ class ClipDataset(TorchDataset[dict[str, torch.Tensor]]):
                 views[number] = replace(moved, rgb=rgb)
         uv = np.stack([view.uv_px for view in views])
         known = np.isfinite(uv).all(axis=-1)
-        images = [input_channels(view.rgb, view.depth_m, self.input) for view in views]
+        images = [NetworkInput(self.input).image(view.rgb, view.depth_m) for view in views]
         return {
             "image": torch.from_numpy(np.stack(images)),
             "mask": torch.from_numpy(np.stack([view.mask for view in views])),

@@ -12,7 +12,7 @@ import hashlib
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -23,6 +23,9 @@ from pliant.spec.errors import CallError
 from pliant.spec.model import Tier
 from pliant.spec.sequence import SequenceRecord
 from pliant.spec.storage import layout
+
+_STORED: Final = ("rgb", "mask", "objects", "depth_m", "uv_px", "visible")
+"""Fields of a `FrameView` that a record keeps."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +107,9 @@ class FrameStore:
         if cache is not None:
             digest = hashlib.sha256(
                 dataset.local(layout.SEQUENCES_TABLE).read_bytes()
-                + json.dumps([dataset.info, tier, split, size, limit], sort_keys=True).encode()
+                + json.dumps(
+                    [dataset.info, tier, split, size, limit, _STORED], sort_keys=True
+                ).encode()
             ).hexdigest()[:16]
             cache.mkdir(parents=True, exist_ok=True)
             self._path = cache / f"{tier}-{split}-{size[0]}x{size[1]}-{digest}.frames"
@@ -133,17 +138,11 @@ class FrameStore:
         record = self._records[index]
         if not record["done"]:
             view = self._decode(index)
-            for name in ("rgb", "mask", "depth_m", "uv_px", "visible"):
+            for name in _STORED:
                 self._records[name][index] = getattr(view, name)
             self._records["done"][index] = 1  # last: a half-written record is decoded again
             return view
-        return FrameView(
-            rgb=np.array(record["rgb"]),
-            mask=np.array(record["mask"]),
-            depth_m=np.array(record["depth_m"]),
-            uv_px=np.array(record["uv_px"]),
-            visible=np.array(record["visible"]),
-        )
+        return FrameView(**{name: np.array(record[name]) for name in _STORED})
 
     def _decode(self, index: int) -> FrameView:
         ref = self.frames[index]
@@ -157,6 +156,7 @@ class FrameStore:
                 ("done", np.uint8),
                 ("rgb", np.uint8, (height, width, 3)),
                 ("mask", np.bool_, (height, width)),
+                ("objects", np.bool_, (height, width)),
                 ("depth_m", np.float32, (height, width)),
                 ("uv_px", np.float32, (self.points, 2)),
                 ("visible", np.bool_, (self.points,)),

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Final, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -14,10 +14,12 @@ from torch.utils.data import Dataset as TorchDataset
 
 from pliant.loaders.augment import AugmentSettings, augment
 from pliant.loaders.frame_store import FrameStore
+from pliant.loaders.inputs import InputKind, NetworkInput
+from pliant.loaders.masks import given_masks
 from pliant.loaders.order import sample_generator
 from pliant.loaders.orientation import Orientation
 from pliant.loaders.surface_matches import draw_surface_pixels, find_on_surface
-from pliant.loaders.views import FrameView, InputKind, input_channels
+from pliant.loaders.views import FrameView
 from pliant.spec.configuration import configuration
 from pliant.spec.constraints import Bounds, Count
 from pliant.spec.dataset import Dataset
@@ -25,6 +27,9 @@ from pliant.spec.errors import CallError
 
 Pairing = Literal["any", "sequence", "next"]
 MatchSource = Literal["points", "surface"]
+
+MIXING_STREAM: Final = 2
+"""Random stream that chooses among datasets; 0 and 1 draw training and validation samples."""
 
 
 @configuration(frozen=True)
@@ -36,7 +41,8 @@ class PairSettings:
         queries: Material points in a sample, >= 1.
         pairing: `any` two frames of the tier, two of one `sequence`, or `next` to each other.
         matches: From the tables' `points` (exact) or from the dense `surface` (any pixel).
-        input: `rgb`, `depth` or `rgbd`.
+        input: The image that the network sees: `rgb`, `grey`, `depth` or `rgbd`.
+        masks: Whether the masks of the queried object and of all objects are input channels too.
     """
 
     views: Annotated[int, Bounds(2)] = 2
@@ -44,6 +50,12 @@ class PairSettings:
     pairing: Pairing = "any"
     matches: MatchSource = "points"
     input: InputKind = "rgb"
+    masks: bool = False
+
+    @property
+    def network_input(self) -> NetworkInput:
+        """The channels of the network's input."""
+        return NetworkInput(self.input, self.masks)
 
 
 class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
@@ -55,11 +67,13 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
 
     A sample holds (V views, Q queries, S symmetries of the tier):
 
-    * `image` float32 (V, C, h, w), see `input_channels`;
-    * `mask` bool (V, h, w), the queried object;
+    * `image` float32 (V, C, h, w), see `NetworkInput.image`;
+    * `mask` bool (V, h, w), the queried object; `objects` bool (V, h, w), all objects;
     * `uv_px` float32 (V, Q, 1 + S, 2): slot 0 is the point itself, the others its symmetry
       partners, in working pixels; 0 where unknown;
     * `visible` bool (V, Q, 1 + S);
+    * `material` float32 (Q, 1 + S, 2), where matches come from the points: their material
+      coordinates and those of their symmetry partners;
     * `orientation` float32 (V, Q, 3), where it was asked for: how the material lies at the point,
       see `Orientation`; NaN where unknown;
     * `frames` int64 (V,), numbers in `store.frames`;
@@ -129,14 +143,19 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
             views = self._surface_matches(rng, frames, views)
         if self.augmentation is not None:
             views = [augment(rng, view, self.augmentation) for view in views]
-        lies = {}
+        extra = {}
         if self.settings.matches == "points":  # last: augmentation lays an object by all of them
             drawn = self._draw_points(rng, views)
             if self._orientation is not None:
                 found = [self._orientation.of(view.uv_px, drawn) for view in views]
-                lies["orientation"] = torch.from_numpy(np.stack(found))
-            views = self._points_of(views, drawn)
-        return {**self._tensors(frames, views, action), **lies}
+                extra["orientation"] = torch.from_numpy(np.stack(found))
+            orbit = np.column_stack([drawn, self.store.partners[drawn]])  # (Q, 1 + S)
+            extra["material"] = torch.from_numpy(self.store.material[orbit].astype(np.float32))
+            views = [
+                replace(view, uv_px=view.uv_px[orbit.ravel()], visible=view.visible[orbit.ravel()])
+                for view in views
+            ]
+        return {**self._tensors(rng, frames, views, action), **extra}
 
     def _frames_by_sequence(self) -> list[npt.NDArray[np.int64]]:
         if self.settings.pairing == "any":
@@ -165,13 +184,6 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
         if len(candidates) == 0:
             candidates = np.arange(self.store.points)
         return rng.choice(candidates, size=count, replace=len(candidates) < count)
-
-    def _points_of(self, views: list[FrameView], drawn: npt.NDArray[np.intp]) -> list[FrameView]:
-        """Return the views with the drawn points' orbits as their points: Q (1 + S) rows."""
-        orbit = np.column_stack([drawn, self.store.partners[drawn]]).ravel()  # (Q (1 + S),)
-        return [
-            replace(view, uv_px=view.uv_px[orbit], visible=view.visible[orbit]) for view in views
-        ]
 
     def _surface_matches(
         self, rng: np.random.Generator, frames: npt.NDArray[np.int64], views: list[FrameView]
@@ -208,22 +220,52 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
 
     def _tensors(
         self,
+        rng: np.random.Generator,
         frames: npt.NDArray[np.int64],
         views: list[FrameView],
         action: npt.NDArray[np.float32],
     ) -> dict[str, torch.Tensor]:
         slots = 1 + len(self.store.tier.symmetries)
-        kind = self.settings.input
-        images = [input_channels(view.rgb, view.depth_m, kind) for view in views]
+        images = [self._image(rng, view) for view in views]
         shape = (len(views), self.settings.queries, slots)
         visible = np.stack([view.visible for view in views]).reshape(shape)
         uv = np.stack([view.uv_px for view in views]).reshape(*shape, 2)
         sample: Mapping[str, npt.NDArray[Any]] = {
             "image": np.stack(images),
             "mask": np.stack([view.mask for view in views]),
+            "objects": np.stack([view.objects for view in views]),
             "uv_px": np.nan_to_num(uv, nan=0.0, posinf=0.0, neginf=0.0),
             "visible": visible & np.isfinite(uv).all(axis=-1),
             "frames": frames,
             "action_px": action,
         }
         return {name: torch.from_numpy(np.ascontiguousarray(a)) for name, a in sample.items()}
+
+    def _image(self, rng: np.random.Generator, view: FrameView) -> npt.NDArray[np.float32]:
+        seen = self.settings.network_input
+        masks: tuple[npt.NDArray[np.bool_] | None, ...] = (view.mask, view.objects)
+        if seen.masks and self.augmentation is not None:
+            masks = given_masks(rng, view, self.augmentation)
+        return seen.image(view.rgb, view.depth_m, *masks)
+
+
+class MixedPairs(TorchDataset[dict[str, torch.Tensor]]):
+    """Samples of several datasets: each sample is of one of them, drawn by its number of frames.
+
+    Args:
+        parts: Datasets whose samples have equal shapes.
+        seed: Seed of the draws.
+    """
+
+    def __init__(self, parts: Sequence[PairDataset], seed: int = 0) -> None:
+        self.parts, self.seed = list(parts), seed
+        self._ends = np.cumsum([len(part) for part in self.parts])
+
+    def __len__(self) -> int:
+        return int(self._ends[-1])
+
+    def __getitem__(self, index: int) -> dict[str, torch.Tensor]:
+        """Draw sample number `index` (any number >= 0)."""
+        rng = sample_generator(self.seed, index, MIXING_STREAM)
+        part = int(np.searchsorted(self._ends, rng.integers(self._ends[-1]), side="right"))
+        return self.parts[part][index]

@@ -9,7 +9,7 @@ import torch
 from torch.utils.data import Dataset as TorchDataset
 
 from pliant.loaders.frame_store import FrameStore
-from pliant.loaders.views import InputKind, input_channels
+from pliant.loaders.inputs import InputKind, NetworkInput
 from pliant.spec.dataset import Dataset
 
 
@@ -23,7 +23,7 @@ class FrameDataset(TorchDataset[dict[str, torch.Tensor]]):
         dataset: The dataset.
         tier: Name of a tier.
         split: Name of a split.
-        input: `rgb`, `depth` or `rgbd`.
+        input: `rgb`, `grey`, `depth` or `rgbd`.
         size: (w, h) of the network's input.
         cache: Folder for decoded frames, or None.
         limit: Use the first so many sequences only.
@@ -52,7 +52,7 @@ class FrameDataset(TorchDataset[dict[str, torch.Tensor]]):
         view = self.store.view(index)
         known = np.isfinite(view.uv_px).all(axis=-1)
         return {
-            "image": torch.from_numpy(input_channels(view.rgb, view.depth_m, self.input)),
+            "image": torch.from_numpy(NetworkInput(self.input).image(view.rgb, view.depth_m)),
             "mask": torch.from_numpy(np.array(view.mask)),
             "uv_px": torch.from_numpy(np.where(known[:, None], view.uv_px, np.float32(0))),
             "visible": torch.from_numpy(view.visible & known),

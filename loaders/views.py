@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -11,13 +11,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from PIL import Image
 
-from pliant.spec.errors import CallError, SpecError
+from pliant.spec.errors import SpecError
 from pliant.spec.sequence import SequenceRecord
-
-InputKind = Literal["rgb", "depth", "rgbd"]
-
-INPUT_CHANNELS: Final[dict[str, int]] = {"rgb": 3, "depth": 1, "rgbd": 4}
-"""How many channels a network gets for each kind of input."""
 
 _COVERED: Final = 0.5
 
@@ -29,6 +24,7 @@ class FrameView:
     Attributes:
         rgb: uint8 (h, w, 3), sRGB.
         mask: bool (h, w), True where at least half the pixel shows the queried object.
+        objects: bool (h, w), True where at least half the pixel shows any object.
         depth_m: float32 (h, w), planar z at the pixel's centre, +inf is background.
         uv_px: float32 (P, 2), where each surface point projects to; NaN is behind the camera.
         visible: bool (P,), True where the camera sees the point.
@@ -36,6 +32,7 @@ class FrameView:
 
     rgb: npt.NDArray[np.uint8]
     mask: npt.NDArray[np.bool_]
+    objects: npt.NDArray[np.bool_]
     depth_m: npt.NDArray[np.float32]
     uv_px: npt.NDArray[np.float32]
     visible: npt.NDArray[np.bool_]
@@ -142,47 +139,8 @@ def read_view(
     return FrameView(
         rgb=resize_rgb(sequence.rgb(frame), size),
         mask=resize_mask(surface.object_id == queried_object, size),
+        objects=resize_mask(surface.object_id > 0, size),
         depth_m=resize_depth(surface.depth_m, size),
         uv_px=(uv_full * scale).astype(np.float32),
         visible=_equals(table["visibility"], "visible")[points],
     )
-
-
-DEPTH_SCALE_M: Final = 0.1
-"""One unit of the depth channel, metres."""
-
-_DEPTH_LIMIT: Final = 3.0
-
-
-def input_channels(
-    rgb: npt.NDArray[np.uint8] | None, depth_m: npt.NDArray[np.float32] | None, kind: InputKind
-) -> npt.NDArray[np.float32]:
-    """Return what a network sees of a frame.
-
-    Colour becomes (value / 255 - 0.5) * 4, about zero mean and unit spread. Depth becomes the
-    distance behind the object's median, in units of 0.1 m, within -3 to 3; background is 3.
-
-    Args:
-        rgb: uint8 (h, w, 3); may be None for `depth`.
-        depth_m: float32 (h, w), +inf is background; may be None for `rgb`.
-        kind: Which of the two.
-
-    Returns:
-        float32 (C, h, w), C as in `INPUT_CHANNELS`.
-
-    Raises:
-        CallError: What the kind needs is None.
-    """
-    channels = []
-    if kind != "depth":
-        if rgb is None:
-            raise CallError("this network needs a colour image, and there is none", where="rgb")
-        channels.append((rgb.astype(np.float32) * (4 / 255) - 2).transpose(2, 0, 1))
-    if kind != "rgb":
-        if depth_m is None:
-            raise CallError("this network needs a depth map, and there is none", where="depth_m")
-        finite = np.isfinite(depth_m)
-        middle = float(np.median(depth_m[finite])) if finite.any() else 0.0
-        scaled = np.where(finite, (depth_m - middle) / DEPTH_SCALE_M, _DEPTH_LIMIT)
-        channels.append(np.clip(scaled, -_DEPTH_LIMIT, _DEPTH_LIMIT)[None].astype(np.float32))
-    return np.concatenate(channels)

@@ -56,6 +56,12 @@ class LossSettings:
         time_constant: Its constant.
         orientation_weight: Weight of the orientation loss, 0 for none; it needs matches from the
             points.
+        canonical_weight: Weight of the canonical head's cross-entropy, 0 for no head; it needs
+            matches from the points.
+        canonical_sigma_m: Width of its target on the material, at the end, metres.
+        canonical_sigma_start_m: Width at the start; it shrinks as `sigma_start_px` does.
+        foreground_weight: Weight of the masks that the network predicts, 0 for none: what it
+            works with where no mask is given.
     """
 
     kind: Literal["distributional", "contrastive"] = "distributional"
@@ -81,6 +87,19 @@ class LossSettings:
     time_weight: NonNegative = 0.0
     time_constant: Positive = 1.5
     orientation_weight: NonNegative = 0.0
+    canonical_weight: NonNegative = 0.0
+    canonical_sigma_m: Positive = 0.012
+    canonical_sigma_start_m: Positive = 0.1
+    foreground_weight: NonNegative = 0.0
+
+    def canonical_sigma_at(self, progress: float) -> float:
+        """Return the width of the canonical target at a share of the training, metres.
+
+        Args:
+            progress: Share of the training done, 0 to 1.
+        """
+        shrink = self.canonical_sigma_m / self.canonical_sigma_start_m
+        return float(self.canonical_sigma_start_m * shrink ** min(2 * progress, 1.0))
 
     def sigma_at(self, progress: float) -> float:
         """Return the width of the target's Gaussians at a share of the training, px.
@@ -215,6 +234,8 @@ class DonSettings(RunSettings):
         optimiser: The optimiser.
         validation: How the run is watched.
         answer: How the result answers.
+        also: Further data to train on, `DATA#TIER` each; either part may be left out and is then
+            that of the run. Pairs are of one dataset and tier.
     """
 
     pairs: PairSettings = field(default_factory=PairSettings)
@@ -224,6 +245,7 @@ class DonSettings(RunSettings):
     optimiser: OptimiserSettings = field(default_factory=OptimiserSettings)
     validation: ValidationSettings = field(default_factory=ValidationSettings)
     answer: AnswerSettings = field(default_factory=AnswerSettings)
+    also: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if self.loss.time_weight > 0 and self.pairs.pairing == "any":
@@ -232,5 +254,6 @@ class DonSettings(RunSettings):
                 "pairs.pairing",
                 "Add --set pairs.pairing=next",
             )
-        if self.loss.orientation_weight > 0 and self.pairs.matches != "points":
-            raise Refused("'points' for loss.orientation_weight above 0", "pairs.matches")
+        for name in ("orientation_weight", "canonical_weight"):
+            if getattr(self.loss, name) > 0 and self.pairs.matches != "points":
+                raise Refused(f"'points' for loss.{name} above 0", "pairs.matches")

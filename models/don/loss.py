@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import torch
+from torch.nn import functional
 
 from pliant.models.don.candidates import Candidates, all_bins, object_and_background, pixel_grid
 from pliant.models.losses.contrastive import contrastive_loss, draw_non_matches
@@ -17,19 +18,20 @@ from pliant.models.losses.lipschitz_space import (
 )
 from pliant.models.losses.lipschitz_time import lipschitz_time_loss
 from pliant.models.losses.orientation import orientation_loss
-from pliant.models.networks.descriptor_network import sample_descriptors
+from pliant.models.networks.canonical import CanonicalHead, canonical_loss
+from pliant.models.networks.descriptor_network import NetworkOutput, sample_descriptors
 from pliant.models.settings import LossSettings
 
 Figures = dict[str, torch.Tensor]
 
 
 def don_loss(
-    descriptors: torch.Tensor,
+    out: NetworkOutput,
     scale: torch.Tensor,
     batch: Mapping[str, torch.Tensor],
     settings: LossSettings,
     *,
-    orientation: torch.Tensor | None = None,
+    canonical: CanonicalHead | None = None,
     progress: float = 0.0,
     generator: torch.Generator | None = None,
 ) -> tuple[torch.Tensor, Figures]:
@@ -38,12 +40,13 @@ def don_loss(
     Each view is the target once, and the other views of its sample are its sources.
 
     Args:
-        descriptors: float (B V, D, h, w), of the views in the batch's order.
+        out: What the network puts out for the B V views, in the batch's order.
         scale: Scalar, inverse temperature.
         batch: A batch of `PairDataset`: mask (B, V, h, w), uv_px (B, V, Q, R, 2), visible
-            (B, V, Q, R), action_px (B, V, V); orientation (B, V, Q, 3) for that loss.
+            (B, V, Q, R), action_px (B, V, V); orientation (B, V, Q, 3), material (B, Q, R, 2)
+            and objects (B, V, h, w) for the losses that need them.
         settings: What to minimise.
-        orientation: float (B V, 3, h, w), the network's, for the orientation loss.
+        canonical: The canonical head, for its loss.
         progress: Share of the training done, 0 to 1 (for growing penalties).
         generator: Source of randomness.
 
@@ -51,9 +54,10 @@ def don_loss(
         The scalar to minimise, and named parts of it for the log.
     """
     B, V, Q, R, _ = batch["uv_px"].shape
+    descriptors = out.descriptors
     mask = batch["mask"].flatten(0, 1)
-    own = sample_descriptors(descriptors, batch["uv_px"][:, :, :, 0].flatten(0, 1))
-    own = own.view(B, V, Q, -1)
+    at_points = batch["uv_px"][:, :, :, 0].flatten(0, 1)
+    own = sample_descriptors(descriptors, at_points).view(B, V, Q, -1)
     # others[t] are the source views of target view t.
     others = torch.tensor([[s for s in range(V) if s != t] for t in range(V)], device=mask.device)
     sources = own[:, others].reshape(B * V, (V - 1) * Q, -1)  # (N, q, D), N = B V
@@ -128,14 +132,32 @@ def don_loss(
         )
         figures["lipschitz_time"] = time.detach()
         loss = loss + settings.time_weight * time
-    if settings.orientation_weight > 0 and orientation is not None:
+    in_view = batch["visible"][..., 0].flatten(0, 1)
+    if settings.orientation_weight > 0:
         lies = orientation_loss(
-            sample_descriptors(orientation, batch["uv_px"][:, :, :, 0].flatten(0, 1)),
+            sample_descriptors(out.orientation, at_points),
             batch["orientation"].flatten(0, 1),
-            batch["visible"][..., 0].flatten(0, 1),
+            in_view,
         )
         figures["orientation"] = lies.detach()
         loss = loss + settings.orientation_weight * lies
+    if settings.canonical_weight > 0 and canonical is not None:
+        material = batch["material"][:, None, :, :slots].expand(-1, V, -1, -1, -1)
+        found = canonical_loss(
+            canonical,
+            own.flatten(0, 1),
+            material.flatten(0, 1),
+            in_view,
+            scale=scale,
+            sigma_m=settings.canonical_sigma_at(progress),
+        )
+        figures["canonical"] = found.detach()
+        loss = loss + settings.canonical_weight * found
+    if settings.foreground_weight > 0:
+        both = torch.stack([batch["mask"], batch["objects"]], dim=2).flatten(0, 1)
+        seen = functional.binary_cross_entropy_with_logits(out.foreground, both.float())
+        figures["foreground"] = seen.detach()
+        loss = loss + settings.foreground_weight * seen
     return loss, figures
 
 

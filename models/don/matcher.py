@@ -14,24 +14,19 @@ import torch
 
 from pliant.baselines.lru_cache import LRUCache
 from pliant.baselines.matcher import Answers, Heat, View
-from pliant.loaders.views import (
-    INPUT_CHANNELS,
-    InputKind,
-    input_channels,
-    resize_depth,
-    resize_mask,
-    resize_rgb,
-)
+from pliant.loaders.inputs import NetworkInput
+from pliant.loaders.views import resize_depth, resize_mask, resize_rgb
 from pliant.models.don.candidates import pixel_grid
 from pliant.models.don.decoding import Widths, decode_position, mixture_of_modes, spread_about
 from pliant.models.losses.distributional import log_probabilities
+from pliant.models.networks.canonical import PREFIX, CanonicalHead
 from pliant.models.networks.descriptor_network import (
     DescriptorNetwork,
     build_network,
     sample_descriptors,
 )
 from pliant.models.settings import AnswerSettings, DonSettings
-from pliant.models.training.checkpoint import load_best
+from pliant.models.training.checkpoint import BEST, load_best, read_weights_file
 from pliant.spec.configuration import read_settings
 from pliant.spec.errors import CallError, TrainingError
 
@@ -93,7 +88,7 @@ class DonMatcher:
     Args:
         network: The trained network, in evaluation mode.
         size: (w, h) of its input.
-        input: What it sees.
+        seen: Its input.
         settings: How it answers.
         calibration: Its certainty.
         facts: What the footer says besides (run, dataset, steps …).
@@ -105,14 +100,14 @@ class DonMatcher:
         self,
         network: DescriptorNetwork,
         size: tuple[int, int],
-        input: InputKind,
+        seen: NetworkInput,
         settings: AnswerSettings,
         calibration: Calibration | None = None,
         facts: Mapping[str, Any] | None = None,
     ) -> None:
         self.network = network.eval()
         self.size = size
-        self.input: InputKind = input
+        self.input = seen
         self.settings = settings
         self.calibration = calibration
         self.facts = dict(facts or {})
@@ -124,7 +119,7 @@ class DonMatcher:
         return {
             "name": self.name,
             **self.facts,
-            "input": {"kind": self.input, "width": self.size[0], "height": self.size[1]},
+            "input": {**asdict(self.input), "width": self.size[0], "height": self.size[1]},
             "answer": asdict(self.settings),
             "calibration": calibration,
             "torch": torch.__version__,
@@ -239,23 +234,39 @@ class DonMatcher:
         return self._described.get(view.key, lambda: self._describe_view(view))
 
     def _describe_view(self, view: View) -> _Described:
-        rgb = resize_rgb(view.rgb, self.size) if self.input != "depth" else None
+        rgb = resize_rgb(view.rgb, self.size) if self.input.colour else None
         depth_m = None
-        if self.input != "rgb" and view.depth_m is not None:
+        if self.input.depth and view.depth_m is not None:
             depth_m = resize_depth(view.depth_m, self.size)
-        image = torch.from_numpy(input_channels(rgb, depth_m, self.input))
-        device = self.network.log_scale.device
+        mask, objects = (self._resized(each) for each in (view.mask, view.objects))
+        if mask is None and self.input.masks and self.network.foreground:
+            mask, objects = self._predicted_masks(self.input.image(rgb, depth_m))
+        image = torch.from_numpy(self.input.image(rgb, depth_m, mask, objects))
         maps = []
         with torch.inference_mode():
             for turn in self._turns:
-                turned = torch.rot90(image, -turn, (1, 2))[None].to(device)
-                maps.append(self.network(turned)[0].cpu())
-        mask = None
-        if view.mask is not None:
-            mask = resize_mask(view.mask, self.size)
-            if not mask.any() and view.mask.any():  # thinner than half a pixel everywhere
-                mask = _touched(view.mask, self.size)
+                maps.append(self.network(self._turned(image, turn))[0].cpu())
         return _Described(maps, mask, (view.rgb.shape[1], view.rgb.shape[0]))
+
+    def _turned(self, image: torch.Tensor, turn: int) -> torch.Tensor:
+        return torch.rot90(image, -turn, (1, 2))[None].to(self.network.log_scale.device)
+
+    def _resized(self, mask: npt.NDArray[np.bool_] | None) -> npt.NDArray[np.bool_] | None:
+        if mask is None:
+            return None
+        small = resize_mask(mask, self.size)
+        if not small.any() and mask.any():  # thinner than half a pixel everywhere
+            small = _touched(mask, self.size)
+        return small
+
+    def _predicted_masks(
+        self, image: npt.NDArray[np.float32]
+    ) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+        """Return where the network itself sees the queried object, and any object."""
+        with torch.inference_mode():
+            out = self.network.described(self._turned(torch.from_numpy(image), 0))
+        mask, objects = (out.foreground[0] > 0).cpu().numpy()
+        return mask, objects
 
     @property
     def _turns(self) -> range:
@@ -319,11 +330,16 @@ def load_matcher(run: Path | str) -> DonMatcher:
     if not (run / CONFIG).is_file():
         raise CallError("this is no training run", path=run, required=f"a folder with {CONFIG}")
     settings = read_settings(DonSettings, run / CONFIG)
-    network_settings = replace(settings.network, pretrained="")
+    canonical = None
+    if settings.loss.canonical_weight > 0:
+        anchors = read_weights_file(run / BEST)[PREFIX + "anchors"]
+        canonical = CanonicalHead(settings.network.descriptor_dim, len(anchors))
     network = build_network(
-        network_settings,
-        INPUT_CHANNELS[settings.pairs.input],
+        replace(settings.network, pretrained=""),
+        settings.pairs.network_input,
         orientation=settings.loss.orientation_weight > 0,
+        foreground=settings.loss.foreground_weight > 0,
+        canonical=canonical,
     )
     load_best(network, run)
     facts = _read_json(run / RUN_FACTS) if (run / RUN_FACTS).is_file() else {}
@@ -338,7 +354,7 @@ def load_matcher(run: Path | str) -> DonMatcher:
     return DonMatcher(
         network,
         (settings.width, settings.height),
-        settings.pairs.input,
+        settings.pairs.network_input,
         settings.answer,
         calibration,
         facts,

@@ -10,13 +10,13 @@ from typing import Any
 
 import torch
 
-from pliant.loaders import PairDataset
+from pliant.loaders import MixedPairs, PairDataset
 from pliant.loaders.frame_store import FrameStore, named_tier
-from pliant.loaders.views import INPUT_CHANNELS
 from pliant.models.don.calibration import calibrate
 from pliant.models.don.loss import don_loss
 from pliant.models.don.matcher import CALIBRATION, RUN_FACTS, DonMatcher
 from pliant.models.don.validation import draw_validation_pairs, validate
+from pliant.models.networks.canonical import CanonicalHead
 from pliant.models.networks.descriptor_network import DescriptorNetwork, build_network
 from pliant.models.settings import DonSettings
 from pliant.models.training.checkpoint import BEST, load_best
@@ -44,6 +44,20 @@ def shipped_recipe(dataset: Dataset, tier: str) -> Path:
     return Path(__file__).parents[1] / "configs" / name
 
 
+def training_data(dataset: Dataset, settings: DonSettings) -> list[tuple[Dataset, str]]:
+    """Return the datasets and tiers that a run trains on, its own first.
+
+    Args:
+        dataset: The run's dataset.
+        settings: The config, its tier named.
+    """
+    found = [(dataset, settings.tier)]
+    for entry in settings.also:
+        path, _, tier = entry.partition("#")
+        found.append((Dataset.open(path) if path else dataset, tier or settings.tier))
+    return found
+
+
 class DonTask:
     """What `pliant.models.training.loop.train` needs to know of Dense Object Nets.
 
@@ -63,30 +77,41 @@ class DonTask:
         self.full_size = dataset.size
         self._size = (settings.width, settings.height)
         cache = run / "cache" if settings.cache else None
-        self.pairs = PairDataset(
-            dataset,
-            settings.tier,
-            settings.split,
-            settings.pairs,
-            size=self._size,
-            seed=settings.seed,
-            augmentation=settings.augment,
-            cache=cache,
-            limit=settings.limit or None,
-            orientation=settings.loss.orientation_weight > 0,
-        )
+        parts = [
+            PairDataset(
+                of,
+                tier,
+                settings.split,
+                settings.pairs,
+                size=self._size,
+                seed=settings.seed,
+                augmentation=settings.augment,
+                cache=cache,
+                limit=settings.limit or None,
+                orientation=settings.loss.orientation_weight > 0,
+            )
+            for of, tier in training_data(dataset, settings)
+        ]
+        self.pairs = parts[0] if len(parts) == 1 else MixedPairs(parts, settings.seed)
         held_out = settings.validation
         self._held_out = FrameStore(dataset, settings.tier, held_out.split, self._size, cache=cache)
         self.validation_pairs = draw_validation_pairs(
             self._held_out, held_out.pairs, held_out.queries, settings.seed
         )
         torch.manual_seed(settings.seed)  # the same first weights in every process
+        canonical = None
+        if settings.loss.canonical_weight > 0:
+            store = parts[0].store
+            dim = settings.network.descriptor_dim
+            canonical = CanonicalHead.of_object(dim, store.tier.queried, store.material)
         self.network = build_network(
             settings.network,
-            INPUT_CHANNELS[settings.pairs.input],
+            settings.pairs.network_input,
             initial_scale=settings.loss.initial_scale,
             learn_scale=settings.loss.learn_scale,
             orientation=settings.loss.orientation_weight > 0,
+            foreground=settings.loss.foreground_weight > 0,
+            canonical=canonical,
         ).to(processes.device, memory_format=torch.channels_last)
 
     def batches(self, start: int, stop: int) -> Iterable[Batch]:
@@ -102,13 +127,13 @@ class DonTask:
         images = batch["image"].flatten(0, 1).contiguous(memory_format=torch.channels_last)
         half = self.settings.precision == "bfloat16"
         with torch.autocast(device.type, torch.bfloat16) if half else nullcontext():
-            descriptors, orientation = self.network.described(images)
+            out = self.network.described(images)
         loss, figures = don_loss(
-            descriptors,
+            out,
             self.network.scale,
             batch,
             self.settings.loss,
-            orientation=orientation,
+            canonical=self.network.canonical,
             progress=progress,
             generator=generator,
         )
@@ -124,7 +149,7 @@ class DonTask:
         return DonMatcher(
             self.network,
             self._size,
-            self.settings.pairs.input,
+            self.settings.pairs.network_input,
             replace(self.settings.answer, rotations=1),
             facts=facts,
         )
@@ -136,7 +161,11 @@ class DonTask:
             self._held_out, held_out.calibration_pairs, held_out.queries, self.settings.seed + 1
         )
         matcher = DonMatcher(
-            self.network, self._size, self.settings.pairs.input, self.settings.answer, facts=facts
+            self.network,
+            self._size,
+            self.settings.pairs.network_input,
+            self.settings.answer,
+            facts=facts,
         )
         matcher.calibration = calibrate(matcher, pairs, self.full_size)
         return matcher

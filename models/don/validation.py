@@ -83,7 +83,7 @@ def draw_validation_pairs(
 
 
 def _as_view(view: FrameView, key: str) -> View:
-    return View(rgb=view.rgb, mask=view.mask, depth_m=view.depth_m, key=key)
+    return View(view.rgb, view.mask, view.depth_m, key, view.objects)
 
 
 def validate(

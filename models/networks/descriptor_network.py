@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Annotated, Final, Literal
 
 import torch
 from torch import nn
 from torch.nn import functional
 
+from pliant.loaders.inputs import NetworkInput
+from pliant.models.networks.canonical import CanonicalHead
 from pliant.models.networks.resnet import DEPTHS, ResNetFCN
 from pliant.models.networks.unet import UNet
 from pliant.spec.configuration import configuration
@@ -17,6 +20,9 @@ from pliant.spec.errors import CallError
 
 ORIENTATION_CHANNELS: Final = 3
 """Direction (u, v) and sine, as `pliant.loaders.orientation` has them."""
+
+FOREGROUND_CHANNELS: Final = 2
+"""Logits of the queried object's mask and of the mask of all objects."""
 
 
 @configuration(frozen=True)
@@ -30,8 +36,9 @@ class NetworkSettings:
         widths: U-Net: channels of each level, finest first.
         global_blocks: U-Net: attention blocks at the coarsest level.
         patch: U-Net: pixels a side that share one position of the finest level.
-        pretrained: Weights to start from: a `.safetensors` file (or a `.pt`/`.pth` state
-            dictionary), `hub:REPO:NAME` for torch.hub, `timm:NAME` for timm; empty for none.
+        pretrained: Weights to start from: a run's folder (also of another size or input), a
+            `.safetensors` file (or a `.pt`/`.pth` state dictionary), `hub:REPO:NAME` for
+            torch.hub, `timm:NAME` for timm; empty for none.
     """
 
     name: Annotated[str, OneOf(("unet", *DEPTHS))] = "unet"
@@ -68,15 +75,37 @@ NETWORKS: Final[dict[str, Callable[[NetworkSettings, int, int], nn.Module]]] = {
 """Name -> what builds it from settings, channels in and channels out."""
 
 
+@dataclass(frozen=True)
+class NetworkOutput:
+    """What a network says of N images.
+
+    Attributes:
+        descriptors: float32 (N, D, h, w).
+        orientation: float32 (N, 3, h, w), see `pliant.loaders.orientation`; (N, 0, h, w) of a
+            network without it.
+        foreground: float32 (N, 2, h, w), logits of the queried object and of all objects;
+            (N, 0, h, w) of a network without them.
+    """
+
+    descriptors: torch.Tensor
+    orientation: torch.Tensor
+    foreground: torch.Tensor
+
+
 class DescriptorNetwork(nn.Module):
     """A backbone, optional normalisation, and the learned scale of the distributional loss.
+
+    Attributes:
+        foreground: Whether the network predicts masks.
 
     Args:
         settings: Which network.
         channels_in: Channels of the input.
         initial_scale: First value of the scale (inverse temperature), > 0.
         learn_scale: False keeps it there.
-        orientation: Also put out how the material lies at every pixel, see `described`.
+        orientation: Also put out how the material lies at every pixel.
+        foreground: Also put out where the queried object and where any object is.
+        canonical: The head that maps descriptors to material coordinates, or None.
     """
 
     def __init__(
@@ -87,30 +116,31 @@ class DescriptorNetwork(nn.Module):
         initial_scale: float = 1.0,
         learn_scale: bool = True,
         orientation: bool = False,
+        foreground: bool = False,
+        canonical: CanonicalHead | None = None,
     ) -> None:
         super().__init__()
         self.normalise = settings.normalise
-        self.descriptor_dim = settings.descriptor_dim
-        channels_out = settings.descriptor_dim + (ORIENTATION_CHANNELS if orientation else 0)
+        self.foreground = foreground
+        self._heads = [ORIENTATION_CHANNELS * orientation, FOREGROUND_CHANNELS * foreground]
+        channels_out = settings.descriptor_dim + sum(self._heads)
+        self.canonical = canonical
         self.backbone = NETWORKS[settings.name](settings, channels_in, channels_out)
         log_scale = torch.log(torch.tensor(float(initial_scale)))
         self.log_scale = nn.Parameter(log_scale, requires_grad=learn_scale)
 
     def forward(self, image: torch.Tensor) -> torch.Tensor:
         """Map images (N, C, h, w) to descriptors (N, D, h, w), float32."""
-        return self.described(image)[0]
+        return self.described(image).descriptors
 
-    def described(self, image: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Map images (N, C, h, w) to descriptors (N, D, h, w) and orientation (N, 3, h, w).
-
-        The latter is what `pliant.loaders.orientation` describes; a network built without it has
-        no such channels: (N, 0, h, w).
-        """
+    def described(self, image: torch.Tensor) -> NetworkOutput:
+        """Map images (N, C, h, w) to all that the network puts out."""
         out: torch.Tensor = self.backbone(image).float()
-        descriptors, orientation = out[:, : self.descriptor_dim], out[:, self.descriptor_dim :]
+        dim = out.shape[1] - sum(self._heads)
+        descriptors, orientation, foreground = out.split([dim, *self._heads], dim=1)
         if self.normalise:
             descriptors = functional.normalize(descriptors, dim=1)
-        return descriptors, orientation
+        return NetworkOutput(descriptors, orientation, foreground)
 
     @property
     def scale(self) -> torch.Tensor:
@@ -120,35 +150,41 @@ class DescriptorNetwork(nn.Module):
 
 def build_network(
     settings: NetworkSettings,
-    channels_in: int,
+    seen: NetworkInput,
     *,
     initial_scale: float = 1.0,
     learn_scale: bool = True,
     orientation: bool = False,
+    foreground: bool = False,
+    canonical: CanonicalHead | None = None,
 ) -> DescriptorNetwork:
     """Return a network with its starting weights.
 
     Args:
         settings: Which network, and where its weights start.
-        channels_in: Channels of the input.
+        seen: Its input.
         initial_scale: First value of the scale (inverse temperature).
         learn_scale: False keeps it there.
         orientation: Also put out how the material lies at every pixel.
+        foreground: Also put out where the queried object and where any object is.
+        canonical: The head that maps descriptors to material coordinates, or None.
 
     Raises:
         CallError: The pretrained weights cannot be found or do not fit.
     """
     network = DescriptorNetwork(
         settings,
-        channels_in,
+        seen.channels,
         initial_scale=initial_scale,
         learn_scale=learn_scale,
         orientation=orientation,
+        foreground=foreground,
+        canonical=canonical,
     )
     if settings.pretrained:
         from pliant.models.networks.pretrained import load_pretrained
 
-        loaded = load_pretrained(network.backbone, settings.pretrained, network.log_scale)
+        loaded = load_pretrained(network, settings.pretrained, seen)
         if loaded == 0:
             raise CallError(
                 "none of the pretrained weights fits this network",

@@ -6,61 +6,97 @@ import importlib
 import logging
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Final
 
 import torch
+import yaml
 from torch import nn
 
+from pliant.loaders.inputs import IMAGE_CHANNELS, NetworkInput
+from pliant.models.training.checkpoint import BEST
 from pliant.spec.errors import CallError
 
 logger = logging.getLogger(__name__)
 
+_BACKBONE: Final = "backbone."
+_FIRST_LAYERS: Final = ("encoder.0.conv1.weight", "encoder.0.skip.weight", "conv1.weight")
+_HEAD: Final = "head.weight"
 
-def load_pretrained(backbone: nn.Module, source: str, log_scale: nn.Parameter | None = None) -> int:
+
+def load_pretrained(network: nn.Module, source: str, seen: NetworkInput | None = None) -> int:
     """Load what fits of some weights into a network.
 
-    A tensor fits if name and shape agree. The first convolution of an RGB network also fits
-    one with depth: the extra channel gets the mean of the colour filters.
+    A tensor fits if its name (with or without `backbone.`) and shape agree. Two layers also fit
+    networks of another kind: the first one takes the filters of each channel that both networks
+    see, and the head those of the outputs that both have.
 
     Args:
-        backbone: The network, changed in place.
-        source: As `NetworkSettings.pretrained` describes. Weights of a run of Dense Object Nets
-            (`RUN/best.safetensors`) are such weights too.
-        log_scale: The logarithm of the inverse temperature, changed in place where the weights
-            hold one: a run goes on with the scale that another has learned.
+        network: The network, changed in place.
+        source: As `NetworkSettings.pretrained` describes.
+        seen: The network's input; None is colour.
 
     Returns:
-        How many tensors of the backbone were loaded.
+        How many tensors were loaded, the scale of the distributional loss not counted.
 
     Raises:
         CallError: The source is missing or unreadable.
     """
-    weights = read_weights(source)
-    own = backbone.state_dict()
+    weights, given_input = read_weights(source), NetworkInput()
+    if not source.startswith(("hub:", "timm:")):
+        folder = Path(source) if Path(source).is_dir() else Path(source).parent
+        given_input = _input_of_run(folder) or given_input
+    own = network.state_dict()
     fitting = {}
     for name, tensor in own.items():
-        given = weights.get(name, weights.get(f"backbone.{name}"))
+        short = name.removeprefix(_BACKBONE)
+        given = next((weights[n] for n in (name, short, _BACKBONE + name) if n in weights), None)
         if given is None:
             continue
-        if given.shape == tensor.shape:
+        if short in _FIRST_LAYERS:
+            given = _first_layer(given.float(), tensor, given_input, seen or NetworkInput())
+        elif short == _HEAD and given.shape[1:] == tensor.shape[1:]:
+            rows = min(len(given), len(tensor))
+            given = torch.cat([given[:rows].to(tensor.dtype), tensor[rows:]])
+        if given is not None and given.shape == tensor.shape:
             fitting[name] = given
-        elif given.dim() == 4 and given.shape[1] == 3 and _same_but_inputs(given, tensor):
-            grey = given.mean(dim=1, keepdim=True)
-            fitting[name] = torch.cat([given, grey], dim=1) if tensor.shape[1] == 4 else grey
-    backbone.load_state_dict(fitting, strict=False)
-    learned = weights.get("log_scale")
-    if log_scale is not None and learned is not None and learned.shape == log_scale.shape:
-        with torch.no_grad():
-            log_scale.copy_(learned)
+    network.load_state_dict(fitting, strict=False)
     logger.info("%d of %d tensors from %s", len(fitting), len(own), source)
-    return len(fitting)
+    return len(fitting.keys() - {"log_scale"})
 
 
-def _same_but_inputs(given: torch.Tensor, own: torch.Tensor) -> bool:
-    return (
-        given.shape[0] == own.shape[0]
-        and given.shape[2:] == own.shape[2:]
-        and own.shape[1] in (1, 4)
-    )
+def _input_of_run(folder: Path) -> NetworkInput | None:
+    """Return the input of the run in a folder, or None where the folder has no run's config."""
+    config = folder / "config.yaml"
+    if not config.is_file():
+        return None
+    pairs = (yaml.safe_load(config.read_text(encoding="utf-8")) or {}).get("pairs", {})
+    return NetworkInput(pairs.get("input", "rgb"), pairs.get("masks", False))
+
+
+def _first_layer(
+    given: torch.Tensor, own: torch.Tensor, given_input: NetworkInput, own_input: NetworkInput
+) -> torch.Tensor | None:
+    """Return a first layer's filters for another input, or None if they do not fit.
+
+    A channel that both inputs have keeps its filters. Grey takes the sum of the colour filters,
+    since it stands for three equal colours, and depth their mean where only colour is given; a
+    colour takes a third of the grey filters. Any other channel starts at 0.
+    """
+    if given.dim() != 4 or given.shape[0] != own.shape[0] or given.shape[2:] != own.shape[2:]:
+        return None
+    copies = own.shape[1] // own_input.channels  # pixels of a patch, each with its own filter
+    if given.shape[1] != given_input.channels * copies:
+        return None
+    filters = given.view(len(given), given_input.channels, copies, *given.shape[2:])
+    by_name = dict(zip(given_input.names, filters.unbind(dim=1), strict=True))
+    if "red" in by_name:
+        colours = torch.stack([by_name[name] for name in IMAGE_CHANNELS["rgb"]])
+        by_name.setdefault("grey", colours.sum(dim=0))
+        by_name.setdefault("depth", colours.mean(dim=0))
+    elif "grey" in by_name:
+        by_name |= dict.fromkeys(IMAGE_CHANNELS["rgb"], by_name["grey"] / 3)
+    empty = torch.zeros_like(filters[:, 0])
+    return torch.stack([by_name.get(n, empty) for n in own_input.names], dim=1).view_as(own)
 
 
 def read_weights(source: str) -> Mapping[str, torch.Tensor]:
@@ -80,7 +116,7 @@ def read_weights(source: str) -> Mapping[str, torch.Tensor]:
             repository, _, name = source.removeprefix("hub:").rpartition(":")
             model: nn.Module = torch.hub.load(repository, name, pretrained=True)
             return model.state_dict()
-        path = Path(source)
+        path = Path(source) / BEST if Path(source).is_dir() else Path(source)
         if path.suffix == ".safetensors":
             from safetensors.torch import load_file
 
@@ -110,5 +146,5 @@ def _unreadable(source: str, found: str) -> CallError:
         "the pretrained weights cannot be read",
         where=source,
         found=found.splitlines()[0][:200] if found else "nothing",
-        required="a .safetensors, .pt or .pth file, hub:REPO:NAME or timm:NAME",
+        required="a run's folder, a .safetensors, .pt or .pth file, hub:REPO:NAME or timm:NAME",
     )

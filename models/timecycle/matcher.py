@@ -13,7 +13,8 @@ import torch
 
 from pliant.baselines.lru_cache import LRUCache
 from pliant.baselines.matcher import Answers, Heat, View
-from pliant.loaders.views import input_channels, resize_mask, resize_rgb
+from pliant.loaders.inputs import NetworkInput
+from pliant.loaders.views import resize_mask, resize_rgb
 from pliant.models.don.matcher import CONFIG, RUN_FACTS
 from pliant.models.timecycle.encoder import STRIDE
 from pliant.models.timecycle.network import TimeCycleNetwork
@@ -108,7 +109,7 @@ class TimeCycleMatcher:
         """Return a frame's unit descriptors, (D, h, w) on the CPU."""
 
         def encode() -> torch.Tensor:
-            image = torch.from_numpy(input_channels(resize_rgb(view.rgb, self.size), None, "rgb"))
+            image = torch.from_numpy(NetworkInput().image(resize_rgb(view.rgb, self.size), None))
             device = next(self.network.parameters()).device
             with torch.inference_mode():
                 return self.network.encode(image[None].to(device))[0].cpu()

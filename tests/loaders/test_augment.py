@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,10 +10,11 @@ from pliant.loaders.augment import (
     AugmentSettings,
     augment,
     placement_in_image,
-    recolour,
     rotation_about_centre,
     warp_view,
 )
+from pliant.loaders.masks import given_masks
+from pliant.loaders.recolouring import recolour, recolour_regions
 from pliant.loaders.views import FrameView
 from pliant.spec.errors import CallError
 
@@ -30,6 +32,7 @@ def blob_view(points: np.ndarray, sigma: float = 3.0) -> FrameView:
     return FrameView(
         rgb=rgb,
         mask=mask,
+        objects=mask,
         depth_m=np.where(mask, np.float32(0.8), np.float32(np.inf)),
         uv_px=points.astype(np.float32),
         visible=np.ones(len(points), bool),
@@ -60,6 +63,7 @@ def test_a_quarter_turn_is_exact() -> None:
     view = FrameView(
         square,
         np.zeros((64, 64), bool),
+        np.zeros((64, 64), bool),
         np.ones((64, 64), np.float32),
         np.array([[10.5, 20.5]], np.float32),
         np.array([True]),
@@ -84,12 +88,20 @@ def test_mask_and_depth_move_together() -> None:
     assert moved.mask.sum() == pytest.approx(view.mask.sum(), rel=0.05)
 
 
-def test_background_changes_nothing_on_the_object() -> None:
-    view = blob_view(np.array([[50.0, 50.0]]))
+def with_ball() -> FrameView:
+    """A view whose second blob belongs to another object than the queried one."""
+    view = blob_view(np.array([[50.0, 50.0], [110.0, 60.0]]))
+    own = view.mask & (np.arange(SIZE[0]) < 80)
+    return replace(view, mask=own)
+
+
+def test_background_changes_nothing_on_any_object() -> None:
+    """Neither on the queried one nor on a rope's ball, which tells the ends apart."""
+    view = with_ball()
     settings = AugmentSettings(rotate_deg=0, colour=0, noise=0, background=1)
     changed = augment(np.random.default_rng(0), view, settings)
-    np.testing.assert_array_equal(changed.rgb[view.mask], view.rgb[view.mask])
-    assert (changed.rgb[~view.mask] != view.rgb[~view.mask]).any()
+    np.testing.assert_array_equal(changed.rgb[view.objects], view.rgb[view.objects])
+    assert (changed.rgb[~view.objects] != view.rgb[~view.objects]).any()
     np.testing.assert_array_equal(changed.uv_px, view.uv_px)
 
 
@@ -156,3 +168,56 @@ def test_augmentation_leaves_no_point_outside_unless_told() -> None:
         rng = np.random.default_rng(4)
         seen = [augment(rng, line, settings).visible.all() for _ in range(20)]
         assert all(seen) == inside
+
+
+def test_regions_get_colours_of_their_own() -> None:
+    """The mean colour of each region is drawn alone; its pattern stays, up to sign and gain."""
+    view = with_ball()
+    rng = np.random.default_rng(5)
+    regions = {"own": view.mask, "ball": view.objects & ~view.mask, "table": ~view.objects}
+    means = {name: [] for name in regions}  # type: ignore[var-annotated]
+    correlated = []
+    for _ in range(60):
+        rgb = recolour_regions(rng, view.rgb, view.mask, view.objects).astype(float)
+        for name, region in regions.items():
+            means[name].append(rgb[region].mean())
+        before, after = view.rgb[view.mask][:, 0].astype(float), rgb[view.mask][:, 0]
+        correlated.append(np.corrcoef(before, after)[0, 1])
+    for name in regions:
+        assert np.std(means[name]) > 25, name
+    assert abs(np.corrcoef(means["own"], means["ball"])[0, 1]) < 0.5
+    assert min(correlated) < -0.5
+    assert max(correlated) > 0.5
+
+
+def test_masks_are_exact_unless_faults_are_asked_for() -> None:
+    view = with_ball()
+    rng = np.random.default_rng(0)
+    mask, objects = given_masks(rng, view, AugmentSettings())
+    np.testing.assert_array_equal(mask, view.mask)
+    np.testing.assert_array_equal(objects, view.objects)
+
+
+def test_faulty_masks_shrink_grow_and_have_holes() -> None:
+    view = with_ball()
+    rng = np.random.default_rng(1)
+    settings = AugmentSettings(mask_faults=1)
+    areas = set()
+    for _ in range(40):
+        mask, objects = given_masks(rng, view, settings)
+        assert mask is not None
+        assert objects is not None
+        assert not (mask & ~objects).any()
+        areas.add(int(mask.sum()))
+    assert min(areas) < view.mask.sum() < max(areas)
+
+
+def test_masks_are_dropped_as_often_as_asked() -> None:
+    view = with_ball()
+    rng = np.random.default_rng(2)
+    settings = AugmentSettings(mask_drop=0.25)
+    drawn = [given_masks(rng, view, settings) for _ in range(400)]
+    none = sum(mask is None and objects is None for mask, objects in drawn)
+    alone = sum(mask is not None and objects is None for mask, objects in drawn)
+    assert none == pytest.approx(100, abs=30)
+    assert alone == pytest.approx(100, abs=30)

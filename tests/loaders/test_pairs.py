@@ -13,6 +13,7 @@ from pliant.loaders import (
     AugmentSettings,
     ClipDataset,
     FrameDataset,
+    MixedPairs,
     PairDataset,
     PairSettings,
     StepOrder,
@@ -260,3 +261,27 @@ def test_memory_does_not_grow_with_what_was_read(
     finally:
         tracemalloc.stop()
     assert after - before < 4 * frame_bytes  # 24 frames kept would be six times that
+
+
+def test_mixed_pairs_draw_from_each_part_by_its_frames(sheet_dataset: Dataset) -> None:
+    """Of four training and two validation frames, two thirds of the samples are of training."""
+    parts = [
+        PairDataset(sheet_dataset, "sheet", split, size=(40, 30)) for split in ("train", "val")
+    ]
+    mixed = MixedPairs(parts, seed=1)
+    assert len(mixed) == 6
+    first = 0
+    for index in range(60):
+        sample = mixed[index]
+        own = [torch.equal(sample["image"], part[index]["image"]) for part in parts]
+        assert any(own)
+        first += own[0]
+    assert 30 <= first <= 50
+
+
+def test_samples_give_the_material_of_their_points(sheet_dataset: Dataset) -> None:
+    """Slot 1 is the half-turned partner: (1 - u, 1 - v)."""
+    pairs = PairDataset(sheet_dataset, "sheet", "train", size=(40, 30))
+    material = pairs[0]["material"]
+    assert material.shape == (48, 2, 2)
+    torch.testing.assert_close(material[:, 1], 1 - material[:, 0], atol=1e-5, rtol=0)

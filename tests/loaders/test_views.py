@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pliant.loaders.frame_store import FrameStore
-from pliant.loaders.views import input_channels, resize_depth, resize_mask, resize_rgb
+from pliant.loaders.views import resize_depth, resize_mask, resize_rgb
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
 
@@ -35,28 +35,13 @@ def test_depth_is_picked_never_averaged() -> None:
     assert small.tolist() == [[np.inf, np.float32(0.7)]] * 2
 
 
-def test_channels_of_each_kind() -> None:
-    rgb = np.array([[[0, 255, 255]]], np.uint8).repeat(2, axis=1)
-    depth = np.array([[1.0, np.inf]], np.float32)
-    assert input_channels(rgb, None, "rgb")[:, 0, 0].tolist() == pytest.approx([-2, 2, 2])
-    assert input_channels(None, depth, "depth")[0, 0].tolist() == [0.0, 3.0]
-    assert input_channels(rgb, depth, "rgbd").shape == (4, 1, 2)
-    with pytest.raises(CallError, match="needs a depth map"):
-        input_channels(rgb, None, "rgbd")
-
-
-def test_depth_channel_is_in_tenths_of_a_metre_behind_the_median() -> None:
-    depth = np.array([[0.9, 1.0, 1.15]], np.float32)
-    np.testing.assert_allclose(input_channels(None, depth, "depth")[0, 0], [-1, 0, 1.5], atol=1e-5)
-
-
 def test_cached_frames_equal_decoded_ones(sheet_dataset: Dataset, tmp_path) -> None:  # type: ignore[no-untyped-def]
     plain = FrameStore(sheet_dataset, "sheet", "train", (80, 60))
     cached = FrameStore(sheet_dataset, "sheet", "train", (80, 60), cache=tmp_path)
     again = FrameStore(sheet_dataset, "sheet", "train", (80, 60), cache=tmp_path)
     for index in range(len(plain)):
         for store in (cached, cached, again):
-            for name in ("rgb", "mask", "depth_m", "uv_px", "visible"):
+            for name in ("rgb", "mask", "objects", "depth_m", "uv_px", "visible"):
                 expected = getattr(plain.view(index), name)
                 np.testing.assert_array_equal(getattr(store.view(index), name), expected)
 

@@ -174,7 +174,7 @@ def test_a_negative_number_of_materials_is_refused(name: str) -> None:
         AppearanceSettings(**{name: -1})  # type: ignore[arg-type]
 
 
-def test_materials_stay_in_their_family_of_hues(sheet: Subject) -> None:
+def test_materials_stay_in_their_family_of_hues(sheet: SceneObject) -> None:
     """Red to cyan over the origin of the circle, without the quarter from cyan to violet."""
     values = {"object_hue": (-0.25, 0.5), "object_saturation": (0.5, 0.9)}
     hues = []

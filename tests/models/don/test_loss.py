@@ -1,11 +1,14 @@
 from __future__ import annotations
 
+import math
+
 import pytest
 import torch
 from torch.utils.data import default_collate
 
 from pliant.loaders import PairDataset, PairSettings
 from pliant.models.don.loss import don_loss
+from pliant.models.networks.descriptor_network import NetworkOutput
 from pliant.models.settings import LossSettings
 from pliant.spec.dataset import Dataset
 
@@ -40,10 +43,15 @@ def material_map(batch: Batch, sharpness: float) -> torch.Tensor:
     return torch.stack(maps)
 
 
+def output(descriptors: torch.Tensor, orientation: torch.Tensor | None = None) -> NetworkOutput:
+    none = descriptors[:, :0]
+    return NetworkOutput(descriptors, none if orientation is None else orientation, none)
+
+
 def run(batch: Batch, descriptors: torch.Tensor, **options: object) -> float:
     settings = LossSettings(**options)  # type: ignore[arg-type]
     generator = torch.Generator().manual_seed(0)
-    loss, _ = don_loss(descriptors, torch.tensor(1.0), batch, settings, generator=generator)
+    loss, _ = don_loss(output(descriptors), torch.tensor(1.0), batch, settings, generator=generator)
     return float(loss)
 
 
@@ -85,9 +93,9 @@ def test_lipschitz_terms_are_added_and_fall_silent_for_the_truth(batch: Batch) -
     truth = material_map(batch, sharpness=2.0)
     settings = LossSettings(space_weight=1.0, space_mu=(1.0, 1.0))
     generator = torch.Generator().manual_seed(0)
-    _, figures = don_loss(truth, torch.tensor(1.0), batch, settings, generator=generator)
+    _, figures = don_loss(output(truth), torch.tensor(1.0), batch, settings, generator=generator)
     wrong = torch.randn(truth.shape, generator=torch.Generator().manual_seed(1)) * 3
-    _, other = don_loss(wrong, torch.tensor(1.0), batch, settings, generator=generator)
+    _, other = don_loss(output(wrong), torch.tensor(1.0), batch, settings, generator=generator)
     assert float(figures["lipschitz_space"]) < 0.01
     assert float(other["lipschitz_space"]) > 0.1
 
@@ -105,7 +113,9 @@ def test_time_term_knows_which_views_an_action_connects(batch: Batch) -> None:
         if action == "none":
             connected = batch
         generator = torch.Generator().manual_seed(0)
-        _, figures = don_loss(truth, torch.tensor(1.0), connected, settings, generator=generator)
+        _, figures = don_loss(
+            output(truth), torch.tensor(1.0), connected, settings, generator=generator
+        )
         value = float(figures["lipschitz_time"])
         if expected is None:
             assert value > 1.0
@@ -121,21 +131,18 @@ def test_orientation_of_the_sheet(batch: Batch) -> None:
     maps = ways.nan_to_num(7.0)[:, :, None, None].expand(-1, -1, *truth.shape[-2:])
     settings = LossSettings(orientation_weight=0.25)
 
-    def cost(orientation: torch.Tensor | None) -> tuple[float, float | None]:
+    def cost(orientation: torch.Tensor | None) -> tuple[float, float]:
         generator = torch.Generator().manual_seed(0)
         loss, figures = don_loss(
-            truth,
+            output(truth, orientation),
             torch.tensor(1.0),
             batch,
-            settings,
-            orientation=orientation,
+            settings if orientation is not None else LossSettings(),
             generator=generator,
         )
-        own = figures.get("orientation")
-        return float(loss), None if own is None else float(own)
+        return float(loss), float(figures.get("orientation", math.nan))
 
-    without, none = cost(None)
-    assert none is None
+    without, _ = cost(None)
     right, own = cost(maps)
     assert own == pytest.approx(0.0, abs=1e-4)
     assert right == pytest.approx(without, abs=1e-4)
@@ -144,3 +151,13 @@ def test_orientation_of_the_sheet(batch: Batch) -> None:
     assert wrong == pytest.approx(without + 1.0, rel=1e-3)  # 0.25 of it
     turned, _ = cost(maps.roll(1, 0))
     assert turned > right
+
+
+def test_predicted_masks_are_held_to_both_masks(batch: Batch) -> None:
+    truth = material_map(batch, sharpness=0.7)
+    both = torch.stack([batch["mask"], batch["objects"]], dim=2).flatten(0, 1).float()
+    settings = LossSettings(foreground_weight=1.0)
+    for logits, expected in ((40 * (2 * both - 1), 0.0), (0 * both, math.log(2))):
+        out = NetworkOutput(truth, truth[:, :0], logits)
+        _, figures = don_loss(out, torch.tensor(1.0), batch, settings)
+        assert float(figures["foreground"]) == pytest.approx(expected, abs=1e-6)

@@ -11,6 +11,7 @@ from torch import nn
 
 from pliant.baselines.matcher import HeatMatcher, View
 from pliant.loaders.frame_store import FrameStore
+from pliant.loaders.inputs import NetworkInput
 from pliant.models.don.calibration import calibrate
 from pliant.models.don.decoding import Widths, decode_position, mixture_of_modes, spread_about
 from pliant.models.don.matcher import Calibration, DonMatcher, visible_probability
@@ -36,9 +37,9 @@ class ColourIsPlace(nn.Module):
 
 
 def by_colour(settings: AnswerSettings | None = None, scale: float = 8.0) -> DonMatcher:
-    network = build_network(NetworkSettings(widths=(8, 32)), 3, initial_scale=scale)
+    network = build_network(NetworkSettings(widths=(8, 32)), NetworkInput(), initial_scale=scale)
     network.backbone = ColourIsPlace()
-    return DonMatcher(network, SIZE, "rgb", settings or AnswerSettings())
+    return DonMatcher(network, SIZE, NetworkInput(), settings or AnswerSettings())
 
 
 @pytest.fixture(scope="module")
@@ -302,5 +303,5 @@ def test_colours_are_the_same_in_all_pictures() -> None:
 
 
 def test_matcher_is_in_evaluation_mode() -> None:
-    network: DescriptorNetwork = build_network(NetworkSettings(name="resnet18"), 3)
-    assert not DonMatcher(network.train(), SIZE, "rgb", AnswerSettings()).network.training
+    network: DescriptorNetwork = build_network(NetworkSettings(name="resnet18"), NetworkInput())
+    assert not DonMatcher(network.train(), SIZE, NetworkInput(), AnswerSettings()).network.training

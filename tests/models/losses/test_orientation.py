@@ -5,6 +5,7 @@ import math
 import pytest
 import torch
 
+from pliant.loaders.inputs import NetworkInput
 from pliant.models.losses import orientation_loss
 from pliant.models.networks.descriptor_network import NetworkSettings, build_network
 
@@ -47,15 +48,15 @@ def test_gradients() -> None:
 @pytest.mark.parametrize("normalise", [False, True])
 def test_orientation_stands_beside_descriptors(name: str, normalise: bool) -> None:
     settings = NetworkSettings(name=name, widths=(8, 16, 32), descriptor_dim=4, normalise=normalise)
-    network = build_network(settings, 3, orientation=True).eval()
+    network = build_network(settings, NetworkInput(), orientation=True).eval()
     image = torch.randn(2, 3, 40, 56)
     with torch.inference_mode():
-        descriptors, orientation = network.described(image)
-        assert torch.equal(network(image), descriptors)
-    assert descriptors.shape == (2, 4, 40, 56)
-    assert orientation.shape == (2, 3, 40, 56)
+        out = network.described(image)
+        assert torch.equal(network(image), out.descriptors)
+    assert out.descriptors.shape == (2, 4, 40, 56)
+    assert out.orientation.shape == (2, 3, 40, 56)
     if normalise:  # the length of a descriptor is its own, not shared with the direction
-        torch.testing.assert_close(descriptors.norm(dim=1), torch.ones(2, 40, 56))
-    plain = build_network(settings, 3).eval()
+        torch.testing.assert_close(out.descriptors.norm(dim=1), torch.ones(2, 40, 56))
+    plain = build_network(settings, NetworkInput()).eval()
     with torch.inference_mode():
-        assert plain.described(image)[1].shape == (2, 0, 40, 56)
+        assert plain.described(image).orientation.shape == (2, 0, 40, 56)

@@ -9,6 +9,7 @@ import torch
 from safetensors.torch import save_file
 from torch import nn
 
+from pliant.loaders.inputs import InputKind, NetworkInput
 from pliant.models.networks.descriptor_network import (
     NetworkSettings,
     build_network,
@@ -19,16 +20,17 @@ from pliant.models.networks.resnet import ResNetFCN
 from pliant.models.networks.unet import ConvBlock
 from pliant.spec.errors import CallError
 
+COLOUR = NetworkInput()
 SMALL = NetworkSettings(widths=(8, 16, 32))
 
 
 @pytest.mark.parametrize("name", ["unet", "resnet18", "resnet50"])
-@pytest.mark.parametrize("channels", [1, 3])
-def test_a_descriptor_at_every_pixel(name: str, channels: int) -> None:
+@pytest.mark.parametrize("kind", ["depth", "rgb"])
+def test_a_descriptor_at_every_pixel(name: str, kind: InputKind) -> None:
     settings = NetworkSettings(name=name, descriptor_dim=5, widths=(8, 16, 32), normalise=True)
-    network = build_network(settings, channels).eval()
+    network = build_network(settings, NetworkInput(kind)).eval()
     with torch.inference_mode():
-        descriptors = network(torch.randn(1, channels, 50, 66))
+        descriptors = network(torch.randn(1, NetworkInput(kind).channels, 50, 66))
     assert descriptors.shape == (1, 5, 50, 66)
     torch.testing.assert_close(descriptors.norm(dim=1), torch.ones(1, 50, 66))
 
@@ -67,7 +69,7 @@ def test_global_blocks_see_the_whole_image() -> None:
     image = torch.randn(1, 3, 64, 128, requires_grad=True)
     for blocks, seen in ((0, False), (1, True)):
         settings = NetworkSettings(widths=(8, 16, 32), global_blocks=blocks)
-        network = build_network(settings, 3)
+        network = build_network(settings, COLOUR)
         for module in network.modules():  # group normalisation sees everything too, a little
             if isinstance(module, ConvBlock):
                 module.norm1 = module.norm2 = nn.Identity()
@@ -77,7 +79,7 @@ def test_global_blocks_see_the_whole_image() -> None:
 
 def test_patches_keep_the_size_of_the_output() -> None:
     settings = NetworkSettings(widths=(16, 32, 32), patch=2, descriptor_dim=3)
-    assert build_network(settings, 3)(torch.randn(1, 3, 33, 46)).shape == (1, 3, 33, 46)
+    assert build_network(settings, COLOUR)(torch.randn(1, 3, 33, 46)).shape == (1, 3, 33, 46)
 
 
 def test_unknown_networks_are_refused() -> None:
@@ -101,7 +103,7 @@ def test_pretrained_weights_from_a_file(tmp_path: Path, suffix: str) -> None:
         save_file(given, path)
     torch.manual_seed(2)
     settings = NetworkSettings(name="resnet18", descriptor_dim=7, pretrained=str(path))
-    network = build_network(settings, 3)
+    network = build_network(settings, COLOUR)
     torch.testing.assert_close(network.backbone.conv1.weight, given["conv1.weight"])  # type: ignore[union-attr]
     torch.testing.assert_close(network.backbone.layer3[1].bn1.running_var, torch.ones(256))  # type: ignore[union-attr,index]
 
@@ -110,7 +112,7 @@ def test_colour_weights_serve_depth(tmp_path: Path) -> None:
     given = weights_of(ResNetFCN("resnet18", 3, 4))
     save_file(given, tmp_path / "w.safetensors")
     settings = NetworkSettings(name="resnet18", pretrained=str(tmp_path / "w.safetensors"))
-    four = build_network(settings, 4).backbone.conv1.weight  # type: ignore[union-attr]
+    four = build_network(settings, NetworkInput("rgbd")).backbone.conv1.weight  # type: ignore[union-attr]
     torch.testing.assert_close(four[:, :3], given["conv1.weight"])
     torch.testing.assert_close(four[:, 3], given["conv1.weight"].mean(dim=1))
 
@@ -160,12 +162,12 @@ def test_weights_of_another_network_are_refused(tmp_path: Path) -> None:
     save_file({"other": torch.zeros(3)}, tmp_path / "w.safetensors")
     settings = NetworkSettings(widths=(8, 16, 32), pretrained=str(tmp_path / "w.safetensors"))
     with pytest.raises(CallError, match="none of the pretrained weights fits"):
-        build_network(settings, 3)
+        build_network(settings, COLOUR)
 
 
 def test_scale_is_positive_and_learned_only_if_asked() -> None:
-    learned = build_network(SMALL, 3, initial_scale=4.0)
-    fixed = build_network(SMALL, 3, initial_scale=4.0, learn_scale=False)
+    learned = build_network(SMALL, COLOUR, initial_scale=4.0)
+    fixed = build_network(SMALL, COLOUR, initial_scale=4.0, learn_scale=False)
     assert float(learned.scale.detach()) == pytest.approx(4.0)
     assert learned.log_scale.requires_grad
     assert not fixed.log_scale.requires_grad
@@ -175,11 +177,44 @@ def test_scale_is_positive_and_learned_only_if_asked() -> None:
 def test_a_run_goes_on_from_the_weights_and_the_scale_of_another(tmp_path: Path) -> None:
     settings = NetworkSettings(widths=(8, 16, 32))
     torch.manual_seed(1)
-    earlier = build_network(settings, 3, initial_scale=2.5)
+    earlier = build_network(settings, COLOUR, initial_scale=2.5)
     save_file(earlier.state_dict(), tmp_path / "best.safetensors")
     torch.manual_seed(2)
     source = str(tmp_path / "best.safetensors")
-    later = build_network(replace(settings, pretrained=source), 3, initial_scale=1.0)
+    later = build_network(replace(settings, pretrained=source), COLOUR, initial_scale=1.0)
     image = torch.rand(1, 3, 32, 32)
     assert torch.equal(later(image), earlier(image))
     assert later.scale.item() == pytest.approx(2.5)
+
+
+def test_a_colour_network_goes_on_with_grey_and_masks(tmp_path: Path) -> None:
+    """On a grey picture, with no mask given, it answers as the colour network does."""
+    settings = NetworkSettings(widths=(8, 16, 32), patch=2)
+    torch.manual_seed(1)
+    earlier = build_network(settings, COLOUR, orientation=True)
+    save_file(earlier.state_dict(), tmp_path / "best.safetensors")
+    (tmp_path / "config.yaml").write_text("pairs: {input: rgb}\n")
+    torch.manual_seed(2)
+    settings = replace(settings, pretrained=str(tmp_path))
+    seen = NetworkInput("grey", masks=True)
+    later = build_network(settings, seen, orientation=True, foreground=True)
+    grey = torch.rand(1, 1, 32, 32)
+    given = torch.cat([grey, torch.zeros(1, 2, 32, 32)], dim=1)
+    before, after = earlier.described(grey.expand(-1, 3, -1, -1)), later.described(given)
+    torch.testing.assert_close(after.descriptors, before.descriptors)
+    torch.testing.assert_close(after.orientation, before.orientation)
+    assert after.foreground.shape == (1, 2, 32, 32)
+
+
+def test_channels_of_two_inputs_are_matched_by_name(tmp_path: Path) -> None:
+    """Twelve filters a patch on both sides: taken by position, red would serve as grey."""
+    settings = NetworkSettings(widths=(8, 32), patch=2)
+    masked = build_network(settings, NetworkInput("depth", masks=True))
+    save_file(masked.state_dict(), tmp_path / "best.safetensors")
+    (tmp_path / "config.yaml").write_text("pairs: {input: depth, masks: true}\n")
+    settings = replace(settings, pretrained=str(tmp_path))
+    grey = build_network(settings, NetworkInput("grey", masks=True))
+    name = "backbone.encoder.0.conv1.weight"
+    given, taken = masked.state_dict()[name], grey.state_dict()[name]
+    assert not taken[:, :4].any()  # nothing is known of grey
+    torch.testing.assert_close(taken[:, 4:], given[:, 4:])

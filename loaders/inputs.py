@@ -1,0 +1,122 @@
+"""What a network sees of a frame: grey, colour or depth, and the masks that come with it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from pliant.spec.errors import CallError
+
+InputKind = Literal["rgb", "grey", "depth", "rgbd"]
+
+IMAGE_CHANNELS: Final[dict[str, tuple[str, ...]]] = {
+    "rgb": ("red", "green", "blue"),
+    "grey": ("grey",),
+    "depth": ("depth",),
+    "rgbd": ("red", "green", "blue", "depth"),
+}
+"""The image channels of each kind of input, in order."""
+
+MASK_CHANNELS: Final = ("mask", "objects")
+"""The two channels of `masks`: the queried object, and all objects."""
+
+DEPTH_SCALE_M: Final = 0.1
+"""One unit of the depth channel, metres."""
+
+_DEPTH_LIMIT: Final = 3.0
+_LUMA: Final = np.array([0.299, 0.587, 0.114], dtype=np.float32)
+
+
+@dataclass(frozen=True)
+class NetworkInput:
+    """Which channels a network sees.
+
+    Attributes:
+        kind: The image: `rgb`, `grey`, `depth` or `rgbd`.
+        masks: Whether two mask channels follow. A network that sees only grey and masks works on
+            materials that training never showed.
+    """
+
+    kind: InputKind = "rgb"
+    masks: bool = False
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the channels, in order."""
+        return IMAGE_CHANNELS[self.kind] + (MASK_CHANNELS if self.masks else ())
+
+    @property
+    def channels(self) -> int:
+        """Number of channels C."""
+        return len(self.names)
+
+    @property
+    def colour(self) -> bool:
+        """Whether the input is computed from the colour image."""
+        return self.kind != "depth"
+
+    @property
+    def depth(self) -> bool:
+        """Whether the input is computed from the depth map."""
+        return self.kind in ("depth", "rgbd")
+
+    def image(
+        self,
+        rgb: npt.NDArray[np.uint8] | None,
+        depth_m: npt.NDArray[np.float32] | None,
+        mask: npt.NDArray[np.bool_] | None = None,
+        objects: npt.NDArray[np.bool_] | None = None,
+    ) -> npt.NDArray[np.float32]:
+        """Return a frame's channels.
+
+        A colour or grey value becomes (value / 255 - 0.5) * 4, about zero mean and unit spread.
+        Depth becomes the distance behind the objects' median, in units of 0.1 m, within -3 to 3;
+        background is 3. A mask becomes 1 inside and -1 outside, and 0 everywhere if it is None.
+
+        Args:
+            rgb: uint8 (h, w, 3); may be None for `depth`.
+            depth_m: float32 (h, w), +inf is background; may be None for `rgb` and `grey`.
+            mask: bool (h, w), the queried object, or None where it is not given.
+            objects: bool (h, w), any object, or None where it is not given.
+
+        Returns:
+            float32 (C, h, w).
+
+        Raises:
+            CallError: The image that the kind needs is None.
+        """
+        planes = []
+        if self.colour:
+            if rgb is None:
+                raise CallError("this network needs a colour image, and there is none", where="rgb")
+            values = rgb.astype(np.float32) * (4 / 255) - 2
+            grey = self.kind == "grey"
+            planes.append((values @ _LUMA)[None] if grey else values.transpose(2, 0, 1))
+        if self.depth:
+            if depth_m is None:
+                raise CallError(
+                    "this network needs a depth map, and there is none", where="depth_m"
+                )
+            planes.append(_depth_plane(depth_m)[None])
+        if self.masks:
+            shape = planes[0].shape[1:]
+            planes += [_mask_plane(given, shape)[None] for given in (mask, objects)]
+        return np.concatenate(planes)
+
+
+def _depth_plane(depth_m: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    finite = np.isfinite(depth_m)
+    middle = float(np.median(depth_m[finite])) if finite.any() else 0.0
+    scaled = np.where(finite, (depth_m - middle) / DEPTH_SCALE_M, _DEPTH_LIMIT)
+    return np.clip(scaled, -_DEPTH_LIMIT, _DEPTH_LIMIT).astype(np.float32)
+
+
+def _mask_plane(
+    mask: npt.NDArray[np.bool_] | None, shape: tuple[int, ...]
+) -> npt.NDArray[np.float32]:
+    if mask is None:
+        return np.zeros(shape, dtype=np.float32)
+    return np.where(mask, np.float32(1), np.float32(-1))

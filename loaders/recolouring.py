@@ -1,0 +1,89 @@
+"""Other colours for a training frame: exposure and noise, backgrounds, materials by region."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+from PIL import Image
+
+
+def recolour(
+    rng: np.random.Generator, rgb: npt.NDArray[np.uint8], strength: float, noise: float
+) -> npt.NDArray[np.uint8]:
+    """Return an image with another exposure, tint and contrast, and noise.
+
+    Args:
+        rng: Source of randomness.
+        rgb: uint8 (h, w, 3).
+        strength: Spread of gain, offset and gamma.
+        noise: Largest standard deviation of the pixel noise, of 255.
+    """
+    if strength > 0:
+        gain = 1 + strength * rng.uniform(-1, 1, 3) * 0.5 + strength * rng.uniform(-1, 1)
+        offset = strength * rng.uniform(-0.25, 0.25)
+        gamma = math.exp(strength * rng.uniform(-1, 1))
+        levels = np.arange(256)[:, None] / 255.0  # (256, 1): a table is cheaper than the image
+        table = (np.clip(levels * gain + offset, 0, 1) ** gamma * 255).round().astype(np.uint8)
+        rgb = np.stack([table[:, channel][rgb[..., channel]] for channel in range(3)], axis=-1)
+    if noise > 0:
+        sigma = rng.uniform(0, noise)
+        grain = rng.standard_normal(rgb.shape, dtype=np.float32) * np.float32(sigma)
+        rgb = np.clip(rgb + grain, 0, 255).astype(np.uint8)
+    return rgb
+
+
+def replace_background(
+    rng: np.random.Generator, rgb: npt.NDArray[np.uint8], objects: npt.NDArray[np.bool_]
+) -> npt.NDArray[np.uint8]:
+    """Return the image with smooth random blotches in place of the background.
+
+    Args:
+        rng: Source of randomness.
+        rgb: uint8 (h, w, 3).
+        objects: bool (h, w), every object: a rope's ball, the only cue that tells one end from
+            the other, must stay.
+    """
+    mean = rng.uniform(0, 255, 3)
+    backdrop = np.clip(mean + rng.uniform(0, 0.6) * _blotches(rng, objects.shape), 0, 255)
+    return np.where(objects[..., None], rgb, backdrop.astype(np.uint8))
+
+
+def recolour_regions(
+    rng: np.random.Generator,
+    rgb: npt.NDArray[np.uint8],
+    mask: npt.NDArray[np.bool_],
+    objects: npt.NDArray[np.bool_],
+) -> npt.NDArray[np.uint8]:
+    """Return the image with other colours for the queried object, other objects and background.
+
+    In each region the deviations from its mean colour go through a random matrix, which mixes
+    channels and may turn light into dark, and a new mean colour is added. Shading and texture
+    keep their shape. Half of the backgrounds also get blotches.
+
+    Args:
+        rng: Source of randomness.
+        rgb: uint8 (h, w, 3).
+        mask: bool (h, w), the queried object.
+        objects: bool (h, w), all objects.
+    """
+    out = np.empty(rgb.shape, dtype=np.float32)
+    for region in (mask, objects & ~mask, ~objects & ~mask):
+        if not region.any():
+            continue
+        mixing = rng.normal(0, 0.6, (3, 3)) + np.eye(3) * rng.integers(0, 2)
+        colours = rgb[region].astype(np.float32)  # (N, 3)
+        out[region] = (colours - colours.mean(axis=0)) @ mixing.T + rng.uniform(20, 235, 3)
+    if rng.random() < 0.5:
+        blotched = out + rng.uniform(0, 0.4) * _blotches(rng, mask.shape)
+        out = np.where((objects | mask)[..., None], out, blotched)
+    return np.clip(out, 0, 255).astype(np.uint8)
+
+
+def _blotches(rng: np.random.Generator, shape: tuple[int, ...]) -> npt.NDArray[np.float64]:
+    """Return smooth random colours about 0: float64 (h, w, 3), -127.5 to 127.5."""
+    cells = int(rng.integers(2, 12))
+    coarse = Image.fromarray(rng.integers(0, 256, (cells, cells, 3), dtype=np.uint8))
+    smooth = coarse.resize((shape[1], shape[0]), Image.Resampling.BICUBIC)
+    return np.asarray(smooth).astype(np.float64) - 127.5
