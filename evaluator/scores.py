@@ -24,6 +24,8 @@ SCORES_VERSION: Final = "1.0"
 SCORES_JSON: Final = "scores.json"
 PER_PAIR_TABLE: Final = "per_pair.parquet"
 REPORT_HTML: Final = "report.html"
+PAIR_COLUMNS: Final = ("pair_id", "tier", "sequence_a", "frame_a", "sequence_b", "frame_b")
+"""Columns that the table of pairs always has."""
 
 
 @dataclass(frozen=True)
@@ -104,13 +106,17 @@ def read_scores(folder: Path) -> Scores:
     try:
         document = parse_json(path.read_bytes(), path)
         jsonschema.validate(document, scores_schema())
-        table = pq.read_table(folder / PER_PAIR_TABLE)
+        with open(folder / PER_PAIR_TABLE, "rb") as stream:  # given a folder, Arrow reads all in it
+            table = pq.ParquetFile(stream).read()
     except FileRefusedError as error:
         raise _no_report(folder, f"{error.where or SCORES_JSON}: {error.message}") from error
     except (OSError, ValueError, pa.ArrowException) as error:
         raise _no_report(folder, error) from error
     except jsonschema.ValidationError as error:
         raise _no_report(path, error.message) from error
+    missing = [name for name in PAIR_COLUMNS if name not in table.column_names]
+    if missing:
+        raise _no_report(folder / PER_PAIR_TABLE, f"no column {', '.join(missing)}")
     return Scores(document, table)
 
 

@@ -96,7 +96,7 @@ def load_best(network: torch.nn.Module, run: Path) -> None:
         raise TrainingError(
             "the weights do not fit the run's config",
             path=run / BEST,
-            found=str(error).splitlines()[0],
+            found=str(error).splitlines()[-1].strip()[:200],  # the first only names the class
         ) from error
 
 

@@ -1,0 +1,295 @@
+"""Every command on input that is missing, empty, damaged, of another kind or unreadable.
+
+Each gives one sentence on standard error, or issues for `check` and `validate`, exit code 1 or 2,
+and no traceback.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from pliant.cli.main import COMMANDS, run
+
+INPUTS: dict[str, tuple[str, list[str]]] = {
+    # The input that is replaced, and the call; OUT is a new path.
+    "check a submission": ("SUB", ["check", "SUB", "--data", "DATA"]),
+    "check with a dataset": ("DATA", ["check", "SUB", "--data", "DATA"]),
+    "evaluate a submission": ("SUB", ["evaluate", "SUB", "--data", "DATA", "--out", "OUT"]),
+    "evaluate with a dataset": ("DATA", ["evaluate", "SUB", "--data", "DATA"]),
+    "evaluate with a truth file": (
+        "TRUTH",
+        ["evaluate", "SUB", "--data", "DATA", "--truth", "TRUTH"],
+    ),
+    "validate": ("DATA", ["validate", "DATA", "--workers", "1"]),
+    "info": ("DATA", ["info", "DATA"]),
+    "view": ("DATA", ["view", "DATA", "--out", "OUT.png"]),
+    "view tracks": ("SUB", ["view", "DATA", "--tracks", "SUB", "--out", "OUT.png"]),
+    "publish": ("DATA", ["publish", "DATA", "--out", "OUT"]),
+    "migrate": ("DATA", ["migrate", "DATA"]),
+    "predict with a dataset": ("DATA", ["predict", "identity", "--data", "DATA", "--out", "OUT"]),
+    "predict with a run": ("RUN", ["predict", "RUN", "--data", "DATA", "--out", "OUT"]),
+    "submit-template": ("DATA", ["submit-template", "--data", "DATA", "--out", "OUT.parquet"]),
+    "train on a dataset": ("DATA", ["train", "don", "--data", "DATA", "--out", "OUT"]),
+    "train with settings": (
+        "CONFIG",
+        ["train", "don", "--data", "DATA", "--config", "CONFIG", "--out", "OUT"],
+    ),
+    "train timecycle": ("DATA", ["train", "timecycle", "--data", "DATA", "--out", "OUT"]),
+    "compare": ("REPORT", ["compare", "REPORT", "REPORT"]),
+    "leaderboard": ("REPORT", ["leaderboard", "REPORT", "--out", "OUT.html"]),
+    "serve": ("REPORT", ["serve", "REPORT", "--out", "OUT"]),
+    "import knots": ("KNOTS", ["import", "KNOTS", "--out", "OUT"]),
+    "import a pickle": ("TRACKS.pkl", ["import", "TRACKS.pkl", "--out", "OUT"]),
+    "import an npz file": ("TRACKS.npz", ["import", "TRACKS.npz", "--out", "OUT"]),
+    "match the source": (
+        "PICTURE",
+        [
+            "match",
+            "orb",
+            "--source",
+            "PICTURE",
+            "--target",
+            "GOOD.png",
+            "--at",
+            "5,5",
+            "--out",
+            "OUT.png",
+        ],
+    ),
+    "match the target": (
+        "PICTURE",
+        [
+            "match",
+            "orb",
+            "--source",
+            "GOOD.png",
+            "--target",
+            "PICTURE",
+            "--at",
+            "5,5",
+            "--out",
+            "OUT.png",
+        ],
+    ),
+    "match with a mask": (
+        "PICTURE",
+        [
+            "match",
+            "orb",
+            "--source",
+            "GOOD.png",
+            "--mask-source",
+            "PICTURE",
+            "--target",
+            "GOOD.png",
+            "--at",
+            "5,5",
+            "--out",
+            "OUT.png",
+        ],
+    ),
+    "match with a run": (
+        "RUN",
+        [
+            "match",
+            "RUN",
+            "--source",
+            "GOOD.png",
+            "--target",
+            "GOOD.png",
+            "--at",
+            "5,5",
+            "--out",
+            "OUT.png",
+        ],
+    ),
+    "export a run": ("RUN", ["export", "RUN", "--name", "a", "--data", "DATA", "--out", "OUT"]),
+    "benchmark": ("CONFIG", ["benchmark", "CONFIG", "--out", "OUT"]),
+    "generate": ("CONFIG", ["generate", "rope", "--config", "CONFIG", "--out", "OUT"]),
+    "spec": ("FILE", ["spec", "--out", "FILE"]),
+}
+FOLDERS: dict[str, tuple[str, ...]] = {
+    "DATA": ("dataset.json", "sequences.parquet", "queries/test.parquet"),
+    "REPORT": ("scores.json", "per_pair.parquet"),
+    "RUN": ("config.yaml", "run.json", "best.safetensors", "data.yaml", "calibration.json"),
+    "KNOTS": ("knots_info.json",),
+}
+"""Inputs that are folders, and the files in them that are damaged one by one."""
+
+
+def test_every_command_that_reads_something_is_here() -> None:
+    assert {call[0] for _, call in INPUTS.values()} == set(COMMANDS) - {"demo"}
+
+
+@pytest.fixture(scope="module")
+def good(tiny_dataset: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """One good input of each kind."""
+    pytest.importorskip("torch")
+    folder = tmp_path_factory.mktemp("good")
+    found = {name: folder / name.lower() for name in ("SUB", "REPORT", "CONFIG", "KNOTS")}
+    found |= {name: folder / name for name in ("TRACKS.pkl", "TRACKS.npz", "GOOD.png")}
+    data = ["--data", str(tiny_dataset)]
+    assert run(["predict", "identity", *data, "--out", str(found["SUB"])]) == 0
+    assert run(["evaluate", str(found["SUB"]), *data, "--out", str(found["REPORT"])]) == 0
+    found["CONFIG"].write_text("seed: 1\n")
+    found["KNOTS"].mkdir()
+    (found["KNOTS"] / "knots_info.json").write_text('{"0": [[[1, 2]], [[3, 4]]]}')
+    np.savez(found["TRACKS.npz"], points=np.zeros((1, 2, 2)))
+    found["TRACKS.pkl"].write_bytes(b"\x80\x04]\x94(K\x01K\x02K\x03e.")
+    noise = np.random.default_rng(0).integers(0, 255, (40, 40, 3), np.uint8)
+    Image.fromarray(noise).save(found["GOOD.png"])
+    import pliant.models.shipped as shipped
+
+    run_folder = Path(shipped.__file__).parent / "shipped" / "don-rope"
+    truth = tiny_dataset / "truth" / "test.parquet"
+    return found | {
+        "DATA": tiny_dataset,
+        "RUN": run_folder,
+        "PICTURE": found["GOOD.png"],
+        "TRUTH": truth,
+        "FILE": found["GOOD.png"],
+    }
+
+
+def _half(path: Path, good: Path) -> None:
+    path.write_bytes(good.read_bytes()[: good.stat().st_size // 2])
+
+
+DAMAGES: dict[str, Callable[[Path, Path], object]] = {
+    "missing": lambda path, good: None,
+    "empty": lambda path, good: path.write_bytes(b""),
+    "a folder": lambda path, good: path.mkdir(),
+    "binary": lambda path, good: path.write_bytes(bytes(range(256)) * 8),
+    "text": lambda path, good: path.write_text("hello\n"),
+    "truncated": _half,
+}
+
+
+def _call(name: str, bad: Path, good: dict[str, Path], tmp_path: Path) -> list[str]:
+    kind, call = INPUTS[name]
+    places = {key: str(path) for key, path in good.items()} | {kind: str(bad)}
+    return [places.get(word, word.replace("OUT", str(tmp_path / "out"))) for word in call]
+
+
+def _fails_in_one_sentence(call: list[str], capfd: pytest.CaptureFixture[str]) -> None:
+    capfd.readouterr()
+    code = run(call)
+    shown = capfd.readouterr()
+    assert code in (1, 2), f"{call}: {code}\n{shown}"
+    _is_one_sentence(call, shown.out, shown.err)
+
+
+def _is_one_sentence(call: list[str], out: str, err: str) -> None:
+    assert "Traceback" not in out + err
+    errors = [line for line in err.splitlines() if line.startswith("Error: ")]
+    if call[0] in ("check", "validate") and not errors:
+        assert out.startswith("ERROR ")
+    else:
+        assert len(errors) == 1, err
+        assert len(errors[0]) < 1500
+        assert "Error(" not in errors[0]  # an exception's own words
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+@pytest.mark.parametrize("name", INPUTS)
+def test_a_bad_path_is_one_sentence(
+    name: str,
+    damage: str,
+    good: dict[str, Path],
+    tmp_path: Path,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    kind = INPUTS[name][0]
+    if kind == "FILE" and damage in ("missing", "a folder"):
+        pytest.skip("a folder is right")
+    if good[kind].is_dir() and damage == "truncated":
+        pytest.skip("only a file can be truncated")
+    if kind == "CONFIG" and damage in ("empty", "truncated"):
+        pytest.skip("valid settings")
+    bad = tmp_path / f"bad{Path(kind).suffix}"
+    DAMAGES[damage](bad, good[kind])
+    _fails_in_one_sentence(_call(name, bad, good, tmp_path), capfd)
+
+
+@pytest.mark.parametrize("damage", ["missing", "empty", "a folder", "truncated"])
+@pytest.mark.parametrize(
+    ("name", "file"),
+    [(name, file) for name, (kind, _) in INPUTS.items() for file in FOLDERS.get(kind, ())],
+)
+def test_a_folder_with_a_bad_file_never_gives_a_traceback(
+    name: str,
+    file: str,
+    damage: str,
+    good: dict[str, Path],
+    tmp_path: Path,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    """A file that a command does not need may be bad."""
+    kind = INPUTS[name][0]
+    if not (good[kind] / file).is_file():
+        pytest.skip("this run has no such file")
+    bad = tmp_path / "bad"
+    shutil.copytree(good[kind], bad, copy_function=os.link)
+    (bad / file).unlink()
+    DAMAGES[damage](bad / file, good[kind] / file)
+    call = _call(name, bad, good, tmp_path)
+    if call[0] == "train" and file == "queries/test.parquet":
+        pytest.skip("training reads no test queries")
+    capfd.readouterr()
+    if run(call):
+        shown = capfd.readouterr()
+        _is_one_sentence(call, shown.out, shown.err)
+
+
+def test_a_table_of_pairs_with_other_columns_is_one_sentence(
+    good: dict[str, Path], tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copytree(good["REPORT"], tmp_path / "bad")
+    shutil.copy(good["DATA"] / "sequences.parquet", tmp_path / "bad" / "per_pair.parquet")
+    _fails_in_one_sentence(_call("serve", tmp_path / "bad", good, tmp_path), capfd)
+
+
+@pytest.mark.parametrize(
+    "name", ["check a submission", "info", "validate", "compare", "match the source", "generate"]
+)
+def test_input_without_read_permission_is_one_sentence(
+    name: str, good: dict[str, Path], tmp_path: Path
+) -> None:
+    """Root reads everything: the command runs without that privilege."""
+    kind = INPUTS[name][0]
+    bad = tmp_path / "bad"
+    if good[kind].is_dir():
+        shutil.copytree(good[kind], bad)
+        (bad / FOLDERS[kind][0]).chmod(0)
+    else:
+        shutil.copy(good[kind], bad)
+        bad.chmod(0)
+    call = _call(name, bad, good, tmp_path)
+    done = subprocess.run(
+        [sys.executable, "-c", "from pliant.cli.main import main; main()", *call],
+        capture_output=True,
+        text=True,
+        preexec_fn=_without_privilege,
+        timeout=600,
+    )
+    assert done.returncode in (1, 2), done
+    _is_one_sentence(call, done.stdout, done.stderr)
+    shown = (done.stdout + done.stderr).lower()
+    assert "permission denied" in shown or "not readable" in shown
+
+
+def _without_privilege() -> None:
+    """Let the next program neither read nor search what its mode forbids (Linux)."""
+    set_bounding = 24
+    for capability in (1, 2):  # CAP_DAC_OVERRIDE, CAP_DAC_READ_SEARCH
+        ctypes.CDLL(None).prctl(set_bounding, capability, 0, 0, 0)
