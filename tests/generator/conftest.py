@@ -1,6 +1,13 @@
-"""Two small scene objects, written out here: a looped tube with a ball, and a folded sheet."""
+"""Two small scene objects, written out here: a looped tube with a ball, and a folded sheet.
+
+The maker of `runner/standin.py` is here too, because several folders use it.
+"""
 
 from __future__ import annotations
+
+import sys
+from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -11,6 +18,8 @@ from pliant.generator.scene.scene_object import FloatArray, Part, Points, Pose, 
 LENGTH_M = 1.0
 RADIUS_M = 0.012
 SIDE_M = 0.5
+
+RUNNER = Path(__file__).parent / "runner"
 
 
 def tube_scene_object(rows: int = 160, ring: int = 12) -> SceneObject:
@@ -174,3 +183,13 @@ def sheet() -> SceneObject:
 @pytest.fixture(scope="session")
 def oblique() -> Camera:
     return Camera.looking_at((0.2, -0.75, 0.7), (0.0, 0.0, 0.0), (320, 240), fov_deg=48.0)
+
+
+@pytest.fixture(scope="session")
+def standin() -> ModuleType:
+    """The stand-in maker, on a path where spawned workers find it too."""
+    if str(RUNNER) not in sys.path:
+        sys.path.insert(0, str(RUNNER))
+    import standin as module
+
+    return module

@@ -1,24 +1,11 @@
 from __future__ import annotations
 
 import hashlib
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
 import pytest
-
-HERE = Path(__file__).parent
-
-
-@pytest.fixture(scope="session")
-def standin() -> ModuleType:
-    """The stand-in maker, on a path where spawned workers find it too."""
-    if str(HERE) not in sys.path:
-        sys.path.insert(0, str(HERE))
-    import standin as module
-
-    return module
 
 
 @pytest.fixture(scope="session")

@@ -158,7 +158,7 @@ def test_a_track_asks_frame_0_in_every_later_frame(standin, tmp_path):
 def test_a_track_needs_an_episode():
     with pytest.raises(CallError, match="only an episode can be tracked"):
         GenerateConfig(("rope",), queries=QuerySettings(kind="track"))
-    with pytest.raises(CallError, match=r"queries\.kind"):
+    with pytest.raises(CallError, match=r"query\.kind: .* Did you mean 'track'"):
         QuerySettings(kind="tracks")
 
 
