@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pliant.evaluator.evaluate import evaluate
+from pliant.evaluator.evaluate import evaluate, evaluate_answers
 from pliant.evaluator.protocols.protocol import PROTOCOL_NAMES, read_protocol
 from pliant.evaluator.scores import Scores, read_scores
 from pliant.evaluator.submission.check import check, inspect
@@ -15,6 +15,7 @@ __all__ = [
     "Scores",
     "check",
     "evaluate",
+    "evaluate_answers",
     "inspect",
     "read_protocol",
     "read_scores",

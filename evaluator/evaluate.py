@@ -19,7 +19,8 @@ from pliant.evaluator.statistics.ratios import ratios_of
 from pliant.evaluator.submission.answers import Answers
 from pliant.evaluator.submission.blocks import check_truth, read_blocks
 from pliant.evaluator.submission.hints import TruthHints, hints_without_truth
-from pliant.evaluator.submission.loading import Loaded, load
+from pliant.evaluator.submission.in_memory import Given
+from pliant.evaluator.submission.loading import Loaded, load, load_in_memory
 from pliant.evaluator.submission.matches import Matches
 from pliant.evaluator.submission.problems import Problems
 from pliant.evaluator.submission.scratch import MEMORY_LIMIT_BYTES, Scratch
@@ -70,37 +71,93 @@ def evaluate(
     dataset = data if isinstance(data, Dataset) else Dataset.open(data)
     if truth is not None and Path(truth).is_dir():
         dataset, truth = dataset.with_private(truth), None
-    chosen = None if protocol is None else read_protocol(protocol)
-    path = Path(submission)
+    rules = None if protocol is None else read_protocol(protocol)
     problems = Problems(submission)
     with Scratch(memory_limit_bytes) as scratch:
-        loaded = load(path, dataset, problems, scratch, allow_missing=allow_missing)
-        if loaded is None:
-            raise _refusal(path, problems)
-        kind = loaded.submission.kind
-        rules = chosen or read_protocol("matches" if kind == "matches" else "standard")
-        if kind != rules.kind:
-            raise CallError(
-                f"protocol {rules.name} scores submissions of kind {rules.kind}",
-                path=path,
-                found=f"kind {kind}",
-                fix="Use --protocol matches for keypoint matches, another for answers.",
-            )
-        split = loaded.submission.split
-        truth_path = _truth_path(dataset, split, truth)
-        if rules.kind == "answers":
-            queries_sha256 = str(loaded.submission.footer["queries_sha256"])
-            check_truth(truth_path, dataset.id, dataset.version, split, queries_sha256)
-        return _score(loaded, dataset, truth_path, rules, scratch, progress, hide_truth)
+        loaded = load(Path(submission), dataset, problems, scratch, allow_missing=allow_missing)
+        return _scored(loaded, problems, dataset, truth, rules, scratch, progress, hide_truth)
 
 
-def _refusal(path: Path, problems: Problems) -> SubmissionError:
+def evaluate_answers(
+    data: Dataset | Path | str,
+    split: str,
+    answers: Given,
+    *,
+    method: str = "answers in memory",
+    truth: Path | str | None = None,
+    protocol: str | None = None,
+    allow_missing: bool = False,
+    progress: Progress | None = None,
+) -> Scores:
+    """Score answers that are in memory, as `evaluate` scores the file that holds them.
+
+    Args:
+        data: The dataset, or its folder.
+        split: The split that is answered.
+        answers: The positions alone, float32 or float64 (R, 2), pixels, in the order of the
+            split's queries; or a mapping or `pyarrow.Table` with the columns of a submission
+            (`u`, `v`, and where given `visible`, `sigma`, `modes`). With the columns `pair_id`
+            and `query_id` the rows may be in any order.
+        method: Name of the method in the scores.
+        truth: As for `evaluate`.
+        protocol: As for `evaluate`.
+        allow_missing: As for `evaluate`.
+        progress: As for `evaluate`.
+
+    Raises:
+        SubmissionError: Something is wrong with the answers; `issues` has it all.
+        SpecError: The dataset or the truth is at fault.
+        CallError: No such protocol or split, or the answers are not columns of one length.
+    """
+    dataset = data if isinstance(data, Dataset) else Dataset.open(data)
+    if truth is not None and Path(truth).is_dir():
+        dataset, truth = dataset.with_private(truth), None
+    rules = None if protocol is None else read_protocol(protocol)
+    problems = Problems(method)
+    with Scratch() as scratch:
+        loaded = load_in_memory(
+            answers, dataset, split, method, problems, scratch, allow_missing=allow_missing
+        )
+        return _scored(loaded, problems, dataset, truth, rules, scratch, progress, False)
+
+
+def _scored(
+    loaded: Loaded | None,
+    problems: Problems,
+    dataset: Dataset,
+    truth: Path | str | None,
+    chosen: Protocol | None,
+    scratch: Scratch,
+    progress: Progress | None,
+    hide_truth: bool,
+) -> Scores:
+    """Score a submission that was read; refuse one with problems."""
+    if loaded is None:
+        raise _refusal(problems)
+    kind = loaded.submission.kind
+    rules = chosen or read_protocol("matches" if kind == "matches" else "standard")
+    if kind != rules.kind:
+        raise CallError(
+            f"protocol {rules.name} scores submissions of kind {rules.kind}",
+            path=problems.path,
+            found=f"kind {kind}",
+            fix="Use --protocol matches for keypoint matches, another for answers.",
+        )
+    split = loaded.submission.split
+    truth_path = _truth_path(dataset, split, truth)
+    if rules.kind == "answers":
+        queries_sha256 = str(loaded.submission.footer["queries_sha256"])
+        check_truth(truth_path, dataset.id, dataset.version, split, queries_sha256)
+    return _score(loaded, dataset, truth_path, rules, scratch, progress, hide_truth)
+
+
+def _refusal(problems: Problems) -> SubmissionError:
     issues = problems.issues()
     codes = ", ".join(f"{code} {total:,}" for code, total in problems.totals.items())
     return SubmissionError(
         "the submission cannot be scored",
         issues=issues,
-        path=path,
+        path=problems.path,
         found=f"{problems.total:,} problem{'s' if problems.total > 1 else ''} ({codes})",
         fix=f"The first: {issues[0].where + ': ' if issues[0].where else ''}{issues[0].message}",
     )
@@ -251,8 +308,8 @@ def _document(
         },
         "split": queries.split,
         "submission": {
-            "file": submission.path.name,
-            "sha256": sha256_file(submission.path),
+            "file": submission.name,
+            "sha256": submission.sha256(),
             "kind": submission.kind,
             "rows": submission.rows,
             "columns": sorted(submission.columns),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,7 +17,7 @@ import pyarrow.parquet as pq
 
 from pliant.evaluator.arrays import FloatArray
 from pliant.evaluator.submission.queries import Queries
-from pliant.spec.errors import SubmissionError
+from pliant.spec.errors import CallError, SubmissionError
 from pliant.spec.io.jsonfiles import parse_json, write_json
 from pliant.spec.io.reading import FileRefusedError
 
@@ -28,7 +29,7 @@ PAIR_COLUMNS: Final = ("pair_id", "tier", "sequence_a", "frame_a", "sequence_b",
 """Columns that the table of pairs always has."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Scores:
     """Everything an evaluation found.
 
@@ -62,6 +63,61 @@ class Scores:
     def method(self) -> str:
         """Name of the method."""
         return str(self.document["submission"]["method"]["name"])
+
+    def __repr__(self) -> str:
+        document = self.document
+        values = ", ".join(
+            f"{name} {value:.4g}"
+            for name in document["headline"]
+            if (value := self.overall.get(name)) is not None
+        )
+        return (
+            f"<Scores of {self.method}, {document['dataset']['id']} {document['split']}, "
+            f"protocol {document['protocol']}: {values}>"
+        )
+
+    def to_arrow(self) -> pa.Table:
+        """Return the metrics as a table: group, metric, value, and its interval (low, high).
+
+        The groups are `overall` and the tiers. What is not defined is null.
+        """
+        intervals = self.document["intervals"]
+        groups = {"overall": (self.overall, intervals["overall"])}
+        groups |= {name: (self.tiers[name], intervals["tiers"][name]) for name in self.tiers}
+        rows = [
+            (group, metric, value, *found.get(metric, (None, None)))
+            for group, (values, found) in groups.items()
+            for metric, value in values.items()
+        ]
+        names = ("group", "metric", "value", "low", "high")
+        types = (pa.string(), pa.string(), pa.float64(), pa.float64(), pa.float64())
+        schema = pa.schema(list(zip(names, types, strict=True)))
+        return pa.table([list(column) for column in zip(*rows, strict=True)], schema=schema)
+
+    def to_pandas(self) -> Any:
+        """Return `to_arrow` as a `pandas.DataFrame`.
+
+        Raises:
+            CallError: pandas is not installed.
+        """
+        try:
+            return self.to_arrow().to_pandas()
+        except ModuleNotFoundError as error:
+            fix = "Install it with: pip install pandas, or use to_arrow()"
+            raise CallError("to_pandas needs pandas", fix=fix) from error
+
+    def _repr_html_(self) -> str:
+        """Return the headline as an HTML table, a column for each group, for notebooks."""
+        groups = {"overall": self.overall, **(self.tiers if len(self.tiers) > 1 else {})}
+        lines = [["metric", *groups]]
+        for name in self.document["headline"]:
+            values = (group.get(name) for group in groups.values())
+            lines.append([name, *("–" if v is None else f"{v:.4g}" for v in values)])
+        rows = [
+            "".join(f"<td>{html.escape(cell)}</td>" for cell in cells).join(("<tr>", "</tr>"))
+            for cells in lines
+        ]
+        return f"<table><caption>{html.escape(self.method)}</caption>{''.join(rows)}</table>"
 
     def write(self, folder: Path) -> None:
         """Write scores.json and per_pair.parquet into an existing folder."""

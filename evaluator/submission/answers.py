@@ -139,8 +139,7 @@ class _Store:
     """The arrays that rows are scattered into."""
 
     def __init__(self, submission: Submission, rows: int, scratch: Scratch) -> None:
-        schema = submission.file.schema_arrow
-        kinds = {name: _precision(schema.field(name).type) for name in submission.columns}
+        kinds = {n: _precision(submission.schema.field(n).type) for n in submission.columns}
         double = np.float64 in (kinds["u"], kinds["v"])
         # One complex number holds u and v: one scattered write a row instead of two.
         self._uv = scratch.full(rows, np.complex128 if double else np.complex64, complex(np.nan, 0))

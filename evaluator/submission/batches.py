@@ -80,9 +80,7 @@ def read_batches(submission: Submission, problems: Problems) -> Iterator[Batch]:
         problems: Receives what is wrong, with row numbers, ids, found and required.
     """
     begin = 0
-    iterator = submission.file.iter_batches(
-        BATCH_ROWS, columns=list(submission.columns), use_threads=False
-    )
+    iterator = submission.read(BATCH_ROWS)
     while True:
         try:
             record = next(iterator, None)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -16,6 +16,7 @@ from pliant.evaluator.submission.file_kinds import kind_of_file
 from pliant.evaluator.submission.problems import Problems
 from pliant.spec.conventions import SPEC_VERSION
 from pliant.spec.dataset import Dataset, check_version
+from pliant.spec.io.checksums import sha256_file
 from pliant.spec.io.jsonfiles import schema_errors
 from pliant.spec.io.parquet import footer_of, open_table
 from pliant.spec.io.parquet_footer import ColumnChunk, read_column_chunks
@@ -54,8 +55,10 @@ class Submission:
     """A submission whose file, footer and columns may be used.
 
     Attributes:
-        path: The file.
-        file: The open Parquet file.
+        name: Name of the file, without its folder.
+        schema: Its columns and their types.
+        read: Returns an iterator over the rows, at most so many in each batch.
+        sha256: Of the file, computed when it is asked for.
         kind: `answers` or `matches`.
         footer: The footer object.
         columns: The columns to read, by name: `integer`, `real`, `probability` or `modes`.
@@ -63,8 +66,10 @@ class Submission:
         most_modes: The most modes that all rows can have together, by the footer.
     """
 
-    path: Path
-    file: pq.ParquetFile
+    name: str
+    schema: pa.Schema
+    read: Callable[[int], Iterator[pa.RecordBatch]]
+    sha256: Callable[[], str]
     kind: str
     footer: Mapping[str, Any]
     columns: Mapping[str, str]
@@ -94,7 +99,7 @@ def open_submission(path: Path, dataset: Dataset, problems: Problems) -> Submiss
     file, chunks = opened
     footer = _footer(file, path, dataset, problems)
     kind = None if footer is None else str(footer["table"])
-    columns = _columns(file, kind or "answers", problems)
+    columns = check_columns(file.schema_arrow, kind or "answers", problems)
     if footer is None or kind is None or columns is None:
         return None
     if not _sizes_sane(chunks, columns, problems):
@@ -104,8 +109,17 @@ def open_submission(path: Path, dataset: Dataset, problems: Problems) -> Submiss
     most: dict[int, int] = {}
     for chunk in leaves:
         most[chunk.row_group] = max(most.get(chunk.row_group, 0), chunk.values)
-    rows = file.metadata.num_rows
-    return Submission(path, file, kind, footer, columns, rows, sum(most.values()))
+    return Submission(
+        name=path.name,
+        schema=file.schema_arrow,
+        read=lambda rows: file.iter_batches(rows, columns=list(columns), use_threads=False),
+        sha256=lambda: sha256_file(path),
+        kind=kind,
+        footer=footer,
+        columns=columns,
+        rows=file.metadata.num_rows,
+        most_modes=sum(most.values()),
+    )
 
 
 def _open(path: Path, problems: Problems) -> tuple[pq.ParquetFile, list[ColumnChunk]] | None:
@@ -214,9 +228,8 @@ def _footer(
     return footer if usable else None
 
 
-def _columns(file: pq.ParquetFile, kind: str, problems: Problems) -> dict[str, str] | None:
-    """Return the columns to read, or None where one is missing or of a wrong type."""
-    schema = file.schema_arrow
+def check_columns(schema: pa.Schema, kind: str, problems: Problems) -> dict[str, str] | None:
+    """Return the columns to read and their types, or None where one is missing or wrong."""
     columns: dict[str, str] = {}
     fine = True
     for name, wanted in (REQUIRED[kind] | OPTIONAL[kind]).items():

@@ -1,0 +1,83 @@
+"""Answers in memory get the scores of the file that has them, and the same refusals."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from pliant.evaluator import Scores, evaluate, evaluate_answers
+from pliant.spec.errors import CallError, SubmissionError
+
+
+def figures(scores: Scores) -> dict[str, Any]:
+    return {key: value for key, value in scores.document.items() if key != "submission"}
+
+
+def test_arrays_columns_and_tables_score_like_the_file(scene: Any, tmp_path: Path) -> None:
+    rng = np.random.default_rng(3)
+    uv = (scene.true_px + rng.normal(0, 5, (scene.rows, 2))).astype(np.float32)
+    path = scene.submit(tmp_path / "s.parquet", scene.table(uv))
+    expected = evaluate(path, scene.root)
+    columns = {"u": uv[:, 0], "v": uv[:, 1]}
+    shuffled = pq.read_table(path).take(pa.array(rng.permutation(scene.rows)))
+    for answers in (uv, columns, pa.table(columns), shuffled):
+        found = evaluate_answers(scene.root, scene.split, answers, method="mine")
+        assert figures(found) == figures(expected)
+        assert found.per_pair.equals(expected.per_pair)
+        assert found.method == "mine"
+    assert found.overall["rmse_px"] > 4
+
+
+def test_distributions_and_missing_answers_work_in_memory(scene: Any, tmp_path: Path) -> None:
+    modes = [[{"u": u, "v": v, "sigma": 2.0, "weight": 1.0}] for u, v in scene.true_px.tolist()]
+    table = scene.table(modes=modes)
+    part = table.slice(5)
+    path = scene.submit(tmp_path / "s.parquet", part)
+    expected = evaluate(path, scene.root, allow_missing=True)
+    found = evaluate_answers(scene.root, scene.split, part, allow_missing=True)
+    assert figures(found) == figures(expected)
+    assert found.overall["nll"] is not None
+    with pytest.raises(SubmissionError, match="5 problems"):
+        evaluate_answers(scene.root, scene.split, part)
+
+
+def test_wrong_answers_are_refused_with_a_reason(scene: Any) -> None:
+    uv = scene.true_px.astype(np.float32)
+    with pytest.raises(CallError, match=r"one per query, in their order; found 2 answers"):
+        evaluate_answers(scene.root, scene.split, uv[:2])
+    with pytest.raises(CallError, match=r"shape \(number of queries, 2\)"):
+        evaluate_answers(scene.root, scene.split, uv[:, :1])
+    with pytest.raises(CallError, match="no queries; found 'holdout'; required: one of test"):
+        evaluate_answers(scene.root, "holdout", uv)
+    with pytest.raises(CallError, match="not columns of one length"):
+        evaluate_answers(scene.root, scene.split, {"u": uv[:, 0], "v": uv[:3, 1]})
+    with pytest.raises(SubmissionError) as caught:
+        evaluate_answers(scene.root, scene.split, uv.astype(np.int64))
+    assert {issue.code for issue in caught.value.issues} == {"COLUMN_TYPE"}
+    uv[3] = np.nan
+    with pytest.raises(SubmissionError, match=r"VALUE_NOT_FINITE.*row 3 \(pair 0, query 3\)"):
+        evaluate_answers(scene.root, scene.split, uv)
+
+
+def test_scores_show_themselves(scene: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    off = scene.true_px + np.array([3.0, 4.0])
+    scores = evaluate_answers(scene.root, scene.split, off, method="<off>")
+    table = scores.to_arrow()
+    rows = {(row["group"], row["metric"]): row for row in table.to_pylist()}
+    assert rows["overall", "rmse_px"]["value"] == pytest.approx(5)
+    assert rows["rope", "rmse_px"]["low"] == pytest.approx(5)
+    assert rows["cloth", "median_px"]["low"] is None
+    assert "rmse_px 5" in repr(scores)
+    assert len(repr(scores)) < 300
+    page = scores._repr_html_()
+    assert "<td>rmse_px</td><td>5</td>" in page
+    assert "&lt;off&gt;" in page
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(CallError, match="to_pandas needs pandas"):
+        scores.to_pandas()
