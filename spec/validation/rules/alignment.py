@@ -20,8 +20,8 @@ from pliant.spec.validation.rules.cameras import Cameras
 from pliant.spec.validation.rules.correspondences import VISIBLE, FrameRows
 from pliant.spec.validation.rules.points import PointSet
 
-SAMPLES_PER_FRAME = 192
-SAMPLES_PER_SEQUENCE = 4096
+SAMPLES_PER_FRAME = 96
+SAMPLES_PER_SEQUENCE = 1536
 """So many visible points are measured; a median needs no more."""
 
 MIN_SLOPE = 0.02

@@ -37,7 +37,7 @@ SURE_RATIO: Final = 1.5
 SHIFT_GAIN: Final = 1.25
 """Contrast at the best shift over that at none, from which the picture counts as shifted."""
 
-MAX_FRAMES: Final = 32
+MAX_FRAMES: Final = 16
 """Frames of a sequence that are measured, spread over it."""
 
 _TURNS: Final[tuple[tuple[str, Callable[[Rgb], Rgb]], ...]] = (
@@ -212,6 +212,7 @@ def _mean(parts: list[FloatArray]) -> FloatArray:
 
 def is_blank(rgb: Rgb) -> bool:
     """Return whether a picture is one colour, up to two steps of each channel."""
-    if int(np.ptp(rgb[:: max(1, rgb.shape[0] // 16)].reshape(-1, 3), axis=0).max()) > 2:
-        return False  # some rows are enough to see that it is not
+    some = rgb[:: max(1, rgb.shape[0] // 16), :: max(1, rgb.shape[1] // 16)].astype(np.int16)
+    if np.abs(some - some[0, 0]).max() > 2:
+        return False  # a few pixels are enough to see that it is not
     return bool(np.ptp(rgb.reshape(-1, 3), axis=0).max() <= 2)

@@ -96,6 +96,8 @@ def diagnose_rows(
                 findings.diagnose(code, shown, cause)
         return
     compared = _compare(sample, cameras)
+    if not compared.uv.size:
+        return
     for code, rows, found in (
         ("REPROJECTION_DISAGREES", wrong_uv, _pixel_cause(compared, size)),
         ("DEPTH_DISAGREES", wrong_depth, _depth_cause(compared)),

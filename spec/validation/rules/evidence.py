@@ -20,7 +20,7 @@ from pliant.spec.validation.rules.diagnosis import RowSample, diagnose_rows
 from pliant.spec.validation.rules.duplicates import FrameKeys, digest_of, shape_key
 from pliant.spec.validation.rules.points import PointSet
 
-PRECISION_FRAMES = 8
+PRECISION_FRAMES = 2
 """Frames of a sequence whose values are looked at for a coarser format."""
 
 MIN_SHOWN = 50
