@@ -7,6 +7,7 @@ and to the points exactly.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Annotated, Any
 
@@ -153,27 +154,49 @@ def _inverse(affine: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     return np.column_stack([linear, -linear @ affine[:, 2]])
 
 
-def augment(rng: np.random.Generator, view: FrameView, settings: AugmentSettings) -> FrameView:
+def draw_placement(
+    rng: np.random.Generator, views: Sequence[FrameView], settings: AugmentSettings
+) -> npt.NDArray[np.float64] | None:
+    """Draw one map of pixel coordinates for all of some frames.
+
+    Args:
+        rng: Source of randomness.
+        views: The frames; what any of them shows of the object stays in the image.
+        settings: What may happen.
+
+    Returns:
+        float64 (2, 3), new (u, v) = M (u, v, 1); None where nothing is to move.
+    """
+    if settings.rotate_deg == 0 and settings.scale == 0:
+        return None
+    height, width = views[0].mask.shape
+    angle = math.radians(rng.uniform(-settings.rotate_deg, settings.rotate_deg))
+    factor = math.exp(rng.uniform(-1, 1) * math.log1p(settings.scale))
+    seen = np.concatenate([view.uv_px[view.visible] for view in views])
+    if settings.margin == 1 or len(seen) == 0:
+        return rotation_about_centre((width, height), angle, factor)
+    margin_px = settings.margin * height
+    return placement_in_image(rng, seen, (width, height), angle, factor, margin_px)
+
+
+def augment(
+    rng: np.random.Generator,
+    view: FrameView,
+    settings: AugmentSettings,
+    affine: npt.NDArray[np.float64] | None,
+) -> FrameView:
     """Return a randomly changed frame, its truth changed along.
 
     Args:
         rng: Source of randomness.
         view: The frame.
         settings: What may happen.
+        affine: float64 (2, 3), the map that moves the frame (`draw_placement`), or None.
     """
     if settings.background > 0 and rng.random() < settings.background:
         view = replace(view, rgb=replace_background(rng, view.rgb, view.objects))
-    if settings.rotate_deg > 0 or settings.scale > 0:
-        height, width = view.mask.shape
-        angle = math.radians(rng.uniform(-settings.rotate_deg, settings.rotate_deg))
-        factor = math.exp(rng.uniform(-1, 1) * math.log1p(settings.scale))
-        seen = view.uv_px[view.visible]
-        if settings.margin == 1 or len(seen) == 0:
-            moved = rotation_about_centre((width, height), angle, factor)
-        else:
-            margin_px = settings.margin * height
-            moved = placement_in_image(rng, seen, (width, height), angle, factor, margin_px)
-        view = warp_view(view, moved)
+    if affine is not None:
+        view = warp_view(view, affine)
     rgb = view.rgb
     if settings.recolour > 0 and rng.random() < settings.recolour:
         rgb = recolour_regions(rng, rgb, view.mask, view.objects)

@@ -12,7 +12,7 @@ import numpy.typing as npt
 import torch
 from torch.utils.data import Dataset as TorchDataset
 
-from pliant.loaders.augment import AugmentSettings, augment
+from pliant.loaders.augment import AugmentSettings, augment, draw_placement
 from pliant.loaders.frame_store import FrameStore
 from pliant.loaders.inputs import InputKind, NetworkInput
 from pliant.loaders.masks import given_masks
@@ -79,7 +79,8 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
     * `frames` int64 (V,), numbers in `store.frames`;
     * `action_px` float32 (V, V), the largest distance in the image that any surface point
       visible in both moves between two views of one episode; +inf between others. This is
-      the d_action of the temporal Lipschitz loss.
+      the d_action of the temporal Lipschitz loss. Where `pairing` keeps to one sequence,
+      augmentation moves all views alike.
 
     Args:
         dataset: The dataset.
@@ -142,7 +143,8 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
         if self.settings.matches == "surface":
             views = self._surface_matches(rng, frames, views)
         if self.augmentation is not None:
-            views = [augment(rng, view, self.augmentation) for view in views]
+            views, factor = self._augmented(rng, views, self.augmentation)
+            action = action * np.float32(factor)
         extra = {}
         if self.settings.matches == "points":  # last: augmentation lays an object by all of them
             drawn = self._draw_points(rng, views)
@@ -156,6 +158,27 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
                 for view in views
             ]
         return {**self._tensors(rng, frames, views, action), **extra}
+
+    def _augmented(
+        self, rng: np.random.Generator, views: list[FrameView], settings: AugmentSettings
+    ) -> tuple[list[FrameView], float]:
+        """Return the changed views, and by how much distances between them have grown.
+
+        Frames of one sequence are moved together: were each turned on its own, a point at rest
+        would seem to move, and the truth would violate the temporal Lipschitz condition.
+        """
+        if self.settings.pairing == "any":
+            placements = [draw_placement(rng, [view], settings) for view in views]
+            factor = 1.0
+        else:
+            shared = draw_placement(rng, views, settings)
+            placements = [shared] * len(views)
+            factor = 1.0 if shared is None else float(np.linalg.det(shared[:, :2])) ** 0.5
+        changed = [
+            augment(rng, view, settings, affine)
+            for view, affine in zip(views, placements, strict=True)
+        ]
+        return changed, factor
 
     def _frames_by_sequence(self) -> list[npt.NDArray[np.int64]]:
         if self.settings.pairing == "any":

@@ -39,6 +39,8 @@ class LossSettings:
         learn_scale: Whether it is learned.
         background: Distributional: pixels off the object, drawn anew each step, that compete
             besides all pixels on it; -1 for all pixels.
+        mask_margin_px: Distributional: pixels beyond the mask that count as on the object: the side
+            of a thin rope covers less than half of its pixels.
         bin_px: Distributional: side of the bins (means of descriptors) that compete, >= 1.
         chunk: Queries at a time (memory for time); 0 for all.
         margin: Contrastive: M.
@@ -72,6 +74,7 @@ class LossSettings:
     initial_scale: Positive = 1.0
     learn_scale: bool = True
     background: Annotated[int, Bounds(-1)] = 512
+    mask_margin_px: Natural = 0
     bin_px: Count = 1
     chunk: Natural = 0
     margin: Positive = 0.5
@@ -176,6 +179,7 @@ class AnswerSettings:
         decode: `argmax` (refined to a fraction of a pixel), `median` (the pixel with the least
             expected distance, refined; the default) or `soft` (the mean: lowest squared error
             where the network doubts, but off the object then).
+        margin_px: Pixels of the network beyond the mask that are searched too.
         search: In the object's `mask` where one is given out, or anywhere in the `image`.
         rotations: 1, 2 or 4: how many quarter-turned copies of both images vote.
         distribution: `modes`, `sigma` or `none`: what the answers say of their certainty.
@@ -183,6 +187,7 @@ class AnswerSettings:
 
     decode: Literal["argmax", "median", "soft"] = "median"
     search: Literal["mask", "image"] = "mask"
+    margin_px: Natural = 0
     rotations: Literal[1, 2, 4] = 1
     distribution: Literal["modes", "sigma", "none"] = "modes"
 

@@ -7,7 +7,13 @@ from collections.abc import Mapping
 import torch
 from torch.nn import functional
 
-from pliant.models.don.candidates import Candidates, all_bins, object_and_background, pixel_grid
+from pliant.models.don.candidates import (
+    Candidates,
+    all_bins,
+    object_and_background,
+    pixel_grid,
+    widened,
+)
 from pliant.models.losses.contrastive import contrastive_loss, draw_non_matches
 from pliant.models.losses.distributional import distributional_loss, log_probabilities
 from pliant.models.losses.lipschitz_space import (
@@ -138,6 +144,7 @@ def don_loss(
             sample_descriptors(out.orientation, at_points),
             batch["orientation"].flatten(0, 1),
             in_view,
+            reversible=slots > 1,
         )
         figures["orientation"] = lies.detach()
         loss = loss + settings.orientation_weight * lies
@@ -167,6 +174,7 @@ def _competitors(
     settings: LossSettings,
     generator: torch.Generator | None,
 ) -> Candidates:
+    mask = widened(mask, settings.mask_margin_px)
     if settings.background < 0 or settings.bin_px > 1:
         return all_bins(descriptors, mask, settings.bin_px)
     return object_and_background(descriptors, mask, settings.background, generator)

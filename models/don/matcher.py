@@ -16,7 +16,7 @@ from pliant.baselines.lru_cache import LRUCache
 from pliant.baselines.matcher import Answers, Heat, View
 from pliant.loaders.inputs import NetworkInput
 from pliant.loaders.views import resize_depth, resize_mask, resize_rgb
-from pliant.models.don.candidates import pixel_grid
+from pliant.models.don.candidates import pixel_grid, widened
 from pliant.models.don.decoding import Widths, decode_position, mixture_of_modes, spread_about
 from pliant.models.losses.distributional import log_probabilities
 from pliant.models.networks.canonical import PREFIX, CanonicalHead
@@ -276,7 +276,8 @@ class DonMatcher:
         width, height = self.size
         if mask is None or not mask.any() or self.settings.search == "image":
             return torch.arange(width * height)
-        return torch.from_numpy(np.flatnonzero(mask))
+        wide = widened(torch.from_numpy(mask)[None], self.settings.margin_px)
+        return wide.flatten().nonzero()[:, 0]
 
     def _pixel_scale(self, view: View) -> npt.NDArray[np.float64]:
         """Return pixels of a view per network pixel, (u, v)."""

@@ -22,7 +22,11 @@ _SINE_WEIGHT: Final = 4.0
 
 
 def orientation_loss(
-    predicted: torch.Tensor, target: torch.Tensor, visible: torch.Tensor
+    predicted: torch.Tensor,
+    target: torch.Tensor,
+    visible: torch.Tensor,
+    *,
+    reversible: bool = False,
 ) -> torch.Tensor:
     """Return the mean squared error of directions, and four times that of sines.
 
@@ -30,17 +34,18 @@ def orientation_loss(
         predicted: float (N, Q, 3): direction (u, v) and sine.
         target: float (N, Q, 3); NaN where unknown.
         visible: bool (N, Q), the points that count.
+        reversible: The material looks the same with both coordinates reversed (a rope without
+            its ball): each image may be answered with all signs changed, but only all at once.
 
     Returns:
         Scalar, from 0; 0 without points.
     """
-    direction = _mean_square(predicted[..., :2], target[..., :2], visible)
-    return direction + _SINE_WEIGHT * _mean_square(predicted[..., 2:], target[..., 2:], visible)
-
-
-def _mean_square(
-    predicted: torch.Tensor, target: torch.Tensor, visible: torch.Tensor
-) -> torch.Tensor:
-    counts = visible & target.isfinite().all(dim=-1)
-    error = (predicted - target.nan_to_num()).square().sum(dim=-1)
-    return torch.where(counts, error, 0.0).sum() / counts.sum().clamp_min(1)
+    way = visible & target[..., :2].isfinite().all(dim=-1)
+    side = visible & target[..., 2].isfinite()
+    weight = torch.stack([way, way, side], dim=-1) / torch.stack(
+        [way.sum(), way.sum(), side.sum() / _SINE_WEIGHT]
+    ).clamp_min(1 / _SINE_WEIGHT)
+    known = target.nan_to_num()
+    signs = (1.0, -1.0) if reversible else (1.0,)
+    costs = [((predicted - sign * known).square() * weight).sum(dim=(1, 2)) for sign in signs]
+    return torch.stack(costs).amin(dim=0).sum()

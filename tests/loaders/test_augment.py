@@ -9,6 +9,7 @@ import pytest
 from pliant.loaders.augment import (
     AugmentSettings,
     augment,
+    draw_placement,
     placement_in_image,
     rotation_about_centre,
     warp_view,
@@ -37,6 +38,10 @@ def blob_view(points: np.ndarray, sigma: float = 3.0) -> FrameView:
         uv_px=points.astype(np.float32),
         visible=np.ones(len(points), bool),
     )
+
+
+def augmented(rng: np.random.Generator, view: FrameView, settings: AugmentSettings) -> FrameView:
+    return augment(rng, view, settings, draw_placement(rng, [view], settings))
 
 
 def centre_near(image: np.ndarray, point: np.ndarray, radius: float = 12.0) -> np.ndarray:
@@ -99,7 +104,7 @@ def test_background_changes_nothing_on_any_object() -> None:
     """Neither on the queried one nor on a rope's ball, which tells the ends apart."""
     view = with_ball()
     settings = AugmentSettings(rotate_deg=0, colour=0, noise=0, background=1)
-    changed = augment(np.random.default_rng(0), view, settings)
+    changed = augmented(np.random.default_rng(0), view, settings)
     np.testing.assert_array_equal(changed.rgb[view.objects], view.rgb[view.objects])
     assert (changed.rgb[~view.objects] != view.rgb[~view.objects]).any()
     np.testing.assert_array_equal(changed.uv_px, view.uv_px)
@@ -120,7 +125,7 @@ def test_colour_keeps_the_order_of_values_and_noise_has_its_size() -> None:
 def test_all_off_changes_nothing() -> None:
     view = blob_view(np.array([[50.0, 50.0]]))
     settings = AugmentSettings(rotate_deg=0, scale=0, colour=0, noise=0, background=0)
-    same = augment(np.random.default_rng(0), view, settings)
+    same = augmented(np.random.default_rng(0), view, settings)
     np.testing.assert_array_equal(same.rgb, view.rgb)
     np.testing.assert_array_equal(same.uv_px, view.uv_px)
 
@@ -166,7 +171,7 @@ def test_augmentation_leaves_no_point_outside_unless_told() -> None:
     for margin, inside in ((0.05, True), (1.0, False)):
         settings = AugmentSettings(rotate_deg=180, scale=0.2, colour=0, noise=0, margin=margin)
         rng = np.random.default_rng(4)
-        seen = [augment(rng, line, settings).visible.all() for _ in range(20)]
+        seen = [augmented(rng, line, settings).visible.all() for _ in range(20)]
         assert all(seen) == inside
 
 

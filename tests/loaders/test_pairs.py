@@ -18,6 +18,7 @@ from pliant.loaders import (
     PairSettings,
     StepOrder,
 )
+from pliant.loaders.pairs import Pairing
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
 
@@ -285,3 +286,22 @@ def test_samples_give_the_material_of_their_points(sheet_dataset: Dataset) -> No
     material = pairs[0]["material"]
     assert material.shape == (48, 2, 2)
     torch.testing.assert_close(material[:, 1], 1 - material[:, 0], atol=1e-5, rtol=0)
+
+
+@pytest.mark.parametrize("pairing", ["sequence", "next"])
+def test_the_truth_moves_by_no_more_than_the_action(
+    sheet_episode: Dataset, pairing: Pairing
+) -> None:
+    """Views that are turned each on its own break the bound for most points."""
+    settings = PairSettings(views=3, queries=40, pairing=pairing)
+    turned = AugmentSettings(rotate_deg=180, scale=0.3)
+    pairs = PairDataset(
+        sheet_episode, "sheet", "train", settings, size=(80, 60), augmentation=turned
+    )
+    for index in range(6):
+        sample = pairs[index]
+        uv, visible = sample["uv_px"][:, :, 0], sample["visible"][:, :, 0]
+        for a, b in ((0, 1), (1, 2), (0, 2)):
+            both = visible[a] & visible[b]
+            moved = (uv[a] - uv[b]).norm(dim=-1)[both]
+            assert float(moved.max()) <= float(sample["action_px"][a, b]) * (1 + 1e-4) + 1e-3

@@ -13,6 +13,7 @@ from pliant.baselines.matcher import HeatMatcher, View
 from pliant.loaders.frame_store import FrameStore
 from pliant.loaders.inputs import NetworkInput
 from pliant.models.don.calibration import calibrate
+from pliant.models.don.candidates import widened
 from pliant.models.don.decoding import Widths, decode_position, mixture_of_modes, spread_about
 from pliant.models.don.matcher import Calibration, DonMatcher, visible_probability
 from pliant.models.don.report import descriptor_colours
@@ -305,3 +306,14 @@ def test_colours_are_the_same_in_all_pictures() -> None:
 def test_matcher_is_in_evaluation_mode() -> None:
     network: DescriptorNetwork = build_network(NetworkSettings(name="resnet18"), NetworkInput())
     assert not DonMatcher(network.train(), SIZE, NetworkInput(), AnswerSettings()).network.training
+
+
+def test_a_narrow_mask_leaves_out_points_that_a_margin_of_one_pixel_holds() -> None:
+    """A strip 1.4 px wide over pixel rows: at half coverage only one row is in the mask."""
+    mask = torch.zeros(1, 6, 8, dtype=torch.bool)
+    mask[0, 3] = True
+    side_v_px = torch.tensor([2.9, 3.5, 4.2])  # seen points across the strip
+    rows = side_v_px.long()
+    assert mask[0, rows, 4].tolist() == [False, True, False]
+    assert widened(mask, 1)[0, rows, 4].all()
+    assert torch.equal(widened(mask, 0), mask)

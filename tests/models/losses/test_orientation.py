@@ -60,3 +60,15 @@ def test_orientation_stands_beside_descriptors(name: str, normalise: bool) -> No
     plain = build_network(settings, NetworkInput()).eval()
     with torch.inference_mode():
         assert plain.described(image).orientation.shape == (2, 0, 40, 56)
+
+
+def test_a_reversible_rope_may_be_answered_either_way_but_one_way_in_an_image() -> None:
+    generator = torch.Generator().manual_seed(1)
+    target = torch.randn(2, 6, 3, generator=generator)
+    visible = torch.ones(2, 6, dtype=torch.bool)
+    other = target * torch.tensor([1.0, -1.0])[:, None, None]  # the second image reversed
+    assert float(orientation_loss(other, target, visible)) > 1
+    assert float(orientation_loss(other, target, visible, reversible=True)) == 0
+    mixed = target.clone()
+    mixed[:, ::2] *= -1  # half of the points of an image
+    assert float(orientation_loss(mixed, target, visible, reversible=True)) > 1
