@@ -39,6 +39,9 @@ WIDTHS = {
 }
 """What is tried; the widths, which cost little, for every temperature and radius."""
 
+SHARPNESS = np.geomspace(1.0, 1e5, 31)
+"""What `fit_sharpness` tries."""
+
 _ECE_WEIGHT = 10.0
 
 
@@ -99,7 +102,32 @@ def calibrate(
         said = visible_probability(np.concatenate(distances), best) >= 0.5
         figures["visible_accuracy"] = float(np.mean(said == seen))
         figures["visible_share"] = float(np.mean(seen))
-    return replace(best, figures=figures)
+    return replace(best, figures=figures, sharpness=matcher.sharpness)
+
+
+def fit_sharpness(matcher: DonMatcher, pairs: Sequence[ValidationPair]) -> float:
+    """Return the factor of log p under which the true pixels are most likely.
+
+    A contrastive network with a margin of 0.5 separates descriptors by about that distance: a
+    softmax of scale 1 over thousands of pixels is then nearly flat, and its mean or median is the
+    middle of the object, however good the descriptors are.
+
+    Args:
+        matcher: The matcher; its sharpness is 1.
+        pairs: Pairs of the validation split.
+    """
+    kept = []
+    for pair in pairs:
+        log_p, uv, _ = matcher.log_probabilities(pair.source, pair.target, pair.uv_a_px)
+        seen = torch.from_numpy(pair.visible[:, 0])
+        nearest = torch.cdist(torch.from_numpy(pair.uv_b_px[:, 0]), uv).argmin(dim=1)
+        kept.append((log_p[seen], nearest[seen, None]))
+
+    def loss(sharpness: float) -> float:
+        terms = [(log_p * sharpness).log_softmax(dim=1).gather(1, at) for log_p, at in kept]
+        return -float(torch.cat(terms).mean())
+
+    return min((float(value) for value in SHARPNESS), key=loss)
 
 
 class _Modes:

@@ -54,6 +54,7 @@ class Calibration:
         visible_slope: Slope of that logistic curve, per unit of log distance; 0 gives no
             `visible` at all (the validation split hides no point).
         figures: What was measured, for the record.
+        sharpness: Multiplies log p before everything else: contrastive networks learn no scale.
     """
 
     temperature: float = 1.0
@@ -66,6 +67,7 @@ class Calibration:
     blur_px: float = 0.0
     power: float = 1.0
     mode_radius_px: float = 4.0
+    sharpness: float = 1.0
 
     @property
     def widths(self) -> Widths:
@@ -110,6 +112,7 @@ class DonMatcher:
         self.input = seen
         self.settings = settings
         self.calibration = calibration
+        self.sharpness = 1.0 if calibration is None else calibration.sharpness
         self.facts = dict(facts or {})
         self._described: LRUCache[_Described] = LRUCache(_KEPT_VIEWS)
 
@@ -209,7 +212,7 @@ class DonMatcher:
                 distance += gap * scale
         turns = len(a.maps)
         return (
-            (total / turns).log_softmax(dim=1),
+            (total * (self.sharpness / turns)).log_softmax(dim=1),
             uv,
             (distance / turns).double().numpy(),
         )

@@ -12,7 +12,7 @@ import torch
 
 from pliant.loaders import MixedPairs, PairDataset
 from pliant.loaders.frame_store import FrameStore, named_tier
-from pliant.models.don.calibration import calibrate
+from pliant.models.don.calibration import calibrate, fit_sharpness
 from pliant.models.don.loss import don_loss
 from pliant.models.don.matcher import CALIBRATION, RUN_FACTS, DonMatcher
 from pliant.models.don.validation import draw_validation_pairs, validate
@@ -143,16 +143,23 @@ class DonTask:
         """Return the errors on the validation pairs, px of the dataset."""
         return validate(self.matcher(), self.validation_pairs, self.full_size)
 
+    def _sharpened(self, matcher: DonMatcher) -> DonMatcher:
+        """Return the matcher with a fitted softmax scale, where its loss teaches it none."""
+        if self.settings.loss.kind == "contrastive":
+            matcher.sharpness = fit_sharpness(matcher, self.validation_pairs)
+        return matcher
+
     def matcher(self, facts: Mapping[str, Any] | None = None) -> DonMatcher:
         """Return a matcher around the network as it is."""
         # One upright look while training: turned copies are for the final answers.
-        return DonMatcher(
+        matcher = DonMatcher(
             self.network,
             self._size,
             self.settings.pairs.network_input,
             replace(self.settings.answer, rotations=1),
             facts=facts,
         )
+        return self._sharpened(matcher)
 
     def calibrated(self, facts: Mapping[str, Any]) -> DonMatcher:
         """Return the final matcher, calibrated on pairs of the validation split."""

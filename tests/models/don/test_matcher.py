@@ -12,7 +12,7 @@ from torch import nn
 from pliant.baselines.matcher import HeatMatcher, View
 from pliant.loaders.frame_store import FrameStore
 from pliant.loaders.inputs import NetworkInput
-from pliant.models.don.calibration import calibrate
+from pliant.models.don.calibration import calibrate, fit_sharpness
 from pliant.models.don.candidates import widened
 from pliant.models.don.decoding import Widths, decode_position, mixture_of_modes, spread_about
 from pliant.models.don.matcher import Calibration, DonMatcher, visible_probability
@@ -317,3 +317,19 @@ def test_a_narrow_mask_leaves_out_points_that_a_margin_of_one_pixel_holds() -> N
     assert mask[0, rows, 4].tolist() == [False, True, False]
     assert widened(mask, 1)[0, rows, 4].all()
     assert torch.equal(widened(mask, 0), mask)
+
+
+@pytest.mark.parametrize("decode", ["median", "soft"])
+def test_a_contrastive_network_is_sharpened_before_it_answers(
+    pairs: list[ValidationPair], decode: str
+) -> None:
+    """Descriptors that are right, but closer together than a scale of 1 can tell apart."""
+    settings = AnswerSettings(decode=decode)  # type: ignore[arg-type]
+    matcher = by_colour(settings, scale=0.002)
+    inner = [within(pair) for pair in pairs]
+    before = validate(matcher, inner, SIZE)["rmse_px"]
+    matcher.sharpness = fit_sharpness(matcher, inner)
+    after = validate(matcher, inner, SIZE)["rmse_px"]
+    assert before > 2 * after
+    assert after < 1.5
+    assert calibrate(matcher, inner, SIZE).sharpness == matcher.sharpness > 10
