@@ -30,8 +30,8 @@ def command(reports: tuple[Path, ...], metrics: tuple[str, ...], as_json: bool) 
     that would separate two methods so far apart.
     """
     from pliant.evaluator.protocols.protocol import read_protocol
+    from pliant.evaluator.report.cells import heading
     from pliant.evaluator.report.leaderboard import read_reports
-    from pliant.evaluator.report.wording import about, label, written, written_unit
     from pliant.evaluator.statistics.comparison import differences, method_names, ranks
     from pliant.evaluator.statistics.sign_flips import fewest_sequences
     from pliant.spec.errors import CallError
@@ -62,17 +62,16 @@ def command(reports: tuple[Path, ...], metrics: tuple[str, ...], as_json: bool) 
     for item in found:
         if one_tier and item.group != "overall":
             continue  # the same figures once more
-        _, unit, _ = about(item.metric, protocol)
+        shown = heading(item.metric, protocol)
         if (item.metric, item.group) != last:
             last = (item.metric, item.group)
-            shown = written_unit(unit)
-            echo(f"{label(item.metric)}{f' ({shown})' if shown else ''}, {item.group}")
+            echo(f"{shown.in_text}, {item.group}")
         interval = ""
         if item.low == item.low:
-            interval = f" [{written(item.low, unit)}, {written(item.high, unit)}]"
+            interval = f" [{shown.written(item.low)}, {shown.written(item.high)}]"
         sign = "+" if item.value > 0 else ""
         echo(
-            f"  {item.method} against {item.against}: {sign}{written(item.value, unit)}"
+            f"  {item.method} against {item.against}: {sign}{shown.written(item.value)}"
             f"{interval}: {item.verdict} ({_sequences(item.sequences, item.sequences_needed)})"
         )
     if any(item.verdict == "too few sequences" for item in found):
@@ -81,7 +80,7 @@ def command(reports: tuple[Path, ...], metrics: tuple[str, ...], as_json: bool) 
         if group == "overall":
             order = sorted(zip(places, names, strict=True))
             text = ", ".join(f"{place}. {name}" for place, name in order)
-            echo(f"Ranks by {label(metric)}: {text}")
+            echo(f"Ranks by {heading(metric, protocol).label}: {text}")
     return 0
 
 

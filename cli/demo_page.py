@@ -13,6 +13,7 @@ import pyarrow as pa
 from PIL import Image
 
 from pliant.evaluator.report.best_matches import BestMatches, best_matches
+from pliant.evaluator.report.canvas import Labels
 from pliant.evaluator.report.overview import CONTROLS, Column, TierSection, render_overview
 from pliant.evaluator.report.plots import histogram_svg
 from pliant.spec.dataset import Dataset
@@ -150,12 +151,12 @@ def _histogram(dataset: Dataset, tier: str, split: str, out: Path) -> str:
         clipped = np.minimum(error_px, HISTOGRAM_EDGES_PX[-1] - 1e-6)
         share = np.histogram(clipped, HISTOGRAM_EDGES_PX)[0] / max(len(error_px), 1)
         series[NAMES.get(method, method)] = share
-    return histogram_svg(
-        series,
-        HISTOGRAM_EDGES_PX,
-        title=f"Errors on {tier}",
-        xlabel=f"error, px (last bin: {HISTOGRAM_EDGES_PX[-2]:.0f} and more)",
+    labels = Labels(
+        f"Errors on {tier}",
+        f"error, px (last bin: {HISTOGRAM_EDGES_PX[-2]:.0f} and more)",
+        "share of answers",
     )
+    return histogram_svg(series, HISTOGRAM_EDGES_PX, labels)
 
 
 def _errors_px(truth: pa.Table, answers: pa.Table) -> npt.NDArray[np.float64]:

@@ -100,13 +100,7 @@ def command(
 
 def _print(scores: Scores, out: Path | None) -> None:
     """Print the headline table."""
-    from pliant.evaluator.report.wording import (
-        about,
-        label,
-        match_coverage_text,
-        written,
-        written_unit,
-    )
+    from pliant.evaluator.report.cells import heading, score_cell
 
     document = scores.document
     dataset = document["dataset"]
@@ -117,17 +111,14 @@ def _print(scores: Scores, out: Path | None) -> None:
     if document["coverage"] < 1:
         echo(f"Coverage: {document['coverage'] * 100:.2f} %")
     # Of one tier, the whole and the tier are the same figures.
-    groups = {"overall": scores.overall} | (scores.tiers if len(scores.tiers) > 1 else {})
+    groups = ["overall", *(scores.tiers if len(scores.tiers) > 1 else ())]
     width = max(len(name) for name in groups)
     for metric in document["headline"]:
-        _, unit, _ = about(metric, document["protocol"])
+        shown = [(group, score_cell(document, group, metric)) for group in groups]
         cells = "  ".join(
-            f"{name:>{width}} {written(values.get(metric), unit):>8}"
-            f" {match_coverage_text(document, name, metric)}".rstrip()
-            for name, values in groups.items()
+            f"{group:>{width}} {cell.value:>8} {cell.coverage}".rstrip() for group, cell in shown
         )
-        shown = written_unit(unit)
-        echo(f"  {label(metric) + (f' ({shown})' if shown else ''):32} {cells}")
+        echo(f"  {heading(metric, document['protocol']).in_text:32} {cells}")
     for name, note in document["notes"].items():
         echo(f"Note, {name}: {note}", err=True)
     if out is not None:

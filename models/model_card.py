@@ -6,7 +6,7 @@ import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from pliant.evaluator.report.wording import about, interval_text, label, written, written_unit
+from pliant.evaluator.report.cells import heading, score_cell
 
 _WIDTH = 100
 
@@ -159,19 +159,14 @@ def _score_table(document: Mapping[str, Any]) -> str:
         f"{document['intervals']['level'] * 100:g} % intervals over sequences."
     )
     metrics = document["headline"]
-    units = [about(metric, document["protocol"])[1] for metric in metrics]
-    heads = [
-        label(metric) + (f", {written_unit(unit)}" if unit else "")
-        for metric, unit in zip(metrics, units, strict=True)
-    ]
+    heads = [heading(metric, document["protocol"]).text for metric in metrics]
     lines = [f"| tier | {' | '.join(heads)} |", "|---" * (1 + len(metrics)) + "|"]
-    for tier, values in document["tiers"].items():
-        found = document["intervals"]["tiers"].get(tier, {})
-        cells = []
-        for metric, unit in zip(metrics, units, strict=True):
-            between = interval_text(found.get(metric), unit)
-            cells.append(written(values.get(metric), unit) + (f" ({between})" if between else ""))
-        lines.append(f"| {tier} | {' | '.join(cells)} |")
+    for tier in document["tiers"]:
+        cells = [score_cell(document, tier, metric) for metric in metrics]
+        shown = [
+            f"{cell.value} ({cell.interval})" if cell.interval else cell.value for cell in cells
+        ]
+        lines.append(f"| {tier} | {' | '.join(shown)} |")
     return head + "\n" + "\n".join(lines) + "\n"
 
 

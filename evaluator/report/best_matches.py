@@ -11,7 +11,7 @@ import pyarrow.compute as pc
 
 from pliant.evaluator.arrays import BoolArray, FloatArray
 from pliant.evaluator.protocols.protocol import read_protocol
-from pliant.evaluator.report.drawings import PAIR_GAP, panel_svg
+from pliant.evaluator.report.drawings import Symbols, panel_svg, side_by_side
 from pliant.evaluator.scorers.match_scoring import dense_truth
 from pliant.evaluator.scorers.surfaces import Surfaces
 from pliant.spec.dataset import Dataset
@@ -28,9 +28,9 @@ class BestMatches:
 
     Attributes:
         svg: Both images with the matches as lines.
-        drawn: How many matches there were to draw, at most the number asked for.
-        right: How many of them lie within `radius_px` of the truth.
-        radius_px: What counted as right, px.
+        drawn: Number of matches drawn, at most the number asked for.
+        right: Number of them within `radius_px` of the truth.
+        radius_px: Largest error of a right match, px.
     """
 
     svg: str
@@ -52,11 +52,11 @@ def best_matches(
         count: How many matches at most.
 
     Returns:
-        The drawing; a match is right if the matter under its source keypoint shows in the
-        target within a twentieth of the image's longer side of where the match says.
+        The drawing; a match is right if the material point under its source keypoint is visible
+        in the target within a twentieth of the image's longer side of the match.
 
     Raises:
-        SpecError: The dataset holds no surface image of the pair.
+        SpecError: The dataset has no surface images of the pair.
     """
     queries = dataset.queries(split)
     pair = queries.filter(pc.equal(queries["pair_id"], pair_id)).slice(0, 1).to_pylist()[0]
@@ -96,24 +96,13 @@ def _draw(
     dataset: Dataset, pair: dict[str, Any], uv_a: FloatArray, uv_b: FloatArray, right: BoolArray
 ) -> str:
     size = dataset.sequence(pair["sequence_a"]).size
-    width, height = size
-    unit = width / 160  # symbols keep their size relative to the picture
-    shift = width + PAIR_GAP * unit
-    parts = [
-        f'<svg class="pair" role="img" aria-label="best matches" '
-        f'viewBox="0 0 {shift + width:g} {height:g}" xmlns="http://www.w3.org/2000/svg">',
-        panel_svg(dataset, pair["sequence_a"], pair["frame_a"], 0.0, size),
-        panel_svg(dataset, pair["sequence_b"], pair["frame_b"], shift, size),
-    ]
-    for (ua, va), (ub, vb), good in zip(uv_a, uv_b, right, strict=True):
+    draw = Symbols(size[0])
+    source, target = (
+        panel_svg(dataset, pair[f"sequence_{side}"], pair[f"frame_{side}"], size) for side in "ab"
+    )
+    shown_b = uv_b + np.array([draw.target_px, 0.0])
+    over = ""
+    for a, b, good in zip(uv_a, shown_b, right, strict=True):
         colour = RIGHT if good else WRONG
-        parts.append(
-            f'<path d="M{ua:.1f} {va:.1f}L{ub + shift:.1f} {vb:.1f}" stroke="{colour}" '
-            f'stroke-width="{0.7 * unit:g}" stroke-opacity="0.9" fill="none"/>'
-        )
-        for u, v in ((ua, va), (ub + shift, vb)):
-            parts.append(
-                f'<circle cx="{u:.1f}" cy="{v:.1f}" r="{1.3 * unit:g}" fill="{colour}" '
-                f'stroke="#fff" stroke-width="{0.35 * unit:g}"/>'
-            )
-    return "".join([*parts, "</svg>"])
+        over += draw.line(a, b, colour) + draw.disc(a, colour) + draw.disc(b, colour)
+    return side_by_side(source, target, size, "best matches", over)

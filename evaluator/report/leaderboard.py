@@ -4,21 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from pliant.evaluator.hidden_truth import public_scores
-from pliant.evaluator.report import plots
-from pliant.evaluator.report.report import page_style, template_environment
-from pliant.evaluator.report.wording import (
-    about,
-    interval_text,
-    label,
-    match_coverage_text,
-    written,
-    written_unit,
-)
+from pliant.evaluator.report.cells import heading, score_cell
+from pliant.evaluator.report.pages import render_page
+from pliant.evaluator.report.plots import cdf_svg, interval_svg
+from pliant.evaluator.report.wording import label
 from pliant.evaluator.scorers.base import OVERALL
 from pliant.evaluator.scores import SCORES_JSON, Scores, read_scores
 from pliant.evaluator.statistics.comparison import (
@@ -39,20 +32,18 @@ def find_reports(places: Sequence[Path]) -> list[Path]:
         places: Report folders, or folders of report folders.
 
     Raises:
-        CallError: A place is no folder, or holds no report.
+        CallError: A place is not a folder, or contains no report.
     """
     found: list[Path] = []
     for place in places:
         if not place.is_dir():
-            raise CallError(
-                "this is no folder", path=place, required="a report or a folder of some"
-            )
+            raise CallError("not a folder", path=place, required="a report or a folder of reports")
         if (place / SCORES_JSON).is_file():
             found.append(place)
             continue
         inside = sorted(path.parent for path in place.glob(f"*/{SCORES_JSON}"))
         if not inside:
-            raise CallError("the folder holds no report", path=place, required=SCORES_JSON)
+            raise CallError("the folder contains no report", path=place, required=SCORES_JSON)
         found += inside
     return list(dict.fromkeys(found))
 
@@ -65,12 +56,12 @@ def read_reports(places: Sequence[Path]) -> list[Scores]:
 def render_leaderboard(
     reports: Sequence[Scores], links: Sequence[str] | None = None, *, hide_truth: bool = False
 ) -> str:
-    """Return the leaderboard as one HTML page that needs nothing from outside.
+    """Return the leaderboard as one HTML page that loads nothing from elsewhere.
 
     Args:
         reports: Comparable reports.
-        links: Where each method's name leads to; None for nowhere.
-        hide_truth: Show what `public_scores` leaves, and the ranks; no differences.
+        links: Link of each method's name, or None.
+        hide_truth: Show only the `public_scores` and the ranks; no differences.
 
     Raises:
         CallError: They mix protocols, datasets or splits, or `hide_truth` is asked for reports
@@ -81,7 +72,6 @@ def render_leaderboard(
     protocol = document["protocol"]
     names = method_names(reports)
     main = document["headline"][0]
-    _, _, better = about(main, protocol)
     found = differences(reports, [main])
     standing = ranks(found, names).get((OVERALL, main), [1] * len(reports))
     if hide_truth:
@@ -90,65 +80,37 @@ def render_leaderboard(
     tiers = list(document["tiers"])
     if len(tiers) > 1:
         columns += [(tier, main) for tier in tiers]
-    order = sorted(range(len(reports)), key=lambda i: _sort_key(reports[i], main, better))
-    return (
-        template_environment()
-        .get_template("leaderboard.html.j2")
-        .render(
-            d=document,
-            style=page_style(),
-            heads=[_head(group, metric, protocol) for group, metric in columns],
-            rows=[
-                {
-                    "rank": standing[i],
-                    "name": names[i],
-                    "href": links[i] if links else "",
-                    "coverage": reports[i].document["coverage"],
-                    "cells": [_cell(reports[i], group, metric) for group, metric in columns],
-                }
-                for i in order
-            ],
-            main=label(main),
-            fewest_sequences=fewest_sequences(float(document["intervals"]["level"])),
-            too_few=any(item.verdict == "too few sequences" for item in found),
-            plots=[]
-            if hide_truth
-            else [
-                *_differences(found, [names[i] for i in order], main, protocol),
-                *_plots(reports, names),
-            ],
-        )
+    order = sorted(range(len(reports)), key=lambda i: _sort_key(reports[i], main))
+    plots: list[str] = []
+    if not hide_truth:
+        plots = _differences(found, [names[i] for i in order], main, protocol)
+        plots += _cdfs(reports, names)
+    return render_page(
+        "leaderboard.html.j2",
+        d=document,
+        columns=[(group, heading(metric, protocol)) for group, metric in columns],
+        rows=[
+            {
+                "rank": standing[i],
+                "name": names[i],
+                "href": links[i] if links else "",
+                "coverage": reports[i].document["coverage"],
+                "cells": [score_cell(reports[i].document, *column) for column in columns],
+            }
+            for i in order
+        ],
+        main=label(main),
+        fewest_sequences=fewest_sequences(float(document["intervals"]["level"])),
+        too_few=any(item.verdict == "too few sequences" for item in found),
+        plots=plots,
     )
 
 
-def _sort_key(report: Scores, metric: str, better: str) -> float:
+def _sort_key(report: Scores, metric: str) -> float:
     value = report.overall.get(metric)
     if value is None:
         return float("inf")
-    return -value if better == "higher" else value
-
-
-def _head(group: str, metric: str, protocol: str) -> dict[str, str]:
-    words, unit, better = about(metric, protocol)
-    shown = written_unit(unit)
-    name = label(metric) if group == OVERALL else f"{group}: {label(metric)}"
-    arrow = {"lower": "\u00a0↓", "higher": "\u00a0↑"}.get(better, "")
-    return {"label": f"{name}{', ' + shown if shown else ''}{arrow}", "about": words}
-
-
-def _cell(report: Scores, group: str, metric: str) -> dict[str, Any]:
-    document = report.document
-    values = report.overall if group == OVERALL else report.tiers[group]
-    intervals = document["intervals"]
-    found = intervals["overall"] if group == OVERALL else intervals["tiers"].get(group, {})
-    _, unit, _ = about(metric, document["protocol"])
-    value = values.get(metric)
-    return {
-        "value": written(value, unit),
-        "key": "" if value is None else repr(value),
-        "interval": interval_text(found.get(metric), unit),
-        "coverage": match_coverage_text(document, group, metric),
-    }
+    return -value if heading(metric, report.document["protocol"]).better == "higher" else value
 
 
 def _differences(
@@ -165,19 +127,14 @@ def _differences(
             rows[item.against] = (-item.high, -item.value, -item.low)
     if not rows:
         return []
-    _, unit, _ = about(metric, protocol)
+    shown = heading(metric, protocol)
     ordered = {name: rows[name] for name in names if name in rows}
-    return [
-        plots.interval_svg(
-            ordered,
-            title=f"{label(metric)}: difference from {names[0]}",
-            xlabel=f"{label(metric)}{', ' + unit if unit else ''}; blue: clear",
-        )
-    ]
+    title = f"{shown.label}: difference from {names[0]}"
+    return [interval_svg(ordered, title=title, xlabel=f"{shown.text}; blue: clear")]
 
 
-def _plots(reports: Sequence[Scores], names: Sequence[str]) -> list[str]:
-    """Return the CDF of every method, one plot a tier."""
+def _cdfs(reports: Sequence[Scores], names: Sequence[str]) -> list[str]:
+    """Return the error CDFs of all methods, one chart per tier."""
     result = []
     for tier in reports[0].tiers:
         series = {
@@ -186,5 +143,5 @@ def _plots(reports: Sequence[Scores], names: Sequence[str]) -> list[str]:
             if (curve := report.document["curves"].get(tier, {}).get("cdf"))
         }
         if series:
-            result.append(plots.cdf_svg(series, title=f"{tier}: share of answers within"))
+            result.append(cdf_svg(series, title=f"{tier}: share of answers within"))
     return result

@@ -13,9 +13,8 @@ import yaml
 
 from pliant.evaluator.hidden_truth import public_scores
 from pliant.evaluator.report.leaderboard import find_reports, render_leaderboard
-from pliant.evaluator.report.report import render_report
+from pliant.evaluator.report.report import check_out_dir, render_report
 from pliant.evaluator.scores import PER_PAIR_TABLE, REPORT_HTML, SCORES_JSON, Scores, read_scores
-from pliant.spec.errors import CallError
 from pliant.spec.io.jsonfiles import write_json
 
 INDEX: Final = "index.html"
@@ -29,24 +28,24 @@ def write_site(
 ) -> list[str]:
     """Write a site: `index.html` with the leaderboard, `reports/NAME/` with each report.
 
-    All links are relative, so that it works below any address and from a disk.
+    All links are relative, so it works below any URL and from a local disk.
 
     Args:
         places: Report folders, or folders of report folders.
         out: The site's folder: new, empty, or an earlier site, which is replaced.
         title: The site's name; None takes the dataset's title.
-        hide_truth: Show only what `public_scores` leaves: no pictures of example pairs, no
+        hide_truth: Show only the `public_scores`: no pictures of example pairs, no
             tables of pairs, rounded headline metrics.
 
     Returns:
         The names of the reports' folders.
 
     Raises:
-        CallError: The reports do not compare, `out` holds something else, or `hide_truth` is
+        CallError: The reports do not compare, `out` contains something else, or `hide_truth` is
             asked for reports that were scored without it.
         SubmissionError: A report is damaged.
     """
-    _check_out_dir(out)
+    check_out_dir(out, _KNOWN, "site")
     folders = find_reports(places)
     reports = [read_scores(folder) for folder in folders]
     names = _names(folders)
@@ -68,20 +67,6 @@ def write_site(
     return names
 
 
-def _check_out_dir(out: Path) -> None:
-    """Refuse a folder that holds something other than a site."""
-    if out.exists() and not out.is_dir():
-        raise CallError("the site needs a folder", path=out, found="a file")
-    others = sorted(p.name for p in out.iterdir() if p.name not in _KNOWN) if out.exists() else []
-    if others:
-        raise CallError(
-            "the folder holds something other than a site",
-            path=out,
-            found=", ".join(others[:5]),
-            fix="Give a new folder.",
-        )
-
-
 def _copy_report(folder: Path, scores: Scores, target: Path, *, hide_truth: bool) -> None:
     source = folder / REPORT_HTML
     if hide_truth:
@@ -100,7 +85,7 @@ def _copy_report(folder: Path, scores: Scores, target: Path, *, hide_truth: bool
 
 
 def _names(folders: Sequence[Path]) -> list[str]:
-    """Return a name for each report's folder in the site, fit for an address."""
+    """Return a name for each report's folder in the site, fit for a URL."""
     names: list[str] = []
     for folder in folders:
         wanted = re.sub(r"[^A-Za-z0-9_-]+", "-", folder.resolve().name).strip("-") or "report"
@@ -135,11 +120,11 @@ def _readme(reports: Sequence[Scores], names: Sequence[str], title: str | None) 
         f"---\n{text}---\n\n# {_plain(shown)}\n\n"
         f"{len(reports)} methods on {dataset['id']} {dataset['version']}, split "
         f"{document['split']}, protocol {document['protocol']} {document['protocol_version']}. "
-        f"The leaderboard is [{INDEX}]({INDEX}); each report holds its scores as `{SCORES_JSON}`."
+        f"The leaderboard is [{INDEX}]({INDEX}); each report has its scores as `{SCORES_JSON}`."
         f"\n\n{rows}"
     )
 
 
 def _plain(text: str) -> str:
-    """Return text in which Markdown has nothing to do."""
+    """Return text with the special characters of Markdown escaped."""
     return re.sub(r"([\\`*_{}\[\]()<>#+!|])", r"\\\1", " ".join(text.split()))

@@ -63,40 +63,6 @@ def label(metric: str) -> str:
     return text[:1].upper() + text[1:] + over
 
 
-def written(value: float | None, unit: str) -> str:
-    """Return a value with its unit: pixels to two decimals, shares in per cent."""
-    if value is None:
-        return "–"
-    if unit == "px":
-        return f"{value:.2f}"
-    if unit == "m":
-        return f"{value * 1000:.1f}"
-    if unit == "nats":
-        return f"{value:.3f}"
-    return f"{value:.3f}"
-
-
-def written_unit(unit: str) -> str:
-    """Return the unit that `written` writes in."""
-    return "mm" if unit == "m" else unit
-
-
-def interval_text(interval: list[float] | None, unit: str) -> str:
-    """Return `[low, high]`, or nothing."""
-    if interval is None:
-        return ""
-    return f"{written(interval[0], unit)} – {written(interval[1], unit)}"
-
-
-def match_coverage_text(document: Mapping[str, Any], group: str, metric: str) -> str:
-    """Return which share of the pairs a figure of keypoint matches is about, or nothing."""
-    if document["submission"]["kind"] != "matches" or metric == "match_coverage":
-        return ""
-    values = document["overall"] if group == "overall" else document["tiers"][group]
-    share = values.get("match_coverage")
-    return "" if share is None else f"of {share * 100:.1f} % of the pairs"
-
-
 def facts(document: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Return the provenance of scores as (name, text) for people."""
     dataset, submission = document["dataset"], document["submission"]

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from pliant.evaluator.protocols.protocol import Protocol, read_protocol
-from pliant.evaluator.report.wording import about, label, written_unit
+from pliant.evaluator.report.cells import heading
 from pliant.evaluator.submission.queries import read_queries
 from pliant.spec.dataset import Dataset
 
@@ -108,13 +108,11 @@ def describe(public: Path, split: str) -> Competition:
 
 
 def _column(metric: str, tier: str, protocol: Protocol) -> Column:
-    words, unit, better = about(metric, protocol.name)
-    shown = written_unit(unit)
-    title = label(metric) + (f", {shown}" if shown else "")
+    shown = heading(metric, protocol.name)
     return Column(
         key=f"{tier}.{metric}" if tier else metric,
-        title=f"{tier}: {title}" if tier else title,
-        about=f"{words}, over tier {tier}" if tier else words,
-        ascending=better != "higher",
-        precision=2 if unit == "px" else 3,
+        title=f"{tier}: {shown.text}" if tier else shown.text,
+        about=f"{shown.about}, over tier {tier}" if tier else shown.about,
+        ascending=shown.better != "higher",
+        precision=2 if shown.unit == "px" else 3,
     )

@@ -17,6 +17,7 @@ import pytest
 from pliant.cli.main import run
 from pliant.evaluator import evaluate, read_scores, write_report
 from pliant.evaluator.report import plots
+from pliant.evaluator.report.canvas import Labels
 from pliant.evaluator.report.leaderboard import render_leaderboard
 from pliant.evaluator.statistics.comparison import differences, ranks
 from pliant.spec.errors import CallError, SubmissionError
@@ -235,7 +236,7 @@ def test_plots_are_well_formed_and_alike_for_alike_input() -> None:
     box = {"p5": 1.0, "p25": 2.0, "p50": 3.0, "p75": 4.0, "p95": 5.0}
     drawn = [
         lambda: plots.cdf_svg({"a & <b>": ([1, 2, 4], [0.1, 0.5, 1.0])}),
-        lambda: plots.histogram_svg({"a": [0.2, 0.8]}, [0, 1, 2], title='"t" & <u>'),
+        lambda: plots.histogram_svg({"a": [0.2, 0.8]}, [0, 1, 2], Labels('"t" & <u>', "x", "y")),
         lambda: plots.box_svg({"a": box, "b": box}, title="boxes"),
         lambda: plots.reliability_svg(
             {"a": {"confidence": [0.5], "frequency": [0.4]}}, radius_px=8

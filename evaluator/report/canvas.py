@@ -1,0 +1,146 @@
+"""The style of all charts and pictures, and their rendering as SVG text or PNG bytes.
+
+No global state of matplotlib is changed, and equal input gives equal output.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import html
+import io
+import re
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from typing import Any, Final
+
+import matplotlib as mpl
+import numpy.typing as npt
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
+
+COLOURS: Final = (
+    "#1f5f8b", "#c8553d", "#3d8b5f", "#8a5a9e", "#b8862b", "#5b6770", "#2b9aa8", "#a34a6b",
+)  # fmt: skip
+"""One per series; the line style differs too, for print and for colour-blind readers."""
+
+INK: Final = "#3a3f44"
+GREY: Final = "#9aa1a8"
+_STYLE: Final[dict[str, Any]] = {
+    "svg.fonttype": "none",
+    "font.family": "sans-serif",
+    "font.size": 9,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.edgecolor": GREY,
+    "axes.labelcolor": INK,
+    "axes.titlesize": 10,
+    "axes.titleweight": "bold",
+    "axes.titlecolor": INK,
+    "axes.titlelocation": "left",
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "axes.grid": True,
+    "grid.color": "#e4e7ea",
+    "grid.linewidth": 0.7,
+    "axes.axisbelow": True,
+    "legend.frameon": False,
+    "legend.fontsize": 8,
+    "lines.linewidth": 1.6,
+    "figure.dpi": 110,
+}
+
+
+@dataclass(frozen=True)
+class Labels:
+    """The texts of a chart.
+
+    Attributes:
+        title: Heading.
+        x: Label of the horizontal axis.
+        y: Label of the vertical axis.
+    """
+
+    title: str
+    x: str
+    y: str = ""
+
+
+def house_style() -> AbstractContextManager[None]:
+    """Return a context in which figures get the style of Pliant's charts."""
+    return mpl.rc_context(_STYLE)
+
+
+def figure_png(figure: Figure) -> bytes:
+    """Return a figure as PNG."""
+    buffer = io.BytesIO()
+    FigureCanvasAgg(figure).print_png(buffer)
+    return buffer.getvalue()
+
+
+def chart_svg(draw: Callable[[Axes], None], labels: Labels, *, height_in: float = 2.9) -> str:
+    """Return a chart as an SVG element that scales with its container."""
+    with mpl.rc_context({**_STYLE, "svg.hashsalt": labels.title}):
+        figure = Figure(figsize=(4.6, height_in), layout="constrained")
+        axes = figure.add_subplot()
+        draw(axes)
+        axes.set(title=labels.title, xlabel=labels.x, ylabel=labels.y)
+        buffer = io.StringIO()
+        FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None, "Creator": None})
+    text = buffer.getvalue()
+    text = text[text.index("<svg") :]
+    text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
+    text = re.sub(
+        r"'DejaVu Sans'[^;\"]*sans-serif",
+        "-apple-system, 'Segoe UI', Roboto, Arial, 'DejaVu Sans', sans-serif",
+        text,
+    )
+    # Ids are unique to a figure, so that one page can contain several.
+    prefix = "p" + hashlib.sha256(text.encode()).hexdigest()[:8] + "-"
+    text = re.sub(r'\bid="', f'id="{prefix}', text)
+    text = text.replace('"#', f'"#{prefix}').replace("url(#", f"url(#{prefix}")
+    head, body = text.split(">", 1)
+    head = re.sub(r' (width|height)="[^"]*"', "", head)
+    label = html.escape(labels.title)
+    start = f'<svg class="plot" role="img" aria-label="{label}" '
+    return f"{head}>{body}".replace("<svg ", start, 1)
+
+
+def pictures_png(
+    rows: int, columns: int, tile_in: tuple[float, float], draw: Callable[[Figure, Any], None]
+) -> bytes:
+    """Draw a grid of pictures.
+
+    Args:
+        rows: Number of rows.
+        columns: Number of columns.
+        tile_in: (width, height) of a picture in inches.
+        draw: Called with the figure and its axes, (rows, columns), which have no ticks.
+    """
+    with house_style():
+        figure = Figure(figsize=(columns * tile_in[0], rows * tile_in[1]), layout="constrained")
+        axes = figure.subplots(rows, columns, squeeze=False)
+        for each in axes.flat:
+            each.set_axis_off()
+        draw(figure, axes)
+        return figure_png(figure)
+
+
+def show_picture(axes: Axes, image: npt.NDArray[Any], size: tuple[int, int], **look: Any) -> Any:
+    """Show an image in Pliant's pixel coordinates: the first pixel extends from 0 to 1.
+
+    Args:
+        axes: Where.
+        image: (h, w) or (h, w, 3).
+        size: (width, height) of the coordinates in px.
+        **look: For `Axes.imshow`.
+
+    Returns:
+        What `Axes.imshow` returns.
+    """
+    width, height = size
+    shown = axes.imshow(image, extent=(0, width, height, 0), **look)
+    axes.set(xlim=(0, width), ylim=(height, 0))
+    return shown

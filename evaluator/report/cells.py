@@ -1,0 +1,114 @@
+"""Headings and cells of score tables, the same in reports, leaderboards, cards and commands."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+from pliant.evaluator.report.wording import about, label
+from pliant.evaluator.scorers.base import OVERALL
+
+_ARROWS: Final = {"lower": "\u00a0↓", "higher": "\u00a0↑"}
+
+
+@dataclass(frozen=True)
+class Heading:
+    """A metric as the heading of a column.
+
+    Attributes:
+        label: Its name for people.
+        about: What it is.
+        stored_unit: The unit of the values in scores.json, or empty.
+        better: `lower`, `higher` or `neither`.
+    """
+
+    label: str
+    about: str
+    stored_unit: str
+    better: str
+
+    @property
+    def unit(self) -> str:
+        """The unit in which `written` shows values, or empty."""
+        return "mm" if self.stored_unit == "m" else self.stored_unit
+
+    def written(self, value: float | None) -> str:
+        """Return a value for people: px with two decimals, mm with one, others with three."""
+        return written(value, self.stored_unit)
+
+    @property
+    def text(self) -> str:
+        """The name with its unit."""
+        return f"{self.label}, {self.unit}" if self.unit else self.label
+
+    @property
+    def in_text(self) -> str:
+        """The name with its unit in parentheses."""
+        return f"{self.label} ({self.unit})" if self.unit else self.label
+
+    @property
+    def arrow(self) -> str:
+        """The better direction as an arrow, empty where neither is better."""
+        return _ARROWS.get(self.better, "")
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One figure of a table.
+
+    Attributes:
+        value: The value, formatted.
+        key: The exact value, to sort by; empty where there is none.
+        interval: Its confidence interval, or empty.
+        coverage: Share of the pairs that a figure of keypoint matches covers, or empty.
+    """
+
+    value: str
+    key: str
+    interval: str
+    coverage: str
+
+
+def written(value: float | None, unit: str) -> str:
+    """Return a value for people, a dash for None; metres are shown in millimetres."""
+    if value is None:
+        return "–"
+    if unit == "m":
+        return f"{value * 1000:.1f}"
+    return f"{value:.2f}" if unit == "px" else f"{value:.3f}"
+
+
+def heading(metric: str, protocol: str) -> Heading:
+    """Return the heading of a metric under a protocol."""
+    words, unit, better = about(metric, protocol)
+    return Heading(label(metric), words, unit, better)
+
+
+def score_cell(document: Mapping[str, Any], group: str, metric: str) -> Cell:
+    """Return one figure of scores.json.
+
+    Args:
+        document: The content of scores.json.
+        group: `overall` or a tier.
+        metric: Name of the metric.
+    """
+    values, intervals = (
+        found["overall"] if group == OVERALL else found["tiers"].get(group, {})
+        for found in (document, document["intervals"])
+    )
+    shown = heading(metric, document["protocol"])
+    value, bounds = values.get(metric), intervals.get(metric)
+    return Cell(
+        value=shown.written(value),
+        key="" if value is None else repr(value),
+        interval=" – ".join(shown.written(bound) for bound in bounds or ()),
+        coverage=_match_coverage(document, values, metric),
+    )
+
+
+def _match_coverage(document: Mapping[str, Any], values: Mapping[str, Any], metric: str) -> str:
+    share = values.get("match_coverage")
+    if document["submission"]["kind"] != "matches" or metric == "match_coverage" or share is None:
+        return ""
+    return f"of {share * 100:.1f} % of the pairs"
