@@ -77,6 +77,17 @@ def write_answers(
     Raises:
         CallError: The file cannot be written there.
     """
+    table = answers_table(keys, answers)
+    _write(path, table, "answers", submission_footer(dataset, split, method))
+
+
+def answers_table(keys: Keys, answers: Answers) -> pa.Table:
+    """Return answers as the table of a submission.
+
+    Args:
+        keys: Which queries, N of them.
+        answers: Their answers, in the same order.
+    """
     columns: dict[str, Any] = {
         "pair_id": pa.array(keys.pair_id, pa.int32()),
         "query_id": pa.array(keys.query_id, pa.int32()),
@@ -89,7 +100,7 @@ def write_answers(
         columns["sigma"] = pa.array(answers.sigma_px.astype(np.float32))
     if answers.modes is not None:
         columns["modes"] = _modes_column(answers.modes)
-    _write(path, pa.table(columns), "answers", submission_footer(dataset, split, method))
+    return pa.table(columns)
 
 
 def write_matches(

@@ -8,6 +8,7 @@ from itertools import groupby
 from pliant.baselines.matcher import Answers, TrackMatcher, View
 from pliant.baselines.views import ViewReader
 from pliant.spec.queries import QueryPair
+from pliant.spec.sequence import SequenceRecord
 
 
 def tasks_by_source(pairs: Sequence[QueryPair]) -> list[list[QueryPair]]:
@@ -16,7 +17,7 @@ def tasks_by_source(pairs: Sequence[QueryPair]) -> list[list[QueryPair]]:
     Args:
         pairs: In the order of the queries.
     """
-    runs = groupby(pairs, key=lambda pair: (pair.source, pair.target[0]))
+    runs = groupby(pairs, key=lambda pair: (pair.source.key, pair.target.sequence.id))
     return [list(run) for _, run in runs]
 
 
@@ -38,26 +39,28 @@ def answer_tracks(
     results: list[tuple[Answers, bool] | None] = [None] * len(pairs)
     tracks: dict[tuple[int, bytes], dict[int, list[int]]] = {}
     for number, pair in enumerate(pairs):
-        direction = 1 if pair.target[1] >= pair.source[1] else -1
+        direction = 1 if pair.target.index >= pair.source.index else -1
         wanted = tracks.setdefault((direction, pair.uv_a_px.tobytes()), {})
-        wanted.setdefault(pair.target[1], []).append(number)
+        wanted.setdefault(pair.target.index, []).append(number)
     for (direction, _), wanted in tracks.items():
         any_pair = pairs[next(iter(wanted.values()))[0]]
-        sequence, start = any_pair.source
+        sequence, start = any_pair.source.sequence, any_pair.source.index
         last = max(wanted, key=lambda frame: abs(frame - start))
         frames = range(start, last + direction, direction)
         masked: list[bool] = []
 
         def views(
-            sequence: str = sequence, frames: range = frames, masked: list[bool] = masked
+            sequence: SequenceRecord = sequence,
+            frames: range = frames,
+            masked: list[bool] = masked,
         ) -> Iterator[View]:
             for frame in frames:
-                view = reader.view(sequence, frame)
+                view = reader.view(sequence[frame])
                 masked.append(view.mask is not None)
                 yield view
 
         for number in wanted.get(start, ()):  # a frame paired with itself
-            seen = reader.view(sequence, start).mask is not None
+            seen = reader.view(sequence[start]).mask is not None
             results[number] = (Answers(any_pair.uv_a_px.copy()), seen)
         tracked = matcher.track(views(), any_pair.uv_a_px)
         for step, answers in enumerate(tracked, start=1):

@@ -60,15 +60,15 @@ def score(dataset: Dataset, matcher: Matcher, name: str) -> dict[str, Value]:
     truth = dataset.truth("test")
     true_px = np.stack([truth["u_b"].to_numpy(), truth["v_b"].to_numpy()], axis=1)
     visible = np.array(truth["visibility_b"].to_pylist()) == "visible"
-    reader = ViewReader(dataset, capacity=1000)
+    reader = ViewReader(capacity=1000)
     errors: dict[str, list[np.ndarray]] = defaultdict(list)
     cpu_s: dict[str, list[float]] = defaultdict(list)
     row = 0
     for pair in dataset.pairs("test"):
-        source, target = reader.view(*pair.source), reader.view(*pair.target)
+        source, target = reader.view(pair.source), reader.view(pair.target)
         started = time.process_time()
         answers = matcher.answer(source, target, pair.uv_a_px)
-        tier = dataset.sequence(pair.source[0]).tier
+        tier = pair.source.sequence.tier
         cpu_s[tier].append(time.process_time() - started)
         rows = slice(row, row + len(pair.uv_a_px))
         error = np.hypot(*(answers.uv_px - true_px[rows]).T)

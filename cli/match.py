@@ -59,9 +59,9 @@ def command(
     METHOD is sift, surf, orb, identity, random, centroid, a shipped model (don-rope, don-cloth),
     or the folder of a training run. Without --mask-target the whole target is searched.
     """
+    from pliant.api import open_method
     from pliant.baselines.matcher import SplitMatcher
     from pliant.baselines.photo import read_view
-    from pliant.cli.methods import open_method
     from pliant.spec.errors import CallError
     from pliant.viewer.match_figure import check_figure_path, draw_match, match_photo
 

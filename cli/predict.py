@@ -64,8 +64,8 @@ def command(
         TimeRemainingColumn,
     )
 
+    from pliant.api import open_method
     from pliant.baselines.predict import predict
-    from pliant.cli.methods import open_method
     from pliant.spec.dataset import Dataset
 
     dataset = Dataset.open(data)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -11,7 +13,8 @@ from typing import Any, Final
 import pyarrow as pa
 
 from pliant.spec.conventions import SPEC_VERSION, SPLITS
-from pliant.spec.errors import SpecError
+from pliant.spec.errors import CallError, SpecError
+from pliant.spec.frame import Frame
 from pliant.spec.io.checksums import sha256_file
 from pliant.spec.io.jsonfiles import read_json
 from pliant.spec.io.parquet import read_table
@@ -55,7 +58,7 @@ def check_version(version: object, path: AnyFile) -> None:
         )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Dataset:
     """A dataset: a folder, loose or packed, or one that is read from afar.
 
@@ -204,6 +207,50 @@ class Dataset:
             )
         return self._by_id[sequence_id]
 
+    def frame(self, sequence_id: str, index: int) -> Frame:
+        """Return a frame by the id of its sequence and its index; its files are read later."""
+        return Frame(self.sequence(sequence_id), index)
+
+    def frames(self, split: str | None = None, tier: str | None = None) -> list[Frame]:
+        """Return the frames of the dataset, of one split, of one tier.
+
+        Raises:
+            CallError: No sequence of the dataset is of this split and tier.
+        """
+        chosen = [
+            each
+            for each in self.sequences
+            if split in (None, each.split) and tier in (None, each.tier)
+        ]
+        if not chosen:
+            raise CallError(
+                "the dataset has no such frames",
+                path=self.address,
+                found=f"split {split!r}, tier {tier!r}",
+                required=f"splits {sorted({each.split for each in self.sequences})}, "
+                f"tiers {list(self.tiers)}",
+            )
+        return [frame for sequence in chosen for frame in sequence]
+
+    def __len__(self) -> int:
+        return len(self.sequences)
+
+    def __iter__(self) -> Iterator[SequenceRecord]:
+        return iter(self.sequences)
+
+    def __getitem__(self, key: int | str) -> SequenceRecord:
+        """Return a sequence by its id, or by its place in `sequences.parquet`."""
+        return self.sequence(key) if isinstance(key, str) else self.sequences[key]
+
+    def __repr__(self) -> str:
+        splits = Counter(each.split for each in self.sequences)
+        listed = ", ".join(f"{name} {splits[name]}" for name in SPLITS if name in splits)
+        return (
+            f"Dataset({self.id!r} {self.version}: {len(self)} sequences ({listed}), "
+            f"{sum(each.frames for each in self.sequences)} frames, "
+            f"tiers {', '.join(self.tiers)})"
+        )
+
     def splits_with_queries(self) -> list[str]:
         """Return the splits that have a queries file, in the order train, val, test."""
         return [name for name in SPLITS if self.has(layout.queries_name(name))]
@@ -215,8 +262,9 @@ class Dataset:
             SpecError: The split has no queries, pairs are not ascending, or the rows of one pair
                 disagree about its frames.
         """
-        table = self.queries(split)
-        return group_queries(table, path=layout.queries_path(self.root, split))
+        return group_queries(
+            self.queries(split), self.frame, path=layout.queries_path(self.root, split)
+        )
 
     def queries(self, split: str) -> pa.Table:
         """Return a split's queries."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from pliant.spec.errors import SpecError
+from pliant.spec.frame import Frame
 
 
 @dataclass(frozen=True)
@@ -19,22 +21,39 @@ class QueryPair:
 
     Attributes:
         pair_id: As in the queries.
-        source: Sequence id and frame of the queries.
-        target: Sequence id and frame to find them in.
+        source: The frame that the queries are in.
+        target: The frame to find them in.
         uv_a_px: float32 (N, 2), the query pixels.
     """
 
     pair_id: int
-    source: tuple[str, int]
-    target: tuple[str, int]
+    source: Frame
+    target: Frame
     uv_a_px: npt.NDArray[np.float32]
 
+    @property
+    def queries(self) -> npt.NDArray[np.float32]:
+        """The query pixels (u, v) in the source frame, float32 (N, 2): `uv_a_px`."""
+        return self.uv_a_px
 
-def group_queries(table: pa.Table, *, path: Path) -> list[QueryPair]:
+    def __len__(self) -> int:
+        return len(self.uv_a_px)
+
+    def __repr__(self) -> str:
+        return (
+            f"QueryPair({self.pair_id}: {self.source.key} -> {self.target.key}, "
+            f"{len(self)} queries)"
+        )
+
+
+def group_queries(
+    table: pa.Table, frame: Callable[[str, int], Frame], *, path: Path
+) -> list[QueryPair]:
     """Group a queries table by image pair, in the order of its rows.
 
     Args:
         table: A table of queries, as `Dataset.queries` returns it.
+        frame: Returns a frame by the id of its sequence and its index.
         path: Its file, for messages.
 
     Raises:
@@ -64,8 +83,8 @@ def group_queries(table: pa.Table, *, path: Path) -> list[QueryPair]:
     return [
         QueryPair(
             pair_id=int(pair_id[start]),
-            source=(frames["sequence_a"][row], frames["frame_a"][row]),
-            target=(frames["sequence_b"][row], frames["frame_b"][row]),
+            source=frame(frames["sequence_a"][row], frames["frame_a"][row]),
+            target=frame(frames["sequence_b"][row], frames["frame_b"][row]),
             uv_a_px=uv_a_px[start:stop],
         )
         for row, (start, stop) in enumerate(zip(starts, stops, strict=True))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -12,6 +13,7 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from pliant.spec.errors import CallError, SpecError
+from pliant.spec.frame import Frame
 from pliant.spec.io.exr import Surface, read_surface
 from pliant.spec.io.jsonfiles import read_json
 from pliant.spec.io.parquet import open_table, read_table
@@ -24,7 +26,7 @@ from pliant.spec.storage.files import Files
 from pliant.spec.tables import CORRESPONDENCES
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class SequenceRecord:
     """One sequence of a dataset; its files are read when they are asked for.
 
@@ -51,6 +53,24 @@ class SequenceRecord:
     dir: Path
     size: tuple[int, int]
     files: Files = field(repr=False, compare=False)
+
+    def __len__(self) -> int:
+        return self.frames
+
+    def __getitem__(self, frame: int) -> Frame:
+        """Return a frame; negative indices count from the end.
+
+        Raises:
+            IndexError: The sequence has no such frame.
+        """
+        return Frame(self, range(self.frames)[frame])
+
+    def __iter__(self) -> Iterator[Frame]:
+        return (Frame(self, frame) for frame in range(self.frames))
+
+    def __repr__(self) -> str:
+        kind = "episode" if self.temporal else "sequence"
+        return f"SequenceRecord({self.id!r}, {kind} of {self.frames} frames, {self.split})"
 
     def has(self, name: str) -> bool:
         """Return whether the sequence has a file, such as `depth/000000.exr`."""

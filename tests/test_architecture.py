@@ -31,7 +31,7 @@ ARROWS: dict[str, set[str]] = {
     "publishing": {"spec", "evaluator", "viewer"},
     "viewer": {"spec", "baselines", "evaluator", "models"},
     "benchmarks": set(FOLDERS) - {"cli"},
-    "cli": set(FOLDERS),
+    "cli": {*FOLDERS, "api"},
 }
 FORBIDDEN = {
     "evaluator": {"torch", "bpy", "cv2", "pickle"},

@@ -11,7 +11,8 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from pliant.baselines.predict import predict, write_template
+from pliant.baselines.predict import predict
+from pliant.baselines.submission_file import write_template
 from pliant.evaluator import check, evaluate
 from pliant.spec.dataset import Dataset
 from pliant.spec.io.parquet import read_footer, read_table

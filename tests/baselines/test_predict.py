@@ -14,7 +14,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from pliant.baselines import METHODS, Answers, View
-from pliant.baselines.predict import predict, query_keys, write_answers, write_template
+from pliant.baselines.predict import predict
+from pliant.baselines.submission_file import query_keys, write_answers, write_template
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, SpecError, SubmissionError
 from pliant.spec.io.parquet import read_footer, read_table

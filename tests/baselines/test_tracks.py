@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -41,33 +41,36 @@ class Counter:
             yield Answers(np.stack([uv_px[:, 0], np.full(len(uv_px), number)], axis=1))
 
 
+AskPair = Callable[..., QueryPair]
+
+
 @pytest.fixture
-def reader(tiny_episode: Path) -> ViewReader:
-    return ViewReader(Dataset.open(tiny_episode))
+def pair(tiny_episode: Path) -> AskPair:
+    episode = Dataset.open(tiny_episode)["rope-test-000000"]
+
+    def make(number: int, a: int, b: int, u: float = 1.0) -> QueryPair:
+        return QueryPair(number, episode[a], episode[b], np.array([[u, 2.0]], dtype=np.float32))
+
+    return make
 
 
-def pair(number: int, a: int, b: int, u: float = 1.0) -> QueryPair:
-    uv = np.array([[u, 2.0]], dtype=np.float32)
-    return QueryPair(number, ("rope-test-000000", a), ("rope-test-000000", b), uv)
-
-
-def test_forward_and_backward_are_two_tracks_of_every_frame_between(reader: ViewReader) -> None:
+def test_forward_and_backward_are_two_tracks_of_every_frame_between(pair: AskPair) -> None:
     matcher = Counter()
     asked = [pair(0, 3, 6), pair(1, 3, 1), pair(2, 3, 4), pair(3, 3, 3)]
-    results = answer_tracks(matcher, reader, asked)
+    results = answer_tracks(matcher, ViewReader(), asked)
     assert matcher.shown == [[3, 4, 5, 6], [3, 2, 1]]
     assert [float(answers.uv_px[0, 1]) for answers, _ in results] == [6, 1, 4, 2]
     assert all(masked for _, masked in results)
 
 
-def test_other_points_are_another_track(reader: ViewReader) -> None:
+def test_other_points_are_another_track(pair: AskPair) -> None:
     matcher = Counter()
-    results = answer_tracks(matcher, reader, [pair(0, 0, 2, u=1.0), pair(1, 0, 1, u=7.0)])
+    results = answer_tracks(matcher, ViewReader(), [pair(0, 0, 2, u=1.0), pair(1, 0, 1, u=7.0)])
     assert matcher.shown == [[0, 1, 2], [0, 1]]
     assert [answers.uv_px[0].tolist() for answers, _ in results] == [[1, 2], [7, 1]]
 
 
-def test_tasks_keep_the_order_and_part_at_every_new_source() -> None:
+def test_tasks_keep_the_order_and_part_at_every_new_source(pair: AskPair) -> None:
     asked = [pair(0, 0, 1), pair(1, 0, 5), pair(2, 4, 2), pair(3, 0, 3)]
     assert [[p.pair_id for p in task] for task in tasks_by_source(asked)] == [[0, 1], [2], [3]]
 
@@ -78,7 +81,7 @@ def test_a_split_of_episodes_is_tracked(tiny_episode: Path, tmp_path: Path) -> N
     path = tmp_path / "sub.parquet"
     prediction = predict(dataset, "test", matcher, path)
     assert prediction.method["mask"] == "given"
-    frame_of = {p.pair_id: p.target[1] for p in dataset.pairs("test")}
+    frame_of = {p.pair_id: p.target.index for p in dataset.pairs("test")}
     table = read_table(path, "answers")
     for number, v in zip(table["pair_id"].to_pylist(), table["v"].to_pylist(), strict=True):
         assert v == frame_of[number]

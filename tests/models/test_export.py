@@ -83,8 +83,8 @@ def test_half_the_size_and_the_same_answers(
     a, b = [s for s in dataset.sequences if s.tier == "rope"][:2]
     from pliant.baselines.views import ViewReader
 
-    reader = ViewReader(dataset)
-    source, target = reader.view(a.id, 0), reader.view(b.id, 0)
+    reader = ViewReader()
+    source, target = reader.view(a[0]), reader.view(b[0])
     assert source.mask is not None
     row, column = np.nonzero(source.mask)
     uv = np.stack([column, row], axis=1)[::8].astype(np.float32) + 0.5

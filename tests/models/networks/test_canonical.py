@@ -112,8 +112,8 @@ def test_a_run_with_all_heads_answers_with_and_without_masks(
     assert len(head.anchors) == 169
     assert float(head.scale_m[0]) == pytest.approx(0.5)
     a, b = (sequence.id for sequence in sheet_dataset.sequences[:2])
-    reader = ViewReader(sheet_dataset)
-    source, target = reader.view(a, 0), reader.view(b, 0)
+    reader = ViewReader()
+    source, target = reader.view(sheet_dataset.frame(a, 0)), reader.view(sheet_dataset.frame(b, 0))
     assert source.objects is not None
     assert source.mask is not None
     assert source.objects.sum() > source.mask.sum()

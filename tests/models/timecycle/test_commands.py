@@ -68,11 +68,11 @@ def test_pairs_of_an_episode_are_tracked_through_the_frames_between(
     assert path.read_bytes() == again.read_bytes()
     table = read_table(path, "answers")
     found = np.stack([table["u"].to_numpy(), table["v"].to_numpy()], axis=1)
-    reader = ViewReader(dataset)
+    reader = ViewReader()
     for pair in dataset.pairs("test"):
-        (sequence, a), (_, b) = pair.source, pair.target
+        sequence, a, b = pair.source.sequence.id, pair.source.index, pair.target.index
         step = 1 if b > a else -1
-        frames = [reader.view(sequence, frame) for frame in range(a, b + step, step)]
+        frames = [reader.view(dataset.frame(sequence, frame)) for frame in range(a, b + step, step)]
         *_, last = matcher.track(frames, pair.uv_a_px)
         rows = table["pair_id"].to_numpy() == pair.pair_id
         np.testing.assert_allclose(found[rows], last.uv_px, atol=1e-3)

@@ -1,0 +1,200 @@
+"""Runs a matcher over image pairs, in this process or in several, and checks its answers."""
+
+from __future__ import annotations
+
+import multiprocessing
+import pickle
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from pliant.baselines.matcher import Answers, KeypointMatcher, Matcher, Matches, TrackMatcher
+from pliant.baselines.submission_file import Kind
+from pliant.baselines.tracks import answer_tracks, tasks_by_source
+from pliant.baselines.views import ViewReader
+from pliant.spec.dataset import Dataset
+from pliant.spec.errors import CallError, SubmissionError
+from pliant.spec.queries import QueryPair
+
+PAIRS_PER_TASK: Final = 8
+"""Neighbouring pairs share frames, so a worker takes a few at a time."""
+
+Result = tuple[Answers | Matches, bool]
+"""What a method found for a pair, and whether it was given the target's mask."""
+
+
+class _Worker:
+    """Answers the pairs of one split with one matcher."""
+
+    def __init__(self, pairs: Sequence[QueryPair], matcher: Matcher, kind: Kind) -> None:
+        self._pairs = pairs
+        self._matcher = matcher
+        self._kind = kind
+        self._reader = ViewReader()
+
+    def run(self, task: range) -> list[Result]:
+        """Answer pairs; a `TrackMatcher` gets those of one source frame together."""
+        pairs = self._pairs[task.start : task.stop]
+        source, target = pairs[0].source.sequence, pairs[0].target.sequence
+        if (
+            self._kind == "answers"
+            and isinstance(self._matcher, TrackMatcher)
+            and source.id == target.id
+            and target.temporal
+        ):
+            tracked = answer_tracks(self._matcher, self._reader, pairs)
+            for (answers, _), pair in zip(tracked, pairs, strict=True):
+                self._check(answers, pair)
+            return [*tracked]
+        return [self._one(pair) for pair in pairs]
+
+    def _one(self, pair: QueryPair) -> Result:
+        source = self._reader.view(pair.source)
+        target = self._reader.view(pair.target)
+        masked = target.mask is not None
+        if self._kind == "matches" and isinstance(self._matcher, KeypointMatcher):
+            return self._matcher.match(source, target), masked
+        answers = self._matcher.answer(source, target, pair.uv_a_px)
+        self._check(answers, pair)
+        return answers, masked
+
+    def _check(self, answers: Answers, pair: QueryPair) -> None:
+        check_answers(answers, len(pair.uv_a_px), self._matcher.name, f"pair {pair.pair_id}")
+
+
+_process_worker: _Worker | None = None  # set once in each worker process
+
+
+def _start_process(address: str, split: str, pickled: bytes, kind: Kind) -> None:
+    global _process_worker
+    pairs = Dataset.open(address).pairs(split)
+    _process_worker = _Worker(pairs, pickle.loads(pickled), kind)
+
+
+def _run_in_process(task: range) -> list[Result]:
+    if _process_worker is None:
+        raise RuntimeError("the worker process was not started")
+    return _process_worker.run(task)
+
+
+def answer_pairs(
+    dataset: Dataset, split: str, matcher: Matcher, kind: Kind, workers: int
+) -> Iterator[list[Result]]:
+    """Yield the results of a split's pairs in order, a few pairs at a time.
+
+    Args:
+        dataset: The dataset.
+        split: One of its splits with queries.
+        matcher: The method.
+        kind: `answers` to the queries, or the method's own keypoint `matches`.
+        workers: Number of processes; more than one needs a matcher that can be pickled.
+
+    Raises:
+        CallError: The matcher cannot be pickled.
+        SpecError: A file of the dataset is damaged.
+        SubmissionError: The matcher returned something else than one finite answer per query.
+    """
+    pairs = dataset.pairs(split)
+    tasks = _tasks(matcher, pairs, 1 if workers == 1 else PAIRS_PER_TASK)
+    if workers == 1:
+        worker = _Worker(pairs, matcher, kind)
+        for task in tasks:
+            yield worker.run(task)
+        return
+    try:
+        pickled = pickle.dumps(matcher)
+    except Exception as error:
+        raise CallError(
+            f"the method {matcher.name!r} cannot be sent to worker processes ({error})",
+            fix="Use one worker",
+        ) from error
+    executor = ProcessPoolExecutor(
+        workers,
+        mp_context=multiprocessing.get_context("spawn"),
+        initializer=_start_process,
+        initargs=(dataset.address, split, pickled, kind),
+    )
+    try:
+        yield from executor.map(_run_in_process, tasks)
+    finally:
+        executor.shutdown(cancel_futures=True)
+
+
+def _tasks(matcher: Matcher, pairs: Sequence[QueryPair], most: int) -> list[range]:
+    """Return the places of the pairs answered together: those of one track, or so many."""
+    if not isinstance(matcher, TrackMatcher):
+        return [range(at, min(at + most, len(pairs))) for at in range(0, len(pairs), most)]
+    stops = np.cumsum([len(run) for run in tasks_by_source(pairs)]).tolist()
+    return [range(start, stop) for start, stop in zip([0, *stops], stops, strict=False)]
+
+
+def check_answers(answers: Answers, count: int, method: str, where: str) -> None:
+    """Refuse answers that are not one finite position per query.
+
+    Args:
+        answers: The answers.
+        count: Number of queries.
+        method: The method's name, for messages.
+        where: Which pair or split, for messages.
+
+    Raises:
+        SubmissionError: Wrong shapes or values.
+    """
+    fields: dict[str, tuple[npt.NDArray[np.float32], tuple[int, ...]]] = {
+        "uv_px": (answers.uv_px, (count, 2))
+    }
+    if answers.visible is not None:
+        fields["visible"] = (answers.visible, (count,))
+    if answers.sigma_px is not None:
+        fields["sigma_px"] = (answers.sigma_px, (count,))
+    for name, (values, shape) in fields.items():
+        if values.shape != shape:
+            raise SubmissionError(
+                f"the method {method!r} answered in the wrong shape",
+                where=f"{where}, {name}",
+                found=values.shape,
+                required=shape,
+            )
+        if not np.isfinite(values).all():
+            raise SubmissionError(
+                f"the method {method!r} gave a value that is not finite",
+                where=f"{where}, {name}",
+                found=f"{int((~np.isfinite(values)).sum())} of {values.size}",
+                required="one finite answer for every query",
+            )
+    if answers.modes is not None and len(answers.modes) != count:
+        raise SubmissionError(
+            f"the method {method!r} answered in the wrong shape",
+            where=f"{where}, modes",
+            found=len(answers.modes),
+            required=count,
+        )
+
+
+def joined(parts: Sequence[Answers], method: str) -> Answers:
+    """Join the answers of all pairs; an optional field must be there for all or for none."""
+    for name in ("visible", "sigma_px", "modes"):
+        if len({getattr(part, name) is None for part in parts}) > 1:
+            raise SubmissionError(
+                f"the method {method!r} gave {name} for some pairs and not for others"
+            )
+    first = parts[0] if parts else Answers(np.zeros((0, 2), dtype=np.float32))
+    return Answers(
+        uv_px=np.concatenate([part.uv_px for part in parts]) if parts else first.uv_px,
+        visible=(
+            None
+            if first.visible is None
+            else np.concatenate([part.visible for part in parts if part.visible is not None])
+        ),
+        sigma_px=(
+            None
+            if first.sigma_px is None
+            else np.concatenate([part.sigma_px for part in parts if part.sigma_px is not None])
+        ),
+        modes=(
+            None if first.modes is None else [row for part in parts for row in part.modes or []]
+        ),
+    )

@@ -1,0 +1,189 @@
+"""The functions that `import pliant` offers; heavy libraries are imported when one is called."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pliant.spec.dataset import Dataset
+from pliant.spec.errors import CallError
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+    import pyarrow as pa
+
+    from pliant.baselines import Matcher, SplitMatcher
+    from pliant.baselines.adapters import MatchFunction
+    from pliant.baselines.predict import SplitAnswers
+    from pliant.evaluator.scores import Scores
+    from pliant.spec.validation.validate import Report
+
+_HUB_ID = re.compile(r"[A-Za-z0-9][\w.-]*/[A-Za-z0-9][\w.-]*")
+
+
+def load(source: Path | str) -> Dataset:
+    """Open a dataset.
+
+    Args:
+        source: Its folder, a URL that fsspec knows (`s3://`, `https://`), or the id of a dataset
+            on the Hugging Face Hub (`USER/NAME`) where no such folder exists.
+
+    Raises:
+        SpecError: It is not a dataset, or its version cannot be read.
+        MissingExtraError: A URL or Hub id, and the extra `publish` is not installed.
+    """
+    text = str(source)
+    if "://" not in text and not Path(text).exists() and _HUB_ID.fullmatch(text):
+        return Dataset.open(f"hf://datasets/{text}")
+    return Dataset.open(source)
+
+
+def open_method(method: str) -> Matcher | SplitMatcher:
+    """Return a method by its name.
+
+    Args:
+        method: A key of `pliant.baselines.METHODS`, the name of a shipped model, or the folder
+            of a training run.
+
+    Raises:
+        CallError: It is none of them, or both a shipped model and a run of that name.
+        MissingExtraError: The method's libraries are not installed.
+    """
+    from pliant.baselines import METHODS
+    from pliant.models import load_matcher
+    from pliant.models.shipped import load_shipped, shipped_names
+
+    if method in METHODS:
+        return METHODS[method]()
+    shipped = shipped_names()
+    if method in shipped:
+        if (Path(method) / "config.yaml").is_file():
+            raise CallError(
+                f"{method!r} is a shipped model, and a training run here",
+                fix=f"Write ./{method} for the run, or call from another folder for the model.",
+            )
+        return load_shipped(method)
+    if Path(method).is_dir():
+        return load_matcher(Path(method))
+    names = (*METHODS, *shipped)
+    close = difflib.get_close_matches(method, names, n=1)
+    raise CallError(
+        f"there is no method {method!r}",
+        required=f"one of {', '.join(names)}, or the folder of a training run",
+        fix=f"Did you mean {close[0]}?" if close else None,
+    )
+
+
+def predict(
+    dataset: Dataset | Path | str,
+    method: str | Matcher | SplitMatcher | MatchFunction,
+    split: str = "test",
+    *,
+    workers: int = 1,
+    progress: Callable[[int, int], None] | None = None,
+) -> SplitAnswers:
+    """Answer the queries of a split with a method, in memory.
+
+    Args:
+        dataset: The dataset, or what `load` takes.
+        method: A method's name (see `pliant methods`), the folder of a training run, a `Matcher`,
+            or a function (source, target, queries (N, 2)) -> positions (N, 2).
+        split: A split with queries.
+        workers: Number of processes; does not change the answers.
+        progress: Called with the pairs done and the pairs in all.
+
+    Returns:
+        The answers; `write` makes a submission file of them.
+
+    Raises:
+        CallError: No such method or split.
+        SubmissionError: The method did not return one finite position per query.
+    """
+    from pliant.baselines.adapters import from_function
+    from pliant.baselines.predict import answer
+
+    chosen: Any = open_method(method) if isinstance(method, str) else method
+    if not (hasattr(chosen, "answer") or hasattr(chosen, "answer_split")):
+        if not callable(chosen):
+            raise CallError(
+                "this is not a method",
+                where="method",
+                found=type(chosen).__name__,
+                required="a name, an object with `answer`, or a function",
+            )
+        chosen = from_function(chosen)
+    opened = dataset if isinstance(dataset, Dataset) else load(dataset)
+    return answer(opened, split, chosen, workers=workers, progress=progress)
+
+
+def evaluate(
+    dataset: Dataset | Path | str,
+    answers: SplitAnswers | Path | str | pa.Table | npt.NDArray[np.floating[Any]],
+    split: str = "test",
+    *,
+    truth: Path | str | None = None,
+    protocol: str | None = None,
+    allow_missing: bool = False,
+) -> Scores:
+    """Score answers.
+
+    Args:
+        dataset: The dataset, or what `load` takes.
+        answers: What `predict` returned, the path of a submission, a table with the columns of a
+            submission, or the positions alone, float (N, 2), pixels, in the order of the queries.
+        split: The split that a table or an array answers; the other two name it themselves.
+        truth: The split's truth where the dataset does not contain it: a file, or the private
+            half of a published dataset.
+        protocol: Name of a protocol (default: `standard`).
+        allow_missing: Score a query without an answer as the worst value.
+
+    Raises:
+        SubmissionError: Something is wrong with the answers; its `issues` list all of it.
+        CallError: No such protocol or split.
+    """
+    from pliant.baselines.predict import SplitAnswers
+    from pliant.evaluator import evaluate as evaluate_file
+    from pliant.evaluator import evaluate_answers
+
+    opened = dataset if isinstance(dataset, Dataset) else load(dataset)
+    if isinstance(answers, str | Path):
+        return evaluate_file(
+            answers, opened, truth=truth, protocol=protocol, allow_missing=allow_missing
+        )
+    if isinstance(answers, SplitAnswers):
+        split, name, given = answers.split, str(answers.method["name"]), answers.to_table()
+    else:
+        name, given = "answers in memory", answers
+    return evaluate_answers(
+        opened,
+        split,
+        given,
+        method=name,
+        truth=truth,
+        protocol=protocol,
+        allow_missing=allow_missing,
+    )
+
+
+def validate(dataset: Dataset | Path | str, *, workers: int = 1) -> Report:
+    """Check a dataset against every rule of the specification.
+
+    Args:
+        dataset: The dataset, or its folder.
+        workers: Number of processes; does not change the result.
+
+    Returns:
+        All problems, each with code, severity, file and place.
+
+    Raises:
+        CallError: The dataset is not a folder on this machine.
+    """
+    from pliant.spec.validation.validate import validate as validate_folder
+
+    return validate_folder(
+        dataset.root if isinstance(dataset, Dataset) else dataset, workers=workers
+    )

@@ -1,0 +1,160 @@
+"""`import pliant`: load, predict, evaluate and validate in memory."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pliant
+from pliant.baselines import METHODS, View
+from pliant.baselines.predict import predict as predict_file
+from pliant.evaluator import evaluate as evaluate_file
+from pliant.spec.dataset import Dataset
+from pliant.spec.errors import CallError, PliantError, SpecError, SubmissionError
+
+DOCUMENT = Path(__file__).parents[1] / "docs" / "python.md"
+
+
+@pytest.fixture(scope="module")
+def ds(tiny_dataset: Path) -> Dataset:
+    return pliant.load(tiny_dataset)
+
+
+def test_importing_pliant_imports_nothing_else() -> None:
+    code = (
+        "import sys; before = set(sys.modules); import pliant; dir(pliant);"
+        "new = {n.split('.')[0] for n in set(sys.modules) - before} - {'pliant', 'typing'};"
+        "sys.exit(str(new & {'numpy', 'pyarrow', 'pydantic', 'torch', 'yaml'}) if new & "
+        "{'numpy', 'pyarrow', 'pydantic', 'torch', 'yaml'} else 0)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+def test_public_names_exist_and_others_do_not() -> None:
+    for name in pliant.__all__:
+        assert getattr(pliant, name)
+    with pytest.raises(AttributeError, match="no attribute 'lod'"):
+        pliant.lod  # type: ignore[attr-defined]  # noqa: B018
+
+
+def test_dataset_is_a_collection_of_sequences(ds: Dataset) -> None:
+    assert len(ds) == 15
+    assert ds["rope-test-000000"].id == "rope-test-000000"
+    assert [each.id for each in ds] == [ds[index].id for index in range(15)]
+    assert repr(ds).startswith("Dataset('tiny' ")
+    assert "15 sequences (train 6, val 3, test 6), 30 frames" in repr(ds)
+    assert len(repr(ds)) < 160
+    with pytest.raises(SpecError, match="no such sequence"):
+        ds["rope-test-999999"]
+
+
+def test_frames_of_a_split_and_tier(ds: Dataset) -> None:
+    frames = ds.frames("test", "rope")
+    assert [frame.key for frame in frames] == [
+        f"rope-test-00000{sequence}/{index}" for sequence in (0, 1) for index in (0, 1)
+    ]
+    frame = frames[0]
+    assert frame.rgb.shape == (120, 160, 3)
+    assert frame.mask is not None
+    assert frame.depth_m is not None
+    assert np.isfinite(frame.depth_m[frame.mask]).all()
+    assert 0 < frame.mask.sum() < frame.mask.size
+    K, pose = frame.camera
+    assert K.shape == (3, 3)
+    assert pose.shape == (4, 4)
+    assert len(frame.correspondences) == len(frame.sequence.points())
+    assert ds["rope-test-000000"][-1] == frames[1]
+    with pytest.raises(IndexError):
+        ds["rope-test-000000"][2]
+    with pytest.raises(CallError, match="no such frames"):
+        ds.frames("tets")
+
+
+def test_pairs_follow_the_queries_file(ds: Dataset) -> None:
+    pairs = ds.pairs("test")
+    table = ds.queries("test")
+    assert sum(len(pair) for pair in pairs) == len(table)
+    stacked = np.concatenate([pair.queries for pair in pairs])
+    np.testing.assert_array_equal(stacked[:, 0], table["u_a"].to_numpy())
+    assert [pair.source.sequence.id for pair in pairs for _ in range(len(pair))] == table[
+        "sequence_a"
+    ].to_pylist()
+    assert [pair.target.index for pair in pairs for _ in range(len(pair))] == table[
+        "frame_b"
+    ].to_pylist()
+    assert re.fullmatch(r"QueryPair\(0: \S+ -> \S+, \d+ queries\)", repr(pairs[0]))
+
+
+def test_predicting_and_scoring_in_memory_equal_the_files(ds: Dataset, tmp_path: Path) -> None:
+    answers = pliant.predict(ds, "sift")
+    predict_file(ds, "test", METHODS["sift"](), tmp_path / "file.parquet")
+    assert (
+        answers.write(tmp_path / "memory.parquet").read_bytes()
+        == (tmp_path / "file.parquet").read_bytes()
+    )
+    in_memory = pliant.evaluate(ds, answers)
+    from_file = evaluate_file(tmp_path / "file.parquet", ds)
+    assert in_memory.overall == from_file.overall
+    assert pliant.evaluate(ds, tmp_path / "memory.parquet").overall == from_file.overall
+    assert pliant.evaluate(ds, answers.to_table()).overall == from_file.overall
+
+
+def test_a_function_is_a_method(ds: Dataset) -> None:
+    def stay(source: View, target: View, uv_a_px: np.ndarray) -> np.ndarray:
+        assert source.rgb.shape == target.rgb.shape
+        return uv_a_px
+
+    answers = pliant.predict(ds, stay)
+    assert "'stay'" in repr(answers)
+    np.testing.assert_array_equal(
+        answers.answers.uv_px, pliant.predict(ds, "identity").answers.uv_px
+    )
+    scores = pliant.evaluate(ds, answers.answers.uv_px)
+    assert scores.overall == pliant.evaluate(ds, answers).overall
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda ds: pliant.load("no/such/folder/here"), "not a Pliant dataset|is no Pliant"),
+        (lambda ds: pliant.predict(ds, "sfit"), "Did you mean sift"),
+        (lambda ds: pliant.predict(ds, 3), "this is not a method"),
+        (lambda ds: pliant.predict(ds, "identity", "tets"), "no queries for split 'tets'"),
+        (lambda ds: pliant.predict(ds, lambda a, b, q: q[:1]), "wrong shape"),
+        (lambda ds: pliant.evaluate(ds, np.zeros((3, 2))), "one per query"),
+        (lambda ds: pliant.evaluate(ds, np.zeros((3, 4))), "shape"),
+        (lambda ds: pliant.evaluate(ds, "missing.parquet"), "missing.parquet"),
+        (
+            lambda ds: pliant.evaluate(ds, pliant.predict(ds, "identity"), protocol="papre"),
+            "no such protocol",
+        ),
+        (lambda ds: pliant.validate("no/such/folder"), "no such folder"),
+    ],
+)
+def test_wrong_calls_are_one_sentence(ds: Dataset, call: object, message: str) -> None:
+    with pytest.raises((CallError, SpecError, SubmissionError, PliantError), match=message):
+        call(ds)  # type: ignore[operator]
+
+
+def test_a_dataset_validates(tiny_dataset: Path, ds: Dataset) -> None:
+    assert pliant.validate(ds).valid
+    assert pliant.validate(tiny_dataset).frames == 30
+
+
+def test_the_documented_example_runs(tiny_dataset: Path, tmp_path: Path) -> None:
+    """Every Python block of docs/python.md, in order, on the tiny dataset."""
+    blocks = re.findall(r"```python\n(.*?)```", DOCUMENT.read_text(), re.DOTALL)
+    assert len(blocks) >= 4
+    code = "import matplotlib; matplotlib.use('Agg')\n" + "\n".join(blocks)
+    code = code.replace('"DATA"', repr(str(tiny_dataset)))
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "match.png").stat().st_size > 10_000
