@@ -27,7 +27,12 @@ import numpy as np
 import numpy.typing as npt
 from record import Value, main
 
-from pliant.evaluator.statistics.bootstrap import Clusters, percentile_interval, replicates
+from pliant.evaluator.statistics.bootstrap import (
+    Bootstrap,
+    Clusters,
+    percentile_interval,
+    replicates,
+)
 from pliant.evaluator.statistics.ratios import Ratio
 from pliant.evaluator.statistics.sign_flips import paired_difference
 
@@ -39,8 +44,8 @@ EFFECTS: Final = ("normal", "log-normal")
 QUERIES: Final = 20
 GAIN: Final = 1.3
 RATIOS: Final = {
-    "rmse": Ratio("rmse", "above", "below", "lower", "px", "", root=True),
-    "pck": Ratio("pck", "above", "below", "higher", "", ""),
+    "rmse": Ratio("rmse", "lower", "px", "", "", "above", "below", root=True),
+    "pck": Ratio("pck", "higher", "", "", "", "above", "below"),
 }
 
 
@@ -166,7 +171,7 @@ def _resampled(terms: FloatArray) -> FloatArray:
     """Return the sums of sequences' terms, (n, M), in every replicate, float64 (B, M)."""
     count = len(terms)
     clusters = Clusters(np.arange(count), np.zeros(count, np.int64), 1)
-    return replicates(clusters, terms, {"replicates": 1000, "seed": 0})[:, 0]
+    return replicates(clusters, terms, Bootstrap("sequence_a", 1000, 0, 0.95))[:, 0]
 
 
 def _share(found: list[bool]) -> float:

@@ -43,7 +43,7 @@ def command(reports: tuple[Path, ...], metrics: tuple[str, ...], as_json: bool) 
     names = method_names(scores)
     standing = ranks(found, names)
     protocol = str(scores[0].document["protocol"])
-    fewest = fewest_sequences(float(read_protocol(protocol).bootstrap["level"]))
+    fewest = fewest_sequences(float(read_protocol(protocol).bootstrap.level))
     if as_json:
         document = {
             "protocol": protocol,

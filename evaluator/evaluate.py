@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
+from pliant.evaluator.metrics.base import (
+    Groups,
+    Metric,
+    NoSettings,
+    PairTable,
+    ScoringContext,
+    Summary,
+)
+from pliant.evaluator.metrics.families import metric_class
+from pliant.evaluator.metrics.localisation import Counts
+from pliant.evaluator.metrics.matches import match_blocks
+from pliant.evaluator.metrics.surfaces import Surfaces
 from pliant.evaluator.protocols.protocol import Protocol, read_protocol
 from pliant.evaluator.report.examples import choose_examples
-from pliant.evaluator.scorers import Groups, PairTable, ScoringContext, Summary, scorers_of
-from pliant.evaluator.scorers.match_scoring import score_matches
-from pliant.evaluator.scorers.surfaces import Surfaces
 from pliant.evaluator.scores import SCORES_VERSION, Scores, pair_table, tool_versions
 from pliant.evaluator.statistics.bootstrap import Clusters, intervals
-from pliant.evaluator.statistics.ratios import ratios_of
 from pliant.evaluator.submission.answers import Answers
 from pliant.evaluator.submission.blocks import check_truth, read_blocks
 from pliant.evaluator.submission.hints import TruthHints, hints_without_truth
@@ -39,7 +47,7 @@ def evaluate(
     data: Dataset | Path | str,
     *,
     truth: Path | str | None = None,
-    protocol: str | None = None,
+    protocol: str | Protocol | None = None,
     allow_missing: bool = False,
     hide_truth: bool = False,
     memory_limit_bytes: int = MEMORY_LIMIT_BYTES,
@@ -52,7 +60,7 @@ def evaluate(
         data: The dataset, or its folder.
         truth: The split's truth, or the private half of a published dataset, which also brings
             the surfaces; None takes the dataset's own.
-        protocol: Name of a protocol; None takes `standard` for answers, `matches` for matches.
+        protocol: A protocol or its name; None takes `standard` for answers, `matches` for matches.
         allow_missing: Score a query without an answer as the worst value instead of refusing.
         hide_truth: Cap every error at the image diagonal, for scores that participants of a
             competition see: uncapped errors tell single answers. Hints that need the truth are
@@ -71,7 +79,7 @@ def evaluate(
     dataset = data if isinstance(data, Dataset) else Dataset.open(data)
     if truth is not None and Path(truth).is_dir():
         dataset, truth = dataset.with_private(truth), None
-    rules = None if protocol is None else read_protocol(protocol)
+    rules = read_protocol(protocol) if isinstance(protocol, str) else protocol
     problems = Problems(submission)
     with Scratch(memory_limit_bytes) as scratch:
         loaded = load(Path(submission), dataset, problems, scratch, allow_missing=allow_missing)
@@ -85,7 +93,7 @@ def evaluate_answers(
     *,
     method: str = "answers in memory",
     truth: Path | str | None = None,
-    protocol: str | None = None,
+    protocol: str | Protocol | None = None,
     allow_missing: bool = False,
     progress: Progress | None = None,
 ) -> Scores:
@@ -112,7 +120,7 @@ def evaluate_answers(
     dataset = data if isinstance(data, Dataset) else Dataset.open(data)
     if truth is not None and Path(truth).is_dir():
         dataset, truth = dataset.with_private(truth), None
-    rules = None if protocol is None else read_protocol(protocol)
+    rules = read_protocol(protocol) if isinstance(protocol, str) else protocol
     problems = Problems(method)
     with Scratch() as scratch:
         loaded = load_in_memory(
@@ -172,22 +180,44 @@ def _score(
     progress: Progress | None,
     hide_truth: bool,
 ) -> Scores:
-    queries = loaded.queries
-    table = PairTable(queries.pairs)
-    groups = Groups.of(queries)
-    summary = Summary()
-    surfaces = Surfaces(dataset, _search_px(protocol))
-    hints: tuple[str, ...] = ()
-    if isinstance(loaded.answers, Matches):
-        score_matches(
-            loaded.answers, queries, protocol.metrics, table, groups, summary, surfaces, progress
-        )
-        coverage = float((np.diff(loaded.answers.starts) > 0).mean())
+    queries, settings = loaded.queries, protocol.settings
+    ratios = list(protocol.ratios.values())
+    matches = loaded.answers if isinstance(loaded.answers, Matches) else None
+    answers = loaded.answers if isinstance(loaded.answers, Answers) else loaded.answers.answers
+    table = PairTable(queries.pairs, [x for r in ratios for x in (r.numerator, r.denominator)])
+    search_px = settings["geodesic"].search_px if "geodesic" in settings else 1
+    surfaces = Surfaces(dataset, search_px)
+    context = ScoringContext(dataset, queries, answers, table, scratch, surfaces)
+    metrics: list[Metric[Any]] = [Counts(NoSettings(), context)]
+    metrics += [metric_class(family)(values, context) for family, values in settings.items()]
+    hints = None
+    if matches is not None:
+        coverage = float((np.diff(matches.starts) > 0).mean())
+        blocks = match_blocks(matches, context, settings["matches"].visible_within_footprints)
     else:
-        context = ScoringContext(dataset, queries, loaded.answers, table, scratch, surfaces)
-        hints = _score_answers(context, truth, protocol, groups, summary, progress, hide_truth)
-        coverage = loaded.answers.answered / queries.rows
-    ratios = ratios_of(protocol.metrics)
+        coverage = answers.answered / queries.rows
+        blocks = read_blocks(
+            queries,
+            truth,
+            answers,
+            truth_columns=sorted({column for each in metrics for column in each.truth_columns}),
+            query_pixels=any(each.query_pixels for each in metrics),
+            # Where surface images are read too, they take the time: shorter blocks show progress.
+            block_rows=_ROWS_WITH_IMAGES if _has_images(dataset) else None,
+            cap_errors=hide_truth,
+        )
+        hints = None if hide_truth else TruthHints(answers, queries)
+    for block in blocks:
+        for each in metrics:
+            each.update(block)
+        if hints is not None:
+            hints.update(block)
+        if progress is not None:
+            progress(block.pairs.stop, queries.pairs)
+    summary = Summary()
+    groups = Groups.of(queries, queries.starts if matches is None else matches.starts)
+    for each in metrics:
+        each.finish(groups, summary)
     for ratio in ratios:
         above, below = ratio.terms(table.columns)
         for index, name in groups:
@@ -196,65 +226,38 @@ def _score(
             summary.set(name, ratio.name, float(value))
     clusters = Clusters.of(queries.sequence_a, queries.tier, len(queries.tiers))
     found = intervals(ratios, table.columns, clusters, protocol.bootstrap)
-    document = _document(loaded, dataset, truth, protocol, groups, summary, coverage, found, table)
+    sequences = [len(np.unique(queries.sequence_a[mask])) for mask in groups.masks]
+    overall, *tiers = (
+        {figure: values[figure] for figure in protocol.figures if figure in values}
+        for values in (summary.values.get(name, {}) for name in groups.names)
+    )
+    document = {
+        **_provenance(loaded, dataset, truth, protocol),
+        "coverage": coverage,
+        "counts": {
+            "pairs": queries.pairs,
+            "queries": queries.rows,
+            "counted": int(table.columns["counted"].sum()),
+            "sequences": dict(zip(groups.names, sequences, strict=True)),
+        },
+        "overall": overall,
+        "tiers": dict(zip(groups.names[1:], tiers, strict=True)),
+        "intervals": {
+            "level": protocol.bootstrap.level,
+            "overall": found[0],
+            "tiers": dict(zip(groups.names[1:], found[1:], strict=True)),
+        },
+        "curves": summary.curves,
+        "slices": summary.slices,
+        "notes": summary.notes,
+        "tools": tool_versions(),
+    }
     if hide_truth:
         document["hide_truth"] = True
     examples = () if hide_truth else choose_examples(loaded.answers, queries, table.columns, truth)
-    return Scores(document, pair_table(queries, table.columns), examples, hints)
-
-
-def _score_answers(
-    context: ScoringContext,
-    truth: Path,
-    protocol: Protocol,
-    groups: Groups,
-    summary: Summary,
-    progress: Progress | None,
-    hide_truth: bool,
-) -> tuple[str, ...]:
-    """Run the scorers over the blocks of a split; return hints about the answers."""
-    scorers = scorers_of(protocol.metrics, context)
-    wanted = sorted({column for scorer in scorers for column in scorer.truth_columns})
-    answers: Answers = context.answers
-    if "distribution" in protocol.metrics and "symmetry" not in protocol.metrics:
-        has = answers.sigma_px is not None or answers.modes is not None
-        wanted = wanted if has else [name for name in wanted if name != "alternatives"]
-    blocks = read_blocks(
-        context.queries,
-        truth,
-        answers,
-        truth_columns=wanted,
-        query_pixels=any(scorer.query_pixels for scorer in scorers),
-        # Where surface images are read too, they take the time: shorter blocks show progress.
-        block_rows=_ROWS_WITH_IMAGES if _has_images(context.dataset) else None,
-        cap_errors=hide_truth,
-    )
-    hints = None if hide_truth else TruthHints(answers, context.queries)
-    for block in blocks:
-        if hints is not None:
-            hints.update(block)
-        for scorer in scorers:
-            scorer.update(block)
-        if progress is not None:
-            progress(block.pairs.stop, context.queries.pairs)
-    for scorer in scorers:
-        scorer.finish(groups, summary)
-    found = () if hints is None else hints.found()
-    return (*hints_without_truth(answers, context.queries), *found)
-
-
-def _ordered(values: Mapping[str, float | None]) -> dict[str, float | None]:
-    """Return metrics in the order a reader looks for them: quantiles after the mean, and so on."""
-    quantiles = [n for n in values if n == "median_px" or (n[0] == "p" and n[1:2].isdigit())]
-    after = {"mean_px": quantiles, "jump_rate": [n for n in values if n.startswith("stretch_")]}
-    after["nll"] = [name for name in ("ece", "ause") if name in values]
-    moved = {name for names in after.values() for name in names}
-    order: list[str] = []
-    for name in values:
-        if name not in moved:
-            order += [name, *after.pop(name, [])]
-    order += [name for names in after.values() for name in names]
-    return {name: values[name] for name in order}
+    sentences = [] if matches is not None else hints_without_truth(answers, queries)
+    sentences += [] if hints is None else hints.found()
+    return Scores(document, pair_table(queries, table.columns), examples, tuple(sentences))
 
 
 def _truth_path(dataset: Dataset, split: str, given: Path | str | None) -> Path:
@@ -269,29 +272,11 @@ def _has_images(dataset: Dataset) -> bool:
     return any(sequence.has(layout.depth_name(0)) for sequence in dataset.sequences[-1:])
 
 
-def _search_px(protocol: Protocol) -> int:
-    return int(protocol.metrics.get("geodesic", {}).get("search_px", 1))
-
-
-def _document(
-    loaded: Loaded,
-    dataset: Dataset,
-    truth: Path,
-    protocol: Protocol,
-    groups: Groups,
-    summary: Summary,
-    coverage: float,
-    found: list[dict[str, list[float]]],
-    table: PairTable,
+def _provenance(
+    loaded: Loaded, dataset: Dataset, truth: Path, protocol: Protocol
 ) -> dict[str, Any]:
-    """Return what scores.json holds."""
+    """Return the part of scores.json that says what was scored, and how."""
     submission, queries = loaded.submission, loaded.queries
-    counts: Mapping[str, Any] = table.columns
-
-    def total(name: str) -> int:
-        return int(counts[name].sum()) if name in counts else 0
-
-    sequences = [len(np.unique(queries.sequence_a[mask])) for mask in groups.masks]
     return {
         "scores_version": SCORES_VERSION,
         "protocol": protocol.name,
@@ -315,22 +300,4 @@ def _document(
             "columns": sorted(submission.columns),
             "method": dict(submission.footer["method"]),
         },
-        "coverage": coverage,
-        "counts": {
-            "pairs": queries.pairs,
-            "queries": queries.rows,
-            "counted": total("counted"),
-            "sequences": dict(zip(groups.names, sequences, strict=True)),
-        },
-        "overall": _ordered(summary.values.get(groups.names[0], {})),
-        "tiers": {name: _ordered(summary.values.get(name, {})) for name in groups.names[1:]},
-        "intervals": {
-            "level": protocol.bootstrap["level"],
-            "overall": found[0],
-            "tiers": dict(zip(groups.names[1:], found[1:], strict=True)),
-        },
-        "curves": summary.curves,
-        "slices": summary.slices,
-        "notes": summary.notes,
-        "tools": tool_versions(),
     }

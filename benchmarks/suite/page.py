@@ -8,7 +8,7 @@ from pliant.benchmarks.suite.checksums import Differences
 from pliant.benchmarks.suite.config import BenchmarkConfig, Comparison
 from pliant.benchmarks.suite.table import Row, best_classical, blocks
 from pliant.benchmarks.suite.work import Cost, Workspace
-from pliant.evaluator.report.wording import label
+from pliant.evaluator.report.cells import heading
 from pliant.evaluator.scores import read_scores
 from pliant.evaluator.statistics.comparison import differences
 
@@ -64,8 +64,8 @@ def results_page(
     ]
     for key, variant, members in blocks(list(rows)):
         test = config.tests[key]
-        heading = test.title if len(test.variants) == 1 else f"{test.title}: {variant}"
-        lines += ["", f"## {heading}", "", *_block(members, test.protocols)]
+        title = test.title if len(test.variants) == 1 else f"{test.title}: {variant}"
+        lines += ["", f"## {title}", "", *_block(members, test.protocols)]
     lines += ["", "## What one thing adds", "", *_comparisons(config, work, rows)]
     lines += ["", "## What it cost", "", *_costs(work, config)]
     return "\n".join(lines) + "\n"
@@ -103,7 +103,11 @@ def _block(members: Sequence[Row], protocols: Sequence[str]) -> list[str]:
     paper = any(row.paper_rmse_px is not None for row in members)
     heads = ["Method", "RMSE"]
     heads += ["Paper"] if paper else []
-    heads += [*(label(name) for name in metrics), "Train, CPU min", "Answer, CPU s a pair"]
+    heads += [
+        *(heading(name, main).label for name in metrics),
+        "Train, CPU min",
+        "Answer, CPU s a pair",
+    ]
     lines = ["| " + " | ".join(heads) + " |", "|---" + "|---:" * (len(heads) - 1) + "|"]
     for row in members:
         cells = [row.label, _with_interval(row, error, "rmse_px")]
@@ -188,7 +192,7 @@ def _comparison(
         asked.question,
         f"{first.label}: {after:.{digits}f}",
         f"{second.label}: {before:.{digits}f}",
-        f"{label(asked.metric)}, {asked.set}",
+        f"{heading(asked.metric, protocol).label}, {asked.set}",
         difference,
         found.verdict,
     )

@@ -7,15 +7,109 @@ only where the truth itself keeps them together.
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Annotated, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from pliant.evaluator.arrays import BoolArray, FloatArray, IntArray, RealArray
+from pliant.evaluator.metrics.base import (
+    Groups,
+    Level,
+    Metric,
+    Positive,
+    ScoringContext,
+    Summary,
+)
+from pliant.evaluator.statistics.quantiles import exact_quantiles
+from pliant.evaluator.statistics.ratios import Figure, Ratio
+from pliant.evaluator.submission.blocks import Block
+from pliant.spec.configuration import configuration
+from pliant.spec.constraints import Bounds
 
 _CHUNK_CELLS: Final = 1 << 19
 """Distances computed at once; they stay in the processor's cache."""
+
+
+@configuration(frozen=True)
+class ContinuitySettings:
+    """Settings of `continuity`.
+
+    Attributes:
+        queries_per_pair: Only the first queries of a pair take part, at most this number.
+        max_distance_a_px: Largest distance of two neighbours in the source frame.
+        min_distance_a_px: Smallest distance of two neighbours in the source frame.
+        max_true_stretch: Neighbours that the truth stretches more are left out.
+        jump_stretch: A jump stretches the distance by more than this factor.
+        jump_min_px: A jump is also longer than this.
+        quantile: Level of the reported quantile of the stretch.
+    """
+
+    queries_per_pair: Annotated[int, Bounds(2)]
+    max_distance_a_px: Positive
+    min_distance_a_px: Positive
+    max_true_stretch: Positive
+    jump_stretch: Positive
+    jump_min_px: Annotated[float, Bounds(0)]
+    quantile: Level
+
+
+class Continuity(Metric[ContinuitySettings]):
+    """Whether the answers keep together what the truth keeps together."""
+
+    Settings = ContinuitySettings
+    query_pixels = True
+
+    @staticmethod
+    def figures(settings: ContinuitySettings) -> list[Figure]:
+        """Return the rate of jumps and the quantile of the stretch."""
+        percent = f"{settings.quantile * 100:g}"
+        return [
+            Ratio(
+                "jump_rate", "lower", "",
+                "share of neighbouring queries whose answers are torn apart", "",
+                "jumps", "neighbours",
+            ),
+            Figure(
+                f"stretch_p{percent}", "lower", "",
+                f"{percent} % quantile of the stretch between neighbours, target over source",
+            ),
+        ]  # fmt: skip
+
+    def __init__(self, settings: ContinuitySettings, context: ScoringContext) -> None:
+        super().__init__(settings, context)
+        self._stretch = context.per_row()
+
+    def update(self, block: Block) -> None:
+        """Take in one block."""
+        if block.uv_a_px is None:
+            return
+        settings = self.settings
+        row, other = nearest_neighbours(
+            block.uv_a_px, block.counted, block.starts, settings.queries_per_pair
+        )
+        a = distance_px(block.uv_a_px, row, other)
+        truth = distance_px(block.true_px, row, other)
+        asked = (a >= settings.min_distance_a_px) & (a <= settings.max_distance_a_px)
+        asked &= truth <= settings.max_true_stretch * a
+        row, other, a = row[asked], other[asked], a[asked]
+        b = distance_px(block.answer_px, row, other)
+        jump = is_jump(a, b, settings.jump_stretch, settings.jump_min_px)
+        if block.missing is not None:
+            torn = block.missing[row] | block.missing[other]
+            jump, b = jump | torn, np.where(torn, block.missing_px, b)
+        pairs = len(block.starts) - 1
+        pair = block.pair[row]
+        self.table.put("neighbours", block.pairs, np.bincount(pair, minlength=pairs))
+        self.table.put("jumps", block.pairs, np.bincount(pair, jump, pairs))
+        self._stretch[block.first_row + row] = b / a
+
+    def finish(self, groups: Groups, summary: Summary) -> None:
+        """Add the quantile of the stretch."""
+        name = self.figures(self.settings)[1].name
+        for index, group in groups:
+            rows = groups.rows(index, self._stretch)
+            summary.set(group, name, *exact_quantiles(rows, [self.settings.quantile]))
 
 
 def nearest_neighbours(

@@ -1,266 +1,241 @@
-"""Whether a predicted distribution is right: density, probability and regions.
-
-An answer's distribution is a mixture of isotropic Gaussians in the target frame; one with
-`sigma` alone is a mixture of one. Every mixture of a batch is written as flat arrays of modes
-with the row they belong to.
-"""
+"""Figures for answers that come with a distribution, `sigma` or `modes`."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from typing import Final
+from typing import Annotated, Final
 
 import numpy as np
 
 from pliant.evaluator.arrays import BoolArray, FloatArray, IntArray
+from pliant.evaluator.metrics import calibration, mixtures
+from pliant.evaluator.metrics.base import (
+    Groups,
+    Level,
+    Levels,
+    Metric,
+    Positive,
+    ScoringContext,
+    Summary,
+)
+from pliant.evaluator.metrics.mixtures import Mixtures
+from pliant.evaluator.statistics.ratios import Figure, Ratio
+from pliant.evaluator.submission.blocks import Block
+from pliant.spec.configuration import configuration
+from pliant.spec.constraints import Bounds
 
-_RIM_NODES: Final = 128
-"""Nodes on the rim of a disc. For a disc of 8 px and a standard deviation of 0.5 px or more the
-trapezoidal sum is exact to double precision (its error falls like exp(-2 (pi sigma / h)^2),
-h the distance of the nodes)."""
-
-_CHUNK_DISCS: Final = 4096
-_CHUNK_DENSITIES: Final = 1 << 20
-_RING_EDGES: Final = (
-    0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.85, 0.89, 0.92, 0.94, 0.96, 0.98, 1.0,
-)  # fmt: skip
-"""Probability inside the rings between which a mode's points lie, finer towards its tail."""
-_MOST_SPOKES: Final = 8
-_MODES_OF_MOST_SPOKES: Final = 8
-"""A mixture of more modes takes fewer points per mode, so that all its modes together take at most
-960; the work per mixture is then proportional to its number of modes."""
-_GOLDEN_ANGLE: Final = np.pi * (3 - 5**0.5)
+_MOST_SORTED: Final = 4_000_000
+"""Sparsification sorts: of more answers than this, every k-th is taken, and a note says so."""
+_CHUNK_ROWS: Final = 1 << 15
 
 
-@dataclass(frozen=True)
-class Mixtures:
-    """The distributions of N answers.
+@configuration(frozen=True)
+class DistributionSettings:
+    """Settings of `distribution`.
 
     Attributes:
-        row: int64 (M,), the answer a mode belongs to, ascending; every answer has a mode.
-        uv_px: float64 (M, 2), centres.
-        sigma_px: float64 (M,), standard deviations, > 0.
-        weight: float64 (M,), weights that sum to 1 in each answer.
-        rows: N.
+        sigma_floor_px: Smaller standard deviations are raised to this.
+        outlier_weight: Weight of a uniform density over the image in the NLL.
+        ece_radius_px: An answer within this distance of the truth is right.
+        ece_bins: Number of bins of the calibration error.
+        regions: Probabilities of the regions whose coverage is reported.
+        sparsification_steps: Number of removed shares.
+        recall_radius_px: A mode within this distance of a position recalls it.
+        recall_min_weight: Modes of a smaller weight recall nothing.
     """
 
-    row: IntArray
-    uv_px: FloatArray
-    sigma_px: FloatArray
-    weight: FloatArray
-    rows: int
+    sigma_floor_px: Positive
+    outlier_weight: Level
+    ece_radius_px: Positive
+    ece_bins: Annotated[int, Bounds(1)]
+    regions: Levels
+    sparsification_steps: Annotated[int, Bounds(2)]
+    recall_radius_px: Positive
+    recall_min_weight: Annotated[float, Bounds(0, 1)]
 
 
-def _total(mixtures: Mixtures, values: FloatArray) -> FloatArray:
-    """Sum a value of every mode over the modes of each answer, float64 (N,)."""
-    sums: FloatArray = np.bincount(mixtures.row, values, mixtures.rows).astype(np.float64)
-    return sums
+class Distribution(Metric[DistributionSettings]):
+    """NLL, calibration, regions, sparsification and mode recall."""
 
+    Settings = DistributionSettings
+    truth_columns: tuple[str, ...] = ("alternatives",)
 
-def density(mixtures: Mixtures, at_px: FloatArray) -> FloatArray:
-    """Return each answer's probability density at a position, float64 (N,), per square pixel.
+    @staticmethod
+    def figures(settings: DistributionSettings) -> list[Figure]:
+        """Return the NLL, the calibration figures, the coverage of regions and the mode recall."""
+        coverage = [
+            Ratio(
+                f"coverage_{level * 100:g}", "neither", "",
+                f"share of truths inside the smallest region that holds {level * 100:g} %", "",
+                f"in_region_{level * 100:g}", "distributions",
+            )
+            for level in settings.regions
+        ]  # fmt: skip
+        return [
+            Ratio(
+                "nll", "lower", "nats",
+                "mean negative log likelihood of the truth, density per square pixel", "NLL",
+                "sum_nll", "distributions",
+            ),
+            Figure(
+                "ece", "lower", "", "expected calibration error of P(error within the radius)",
+                "ECE",
+            ),
+            Figure("ause", "lower", "", "area under the sparsification error", "AUSE"),
+            *coverage,
+            Ratio(
+                "mode_recall", "higher", "",
+                "share of the equivalent visible positions that have a mode near them", "",
+                "recalled", "recallable",
+            ),
+        ]  # fmt: skip
 
-    Args:
-        mixtures: N distributions.
-        at_px: float64 (N, 2), one position for each.
-    """
-    offset = at_px[mixtures.row] - mixtures.uv_px
-    variance = mixtures.sigma_px**2
-    squared = np.einsum("mk,mk->m", offset, offset)
-    terms = mixtures.weight / (2 * np.pi * variance) * np.exp(-squared / (2 * variance))
-    return _total(mixtures, terms)
+    def __init__(self, settings: DistributionSettings, context: ScoringContext) -> None:
+        super().__init__(settings, context)
+        # One more bin than asked for: missing answers, certain and never within the radius.
+        tiers = len(context.queries.tiers)
+        self._reliability = np.zeros((tiers, settings.ece_bins + 1, 3))
+        if not context.answers.has_distribution:
+            self.truth_columns = ()
+        else:
+            self._spread, self._squared = context.per_row(), context.per_row()
 
+    def update(self, block: Block) -> None:
+        """Take in one block."""
+        if not self.context.answers.has_distribution:
+            return
+        usable = block.counted
+        lost = np.zeros(len(usable), bool) if block.missing is None else usable & block.missing
+        names = [f"in_region_{level * 100:g}" for level in self.settings.regions]
+        rows = {name: np.zeros(len(usable)) for name in ("sum_nll", "recalled", "recallable")}
+        rows |= {name: np.zeros(len(usable)) for name in names}
+        answered = np.flatnonzero(usable & ~lost)
+        for first in range(0, len(answered), _CHUNK_ROWS):
+            self._add(block, answered[first : first + _CHUNK_ROWS], rows, names)
+        if lost.any():
+            self._add_missing(block, np.flatnonzero(lost), rows)
+        self.add_sums(block, distributions=usable, **rows)
 
-def negative_log_likelihood(
-    mixtures: Mixtures, true_px: FloatArray, *, outlier_weight: float, area_px2: float
-) -> FloatArray:
-    """Return -log p(truth) in nats, p per square pixel, with a floor.
-
-    The density is mixed with a uniform one over the image, so that one confident error costs
-    much but not everything: p' = (1 - e) p + e / area.
-
-    Args:
-        mixtures: N distributions; their sigma is floored beforehand.
-        true_px: float64 (N, 2).
-        outlier_weight: e.
-        area_px2: Area of the image.
-
-    Returns:
-        float64 (N,), nats; at most log(area / e).
-    """
-    p = density(mixtures, true_px)
-    return -np.log((1 - outlier_weight) * p + outlier_weight / area_px2)
-
-
-def probability_within(mixtures: Mixtures, centre_px: FloatArray, radius_px: float) -> FloatArray:
-    """Return the probability each distribution gives to a disc.
-
-    For a Gaussian about the disc's own centre it is 1 - exp(-r^2 / (2 sigma^2)). Otherwise the
-    integral of the density over the disc is turned, by the divergence theorem, into one over
-    its rim of the field (1 - exp(-d^2 / (2 sigma^2))) / (2 pi d^2) x, whose divergence is the
-    density; a smooth periodic integrand, which the trapezoidal rule integrates to rounding.
-
-    Args:
-        mixtures: N distributions.
-        centre_px: float64 (N, 2), centres of the discs.
-        radius_px: Their radius.
-
-    Returns:
-        float64 (N,), 0 to 1.
-    """
-    offset = centre_px[mixtures.row] - mixtures.uv_px  # (M, 2)
-    two_variances = 2 * mixtures.sigma_px**2
-    share = -np.expm1(-(radius_px**2) / two_variances)
-    away = np.flatnonzero(np.any(offset != 0, axis=1))
-    for first in range(0, len(away), _CHUNK_DISCS):
-        part = away[first : first + _CHUNK_DISCS]
-        share[part] = _disc_share(offset[part], two_variances[part], radius_px)
-    return np.clip(_total(mixtures, mixtures.weight * share), 0.0, 1.0)
-
-
-def _disc_share(offset: FloatArray, two_variances: FloatArray, radius_px: float) -> FloatArray:
-    angle = 2 * np.pi * np.arange(_RIM_NODES) / _RIM_NODES
-    normal = np.stack([np.cos(angle), np.sin(angle)])  # (2, nodes)
-    along = offset @ normal + radius_px  # (M, nodes): rim point dot normal
-    squared = radius_px**2 + np.einsum("mk,mk->m", offset, offset)[:, None]
-    squared = squared + 2 * radius_px * (offset @ normal)
-    squared = np.maximum(squared, 1e-12)
-    field = -np.expm1(-squared / two_variances[:, None]) / squared
-    return radius_px * np.mean(field * along, axis=1)
-
-
-def in_regions(mixtures: Mixtures, true_px: FloatArray, levels: Sequence[float]) -> BoolArray:
-    """Return whether the truth is in the smallest region of a given probability.
-
-    For one Gaussian that is the disc of radius sigma sqrt(-2 log(1 - level)), exactly. For a
-    mixture the density on its border is estimated from points in every mode, 15 radii in 8
-    directions (fewer directions above 8 modes), to about one per cent of probability.
-
-    Args:
-        mixtures: N distributions.
-        true_px: float64 (N, 2).
-        levels: L probabilities, 0 to 1.
-
-    Returns:
-        bool (L, N).
-    """
-    count = np.bincount(mixtures.row, minlength=mixtures.rows)
-    single = count[mixtures.row] == 1
-    result = np.zeros((len(levels), mixtures.rows), bool)
-    offset = true_px[mixtures.row[single]] - mixtures.uv_px[single]
-    squared = np.einsum("mk,mk->m", offset, offset)
-    for of_level, level in zip(result, levels, strict=True):
-        radius = mixtures.sigma_px[single] * np.sqrt(-2 * np.log1p(-level))
-        of_level[mixtures.row[single]] = squared <= radius**2
-    if not single.all():
-        _mixture_regions(mixtures, true_px, levels, count, result)
-    return result
-
-
-def _mixture_regions(
-    mixtures: Mixtures,
-    true_px: FloatArray,
-    levels: Sequence[float],
-    count: IntArray,
-    result: BoolArray,
-) -> None:
-    begin = np.cumsum(count) - count
-    true_density = density(mixtures, true_px)
-    for modes in np.unique(count[count > 1]).tolist():
-        rows = np.flatnonzero(count == modes)
-        pattern, share = _sample_pattern(modes)
-        step = max(1, _CHUNK_DENSITIES // (modes * modes * len(pattern)))
-        for first in range(0, len(rows), step):
-            chosen = rows[first : first + step]
-            index = begin[chosen, None] + np.arange(modes)  # (n, m)
-            centre, sigma = mixtures.uv_px[index], mixtures.sigma_px[index]
-            weight = mixtures.weight[index]
-            points = centre[:, :, None] + sigma[:, :, None, None] * pattern  # (n, m, k, 2)
-            mass = (weight[:, :, None] * share).reshape(len(chosen), -1)  # (n, m k)
-            points = points.reshape(*mass.shape, 2)
-            height = weight / (2 * np.pi * sigma**2)
-            exponent = np.square(points[:, :, None, 0] - centre[:, None, :, 0])  # (n, m k, m)
-            exponent += np.square(points[:, :, None, 1] - centre[:, None, :, 1])
-            exponent *= -0.5 / (sigma**2)[:, None]
-            p = np.einsum("npm,nm->np", np.exp(exponent, out=exponent), height)
-            for of_level, least in zip(result, _densities_at(p, mass, levels), strict=True):
-                of_level[chosen] = true_density[chosen] >= least
-
-
-def _sample_pattern(modes: int) -> tuple[FloatArray, FloatArray]:
-    """Return points of a standard Gaussian, (K, 2), and the probability each stands for, (K,).
-
-    Args:
-        modes: Modes of the mixture; above 8 of them, each takes fewer points.
-    """
-    spokes = min(_MOST_SPOKES, max(1, _MOST_SPOKES * _MODES_OF_MOST_SPOKES // modes))
-    edges = np.array(_RING_EDGES)
-    middle = (edges[1:] + edges[:-1]) / 2
-    radius = np.sqrt(-2 * np.log1p(-middle))
-    ring = np.arange(len(radius))[:, None]
-    half_step = np.pi / spokes  # by which every other ring is turned
-    turn = half_step * (ring % 2) if spokes == _MOST_SPOKES else _GOLDEN_ANGLE * ring
-    angle = 2 * np.pi * np.arange(spokes) / spokes + turn
-    points = np.stack([radius[:, None] * np.cos(angle), radius[:, None] * np.sin(angle)], axis=-1)
-    return points.reshape(-1, 2), np.repeat(np.diff(edges) / spokes, spokes)
-
-
-def _densities_at(p: FloatArray, mass: FloatArray, levels: Sequence[float]) -> Iterator[FloatArray]:
-    """Yield, per level, the density at which the densest points have that mass, float64 (N,).
-
-    Args:
-        p: float64 (N, K), densities at the points.
-        mass: float64 (N, K), the mass each point stands for; rows sum to 1.
-        levels: 0 to 1.
-    """
-    order = np.argsort(-p, axis=1, kind="stable")
-    p = np.take_along_axis(p, order, axis=1)
-    mass = np.take_along_axis(mass, order, axis=1)
-    held = np.cumsum(mass, axis=1) - mass / 2  # a point stands in the middle of its mass
-    for level in levels:
-        after = np.clip((held < level).sum(axis=1), 1, p.shape[1] - 1)[:, None]
-        low, high = (np.take_along_axis(held, index, axis=1) for index in (after - 1, after))
-        before, behind = (
-            np.log(np.maximum(np.take_along_axis(p, index, axis=1), 1e-300))
-            for index in (after - 1, after)
+    def _add(
+        self, block: Block, chosen: IntArray, rows: dict[str, FloatArray], names: list[str]
+    ) -> None:
+        """Take in some answered rows of a block."""
+        settings, queries = self.settings, self.context.queries
+        at, true_px = block.first_row + chosen, block.true_px[chosen]
+        found = self._mixtures(block, chosen)
+        self._spread[at] = mixtures.spread_px(found)
+        self._squared[at] = block.squared_px2[chosen]
+        rows["sum_nll"][chosen] = mixtures.negative_log_likelihood(
+            found, true_px, outlier_weight=settings.outlier_weight, area_px2=queries.area_px2
         )
-        share = (level - low) / np.maximum(high - low, 1e-12)
-        yield np.exp(before + np.clip(share, 0, 2) * (behind - before))[:, 0]
+        regions = mixtures.in_regions(found, true_px, settings.regions)
+        for name, inside in zip(names, regions, strict=True):
+            rows[name][chosen] = inside
+        radius = settings.ece_radius_px
+        centre = block.answer_px[chosen].astype(np.float64)
+        confidence = mixtures.probability_within(found, centre, radius)
+        happened = block.error_px[chosen] <= radius
+        tier = queries.tier[block.first_pair + block.pair[chosen]]
+        for code in np.unique(tier).tolist():
+            self._reliability[code, :-1] += calibration.reliability_bins(
+                confidence[tier == code], happened[tier == code], settings.ece_bins
+            )
+        positions = _recall_positions(block, chosen)
+        if positions is not None:
+            at_px, asked = positions
+            near = mixtures.modes_near(
+                found, at_px, settings.recall_radius_px, settings.recall_min_weight
+            )
+            rows["recalled"][chosen] = (near & asked).sum(axis=1)
+            rows["recallable"][chosen] = asked.sum(axis=1)
+
+    def _add_missing(self, block: Block, lost: IntArray, rows: dict[str, FloatArray]) -> None:
+        """Count missing answers as the worst: certain, and wrong by the image diagonal."""
+        queries = self.context.queries
+        rows["sum_nll"][lost] = np.log(queries.area_px2 / self.settings.outlier_weight)
+        tier = queries.tier[block.first_pair + block.pair[lost]]
+        missing = np.bincount(tier, minlength=len(self._reliability))
+        self._reliability[:, -1, :2] += missing[:, None]
+        self._spread[block.first_row + lost] = 0.0
+        self._squared[block.first_row + lost] = block.squared_px2[lost]
+        positions = _recall_positions(block, lost)
+        if positions is not None:
+            rows["recallable"][lost] = positions[1].sum(axis=1)
+
+    def _mixtures(self, block: Block, chosen: IntArray) -> Mixtures:
+        """Return the distributions of some rows of a block, their sigma floored."""
+        answers, floor = self.context.answers, self.settings.sigma_floor_px
+        at = block.first_row + chosen
+        if answers.sigma_px is not None:
+            sigma = answers.sigma_px[at].astype(np.float64)
+            own = block.answer_px[chosen].astype(np.float64)
+            row = np.arange(len(chosen))
+            return Mixtures(row, own, np.maximum(sigma, floor), np.ones(len(row)), len(row))
+        count, modes = answers.modes_of(at)
+        row = np.repeat(np.arange(len(chosen)), count)
+        weight = modes[:, 3] / np.bincount(row, modes[:, 3], len(chosen))[row]
+        return Mixtures(row, modes[:, :2], np.maximum(modes[:, 2], floor), weight, len(chosen))
+
+    def finish(self, groups: Groups, summary: Summary) -> None:
+        """Add what is pooled over answers."""
+        if not self.context.answers.has_distribution:
+            summary.notes["distribution"] = (
+                "the submission has neither `sigma` nor `modes`: no figures of a distribution"
+            )
+            return
+        for index, name in groups:
+            table = self._reliability.sum(axis=0) if index == 0 else self._reliability[index - 1]
+            summary.set(name, "ece", calibration.expected_calibration_error(table))
+            used, confidence, frequency = calibration.reliability_curve(table[:-1])
+            curve = {
+                "radius_px": self.settings.ece_radius_px,
+                "count": table[used, 0].astype(int).tolist(),
+                "confidence": confidence.tolist(),
+                "frequency": frequency.tolist(),
+            }
+            summary.add_curve(name, "reliability", curve)
+            self._sparsify(index, name, groups, summary)
+
+    def _sparsify(self, index: int, name: str, groups: Groups, summary: Summary) -> None:
+        counted = self.table.columns["distributions"][groups.masks[index]].sum()
+        every = max(1, int(np.ceil(counted / _MOST_SORTED)))
+        spread, squared = (
+            np.concatenate([part[::every] for part in groups.rows(index, store)])
+            for store in (self._spread, self._squared)
+        )
+        fine = np.isfinite(spread)
+        spread, squared = spread[fine], squared[fine]
+        if not len(spread):
+            summary.set(name, "ause", None)
+            return
+        if every > 1:
+            summary.notes["ause"] = f"taken over every {every}th answer of the largest groups"
+        steps = self.settings.sparsification_steps
+        left = calibration.sparsification(squared, spread, steps)
+        answered = np.where(spread > 0, squared, 0.0)  # the best order has no missing answers
+        best = calibration.sparsification(answered, answered, steps)
+        summary.set(name, "ause", calibration.area_under_sparsification_error(left, best))
+        curve = {"removed": (np.arange(steps) / steps).tolist(), "rmse_px": left.tolist()}
+        summary.add_curve(name, "sparsification", {**curve, "best_rmse_px": best.tolist()})
 
 
-def spread_px(mixtures: Mixtures) -> FloatArray:
-    """Return the standard deviation of each distribution per axis, float64 (N,), pixels.
-
-    The root of half the trace of the covariance; for one Gaussian its sigma.
-    """
-    weight = _total(mixtures, mixtures.weight)
-    weighted = mixtures.weight[:, None] * mixtures.uv_px
-    mean = np.stack([_total(mixtures, weighted[:, axis]) for axis in (0, 1)], axis=1)
-    mean /= weight[:, None]
-    offset = mixtures.uv_px - mean[mixtures.row]
-    inner = 2 * mixtures.sigma_px**2 + np.einsum("mk,mk->m", offset, offset)
-    return np.sqrt(_total(mixtures, mixtures.weight * inner) / weight / 2)
-
-
-def modes_near(
-    mixtures: Mixtures, at_px: FloatArray, radius_px: float, min_weight: float
-) -> BoolArray:
-    """Return which positions have a mode of theirs within a radius.
-
-    Args:
-        mixtures: N distributions.
-        at_px: float64 (N, S, 2), S positions for each.
-        radius_px: How near.
-        min_weight: Modes of a smaller weight do not count.
+def _recall_positions(block: Block, chosen: IntArray) -> tuple[FloatArray, BoolArray] | None:
+    """Return the equivalent positions of some rows, or None where the block has no partners.
 
     Returns:
-        bool (N, S).
+        at_px: float64 (n, S + 1, 2), the true position and those of the partners.
+        asked: bool (n, S + 1), positions that a mode should be near: none for a row without a
+            visible partner.
     """
-    heavy = mixtures.weight >= min_weight
-    row = mixtures.row[heavy]
-    offset = at_px[row] - mixtures.uv_px[heavy][:, None]  # (M, S, 2)
-    near = np.einsum("msk,msk->ms", offset, offset) <= radius_px**2
-    result = np.zeros(at_px.shape[:2], bool)
-    np.logical_or.at(result, row, near)
-    return result
+    partners = block.partners
+    if partners is None or not len(partners.uv_px):
+        return None
+    count = (partners.begin[1:] - partners.begin[:-1])[chosen]
+    width = int(count.max(initial=0))
+    if not width:
+        return None
+    column = np.arange(width)
+    exists: BoolArray = column < count[:, None]  # (n, S)
+    index = np.where(exists, partners.begin[chosen, None] + column, 0)
+    seen = exists & partners.visible[index]
+    at = np.concatenate([block.true_px[chosen][:, None], partners.uv_px[index]], axis=1)
+    return at, np.concatenate([seen.any(axis=1)[:, None], seen], axis=1)

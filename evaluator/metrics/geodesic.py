@@ -1,103 +1,79 @@
-"""Errors on the material: which matter lies under an answer, how far from the right one."""
+"""Errors on the material, where the dataset has surface images."""
 
 from __future__ import annotations
 
-import math
+from typing import Annotated
 
 import numpy as np
-import numpy.typing as npt
 
-from pliant.evaluator.arrays import BoolArray, FloatArray, IntArray
-from pliant.spec.model import MaterialObject
-
-
-def farthest_material_m(described: MaterialObject) -> float:
-    """Return the largest distance that two points of an object can have, metres."""
-    spans = [
-        coordinate.metres_per_unit * (coordinate.max - coordinate.min)
-        if coordinate.period is None
-        else coordinate.metres_per_unit * coordinate.period / 2
-        for coordinate in described.material
-    ]
-    return math.hypot(*spans)
+from pliant.evaluator.metrics.base import Groups, Metric, Summary
+from pliant.evaluator.statistics.ratios import Figure, Ratio
+from pliant.evaluator.submission.blocks import Block
+from pliant.spec.configuration import configuration
+from pliant.spec.constraints import Bounds
 
 
-def nearest_object_pixel(
-    on_object: BoolArray, uv_px: FloatArray, search_px: int
-) -> tuple[IntArray, IntArray, BoolArray]:
-    """Return the object's pixel under each position, or the nearest in a small window about it.
+@configuration(frozen=True)
+class GeodesicSettings:
+    """Settings of `geodesic`.
 
-    A point near a silhouette is seen in a pixel whose centre may miss the object: the pixels
-    within `search_px` rows and columns are looked at as well, nearest centre first.
-
-    Args:
-        on_object: bool (H, W), pixels of the object.
-        uv_px: float64 (N, 2), finite.
-        search_px: Half the width of the window; 0 looks at one pixel.
-
-    Returns:
-        row, column: int64 (N,), the pixel (0, 0 where there is none).
-        found: bool (N,).
+    Attributes:
+        search_px: Number of rows and columns around an answer's pixel that are searched for the
+            object.
     """
-    height, width = on_object.shape
-    # Clipped before the conversion, which a huge finite number would not survive.
-    home_column = np.floor(np.clip(uv_px[:, 0], -1e6, 1e6)).astype(np.int64)
-    home_row = np.floor(np.clip(uv_px[:, 1], -1e6, 1e6)).astype(np.int64)
-    best = np.full(len(uv_px), np.inf)
-    row = np.zeros(len(uv_px), np.int64)
-    column = np.zeros(len(uv_px), np.int64)
-    inside_home = (home_row >= 0) & (home_row < height) & (home_column >= 0) & (home_column < width)
-    for down in range(-search_px, search_px + 1):
-        for right in range(-search_px, search_px + 1):
-            r, c = home_row + down, home_column + right
-            inside = (r >= 0) & (r < height) & (c >= 0) & (c < width) & inside_home
-            inside[inside] = on_object[r[inside], c[inside]]
-            squared = (c + 0.5 - uv_px[:, 0]) ** 2 + (r + 0.5 - uv_px[:, 1]) ** 2
-            if down == 0 and right == 0:
-                squared = np.full(len(uv_px), -1.0)  # the pixel itself comes first
-            better = inside & (squared < best)
-            best[better] = squared[better]
-            row[better], column[better] = r[better], c[better]
-    return row, column, np.isfinite(best)
+
+    search_px: Annotated[int, Bounds(0, 4)]
 
 
-def silhouette_distance_px(on_object: BoolArray, uv_px: FloatArray) -> FloatArray:
-    """Return how far positions are from the nearest pixel that is not the object's.
+class Geodesic(Metric[GeodesicSettings]):
+    """Distance on the material, and the rate of answers off the object."""
 
-    Args:
-        on_object: bool (H, W), pixels of the object.
-        uv_px: float64 (N, 2).
+    Settings = GeodesicSettings
+    truth_columns = ("point",)
 
-    Returns:
-        float64 (N,), pixels to the centre of the nearest pixel outside that touches the
-        object's mask (the border of the image is outside); inf where the object fills nothing.
-    """
-    framed = np.pad(on_object, 1)
-    touching = np.zeros_like(framed)
-    touching[1:] |= framed[:-1]
-    touching[:-1] |= framed[1:]
-    touching[:, 1:] |= framed[:, :-1]
-    touching[:, :-1] |= framed[:, 1:]
-    touching &= ~framed
-    rows, columns = np.nonzero(touching)
-    if not len(rows):
-        return np.full(len(uv_px), np.inf)
-    centres = np.stack([columns - 0.5, rows - 0.5], axis=1)  # the frame shifts by one pixel
-    return np.sqrt(_nearest_squared(uv_px, centres))
+    @staticmethod
+    def figures(settings: GeodesicSettings) -> list[Figure]:
+        """Return the mean distance, its RMSE and the rate of answers off the object."""
+        del settings
+        return [
+            Ratio(
+                "geodesic_mean_m", "lower", "m",
+                "mean distance on the material between the right point and what lies under the "
+                "answer", "", "sum_geodesic_m", "geodesic_points",
+            ),
+            Ratio(
+                "geodesic_rmse_m", "lower", "m", "root mean squared distance on the material", "",
+                "sum_squared_geodesic_m2", "geodesic_points", root=True,
+            ),
+            Ratio(
+                "off_object_rate", "lower", "",
+                "share of answers that do not lie on the queried object", "",
+                "off_object", "geodesic_asked",
+            ),
+        ]  # fmt: skip
 
+    def update(self, block: Block) -> None:
+        """Take in one block."""
+        facts = self.context.surfaces.facts(block, self.context.queries)
+        points = facts.on_object
+        if block.missing is not None:
+            points = points | (facts.known & block.missing)
+        metres = np.where(points, facts.geodesic_m, 0.0)
+        self.add_sums(
+            block,
+            geodesic_asked=facts.known,
+            geodesic_points=points,
+            off_object=facts.known & ~facts.on_object,
+            sum_geodesic_m=metres,
+            sum_squared_geodesic_m2=metres**2,
+        )
 
-def _nearest_squared(points: FloatArray, others: FloatArray) -> FloatArray:
-    result = np.empty(len(points))
-    step = max(1, (1 << 20) // len(others))
-    for first in range(0, len(points), step):
-        du = points[first : first + step, None, 0] - others[:, 0]
-        dv = points[first : first + step, None, 1] - others[:, 1]
-        result[first : first + step] = (du * du + dv * dv).min(axis=1)
-    return result
-
-
-def surface_material(
-    m0: npt.NDArray[np.float32], m1: npt.NDArray[np.float32], row: IntArray, column: IntArray
-) -> FloatArray:
-    """Return the material coordinates at pixels of a surface image, float64 (N, 2)."""
-    return np.stack([m0[row, column], m1[row, column]], axis=1).astype(np.float64)
+    def finish(self, groups: Groups, summary: Summary) -> None:
+        """Say how many pairs had no surface image."""
+        counted = self.table.columns["counted"] > 0
+        without = int((counted & (self.table.columns["geodesic_asked"] == 0)).sum())
+        if without:
+            summary.notes["geodesic"] = (
+                f"{without:,} of {int(counted.sum()):,} pairs have no surface image or no point "
+                "table in this dataset and are left out"
+            )

@@ -1,10 +1,64 @@
-"""Jitter on episodes: how much the error moves from one frame to the next."""
+"""Jitter on episodes: how much the error of a point moves from one frame to the next."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from pliant.evaluator.arrays import FloatArray, IntArray
+from pliant.evaluator.metrics.base import Groups, Metric, NoSettings, ScoringContext, Summary
+from pliant.evaluator.statistics.ratios import Figure, Ratio
+from pliant.evaluator.submission.blocks import Block
+
+
+class Jitter(Metric[NoSettings]):
+    """The change of the error between consecutive target frames of one source frame.
+
+    Two image pairs belong to one clip if they have the same source frame, the same temporal
+    target sequence and consecutive target frames; a track is a material point asked in both.
+    """
+
+    truth_columns = ("point",)
+
+    @staticmethod
+    def figures(settings: NoSettings) -> list[Figure]:
+        """Return the mean change."""
+        del settings
+        about = "mean change of the error from one frame of an episode to the next"
+        return [Ratio("jitter_px", "lower", "px", about, "", "sum_jitter_px", "jitter_steps")]
+
+    def __init__(self, settings: NoSettings, context: ScoringContext) -> None:
+        super().__init__(settings, context)
+        self._clip = _clips(context)
+        self._gathered: list[tuple[IntArray, IntArray, IntArray, IntArray, FloatArray]] = []
+
+    def update(self, block: Block) -> None:
+        """Take in one block."""
+        clip = self._clip[block.pairs]
+        if block.point is None or not (clip >= 0).any():
+            return
+        wanted = block.counted & (clip[block.pair] >= 0)
+        pair = block.first_pair + block.pair[wanted]
+        frame = self.context.queries.frame_b[pair].astype(np.int64)
+        error = (block.answer_px - block.true_px)[wanted]
+        self._gathered.append((self._clip[pair], block.point[wanted], frame, pair, error))
+
+    def finish(self, groups: Groups, summary: Summary) -> None:
+        """Join the frames of each track and sum by the later pair."""
+        if not self._gathered:
+            summary.notes["jitter_px"] = "no point is asked in consecutive frames of an episode"
+            return
+        clip, point, frame, pair, error = (
+            np.concatenate(parts) for parts in zip(*self._gathered, strict=True)
+        )
+        # Two answers inside the image differ by at most one diagonal, and so do two positions.
+        farthest = 2 * self.context.queries.diagonal_px
+        _, track = np.unique(np.stack([clip, point], axis=1), axis=0, return_inverse=True)
+        row, change = jitter_px(track.reshape(-1), frame, error)
+        change = np.where(np.isnan(change), farthest, change)  # an answer is missing
+        pairs = self.table.pairs
+        total = np.bincount(pair[row], change, pairs)
+        self.table.put("sum_jitter_px", slice(0, pairs), total)
+        self.table.put("jitter_steps", slice(0, pairs), np.bincount(pair[row], minlength=pairs))
 
 
 def jitter_px(
@@ -28,3 +82,20 @@ def jitter_px(
     following = (track[1:] == track[:-1]) & (frame[1:] == frame[:-1] + 1)
     change = np.linalg.norm(error[1:] - error[:-1], axis=1)
     return order[1:][following], change[following]
+
+
+def _clips(context: ScoringContext) -> IntArray:
+    """Return each pair's clip, int64 (P,); -1 where it belongs to none with a successor."""
+    queries = context.queries
+    clip = np.full(queries.pairs, -1, np.int64)
+    candidates = np.flatnonzero(queries.temporal(context.dataset))
+    key = np.stack([queries.sequence_a, queries.frame_a, queries.sequence_b], axis=1)
+    number = np.unique(key[candidates], axis=0, return_inverse=True)[1].reshape(-1)
+    frame = queries.frame_b[candidates]
+    order = np.lexsort((frame, number))
+    following = (np.diff(number[order]) == 0) & (np.diff(frame[order]) == 1)
+    near = np.zeros(len(candidates), bool)
+    near[order[1:][following]] = True
+    near[order[:-1][following]] = True
+    clip[candidates[near]] = number[near]
+    return clip

@@ -1,66 +1,105 @@
-"""How far an answer is from the truth, in pixels, and the sums that averages are made of."""
+"""Errors in pixels: RMSE, mean and quantiles over the queries visible in the target frame."""
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-import numpy.typing as npt
 
-from pliant.evaluator.arrays import FloatArray, IntArray, RealArray
+from pliant.evaluator.metrics.base import (
+    Groups,
+    Levels,
+    Metric,
+    NoSettings,
+    ScoringContext,
+    Summary,
+)
+from pliant.evaluator.statistics.quantiles import exact_quantiles
+from pliant.evaluator.statistics.ratios import Figure, Ratio
+from pliant.evaluator.submission.blocks import Block
+from pliant.spec.configuration import configuration
 
 
-def endpoint_error_px(predicted_px: RealArray, true_px: RealArray) -> FloatArray:
-    """Return the Euclidean distance of each answer from its truth.
+class Counts(Metric[NoSettings]):
+    """How many rows there are, how many are counted, how many answered: for every protocol."""
 
-    Args:
-        predicted_px: float (N, 2), pixels.
-        true_px: float (N, 2), pixels.
+    def update(self, block: Block) -> None:
+        """Take in one block."""
+        answered = np.ones(len(block.state)) if block.missing is None else ~block.missing
+        self.add_sums(block, counted=block.counted, answered=answered)
 
-    Returns:
-        float64 (N,), pixels.
+    def finish(self, groups: Groups, summary: Summary) -> None:
+        """Add the number of queries of each pair."""
+        queries = self.context.queries
+        self.table.put("queries", slice(0, queries.pairs), np.diff(queries.starts))
+
+
+@configuration(frozen=True)
+class LocalisationSettings:
+    """Settings of `localisation`.
+
+    Attributes:
+        quantiles: Levels of the quantiles of the error.
     """
-    return np.sqrt(squared_error_px2(predicted_px, true_px))
+
+    quantiles: Levels
 
 
-def squared_error_px2(predicted_px: RealArray, true_px: RealArray) -> FloatArray:
-    """Return the squared Euclidean distance of each answer from its truth.
+class Localisation(Metric[LocalisationSettings]):
+    """RMSE, mean and quantiles of the error."""
 
-    Args:
-        predicted_px: float (N, 2), pixels.
-        true_px: float (N, 2), pixels.
+    Settings = LocalisationSettings
 
-    Returns:
-        float64 (N,), square pixels.
-    """
-    du = np.subtract(predicted_px[:, 0], true_px[:, 0], dtype=np.float64)
-    dv = np.subtract(predicted_px[:, 1], true_px[:, 1], dtype=np.float64)
-    du *= du
-    dv *= dv
-    du += dv
-    return du
+    @staticmethod
+    def figures(settings: LocalisationSettings) -> list[Figure]:
+        """Return the averages and the quantiles."""
+        rmse = Ratio(
+            "rmse_px", "lower", "px", "root mean squared error, pooled over queries", "RMSE",
+            "sum_squared_px2", "counted", root=True,
+        )  # fmt: skip
+        return [
+            rmse,
+            rmse.mean_over_pairs("mean over image pairs of each pair's RMSE"),
+            Ratio(
+                "mean_px", "lower", "px", "mean error", "Mean error", "sum_error_px", "counted"
+            ),
+            *(_quantile(level) for level in settings.quantiles),
+            Ratio(
+                "outside_image_rate", "neither", "", "share of answers outside the target image",
+                numerator="outside_image", denominator="answered",
+            ),
+        ]  # fmt: skip
+
+    def __init__(self, settings: LocalisationSettings, context: ScoringContext) -> None:
+        super().__init__(settings, context)
+        self._errors = context.per_row() if settings.quantiles else None
+
+    def update(self, block: Block) -> None:
+        """Take in one block."""
+        counted = block.counted
+        u, v = block.answer_px[:, 0], block.answer_px[:, 1]
+        width, height = self.context.queries.size
+        outside = (u < 0) | (u > width) | (v < 0) | (v > height)  # NaN, a missing one, is not
+        self.add_sums(
+            block,
+            sum_squared_px2=np.where(counted, block.squared_px2, 0.0),
+            sum_error_px=np.where(counted, block.error_px, 0.0),
+            outside_image=outside,
+        )
+        if self._errors is not None:
+            self._errors[block.rows] = np.where(counted, block.error_px, np.nan)
+
+    def finish(self, groups: Groups, summary: Summary) -> None:
+        """Add the quantiles."""
+        if self._errors is None:
+            return
+        levels = self.settings.quantiles
+        for index, group in groups:
+            values = exact_quantiles(groups.rows(index, self._errors), levels)
+            for level, value in zip(levels, values, strict=True):
+                summary.set(group, _quantile(level).name, value)
 
 
-def sum_by_pair(values: npt.NDArray[Any], starts: IntArray) -> FloatArray:
-    """Return the sum of consecutive values for each image pair.
-
-    Args:
-        values: float64 (N,), or bool or integers (N,), which are counted.
-        starts: int64 (P,), ascending, the first row of each pair; no pair is empty.
-
-    Returns:
-        float64 (P,).
-    """
-    if values.dtype != np.float64:
-        values = values.astype(np.float64)
-    sums: FloatArray = np.add.reduceat(values, starts)
-    return sums
-
-
-def rmse_px(error_px: FloatArray) -> float:
-    """Return the root of the mean squared error, pixels; NaN for no errors.
-
-    Args:
-        error_px: float64 (N,), pixels.
-    """
-    return float(np.sqrt(np.mean(error_px**2))) if len(error_px) else float("nan")
+def _quantile(level: float) -> Figure:
+    if level == 0.5:
+        return Figure("median_px", "lower", "px", "median error", "Median error")
+    percent = f"{level * 100:g}"
+    return Figure(f"p{percent}_px", "lower", "px", f"{percent} % quantile of the error")

@@ -8,10 +8,68 @@ in pixels.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 
 from pliant.evaluator.arrays import FloatArray, IntArray
+from pliant.evaluator.metrics.base import Metric, Positives
+from pliant.evaluator.statistics.ratios import Figure, Ratio
+from pliant.evaluator.submission.blocks import Block
+from pliant.spec.configuration import configuration
+
+
+@configuration(frozen=True)
+class PckSettings:
+    """Settings of `pck`.
+
+    Attributes:
+        thresholds_px: Distances in pixels, ascending.
+        thresholds_box: Shares of the longer side of the object's visible box, ascending.
+        comparison: `<=`: a distance equal to a threshold is within it.
+    """
+
+    thresholds_px: Positives
+    thresholds_box: Positives
+    comparison: Literal["<", "<="]
+
+
+class Pck(Metric[PckSettings]):
+    """PCK over the queries visible in the target frame."""
+
+    Settings = PckSettings
+    truth_columns = ("box_px",)
+
+    @staticmethod
+    def figures(settings: PckSettings) -> list[Figure]:
+        """Return each threshold's share, pooled and as the mean over pairs."""
+        result: list[Figure] = []
+        kinds = [(x, "px", " px") for x in settings.thresholds_px]
+        kinds += [(x, "box", " of the object's box") for x in settings.thresholds_box]
+        for threshold, suffix, words in kinds:
+            about = f"share of answers within {threshold:g}{words}"
+            pooled = Ratio(
+                f"pck_{threshold:g}{suffix}", "higher", "", about,
+                f"PCK {threshold:g} {suffix}", f"within_{threshold:g}{suffix}", "counted",
+            )  # fmt: skip
+            result += [pooled, pooled.mean_over_pairs(f"{about}, mean over image pairs")]
+        return result
+
+    def update(self, block: Block) -> None:
+        """Take in one block."""
+        self._count(block, block.reach_px, self.settings.thresholds_px, "px")
+        if self.settings.thresholds_box and block.box_px is not None:
+            self._count(block, block.reach_px / block.box_px, self.settings.thresholds_box, "box")
+
+    def _count(
+        self, block: Block, distance: FloatArray, thresholds: Sequence[float], suffix: str
+    ) -> None:
+        counted = block.counted
+        level = threshold_level(distance[counted], thresholds, self.settings.comparison)
+        pairs = len(block.starts) - 1
+        counts = within_by_pair(level, block.pair[counted], pairs, len(thresholds))
+        for index, threshold in enumerate(thresholds):
+            self.table.put(f"within_{threshold:g}{suffix}", block.pairs, counts[:, index])
 
 
 def threshold_level(distance: FloatArray, thresholds: Sequence[float], comparison: str) -> IntArray:

@@ -7,6 +7,90 @@ from dataclasses import dataclass
 import numpy as np
 
 from pliant.evaluator.arrays import BoolArray, FloatArray, IntArray, RealArray
+from pliant.evaluator.metrics.base import Groups, Metric, NoSettings, Summary
+from pliant.evaluator.metrics.errors import sum_by_pair
+from pliant.evaluator.statistics.ratios import Figure, Ratio
+from pliant.evaluator.submission.blocks import Block
+
+
+class Symmetry(Metric[NoSettings]):
+    """Symmetry-aware RMSE by pair and by point, and flip rates."""
+
+    truth_columns = ("alternatives",)
+
+    @staticmethod
+    def figures(settings: NoSettings) -> list[Figure]:
+        """Return the errors with symmetries forgiven and how often one was needed."""
+        del settings
+        rmse = Ratio(
+            "symmetric_rmse_px", "lower", "px",
+            "RMSE under the symmetry that is best for each pair", "RMSE, symmetry-aware",
+            "symmetric_squared_px2", "counted", root=True,
+        )  # fmt: skip
+        return [
+            rmse,
+            rmse.mean_over_pairs("mean over image pairs of the same"),
+            Ratio(
+                "point_symmetric_rmse_px", "lower", "px",
+                "RMSE where each point may be taken for a visible partner", "",
+                "point_symmetric_squared_px2", "counted", root=True,
+            ),
+            Ratio(
+                "flip_rate", "lower", "",
+                "share of pairs that a symmetry other than the identity explains best", "",
+                "flipped_pairs", "symmetric_pairs",
+            ),
+            Ratio(
+                "point_flip_rate", "lower", "",
+                "share of points whose answer is nearer to a visible partner", "",
+                "flipped_points", "symmetric_points",
+            ),
+        ]  # fmt: skip
+
+    def update(self, block: Block) -> None:
+        """Take in one block."""
+        partners = block.partners
+        if partners is None:
+            return
+        pairs = len(block.starts) - 1
+        pair_squared = block.sum_by_pair(np.where(block.counted, block.squared_px2, 0.0))
+        point_squared = pair_squared.copy()
+        flipped_pairs, flipped_points = np.zeros(pairs), np.zeros(pairs)
+        asked = np.zeros(pairs)
+        lost = np.zeros(pairs)  # a missing answer is flipped
+        if block.missing is not None:
+            lost = block.sum_by_pair(block.missing & block.counted)
+        # Pairs of one tier share their number of symmetries.
+        symmetries = np.diff(partners.begin)[block.starts[:-1]]
+        for count in np.unique(symmetries[symmetries > 0]).tolist():
+            chosen = np.flatnonzero(symmetries == count)
+            rows = np.flatnonzero((symmetries == count)[block.pair])
+            size = np.diff(block.starts)[chosen]
+            begin = np.cumsum(size) - size
+            index = partners.begin[rows, None] + np.arange(count)
+            found = symmetric_errors(
+                block.answer_px[rows], block.squared_px2[rows], partners.uv_px[index],
+                partners.visible[index], block.counted[rows], begin,
+            )  # fmt: skip
+            pair_squared[chosen] = found.pair_squared_px2
+            point_squared[chosen] = sum_by_pair(found.point_squared_px2, begin)
+            flipped_pairs[chosen] = found.pair_flipped | (lost[chosen] > 0)
+            flipped_points[chosen] = sum_by_pair(found.point_flipped, begin) + lost[chosen]
+            asked[chosen] = sum_by_pair(block.counted[rows], begin)
+        put = self.table.put
+        put("symmetric_squared_px2", block.pairs, pair_squared)
+        put("point_symmetric_squared_px2", block.pairs, point_squared)
+        put("flipped_pairs", block.pairs, flipped_pairs)
+        put("symmetric_pairs", block.pairs, asked > 0)
+        put("flipped_points", block.pairs, flipped_points)
+        put("symmetric_points", block.pairs, asked)
+
+    def finish(self, groups: Groups, summary: Summary) -> None:
+        """Say where flips are not defined."""
+        tiers = self.context.dataset.tiers
+        without = [name for name in groups.names[1:] if not tiers[name].symmetries]
+        if without:
+            summary.notes["flip_rate"] = f"tiers without symmetries: {', '.join(without)}"
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,106 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated, Literal
 
 import numpy as np
 
 from pliant.evaluator.arrays import BoolArray, FloatArray, IntArray
+from pliant.evaluator.metrics.base import Groups, Metric, Positive, Positives, Summary
 from pliant.evaluator.metrics.pck import threshold_level
+from pliant.evaluator.statistics.ratios import Figure, Ratio
+from pliant.evaluator.submission.blocks import Block
+from pliant.spec.configuration import configuration
+from pliant.spec.constraints import Bounds, NotEmpty
+
+
+@configuration(frozen=True)
+class TapvidSettings:
+    """Settings of `tapvid`.
+
+    Attributes:
+        thresholds: Distances in scaled pixels, ascending.
+        comparison: `<` in the published definition.
+        scale: Width and height that positions are scaled to.
+        visible_threshold: Lowest probability that counts as predicted visible.
+        visible_absent: What an answer without `visible` says.
+    """
+
+    thresholds: Annotated[Positives, NotEmpty()]
+    comparison: Literal["<", "<="]
+    scale: tuple[Positive, Positive]
+    visible_threshold: Annotated[float, Bounds(0, 1)]
+    visible_absent: Literal["all_visible"]
+
+
+class Tapvid(Metric[TapvidSettings]):
+    """Occlusion accuracy, delta_avg and average Jaccard of each image pair."""
+
+    Settings = TapvidSettings
+
+    @staticmethod
+    def figures(settings: TapvidSettings) -> list[Figure]:
+        """Return the averages over the thresholds, then the figures of each threshold."""
+        mean = "mean over image pairs (TAP-Vid: over videos)"
+
+        def higher(name: str, about: str, denominator: str, label: str = "") -> Ratio:
+            about = f"{about}, {mean}"
+            return Ratio(name, "higher", "", about, label, f"{name}_pair", denominator)
+
+        within = "share of visible points within the thresholds, averaged over them"
+        result: list[Figure] = [
+            higher("oa", "occlusion accuracy", "one", "OA"),
+            higher("delta_avg", within, "tapvid_pair", "δ avg"),
+            higher("aj", "average Jaccard over the thresholds", "jaccard_pair", "AJ"),
+        ]
+        for t in settings.thresholds:
+            about = f"share of visible points within {t:g} scaled px"
+            result.append(higher(f"delta_{t:g}", about, "tapvid_pair"))
+            result.append(higher(f"jaccard_{t:g}", f"Jaccard at {t:g} scaled px", "jaccard_pair"))
+        return result
+
+    def update(self, block: Block) -> None:
+        """Take in one block."""
+        settings = self.settings
+        scale = np.array(settings.scale) / self.context.queries.size
+        offset = (block.answer_px - block.true_px) * scale
+        error = np.hypot(offset[:, 0], offset[:, 1])
+        predicted = self.context.answers.visible
+        if predicted is None:
+            predicted_visible = np.ones(len(error), bool)
+        else:
+            predicted_visible = predicted[block.rows] >= settings.visible_threshold
+        right = predicted_visible == block.counted
+        if block.missing is not None:
+            error = np.where(block.missing, np.inf, error)
+            predicted_visible |= block.missing  # a false positive at every threshold
+            right &= ~block.missing
+        found = tapvid_pairs(
+            error, block.counted, predicted_visible, right, block.pair, len(block.starts) - 1,
+            settings.thresholds, settings.comparison,
+        )  # fmt: skip
+        has_visible = found.visible > 0
+        has_jaccard = np.isfinite(found.jaccard).all(axis=1)
+        columns = {
+            "oa_pair": found.occlusion_accuracy,
+            "tapvid_pair": has_visible,
+            "jaccard_pair": has_jaccard,
+            "delta_avg_pair": np.where(has_visible, found.points_within.mean(axis=1), 0),
+            "aj_pair": np.where(has_jaccard, found.jaccard.mean(axis=1), 0),
+        }
+        for index, t in enumerate(settings.thresholds):
+            within, jaccard = found.points_within[:, index], found.jaccard[:, index]
+            columns[f"delta_{t:g}_pair"] = np.where(has_visible, within, 0)
+            columns[f"jaccard_{t:g}_pair"] = np.where(has_jaccard, jaccard, 0)
+        for name, values in columns.items():
+            self.table.put(name, block.pairs, np.nan_to_num(values))
+
+    def finish(self, groups: Groups, summary: Summary) -> None:
+        """Say what was assumed."""
+        if self.context.answers.visible is None:
+            summary.notes["visible"] = (
+                "the submission has no column `visible`: every point was taken as predicted visible"
+            )
 
 
 @dataclass(frozen=True)

@@ -5,41 +5,107 @@ from __future__ import annotations
 import functools
 import hashlib
 import json
-from collections.abc import Mapping
-from dataclasses import dataclass
 from importlib import resources
-from typing import Any, Final
+from typing import Annotated, Any, Final, Literal
 
-import jsonschema
-
+from pliant.evaluator.metrics.families import metric_class
+from pliant.evaluator.statistics.bootstrap import Bootstrap
+from pliant.evaluator.statistics.ratios import Figure, Ratio
+from pliant.spec.configuration import configuration, settings_from, settings_to_dict
+from pliant.spec.constraints import NotEmpty
 from pliant.spec.errors import CallError
 
-PROTOCOL_NAMES: Final = ("paper", "standard", "tapvid", "track", "matches")
+_FOLDER: Final = resources.files("pliant.evaluator") / "protocols"
+PROTOCOL_NAMES: Final = tuple(
+    sorted(each.name[:-5] for each in _FOLDER.iterdir() if each.name.endswith(".json"))
+)
 
 
-@dataclass(frozen=True)
+@configuration(frozen=True)
+class Policy:
+    """What happens to answers that are missing, doubled, unknown or unusual."""
+
+    missing: Literal["error", "counted_in_coverage"]
+    missing_if_allowed: Literal["worst_value", "counted_in_coverage"]
+    duplicate: Literal["error", "best_score_per_source_pixel"]
+    unknown: Literal["error"]
+    not_finite: Literal["error"]
+    outside_image: Literal["scored_by_distance"]
+    position_bound_px: Literal[1000000]
+    predictions: Literal["as_submitted"]
+
+
+@configuration(frozen=True)
 class Protocol:
     """One protocol, as its file says.
 
     Attributes:
-        name: One of `PROTOCOL_NAMES`.
+        name: Its name.
         version: `MAJOR.MINOR` of the protocol itself.
-        kind: Kind of submission it scores, `answers` or `matches`.
-        sha256: Of the protocol's file; two scores compare only where it is the same.
+        kind: Kind of submission it scores.
+        summary: What it is for, in one sentence.
+        counted: Which queries or matches count.
+        policy: What happens to unusual answers.
+        definitions: What each figure is, in words: what is averaged over what.
         headline: The metrics to show first.
         metrics: Family of metrics -> its settings; families not named are not computed.
-        bootstrap: `replicates`, `seed` and `level` of the confidence intervals.
-        document: The whole file.
+        bootstrap: The confidence intervals.
+        sha256: Of the protocol's file; two scores compare only where it is the same.
     """
 
     name: str
     version: str
-    kind: str
+    kind: Literal["answers", "matches"]
+    summary: str
+    counted: Literal["visible_in_b", "source_on_object_and_visible_in_b"]
+    policy: Policy
+    definitions: Annotated[dict[str, str], NotEmpty()]
+    headline: Annotated[tuple[str, ...], NotEmpty()]
+    metrics: dict[str, dict[str, Any]]
+    bootstrap: Bootstrap
     sha256: str
-    headline: tuple[str, ...]
-    metrics: Mapping[str, Mapping[str, Any]]
-    bootstrap: Mapping[str, Any]
-    document: Mapping[str, Any]
+
+    @functools.cached_property
+    def settings(self) -> dict[str, Any]:
+        """Family of metrics -> its settings as the family's own class."""
+        return {
+            family: settings_from(metric_class(family).Settings, values, f"metrics.{family}")
+            for family, values in self.metrics.items()
+        }
+
+    @functools.cached_property
+    def figures(self) -> dict[str, Figure]:
+        """The metrics by name, in the order of a report."""
+        found = [
+            figure
+            for family, settings in self.settings.items()
+            for figure in metric_class(family).figures(settings)
+        ]
+        return {figure.name: figure for figure in found}
+
+    @property
+    def ratios(self) -> dict[str, Ratio]:
+        """The averaged metrics by name."""
+        return {name: each for name, each in self.figures.items() if isinstance(each, Ratio)}
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """The protocol as its file has it."""
+        values: dict[str, Any] = settings_to_dict(self)
+        del values["sha256"]
+        return values
+
+
+def parse_protocol(text: bytes) -> Protocol:
+    """Return the protocol of a JSON text.
+
+    Raises:
+        CallError: A setting is missing, unknown or not possible.
+    """
+    values = {**json.loads(text), "sha256": hashlib.sha256(text).hexdigest()}
+    protocol = settings_from(Protocol, values)
+    _ = protocol.settings  # checks the families too
+    return protocol
 
 
 @functools.cache
@@ -54,18 +120,4 @@ def read_protocol(name: str) -> Protocol:
     """
     if name not in PROTOCOL_NAMES:
         raise CallError("no such protocol", found=repr(name), required=", ".join(PROTOCOL_NAMES))
-    folder = resources.files("pliant.evaluator")
-    text = (folder / "protocols" / f"{name}.json").read_bytes()
-    document = json.loads(text)
-    schema = json.loads((folder / "schemas" / "protocol.schema.json").read_bytes())
-    jsonschema.validate(document, schema)
-    return Protocol(
-        name=document["name"],
-        version=document["version"],
-        kind=document["kind"],
-        sha256=hashlib.sha256(text).hexdigest(),
-        headline=tuple(document["headline"]),
-        metrics=document["metrics"],
-        bootstrap=document["bootstrap"],
-        document=document,
-    )
+    return parse_protocol((_FOLDER / f"{name}.json").read_bytes())

@@ -10,10 +10,10 @@ import numpy as np
 import pyarrow.compute as pc
 
 from pliant.evaluator.arrays import BoolArray, FloatArray
+from pliant.evaluator.metrics.dense_truth import dense_truth
+from pliant.evaluator.metrics.surfaces import Surfaces
 from pliant.evaluator.protocols.protocol import read_protocol
 from pliant.evaluator.report.drawings import Symbols, panel_svg, side_by_side
-from pliant.evaluator.scorers.match_scoring import dense_truth
-from pliant.evaluator.scorers.surfaces import Surfaces
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import SpecError
 from pliant.spec.io.parquet import read_table
@@ -84,7 +84,7 @@ def _is_right(
     )
     if source is None or target is None:
         raise SpecError("the pair has no surface images", path=dataset.root, where=str(pair))
-    footprints = read_protocol("matches").metrics["matches"]["visible_within_footprints"]
+    footprints = read_protocol("matches").settings["matches"].visible_within_footprints
     truth = dense_truth(
         source, target, uv_a, dataset.tiers[pair["tier"]].queried, float(footprints)
     )

@@ -6,8 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
-from pliant.evaluator.report.wording import about, label
-from pliant.evaluator.scorers.base import OVERALL
+from pliant.evaluator.metrics.base import OVERALL
+from pliant.evaluator.protocols.protocol import read_protocol
+from pliant.evaluator.statistics.ratios import Figure
 
 _ARROWS: Final = {"lower": "\u00a0↓", "higher": "\u00a0↑"}
 
@@ -81,8 +82,8 @@ def written(value: float | None, unit: str) -> str:
 
 def heading(metric: str, protocol: str) -> Heading:
     """Return the heading of a metric under a protocol."""
-    words, unit, better = about(metric, protocol)
-    return Heading(label(metric), words, unit, better)
+    figure = read_protocol(protocol).figures.get(metric, Figure(metric, "neither", "", metric))
+    return Heading(figure.title, figure.about, figure.unit, figure.better)
 
 
 def score_cell(document: Mapping[str, Any], group: str, metric: str) -> Cell:

@@ -8,11 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from pliant.evaluator.hidden_truth import public_scores
+from pliant.evaluator.metrics.base import OVERALL
 from pliant.evaluator.report.cells import heading, score_cell
 from pliant.evaluator.report.pages import render_page
 from pliant.evaluator.report.plots import cdf_svg, interval_svg
-from pliant.evaluator.report.wording import label
-from pliant.evaluator.scorers.base import OVERALL
 from pliant.evaluator.scores import SCORES_JSON, Scores, read_scores
 from pliant.evaluator.statistics.comparison import (
     Difference,
@@ -99,7 +98,7 @@ def render_leaderboard(
             }
             for i in order
         ],
-        main=label(main),
+        main=heading(main, protocol).label,
         fewest_sequences=fewest_sequences(float(document["intervals"]["level"])),
         too_few=any(item.verdict == "too few sequences" for item in found),
         plots=plots,

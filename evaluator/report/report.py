@@ -12,14 +12,14 @@ from typing import Any, Final
 
 import jsonschema
 
+from pliant.evaluator.metrics.base import OVERALL
 from pliant.evaluator.protocols.protocol import read_protocol
 from pliant.evaluator.report import plots
 from pliant.evaluator.report.canvas import Labels
 from pliant.evaluator.report.cells import heading, score_cell, written
 from pliant.evaluator.report.drawings import pair_svg
 from pliant.evaluator.report.pages import render_page
-from pliant.evaluator.report.wording import facts, label
-from pliant.evaluator.scorers.base import OVERALL
+from pliant.evaluator.report.wording import facts
 from pliant.evaluator.scores import (
     PER_PAIR_TABLE,
     REPORT_HTML,
@@ -110,19 +110,21 @@ def render_report(scores: Scores, dataset: Dataset | None = None) -> str:
         pictures=[
             (example, pair_svg(example, dataset, (size[0], size[1]))) for example in scores.examples
         ],
-        slices=[_slice(name, rows) for name, rows in document["slices"].items()],
+        slices=[
+            _slice(name, rows, document["protocol"]) for name, rows in document["slices"].items()
+        ],
         facts=facts(document),
         protocol_text=json.dumps(read_protocol(document["protocol"]).document, indent=1),
     )
 
 
-def _slice(name: str, rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+def _slice(name: str, rows: Sequence[Mapping[str, Any]], protocol: str) -> dict[str, Any]:
     metrics = [key for key in rows[0] if key not in ("slice", "queries")]
     return {
         "name": name,
         "heads": [
             "Queries",
-            *(label(key) + (", px" if key.endswith("_px") else "") for key in metrics),
+            *(heading(key, protocol).text for key in metrics),
         ],
         "rows": [
             {

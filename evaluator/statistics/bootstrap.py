@@ -10,18 +10,37 @@ percentile"), so that of 95 % intervals over ten sequences about 95 % hold the t
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Annotated, Final, Literal
 
 import numpy as np
+from scipy.special import ndtr, stdtrit
 
 from pliant.evaluator.arrays import FloatArray, IndexArray, IntArray
 from pliant.evaluator.statistics.ratios import Ratio
+from pliant.spec.configuration import configuration
+from pliant.spec.constraints import Bounds
 
 _CHUNK_CELLS: Final = 1 << 22
+
+
+@configuration(frozen=True)
+class Bootstrap:
+    """How confidence intervals are drawn.
+
+    Attributes:
+        unit: What is resampled.
+        replicates: Number of replicates.
+        seed: Random seed.
+        level: Nominal coverage.
+    """
+
+    unit: Literal["sequence_a"]
+    replicates: Annotated[int, Bounds(100)]
+    seed: Annotated[int, Bounds(0)]
+    level: Annotated[float, Bounds(0, 1, above=True, below=True)]
 
 
 @dataclass(frozen=True)
@@ -67,25 +86,25 @@ class Clusters:
         return np.bincount(self.tier, minlength=self.tiers)
 
 
-def replicates(clusters: Clusters, terms: FloatArray, settings: Mapping[str, Any]) -> FloatArray:
+def replicates(clusters: Clusters, terms: FloatArray, settings: Bootstrap) -> FloatArray:
     """Return the sums of pair terms in every replicate, by tier.
 
     Args:
         clusters: The resampled units.
         terms: float64 (P, M), what is summed.
-        settings: A protocol's `bootstrap`: `replicates`, `seed`.
+        settings: A protocol's `bootstrap`.
 
     Returns:
         float64 (B, T, M).
     """
     sizes = clusters.sizes()
     by_cluster = np.stack([clusters.sum(column) for column in terms.T], axis=1)  # (C, M)
-    count = int(settings["replicates"])
+    count = settings.replicates
     result = np.zeros((count, clusters.tiers, terms.shape[1]))
     for tier in range(clusters.tiers):
         members = by_cluster[clusters.tier == tier]
         # One generator a tier: a tier's intervals do not depend on which others there are.
-        rng = np.random.default_rng([int(settings["seed"]), int(sizes[tier])])
+        rng = np.random.default_rng([settings.seed, int(sizes[tier])])
         begin = 0
         for weights in _weights(rng, len(members), count):
             result[begin : begin + len(weights), tier] = weights @ members
@@ -109,7 +128,7 @@ def intervals(
     ratios: list[Ratio],
     columns: Mapping[str, FloatArray],
     clusters: Clusters,
-    settings: Mapping[str, Any],
+    settings: Bootstrap,
 ) -> list[dict[str, list[float]]]:
     """Return percentile intervals of every ratio, overall and for each tier.
 
@@ -117,7 +136,7 @@ def intervals(
         ratios: The metrics.
         columns: The pair table.
         clusters: The resampled units.
-        settings: A protocol's `bootstrap`: `replicates`, `seed`, `level`.
+        settings: A protocol's `bootstrap`.
 
     Returns:
         One mapping of metric to [low, high] for the whole split, then one a tier. A metric is
@@ -137,7 +156,7 @@ def intervals(
             values = values[np.isfinite(values)]
             if enough and len(values):
                 found[ratio.name] = percentile_interval(
-                    values, float(settings["level"]), *clusters.extent(group)
+                    values, settings.level, *clusters.extent(group)
                 )
         result.append(found)
     return result
@@ -162,7 +181,6 @@ def percentile_interval(
     return [float(low), float(high)]
 
 
-@functools.cache
 def expanded_tail(tail: float, sequences: int, tiers: int) -> float:
     """Return the share of replicates to leave out on each side for a nominal tail.
 
@@ -176,15 +194,4 @@ def expanded_tail(tail: float, sequences: int, tiers: int) -> float:
         tiers: Tiers that n is drawn within, each with its own mean.
     """
     freedom = sequences - tiers
-    z = math.sqrt(sequences / freedom) * _student_quantile(1 - tail, freedom)
-    return 0.5 * math.erfc(z / math.sqrt(2))
-
-
-def _student_quantile(share: float, freedom: int) -> float:
-    """Return the quantile of Student's t for a share above one half."""
-    # The substitution x = sqrt(freedom) tan(a) turns the density into cos(a)^(freedom - 1).
-    angle = np.linspace(0, np.pi / 2, 200_001)
-    density = np.cos(angle) ** (freedom - 1)
-    held = np.concatenate([[0.0], np.cumsum((density[1:] + density[:-1]) / 2)])
-    wanted = (share - 0.5) * 2 * held[-1]
-    return math.sqrt(freedom) * math.tan(float(np.interp(wanted, held, angle)))
+    return float(ndtr(math.sqrt(sequences / freedom) * stdtrit(freedom, tail)))

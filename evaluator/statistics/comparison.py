@@ -10,11 +10,11 @@ import numpy as np
 import pyarrow as pa
 
 from pliant.evaluator.arrays import FloatArray
+from pliant.evaluator.metrics.base import OVERALL
 from pliant.evaluator.protocols.protocol import read_protocol
-from pliant.evaluator.scorers.base import OVERALL
 from pliant.evaluator.scores import Scores
 from pliant.evaluator.statistics.bootstrap import Clusters
-from pliant.evaluator.statistics.ratios import Ratio, ratios_of
+from pliant.evaluator.statistics.ratios import Ratio
 from pliant.evaluator.statistics.sign_flips import (
     PairedDifference,
     fewest_sequences,
@@ -124,7 +124,7 @@ def differences(
     """
     check_comparable(reports)
     protocol = read_protocol(str(reports[0].document["protocol"]))
-    known = {ratio.name: ratio for ratio in ratios_of(protocol.metrics)}
+    known = protocol.ratios
     wanted = [m for m in protocol.headline if m in known] if metrics is None else list(metrics)
     for name in wanted:
         if name not in known:
@@ -138,7 +138,7 @@ def differences(
     columns = [_columns(report.per_pair) for report in reports]
     sequences, tiers = _clusters(reports[0].per_pair)
     clusters = Clusters.of(sequences[0], tiers[0], len(tiers[1]))
-    level = float(protocol.bootstrap["level"])
+    level = protocol.bootstrap.level
     result: list[Difference] = []
     for ratio in ratios:
         terms = [ratio.terms(table) for table in columns]

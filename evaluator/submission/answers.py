@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from pliant.evaluator.arrays import BoolArray, IntArray, RealArray
+from pliant.evaluator.arrays import BoolArray, FloatArray, IntArray, RealArray
 from pliant.evaluator.submission import limits
 from pliant.evaluator.submission.batches import Batch, read_batches
 from pliant.evaluator.submission.problems import LISTED_PER_CODE, Problems
@@ -41,6 +41,20 @@ class Answers:
     mode_begin: IntArray | None
     mode_count: npt.NDArray[np.int16] | None
     answered: int
+
+    @property
+    def has_distribution(self) -> bool:
+        """Whether the answers are distributions."""
+        return self.sigma_px is not None or self.modes is not None
+
+    def modes_of(self, rows: IntArray) -> tuple[IntArray, FloatArray]:
+        """Return the number of modes of some rows, int64 (N,), and their modes, float64 (K, 4)."""
+        if self.modes is None or self.mode_begin is None or self.mode_count is None:
+            raise RuntimeError("answers without modes were asked for them")
+        count = self.mode_count[rows].astype(np.int64)
+        within = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+        found = self.modes[np.repeat(self.mode_begin[rows], count) + within]
+        return count, found.astype(np.float64)
 
 
 def read_answers(

@@ -6,12 +6,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
+import numpy.typing as npt
 
 from pliant.evaluator.arrays import BoolArray, FloatArray, IntArray, RealArray, StateArray
-from pliant.evaluator.metrics.localisation import squared_error_px2
+from pliant.evaluator.metrics.errors import squared_error_px2, sum_by_pair
 from pliant.evaluator.submission.answers import Answers
 from pliant.evaluator.submission.queries import Queries
 from pliant.evaluator.submission.stream import ColumnStream, Vocabulary, numbers
@@ -40,7 +41,7 @@ class Partners:
     visible: BoolArray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Block:
     """Consecutive whole pairs of a split.
 
@@ -57,6 +58,8 @@ class Block:
         point: int64 (N,), material points, if asked for.
         box_px: float64 (N,), object sizes, if asked for.
         partners: Symmetric partners, if asked for.
+        source_on_object, target_on_object: bool (N,), of keypoint matches: whether the keypoint
+            is on the queried object.
     """
 
     first_row: int
@@ -71,6 +74,8 @@ class Block:
     point: IntArray | None = None
     box_px: FloatArray | None = None
     partners: Partners | None = None
+    source_on_object: BoolArray | None = None
+    target_on_object: BoolArray | None = None
 
     @property
     def rows(self) -> slice:
@@ -111,6 +116,10 @@ class Block:
         if self.missing is None:
             return self.error_px
         return np.where(self.missing, np.inf, self.error_px)
+
+    def sum_by_pair(self, values: npt.NDArray[Any]) -> FloatArray:
+        """Return the sum of values, (N,), over each pair, float64 (P,); bool is counted."""
+        return sum_by_pair(values, self.starts[:-1])
 
 
 def read_blocks(

@@ -8,6 +8,7 @@ import numpy as np
 
 from pliant.evaluator.arrays import FloatArray, IntArray
 from pliant.evaluator.submission import limits
+from pliant.evaluator.submission.answers import Answers
 from pliant.evaluator.submission.batches import read_batches
 from pliant.evaluator.submission.problems import Problems
 from pliant.evaluator.submission.queries import Queries
@@ -27,6 +28,11 @@ class Matches:
     starts: IntArray
     uv_a_px: FloatArray
     uv_b_px: FloatArray
+
+    @property
+    def answers(self) -> Answers:
+        """The target keypoints as answers to the source keypoints."""
+        return Answers(self.uv_b_px, None, None, None, None, None, len(self.uv_b_px))
 
 
 def read_matches(submission: Submission, queries: Queries, problems: Problems) -> Matches:

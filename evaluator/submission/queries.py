@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from pliant.evaluator.arrays import IntArray
+from pliant.evaluator.arrays import BoolArray, IntArray
 from pliant.evaluator.submission.stream import ColumnStream, Vocabulary, numbers
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import SpecError
@@ -19,7 +19,7 @@ _BLOCK_ROWS: Final = 1 << 18
 _STRINGS: Final = ("tier", "sequence_a", "sequence_b")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Queries:
     """The image pairs of a split, and where each pair's queries stand.
 
@@ -64,6 +64,16 @@ class Queries:
     def diagonal_px(self) -> float:
         """Diagonal of the images in pixels."""
         return float(np.hypot(*self.size))
+
+    @property
+    def area_px2(self) -> float:
+        """Area of the images in square pixels."""
+        return float(self.size[0] * self.size[1])
+
+    def temporal(self, dataset: Dataset) -> BoolArray:
+        """Return which pairs have a target sequence whose frames are frames in time, bool (P,)."""
+        known = np.array([dataset.sequence(name).temporal for name in self.sequences], bool)
+        return known[self.sequence_b]
 
     def key(self, row: int) -> tuple[int, int]:
         """Return (pair_id, query_id) of a row."""

@@ -17,12 +17,12 @@ import numpy.typing as npt
 import torch
 
 from pliant.evaluator.metrics.calibration import expected_calibration_error, reliability_bins
-from pliant.evaluator.metrics.distribution import (
+from pliant.evaluator.metrics.errors import endpoint_error_px
+from pliant.evaluator.metrics.mixtures import (
     Mixtures,
     negative_log_likelihood,
     probability_within,
 )
-from pliant.evaluator.metrics.localisation import endpoint_error_px
 from pliant.evaluator.protocols.protocol import read_protocol
 from pliant.models.don.decoding import Widths, decode_position, mixture_of_modes
 from pliant.models.don.matcher import Calibration, DonMatcher, visible_probability
@@ -170,7 +170,7 @@ def _measure(
     full_size: tuple[int, int],
 ) -> dict[str, float]:
     """Return `nll` and `ece` of the mixtures, as the standard protocol defines them."""
-    rules = read_protocol("standard").metrics["distribution"]
+    rules = read_protocol("standard").settings["distribution"]
     width = float(np.sqrt(scale[0] * scale[1]))
     losses, tables = [], []
     for pair, own in zip(modes.pairs, modes.of(calibration), strict=True):
@@ -181,20 +181,20 @@ def _measure(
         mixtures = Mixtures(
             row=np.nonzero(used)[0],
             uv_px=values[:, :2],
-            sigma_px=np.maximum(values[:, 2], rules["sigma_floor_px"]),
+            sigma_px=np.maximum(values[:, 2], rules.sigma_floor_px),
             weight=values[:, 3],
             rows=len(pair.truth),
         )
         area = float(full_size[0] * full_size[1])
         losses.append(
             negative_log_likelihood(
-                mixtures, pair.truth, outlier_weight=rules["outlier_weight"], area_px2=area
+                mixtures, pair.truth, outlier_weight=rules.outlier_weight, area_px2=area
             )
         )
-        radius = rules["ece_radius_px"]
+        radius = rules.ece_radius_px
         confidence = probability_within(mixtures, pair.answer, radius)
         happened = endpoint_error_px(pair.answer, pair.truth) <= radius
-        tables.append(reliability_bins(confidence, happened, rules["ece_bins"]))
+        tables.append(reliability_bins(confidence, happened, rules.ece_bins))
     return {
         "nll": float(np.mean(np.concatenate(losses))),
         "ece": expected_calibration_error(np.sum(tables, axis=0)),

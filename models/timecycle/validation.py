@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pliant.baselines.matcher import View
-from pliant.evaluator.metrics.localisation import endpoint_error_px, rmse_px
+from pliant.evaluator.metrics.errors import endpoint_error_px, rmse_px
 from pliant.loaders.frame_store import FrameStore
 from pliant.loaders.order import sample_generator
 from pliant.models.timecycle.matcher import TimeCycleMatcher

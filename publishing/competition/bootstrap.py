@@ -16,7 +16,10 @@ import tempfile
 import zipfile
 from pathlib import Path
 
-MODULES = ("numpy", "pyarrow", "jsonschema", "OpenEXR", "PIL", "matplotlib", "jinja2")
+MODULES = (
+    "numpy", "pyarrow", "jsonschema", "OpenEXR", "PIL", "matplotlib", "jinja2", "pydantic", "yaml",
+    "scipy",
+)  # fmt: skip
 
 
 def load_pliant(folder: Path) -> None:

@@ -31,6 +31,9 @@ LIBRARIES: Final = {
     "pillow": "PIL",
     "matplotlib": "matplotlib",
     "jinja2": "jinja2",
+    "pydantic": "pydantic",
+    "pyyaml": "yaml",
+    "scipy": "scipy",
 }
 """What scoring imports: name of the distribution -> name of the module."""
 

@@ -452,7 +452,7 @@ def test_geodesic_errors_agree_with_a_reference(scene: Any, tmp_path: Path) -> N
 
 def test_the_mixture_regions_hold_what_they_say(tmp_path: Path) -> None:
     """Against a large sample: regions of mixtures are found from points, so not to 1e-9."""
-    from pliant.evaluator.metrics.distribution import Mixtures, density, in_regions
+    from pliant.evaluator.metrics.mixtures import Mixtures, density, in_regions
 
     rng = np.random.default_rng(0)
     centre, sigma, weight = np.array([[0.0, 0.0], [9.0, 3.0]]), np.array([2.0, 4.0]), [0.7, 0.3]
@@ -475,7 +475,7 @@ def test_the_mixture_regions_hold_what_they_say(tmp_path: Path) -> None:
 
 def test_the_regions_of_many_modes_agree_with_a_sample_and_take_no_time() -> None:
     """64 modes per answer, 1,024 answers: within 0.03 of probability, in 2 s."""
-    from pliant.evaluator.metrics.distribution import Mixtures, in_regions, probability_within
+    from pliant.evaluator.metrics.mixtures import Mixtures, in_regions, probability_within
 
     rng = np.random.default_rng(3)
     count, modes = 1024, 64

@@ -10,7 +10,7 @@ import pyarrow as pa
 import pytest
 
 from pliant.evaluator import evaluate, read_protocol
-from pliant.evaluator.report.wording import about
+from pliant.evaluator.report.cells import heading
 from pliant.spec.tables import ANSWERS_OPTIONAL
 
 
@@ -65,7 +65,7 @@ def test_leaving_out_the_hardest_rows_improves_nothing(
         before = whole.overall if group == "overall" else whole.tiers[group]
         after = part.overall if group == "overall" else part.tiers[group]
         for metric, value in before.items():
-            better = about(metric, "standard")[2]
+            better = heading(metric, "standard").better
             if better == "neither" or value is None:
                 continue
             judged.add(metric)

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from pliant.evaluator import PROTOCOL_NAMES, evaluate, read_protocol
+from pliant.evaluator.metrics.families import metric_class
 from pliant.evaluator.scores import scores_schema
-from pliant.evaluator.statistics.ratios import ratios_of
 from pliant.spec.errors import CallError, SpecError, SubmissionError
 
 TINY = Path(__file__).parents[1] / "data" / "tiny-submission"
@@ -42,15 +42,15 @@ def test_a_headline_is_of_metrics_that_the_protocol_gives(
     name: str, scene: Any, tmp_path: Path
 ) -> None:
     protocol = read_protocol(name)
-    averaged = [ratio.name for ratio in ratios_of(protocol.metrics)]
-    assert len(averaged) == len(set(averaged))
+    families = [metric_class(name).figures(each) for name, each in protocol.settings.items()]
+    assert sum(map(len, families)) == len(protocol.figures), "two metrics share a name"
     if protocol.kind == "answers":
         scores = evaluate(scene.submit(tmp_path / "s.parquet"), scene.root, protocol=name)
         assert set(protocol.headline) <= set(scores.overall)
 
 
 def test_an_unknown_protocol_is_a_wrong_call(scene: Any, tmp_path: Path) -> None:
-    with pytest.raises(CallError, match="no such protocol; found 'best'; required: paper"):
+    with pytest.raises(CallError, match="no such protocol; found 'best'; required: matches, paper"):
         evaluate(scene.submit(tmp_path / "s.parquet"), scene.root, protocol="best")
 
 

@@ -18,8 +18,8 @@ from pliant.evaluator.statistics.ratios import Ratio
 from pliant.evaluator.statistics.sign_flips import _subsets, fewest_sequences, paired_difference
 from pliant.spec.errors import SpecError
 
-MEAN = Ratio("mean", "above", "below", "lower", "", "")
-RMSE = Ratio("rmse", "above", "below", "lower", "px", "", root=True)
+MEAN = Ratio("mean", "lower", "", "", "", "above", "below")
+RMSE = Ratio("rmse", "lower", "px", "", "", "above", "below", root=True)
 
 
 def skewed(rng: np.random.Generator, count: int) -> tuple[Any, Any]:

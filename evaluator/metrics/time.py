@@ -2,37 +2,63 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from typing import Annotated
 
 import numpy as np
 
 from pliant.evaluator.arrays import IntArray
-from pliant.evaluator.metrics.localisation import sum_by_pair
-from pliant.evaluator.scorers.base import Groups, Scorer, ScoringContext, Summary
+from pliant.evaluator.metrics.base import Groups, Metric, ScoringContext, Summary
+from pliant.evaluator.statistics.ratios import Figure, Ratio
 from pliant.evaluator.submission.blocks import Block
+from pliant.spec.configuration import configuration
+from pliant.spec.constraints import Bounds
 
 
-class TimeScorer(Scorer):
+@configuration(frozen=True)
+class TimeSettings:
+    """Settings of `time`.
+
+    Attributes:
+        frames: Numbers of frames between source and target that have a metric of their own.
+    """
+
+    frames: Annotated[tuple[int, ...], Bounds(1)]
+
+
+class Time(Metric[TimeSettings]):
     """RMSE by the number of frames between source and target of one episode.
 
     Pairs of two sequences, or of one whose frames are not frames in time, have no such number
     and are left out here.
     """
 
-    def __init__(self, settings: Mapping[str, Any], context: ScoringContext) -> None:
+    Settings = TimeSettings
+
+    @staticmethod
+    def figures(settings: TimeSettings) -> list[Figure]:
+        """Return the RMSE after each number of frames."""
+        return [
+            Ratio(
+                f"rmse_px_after_{frames}", "lower", "px",
+                f"RMSE {frames} frames after the query, in its episode",
+                f"RMSE after {frames} frames",
+                f"time_squared_px2_{frames}", f"time_counted_{frames}", root=True,
+            )
+            for frames in settings.frames
+        ]  # fmt: skip
+
+    def __init__(self, settings: TimeSettings, context: ScoringContext) -> None:
         super().__init__(settings, context)
         self._elapsed = elapsed_frames(context)
 
     def update(self, block: Block) -> None:
         """Take in one block."""
-        starts = block.starts[:-1]
-        squared = sum_by_pair(np.where(block.counted, block.squared_px2, 0.0), starts)
-        counted = sum_by_pair(block.counted, starts)
+        squared = block.sum_by_pair(np.where(block.counted, block.squared_px2, 0.0))
+        counted = block.sum_by_pair(block.counted)
         elapsed = self._elapsed[block.pairs]
         self.table.put("time_squared_px2", block.pairs, squared)
         self.table.put("time_counted", block.pairs, counted)
-        for frames in self.settings["frames"]:
+        for frames in self.settings.frames:
             here = elapsed == frames
             self.table.put(f"time_squared_px2_{frames}", block.pairs, np.where(here, squared, 0))
             self.table.put(f"time_counted_{frames}", block.pairs, np.where(here, counted, 0))
@@ -62,9 +88,6 @@ class TimeScorer(Scorer):
 def elapsed_frames(context: ScoringContext) -> IntArray:
     """Return the frames between source and target of each pair, int64 (P,); -1 where undefined."""
     queries = context.queries
-    temporal = np.array([context.dataset.sequence(s).temporal for s in queries.sequences], bool)
-    same = queries.sequence_a == queries.sequence_b
-    if not len(same):
-        return np.empty(0, np.int64)
     between = np.abs(queries.frame_b.astype(np.int64) - queries.frame_a.astype(np.int64))
-    return np.where(same & temporal[queries.sequence_b], between, -1)
+    same = queries.sequence_a == queries.sequence_b
+    return np.where(same & queries.temporal(context.dataset), between, -1)

@@ -5,14 +5,15 @@ The paper draws, per tier, distances divided by the image diagonal and L2 distan
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, Final
+from typing import Annotated, Any, Final, Literal
 
 import numpy as np
 
 from pliant.evaluator.arrays import FloatArray
-from pliant.evaluator.scorers.base import Groups, Scorer, ScoringContext, Summary
+from pliant.evaluator.metrics.base import Groups, Metric, Positive, ScoringContext, Summary
 from pliant.evaluator.submission.blocks import Block
+from pliant.spec.configuration import configuration
+from pliant.spec.constraints import Bounds
 
 _CDF_PX: Final = (0.5, 1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512)
 
@@ -20,12 +21,29 @@ _L2_STEP_PX: Final = 4.0
 _L2_BINS: Final = 32
 
 
-class AnalysisScorer(Scorer):
+@configuration(frozen=True)
+class AnalysisSettings:
+    """Settings of `analysis`.
+
+    Attributes:
+        bin_px: Width of the bins that errors are counted in.
+        normalise_by: What errors are divided by in the normalised histograms.
+        bins: Number of bins of the normalised histograms.
+    """
+
+    bin_px: Positive
+    normalise_by: Literal["image_diagonal"]
+    bins: Annotated[int, Bounds(2)]
+
+
+class Analysis(Metric[AnalysisSettings]):
     """Histograms of errors, counted in narrow bins while the blocks pass."""
 
-    def __init__(self, settings: Mapping[str, Any], context: ScoringContext) -> None:
+    Settings = AnalysisSettings
+
+    def __init__(self, settings: AnalysisSettings, context: ScoringContext) -> None:
         super().__init__(settings, context)
-        self._bin_px = float(settings["bin_px"])
+        self._bin_px = settings.bin_px
         self._fine = int(np.ceil(context.queries.diagonal_px / self._bin_px))
         # The last bin takes everything beyond the diagonal.
         self._counts = np.zeros((len(context.queries.tiers), self._fine + 1))
@@ -42,7 +60,7 @@ class AnalysisScorer(Scorer):
     def finish(self, groups: Groups, summary: Summary) -> None:
         """Add histograms, the CDF and the boxes."""
         diagonal = self.context.queries.diagonal_px
-        bins = int(self.settings["bins"])
+        bins = self.settings.bins
         columns = self.table.columns
         counted = columns["counted"]
         pair_rmse = np.sqrt(columns["sum_squared_px2"] / np.maximum(counted, 1))

@@ -1,0 +1,66 @@
+"""How far an answer is from the truth, in pixels, and the sums that averages are made of."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from pliant.evaluator.arrays import FloatArray, IntArray, RealArray
+
+
+def endpoint_error_px(predicted_px: RealArray, true_px: RealArray) -> FloatArray:
+    """Return the Euclidean distance of each answer from its truth.
+
+    Args:
+        predicted_px: float (N, 2), pixels.
+        true_px: float (N, 2), pixels.
+
+    Returns:
+        float64 (N,), pixels.
+    """
+    return np.sqrt(squared_error_px2(predicted_px, true_px))
+
+
+def squared_error_px2(predicted_px: RealArray, true_px: RealArray) -> FloatArray:
+    """Return the squared Euclidean distance of each answer from its truth.
+
+    Args:
+        predicted_px: float (N, 2), pixels.
+        true_px: float (N, 2), pixels.
+
+    Returns:
+        float64 (N,), square pixels.
+    """
+    du = np.subtract(predicted_px[:, 0], true_px[:, 0], dtype=np.float64)
+    dv = np.subtract(predicted_px[:, 1], true_px[:, 1], dtype=np.float64)
+    du *= du
+    dv *= dv
+    du += dv
+    return du
+
+
+def sum_by_pair(values: npt.NDArray[Any], starts: IntArray) -> FloatArray:
+    """Return the sum of consecutive values for each image pair.
+
+    Args:
+        values: float64 (N,), or bool or integers (N,), which are counted.
+        starts: int64 (P,), ascending, the first row of each pair; no pair is empty.
+
+    Returns:
+        float64 (P,).
+    """
+    if values.dtype != np.float64:
+        values = values.astype(np.float64)
+    sums: FloatArray = np.add.reduceat(values, starts)
+    return sums
+
+
+def rmse_px(error_px: FloatArray) -> float:
+    """Return the root of the mean squared error, pixels; NaN for no errors.
+
+    Args:
+        error_px: float64 (N,), pixels.
+    """
+    return float(np.sqrt(np.mean(error_px**2))) if len(error_px) else float("nan")

@@ -1,0 +1,146 @@
+"""Keypoint matches, scored through the dense truth of both frames.
+
+A match counts where the matter under its source keypoint shows in the target; where it does not
+show, the match cannot be right and is counted as not visible.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from pliant.evaluator.metrics.base import (
+    Groups,
+    Metric,
+    Positive,
+    ScoringContext,
+    Summary,
+)
+from pliant.evaluator.metrics.dense_truth import dense_truth
+from pliant.evaluator.metrics.surfaces import ObjectSurface, Surfaces, nearest_object_pixel
+from pliant.evaluator.statistics.ratios import Figure, Ratio
+from pliant.evaluator.submission import matches
+from pliant.evaluator.submission.blocks import VISIBLE, Block
+from pliant.evaluator.submission.queries import Queries
+from pliant.spec.configuration import configuration
+from pliant.spec.conventions import VISIBILITY_STATES
+from pliant.spec.errors import SpecError
+
+
+@configuration(frozen=True)
+class MatchesSettings:
+    """Settings of `matches`.
+
+    Attributes:
+        visible_within_footprints: The matter shows where a target pixel is within so many times
+            what one pixel spans there.
+    """
+
+    visible_within_footprints: Positive
+
+
+class Matches(Metric[MatchesSettings]):
+    """How many matches there are, and on what they are."""
+
+    Settings = MatchesSettings
+
+    @staticmethod
+    def figures(settings: MatchesSettings) -> list[Figure]:
+        """Return the coverage and the rates."""
+        del settings
+
+        def rate(name: str, about: str, columns: tuple[str, str]) -> Ratio:
+            return Ratio(name, "higher", "", about, "", *columns)
+
+        return [
+            rate(
+                "match_coverage",
+                "share of image pairs with at least one match that could be scored",
+                ("matched", "one"),
+            ),
+            Ratio(
+                "matches_per_pair", "neither", "", "mean number of matches a pair", "",
+                "matches", "one",
+            ),
+            rate(
+                "on_object_rate",
+                "share of matches whose source keypoint lies on the queried object",
+                ("on_object", "matches"),
+            ),
+            rate(
+                "partner_visible_rate",
+                "share of those whose point is visible in the target frame",
+                ("counted", "on_object"),
+            ),
+            rate(
+                "target_on_object_rate",
+                "share of those whose target keypoint lies on the queried object",
+                ("target_on_object", "on_object"),
+            ),
+        ]  # fmt: skip
+
+    def update(self, block: Block) -> None:
+        """Take in one block."""
+        if block.source_on_object is None or block.target_on_object is None:
+            return
+        self.add_sums(
+            block,
+            matches=np.ones(len(block.state)),
+            on_object=block.source_on_object,
+            target_on_object=block.source_on_object & block.target_on_object,
+        )
+
+    def finish(self, groups: Groups, summary: Summary) -> None:
+        """Add which pairs have a match that could be scored."""
+        everything = slice(0, self.table.pairs)
+        self.table.put("matched", everything, self.table.columns["counted"] > 0)
+
+
+def match_blocks(
+    found: matches.Matches, context: ScoringContext, footprints: float
+) -> Iterator[Block]:
+    """Yield the matches of each pair that has some, with their truth.
+
+    Args:
+        found: The matches.
+        context: What is scored.
+        footprints: See `MatchesSettings`.
+
+    Raises:
+        SpecError: The dataset has no surface images of a pair.
+    """
+    queries, surfaces = context.queries, context.surfaces
+    for pair in np.flatnonzero(np.diff(found.starts)).tolist():
+        first, end = int(found.starts[pair]), int(found.starts[pair + 1])
+        source = _surface(surfaces, queries, pair, "a")
+        target = _surface(surfaces, queries, pair, "b")
+        queried = surfaces.queried(queries.tiers[queries.tier[pair]])
+        truth = dense_truth(source, target, found.uv_a_px[first:end], queried, footprints)
+        answer_px = found.uv_b_px[first:end]
+        hidden = VISIBILITY_STATES.index("occluded")
+        yield Block(
+            first_row=first,
+            first_pair=pair,
+            starts=np.array([0, end - first]),
+            true_px=truth.uv_b_px,
+            state=np.where(truth.visible, VISIBLE, hidden).astype(np.uint8),
+            answer_px=answer_px,
+            missing=None,
+            missing_px=queries.diagonal_px,
+            source_on_object=truth.on_object,
+            target_on_object=nearest_object_pixel(target.on_object, answer_px, 0)[2],
+        )
+
+
+def _surface(surfaces: Surfaces, queries: Queries, pair: int, side: str) -> ObjectSurface:
+    sequence = queries.sequences[getattr(queries, f"sequence_{side}")[pair]]
+    frame = int(getattr(queries, f"frame_{side}")[pair])
+    surface = surfaces.frame(sequence, frame)
+    if surface is None:
+        raise SpecError(
+            "keypoint matches are scored through surface images, and one is missing",
+            path=surfaces.path(sequence, frame),
+            fix="Score where the whole dataset is, or submit answers instead.",
+        )
+    return surface
