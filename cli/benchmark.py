@@ -2,49 +2,46 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import click
 
 from pliant.cli.interrupts import terminated_like_interrupted
-from pliant.cli.options import set_option
-from pliant.cli.terminal import echo
+from pliant.cli.options import PATH, cpu_cores, json_option, out_option, path_option, set_option
+from pliant.cli.terminal import echo, echo_json, rich_progress
 from pliant.spec.errors import MissingExtraError
+
+if TYPE_CHECKING:
+    from rich.progress import Progress, TaskID
 
 _TITLES = {"generate": "Making sets", "train": "Training", "answer": "Answering and scoring"}
 
 
 @click.command()
-@click.argument("config_file", metavar="CONFIG", type=click.Path(path_type=Path))
-@click.option(
-    "--out", required=True, metavar="DIR", type=click.Path(path_type=Path), help="Its folder."
-)
+@click.argument("config_file", metavar="CONFIG", type=PATH)
+@out_option("DIR", "Its folder.")
 @set_option
-@click.option("--resume", is_flag=True, help="Go on with a benchmark that was begun in DIR.")
+@click.option("--resume", is_flag=True, help="Continue a benchmark that was begun in DIR.")
 @click.option(
     "--workers",
     type=click.IntRange(min=1),
     metavar="N",
-    help="Processes at a time; default: one a CPU core, and one a GPU where there are GPUs.",
+    help="Processes at a time; default: one per GPU, without GPUs one per CPU core.",
 )
 @click.option(
     "--until",
     type=click.Choice(list(_TITLES)),
     default="answer",
     show_default=True,
-    help="Last stage to do; the table holds what is scored by then.",
+    help="Last stage to do; the table contains what is scored by then.",
 )
-@click.option(
+@path_option(
     "--page",
-    metavar="FILE.md",
-    type=click.Path(path_type=Path),
-    help="Also write the results page there, its figures into pictures/ beside it.",
+    "FILE.md",
+    "Also write the results page there, and its figures into pictures/ in the same folder.",
 )
-@click.option("--json", "as_json", is_flag=True, help="Print table.json on stdout.")
+@json_option
 def command(
     config_file: Path,
     out: Path,
@@ -72,19 +69,19 @@ def command(
         raise MissingExtraError("a benchmark", "all") from error
 
     said = "Interrupted: what is finished is kept, the same command with --resume goes on."
-    with terminated_like_interrupted(said), _display() as watcher:
+    with terminated_like_interrupted(said), rich_progress() as bar:
         differing = run_benchmark(
             config,
             out,
             resume=resume,
             workers=workers or _default_workers(),
             until=until,
-            watcher=watcher,
+            watcher=_Display(bar),
         )
     called = f"pliant benchmark {config_file} --out DIR"
     document = write_results(config, out, differing, called, page)
     if as_json:
-        echo(json.dumps(document, indent=1, sort_keys=True))
+        echo_json(document, sort_keys=True)
     else:
         echo(f"Table: {out / 'results.md'}")
         if not differing.frozen:
@@ -97,31 +94,32 @@ def command(
 
 
 def _default_workers() -> int:
-    import os
-
     import torch
 
-    return torch.cuda.device_count() or len(os.sched_getaffinity(0))
+    return torch.cuda.device_count() or cpu_cores()
 
 
 class _Display:
-    """Tells what happens on stderr: bars for what runs, a line for what has ended."""
+    """Shows progress on stderr: a bar for each running job, a line for each finished one."""
 
-    def __init__(self, console: Any, bar: Any) -> None:
-        self._console, self._bar = console, bar
-        self._tasks: dict[str, Any] = {}
-        self._stage: Any = None
+    def __init__(self, bar: Progress) -> None:
+        self._bar = bar
+        self._tasks: dict[str, TaskID] = {}
+        self._stage: TaskID | None = None
+
+    def _print(self, text: str) -> None:
+        self._bar.console.print(text, highlight=False, soft_wrap=True)
 
     def begin(self, stage: str, jobs: int, finished: int) -> None:
         title = _TITLES[stage]
         there = f", {finished} of them there already" if finished else ""
-        self._console.print(f"{title}: {jobs}{there}", highlight=False)
+        self._print(f"{title}: {jobs}{there}")
         if self._stage is not None:
             self._bar.remove_task(self._stage)
-        self._stage = self._bar.add_task(title, total=jobs, completed=finished)
+        self._stage = self._bar.add_task(title, total=jobs, completed=finished, facts="")
 
     def started(self, job: str) -> None:
-        self._tasks[job] = self._bar.add_task(f"  {job}", total=None)
+        self._tasks[job] = self._bar.add_task(f"  {job}", total=None, facts="")
 
     def progress(self, job: str, done: int, total: int) -> None:
         if job in self._tasks:
@@ -129,30 +127,7 @@ class _Display:
 
     def ended(self, job: str, wall_s: float, cpu_s: float, error: str) -> None:
         self._bar.remove_task(self._tasks.pop(job))
-        self._bar.advance(self._stage)
+        if self._stage is not None:
+            self._bar.advance(self._stage)
         said = f"FAILED: {error}" if error else f"{wall_s / 60:.1f} min, {cpu_s / 60:.1f} CPU min"
-        self._console.print(f"  {job}: {said}", highlight=False, soft_wrap=True)
-
-
-@contextmanager
-def _display() -> Iterator[_Display]:
-    from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
-
-    console = Console(stderr=True)
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=console, transient=True) as bar:
-        yield _Display(console, bar)
+        self._print(f"  {job}: {said}")

@@ -2,25 +2,19 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import click
 
-from pliant.cli.terminal import echo
+from pliant.cli.options import PATH, data_option, json_option
+from pliant.cli.terminal import echo, echo_json, plural
 
 
 @click.command("check")
-@click.argument("submission", metavar="SUB.parquet", type=click.Path(path_type=Path))
-@click.option(
-    "--data",
-    required=True,
-    metavar="DIR",
-    type=click.Path(path_type=Path),
-    help="The dataset; its queries suffice.",
-)
-@click.option("--allow-missing", is_flag=True, help="A query without an answer is no problem.")
-@click.option("--json", "as_json", is_flag=True, help="Report as one JSON document on stdout.")
+@click.argument("submission", metavar="SUB.parquet", type=PATH)
+@data_option("The dataset; its queries suffice.")
+@click.option("--allow-missing", is_flag=True, help="Accept queries without an answer.")
+@json_option
 def command(submission: Path, data: Path, allow_missing: bool, as_json: bool) -> int:
     """List everything that is wrong with SUB.parquet.
 
@@ -38,13 +32,12 @@ def command(submission: Path, data: Path, allow_missing: bool, as_json: bool) ->
             "issues": [issue.as_dict() for issue in issues],
             "warnings": problems.hints,
         }
-        echo(json.dumps(document, indent=1))
+        echo_json(document)
     elif issues:
         for issue in issues:
             echo(str(issue))
         counts = ", ".join(f"{code} {count:,}" for code, count in problems.totals.items())
-        noun = "problem" if problems.total == 1 else "problems"
-        echo(f"{submission}: {problems.total:,} {noun} ({counts}).")
+        echo(f"{submission}: {plural(problems.total, 'problem')} ({counts}).")
     else:
         for hint in problems.hints:
             echo(f"Warning: {hint}")

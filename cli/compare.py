@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import click
 
-from pliant.cli.terminal import echo
+from pliant.cli.options import json_option, reports_argument
+from pliant.cli.terminal import echo, echo_json, plural
 
 
 @click.command("compare")
-@click.argument(
-    "reports", metavar="REPORT REPORT…", nargs=-1, required=True, type=click.Path(path_type=Path)
-)
+@reports_argument
 @click.option(
     "--metric",
     "metrics",
@@ -21,7 +19,7 @@ from pliant.cli.terminal import echo
     metavar="NAME",
     help="An averaged metric of the protocol; may be repeated. Default: those of its headline.",
 )
-@click.option("--json", "as_json", is_flag=True, help="Report as one JSON document on stdout.")
+@json_option
 def command(reports: tuple[Path, ...], metrics: tuple[str, ...], as_json: bool) -> int:
     """Compare report folders of one protocol, dataset and split.
 
@@ -55,7 +53,7 @@ def command(reports: tuple[Path, ...], metrics: tuple[str, ...], as_json: bool) 
                 for (group, metric), places in standing.items()
             ],
         }
-        echo(json.dumps(document, indent=1))
+        echo_json(document)
         return 0
     last = ("", "")
     one_tier = len({item.group for item in found} - {"overall"}) == 1
@@ -85,5 +83,5 @@ def command(reports: tuple[Path, ...], metrics: tuple[str, ...], as_json: bool) 
 
 
 def _sequences(count: int, needed: int | None) -> str:
-    text = f"{count} sequence{'' if count == 1 else 's'}"
+    text = plural(count, "sequence")
     return text if needed is None else f"{text}; about {needed:,} would separate them"

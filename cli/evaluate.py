@@ -2,28 +2,25 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from pliant.cli.terminal import echo
+from pliant.cli.options import PATH, data_option, json_option, path_option
+from pliant.cli.terminal import echo, echo_json, progress_bar
 
 if TYPE_CHECKING:
     from pliant.evaluator import Scores
 
 
 @click.command("evaluate")
-@click.argument("submission", metavar="SUB.parquet", type=click.Path(path_type=Path))
-@click.option(
-    "--data", required=True, metavar="DIR", type=click.Path(path_type=Path), help="The dataset."
-)
-@click.option(
+@click.argument("submission", metavar="SUB.parquet", type=PATH)
+@data_option("The dataset.")
+@path_option(
     "--truth",
-    metavar="FILE|DIR",
-    type=click.Path(path_type=Path),
-    help="The split's truth, or `pliant publish`'s private half, where the dataset holds none.",
+    "FILE|DIR",
+    "The split's truth, or `pliant publish`'s private half, where the dataset has none.",
 )
 @click.option(
     "--protocol",
@@ -31,7 +28,7 @@ if TYPE_CHECKING:
     metavar="NAME",
     help="paper, standard, tapvid, track or matches; default: standard, and matches for matches.",
 )
-@click.option("--out", metavar="REPORT", type=click.Path(path_type=Path), help="Report folder.")
+@path_option("--out", "REPORT", "Report folder.")
 @click.option(
     "--allow-missing",
     is_flag=True,
@@ -43,7 +40,7 @@ if TYPE_CHECKING:
     help="Cap every error at the image diagonal, for results shown to participants "
     "(see: pliant serve --hide-truth).",
 )
-@click.option("--json", "as_json", is_flag=True, help="Print scores.json on stdout.")
+@json_option
 def command(
     submission: Path,
     data: Path,
@@ -59,9 +56,6 @@ def command(
     Writes scores.json, per_pair.parquet and report.html into REPORT. A submission with anything
     wrong in it is refused with every reason, exit code 1.
     """
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
-
     from pliant.evaluator import evaluate, write_report
     from pliant.spec.errors import SubmissionError
 
@@ -69,11 +63,8 @@ def command(
         from pliant.evaluator.report.report import check_out_dir
 
         check_out_dir(out)
-    columns = ("Scoring", BarColumn(), MofNCompleteColumn(), "pairs", TimeRemainingColumn())
-    console = Console(stderr=True)
     try:
-        with Progress(*columns, console=console, transient=True, disable=as_json) as bar:
-            task = bar.add_task("", total=None)
+        with progress_bar("Scoring", "pairs", hidden=as_json) as bar:
             scores = evaluate(
                 submission,
                 data,
@@ -81,7 +72,7 @@ def command(
                 protocol=protocol,
                 allow_missing=allow_missing,
                 hide_truth=hide_truth,
-                progress=lambda done, total: bar.update(task, completed=done, total=total),
+                progress=bar,
             )
     except SubmissionError as error:
         for issue in error.issues:
@@ -92,7 +83,7 @@ def command(
     if out is not None:
         write_report(scores, out, data=data)
     if as_json:
-        echo(json.dumps(scores.document, indent=1, sort_keys=True))
+        echo_json(scores.document, sort_keys=True)
     else:
         _print(scores, out)
     return 0

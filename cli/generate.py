@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-import json
-import os
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
 from pliant.cli.interrupts import terminated_like_interrupted
-from pliant.cli.options import set_option
-from pliant.cli.terminal import echo
+from pliant.cli.options import (
+    cpu_cores,
+    image_size,
+    json_option,
+    out_option,
+    path_option,
+    set_option,
+)
+from pliant.cli.terminal import Bar, echo, echo_json, plural, progress_bar
 from pliant.spec.errors import CallError
 
 if TYPE_CHECKING:
@@ -21,12 +24,12 @@ if TYPE_CHECKING:
     from pliant.generator.runner.plan import Plan
     from pliant.generator.runner.run import Progress, Summary
 
-_STOPPED = "Interrupted: finished sequences are kept, the same command goes on."
+_STOPPED = "Interrupted: finished sequences are kept, the same command continues."
 
 
 @click.command("generate")
 @click.argument("tiers", nargs=-1, metavar="[TIER]...")
-@click.option("--out", required=True, type=click.Path(path_type=Path), help="Dataset folder.")
+@out_option("PATH", "Dataset folder.")
 @click.option("--sequences", type=int, metavar="N", help="Sequences per tier.  [default: 20]")
 @click.option(
     "--splits", metavar="S=N,...", help="Sequences per tier by split, such as train=80,test=20."
@@ -38,21 +41,16 @@ _STOPPED = "Interrupted: finished sequences are kept, the same command goes on."
     help="Frames in time, or independent configurations (the default).",
 )
 @click.option("--size", metavar="WxH", help="Image size in pixels.  [default: 640x480]")
-@click.option("--seed", type=int, help="Seed of everything.  [default: 0]")
+@click.option("--seed", type=int, help="Random seed.  [default: 0]")
 @click.option(
     "--style", metavar="fast|photo|raster|real-depth", help="How to render.  [default: fast]"
 )
 @click.option(
     "--noise", is_flag=True, default=None, help="Add camera noise (strengths: --set noise.…)."
 )
-@click.option(
-    "--config",
-    "config_file",
-    type=click.Path(path_type=Path),
-    help="YAML or JSON file with these fields and more; flags win.",
-)
+@path_option("--config", "FILE", "YAML or JSON file with these fields and more; flags win.")
 @set_option
-@click.option("--workers", type=int, metavar="N", help="Worker processes.  [default: one a core]")
+@click.option("--workers", type=int, metavar="N", help="Worker processes.  [default: one per core]")
 @click.option(
     "--engine",
     type=click.Choice(["local", "ray"]),
@@ -61,14 +59,14 @@ _STOPPED = "Interrupted: finished sequences are kept, the same command goes on."
     help="Processes of this machine, or a Ray cluster.",
 )
 @click.option("--dry-run", is_flag=True, help="Say what would be done and how long it takes.")
-@click.option("--json", "as_json", is_flag=True, help="Report as one JSON document on stdout.")
+@json_option
 def command(
     tiers: tuple[str, ...],
     out: Path,
     overrides: tuple[str, ...],
-    config_file: Path | None,
+    config: Path | None,
     workers: int | None,
-    engine: str,
+    engine: Literal["local", "ray"],
     dry_run: bool,
     as_json: bool,
     **flags: Any,
@@ -81,18 +79,13 @@ def command(
     """
     from pliant.generator.runner.run import generate
 
-    config = build_config(tiers, config_file, overrides, flags)
-    count = len(os.sched_getaffinity(0)) if workers is None else workers
+    settings = build_config(tiers, config, overrides, flags)
+    count = cpu_cores() if workers is None else workers
     if dry_run:
-        return _dry_run(config, out, count, as_json)
-    with terminated_like_interrupted(_STOPPED), _bar(out, count) as show:
-        summary = generate(
-            config,
-            out,
-            workers=count,
-            engine="ray" if engine == "ray" else "local",
-            progress=show,
-        )
+        return _dry_run(settings, out, count, as_json)
+    with terminated_like_interrupted(_STOPPED), progress_bar("generate", "images") as bar:
+        show = _Display(bar, out, count)
+        summary = generate(settings, out, workers=count, engine=engine, progress=show)
     _report(summary, as_json)
     return 1 if summary.failed else 0
 
@@ -127,23 +120,13 @@ def build_config(
         if name in given:
             values.pop(other, None)
     if "size" in given:
-        values["width"], values["height"] = _parse_size(given.pop("size"))
+        values["width"], values["height"] = image_size(given.pop("size"))
     if "splits" in given:
         given["splits"] = _parse_splits(given["splits"])
     if given.pop("noise", False):
         values["noise"] = values.get("noise") or {}
     values.update(given)
     return settings_from(GenerateConfig, values, path=config_file, overrides=overrides)
-
-
-def _parse_size(text: str) -> tuple[int, int]:
-    try:
-        width, height = (int(part) for part in text.lower().split("x"))
-    except ValueError as error:
-        raise CallError(
-            "the size cannot be read", where="--size", found=text, required="WxH, such as 640x480"
-        ) from error
-    return width, height
 
 
 def _parse_splits(text: str) -> dict[str, int]:
@@ -180,7 +163,7 @@ def _dry_run(config: GenerateConfig, out: Path, workers: int, as_json: bool) -> 
             "estimated_bytes": estimate.bytes,
             "files": estimate.files,
         }
-        echo(json.dumps(document, indent=1))
+        echo_json(document)
         return 0
     echo(describe_plan(plan, config, out, workers))
     echo(
@@ -196,69 +179,44 @@ def describe_plan(plan: Plan, config: GenerateConfig, out: Path, workers: int) -
     kind = "episodes" if config.episodes else "configurations"
     text = (
         f"{out}: {len(plan.tasks)} sequences ({', '.join(config.tiers)}; per tier {splits}) of "
-        f"{config.frames} {'frame' if config.frames == 1 else 'frames'} ({kind}): "
+        f"{plural(config.frames, 'frame')} ({kind}): "
         f"{plan.frames:,} images of {config.width}x{config.height}, style {config.style}."
     )
     if plan.finished:
         text += f" {len(plan.finished)} sequences are there already."
-    return f"{text} {workers} {'worker' if workers == 1 else 'workers'}."
+    return f"{text} {plural(workers, 'worker')}."
 
 
-@contextmanager
-def _bar(out: Path, workers: int) -> Iterator[Any]:
-    """Show a progress bar on stderr; yields the function that updates it."""
-    from rich.console import Console
-    from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
-    from rich.progress import Progress as Bar
+class _Display:
+    """Shows how far a run is: the plan, the cost of the first sequence, and a bar."""
 
-    console = Console(stderr=True)
-    bar = Bar(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.completed:.0f}/{task.total:.0f} images"),
-        TextColumn("{task.fields[facts]}"),
-        TimeRemainingColumn(),
-        console=console,
-        transient=True,
-    )
-    job = None
-    measured = False
+    def __init__(self, bar: Bar, out: Path, workers: int) -> None:
+        self._bar, self._out, self._workers = bar, out, workers
+        self._begun = self._measured = False
 
-    def show(state: Progress) -> None:
-        nonlocal job, measured
-        if job is None:
-            plan = state.plan
-            sentence = f"{out}: {len(plan.missing)} of {len(plan.tasks)} sequences to make"
-            console.print(
-                f"{sentence}, {state.frames_wanted:,} images, {workers} "
-                f"{'worker' if workers == 1 else 'workers'}; log {state.log}",
-                highlight=False,
-                soft_wrap=True,
+    def __call__(self, state: Progress) -> None:
+        if not self._begun:
+            self._begun = True
+            self._bar.print(
+                f"{self._out}: {len(state.plan.missing)} of {len(state.plan.tasks)} sequences to "
+                f"make, {state.frames_wanted:,} images, {plural(self._workers, 'worker')}; "
+                f"log {state.log}"
             )
-            bar.start()
-            job = bar.add_task("generate", total=state.frames_wanted, facts="")
-        if state.measured and not measured:
-            measured = True
+        if state.measured and not self._measured:
+            self._measured = True
             name, frames, seconds, written = state.measured
-            left = seconds / frames * state.frames_wanted / workers
+            left = seconds / frames * state.frames_wanted / self._workers
             total = written / frames * state.frames_wanted
-            console.print(
-                f"{name}: {seconds / frames:.2f} s and {size(written / frames)} an image, so "
-                f"about {duration(left)} and {size(total)} in all",
-                highlight=False,
-                soft_wrap=True,
+            self._bar.print(
+                f"{name}: {seconds / frames:.2f} s and {size(written / frames)} per image, so "
+                f"about {duration(left)} and {size(total)} in all"
             )
         facts = f"{state.images_per_s:.1f} images/s"
         if state.memory_bytes:
-            facts += f", {size(state.memory_bytes)} a worker"
+            facts += f", {size(state.memory_bytes)} per worker"
         if state.failures:
             facts += f", {state.failures} failed attempts"
-        bar.update(job, completed=state.frames, facts=facts)
-
-    try:
-        yield show
-    finally:
-        bar.stop()
+        self._bar(state.frames, state.frames_wanted, facts=facts)
 
 
 def _report(summary: Summary, as_json: bool) -> None:
@@ -275,7 +233,7 @@ def _report(summary: Summary, as_json: bool) -> None:
                 for each in summary.failed
             ],
         }
-        echo(json.dumps(document, indent=1))
+        echo_json(document)
         return
     if summary.unchanged:
         echo(f"{summary.root} is finished: {summary.sequences} sequences, nothing to do.")

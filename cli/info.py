@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from pliant.cli.terminal import echo
+from pliant.cli.options import PATH, json_option
+from pliant.cli.terminal import echo_json
 
 if TYPE_CHECKING:
     from pliant.spec.dataset import Dataset
 
 
 @click.command("info")
-@click.argument("folder", metavar="DIR", type=click.Path(path_type=Path))
-@click.option("--json", "as_json", is_flag=True, help="Report as one JSON document on stdout.")
+@click.argument("folder", metavar="DIR", type=PATH)
+@json_option
 def command(folder: Path, as_json: bool) -> int:
     """Say what is in the dataset DIR: tiers, splits, sequences, frames, queries, provenance.
 
@@ -27,7 +27,7 @@ def command(folder: Path, as_json: bool) -> int:
 
     document = describe(Dataset.open(folder))
     if as_json:
-        echo(json.dumps(document, indent=1))
+        echo_json(document)
     else:
         _print(document)
     return 0

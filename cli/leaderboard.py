@@ -6,22 +6,15 @@ from pathlib import Path
 
 import click
 
+from pliant.cli.options import FILE, out_option, reports_argument
 from pliant.cli.terminal import echo
 
 
 @click.command("leaderboard")
-@click.argument(
-    "reports", metavar="REPORTS…", nargs=-1, required=True, type=click.Path(path_type=Path)
-)
-@click.option(
-    "--out",
-    required=True,
-    metavar="FILE.html",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="The page; replaced if it is there.",
-)
+@reports_argument
+@out_option("FILE.html", "The page; an earlier file is replaced.", FILE)
 def command(reports: tuple[Path, ...], out: Path) -> int:
-    """Write one page from REPORTS: report folders, or folders that hold them.
+    """Write one page from REPORTS: report folders, or folders that contain them.
 
     Reports of different protocols, datasets or splits are refused.
     """

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import click
 
-from pliant.cli.terminal import echo
-
-_FILE = click.Path(path_type=Path)
+from pliant.cli.options import json_option, out_option, path_option
+from pliant.cli.terminal import echo, echo_json
 
 
 def _position(ctx: click.Context, param: click.Parameter, value: str) -> tuple[float, float]:
@@ -24,8 +22,8 @@ def _position(ctx: click.Context, param: click.Parameter, value: str) -> tuple[f
 
 @click.command()
 @click.argument("method")
-@click.option("--source", required=True, type=_FILE, metavar="A.png", help="Has the pixel.")
-@click.option("--target", required=True, type=_FILE, metavar="B.png", help="Is searched.")
+@path_option("--source", "A.png", "Has the pixel.", required=True)
+@path_option("--target", "B.png", "Is searched.", required=True)
 @click.option(
     "--at",
     required=True,
@@ -33,17 +31,14 @@ def _position(ctx: click.Context, param: click.Parameter, value: str) -> tuple[f
     metavar="U,V",
     help="The pixel; the centre of the first one is 0.5,0.5.",
 )
-@click.option(
-    "--out", required=True, type=_FILE, metavar="FIG.png", help="The figure: png, pdf, svg or jpg."
-)
-@click.option(
+@out_option("FIG.png", "The figure: png, pdf, svg or jpg.")
+@path_option(
     "--mask-source",
-    type=_FILE,
-    metavar="FILE",
-    help="Picture that is black beside the object; one on black is its own mask.",
+    "FILE",
+    "Picture that is black outside the object; an object on black is its own mask.",
 )
-@click.option("--mask-target", type=_FILE, metavar="FILE", help="The same for the target.")
-@click.option("--json", "as_json", is_flag=True, help="Report as one JSON document.")
+@path_option("--mask-target", "FILE", "The same for the target.")
+@json_option
 def command(
     method: str,
     source: Path,
@@ -74,7 +69,7 @@ def command(
     draw_match(match, view_a, view_b, out)
     if as_json:
         files = {"source": str(source), "target": str(target), "figure": str(out)}
-        echo(json.dumps({**match.as_dict(), **files}))
+        echo_json({**match.as_dict(), **files})
         return
     confidence = "" if match.heat is None else f", confidence {match.heat.confidence:.2f}"
     echo(

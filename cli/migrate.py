@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import click
 
-from pliant.cli.terminal import echo
+from pliant.cli.options import PATH, json_option
+from pliant.cli.terminal import echo, echo_json
 
 
 @click.command()
-@click.argument("data", metavar="DIR", type=click.Path(path_type=Path))
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")
+@click.argument("data", metavar="DIR", type=PATH)
+@json_option
 def command(data: Path, as_json: bool) -> None:
     """Bring a dataset to the current specification version, in place.
 
@@ -26,7 +26,7 @@ def command(data: Path, as_json: bool) -> None:
         raise CallError("there is no such folder", path=data, fix="Name a dataset's folder.")
     result = migrate(data)
     if as_json:
-        echo(json.dumps(vars(result), indent=1))
+        echo_json(vars(result))
     elif not result.files:
         echo(f"{data}: already of version {result.found}; nothing to do.")
     else:

@@ -1,8 +1,19 @@
-"""Options that several commands have."""
+"""Arguments, options and parsers that several commands have."""
 
 from __future__ import annotations
 
+import os
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
 import click
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+PATH: Final = click.Path(path_type=Path)
+FILE: Final = click.Path(path_type=Path, dir_okay=False)
 
 set_option = click.option(
     "--set",
@@ -13,3 +24,86 @@ set_option = click.option(
     "optimiser.learning_rate=1e-3. Wins over files and other options.",
 )
 """`--set KEY=VALUE`, as `pliant.spec.configuration.with_overrides` takes it."""
+
+json_option = click.option(
+    "--json", "as_json", is_flag=True, help="Print one JSON document on stdout."
+)
+
+split_option = click.option(
+    "--split", default="test", show_default=True, help="Split whose queries to answer."
+)
+
+reports_argument = click.argument("reports", metavar="REPORTS…", nargs=-1, required=True, type=PATH)
+
+
+def path_option(
+    name: str,
+    metavar: str,
+    text: str,
+    *,
+    kind: click.Path = PATH,
+    required: bool = False,
+    multiple: bool = False,
+) -> Callable[[F], F]:
+    """Return an option whose value is a path.
+
+    Args:
+        name: Its name, such as `--truth`.
+        metavar: How help shows the value.
+        text: Its help.
+        kind: `PATH`, or `FILE`, which refuses a folder.
+        required: Whether it must be given.
+        multiple: Whether it may be repeated.
+    """
+    return click.option(
+        name, metavar=metavar, type=kind, help=text, required=required, multiple=multiple
+    )
+
+
+def out_option(metavar: str, text: str, kind: click.Path = PATH) -> Callable[[F], F]:
+    """Return `--out`, the required path of what a command writes."""
+    return path_option("--out", metavar, text, kind=kind, required=True)
+
+
+def data_option(text: str = "Dataset folder.") -> Callable[[F], F]:
+    """Return `--data`, the required folder of a dataset."""
+    return path_option("--data", "DIR", text, required=True)
+
+
+def kind_option(matches: str) -> Callable[[F], F]:
+    """Return `--kind`, the kind of a submission.
+
+    Args:
+        matches: Whose keypoint matches the second kind contains.
+    """
+    return click.option(
+        "--kind",
+        type=click.Choice(["answers", "matches"]),
+        default="answers",
+        show_default=True,
+        help=f"Answers to the queries, or {matches} own keypoint matches.",
+    )
+
+
+def cpu_cores() -> int:
+    """Return how many CPU cores this process may use."""
+    return len(os.sched_getaffinity(0))
+
+
+def image_size(text: str) -> tuple[int, int]:
+    """Return (width, height) from a text such as `640x480`.
+
+    Raises:
+        CallError: It is not of this form.
+    """
+    match = re.fullmatch(r"\s*(-?\d{1,6})\s*x\s*(-?\d{1,6})\s*", text.lower())
+    if match is None:
+        from pliant.spec.errors import CallError
+
+        raise CallError(
+            "the size cannot be read",
+            where="--size",
+            found=repr(text)[:40],
+            required="WxH, such as 640x480",
+        )
+    return int(match[1]), int(match[2])

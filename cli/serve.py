@@ -2,25 +2,17 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import click
 
-from pliant.cli.terminal import echo
+from pliant.cli.options import json_option, out_option, reports_argument
+from pliant.cli.terminal import echo, echo_json
 
 
 @click.command("serve")
-@click.argument(
-    "reports", metavar="REPORTS…", nargs=-1, required=True, type=click.Path(path_type=Path)
-)
-@click.option(
-    "--out",
-    required=True,
-    metavar="SITE",
-    type=click.Path(path_type=Path),
-    help="The site's folder: new, or an earlier site, which is replaced.",
-)
+@reports_argument
+@out_option("SITE", "The site's folder: new, or an earlier site, which is replaced.")
 @click.option("--title", metavar="TEXT", help="The site's name; default: the dataset's title.")
 @click.option(
     "--hide-truth",
@@ -28,11 +20,11 @@ from pliant.cli.terminal import echo
     help="Show only rounded headline metrics, so that no answer of a held-out split can be read "
     "off; needs reports of pliant evaluate --hide-truth.",
 )
-@click.option("--json", "as_json", is_flag=True, help="Report as one JSON document.")
+@json_option
 def command(
     reports: tuple[Path, ...], out: Path, title: str | None, hide_truth: bool, as_json: bool
 ) -> int:
-    """Write a site from REPORTS: report folders, or folders that hold them.
+    """Write a site from REPORTS: report folders, or folders that contain them.
 
     SITE is plain files: open index.html, copy it to any web server, or upload it as a
     Hugging Face Space (its README.md says `sdk: static`).
@@ -41,7 +33,7 @@ def command(
 
     names = write_site(reports, out, title=title, hide_truth=hide_truth)
     if as_json:
-        echo(json.dumps({"site": str(out), "reports": names}, indent=1))
+        echo_json({"site": str(out), "reports": names})
     else:
         echo(f"{len(names)} reports: {out / 'index.html'}")
     return 0

@@ -3,25 +3,23 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import click
 
-from pliant.cli.terminal import echo
+from pliant.cli.options import json_option, path_option
+from pliant.cli.terminal import echo, echo_json
 
 
 @click.command()
 @click.argument("name", required=False)
-@click.option("--out", type=click.Path(path_type=Path), help="Write SPEC.md and all schemas there.")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")
+@path_option("--out", "PATH", "Write SPEC.md and all schemas there.")
+@json_option
 def command(name: str | None, out: Path | None, as_json: bool) -> None:
     """Print or write the specification's schemas.
 
     Without NAME, lists them. NAME is one of the JSON Schemas (dataset, sequence, cameras,
     footer-TABLE), a table (points, correspondences …), `codes` or `text`.
     """
-    import json
-
     from pliant.spec.conventions import SPEC_VERSION
     from pliant.spec.errors import CallError
     from pliant.spec.export import (
@@ -34,41 +32,34 @@ def command(name: str | None, out: Path | None, as_json: bool) -> None:
     from pliant.spec.tables import TABLES
     from pliant.spec.validation.issue_codes import ISSUE_CODES
 
+    groups = {"schemas": list(JSON_SCHEMAS), "tables": list(TABLES), "other": ["codes", "text"]}
+    document: object
     if out is not None:
         written = write_specification(out)
-        if as_json:
-            echo(json.dumps({"written": [str(path) for path in written]}, indent=1))
-        else:
-            echo(f"Wrote {len(written)} files to {out}.")
-        return
-    if name is None:
-        listing: dict[str, Any] = {
-            "spec_version": SPEC_VERSION,
-            "schemas": list(JSON_SCHEMAS),
-            "tables": list(TABLES),
-            "other": ["codes", "text"],
-        }
-        if as_json:
-            echo(json.dumps(listing, indent=1))
-        else:
-            echo(f"Specification {SPEC_VERSION}")
-            for key in ("schemas", "tables", "other"):
-                echo(f"{key}: {', '.join(listing[key])}")
-        return
-    if name == "text":
+        document = {"written": [str(path) for path in written]}
+        text = f"Wrote {len(written)} files to {out}."
+    elif name is None:
+        document = {"spec_version": SPEC_VERSION, **groups}
+        lines = (f"{title}: {', '.join(names)}" for title, names in groups.items())
+        text = "\n".join([f"Specification {SPEC_VERSION}", *lines])
+    elif name == "text":
         text = specification_files()["SPEC.md"].decode()
-        echo(json.dumps({"text": text}) if as_json else text)
-        return
-    if name == "codes":
-        document: object = [vars(code) for code in ISSUE_CODES.values()]
-    elif name in JSON_SCHEMAS:
-        document = load_schema(name)
-    elif name in TABLES:
-        document = describe_table(name)
+        document = {"text": text}
     else:
-        raise CallError(
-            "there is no such schema",
-            found=name,
-            required=", ".join([*JSON_SCHEMAS, *TABLES, "codes", "text"]),
-        )
-    echo(json.dumps(document, indent=1, ensure_ascii=False))
+        as_json, text = True, ""
+        if name == "codes":
+            document = [vars(code) for code in ISSUE_CODES.values()]
+        elif name in JSON_SCHEMAS:
+            document = load_schema(name)
+        elif name in TABLES:
+            document = describe_table(name)
+        else:
+            raise CallError(
+                "there is no such schema",
+                found=name,
+                required=", ".join(each for names in groups.values() for each in names),
+            )
+    if as_json:
+        echo_json(document, ensure_ascii=False)
+    else:
+        echo(text)

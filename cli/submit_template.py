@@ -2,42 +2,24 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Literal
 
 import click
 
-from pliant.cli.terminal import echo
+from pliant.cli.options import data_option, json_option, kind_option, out_option, split_option
+from pliant.cli.terminal import echo, echo_json
 
 
 @click.command("submit-template")
-@click.option(
-    "--data",
-    required=True,
-    type=click.Path(path_type=Path),
-    metavar="DIR",
-    help="The dataset; its queries suffice.",
-)
-@click.option("--split", default="test", show_default=True, help="Whose queries to answer.")
-@click.option(
-    "--out",
-    required=True,
-    type=click.Path(path_type=Path),
-    metavar="SUB.parquet",
-    help="The file to write; an earlier submission there is replaced.",
-)
-@click.option(
-    "--kind",
-    type=click.Choice(["answers", "matches"]),
-    default="answers",
-    show_default=True,
-    help="Answers to the queries, or a sparse method's own keypoint matches.",
-)
+@data_option("The dataset; its queries suffice.")
+@split_option
+@out_option("SUB.parquet", "The file to write; an earlier submission there is replaced.")
+@kind_option("a sparse method's")
 @click.option(
     "--method", default="template", show_default=True, metavar="NAME", help="Shown in reports."
 )
-@click.option("--json", "as_json", is_flag=True, help="Report as one JSON document.")
+@json_option
 def command(
     data: Path,
     split: str,
@@ -58,7 +40,7 @@ def command(
     rows = write_template(dataset, split, out, kind, name=method)
     if as_json:
         facts = {"submission": str(out), "kind": kind, "split": split, "rows": rows}
-        echo(json.dumps({**facts, "method": {"name": method}}))
+        echo_json({**facts, "method": {"name": method}})
         return
     what = "answers" if kind == "answers" else "pairs"
     fill = "u and v" if kind == "answers" else "u_a, v_a, u, v and score"

@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-import json
 import os
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
-from functools import partial
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, TypeVar
 
 import click
 
 from pliant.cli.interrupts import terminated_like_interrupted
-from pliant.cli.options import set_option
-from pliant.cli.terminal import echo
+from pliant.cli.options import data_option, json_option, out_option, path_option, set_option
+from pliant.cli.terminal import Bar, echo, echo_json, progress_bar
 from pliant.spec.errors import MissingExtraError
 
-if TYPE_CHECKING:
-    from pliant.models.training.loop import Progress
+F = TypeVar("F", bound=Callable[..., None])
 
 
 @click.group("train")
@@ -29,26 +25,17 @@ def command() -> None:
     """
 
 
-def _run_options(function: Callable[..., None]) -> Callable[..., None]:
+def _run_options(function: F) -> F:
     """Add the options that every method's command has."""
     options = (
-        click.option(
-            "--data", required=True, type=click.Path(path_type=Path), help="Dataset folder."
-        ),
-        click.option(
-            "--out", required=True, type=click.Path(path_type=Path), help="Folder of the run."
-        ),
-        click.option(
-            "--config",
-            "config_file",
-            type=click.Path(path_type=Path),
-            help="YAML file of settings; what it leaves out keeps its default.",
+        data_option(),
+        out_option("RUN", "Folder of the run."),
+        path_option(
+            "--config", "FILE", "YAML file of settings; what it leaves out keeps its default."
         ),
         set_option,
-        click.option("--resume", is_flag=True, help="Go on from the run's newest checkpoint."),
-        click.option(
-            "--json", "as_json", is_flag=True, help="Report as one JSON document on stdout."
-        ),
+        click.option("--resume", is_flag=True, help="Continue from the run's newest checkpoint."),
+        json_option,
     )
     for option in reversed(options):
         function = option(function)
@@ -57,14 +44,7 @@ def _run_options(function: Callable[..., None]) -> Callable[..., None]:
 
 @command.command("don")
 @_run_options
-def don(
-    data: Path,
-    out: Path,
-    config_file: Path | None,
-    overrides: tuple[str, ...],
-    resume: bool,
-    as_json: bool,
-) -> None:
+def don(data: Path, out: Path, **given: Any) -> None:
     """Train Dense Object Nets: a descriptor at every pixel, the same for the same point.
 
     Without --config, the recipe shipped for the tier's kind is taken: two CPU cores, an hour or so.
@@ -79,31 +59,16 @@ def don(
         raise MissingExtraError("training", "train") from error
     from pliant.spec.dataset import Dataset
 
-    dataset = Dataset.open(data)
-    config_file = config_file or _begun_config(out, resume)
-    if config_file is None:
-        tier = read_settings(DonSettings, None, overrides).tier
-        config_file = shipped_recipe(dataset, tier)
-    settings = read_settings(DonSettings, config_file, overrides)
-    _train(
-        partial(train_don, dataset, out, settings, resume=resume),
-        settings.steps,
-        data,
-        out,
-        _don_figures if not as_json else None,
-    )
+    def recipe() -> Path:
+        tier = read_settings(DonSettings, None, given["overrides"]).tier
+        return shipped_recipe(Dataset.open(data), tier)
+
+    _train(DonSettings, train_don, recipe, _don_figures, data=data, out=out, **given)
 
 
 @command.command("timecycle")
 @_run_options
-def timecycle(
-    data: Path,
-    out: Path,
-    config_file: Path | None,
-    overrides: tuple[str, ...],
-    resume: bool,
-    as_json: bool,
-) -> None:
+def timecycle(data: Path, out: Path, **given: Any) -> None:
     """Train TimeCycle: descriptors from episodes alone, by tracking back and forth in time.
 
     Several processes: `torchrun --nproc-per-node N --no-python pliant train timecycle …`.
@@ -112,57 +77,66 @@ def timecycle(
     try:
         from pliant.models.timecycle.settings import TimeCycleSettings
         from pliant.models.timecycle.trainer import train_timecycle
-        from pliant.spec.configuration import read_settings
     except ImportError as error:
         raise MissingExtraError("training", "train") from error
-    from pliant.spec.dataset import Dataset
 
-    dataset = Dataset.open(data)
-    config_file = config_file or _begun_config(out, resume)
-    settings = read_settings(TimeCycleSettings, config_file, overrides)
     _train(
-        partial(train_timecycle, dataset, out, settings, resume=resume),
-        settings.steps,
-        data,
-        out,
-        _timecycle_figures if not as_json else None,
-    )
-
-
-def _begun_config(out: Path, resume: bool) -> Path | None:
-    """Return the config that a run to resume began with, or None."""
-    begun = out / "config.yaml"
-    return begun if resume and begun.is_file() else None
+        TimeCycleSettings, train_timecycle, lambda: None, _timecycle_figures,
+        data=data, out=out, **given,
+    )  # fmt: skip
 
 
 def _train(
+    settings: type[Any],
     train: Callable[..., dict[str, Any]],
-    steps: int,
-    data: Path,
-    out: Path,
-    tell: Callable[[Mapping[str, Any]], None] | None,
+    recipe: Callable[[], Path | None],
+    show_figures: Callable[[Mapping[str, Any]], None],
+    **given: Any,
 ) -> None:
-    """Train with a bar, then say what came of it: with `tell`, or all facts as JSON without."""
+    """Train with a bar, then print what came of it.
+
+    Args:
+        settings: The method's class of settings.
+        train: Its trainer.
+        recipe: Returns the settings file of a new run without --config, or None for the defaults.
+        show_figures: Prints the figures of a finished run.
+        **given: Values of the options of `_run_options`.
+    """
+    from pliant.spec.configuration import read_settings
+    from pliant.spec.dataset import Dataset
+
+    data, out, resume = given["data"], given["out"], given["resume"]
+    dataset = Dataset.open(data)
+    begun = out / "config.yaml"
+    config = given["config"] or (begun if resume and begun.is_file() else recipe())
+    chosen = read_settings(settings, config, given["overrides"])
     first = os.environ.get("RANK", "0") == "0"
-    said = f"Interrupted: go on with --resume --out {out}" if first else ""
-    with terminated_like_interrupted(said), _bar(steps, shown=first) as progress:
-        facts = train(progress=progress)
+    said = f"Interrupted: continue with --resume --out {out}" if first else ""
+    with (
+        terminated_like_interrupted(said),
+        progress_bar("Training", "steps", hidden=not first, transient=False) as bar,
+    ):
+        progress = _Progress(bar, chosen.steps)
+        facts = train(dataset, out, chosen, resume=resume, progress=progress)
     if not first:
         return
-    if tell is None:
-        echo(json.dumps({"run": str(out), **facts}, indent=1, sort_keys=True))
+    if given["as_json"]:
+        echo_json({"run": str(out), **facts}, sort_keys=True)
         return
-    tell(facts)
+    show_figures(facts)
     echo(f"Report: {out / 'report.html'}")
     echo(f"Answer with it: pliant predict {out} --data {data} --split test --out SUB.parquet")
 
 
 def _don_figures(facts: Mapping[str, Any]) -> None:
     figures = facts.get("validation", {})
+    rmse, mean, median = (
+        figures.get(name, float("nan"))
+        for name in ("rmse_px", "rmse_px_mean_over_pairs", "median_px")
+    )
     echo(
-        f"{facts['steps']} steps; validation RMSE {figures.get('rmse_px', float('nan')):.1f} px "
-        f"pooled, {figures.get('rmse_px_mean_over_pairs', float('nan')):.1f} px mean over pairs, "
-        f"median {figures.get('median_px', float('nan')):.1f} px"
+        f"{facts['steps']} steps; validation RMSE {rmse:.1f} px pooled, {mean:.1f} px mean over "
+        f"pairs, median {median:.1f} px"
     )
 
 
@@ -174,45 +148,19 @@ def _timecycle_figures(facts: Mapping[str, Any]) -> None:
     echo(guard.get("verdict", "The run has not been validated."))
 
 
-@contextmanager
-def _bar(steps: int, *, shown: bool) -> Iterator[Progress]:
-    """Yield a progress callback that draws on stderr."""
-    from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
+class _Progress:
+    """Shows the steps done, their rate, and the newest loss and validation error."""
 
-    columns: list[Any] = [
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[rate]} steps/s"),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-        TextColumn("{task.fields[figures]}"),
-    ]
-    with Progress(*columns, console=Console(stderr=True), disable=not shown) as bar:
-        task = bar.add_task("Training", total=steps, rate="…", figures="")
-        latest: dict[str, float] = {}
+    def __init__(self, bar: Bar, steps: int) -> None:
+        self._bar, self._steps = bar, steps
+        self._latest: dict[str, float] = {}
 
-        def show(step: int, figures: Mapping[str, float]) -> None:
-            latest.update(figures)
-            texts = []
-            if "loss" in latest:
-                texts.append(f"loss {latest['loss']:.3f}")
-            if "val/rmse_px" in latest:
-                texts.append(f"val RMSE {latest['val/rmse_px']:.1f} px")
-            speed = bar.tasks[0].speed
-            bar.update(
-                task,
-                completed=step,
-                rate="…" if speed is None else f"{speed:.1f}",
-                figures=", ".join(texts),
-            )
-
-        yield show
+    def __call__(self, step: int, figures: Mapping[str, float]) -> None:
+        self._latest.update(figures)
+        rate = self._bar.rate
+        texts = ["… steps/s" if rate is None else f"{rate:.1f} steps/s"]
+        if "loss" in self._latest:
+            texts.append(f"loss {self._latest['loss']:.3f}")
+        if "val/rmse_px" in self._latest:
+            texts.append(f"val RMSE {self._latest['val/rmse_px']:.1f} px")
+        self._bar(step, self._steps, facts=", ".join(texts))

@@ -2,55 +2,41 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import click
 
-from pliant.cli.terminal import echo
+from pliant.cli.options import PATH, cpu_cores, json_option
+from pliant.cli.terminal import echo, echo_json, progress_bar
 
 
 @click.command()
-@click.argument("data", metavar="DIR", type=click.Path(path_type=Path))
+@click.argument("data", metavar="DIR", type=PATH)
 @click.option("--quick", is_flag=True, help="Structure, schemas and checksums only.")
 @click.option(
-    "--workers", type=click.IntRange(min=1), default=None, help="Processes; default: all cores."
+    "--workers", type=click.IntRange(min=1), help="Worker processes; default: one per CPU core."
 )
 @click.option(
     "--limit",
     type=click.IntRange(min=1),
     default=200,
     show_default=True,
-    help="List so many problems; the total is told in any case.",
+    help="Number of problems to list; the total is always given.",
 )
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")
+@json_option
 def command(data: Path, quick: bool, workers: int | None, limit: int, as_json: bool) -> int:
     """Check a dataset against the specification.
 
     Lists every problem with its code and place. Exit code 0: valid; 1: not; 2: no such folder.
     """
-    import os
-
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
-
     from pliant.spec.validation.validate import validate
 
-    if workers is None:
-        workers = len(os.sched_getaffinity(0))
-    columns = ("Validating", BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    console = Console(stderr=True)
-    with Progress(*columns, console=console, transient=True, disable=as_json) as bar:
-        task = bar.add_task("", total=None)
+    with progress_bar("Validating", hidden=as_json) as bar:
         report = validate(
-            data,
-            quick=quick,
-            workers=workers,
-            limit=limit,
-            progress=lambda done, total: bar.update(task, completed=done, total=total),
+            data, quick=quick, workers=workers or cpu_cores(), limit=limit, progress=bar
         )
     if as_json:
-        echo(json.dumps(report.as_dict(), indent=1))
+        echo_json(report.as_dict())
         return 0 if report.valid else 1
     for issue in report.issues:
         echo(str(issue))

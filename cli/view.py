@@ -2,30 +2,27 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
+from typing import Any
 
 import click
 
-from pliant.cli.terminal import echo
+from pliant.cli.options import FILE, PATH, json_option, out_option, path_option
+from pliant.cli.terminal import echo, echo_json
 from pliant.spec.errors import CallError
-
-_FIGURES = ("sheet", "index", "depth", "anatomy", "tracks")
 
 
 @click.command("view")
-@click.argument("folder", metavar="DIR", type=click.Path(path_type=Path))
-@click.option(
-    "--out",
-    required=True,
-    metavar="FILE",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="Image to write: .png, .jpg, .webp; anatomy and tracks also .pdf, .svg; with --tracks "
+@click.argument("folder", metavar="DIR", type=PATH)
+@out_option(
+    "FILE",
+    "Image to write: .png, .jpg, .webp; anatomy and tracks also .pdf, .svg; with --tracks "
     "also .gif and .mp4.",
+    FILE,
 )
 @click.option(
     "--figure",
-    type=click.Choice(_FIGURES),
+    type=click.Choice(["sheet", "index", "depth", "anatomy", "tracks"]),
     default="sheet",
     show_default=True,
     help="sheet: frames over index colours and depth; index, depth: one layer; "
@@ -36,29 +33,21 @@ _FIGURES = ("sheet", "index", "depth", "anatomy", "tracks")
 @click.option(
     "--count", type=int, default=24, show_default=True, help="Images on a sheet; steps of tracks."
 )
-@click.option(
+@path_option(
     "--tracks",
-    metavar="SUB.parquet",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="Draw a submission's tracks through an episode: dots are its answers, lines lead to the "
+    "SUB.parquet",
+    "Draw a submission's tracks through an episode: dots are its answers, lines lead to the "
     "truth, hollow dots are points that cannot be seen.",
+    kind=FILE,
 )
 @click.option(
     "--frames",
     metavar="F,F,...",
     help="Frames of --tracks; default: 0, 22 and 87 where the episode has them.",
 )
-@click.option("--json", "as_json", is_flag=True, help="Report as one JSON document on stdout.")
+@json_option
 def command(
-    folder: Path,
-    out: Path,
-    figure: str,
-    sequence: str | None,
-    frame: int,
-    count: int,
-    tracks: Path | None,
-    frames: str | None,
-    as_json: bool,
+    folder: Path, out: Path, tracks: Path | None, frames: str | None, as_json: bool, **what: Any
 ) -> None:
     """Draw a figure of the dataset DIR: contact sheets, index colours, depth, tracks."""
     from pliant.viewer.figures import draw_figure, draw_predicted_tracks
@@ -66,12 +55,14 @@ def command(
     if frames is not None and tracks is None:
         raise CallError("--frames belongs to --tracks", found=frames)
     if tracks is not None:
-        figure = "tracks"
-        draw_predicted_tracks(folder, tracks, out, sequence=sequence, frames=_numbers(frames))
+        what["figure"] = "tracks"
+        draw_predicted_tracks(
+            folder, tracks, out, sequence=what["sequence"], frames=_numbers(frames)
+        )
     else:
-        draw_figure(folder, out, figure=figure, sequence=sequence, frame=frame, count=count)
+        draw_figure(folder, out, **what)
     if as_json:
-        echo(json.dumps({"out": str(out), "figure": figure, "bytes": out.stat().st_size}))
+        echo_json({"out": str(out), "figure": what["figure"], "bytes": out.stat().st_size})
     else:
         echo(f"Wrote {out}")
 

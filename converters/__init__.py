@@ -2,3 +2,8 @@
 
 `knots` reads the paper's annotations, `tapvid` point tracks; `writer` writes them as a dataset.
 """
+
+from pliant.converters.formats import Source, read_source
+from pliant.converters.writer import Imported, ImportSettings, write_imported
+
+__all__ = ["ImportSettings", "Imported", "Source", "read_source", "write_imported"]

@@ -110,6 +110,8 @@ def write_imported(
     if settings.pairs < 1:
         raise CallError("the number of pairs is wrong", found=settings.pairs, required=">= 1")
     size = settings.size or _common_size(clips)
+    if min(size) < 1:
+        raise CallError("the size is not possible", where="--size", found=f"{size[0]}x{size[1]}")
     if max(size) > limits.MAX_IMAGE_SIDE_PX or size[0] * size[1] > limits.MAX_IMAGE_PIXELS:
         raise CallError(
             "the frames are larger than a dataset's may be",

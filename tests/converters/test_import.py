@@ -307,7 +307,7 @@ def test_size_beyond_the_limit_is_refused(
     assert "16,777,216 pixels in all" in capsys.readouterr().err
     for size in ("0x5", "5", "5x5x5", "-5x5"):
         assert run([*command, size]) == 2
-        assert "--size is no size" in capsys.readouterr().err
+        assert "--size: the size" in capsys.readouterr().err
 
 
 def test_folder_that_is_there_is_not_replaced(tmp_path: Path) -> None:
