@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import tempfile
-from importlib import resources
 from pathlib import Path
 
 from pliant.publishing.competition.archive import write_archive
-from pliant.publishing.competition.codabench import bundle_members, dockerfile
-from pliant.publishing.competition.evalai import challenge_members
 from pliant.publishing.competition.facts import describe
+from pliant.publishing.competition.pages import file_bytes
+from pliant.publishing.competition.platforms import (
+    codabench_members,
+    dockerfile,
+    evalai_members,
+)
 from pliant.publishing.competition.reference import reference_members
 from pliant.spec.conventions import SPLITS
 from pliant.spec.errors import SpecError
@@ -44,13 +47,13 @@ def write_bundle(public: Path, private: Path, out: Path) -> list[Path]:
             reference = Path(folder) / "reference_data.zip"
             write_archive(reference, reference_members(competition, public, private))
             for name, members in {
-                f"codabench-{split}.zip": bundle_members(competition, public, reference),
-                f"evalai-{split}.zip": challenge_members(competition, reference),
+                f"codabench-{split}.zip": codabench_members(competition, public, reference),
+                f"evalai-{split}.zip": evalai_members(competition, reference),
             }.items():
                 write_archive(out / name, members)
                 written.append(out / name)
-    readme = resources.files("pliant.publishing.competition") / "files" / "README.md"
-    for name, content in {"README.md": readme.read_bytes(), "Dockerfile": dockerfile()}.items():
+    notes = {"README.md": file_bytes("files/README.md"), "Dockerfile": dockerfile()}
+    for name, content in notes.items():
         (out / name).write_bytes(content)
         written.append(out / name)
     return written

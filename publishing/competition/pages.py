@@ -1,16 +1,18 @@
-"""The pages of a competition: Markdown for Codabench, the same as HTML for EvalAI."""
+"""The texts of a competition: its pages in Markdown or HTML, configurations and programs."""
 
 from __future__ import annotations
 
 from importlib import resources
+from typing import Any, Final
 
 import jinja2
+import yaml
 from markdown_it import MarkdownIt
 
 from pliant.publishing.competition.facts import Competition
 from pliant.spec.text import shown
 
-PAGES = {
+PAGES: Final = {
     "overview": "Overview",
     "data": "Data",
     "evaluation": "Evaluation",
@@ -18,6 +20,8 @@ PAGES = {
     "terms": "Terms",
 }
 """Name of a page -> its title, in the order of the tabs."""
+
+_FOLDER: Final = resources.files("pliant.publishing.competition")
 
 
 def render_pages(competition: Competition, platform: str) -> dict[str, str]:
@@ -27,6 +31,39 @@ def render_pages(competition: Competition, platform: str) -> dict[str, str]:
         competition: What they are about.
         platform: `codabench`, which wants the Parquet file in a zip archive, or `evalai`.
     """
+    return {
+        name: _render(f"{name}.md.j2", competition, platform=platform) for name in [*PAGES, "kit"]
+    }
+
+
+def render_yaml(template: str, competition: Competition, **facts: object) -> bytes:
+    """Return a platform's configuration file.
+
+    Args:
+        template: Name of its template in `files/`.
+        competition: The competition.
+        **facts: What else the template shows.
+    """
+    return dump_yaml(yaml.safe_load(_render(template, competition, pages=PAGES, **facts)))
+
+
+def dump_yaml(document: object) -> bytes:
+    """Return JSON values as a YAML file."""
+    return yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=100).encode()
+
+
+def as_html(markdown: str) -> str:
+    """Return a page in HTML; HTML in the text is shown as text."""
+    html: str = MarkdownIt("commonmark", {"html": False}).enable("table").render(markdown)
+    return html
+
+
+def file_bytes(name: str) -> bytes:
+    """Return a file of this folder, such as `files/logo.png` or a program to be copied."""
+    return (_FOLDER / name).read_bytes()
+
+
+def _render(template: str, competition: Competition, **facts: Any) -> str:
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("pliant.publishing.competition", "files"),
         autoescape=False,  # Markdown; as HTML it is escaped below
@@ -36,35 +73,4 @@ def render_pages(competition: Competition, platform: str) -> dict[str, str]:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    return {
-        name: environment.get_template(f"{name}.md.j2").render(
-            c=competition, d=competition.dataset, platform=platform
-        )
-        for name in [*PAGES, "kit"]
-    }
-
-
-def as_html(markdown: str) -> str:
-    """Return a page in HTML; HTML that stands in the text is shown, not obeyed."""
-    html: str = MarkdownIt("commonmark", {"html": False}).enable("table").render(markdown)
-    return html
-
-
-def logo() -> bytes:
-    """Return the logo, PNG."""
-    return _file("logo.png")
-
-
-def example_program() -> bytes:
-    """Return the program of the starting kit, which needs nothing of ours."""
-    folder = resources.files("pliant.publishing.competition")
-    return (folder / "examples" / "submit_without_pliant.py").read_bytes()
-
-
-def module_source(name: str) -> bytes:
-    """Return the source of a module of this folder, for programs that carry it along."""
-    return (resources.files("pliant.publishing.competition") / f"{name}.py").read_bytes()
-
-
-def _file(name: str) -> bytes:
-    return (resources.files("pliant.publishing.competition") / "files" / name).read_bytes()
+    return environment.get_template(template).render(c=competition, d=competition.dataset, **facts)

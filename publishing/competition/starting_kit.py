@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import tempfile
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 import pyarrow as pa
 
 from pliant.publishing.competition.archive import Members
 from pliant.publishing.competition.facts import Competition
-from pliant.publishing.competition.pages import example_program
+from pliant.publishing.competition.pages import file_bytes
 from pliant.spec.io.parquet import read_table, write_table
 from pliant.spec.storage import layout
+
+EXAMPLE_PROGRAM: Final = "submit_without_pliant.py"
 
 
 def kit_members(competition: Competition, public: Path, readme: str) -> Members:
@@ -26,7 +29,7 @@ def kit_members(competition: Competition, public: Path, readme: str) -> Members:
     queries = layout.queries_path(public, competition.split)
     return {
         "README.md": readme.encode(),
-        "submit_without_pliant.py": example_program(),
+        EXAMPLE_PROGRAM: file_bytes(f"examples/{EXAMPLE_PROGRAM}"),
         "template.parquet": _template(competition, queries),
         "data/dataset.json": public / layout.DATASET_JSON,
         f"data/queries/{competition.split}.parquet": queries,
