@@ -3,6 +3,7 @@
 Writes shards, dataset card, Croissant metadata and checksums; `competition` writes bundles.
 """
 
-from pliant.publishing.publish import Published, PublishSettings, publish
+from pliant.publishing.publish import Published, publish
+from pliant.publishing.settings import PublishSettings
 
 __all__ = ["PublishSettings", "Published", "publish"]

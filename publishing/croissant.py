@@ -7,7 +7,7 @@ here looks into the files.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
@@ -30,50 +30,6 @@ FILE: Final = "croissant.json"
 
 CONFORMS_TO: Final = "http://mlcommons.org/croissant/1.1"
 
-_CONTEXT: Final[dict[str, Any]] = {
-    "@language": "en",
-    "@vocab": "https://schema.org/",
-    "arrayShape": "cr:arrayShape",
-    "citeAs": "cr:citeAs",
-    "column": "cr:column",
-    "conformsTo": "dct:conformsTo",
-    "containedIn": "cr:containedIn",
-    "cr": "http://mlcommons.org/croissant/",
-    "data": {"@id": "cr:data", "@type": "@json"},
-    "dataType": {"@id": "cr:dataType", "@type": "@vocab"},
-    "dct": "http://purl.org/dc/terms/",
-    "description": {"@container": "@language"},
-    "equivalentProperty": "cr:equivalentProperty",
-    "examples": {"@id": "cr:examples", "@type": "@json"},
-    "extract": "cr:extract",
-    "field": "cr:field",
-    "fileObject": "cr:fileObject",
-    "fileProperty": "cr:fileProperty",
-    "fileSet": "cr:fileSet",
-    "format": "cr:format",
-    "includes": "cr:includes",
-    "isArray": "cr:isArray",
-    "isLiveDataset": "cr:isLiveDataset",
-    "jsonPath": "cr:jsonPath",
-    "key": "cr:key",
-    "md5": "cr:md5",
-    "name": {"@container": "@language"},
-    "parentField": "cr:parentField",
-    "path": "cr:path",
-    "rai": "http://mlcommons.org/croissant/RAI/",
-    "recordSet": "cr:recordSet",
-    "references": "cr:references",
-    "regex": "cr:regex",
-    "repeated": "cr:repeated",
-    "replace": "cr:replace",
-    "samplingRate": "cr:samplingRate",
-    "sc": "https://schema.org/",
-    "separator": "cr:separator",
-    "source": "cr:source",
-    "subField": "cr:subField",
-    "transform": "cr:transform",
-}
-
 _ENCODINGS: Final = {
     ".parquet": "application/x-parquet",
     ".json": "application/json",
@@ -81,8 +37,6 @@ _ENCODINGS: Final = {
     ".jpg": "image/jpeg",
     ".md": "text/markdown",
 }
-
-_TEXTS: Final = {"id", "sequence", "sequence_a", "sequence_b"}
 
 
 def write_croissant(
@@ -98,8 +52,8 @@ def write_croissant(
         date: Day of the release, YYYY-MM-DD, or None.
     """
     info = dataset.info
-    document: dict[str, Any] = {
-        "@context": _CONTEXT,
+    document = {
+        "@context": _resource("croissant.context.json"),
         "@type": "sc:Dataset",
         "conformsTo": CONFORMS_TO,
         "name": dataset.id,
@@ -114,12 +68,10 @@ def write_croissant(
         **_responsible(dataset),
         "distribution": _distribution(root),
         "recordSet": _record_sets(dataset, root),
+        "url": url,
+        "datePublished": date,
     }
-    if url is not None:
-        document["url"] = url
-    if date is not None:
-        document["datePublished"] = date
-    write_json(root / FILE, document)
+    write_json(root / FILE, {key: value for key, value in document.items() if value is not None})
 
 
 def _responsible(dataset: Dataset) -> dict[str, Any]:
@@ -152,46 +104,35 @@ def _responsible(dataset: Dataset) -> dict[str, Any]:
 
 
 def _distribution(root: Path) -> list[dict[str, Any]]:
-    """Return a FileObject for every file, and a FileSet for every kind of shard."""
-    apart = {FILE, layout.CHECKSUMS, layout.MANIFEST_JSON}
-    found: list[dict[str, Any]] = []
-    names = sorted(p.relative_to(root).as_posix() for p in root.rglob("*") if p.is_file())
-    for name in names:
-        if name in apart:
-            continue
-        path = root / name
-        found.append(
-            {
-                "@type": "cr:FileObject",
-                "@id": name,
-                "name": name,
-                "contentUrl": name,
-                "contentSize": f"{path.stat().st_size} B",
-                "encodingFormat": _ENCODINGS.get(path.suffix, "text/plain"),
-                "sha256": sha256_file(path),
-            }
-        )
-    return found
+    """Return a FileObject for every file that is described."""
+    left_out = {FILE, layout.CHECKSUMS, layout.MANIFEST_JSON}
+    names = {p.relative_to(root).as_posix() for p in root.rglob("*") if p.is_file()}
+    return [
+        {
+            "@type": "cr:FileObject",
+            "@id": name,
+            "name": name,
+            "contentUrl": name,
+            "contentSize": f"{(root / name).stat().st_size} B",
+            "encodingFormat": _ENCODINGS.get(Path(name).suffix, "text/plain"),
+            "sha256": sha256_file(root / name),
+        }
+        for name in sorted(names - left_out)
+    ]
 
 
 def _record_sets(dataset: Dataset, root: Path) -> list[dict[str, Any]]:
+    """Return a RecordSet for every table."""
+    joins = dict.fromkeys(("sequence", "sequence_a", "sequence_b"), "sequences/id")
+    pair = ["pair_id", "query_id"]
     sets = [_of_table("sequences", layout.SEQUENCES_TABLE, SEQUENCES, ["id"], {})]
-    joins = {name: "sequences/id" for name in ("sequence", "sequence_a", "sequence_b")}
     for split in dataset.splits_with_queries():
-        name = f"queries_{split}"
-        sets.append(
-            _of_table(name, layout.queries_name(split), QUERIES, ["pair_id", "query_id"], joins)
-        )
-        if dataset.has(layout.truth_name(split)):
-            sets.append(
-                _of_table(
-                    f"truth_{split}",
-                    layout.truth_name(split),
-                    TRUTH,
-                    ["pair_id", "query_id"],
-                    {key: f"{name}/{key}" for key in ("pair_id", "query_id")},
-                )
-            )
+        asked = f"queries_{split}"
+        sets.append(_of_table(asked, layout.queries_name(split), QUERIES, pair, joins))
+        truth = layout.truth_name(split)
+        if dataset.has(truth):
+            answers = {key: f"{asked}/{key}" for key in pair}
+            sets.append(_of_table(f"truth_{split}", truth, TRUTH, pair, answers))
     for folder, schema, key in (
         ("frames", FRAMES, ["sequence", "frame"]),
         ("correspondences", ROWS, ["sequence", "frame", "point"]),
@@ -284,12 +225,9 @@ def croissant_problems(root: Path) -> Iterator[str]:
             yield f"{name}: the file is not there"
         elif sha256_file(path) != entry.get("sha256"):
             yield f"{name}: the sha256 is not the file's"
-    fields = {
-        field.get("@id"): field
-        for records in document.get("recordSet", [])
-        for field in records.get("field", [])
-    }
-    for records in document.get("recordSet", []):
+    sets = document.get("recordSet", [])
+    fields = {field.get("@id") for records in sets for field in records.get("field", [])}
+    for records in sets:
         for field in records.get("field", []):
             yield from _field_problems(field, objects, fields)
         for key in records.get("key", []):
@@ -298,7 +236,7 @@ def croissant_problems(root: Path) -> Iterator[str]:
 
 
 def _field_problems(
-    field: dict[str, Any], objects: dict[Any, Path], fields: dict[Any, Any]
+    field: dict[str, Any], objects: Mapping[Any, Path], fields: Collection[Any]
 ) -> Iterator[str]:
     own, source = field.get("@id"), field.get("source", {})
     path = objects.get(source.get("fileObject", {}).get("@id"))
@@ -319,5 +257,8 @@ def _columns(path: str) -> frozenset[str]:
 
 @cache
 def _validator() -> Draft202012Validator:
-    text = (files("pliant.publishing") / "croissant.schema.json").read_text("utf-8")
-    return Draft202012Validator(json.loads(text))
+    return Draft202012Validator(_resource("croissant.schema.json"))
+
+
+def _resource(name: str) -> Any:
+    return json.loads((files("pliant.publishing") / name).read_text("utf-8"))

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import struct
 from collections.abc import Collection, Mapping
 from typing import Any, Final
 
 import numpy as np
+import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
 
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import SpecError
+from pliant.spec.io.parquet import read_table
 from pliant.spec.storage import layout
 from pliant.spec.tables import SEQUENCES
 
@@ -47,15 +48,12 @@ def public_info(info: Mapping[str, Any], hold_out: Collection[str]) -> dict[str,
         info: The dataset's own.
         hold_out: The splits.
     """
-    public = json.loads(json.dumps(info))
-    public["held_out"] = [split for split in info["splits"] if split in hold_out]
-    provenance = public["provenance"]
-    public["provenance"] = {
-        **provenance,
-        "seed": None,
-        "config": without_seeds(provenance["config"]),
+    provenance = info["provenance"]
+    return {
+        **info,
+        "held_out": [split for split in info["splits"] if split in hold_out],
+        "provenance": {**provenance, "seed": None, "config": without_seeds(provenance["config"])},
     }
-    return dict(public)
 
 
 def public_sequences(table: pa.Table, hold_out: Collection[str]) -> pa.Table:
@@ -85,12 +83,13 @@ def public_document(document: Mapping[str, Any], *, held_out: bool) -> dict[str,
         Without the seed; of a held-out sequence, without what was drawn or measured either. Its
         `files` are the caller's to list.
     """
-    public = dict(without_seeds(json.loads(json.dumps(document))))
-    public["seed"] = 0
+    public = {**without_seeds(dict(document)), "seed": 0}
     if held_out:
-        public["parameters"] = {}
-        public["frame_info"] = [{} for _ in document["frame_info"]]
-        public["files"] = []
+        public |= {
+            "parameters": {},
+            "frame_info": [{} for _ in document["frame_info"]],
+            "files": [],
+        }
     return public
 
 
@@ -128,13 +127,13 @@ def listed(files: Mapping[str, bytes]) -> list[dict[str, Any]]:
 
 def guessable(dataset: Dataset, hold_out: Collection[str]) -> list[int]:
     """Return the seeds of held-out sequences that somebody could find by trying."""
-    table = _table(dataset)
-    held = table.filter(pc.is_in(table["split"], pa.array(sorted(hold_out), pa.string())))
-    generated = {style for style in held["style"].to_pylist() if style != "external"}
-    seeds = set(held["seed"].to_pylist()) if generated else set()
     if dataset.info["provenance"]["seed"] is None:
         return []
-    return sorted(seed for seed in seeds if seed < GUESSABLE_BELOW)
+    table = read_table(dataset.local(layout.SEQUENCES_TABLE), "sequences")
+    rows = [row for row in table.to_pylist() if row["split"] in hold_out]
+    if all(row["style"] == "external" for row in rows):
+        return []
+    return sorted({row["seed"] for row in rows if row["seed"] < GUESSABLE_BELOW})
 
 
 def shown_answers(dataset: Dataset, split: str) -> tuple[int, int]:
@@ -153,32 +152,15 @@ def shown_answers(dataset: Dataset, split: str) -> tuple[int, int]:
     """
     queries, truth = dataset.queries(split), dataset.truth(split)
     visible = pc.equal(truth["visibility_b"], "visible").to_numpy()
-    asked = _places(queries, "a", queries["u_a"], queries["v_a"])
-    answers = _places(queries, "b", truth["u_b"], truth["v_b"])
-    seen = np.isin(answers, asked) & visible
-    return int(seen.sum()), int(visible.sum())
+    names = [chunk for side in "ab" for chunk in queries[f"sequence_{side}"].chunks]
+    codes = pa.chunked_array(names, pa.string()).combine_chunks().dictionary_encode().indices
+    code_a, code_b = codes.to_numpy().reshape(2, len(queries))
+    asked = _places(code_a, queries["frame_a"], queries["u_a"], queries["v_a"])
+    answers = _places(code_b, queries["frame_b"], truth["u_b"], truth["v_b"])
+    return int((np.isin(answers, asked) & visible).sum()), int(visible.sum())
 
 
-def _places(queries: pa.Table, side: str, u: pa.ChunkedArray, v: pa.ChunkedArray) -> Any:
-    """Return a record for each row: the frame's key and the bits of a position in it."""
-    names = queries[f"sequence_{side}"].combine_chunks().dictionary_encode()
-    known = {name: k for k, name in enumerate(sorted(_ids(queries)))}
-    codes = np.array([known[name] for name in names.dictionary.to_pylist()], np.int32)
-    record = np.zeros(
-        len(u), [("sequence", np.int32), ("frame", np.int32), ("u", np.int32), ("v", np.int32)]
-    )
-    record["sequence"] = codes[names.indices.to_numpy()] if len(codes) else 0
-    record["frame"] = queries[f"frame_{side}"].to_numpy()
-    record["u"] = u.to_numpy().view(np.int32)
-    record["v"] = v.to_numpy().view(np.int32)
-    return record.view("V16")
-
-
-def _ids(queries: pa.Table) -> set[str]:
-    return {name for side in "ab" for name in pc.unique(queries[f"sequence_{side}"]).to_pylist()}
-
-
-def _table(dataset: Dataset) -> pa.Table:
-    from pliant.spec.io.parquet import read_table
-
-    return read_table(dataset.local(layout.SEQUENCES_TABLE), "sequences")
+def _places(sequence: npt.NDArray[np.int32], *columns: pa.ChunkedArray) -> npt.NDArray[np.void]:
+    """Return per row the bits of its sequence, frame, u and v as one value, void16 (N,)."""
+    bits = [column.to_numpy().view(np.int32) for column in columns]
+    return np.stack([sequence, *bits], axis=1).view("V16").ravel()

@@ -5,88 +5,26 @@ Both halves are made in temporary folders beside their places and renamed at the
 
 from __future__ import annotations
 
-import hashlib
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 
-from pliant.publishing.card import write_card
-from pliant.publishing.croissant import check_croissant, write_croissant
-from pliant.publishing.held_out import (
-    guessable,
-    listed,
-    picture_alone,
-    public_document,
-    public_info,
-    public_sequences,
-    shown_answers,
-)
-from pliant.publishing.papers import citation, licence_text, private_readme
-from pliant.publishing.webdataset import write_webdataset
+from pliant.publishing.halves import Progress, write_private, write_public
+from pliant.publishing.held_out import guessable, shown_answers
+from pliant.publishing.settings import PublishSettings
 from pliant.spec.conventions import SPLITS
 from pliant.spec.dataset import Dataset
-from pliant.spec.errors import CallError, SpecError
-from pliant.spec.io import limits
-from pliant.spec.io.jsonfiles import json_bytes, write_json
-from pliant.spec.io.parquet import read_table, write_table
-from pliant.spec.io.reading import read_bytes
-from pliant.spec.sequence import SequenceRecord
+from pliant.spec.errors import CallError
 from pliant.spec.storage import layout
 from pliant.spec.storage.manifest import Half, write_checksums, write_manifest
-from pliant.spec.storage.packing import SHARD_BYTES, FolderToPack, Packer
-
-Progress = Callable[[str, int, int], None]
-"""Called with (what is being done, sequences done, sequences in all)."""
 
 Finish = Callable[[Path, Path | None], None]
 """Adds files to the private half: called with both folders while they are still temporary, before
 the private half's checksums are written."""
-
-_LEAST_SHARD_BYTES = 2**16
-
-
-@dataclass(frozen=True)
-class PublishSettings:
-    """How a dataset is published.
-
-    Attributes:
-        hold_out: Splits whose answers go into the private half.
-        shard_bytes: About how large a shard becomes.
-        webdataset: Whether to write the frames as tar files too.
-        authors: Who publishes it; empty names the dataset itself.
-        url: Where it will be hosted, or None.
-        date: Day of the release, YYYY-MM-DD, or None: then the papers carry none, and equal data
-            gives equal bytes on any day.
-    """
-
-    hold_out: tuple[str, ...] = ()
-    shard_bytes: int = SHARD_BYTES
-    webdataset: bool = False
-    authors: tuple[str, ...] = ()
-    url: str | None = None
-    date: str | None = None
-
-    def __post_init__(self) -> None:
-        for split in self.hold_out:
-            if split not in SPLITS:
-                raise CallError(
-                    "unknown split", where="--hold-out", found=split, required=", ".join(SPLITS)
-                )
-        if self.shard_bytes < _LEAST_SHARD_BYTES:
-            raise CallError(
-                "shards would be too small",
-                where="--shard-size",
-                found=f"{self.shard_bytes} bytes",
-                required=f">= {_LEAST_SHARD_BYTES}",
-            )
-        if self.date is not None and not _is_day(self.date):
-            raise CallError(
-                "this is no day", where="--date", found=self.date, required="YYYY-MM-DD"
-            )
 
 
 @dataclass(frozen=True)
@@ -162,9 +100,10 @@ def publish(
         made = [Path(stack.enter_context(_workplace(place))) for place in places]
         public_half = made[-1]
         private_half = made[0] if private is not None else None
-        _write_public(dataset, public_half, settings, progress)
+        show = progress or (lambda what, done, total: None)
+        write_public(dataset, public_half, settings, show)
         if private_half is not None:
-            _write_private(dataset, private_half, settings, warnings, progress)
+            write_private(dataset, private_half, settings, warnings, show)
             if finish is not None:
                 finish(public_half, private_half)
         sums = _tie(dataset, public_half, private_half, settings)
@@ -240,15 +179,6 @@ def _warnings(dataset: Dataset, settings: PublishSettings) -> list[str]:
     return warnings
 
 
-def _is_day(text: str) -> bool:
-    from datetime import date
-
-    try:
-        return date.fromisoformat(text).isoformat() == text
-    except ValueError:
-        return False
-
-
 def _workplace(place: Path) -> tempfile.TemporaryDirectory[str]:
     """Return a temporary folder beside a place, to be renamed to it."""
     try:
@@ -276,165 +206,6 @@ def _rename(made: Sequence[Path], places: Sequence[Path]) -> None:
         raise
 
 
-class _Verified(Mapping[str, bytes]):
-    """The files of a sequence's folder, each read when asked for and held to its checksum."""
-
-    def __init__(self, sequence: SequenceRecord, document: Mapping[str, object]) -> None:
-        self._sequence = sequence
-        self.listed: dict[str, tuple[str, int]] = {
-            entry["path"]: (entry["sha256"], entry["bytes"])
-            for entry in document["files"]  # type: ignore[attr-defined]
-        }
-
-    def __getitem__(self, name: str) -> bytes:
-        sha256, _ = self.listed[name]
-        path = self._sequence.dir / name
-        limit = limits.MAX_TABLE_BYTES if name.endswith(".parquet") else limits.MAX_IMAGE_FILE_BYTES
-        data = read_bytes(path, limit)
-        found = hashlib.sha256(data).hexdigest()
-        if found != sha256:
-            raise SpecError(
-                "the file is not the one that sequence.json lists",
-                path=path,
-                found=f"sha256 {found}",
-                required=sha256,
-                fix="Run: pliant validate",
-            )
-        return data
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.listed)
-
-    def __len__(self) -> int:
-        return len(self.listed)
-
-
-class _With(Mapping[str, bytes]):
-    """Files, and some of them replaced or added."""
-
-    def __init__(self, files: Mapping[str, bytes], added: Mapping[str, bytes]) -> None:
-        self._files, self._added = files, added
-
-    def __getitem__(self, name: str) -> bytes:
-        return self._added[name] if name in self._added else self._files[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter({**dict.fromkeys(self._files), **dict.fromkeys(self._added)})
-
-    def __len__(self) -> int:
-        return len(set(self._files) | set(self._added))
-
-
-def _write_public(
-    dataset: Dataset, root: Path, settings: PublishSettings, progress: Progress | None
-) -> None:
-    """Write everything of the public half but its checksums and manifest."""
-    hold_out = settings.hold_out
-    named = {"id": dataset.id, "version": dataset.version}
-    if hold_out:
-        write_json(root / layout.DATASET_JSON, public_info(dataset.info, hold_out), "dataset")
-        table = read_table(dataset.local(layout.SEQUENCES_TABLE), "sequences")
-        write_table(
-            root / layout.SEQUENCES_TABLE,
-            public_sequences(table, hold_out),
-            "sequences",
-            {"dataset": named},
-        )
-    else:
-        for name in (layout.DATASET_JSON, layout.SEQUENCES_TABLE):
-            shutil.copyfile(dataset.local(name), root / name)
-    for split in dataset.splits_with_queries():
-        names = [layout.queries_name(split)]
-        if split not in hold_out and dataset.has(layout.truth_name(split)):
-            names.append(layout.truth_name(split))
-        for name in names:
-            (root / name).parent.mkdir(exist_ok=True)
-            shutil.copyfile(dataset.local(name), root / name)
-    with Packer(root, named, shard_bytes=settings.shard_bytes) as packer:
-        for done, sequence in enumerate(dataset.sequences, 1):
-            packer.add(_public_folder(sequence, hold_out))
-            if progress is not None:
-                progress("Packing", done, len(dataset.sequences))
-    public = Dataset.open(root)
-    if settings.webdataset:
-        write_webdataset(
-            public,
-            root,
-            shard_bytes=settings.shard_bytes,
-            progress=None
-            if progress is None
-            else lambda done, total: progress("Writing tar files", done, total),
-        )
-    authors = settings.authors or (f"The publishers of {dataset.id}",)
-    own_licence = dataset.root / "LICENSE"
-    if own_licence.is_file():
-        shutil.copyfile(own_licence, root / "LICENSE")
-    else:
-        _write_text(root / "LICENSE", licence_text(dataset.info, authors))
-    _write_text(root / "CITATION.cff", citation(dataset.info, authors, settings.url, settings.date))
-    write_card(public, root, authors=authors, url=settings.url)
-    write_croissant(public, root, authors=authors, url=settings.url, date=settings.date)
-    check_croissant(root)
-
-
-def _public_folder(sequence: SequenceRecord, hold_out: Sequence[str]) -> FolderToPack:
-    """Return what of a sequence is packed for the public."""
-    document = sequence.info
-    files = _Verified(sequence, document)
-    plain = (sequence.dir / layout.SEQUENCE_JSON).read_bytes()
-    packed: Mapping[str, bytes]
-    if sequence.split in hold_out:
-        names = [layout.rgb_name(frame) for frame in range(sequence.frames)]
-        pictures = {name: picture_alone(files[name], str(sequence.dir / name)) for name in names}
-        public = {**public_document(document, held_out=True), "files": listed(pictures)}
-        packed = {**pictures, layout.SEQUENCE_JSON: json_bytes(public, "sequence")}
-    elif hold_out:
-        public = public_document(document, held_out=False)
-        packed = _With(files, {layout.SEQUENCE_JSON: json_bytes(public, "sequence")})
-    else:
-        packed = _With(files, {layout.SEQUENCE_JSON: plain})
-    sizes = {name: size for name, (_, size) in files.listed.items() if name in packed}
-    return FolderToPack(
-        sequence.id,
-        sequence.tier,
-        sequence.split,
-        sequence.shape,
-        sequence.frames,
-        packed,
-        sizes,
-    )
-
-
-def _write_private(
-    dataset: Dataset,
-    root: Path,
-    settings: PublishSettings,
-    warnings: Sequence[str],
-    progress: Progress | None,
-) -> None:
-    """Write everything of the private half but its checksums and manifest."""
-    for name in (layout.DATASET_JSON, layout.SEQUENCES_TABLE):
-        shutil.copyfile(dataset.local(name), root / name)
-    for split in settings.hold_out:
-        name = layout.truth_name(split)
-        (root / name).parent.mkdir(exist_ok=True)
-        shutil.copyfile(dataset.local(name), root / name)
-    held = [s for s in dataset.sequences if s.split in settings.hold_out]
-    for done, sequence in enumerate(held, 1):
-        folder = layout.sequence_dir(root, sequence.tier, sequence.id)
-        folder.mkdir(parents=True)
-        files = _Verified(sequence, sequence.info)
-        for name in files:
-            if name.startswith("rgb/"):
-                continue
-            (folder / name).parent.mkdir(exist_ok=True)
-            (folder / name).write_bytes(files[name])
-        shutil.copyfile(sequence.dir / layout.SEQUENCE_JSON, folder / layout.SEQUENCE_JSON)
-        if progress is not None:
-            progress("Setting the answers apart", done, len(held))
-    _write_text(root / "README.md", private_readme(dataset.info, settings.hold_out, warnings))
-
-
 def _tie(
     dataset: Dataset, public: Path, private: Path | None, settings: PublishSettings
 ) -> tuple[str, str | None]:
@@ -456,7 +227,3 @@ def _tie(
             tools=tools,
         )
     return own, other
-
-
-def _write_text(path: Path, text: str) -> None:
-    path.write_bytes(text.encode("utf-8"))

@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from pliant.spec.dataset import Dataset
+from pliant.spec.io.limits import MAX_IMAGE_FILE_BYTES
+from pliant.spec.io.reading import read_bytes
 from pliant.spec.sequence import SequenceRecord
 from pliant.spec.storage import layout
 
@@ -33,18 +35,29 @@ def write_webdataset(
         shard_bytes: About how large a tar becomes; a sequence is not divided unless it is larger.
         progress: Called with (sequences done, sequences in all).
     """
+    (root / layout.WEBDATASET_DIR).mkdir(parents=True, exist_ok=True)
     done = 0
     for split in dataset.info["splits"]:
-        shards = _Tars(root / layout.WEBDATASET_DIR, split, shard_bytes)
-        for sequence in [s for s in dataset.sequences if s.split == split]:
-            shards.begin_sequence()
-            for frame in range(sequence.frames):
-                for name, data in _sample(sequence, frame).items():
-                    shards.add(f"{sequence.id}/{frame:06d}.{name}", data)
-            done += 1
-            if progress is not None:
-                progress(done, len(dataset.sequences))
-        shards.close()
+        waiting = [s for s in dataset.sequences if s.split == split][::-1]
+        number = 0
+        while waiting:
+            path = root / layout.WEBDATASET_DIR / f"{split}-{number:05d}.tar"
+            with tarfile.open(path, "w", format=tarfile.PAX_FORMAT) as tar:
+                while waiting and tar.offset < shard_bytes:
+                    _add(tar, waiting.pop())
+                    done += 1
+                    if progress is not None:
+                        progress(done, len(dataset.sequences))
+            number += 1
+
+
+def _add(tar: tarfile.TarFile, sequence: SequenceRecord) -> None:
+    """Append the samples of a sequence."""
+    for frame in range(sequence.frames):
+        for name, data in _sample(sequence, frame).items():
+            member = tarfile.TarInfo(f"{sequence.id}/{frame:06d}.{name}")  # time 0, owner 0
+            member.size = len(data)
+            tar.addfile(member, io.BytesIO(data))
 
 
 def _sample(sequence: SequenceRecord, frame: int) -> dict[str, bytes]:
@@ -67,38 +80,4 @@ def _sample(sequence: SequenceRecord, frame: int) -> dict[str, bytes]:
 
 
 def _bytes(sequence: SequenceRecord, name: str) -> bytes:
-    from pliant.spec.io.limits import MAX_IMAGE_FILE_BYTES
-    from pliant.spec.io.reading import read_bytes
-
     return read_bytes(sequence.file(name), MAX_IMAGE_FILE_BYTES)
-
-
-class _Tars:
-    """The tar files of one split, one after another."""
-
-    def __init__(self, folder: Path, split: str, shard_bytes: int) -> None:
-        self._folder, self._split, self._shard_bytes = folder, split, shard_bytes
-        self._tar: tarfile.TarFile | None = None
-        self._number = 0
-
-    def begin_sequence(self) -> None:
-        """Close the present file if it is full."""
-        if self._tar is not None and self._tar.offset >= self._shard_bytes:
-            self.close()
-            self._number += 1
-
-    def add(self, name: str, data: bytes) -> None:
-        """Append a member."""
-        if self._tar is None:
-            self._folder.mkdir(parents=True, exist_ok=True)
-            path = self._folder / f"{self._split}-{self._number:05d}.tar"
-            self._tar = tarfile.open(path, "w", format=tarfile.PAX_FORMAT)  # noqa: SIM115
-        member = tarfile.TarInfo(name)  # time 0, owner 0, mode 0644
-        member.size = len(data)
-        self._tar.addfile(member, io.BytesIO(data))
-
-    def close(self) -> None:
-        """Finish the present file."""
-        if self._tar is not None:
-            self._tar.close()
-            self._tar = None
