@@ -81,9 +81,9 @@ def evaluate(
         dataset, truth = dataset.with_private(truth), None
     rules = read_protocol(protocol) if isinstance(protocol, str) else protocol
     problems = Problems(submission)
-    with Scratch(memory_limit_bytes) as scratch:
-        loaded = load(Path(submission), dataset, problems, scratch, allow_missing=allow_missing)
-        return _scored(loaded, problems, dataset, truth, rules, scratch, progress, hide_truth)
+    scratch = Scratch(memory_limit_bytes)
+    loaded = load(Path(submission), dataset, problems, scratch, allow_missing=allow_missing)
+    return _scored(loaded, problems, dataset, truth, rules, scratch, progress, hide_truth)
 
 
 def evaluate_answers(
@@ -122,11 +122,11 @@ def evaluate_answers(
         dataset, truth = dataset.with_private(truth), None
     rules = read_protocol(protocol) if isinstance(protocol, str) else protocol
     problems = Problems(method)
-    with Scratch() as scratch:
-        loaded = load_in_memory(
-            answers, dataset, split, method, problems, scratch, allow_missing=allow_missing
-        )
-        return _scored(loaded, problems, dataset, truth, rules, scratch, progress, False)
+    scratch = Scratch()
+    loaded = load_in_memory(
+        answers, dataset, split, method, problems, scratch, allow_missing=allow_missing
+    )
+    return _scored(loaded, problems, dataset, truth, rules, scratch, progress, False)
 
 
 def _scored(

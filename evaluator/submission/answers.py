@@ -12,10 +12,11 @@ import pyarrow as pa
 from pliant.evaluator.arrays import BoolArray, FloatArray, IntArray, RealArray
 from pliant.evaluator.submission import limits
 from pliant.evaluator.submission.batches import Batch, read_batches
-from pliant.evaluator.submission.problems import LISTED_PER_CODE, Problems
+from pliant.evaluator.submission.problems import Problems
 from pliant.evaluator.submission.queries import Queries
 from pliant.evaluator.submission.scratch import Scratch
 from pliant.evaluator.submission.submission_file import Submission
+from pliant.spec.validation.findings import LISTED_PER_CODE
 
 _MODE_WIDTH: Final = 4
 
@@ -131,7 +132,6 @@ def locate(
     clipped = np.where(inside, pair, 0)
     known = inside & (query < np.diff(queries.starts)[clipped])
     if problems is not None:
-        unknown = np.flatnonzero(~known)
 
         def describe(row: int) -> tuple[str, str]:
             required = (
@@ -144,7 +144,7 @@ def locate(
                 f"the queries of split {queries.split} have no such key; required: {required}",
             )
 
-        problems.add_rows("ROW_UNKNOWN", unknown.tolist(), len(unknown), describe)
+        problems.add_rows("ROW_UNKNOWN", ~known, describe)
     row = queries.starts[pair[known]] + query[known]
     return row, known
 
@@ -240,12 +240,10 @@ def _note_duplicates(
             described.append((place, f"{before}; required: one row a query"))
         if len(described) >= LISTED_PER_CODE:
             break
-    problems.add_many("ROW_DUPLICATE", count, described)
+    problems.add_many("ROW_DUPLICATE", count, described[:count])
 
 
 def _note_missing(uv_px: RealArray, queries: Queries, problems: Problems) -> None:
-    missing = np.flatnonzero(np.isnan(uv_px[:, 0]))
-
     def describe(row: int) -> tuple[str, str]:
         pair, query = queries.key(row)
         return (
@@ -254,4 +252,4 @@ def _note_missing(uv_px: RealArray, queries: Queries, problems: Problems) -> Non
             "there and counts the rest as failures)",
         )
 
-    problems.add_rows("ROW_MISSING", missing.tolist(), len(missing), describe)
+    problems.add_rows("ROW_MISSING", np.isnan(uv_px[:, 0]), describe)

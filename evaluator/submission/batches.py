@@ -108,36 +108,94 @@ def _decode(
     record: pa.RecordBatch, begin: int, submission: Submission, problems: Problems
 ) -> Batch:
     record.validate(full=True)
-    name_row = _row_namer(record, begin)
-    good: BoolArray | None = None
+    checks = _Checks(record, begin, problems)
     keys: dict[str, IntArray] = {}
     values: dict[str, RealArray] = {}
     modes: Modes | None = None
     for name, kind in submission.columns.items():
-        array = _plain(record.column(name))
-        if array.null_count and kind != "modes":
-            nulls = np.flatnonzero(array.is_null().to_numpy(zero_copy_only=False))
-            _note_rows(
-                problems, "VALUE_NULL", nulls, name_row, f"{name} is null; required: a value"
-            )
-            good = _except(good, nulls, len(array))
+        array = record.column(name)
+        if pa.types.is_dictionary(array.type):
+            array = array.dictionary_decode()
+        if kind == "modes":
+            of_modes = _Checks(record, begin, problems)
+            modes = _read_modes(array, of_modes)
+            checks.refuse(~of_modes.good)
+            continue
+        null = array.is_null().to_numpy(zero_copy_only=False) if array.null_count else None
+        if null is not None:
+            checks.note("VALUE_NULL", null, f"{name} is null; required: a value")
         if kind == "integer":
             keys[name] = _integers(array)
-        elif kind == "modes":
-            modes, bad = _read_modes(array, name_row, problems)
-            if len(bad):
-                good = _except(good, bad, len(array))
         else:
             values[name] = _reals(array)
-            present = None if not array.null_count else ~array.is_null().to_numpy(False)
-            bad = _bad_values(name, name, values[name], present, name_row, problems)
-            if len(bad):
-                good = _except(good, bad, len(array))
-    return Batch(begin, keys, values, modes, good)
+            checks.note_values(name, name, values[name], null)
+    return Batch(begin, keys, values, modes, checks.good if checks.any else None)
 
 
-def _plain(array: pa.Array) -> pa.Array:
-    return array.dictionary_decode() if pa.types.is_dictionary(array.type) else array
+class _Checks:
+    """Notes what is wrong with the rows of one batch.
+
+    Attributes:
+        good: bool (N,), rows whose values may be used.
+        any: Whether a row may not be used.
+    """
+
+    def __init__(self, record: pa.RecordBatch, begin: int, problems: Problems) -> None:
+        self._record, self._begin, self._problems = record, begin, problems
+        self._ids = [name for name in ("pair_id", "query_id") if name in record.schema.names]
+        self.good = np.ones(record.num_rows, bool)
+        self.any = False
+
+    def refuse(self, wrong: BoolArray | IntArray) -> None:
+        """Mark rows, given by a mask or their numbers, as not to be used."""
+        self.good[wrong] = False
+        self.any = not self.good.all()
+
+    def note(
+        self,
+        code: str,
+        wrong: BoolArray,
+        message: str | Callable[[int], str],
+        owner: IntArray | None = None,
+    ) -> None:
+        """Note wrong rows, or wrong modes of the rows `owner`; `message` may take their number."""
+        if not wrong.any():
+            return
+        self.refuse(wrong if owner is None else owner[wrong])
+
+        def describe(index: int) -> tuple[str, str]:
+            row = index if owner is None else int(owner[index])
+            text = message if isinstance(message, str) else message(index)
+            ids = (f"{name[:-3]} {self._record.column(name)[row].as_py()}" for name in self._ids)
+            return f"row {self._begin + row} ({', '.join(ids)})", text
+
+        self._problems.add_rows(code, wrong, describe)
+
+    def note_values(
+        self,
+        name: str,
+        label: str,
+        values: RealArray,
+        null: BoolArray | None,
+        owner: IntArray | None = None,
+    ) -> None:
+        """Note the values of one column that are not finite or out of range."""
+        low, high, required = _SCORE if name == "score" else _RANGES.get(name, _POSITION)
+        strict = name == "sigma"
+        if not len(values):
+            return
+        smallest, largest = values.min(), values.max()  # NaN if there is one: nothing compares
+        if (smallest > low if strict else smallest >= low) and largest <= high and largest < np.inf:
+            return
+        not_finite = ~np.isfinite(values)
+        with np.errstate(invalid="ignore"):
+            outside = ~not_finite & ((values <= low if strict else values < low) | (values > high))
+        for code, wrong in (("VALUE_NOT_FINITE", not_finite), ("VALUE_OUT_OF_RANGE", outside)):
+            if null is not None:
+                wrong &= ~null
+            self.note(
+                code, wrong, lambda i: f"{label} is {values[i]!s}; required: {required}", owner
+            )
 
 
 def _integers(array: pa.Array) -> IntArray:
@@ -156,127 +214,43 @@ def _reals(array: pa.Array) -> RealArray:
     return result
 
 
-def _except(good: BoolArray | None, bad: IntArray, rows: int) -> BoolArray:
-    result = np.ones(rows, bool) if good is None else good
-    result[bad] = False
-    return result
-
-
-def _bounds(name: str) -> tuple[float, float, str]:
-    return _SCORE if name == "score" else _RANGES.get(name, _POSITION)
-
-
-def _bad_values(
-    name: str,
-    label: str,
-    values: RealArray,
-    present: BoolArray | None,
-    name_row: Callable[[int], str],
-    problems: Problems,
-) -> IntArray:
-    """Note the values of one column that are not finite or out of range; return their rows."""
-    low, high, required = _bounds(name)
-    strict = name == "sigma"
-    if not len(values):
-        return np.empty(0, np.int64)
-    smallest, largest = values.min(), values.max()  # NaN if there is one: then nothing compares
-    if (smallest > low if strict else smallest >= low) and largest <= high and largest < np.inf:
-        return np.empty(0, np.int64)
-    not_finite = ~np.isfinite(values)
-    with np.errstate(invalid="ignore"):
-        outside = ~not_finite & ((values <= low if strict else values < low) | (values > high))
-    if present is not None:
-        not_finite &= present
-        outside &= present
-
-    def describe(row: int) -> tuple[str, str]:
-        return name_row(row), f"{label} is {values[row]!s}; required: {required}"
-
-    for code, mask in (("VALUE_NOT_FINITE", not_finite), ("VALUE_OUT_OF_RANGE", outside)):
-        rows = np.flatnonzero(mask)
-        problems.add_rows(code, rows.tolist(), len(rows), describe)
-    return np.flatnonzero(not_finite | outside)
-
-
-def _note_rows(
-    problems: Problems, code: str, rows: IntArray, name_row: Callable[[int], str], message: str
-) -> None:
-    problems.add_rows(code, rows.tolist(), len(rows), lambda row: (name_row(row), message))
-
-
-def _row_namer(record: pa.RecordBatch, begin: int) -> Callable[[int], str]:
-    """Return a function that names a row by its number and its ids, as the file has them."""
-    names = [name for name in ("pair_id", "query_id") if name in record.schema.names]
-
-    def name_row(row: int) -> str:
-        ids = ", ".join(f"{name[:-3]} {record.column(name)[row].as_py()}" for name in names)
-        return f"row {begin + row} ({ids})"
-
-    return name_row
-
-
-def _read_modes(
-    array: pa.Array, name_row: Callable[[int], str], problems: Problems
-) -> tuple[Modes, IntArray]:
-    """Read the mixtures of a batch; return them with the rows that may not be used."""
+def _read_modes(array: pa.Array, checks: _Checks) -> Modes:
+    """Read the mixtures of a batch."""
     rows = len(array)
-    bad = np.zeros(rows, bool)
-    if array.null_count:
-        nulls = np.flatnonzero(array.is_null().to_numpy(zero_copy_only=False))
-        _note_rows(problems, "VALUE_NULL", nulls, name_row, "modes is null; required: a list")
-        bad[nulls] = True
+    null = array.is_null().to_numpy(zero_copy_only=False)
+    checks.note("VALUE_NULL", null, "modes is null; required: a list")
     count = pc.fill_null(pc.list_value_length(array), 0).to_numpy(zero_copy_only=False)
-    count = count.astype(np.int64)
+    count = np.where(null, 0, count.astype(np.int64))
     items = pc.list_flatten(array)
     owner = np.repeat(np.arange(rows), count)
-    if pa.types.is_fixed_size_list(array.type) and array.null_count:
-        count[bad] = 0
-        owner = np.repeat(np.arange(rows), count)
     columns = []
     for name in MODE_FIELDS:
         field = pc.struct_field(items, name)
         if field.null_count:
-            of_rows = np.unique(owner[field.is_null().to_numpy(zero_copy_only=False)])
-            _note_rows(
-                problems,
+            missing = field.is_null().to_numpy(zero_copy_only=False)
+            checks.note(
                 "VALUE_NULL",
-                of_rows,
-                name_row,
+                np.bincount(owner[missing], minlength=rows) > 0,
                 f"modes holds a null {name}; required: a value",
             )
-            bad[of_rows] = True
             field = pc.fill_null(field, 1.0)
-        values = _reals(field)
-        wrong = _bad_values(
-            name, f"modes.{name}", values, None, lambda mode: name_row(int(owner[mode])), problems
-        )
-        bad[owner[wrong]] = True
-        columns.append(values)
+        columns.append(_reals(field))
+        checks.note_values(name, f"modes.{name}", columns[-1], None, owner)
     values = np.stack(columns, axis=1) if columns[0].size else np.zeros((0, 4), np.float32)
-    bad |= _bad_mixtures(count, owner, values[:, 3], bad, name_row, problems)
-    return Modes(count, values), np.flatnonzero(bad)
+    _check_mixtures(count, owner, values[:, 3], checks)
+    return Modes(count, values)
 
 
-def _bad_mixtures(
-    count: IntArray,
-    owner: IntArray,
-    weight: RealArray,
-    known_bad: BoolArray,
-    name_row: Callable[[int], str],
-    problems: Problems,
-) -> BoolArray:
+def _check_mixtures(count: IntArray, owner: IntArray, weight: RealArray, checks: _Checks) -> None:
     """Note the rows whose modes are none, too many, or do not sum to 1."""
     finite = np.where(np.isfinite(weight), weight, 0.0)
     total = np.bincount(owner, finite, minlength=len(count))
     wrong_count = (count < 1) | (count > limits.MAX_MODES)
-    wrong = ~known_bad & (wrong_count | (np.abs(total - 1) > limits.WEIGHT_TOLERANCE))
+    wrong = checks.good & (wrong_count | (np.abs(total - 1) > limits.WEIGHT_TOLERANCE))
 
-    def describe(row: int) -> tuple[str, str]:
+    def message(row: int) -> str:
         if wrong_count[row]:
-            found = f"{count[row]} modes; required: 1 to {limits.MAX_MODES}"
-        else:
-            found = f"weights that sum to {total[row]:.6g}; required: 1 within 0.001"
-        return name_row(row), f"modes has {found}"
+            return f"modes has {count[row]} modes; required: 1 to {limits.MAX_MODES}"
+        return f"modes has weights that sum to {total[row]:.6g}; required: 1 within 0.001"
 
-    problems.add_rows("MODES_INVALID", np.flatnonzero(wrong).tolist(), int(wrong.sum()), describe)
-    return wrong
+    checks.note("MODES_INVALID", wrong, message)

@@ -10,12 +10,13 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
+import pyarrow as pa
 
 from pliant.evaluator.arrays import BoolArray, FloatArray, IntArray, RealArray, StateArray
 from pliant.evaluator.metrics.errors import squared_error_px2, sum_by_pair
 from pliant.evaluator.submission.answers import Answers
 from pliant.evaluator.submission.queries import Queries
-from pliant.evaluator.submission.stream import ColumnStream, Vocabulary, numbers
+from pliant.evaluator.submission.stream import ColumnStream, codes, numbers
 from pliant.spec.conventions import VISIBILITY_STATES
 from pliant.spec.errors import SpecError
 from pliant.spec.io.parquet import footer_of, open_table
@@ -152,7 +153,6 @@ def read_blocks(
     if stream.rows != queries.rows:
         raise _foreign_truth(truth, f"{stream.rows:,} rows", f"{queries.rows:,} rows")
     query_stream = ColumnStream(queries.path, ["u_a", "v_a"]) if query_pixels else None
-    states = Vocabulary(VISIBILITY_STATES, closed=True)
     complete = answers.answered == queries.rows
     for first_pair, end_pair in _spans(queries.starts, block_rows or BLOCK_ROWS):
         first, end = int(queries.starts[first_pair]), int(queries.starts[end_pair])
@@ -165,7 +165,7 @@ def read_blocks(
             and np.array_equal(numbers(table["query_id"], np.int64), query)
         ):
             raise _foreign_truth(truth, f"other keys in rows {first} to {end}", "the queries' keys")
-        state = states.encode(table["visibility_b"])
+        state = codes(table["visibility_b"], VISIBILITY_STATES)
         true_px = np.stack([numbers(table[n], np.float64) for n in ("u_b", "v_b")], axis=1)
         if state.min() < 0:
             raise SpecError(
@@ -195,7 +195,7 @@ def read_blocks(
             uv_a_px=uv_a,
             point=numbers(table["point"], np.int64) if "point" in truth_columns else None,
             box_px=numbers(table["box_px"], np.float64) if "box_px" in truth_columns else None,
-            partners=_partners(table, states) if "alternatives" in truth_columns else None,
+            partners=_partners(table["alternatives"]) if "alternatives" in truth_columns else None,
         )
 
 
@@ -268,15 +268,13 @@ def _spans(starts: IntArray, block_rows: int) -> Iterator[tuple[int, int]]:
         pair = end
 
 
-def _partners(table: object, states: Vocabulary) -> Partners:
-    column = table["alternatives"].combine_chunks()  # type: ignore[index]
-    chunks = column.chunks if hasattr(column, "chunks") else [column]
+def _partners(column: pa.ChunkedArray) -> Partners:
     begins, parts, visible = [np.zeros(1, np.int64)], [], []
-    for chunk in chunks:
+    for chunk in column.chunks:
         offsets = chunk.offsets.to_numpy().astype(np.int64)
         begins.append(offsets[1:] - offsets[0] + begins[-1][-1])
         items = chunk.flatten()
         positions = [items.field(n).to_numpy(zero_copy_only=False) for n in ("u", "v")]
         parts.append(np.stack(positions, axis=1).astype(np.float64))
-        visible.append(states.encode(items.field("visibility")) == VISIBLE)
+        visible.append(codes(items.field("visibility"), VISIBILITY_STATES) == VISIBLE)
     return Partners(np.concatenate(begins), np.concatenate(parts), np.concatenate(visible))

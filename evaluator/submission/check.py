@@ -42,8 +42,8 @@ def inspect(
     """Return a submission's problems with their true totals, and hints; arguments as `check`."""
     dataset = data if isinstance(data, Dataset) else Dataset.open(data)
     problems = Problems(submission)
-    with Scratch() as scratch:
-        loaded = load(Path(submission), dataset, problems, scratch, allow_missing=allow_missing)
-        if loaded is not None and isinstance(loaded.answers, Answers):
-            problems.hints = hints_without_truth(loaded.answers, loaded.queries)
+    path = Path(submission)
+    loaded = load(path, dataset, problems, Scratch(), allow_missing=allow_missing)
+    if loaded is not None and isinstance(loaded.answers, Answers):
+        problems.hints = hints_without_truth(loaded.answers, loaded.queries)
     return problems

@@ -62,7 +62,7 @@ def hints_without_truth(answers: Answers, queries: Queries) -> list[str]:
 
 
 class TruthHints:
-    """Compares the answers with the truth, block by block; never shown where that is hidden.
+    """Compares the answers with the truth; never shown where that is hidden.
 
     Args:
         answers: The answers.
@@ -70,53 +70,42 @@ class TruthHints:
     """
 
     def __init__(self, answers: Answers, queries: Queries) -> None:
-        self._visible, self._queries = answers.visible, queries
+        self._predicted, self._size = answers.visible, queries.size
         self._step = max(1, queries.rows // _MOST_COMPARED)
-        self._squared = 0.0
-        self._changed = dict.fromkeys(CHANGES, 0.0)
-        self._moments = np.zeros((4, 2))  # per axis, answer a and truth t: sums of t, aa, at, tt
-        self._seen = np.zeros(5)  # of the predicted p and the true visibility q: p, q, pp, pq, qq
-        self._count = self._rows = 0
+        self._kept: list[tuple[FloatArray, FloatArray]] = []
+        self._visible: list[tuple[FloatArray, FloatArray]] = []
 
     def update(self, block: Block) -> None:
-        """Take in one block."""
+        """Keep every k-th row of a block."""
         chosen = slice(None, None, self._step)
         answer, counted = block.answer_px[chosen].astype(np.float64), block.counted[chosen]
         known = np.isfinite(answer[:, 0])
         used = known & counted
-        answer, true = answer[used], block.true_px[chosen][used]
-        self._count += len(true)
-        self._squared += float(np.square(answer - true).sum())
-        for name, change in CHANGES.items():
-            moved = change(answer, self._queries.size)
-            self._changed[name] += float(np.square(moved - true).sum())
-        products = (true, np.square(answer), answer * true, np.square(true))
-        self._moments += [product.sum(axis=0) for product in products]
-        if self._visible is not None:
-            p = self._visible[block.rows][chosen][known].astype(np.float64)
-            q = counted[known].astype(np.float64)
-            self._rows += len(p)
-            self._seen += [p.sum(), q.sum(), p @ p, p @ q, q @ q]
+        self._kept.append((answer[used], block.true_px[chosen][used]))
+        if self._predicted is not None:
+            predicted = self._predicted[block.rows][chosen][known].astype(np.float64)
+            self._visible.append((predicted, counted[known].astype(np.float64)))
 
     def found(self) -> Iterator[str]:
         """Yield one sentence for each likely mistake."""
-        if self._count < _LEAST_ANSWERS:
+        answer, true = (np.concatenate(parts) for parts in zip(*self._kept, strict=True))
+        if len(true) < _LEAST_ANSWERS:
             return
-        rmse = (self._squared / self._count) ** 0.5
+        rmse = _rmse(answer, true)
         candidates = {
-            name: (squared / self._count) ** 0.5 for name, squared in self._changed.items()
+            name: _rmse(change(answer, self._size), true) for name, change in CHANGES.items()
         }
         best = min(candidates, key=lambda name: candidates[name])
-        scale, rescaled = self._rescaled()
-        if rescaled < 0.9 * candidates[best] - 0.01:
-            best, candidates["rescaling"] = "rescaling", rescaled
+        scale = (answer * true).sum(axis=0) / np.maximum(np.square(answer).sum(axis=0), 1e-12)
+        rescaled = _rmse(answer * scale, true) if (scale > 0).all() else np.inf
+        words, least = best, candidates[best]
+        if rescaled < 0.9 * least - 0.01:
+            words = f"multiplying u by {scale[0]:.4g} and v by {scale[1]:.4g}"
+            least = rescaled
         # Bad answers gain from every change that brings them nearer to the middle of the truth.
-        if _GAIN * candidates[best] <= min(rmse, self._constant_rmse()) and rmse > 0:
-            words = best
-            if best == "rescaling":
-                words = f"multiplying u by {scale[0]:.4g} and v by {scale[1]:.4g}"
+        if _GAIN * least <= min(rmse, _rmse(true.mean(axis=0), true)) and rmse > 0:
             yield (
-                f"{words} would change the RMSE from {rmse:.4g} px to {candidates[best]:.4g} px. "
+                f"{words} would change the RMSE from {rmse:.4g} px to {least:.4g} px. "
                 "Positions are (u, v): u to the right, v down, in pixels from the image's top left "
                 "corner, with the first pixel's centre at (0.5, 0.5)."
             )
@@ -127,24 +116,17 @@ class TruthHints:
                 "probability that the point is visible in the target image, not that it is hidden."
             )
 
-    def _rescaled(self) -> tuple[FloatArray, float]:
-        """Return the factors of u and v that fit best, and the RMSE with them."""
-        _, square, product, truth = self._moments
-        scale = product / np.maximum(square, 1e-12)
-        left = np.maximum(truth - scale * product, 0).sum()
-        return scale, float((left / self._count) ** 0.5) if (scale > 0).all() else np.inf
-
-    def _constant_rmse(self) -> float:
-        """Return the RMSE of the best answer that is the same everywhere."""
-        total, _, _, square = self._moments / self._count
-        return float(np.maximum(square - total**2, 0).sum() ** 0.5)
-
     def _visibility_correlation(self) -> float:
-        if self._rows < _LEAST_ANSWERS:
+        if not self._visible:
             return 0.0
-        p, q, pp, pq, qq = self._seen / self._rows
-        variance = (pp - p * p) * (qq - q * q)
-        return float((pq - p * q) / variance**0.5) if variance > 1e-12 else 0.0
+        predicted, seen = (np.concatenate(parts) for parts in zip(*self._visible, strict=True))
+        if len(seen) < _LEAST_ANSWERS or predicted.std() * seen.std() < 1e-6:
+            return 0.0
+        return float(np.corrcoef(predicted, seen)[0, 1])
+
+
+def _rmse(answer: FloatArray, true: FloatArray) -> float:
+    return float(np.sqrt(np.square(answer - true).sum(axis=1).mean()))
 
 
 def _share(part: int, total: int) -> str:

@@ -54,19 +54,24 @@ def read_matches(submission: Submission, queries: Queries, problems: Problems) -
     for batch in read_batches(submission, problems):
         pair = batch.keys["pair_id"]
         known = (pair >= 0) & (pair < queries.pairs)
-        _note_unknown(pair, batch.begin, np.flatnonzero(~known), queries, problems)
+
+        def stray(row: int, pair: IntArray = pair, begin: int = batch.begin) -> tuple[str, str]:
+            required = f"required: pair ids below {queries.pairs}"
+            place = f"row {begin + row} (pair {pair[row]})"
+            return place, f"split {queries.split} has no such pair; {required}"
+
+        problems.add_rows("ROW_UNKNOWN", ~known, stray)
         pairs.append(pair[known])
         names = ("u_a", "v_a", "u", "v", "score")
         positions.append(np.stack([batch.values[n] for n in names], axis=1)[known] * 1.0)
     pair = np.concatenate(pairs)
     count = np.bincount(pair, minlength=queries.pairs)
-    crowded = np.flatnonzero(count > limits.MAX_MATCHES_PER_PAIR)
 
     def describe(index: int) -> tuple[str, str]:
         required = f"at most {limits.MAX_MATCHES_PER_PAIR:,}"
         return f"pair {index}", f"found {count[index]:,} matches; required: {required}"
 
-    problems.add_rows("VALUE_OUT_OF_RANGE", crowded.tolist(), len(crowded), describe)
+    problems.add_rows("VALUE_OUT_OF_RANGE", count > limits.MAX_MATCHES_PER_PAIR, describe)
     rows = np.concatenate(positions).astype(np.float64)
     kept = _best_of_each_pixel(pair, rows)
     count = np.bincount(pair[kept], minlength=queries.pairs)
@@ -88,15 +93,3 @@ def _best_of_each_pixel(pair: IntArray, rows: FloatArray) -> IntArray:
     first = np.ones(len(order), bool)
     first[1:] = (key[1:] != key[:-1]).any(axis=1)
     return order[first]
-
-
-def _note_unknown(
-    pair: IntArray, begin: int, unknown: IntArray, queries: Queries, problems: Problems
-) -> None:
-    def describe(row: int) -> tuple[str, str]:
-        return (
-            f"row {begin + row} (pair {pair[row]})",
-            f"split {queries.split} has no such pair; required: pair ids below {queries.pairs}",
-        )
-
-    problems.add_rows("ROW_UNKNOWN", unknown.tolist(), len(unknown), describe)

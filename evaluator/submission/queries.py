@@ -8,9 +8,10 @@ from typing import Final
 
 import numpy as np
 import numpy.typing as npt
+import pyarrow as pa
 
 from pliant.evaluator.arrays import BoolArray, IntArray
-from pliant.evaluator.submission.stream import ColumnStream, Vocabulary, numbers
+from pliant.evaluator.submission.stream import ColumnStream, codes, numbers
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import SpecError
 from pliant.spec.storage import layout
@@ -94,22 +95,18 @@ def read_queries(dataset: Dataset, split: str) -> Queries:
     path = dataset.local(layout.queries_name(split))
     integers = ("pair_id", "query_id", "frame_a", "frame_b")
     stream = ColumnStream(path, [*integers, *_STRINGS], _STRINGS)
-    tiers = Vocabulary()
-    sequences = Vocabulary()
-    per_pair: dict[str, list[npt.NDArray[np.int32]]] = {
-        name: [] for name in ("start", "tier", "sequence_a", "sequence_b", "frame_a", "frame_b")
-    }
+    firsts: list[pa.Table] = []  # the first query of each pair
+    starts = np.empty(0, np.int64)
     last_pair, last_start = -1, 0
     for begin in range(0, stream.rows, _BLOCK_ROWS):
         table = stream.take(min(_BLOCK_ROWS, stream.rows - begin))
         pair = numbers(table["pair_id"], np.int64)
-        query = numbers(table["query_id"], np.int64)
         step = np.diff(pair, prepend=last_pair)
         first = np.flatnonzero(step)  # rows at which a pair begins, in this block
-        starts = np.concatenate([[last_start], begin + first])
-        expected = np.arange(begin, begin + len(pair)) - np.repeat(
-            starts, np.diff(np.concatenate([[0], first, [len(pair)]]))
-        )
+        begins = np.concatenate([[last_start], begin + first])
+        rows = np.arange(begin, begin + len(pair))
+        expected = rows - np.repeat(begins, np.diff(np.concatenate([[0], first, [len(pair)]])))
+        query = numbers(table["query_id"], np.int64)
         if np.any(step[first] != 1) or not np.array_equal(query, expected):
             raise SpecError(
                 "the queries are not numbered consecutively",
@@ -118,30 +115,37 @@ def read_queries(dataset: Dataset, split: str) -> Queries:
                 required="pair ids 0, 1, 2 … and query ids 0, 1, 2 … within each, ascending",
                 fix="Run: pliant validate",
             )
-        chosen = table.take(first)
-        per_pair["start"].append(begin + first)
-        per_pair["tier"].append(tiers.encode(chosen["tier"]))
-        per_pair["sequence_a"].append(sequences.encode(chosen["sequence_a"]))
-        per_pair["sequence_b"].append(sequences.encode(chosen["sequence_b"]))
-        per_pair["frame_a"].append(numbers(chosen["frame_a"], np.int32))
-        per_pair["frame_b"].append(numbers(chosen["frame_b"], np.int32))
-        last_pair, last_start = int(pair[-1]), int(starts[-1])
+        starts = np.append(starts, begin + first)
+        firsts.append(_with_text(table.take(first)))
+        last_pair, last_start = int(pair[-1]), int(begins[-1])
     if not stream.rows:
         raise SpecError("the split has no queries", path=path, fix="Run: pliant validate")
-    joined = {name: np.concatenate(parts) for name, parts in per_pair.items()}
-    unknown = [name for name in tiers.texts if name not in dataset.tiers]
+    pairs = pa.concat_tables(firsts)
+    tiers = pairs["tier"].unique().to_pylist()
+    unknown = [name for name in tiers if name not in dataset.tiers]
     if unknown:
         raise SpecError("the queries name a tier the dataset has not", path=path, found=unknown[0])
+    both = pa.chunked_array([*pairs["sequence_a"].chunks, *pairs["sequence_b"].chunks])
+    sequences = both.unique().to_pylist()
     return Queries(
         split=split,
         path=path,
-        starts=np.append(joined["start"], stream.rows).astype(np.int64),
-        tiers=tiers.texts,
-        tier=joined["tier"],
-        sequences=sequences.texts,
-        sequence_a=joined["sequence_a"],
-        sequence_b=joined["sequence_b"],
-        frame_a=joined["frame_a"],
-        frame_b=joined["frame_b"],
+        starts=np.append(starts, stream.rows),
+        tiers=tiers,
+        tier=codes(pairs["tier"], tiers),
+        sequences=sequences,
+        sequence_a=codes(pairs["sequence_a"], sequences),
+        sequence_b=codes(pairs["sequence_b"], sequences),
+        frame_a=numbers(pairs["frame_a"], np.int32),
+        frame_b=numbers(pairs["frame_b"], np.int32),
         size=dataset.size,
     )
+
+
+def _with_text(table: pa.Table) -> pa.Table:
+    """Return a table whose dictionaries are plain text, which tables with others can be joined."""
+    fields = [
+        pa.field(field.name, pa.string()) if field.name in _STRINGS else field
+        for field in table.schema
+    ]
+    return table.cast(pa.schema(fields))

@@ -9,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from pliant.spec.io.parquet import open_table
@@ -131,38 +132,18 @@ def numbers(column: pa.ChunkedArray, dtype: npt.DTypeLike) -> npt.NDArray[Any]:
     return result
 
 
-class Vocabulary:
-    """Numbers the texts of a column in the order of their first appearance.
+def codes(column: pa.ChunkedArray | pa.Array, known: Sequence[str]) -> npt.NDArray[np.int32]:
+    """Return the position of each text of a column in a list, int32 (N,); -1 where it is not there.
 
     Args:
-        known: Texts numbered beforehand.
-        closed: Whether other texts are an error (`code` -1) instead of new numbers.
+        column: Texts, plain or as dictionaries, without nulls.
+        known: The list, without repetitions.
     """
-
-    def __init__(self, known: Sequence[str] = (), *, closed: bool = False) -> None:
-        self._codes = {text: code for code, text in enumerate(known)}
-        self._closed = closed
-
-    @property
-    def texts(self) -> list[str]:
-        """The texts by code."""
-        return list(self._codes)
-
-    def encode(self, column: pa.ChunkedArray | pa.Array) -> npt.NDArray[np.int32]:
-        """Return the code of each text of a column without nulls, int32 (N,)."""
-        chunks = column.chunks if isinstance(column, pa.ChunkedArray) else [column]
-        result = np.empty(len(column), np.int32)
-        start = 0
-        for chunk in chunks:
-            encoded = chunk if pa.types.is_dictionary(chunk.type) else chunk.dictionary_encode()
-            table = np.array([self._code(text) for text in encoded.dictionary.to_pylist()], int)
-            if len(chunk):
-                indices = encoded.indices.to_numpy(zero_copy_only=False)
-                result[start : start + len(chunk)] = table[indices]
-            start += len(chunk)
-        return result
-
-    def _code(self, text: str) -> int:
-        if self._closed:
-            return self._codes.get(text, -1)
-        return self._codes.setdefault(text, len(self._codes))
+    found: npt.NDArray[np.int32] = np.empty(len(column), np.int32)
+    start = 0
+    for chunk in column.chunks if isinstance(column, pa.ChunkedArray) else [column]:
+        encoded = chunk if pa.types.is_dictionary(chunk.type) else chunk.dictionary_encode()
+        place = pc.fill_null(pc.index_in(encoded.dictionary, pa.array(known, pa.string())), -1)
+        found[start : start + len(chunk)] = place.take(encoded.indices).to_numpy(False)
+        start += len(chunk)
+    return found

@@ -22,6 +22,7 @@ from pliant.spec.io.parquet import footer_of, open_table
 from pliant.spec.io.parquet_footer import ColumnChunk, read_column_chunks
 from pliant.spec.io.reading import FileRefusedError
 from pliant.spec.text import escape, unsafe_character
+from pliant.spec.validation.findings import reason
 
 _KEYS: Final = {"pair_id": "integer", "query_id": "integer"}
 REQUIRED: Final[dict[str, dict[str, str]]] = {
@@ -147,7 +148,7 @@ def _open(path: Path, problems: Problems) -> tuple[pq.ParquetFile, list[ColumnCh
         chunks = read_column_chunks(resolved)
         _ = file.schema_arrow.names
     except FileRefusedError as error:
-        problems.add(error.code, error.where or "", kind_of_file(resolved) or _reason(error))
+        problems.add(error.code, error.where or "", kind_of_file(resolved) or _short(reason(error)))
         return None
     except Exception as error:  # Arrow's errors on a hostile file do not share a base
         problems.add("FILE_UNREADABLE", "", f"its schema cannot be read: {_short(error)}")
@@ -162,7 +163,7 @@ def _footer(
     try:
         footer = footer_of(file, path)
     except FileRefusedError as error:
-        problems.add(error.code, error.where or "", f"{_reason(error)} {_TEMPLATE}")
+        problems.add(error.code, error.where or "", f"{_short(reason(error))} {_TEMPLATE}")
         return None
     try:
         check_version(footer.get("spec_version"), path)
@@ -172,7 +173,7 @@ def _footer(
         problems.add(
             error.code,
             "footer spec_version",
-            _reason(error)
+            _short(reason(error))
             if three
             else f"found {found!r:.40}; required: text of three numbers, such as {SPEC_VERSION!r}",
         )
@@ -314,17 +315,5 @@ def _sizes_sane(chunks: list[ColumnChunk], columns: Mapping[str, str], problems:
     return True
 
 
-def _reason(error: FileRefusedError) -> str:
-    """Return an error's words without its path, which the issue carries already."""
-    text = error.message
-    if error.found is not None:
-        text += f"; found {_short(error.found)}"
-    if error.required is not None:
-        text += f"; required: {error.required}"
-    if error.fix is not None:
-        text += f". {error.fix}"
-    return text
-
-
 def _short(text: object) -> str:
-    return " ".join(str(text).split())[:200]
+    return " ".join(str(text).split())[:400]

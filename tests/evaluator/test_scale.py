@@ -54,17 +54,17 @@ def test_arrays_on_disk_give_the_same_scores_and_leave_nothing(
     import tempfile
 
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    on_disk: list[bool] = []
-    leave = Scratch.__exit__
+    made: list[Scratch] = []
+    start = Scratch.__init__
 
-    def spy(self: Scratch, *arguments: Any) -> None:
-        on_disk.append(self.on_disk)
-        leave(self, *arguments)
+    def spy(self: Scratch, limit: int) -> None:
+        start(self, limit)
+        made.append(self)
 
-    monkeypatch.setattr(Scratch, "__exit__", spy)
+    monkeypatch.setattr(Scratch, "__init__", spy)
     in_memory = evaluate(noisy, scene.root)
     mapped = evaluate(noisy, scene.root, memory_limit_bytes=0)
-    assert on_disk == [False, True]
+    assert [scratch.on_disk for scratch in made] == [False, True]
     assert mapped.document == in_memory.document
     assert not list(tmp_path.iterdir())
 

