@@ -130,7 +130,9 @@ def warp_view(view: FrameView, affine: npt.NDArray[np.float64]) -> FrameView:
     fill = tuple(int(value) for value in border.mean(axis=0).round())
     size = (width, height)
 
-    def moved(array: npt.NDArray[Any], method: int, outside: object) -> Image.Image:
+    def moved(
+        array: npt.NDArray[Any], method: int, outside: float | tuple[int, ...]
+    ) -> Image.Image:
         return Image.fromarray(array).transform(
             size, Image.Transform.AFFINE, coefficients, resample=method, fillcolor=outside
         )

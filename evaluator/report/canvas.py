@@ -12,7 +12,7 @@ import re
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import matplotlib as mpl
 import numpy.typing as npt
@@ -21,6 +21,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
+if TYPE_CHECKING:
+    from matplotlib.typing import RcKeyType
+
 COLOURS: Final = (
     "#1f5f8b", "#c8553d", "#3d8b5f", "#8a5a9e", "#b8862b", "#5b6770", "#2b9aa8", "#a34a6b",
 )  # fmt: skip
@@ -28,7 +31,7 @@ COLOURS: Final = (
 
 INK: Final = "#3a3f44"
 GREY: Final = "#9aa1a8"
-_STYLE: Final[dict[str, Any]] = {
+_STYLE: Final[dict[RcKeyType, Any]] = {
     "svg.fonttype": "none",
     "font.family": "sans-serif",
     "font.size": 9,

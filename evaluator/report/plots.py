@@ -5,7 +5,7 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +21,9 @@ from pliant.evaluator.report.canvas import (
     figure_png,
     house_style,
 )
+
+if TYPE_CHECKING:
+    from matplotlib.typing import LegendLocType
 
 Numbers = Sequence[float] | npt.NDArray[Any]
 
@@ -50,7 +53,7 @@ def line_svg(
     series: Mapping[str, tuple[Numbers, Numbers]],
     labels: Labels,
     *,
-    legend: str = "best",
+    legend: LegendLocType = "best",
     markers: bool = False,
     decorate: Callable[[Axes], object] | None = None,
 ) -> str:
@@ -250,7 +253,7 @@ def _look(index: int) -> dict[str, Any]:
     }
 
 
-def _legend(axes: Axes, series: int, place: str) -> None:
+def _legend(axes: Axes, series: int, place: LegendLocType) -> None:
     if series > 1:
         axes.legend(loc=place)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -115,7 +115,7 @@ def strand_crevices(rest: FloatArray, strands: int) -> FloatArray:
 
 @njit(cache=True, nogil=True)
 def shade(
-    window: IntArray,
+    window: npt.NDArray[np.int64],
     triangle: IntArray,
     depth: FloatArray,
     weights: FloatArray,
@@ -273,7 +273,18 @@ def shade(
                 out[row, column, 2] = encode_channel(share * (sum2 + rest * table[row, column, 2]))
 
 
-def shader_arguments(material: Materials) -> tuple[Any, ...]:
+def shader_arguments(
+    material: Materials,
+) -> tuple[
+    npt.NDArray[np.uint8],
+    npt.NDArray[np.uint8],
+    FloatArray,
+    FloatArray,
+    npt.NDArray[np.float32],
+    npt.NDArray[np.float32],
+    float,
+    float,
+]:
     """Return the arguments of `shade` from `surface` to `specular`."""
     return (
         material.surface,

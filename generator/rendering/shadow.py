@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -68,7 +68,9 @@ class ShadowMap:
     texel_m: float
     spread: float
 
-    def arguments(self) -> tuple[Any, ...]:
+    def arguments(
+        self,
+    ) -> tuple[FloatArray, npt.NDArray[np.float32], npt.NDArray[np.float32], float, float]:
         """Return what `sunlight` takes after the place."""
         return self.frame, self.depth, self.coarse, self.texel_m, self.spread
 

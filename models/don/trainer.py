@@ -104,7 +104,7 @@ class DonTask:
             store = parts[0].store
             dim = settings.network.descriptor_dim
             canonical = CanonicalHead.of_object(dim, store.tier.queried, store.material)
-        self.network = build_network(
+        network = build_network(
             settings.network,
             settings.pairs.network_input,
             initial_scale=settings.loss.initial_scale,
@@ -112,7 +112,11 @@ class DonTask:
             orientation=settings.loss.orientation_weight > 0,
             foreground=settings.loss.foreground_weight > 0,
             canonical=canonical,
-        ).to(processes.device, memory_format=torch.channels_last)
+        )
+        self.network = network.to(  # type: ignore[call-overload]
+            processes.device,
+            memory_format=torch.channels_last,  # which torch's type stub lacks
+        )
 
     def batches(self, start: int, stop: int) -> Iterable[Batch]:
         """Return the batches of steps start to stop - 1 for this process."""

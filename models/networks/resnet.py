@@ -87,6 +87,11 @@ class ResNetFCN(nn.Module):
         descriptor_dim: Channels of the output.
     """
 
+    layer1: nn.Sequential
+    layer2: nn.Sequential
+    layer3: nn.Sequential
+    layer4: nn.Sequential
+
     def __init__(self, name: str, channels_in: int, descriptor_dim: int) -> None:
         super().__init__()
         block = Bottleneck if name == "resnet50" else BasicBlock

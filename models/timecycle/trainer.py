@@ -134,7 +134,9 @@ class TimeCycleTask:
 def first_network(settings: TimeCycleSettings) -> TimeCycleNetwork:
     """Return a network with the weights that a run with these settings begins with."""
     torch.manual_seed(settings.seed)
-    network: TimeCycleNetwork = TimeCycleNetwork(settings).to(memory_format=torch.channels_last)
+    network: TimeCycleNetwork = TimeCycleNetwork(settings).to(  # type: ignore[call-overload]
+        memory_format=torch.channels_last  # which torch's type stub lacks
+    )
     return network
 
 

@@ -45,13 +45,12 @@ _LOG_EVERY = 10
 
 
 class Task(Protocol):
-    """What is trained.
+    """What is trained."""
 
-    Attributes:
-        network: The network.
-    """
-
-    network: nn.Module
+    @property
+    def network(self) -> nn.Module:
+        """The network."""
+        ...
 
     def batches(self, start: int, stop: int) -> Iterable[Batch]:
         """Return the batches of steps start to stop - 1 for this process."""

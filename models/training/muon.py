@@ -11,7 +11,7 @@ in neural networks", 2024, whose coefficients these are).
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from typing import Any, Final
+from typing import Any, Final, overload
 
 import torch
 
@@ -77,6 +77,12 @@ class Muon(torch.optim.Optimizer):
                 "eps": eps,
             },
         )
+
+    @overload
+    def step(self, closure: None = None) -> None: ...
+
+    @overload
+    def step(self, closure: Callable[[], float]) -> float: ...
 
     @torch.no_grad()
     def step(self, closure: Callable[[], float] | None = None) -> float | None:
