@@ -13,6 +13,7 @@ from pliant.baselines.matcher import Answers, Heat, HeatMatcher, Matcher, View
 from pliant.baselines.pixels import lies_on
 from pliant.spec.errors import CallError
 from pliant.spec.io.writing import replacing
+from pliant.viewer.drawing import Rgb, Window, check_ending, show
 
 FORMATS: Final = (".png", ".pdf", ".svg", ".jpg")
 
@@ -118,10 +119,7 @@ def check_figure_path(path: Path) -> None:
     Raises:
         CallError: Its folder is missing or it has an unknown ending.
     """
-    if path.suffix.lower() not in FORMATS:
-        raise CallError(
-            "the figure's ending is unknown", path=path, required=f"one of {', '.join(FORMATS)}"
-        )
+    check_ending(path, FORMATS)
     if path.is_dir():
         raise CallError("a folder stands where the figure should go", path=path)
     if not path.parent.is_dir():
@@ -145,28 +143,26 @@ def draw_match(match: PhotoMatch, source: View, target: View, out: Path) -> None
         CallError: The file cannot be written.
     """
     check_figure_path(out)
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     cropped = source.mask is not None and target.mask is not None
-    frame_a, frame_b = _frame(source, cropped), _frame(target, cropped)
+    frame_a, frame_b = _window(source, cropped), _window(target, cropped)
     frames = [frame_a, frame_b] if match.heat is None else [frame_a, frame_b, frame_b]
     # All pictures get one height, so that pictures of unlike shapes stand in one row.
     shapes = [(right - left) / (bottom - top) for left, right, bottom, top in frames]
     tall = float(np.clip(_WIDTH_IN * len(frames) / sum(shapes), *_HEIGHT_IN))
     below = 0.75 if match.heat is None else 1.35  # titles, and the colour bar, inches
     figure = Figure(figsize=(tall * sum(shapes) + 0.3, tall + below), layout="constrained")
-    FigureCanvasAgg(figure)
     rows = [tall] if match.heat is None else [tall, 0.14]
     grid = figure.add_gridspec(len(rows), len(frames), width_ratios=shapes, height_ratios=rows)
     axes = [figure.add_subplot(grid[0, column]) for column in range(len(frames))]
-    _show(axes[0], source.rgb, frame_a, f"source, query at ({_numbers(match.uv_a_px)})")
+    show(axes[0], source.rgb, f"source, query at ({_numbers(match.uv_a_px)})", frame_a)
     _mark(axes[0], match.uv_a_px, _QUERY_COLOUR)
     rings = ", rings: 2 std. dev." if _rings(axes[1], match) else ""
-    _show(axes[1], target.rgb, frame_b, f"target, match at ({_numbers(match.uv_b_px)}){rings}")
+    show(axes[1], target.rgb, f"target, match at ({_numbers(match.uv_b_px)}){rings}", frame_b)
     _mark(axes[1], match.uv_b_px, _MATCH_COLOUR)
     if match.heat is not None:
-        _show(axes[2], _dimmed(target.rgb), frame_b, f"heat map of {match.method} over the target")
+        show(axes[2], _dimmed(target.rgb), f"heat map of {match.method} over the target", frame_b)
         shown = _heat(axes[2], match.heat)
         if shown is not None:
             bar = figure.colorbar(
@@ -197,7 +193,7 @@ def _numbers(uv_px: npt.NDArray[np.float32]) -> str:
     return f"{uv_px[0]:.1f}, {uv_px[1]:.1f}"
 
 
-def _frame(view: View, cropped: bool) -> tuple[float, float, float, float]:
+def _window(view: View, cropped: bool) -> Window:
     """Return what to show, (left, right, bottom, top) in px: the object with room, or all."""
     height, width = view.rgb.shape[:2]
     if view.mask is None or not cropped or not view.mask.any():
@@ -210,22 +206,6 @@ def _frame(view: View, cropped: bool) -> tuple[float, float, float, float]:
         min(height, rows.max() + 1 + room),
         max(0, rows.min() - room),
     )
-
-
-def _show(
-    axes: Any,
-    rgb: npt.NDArray[np.uint8],
-    frame: tuple[float, float, float, float],
-    title: str,
-) -> None:
-    height, width = rgb.shape[:2]
-    # Pliant's convention on the axes: the first pixel reaches from 0 to 1.
-    axes.imshow(rgb, extent=(0, width, height, 0), interpolation="antialiased")
-    axes.set_xlim(frame[0], frame[1])
-    axes.set_ylim(frame[2], frame[3])
-    axes.set_title(title, fontsize=10)
-    axes.set_xticks([])
-    axes.set_yticks([])
 
 
 def _mark(axes: Any, uv_px: npt.NDArray[np.float32], colour: str) -> None:
@@ -258,7 +238,7 @@ def _rings(axes: Any, match: PhotoMatch) -> int:
     return len(rings)
 
 
-def _dimmed(rgb: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+def _dimmed(rgb: Rgb) -> Rgb:
     grey = rgb.mean(axis=2, keepdims=True) * 0.45
     return np.repeat(grey, 3, axis=2).astype(np.uint8)
 

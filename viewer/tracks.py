@@ -2,31 +2,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence as Frames
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, MissingExtraError
+from pliant.spec.frame import Frame
 from pliant.spec.io.parquet import read_footer, read_table
+from pliant.spec.queries import QueryPair
 from pliant.spec.sequence import SequenceRecord
 from pliant.viewer.colours import material_colours
+from pliant.viewer.drawing import (
+    Float64,
+    Rgb,
+    draw_point,
+    evenly,
+    positions_px,
+    show,
+    strip,
+)
 
-Float64 = npt.NDArray[np.float64]
-Rgb = npt.NDArray[np.uint8]
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 PAPER_FRAMES: Final = (0, 22, 87)
 """The frames that the paper's figure of tracked points shows."""
 
 ANIMATIONS: Final = (".gif", ".mp4")
 
-_DPI: Final = 100
 _TRAIL: Final = 20
-_FRAMES_A_SECOND: Final = 15
+_FRAMES_PER_SECOND: Final = 15
 _ANIMATION_WIDTH_PX: Final = 480
 
 
@@ -38,9 +48,10 @@ class PredictedTracks:
         sequence: The episode.
         method: Name of the method.
         source: The source frame.
-        answers: Frame -> float64 (Q, 2); the source frame holds the queries. NaN: not asked there.
+        answers: Frame -> float64 (Q, 2); the source frame contains the queries. NaN: not asked
+            there.
         truth: Frame -> float64 (Q, 2), NaN where a point is not visible, or None where the
-            dataset keeps it to itself.
+            dataset withholds it.
         colours: float64 (Q, 3), 0 to 1.
     """
 
@@ -67,7 +78,7 @@ def read_predicted_tracks(
 
     Raises:
         SpecError: The submission cannot be read.
-        CallError: It answers other queries, or no pair lies in the episode.
+        CallError: It answers other queries, or no pair is of one episode.
     """
     footer = read_footer(submission)
     split = str(footer.get("split"))
@@ -80,88 +91,99 @@ def read_predicted_tracks(
             found=f"{footer.get('dataset')}, split {split}",
             fix="Name the dataset that it was made for",
         )
-    queries = dataset.queries(split)
-    columns = {name: queries[name].to_numpy() for name in ("pair_id", "query_id", "u_a", "v_a")}
-    columns |= {name: queries[name].to_numpy() for name in ("frame_a", "frame_b")}
-    source_id, target_id = (np.asarray(queries[f"sequence_{k}"].to_pylist()) for k in "ab")
-    temporal = {each.id for each in dataset.sequences if each.temporal}
-    own = (source_id == target_id) & np.isin(source_id, list(temporal))
-    if sequence is not None:
-        own &= source_id == sequence
-    if not own.any():
+    pairs = dataset.pairs(split)
+    first_rows = np.cumsum([0, *map(len, pairs)])
+    source, asked = _most_asked(pairs, sequence, submission)
+    rows = np.concatenate([np.arange(first_rows[k], first_rows[k + 1]) for k in asked])
+    uv_a = np.concatenate([pairs[k].uv_a_px for k in asked]).astype(np.float64)
+    points, point = np.unique(uv_a, axis=0, return_inverse=True)
+    cells = _Cells(point.reshape(-1), np.concatenate(
+        [np.full(len(pairs[k]), pairs[k].target.index) for k in asked]
+    ), len(points))  # fmt: skip
+    keys = dataset.queries(split).select(["pair_id", "query_id"]).take(rows)
+    answers = {source.index: points} | cells.by_frame(_answers(submission, keys.to_pydict()))
+    if split in dataset.held_out:  # colours from left to right
+        from matplotlib import colormaps
+
+        rank = points[:, 0].argsort().argsort() / max(1, len(points) - 1)
+        truth, colours = None, colormaps["turbo"](rank)[:, :3]
+    else:
+        table = dataset.truth(split).take(rows)
+        uv_b = positions_px(table, "u_b", "v_b")
+        uv_b[np.asarray(table["visibility_b"].to_pylist()) != "visible"] = np.nan
+        truth = cells.by_frame(uv_b)
+        material = np.zeros(len(points), np.int64)
+        material[cells.point] = table["point"].to_numpy()
+        m = positions_px(source.sequence.points(), "m0", "m1")[material]
+        colours = material_colours(m[:, 0], m[:, 1], source.sequence.described)
+    method = str(footer.get("method", {}).get("name", submission.stem))
+    return PredictedTracks(source.sequence, method, source.index, answers, truth, colours)
+
+
+def _most_asked(
+    pairs: Sequence[QueryPair], sequence: str | None, submission: Path
+) -> tuple[Frame, list[int]]:
+    """Return the source frame with the most targets in its episode, and the indices of its pairs.
+
+    Raises:
+        CallError: No pair is of one episode, or of the named one.
+    """
+    own = [
+        k
+        for k, pair in enumerate(pairs)
+        if pair.source.sequence.id == pair.target.sequence.id
+        and pair.source.sequence.temporal
+        and sequence in (None, pair.source.sequence.id)
+    ]
+    if not own:
         raise CallError(
             "no pair of the submission lies in one episode",
             path=submission,
             where=sequence,
             fix="Ask for tracks when generating: --episodes --set queries.kind=track",
         )
-    chosen_id = source_id[own][0]
-    own &= source_id == chosen_id
-    targets = {a: len(set(columns["frame_b"][own & (columns["frame_a"] == a)].tolist()))
-               for a in set(columns["frame_a"][own].tolist())}  # fmt: skip
-    source = max(sorted(targets), key=lambda frame: targets[frame])
-    rows = np.flatnonzero(own & (columns["frame_a"] == source))
-    answered = _answers(submission, columns["pair_id"][rows], columns["query_id"][rows])
-    uv_a = np.stack([columns["u_a"][rows], columns["v_a"][rows]], axis=1).astype(np.float64)
-    points, point = np.unique(uv_a, axis=0, return_inverse=True)
-    point = point.reshape(-1)
-    answers = {int(source): points}
-    for frame in np.unique(columns["frame_b"][rows]):
-        here = columns["frame_b"][rows] == frame
-        uv = np.full(points.shape, np.nan)
-        uv[point[here]] = answered[here]
-        answers[int(frame)] = uv
-    episode = dataset.sequence(str(chosen_id))
-    truth, colours = _truth(dataset, episode, split, rows, point, points, columns["frame_b"][rows])
-    method = str(footer.get("method", {}).get("name", submission.stem))
-    return PredictedTracks(episode, method, int(source), answers, truth, colours)
+    episode = pairs[own[0]].source.sequence
+    targets: dict[int, set[int]] = {}
+    for k in own:
+        if pairs[k].source.sequence.id == episode.id:
+            targets.setdefault(pairs[k].source.index, set()).add(pairs[k].target.index)
+    source = max(sorted(targets), key=lambda frame: len(targets[frame]))
+    key = episode[source].key
+    return episode[source], [k for k in own if pairs[k].source.key == key]
 
 
-def _answers(submission: Path, pair_id: npt.NDArray[Any], query_id: npt.NDArray[Any]) -> Float64:
+@dataclass(frozen=True)
+class _Cells:
+    """Which point and which frame each query row is about.
+
+    Attributes:
+        point: int64 (N,).
+        frame: int64 (N,).
+        points: Number of points.
+    """
+
+    point: npt.NDArray[np.int64]
+    frame: npt.NDArray[np.int64]
+    points: int
+
+    def by_frame(self, uv_px: Float64) -> dict[int, Float64]:
+        """Return positions of rows, float64 (N, 2), as frame -> float64 (points, 2) or NaN."""
+        found = {int(k): np.full((self.points, 2), np.nan) for k in np.unique(self.frame)}
+        for frame, point, uv in zip(self.frame.tolist(), self.point, uv_px, strict=True):
+            found[frame][point] = uv
+        return found
+
+
+def _answers(submission: Path, keys: dict[str, list[int]]) -> Float64:
     """Return the submission's position for each key, NaN where it has none: float64 (N, 2)."""
     table = read_table(submission, "answers", ["pair_id", "query_id", "u", "v"])
-    given = {
-        (pair, query): (u, v)
-        for pair, query, u, v in zip(
-            *(table[n].to_pylist() for n in table.column_names), strict=True
-        )
-    }
-    lost = (np.nan, np.nan)
-    keys = zip(pair_id.tolist(), query_id.tolist(), strict=True)
-    return np.array([given.get(key, lost) for key in keys], np.float64)
+    rows = zip(table["pair_id"].to_pylist(), table["query_id"].to_pylist(), strict=True)
+    given = dict(zip(rows, positions_px(table, "u", "v"), strict=True))
+    unknown = np.full(2, np.nan)
+    return np.array([given.get(key, unknown) for key in zip(*keys.values(), strict=True)])
 
 
-def _truth(
-    dataset: Dataset,
-    episode: SequenceRecord,
-    split: str,
-    rows: npt.NDArray[np.int64],
-    point: npt.NDArray[np.int64],
-    points: Float64,
-    frame_b: npt.NDArray[Any],
-) -> tuple[dict[int, Float64] | None, Float64]:
-    """Return the true positions and index colours; left to right where the truth is kept back."""
-    from matplotlib import colormaps
-
-    rank = points[:, 0].argsort().argsort() / max(1, len(points) - 1)
-    if split in dataset.held_out:
-        return None, colormaps["turbo"](rank)[:, :3]
-    truth = dataset.truth(split).take(rows)
-    uv = np.stack([truth["u_b"].to_numpy(), truth["v_b"].to_numpy()], axis=1).astype(np.float64)
-    uv[np.asarray(truth["visibility_b"].to_pylist()) != "visible"] = np.nan
-    found = {}
-    for frame in np.unique(frame_b):
-        here = frame_b == frame
-        found[int(frame)] = np.full(points.shape, np.nan)
-        found[int(frame)][point[here]] = uv[here]
-    material = np.zeros(len(points), np.int64)
-    material[point] = truth["point"].to_numpy()
-    table = episode.points()
-    m0, m1 = (table[name].to_numpy()[material] for name in ("m0", "m1"))
-    return found, material_colours(m0, m1, dataset.tiers[episode.tier])
-
-
-def draw_tracks(tracks: PredictedTracks, out: Path, frames: Frames[int] | None = None) -> None:
+def draw_tracks(tracks: PredictedTracks, out: Path, frames: Sequence[int] | None = None) -> None:
     """Write predicted tracks: a strip of frames, or an animation where the ending is one's.
 
     Args:
@@ -179,8 +201,8 @@ def draw_tracks(tracks: PredictedTracks, out: Path, frames: Frames[int] | None =
         return
     asked = sorted(tracks.answers)
     if frames is None:
-        spread = [asked[k] for k in np.linspace(0, len(asked) - 1, 3).round().astype(int)]
-        frames = PAPER_FRAMES if set(PAPER_FRAMES) <= set(asked) else list(dict.fromkeys(spread))
+        paper = set(PAPER_FRAMES) <= set(asked)
+        frames = PAPER_FRAMES if paper else [asked[k] for k in evenly(3, len(asked))]
     for frame in frames:
         if frame not in tracks.answers:
             raise CallError(
@@ -189,55 +211,33 @@ def draw_tracks(tracks: PredictedTracks, out: Path, frames: Frames[int] | None =
                 found=frame,
                 required=f"{asked[0]} to {asked[-1]}, {len(asked)} of them asked about",
             )
-    _strip(tracks, frames).savefig(out)
-
-
-def _strip(tracks: PredictedTracks, frames: Frames[int]) -> Any:
-    """Return a matplotlib figure of frames side by side."""
-    from matplotlib.figure import Figure
-
-    width, height = tracks.sequence.size
-    figure = Figure(
-        figsize=(5.2 * len(frames), 5.2 * height / width + 0.3), dpi=_DPI, facecolor="white"
-    )
-    figure.subplots_adjust(0.004, 0.005, 0.996, 1 - 0.3 / (5.2 * height / width + 0.3), wspace=0.02)
-    axes = figure.subplots(1, len(frames), squeeze=False)[0]
+    figure, axes = strip(len(frames), tracks.sequence.size, columns=len(frames), width_in=5.2)
     for axis, frame in zip(axes, frames, strict=True):
-        axis.imshow(tracks.sequence.rgb(frame), extent=(0, width, height, 0))
-        _draw_points(axis, tracks, frame)
-        axis.set(xlim=(0, width), ylim=(height, 0))
-        axis.set_axis_off()
         error = "" if frame == tracks.source else _rmse_text(tracks, frame)
-        axis.set_title(f"{tracks.method}, {tracks.sequence.id}, frame {frame}{error}", fontsize=10)
-    return figure
+        title = f"{tracks.method}, {tracks.sequence.id}, frame {frame}{error}"
+        show(axis, tracks.sequence.rgb(frame), title)
+        _draw_points(axis, tracks, frame)
+    figure.savefig(out)
 
 
-def _draw_points(axis: Any, tracks: PredictedTracks, frame: int) -> None:
+def _draw_points(axis: Axes, tracks: PredictedTracks, frame: int) -> None:
     """Draw the answers as dots and a line to where each visible point truly is."""
     uv = tracks.answers[frame]
     truth = None if tracks.truth is None else tracks.truth.get(frame)
     for k, colour in enumerate(tracks.colours):
-        if truth is not None and np.isfinite(truth[k]).all():
+        seen = truth is None or bool(np.isfinite(truth[k]).all())
+        if truth is not None and seen:
             axis.plot(*np.stack([uv[k], truth[k]]).T, color="white", lw=1.2)
-        hidden = truth is not None and not np.isfinite(truth[k]).all()
-        axis.plot(
-            *uv[k],
-            "o",
-            ms=5.5,
-            mfc="none" if hidden else colour,
-            mec=colour if hidden else "white",
-            mew=0.9,
-        )
+        draw_point(axis, uv[k], colour, seen=seen)
 
 
 def _rmse_text(tracks: PredictedTracks, frame: int) -> str:
     if tracks.truth is None or frame not in tracks.truth:
         return ""
     error = np.linalg.norm(tracks.answers[frame] - tracks.truth[frame], axis=1)
-    error = error[np.isfinite(error)]
-    if not len(error):
+    if not np.isfinite(error).any():
         return ""
-    return f", RMSE {np.sqrt(np.mean(error**2)):.1f} px"
+    return f", RMSE {np.sqrt(np.nanmean(error**2)):.1f} px"
 
 
 def _animate(tracks: PredictedTracks, out: Path) -> None:
@@ -266,7 +266,7 @@ def _animate(tracks: PredictedTracks, out: Path) -> None:
         pictures.append(picture)
     if out.suffix.lower() == ".gif":
         first, *rest = [picture.quantize(128) for picture in pictures]
-        milliseconds = round(1000 / _FRAMES_A_SECOND)
+        milliseconds = round(1000 / _FRAMES_PER_SECOND)
         first.save(out, save_all=True, append_images=rest, duration=milliseconds, loop=0)
     else:
         _write_mp4([np.asarray(picture) for picture in pictures], out)
@@ -279,7 +279,7 @@ def _write_mp4(pictures: list[Rgb], out: Path) -> None:
         raise MissingExtraError("writing .mp4 (a .gif needs nothing)", "classical") from error
     height, width = pictures[0].shape[:2]
     code = cv2.VideoWriter.fourcc(*"mp4v")
-    writer = cv2.VideoWriter(str(out), code, _FRAMES_A_SECOND, (width, height))
+    writer = cv2.VideoWriter(str(out), code, _FRAMES_PER_SECOND, (width, height))
     if not writer.isOpened():
         raise CallError("this OpenCV cannot write .mp4", path=out, fix="Write a .gif")
     for picture in pictures:
