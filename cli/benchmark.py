@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING
 import click
 
 from pliant.cli.interrupts import terminated_like_interrupted
-from pliant.cli.options import PATH, cpu_cores, json_option, out_option, path_option, set_option
+from pliant.cli.options import (
+    PATH,
+    choice_option,
+    cpu_cores,
+    json_option,
+    out_option,
+    path_option,
+    set_option,
+)
 from pliant.cli.terminal import echo, echo_json, rich_progress
 from pliant.spec.errors import MissingExtraError
 
@@ -29,12 +37,11 @@ _TITLES = {"generate": "Making sets", "train": "Training", "answer": "Answering 
     metavar="N",
     help="Processes at a time; default: one per GPU, without GPUs one per CPU core.",
 )
-@click.option(
+@choice_option(
     "--until",
-    type=click.Choice(list(_TITLES)),
-    default="answer",
-    show_default=True,
-    help="Last stage to do; the table contains what is scored by then.",
+    list(_TITLES),
+    "Last stage to do; the table contains what is scored by then.",
+    "answer",
 )
 @path_option(
     "--page",

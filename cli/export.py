@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from pliant.cli.options import PATH, data_option, json_option, out_option, path_option
-from pliant.cli.terminal import echo, echo_json
+from pliant.cli.terminal import echo_result
 from pliant.spec.errors import MissingExtraError
 
 
@@ -41,7 +41,5 @@ def command(
     reports = [read_scores(path.parent if path.name == SCORES_JSON else path) for path in scores]
     folder = export_run(run, name, out, Dataset.open(data), reports)
     size = sum(path.stat().st_size for path in folder.iterdir())
-    if as_json:
-        echo_json({"model": str(folder), "name": name, "bytes": size})
-    else:
-        echo(f"{folder}: {size / 1e6:.1f} MB; read {folder / 'CARD.md'}")
+    text = f"{folder}: {size / 1e6:.1f} MB; read {folder / 'CARD.md'}"
+    echo_result({"model": str(folder), "name": name, "bytes": size}, text, as_json=as_json)

@@ -9,6 +9,7 @@ import click
 
 from pliant.cli.interrupts import terminated_like_interrupted
 from pliant.cli.options import (
+    choice_option,
     cpu_cores,
     image_size,
     json_option,
@@ -51,12 +52,8 @@ _STOPPED = "Interrupted: finished sequences are kept, the same command continues
 @path_option("--config", "FILE", "YAML or JSON file with these fields and more; flags win.")
 @set_option
 @click.option("--workers", type=int, metavar="N", help="Worker processes.  [default: one per core]")
-@click.option(
-    "--engine",
-    type=click.Choice(["local", "ray"]),
-    default="local",
-    show_default=True,
-    help="Processes of this machine, or a Ray cluster.",
+@choice_option(
+    "--engine", ["local", "ray"], "Processes of this machine, or a Ray cluster.", "local"
 )
 @click.option("--dry-run", is_flag=True, help="Say what would be done and how long it takes.")
 @json_option

@@ -7,50 +7,42 @@ from typing import Any, Literal
 
 import click
 
-from pliant.cli.options import PATH, image_size, json_option, out_option
-from pliant.cli.terminal import echo, echo_json, progress_bar
+from pliant.cli.options import PATH, choice_option, image_size, json_option, out_option
+from pliant.cli.terminal import echo_result, progress_bar
 
 
 @click.command("import")
 @click.argument("source", metavar="SOURCE", type=PATH)
 @out_option("DIR", "A new folder.")
 @click.option("--id", metavar="NAME", help="The dataset's id; default: DIR's name.")
-@click.option(
+@choice_option(
     "--kind",
-    type=click.Choice(["rope", "cloth"]),
-    help="What the points lie on; default: rope for knots_info.json, cloth for tracks.",
+    ["rope", "cloth"],
+    "What the points lie on; default: rope for knots_info.json, cloth for tracks.",
 )
-@click.option(
-    "--split",
-    type=click.Choice(["train", "val", "test"]),
-    default="test",
-    show_default=True,
-    help="The split that all of it becomes.",
-)
+@choice_option("--split", ["train", "val", "test"], "The split that all of it becomes.", "test")
 @click.option("--title", default="", help="Title of the dataset, one line.")
 @click.option("--licence", default="LicenseRef-unknown", show_default=True, help="SPDX identifier.")
-@click.option(
+@choice_option(
     "--queries",
-    type=click.Choice(["first", "pairs"]),
-    help="Ask each point where it is first seen (TAP-Vid), or in drawn pairs of frames; "
+    ["first", "pairs"],
+    "Ask each point where it is first seen (TAP-Vid), or in drawn pairs of frames; "
     "default: pairs for knots_info.json, first for tracks.",
 )
 @click.option("--pairs", default=100, show_default=True, help="Pairs drawn, with --queries pairs.")
 @click.option("--size", metavar="WxH", help="Bring every frame to this size, px.")
-@click.option(
+@choice_option(
     "--pixels",
-    type=click.Choice(["rounded", "index"]),
-    default="rounded",
-    show_default=True,
-    help="knots_info.json: numbers are rounded positions, or columns and rows of pixels.",
+    ["rounded", "index"],
+    "knots_info.json: numbers are rounded positions, or columns and rows of pixels.",
+    "rounded",
 )
 @click.option("--episode", is_flag=True, help="knots_info.json: the frames follow in time.")
-@click.option(
+@choice_option(
     "--coordinates",
-    type=click.Choice(["auto", "normalised", "pixels"]),
-    default="auto",
-    show_default=True,
-    help="Tracks: positions are shares of the frame, or pixels from its corner.",
+    ["auto", "normalised", "pixels"],
+    "Tracks: positions are shares of the frame, or pixels from its corner.",
+    "auto",
 )
 @json_option
 def command(
@@ -76,12 +68,11 @@ def command(
     settings = ImportSettings(**{k: v or defaults.get(k, v) for k, v in given.items()})
     with progress_bar("Writing", "frames", hidden=as_json) as bar:
         done = write_imported(found.clips, out, settings, found.facts, progress=bar)
-    if as_json:
-        echo_json({**vars(done), "dataset": str(done.dataset), "truth": str(done.truth)})
-        return
-    echo(
+    document = {**vars(done), "dataset": str(done.dataset), "truth": str(done.truth)}
+    text = (
         f"{done.dataset}: {done.queries:,} queries in {done.pairs:,} pairs of {done.frames:,} "
         f"frames in {done.sequences:,} sequences. Answers: {done.truth}\n"
         f"Then: pliant predict METHOD --data {done.dataset} --split {settings.split} --out "
         f"SUB.parquet; pliant evaluate SUB.parquet --data {done.dataset} --truth {done.truth}"
     )
+    echo_result(document, text, as_json=as_json)

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from pliant.cli.options import json_option, out_option, path_option
-from pliant.cli.terminal import echo, echo_json
+from pliant.cli.terminal import echo_result
 
 
 def _position(ctx: click.Context, param: click.Parameter, value: str) -> tuple[float, float]:
@@ -67,12 +67,10 @@ def command(
     view_a, view_b = read_view(source, mask_source), read_view(target, mask_target)
     match = match_photo(matcher, view_a, view_b, at)
     draw_match(match, view_a, view_b, out)
-    if as_json:
-        files = {"source": str(source), "target": str(target), "figure": str(out)}
-        echo_json({**match.as_dict(), **files})
-        return
     confidence = "" if match.heat is None else f", confidence {match.heat.confidence:.2f}"
-    echo(
+    text = (
         f"{matcher.name}: ({at[0]:g}, {at[1]:g}) of {source} is at ({match.uv_b_px[0]:.1f}, "
         f"{match.uv_b_px[1]:.1f}) of {target}{confidence}; drawn in {out}"
     )
+    files = {"source": str(source), "target": str(target), "figure": str(out)}
+    echo_result({**match.as_dict(), **files}, text, as_json=as_json)

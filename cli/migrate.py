@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from pliant.cli.options import PATH, json_option
-from pliant.cli.terminal import echo, echo_json
+from pliant.cli.terminal import echo_result
 
 
 @click.command()
@@ -25,12 +25,10 @@ def command(data: Path, as_json: bool) -> None:
     if not data.is_dir():
         raise CallError("there is no such folder", path=data, fix="Name a dataset's folder.")
     result = migrate(data)
-    if as_json:
-        echo_json(vars(result))
-    elif not result.files:
-        echo(f"{data}: already of version {result.found}; nothing to do.")
-    else:
-        echo(
+    text = f"{data}: already of version {result.found}; nothing to do."
+    if result.files:
+        text = (
             f"{data}: from {result.found} to {result.reached}, {len(result.files)} files "
             f"rewritten. Check it with: pliant validate {data}"
         )
+    echo_result(vars(result), text, as_json=as_json)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
@@ -76,12 +76,27 @@ def kind_option(matches: str) -> Callable[[F], F]:
     Args:
         matches: Whose keypoint matches the second kind contains.
     """
+    text = f"Answers to the queries, or {matches} own keypoint matches."
+    return choice_option("--kind", ["answers", "matches"], text, "answers")
+
+
+def choice_option(
+    name: str, choices: Sequence[str], text: str, default: str | None = None
+) -> Callable[[F], F]:
+    """Return an option that takes one of some names.
+
+    Args:
+        name: Its name, such as `--split`.
+        choices: The names.
+        text: Its help.
+        default: The default, which help shows; None for none.
+    """
     return click.option(
-        "--kind",
-        type=click.Choice(["answers", "matches"]),
-        default="answers",
-        show_default=True,
-        help=f"Answers to the queries, or {matches} own keypoint matches.",
+        name,
+        type=click.Choice(choices),
+        default=default,
+        show_default=default is not None,
+        help=text,
     )
 
 

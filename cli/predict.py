@@ -10,7 +10,7 @@ from typing import Literal
 import click
 
 from pliant.cli.options import data_option, json_option, kind_option, out_option, split_option
-from pliant.cli.terminal import echo, echo_json, progress_bar
+from pliant.cli.terminal import echo_result, progress_bar
 
 
 @click.command()
@@ -56,11 +56,10 @@ def command(
 
         prediction = predict(dataset, split, matcher, out, kind, workers=workers, progress=show)
     seconds = time.perf_counter() - started
-    if as_json:
-        echo_json({**prediction.as_dict(), "seconds": round(seconds, 3)})
-        return
     ran = f"{prediction.method.get('implementation', '')} {prediction.method.get('version', '')}"
-    echo(
+    text = (
         f"{out}: {prediction.rows} {kind} for {prediction.pairs} pairs of {dataset.id}/{split} by "
         f"{matcher.name}{f' ({ran.strip()})' if ran.strip() else ''} in {seconds:.1f} s"
     )
+    document = {**prediction.as_dict(), "seconds": round(seconds, 3)}
+    echo_result(document, text, as_json=as_json)

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from pliant.cli.options import json_option, out_option, reports_argument
-from pliant.cli.terminal import echo, echo_json
+from pliant.cli.terminal import echo_result
 
 
 @click.command("serve")
@@ -32,8 +32,6 @@ def command(
     from pliant.evaluator.report.site import write_site
 
     names = write_site(reports, out, title=title, hide_truth=hide_truth)
-    if as_json:
-        echo_json({"site": str(out), "reports": names})
-    else:
-        echo(f"{len(names)} reports: {out / 'index.html'}")
+    text = f"{len(names)} reports: {out / 'index.html'}"
+    echo_result({"site": str(out), "reports": names}, text, as_json=as_json)
     return 0

@@ -8,7 +8,7 @@ from typing import Literal
 import click
 
 from pliant.cli.options import data_option, json_option, kind_option, out_option, split_option
-from pliant.cli.terminal import echo, echo_json
+from pliant.cli.terminal import echo_result
 
 
 @click.command("submit-template")
@@ -38,13 +38,11 @@ def command(
 
     dataset = Dataset.open(data)
     rows = write_template(dataset, split, out, kind, name=method)
-    if as_json:
-        facts = {"submission": str(out), "kind": kind, "split": split, "rows": rows}
-        echo_json({**facts, "method": {"name": method}})
-        return
     what = "answers" if kind == "answers" else "pairs"
     fill = "u and v" if kind == "answers" else "u_a, v_a, u, v and score"
-    echo(
+    text = (
         f"{out}: {rows:,} {what} of {dataset.id}/{split} to fill in ({fill}). "
         f"Then: pliant check {out} --data {data}"
     )
+    facts = {"submission": str(out), "kind": kind, "split": split, "rows": rows}
+    echo_result({**facts, "method": {"name": method}}, text, as_json=as_json)

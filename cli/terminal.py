@@ -39,6 +39,14 @@ def echo_json(document: object, *, sort_keys: bool = False, ensure_ascii: bool =
     echo(json.dumps(document, indent=1, sort_keys=sort_keys, ensure_ascii=ensure_ascii))
 
 
+def echo_result(document: object, text: str, *, as_json: bool) -> None:
+    """Print what a command did: as one JSON document, or in words."""
+    if as_json:
+        echo_json(document)
+    else:
+        echo(text)
+
+
 def rich_progress(unit: str = "", *, hidden: bool = False, transient: bool = True) -> Progress:
     """Return rich's display of tasks on stderr.
 

@@ -7,8 +7,8 @@ from typing import Any
 
 import click
 
-from pliant.cli.options import FILE, PATH, json_option, out_option, path_option
-from pliant.cli.terminal import echo, echo_json
+from pliant.cli.options import FILE, PATH, choice_option, json_option, out_option, path_option
+from pliant.cli.terminal import echo_result
 from pliant.spec.errors import CallError
 
 
@@ -20,13 +20,12 @@ from pliant.spec.errors import CallError
     "also .gif and .mp4.",
     FILE,
 )
-@click.option(
+@choice_option(
     "--figure",
-    type=click.Choice(["sheet", "index", "depth", "anatomy", "tracks"]),
-    default="sheet",
-    show_default=True,
-    help="sheet: frames over index colours and depth; index, depth: one layer; "
+    ["sheet", "index", "depth", "anatomy", "tracks"],
+    "sheet: frames over index colours and depth; index, depth: one layer; "
     "anatomy: curve, mesh, image, depth, index colours of a frame; tracks: a strip with points.",
+    "sheet",
 )
 @click.option("--sequence", metavar="ID", help="A sequence; all, or the first that fits.")
 @click.option("--frame", type=int, default=0, show_default=True, help="Frame of anatomy.")
@@ -61,10 +60,8 @@ def command(
         )
     else:
         draw_figure(folder, out, **what)
-    if as_json:
-        echo_json({"out": str(out), "figure": what["figure"], "bytes": out.stat().st_size})
-    else:
-        echo(f"Wrote {out}")
+    document = {"out": str(out), "figure": what["figure"], "bytes": out.stat().st_size}
+    echo_result(document, f"Wrote {out}", as_json=as_json)
 
 
 def _numbers(text: str | None) -> list[int] | None:
