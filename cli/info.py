@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 @click.argument("folder", metavar="DIR", type=PATH)
 @json_option
 def command(folder: Path, as_json: bool) -> int:
-    """Say what is in the dataset DIR: tiers, splits, sequences, frames, queries, provenance.
+    """Show a summary of the dataset DIR: tiers, splits, sequences, queries, provenance.
 
-    It reads the tables at the top alone; `pliant validate` looks at everything.
+    It reads the top-level tables only; `pliant validate` reads everything.
     """
     from pliant.spec.dataset import Dataset
 

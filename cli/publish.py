@@ -43,7 +43,7 @@ _UNITS = {"": 1, "B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9}
 def command(
     folder: Path, out: Path, private: Path | None, bundle: bool, as_json: bool, **given: Any
 ) -> int:
-    """Publish the dataset DIR: packed, described, with checksums, and answers held out.
+    """Package the dataset DIR for release: shards, description, checksums, answers held out.
 
     DIR2 becomes the public half: upload it as it is. With --hold-out the truth of those splits,
     and all it could be read from, goes into a folder of its own, DIR2-private: keep it. The same

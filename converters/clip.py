@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO
 
@@ -28,7 +28,7 @@ class Clip:
         read: Returns a frame, uint8 (H, W, 3), sRGB.
         uv_px: float64 (N, T, 2), positions from the image's corner (the first pixel's centre is
             at (0.5, 0.5)); NaN where the position is not known.
-        visible: bool (N, T), where the point is seen and its position known.
+        visible: bool (N, T), where the point is seen, its position known and in the image.
         temporal: True for frames in time, False for independent configurations.
     """
 
@@ -39,6 +39,10 @@ class Clip:
     uv_px: Floats
     visible: npt.NDArray[np.bool_]
     temporal: bool
+
+    def __post_init__(self) -> None:
+        # A position that was rounded up to the border, or is beyond it, is not seen.
+        object.__setattr__(self, "visible", self.visible & self.within())
 
     def within(self) -> npt.NDArray[np.bool_]:
         """Return where positions are known and lie in the image, bool (N, T)."""
@@ -64,7 +68,7 @@ def resized(clip: Clip, size: tuple[int, int]) -> Clip:
         return np.asarray(picture.resize(size, Pictures.Resampling.BOX), dtype=np.uint8)
 
     scale = np.array([size[0] / clip.size[0], size[1] / clip.size[1]])
-    return Clip(clip.name, size, clip.frames, read, clip.uv_px * scale, clip.visible, clip.temporal)
+    return replace(clip, size=size, read=read, uv_px=clip.uv_px * scale)
 
 
 def decode_picture(source: Path | IO[bytes]) -> Image:

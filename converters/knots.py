@@ -64,8 +64,9 @@ def read_knots(folder: Path, *, pixels: Pixels = "rounded", temporal: bool = Fal
     if pixels == "index":
         uv_px = uv_px + 0.5
     files = [images[number] for number in numbers]
-    size = _size(files[0])
-    clip = Clip(
+    height, width, _ = _decode(files[0]).shape
+    size = (width, height)
+    return Clip(
         name=folder.name,
         size=size,
         frames=len(files),
@@ -74,9 +75,6 @@ def read_knots(folder: Path, *, pixels: Pixels = "rounded", temporal: bool = Fal
         visible=np.isfinite(uv_px[..., 0]),
         temporal=temporal,
     )
-    # A projection that the script rounded up to the border, or that lies beyond it, is not seen.
-    clip.visible[...] &= clip.within()
-    return clip
 
 
 def _annotations(document: Any, path: Path) -> dict[int, Any]:
@@ -123,11 +121,6 @@ def _positions(points: Any, where: str, path: Path) -> Floats:
             )
         result[index] = values.mean(axis=0)
     return result
-
-
-def _size(path: Path) -> tuple[int, int]:
-    height, width, _ = _decode(path).shape
-    return width, height
 
 
 def _read(path: Path, size: tuple[int, int]) -> Image:

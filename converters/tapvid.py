@@ -94,7 +94,7 @@ def _clip(name: str, record: Any, path: Path, coordinates: Coordinates) -> Clip:
         coordinates == "auto" and bool((np.abs(points[visible]) <= 1).all())
     )
     uv_px = points * np.array([width, height]) if shares else points
-    clip = Clip(
+    return Clip(
         name=name,
         size=(width, height),
         frames=frames,
@@ -103,8 +103,6 @@ def _clip(name: str, record: Any, path: Path, coordinates: Coordinates) -> Clip:
         visible=visible,
         temporal=True,
     )
-    clip.visible[...] &= clip.within()
-    return clip
 
 
 def _numbers(value: Any, field: str, name: str, path: Path) -> np.ndarray[Any, Any]:

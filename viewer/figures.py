@@ -74,8 +74,10 @@ def draw_figure(
     with replacing(out) as partial:
         if figure in _SHEETS:
             sheet = Image.fromarray(contact_sheet(dataset, chosen, figure, count))
-            jpeg = out.suffix.lower() in (".jpg", ".jpeg")
-            sheet.save(partial, **({"quality": 88} if jpeg else {}))
+            if out.suffix.lower() in (".jpg", ".jpeg"):
+                sheet.save(partial, quality=88)
+            else:
+                sheet.save(partial)
         elif figure == "anatomy":
             draw_anatomy(chosen[0], frame, partial)
         else:
