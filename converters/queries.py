@@ -44,47 +44,35 @@ def make_queries(
         The tables `queries` and `truth`, row by row.
     """
     queries, truths = [QUERIES.empty_table()], [TRUTH.empty_table()]
-    first_pair = 0
+    pair = 0
     for index, (clip, sequence) in enumerate(zip(clips, ids, strict=True)):
         rng = np.random.default_rng(np.random.SeedSequence([seed, index]))
-        frame_pairs = _frame_pairs(clip, scheme, pairs, rng)
-        asked, true, first_pair = _of_clip(clip, frame_pairs, sequence, tier, first_pair, rng)
-        queries.append(asked)
-        truths.append(true)
+        known, within = np.isfinite(clip.uv_px).all(axis=2), clip.within()
+        asked: list[tuple[Any, ...]] = []
+        true: list[tuple[Any, ...]] = []
+        for a, b, points in _frame_pairs(clip, scheme, pairs, rng):
+            chosen = points[known[points, b]]
+            if not len(chosen):
+                continue
+            box_px = _box_px(clip.uv_px[clip.visible[:, b], b])
+            # Annotations are often numbered along the material, which the row order must not show.
+            for query, point in enumerate(rng.permutation(chosen).tolist()):
+                hidden = "occluded" if within[point, b] else "out_of_frame"
+                state = "visible" if clip.visible[point, b] else hidden
+                key = (pair, query, tier)
+                asked.append((*key, sequence, a, sequence, b, *clip.uv_px[point, a]))
+                true.append((*key, point, *clip.uv_px[point, b], state, box_px, []))
+            pair += 1
+        if asked:
+            queries.append(_table(asked, QUERIES))
+            truths.append(_table(true, TRUTH))
     return pa.concat_tables(queries), pa.concat_tables(truths)
 
 
-def _of_clip(
-    clip: Clip,
-    frame_pairs: Iterator[_FramePair],
-    sequence: str,
-    tier: str,
-    first_pair: int,
-    rng: np.random.Generator,
-) -> tuple[pa.Table, pa.Table, int]:
-    """Return a clip's queries, their truth, and the number of the next pair."""
-    asked: dict[str, list[Any]] = {name: [] for name in QUERIES.names}
-    true: dict[str, list[Any]] = {name: [] for name in TRUTH.names}
-    known, within = np.isfinite(clip.uv_px).all(axis=2), clip.within()
-    pair = first_pair
-    for a, b, points in frame_pairs:
-        chosen = points[known[points, b]]
-        if not len(chosen):
-            continue
-        box_px = _box_px(clip.uv_px[clip.visible[:, b], b])
-        # Annotations are often numbered along the material, which the row order must not show.
-        for query, point in enumerate(rng.permutation(chosen).tolist()):
-            hidden = "occluded" if within[point, b] else "out_of_frame"
-            state = "visible" if clip.visible[point, b] else hidden
-            key = (pair, query, tier)
-            question = (*key, sequence, a, sequence, b, *clip.uv_px[point, a])
-            answer = (*key, point, *clip.uv_px[point, b], state, box_px, [])
-            for column, value in zip(asked, question, strict=True):
-                asked[column].append(value)
-            for column, value in zip(true, answer, strict=True):
-                true[column].append(value)
-        pair += 1
-    return pa.table(asked, schema=QUERIES), pa.table(true, schema=TRUTH), pair
+def _table(rows: Sequence[tuple[Any, ...]], schema: pa.Schema) -> pa.Table:
+    columns = zip(*rows, strict=True)
+    arrays = [pa.array(column, field.type) for column, field in zip(columns, schema, strict=True)]
+    return pa.Table.from_arrays(arrays, schema=schema)
 
 
 def _frame_pairs(
