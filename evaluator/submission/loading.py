@@ -53,10 +53,12 @@ def load(
     if submission is None:
         return None
     queries = read_queries(dataset, submission.split)
+    answers: Answers | Matches
     if submission.kind == "matches":
-        matches = read_matches(submission, queries, problems)
-        return None if problems else Loaded(submission, queries, matches)
-    return _with_answers(submission, queries, problems, scratch, allow_missing)
+        answers = read_matches(submission, queries, problems)
+    else:
+        answers = read_answers(submission, queries, problems, scratch, allow_missing=allow_missing)
+    return None if problems else Loaded(submission, queries, answers)
 
 
 def load_in_memory(
@@ -85,15 +87,5 @@ def load_in_memory(
     submission = open_answers(answers, queries, footer, problems)
     if submission is None:
         return None
-    return _with_answers(submission, queries, problems, scratch, allow_missing)
-
-
-def _with_answers(
-    submission: Submission,
-    queries: Queries,
-    problems: Problems,
-    scratch: Scratch,
-    allow_missing: bool,
-) -> Loaded | None:
     answers = read_answers(submission, queries, problems, scratch, allow_missing=allow_missing)
     return None if problems else Loaded(submission, queries, answers)

@@ -49,6 +49,10 @@ class Problems:
         """
         self._found.add(code, self.path, where, message)
 
+    def differs(self, code: str, where: str, found: str, required: object) -> None:
+        """Add one problem: something was found that is not what is required."""
+        self.add(code, where, f"found {found}; required: {required}")
+
     def add_many(self, code: str, count: int, described: Sequence[tuple[str, str]]) -> None:
         """Add `count` problems of one code, of which some are described by (where, message)."""
         for where, message in described:

@@ -137,11 +137,8 @@ def _open(path: Path, problems: Problems) -> tuple[pq.ParquetFile, list[ColumnCh
         )
         return None
     if size > limits.MAX_SUBMISSION_BYTES:
-        problems.add(
-            "FILE_TOO_LARGE",
-            "",
-            f"found {size:,} bytes; required: at most {limits.MAX_SUBMISSION_BYTES:,}",
-        )
+        required = f"at most {limits.MAX_SUBMISSION_BYTES:,}"
+        problems.differs("FILE_TOO_LARGE", "", f"{size:,} bytes", required)
         return None
     try:
         file = open_table(resolved)
@@ -180,11 +177,8 @@ def _footer(
         return None
     table = footer.get("table")
     if not isinstance(table, str) or table not in REQUIRED:
-        problems.add(
-            "FOOTER_INVALID",
-            "footer table",
-            f"found {table!r:.80}; required: {' or '.join(REQUIRED)}",
-        )
+        required = " or ".join(REQUIRED)
+        problems.differs("FOOTER_INVALID", "footer table", f"{table!r:.80}", required)
         return None
     broken = list(schema_errors(footer, f"footer-{table}"))
     if broken:
@@ -193,40 +187,28 @@ def _footer(
         return None
     unsafe = unsafe_character(footer["method"]["name"])
     if unsafe is not None:
-        problems.add(
-            "FOOTER_INVALID",
-            "footer method.name",
-            f"found the character {escape(unsafe)}; required: a name without control characters",
-        )
+        found = f"the character {escape(unsafe)}"
+        required = "a name without control characters"
+        problems.differs("FOOTER_INVALID", "footer method.name", found, required)
         return None
-    found, required = footer["dataset"], {"id": dataset.id, "version": dataset.version}
-    usable = True
-    for field, value in required.items():
-        if found[field] != value:
-            usable = False
-            problems.add(
-                "DATASET_MISMATCH",
-                f"footer dataset.{field}",
-                f"found {found[field]!r:.80}; required: {value!r}, the dataset at {dataset.root}",
-            )
+    checks: list[tuple[str, str, Any, Any, str]] = [
+        ("DATASET_MISMATCH", f"dataset.{field}", footer["dataset"][field], value,
+         f"{value!r}, the dataset at {dataset.root}")
+        for field, value in (("id", dataset.id), ("version", dataset.version))
+    ]  # fmt: skip
     splits = dataset.splits_with_queries()
-    if footer["split"] not in splits:
-        problems.add(
-            "SPLIT_MISMATCH",
-            "footer split",
-            f"found {footer['split']!r:.80}; required: one of {', '.join(splits) or 'none'}",
-        )
-        return None
-    sha256 = dataset.queries_sha256(footer["split"])
-    if footer["queries_sha256"] != sha256:
-        usable = False
-        problems.add(
-            "QUERIES_MISMATCH",
-            "footer queries_sha256",
-            f"found {footer['queries_sha256']!r:.80}; required: {sha256}; the answers belong to "
-            "other queries: predict again with this dataset",
-        )
-    return footer if usable else None
+    split, queries = footer["split"], footer["queries_sha256"]
+    if split in splits:
+        sha256 = dataset.queries_sha256(split)
+        fix = "the answers belong to other queries: predict again with this dataset"
+        checks.append(("QUERIES_MISMATCH", "queries_sha256", queries, sha256, f"{sha256}; {fix}"))
+    else:
+        one_of = f"one of {', '.join(splits) or 'none'}"
+        checks.append(("SPLIT_MISMATCH", "split", split, None, one_of))
+    wrong = [check for check in checks if check[2] != check[3]]
+    for code, field, found, _, required in wrong:
+        problems.differs(code, f"footer {field}", f"{found!r:.80}", required)
+    return None if wrong else footer
 
 
 def check_columns(schema: pa.Schema, kind: str, problems: Problems) -> dict[str, str] | None:
@@ -239,25 +221,19 @@ def check_columns(schema: pa.Schema, kind: str, problems: Problems) -> dict[str,
             if name in REQUIRED[kind]:
                 fine = False
                 present = ", ".join(schema.names[:20])
-                problems.add(
-                    "COLUMN_MISSING",
-                    name,
-                    f"found the columns {present[:300] or 'none'}; required: {name}, "
-                    f"{_WANTED[wanted]}",
-                )
+                given = f"the columns {present[:300] or 'none'}"
+                problems.differs("COLUMN_MISSING", name, given, f"{name}, {_WANTED[wanted]}")
             continue
         if count > 1:
             fine = False
-            problems.add("COLUMN_TYPE", name, f"found {count} columns of this name; required: one")
+            problems.differs("COLUMN_TYPE", name, f"{count} columns of this name", "one")
             continue
         found = schema.field(name).type
         if _accepts(wanted, found):
             columns[name] = wanted
         else:
             fine = False
-            problems.add(
-                "COLUMN_TYPE", name, f"found {str(found)[:120]}; required: {_WANTED[wanted]}"
-            )
+            problems.differs("COLUMN_TYPE", name, str(found)[:120], _WANTED[wanted])
     if "sigma" in columns and "modes" in columns:
         fine = False
         problems.add("MODES_INVALID", "sigma, modes", "found both; required: one of them or none")
@@ -297,20 +273,14 @@ def _sizes_sane(chunks: list[ColumnChunk], columns: Mapping[str, str], problems:
         modes = columns[name] == "modes"
         most = chunk.rows * (limits.MAX_MODES if modes else 1)
         if chunk.values > most:
-            problems.add(
-                "MODES_INVALID" if modes else "FILE_UNREADABLE",
-                place,
-                f"found {chunk.values:,} values in {chunk.rows:,} rows; required: at most {most:,}",
-            )
+            code = "MODES_INVALID" if modes else "FILE_UNREADABLE"
+            found = f"{chunk.values:,} values in {chunk.rows:,} rows"
+            problems.differs(code, place, found, f"at most {most:,}")
             return False
         allowed = limits.MAX_VALUE_BYTES * max(chunk.values, 0) + 2**20
         if chunk.uncompressed_bytes > allowed:
-            problems.add(
-                "FILE_TOO_LARGE",
-                place,
-                f"found {chunk.uncompressed_bytes:,} bytes for {chunk.values:,} numbers; "
-                f"required: at most {allowed:,}",
-            )
+            found = f"{chunk.uncompressed_bytes:,} bytes for {chunk.values:,} numbers"
+            problems.differs("FILE_TOO_LARGE", place, found, f"at most {allowed:,}")
             return False
     return True
 
