@@ -15,9 +15,8 @@ from pliant.evaluator.submission.queries import Queries
 _LEAST_ANSWERS: Final = 20
 _GAIN: Final = 2.0
 """A change of the answers is worth a hint when it divides the RMSE by this or more."""
-_ROWS: Final = 1 << 18
 _MOST_COMPARED: Final = 200_000
-"""Of more answers than this, every k-th is compared with the truth."""
+"""Of more answers than this, every k-th is looked at."""
 
 Change = Callable[[FloatArray, tuple[int, int]], FloatArray]
 CHANGES: Final[dict[str, Change]] = {
@@ -38,14 +37,11 @@ def hints_without_truth(answers: Answers, queries: Queries) -> list[str]:
         answers: The answers.
         queries: The queries, for the size of the images.
     """
-    size = np.array(queries.size, np.float64)
-    total = unit = outside = 0
-    for first in range(0, len(answers.uv_px), _ROWS):
-        uv = answers.uv_px[first : first + _ROWS]
-        uv = uv[np.isfinite(uv[:, 0])]
-        total += len(uv)
-        unit += int(((uv >= 0) & (uv <= 1)).all(axis=1).sum())
-        outside += int(((uv < 0) | (uv > size)).any(axis=1).sum())
+    uv = answers.uv_px[:: max(1, queries.rows // _MOST_COMPARED)]
+    uv = uv[np.isfinite(uv[:, 0])]
+    total = len(uv)
+    unit = int(((uv >= 0) & (uv <= 1)).all(axis=1).sum())
+    outside = int(((uv < 0) | (uv > np.array(queries.size))).any(axis=1).sum())
     width, height = queries.size
     found = []
     if total >= _LEAST_ANSWERS and unit > 0.99 * total:
