@@ -23,6 +23,9 @@ from pliant.spec.errors import MissingExtraError
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
+    from pliant.benchmarks.suite.checksums import Differences
+    from pliant.benchmarks.suite.config import BenchmarkConfig
+
 _TITLES = {"generate": "Making sets", "train": "Training", "answer": "Answering and scoring"}
 
 
@@ -69,22 +72,9 @@ def command(
     from pliant.benchmarks.suite.config import read_config
 
     config = read_config(config_file, overrides)
-    try:
-        from pliant.benchmarks.suite.results import write_results
-        from pliant.benchmarks.suite.run import run_benchmark
-    except ImportError as error:
-        raise MissingExtraError("a benchmark", "all") from error
+    differing = run_shown(config, out, resume, workers or _default_workers(), until)
+    from pliant.benchmarks.suite.results import write_results
 
-    said = "Interrupted: what is finished is kept, the same command with --resume goes on."
-    with terminated_like_interrupted(said), rich_progress() as bar:
-        differing = run_benchmark(
-            config,
-            out,
-            resume=resume,
-            workers=workers or _default_workers(),
-            until=until,
-            watcher=_Display(bar),
-        )
     called = f"pliant benchmark {config_file} --out DIR"
     document = write_results(config, out, differing, called, page)
     if as_json:
@@ -98,6 +88,21 @@ def command(
     for name, what in differing.sets.items():
         echo(f"Not the frozen test queries: {name}, {what}", err=True)
     return 1 if differing.sets else 0
+
+
+def run_shown(
+    config: BenchmarkConfig, out: Path, resume: bool, workers: int, until: str = "answer"
+) -> Differences:
+    """Run a benchmark and show its progress; arguments and errors as `run_benchmark`."""
+    try:
+        from pliant.benchmarks.suite.run import run_benchmark
+    except ImportError as error:
+        raise MissingExtraError("a benchmark", "all") from error
+    message = "Interrupted: finished work is kept; the same command resumes (benchmark: --resume)."
+    with terminated_like_interrupted(message), rich_progress() as bar:
+        return run_benchmark(
+            config, out, resume=resume, workers=workers, until=until, watcher=_Display(bar)
+        )
 
 
 def _default_workers() -> int:

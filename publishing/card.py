@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
+import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import yaml
 from PIL import Image
 
+from pliant.evaluator.report.pages import render_page
 from pliant.publishing.papers import licence_url
 from pliant.spec.dataset import Dataset
 from pliant.spec.io.parquet import read_table
@@ -29,14 +30,31 @@ def write_card(dataset: Dataset, root: Path, *, authors: Sequence[str], url: str
     Args:
         dataset: The public half, packed.
         root: Its folder.
-        authors: Who publishes it.
-        url: Where it will be hosted, or None.
+        authors: Names of the publishers.
+        url: URL of the published dataset, or None.
     """
-    pictures = _draw(dataset, root)
+    info = dataset.info
     header = yaml.safe_dump(
         _front_matter(dataset, root), sort_keys=False, allow_unicode=True, width=100
     )
-    text = f"---\n{header}---\n\n{_body(dataset, root, pictures, authors, url)}"
+    text = render_page(
+        "dataset_card.md.j2",
+        front_matter=header,
+        info={**info, "id": dataset.id, "version": dataset.version},
+        kinds=" and ".join(sorted({tier.kind for tier in dataset.tiers.values()})),
+        size=dataset.size,
+        pictures=_draw(dataset, root),
+        tiers=_tiers(dataset),
+        held_out=list(dataset.held_out),
+        asked=[_asked(dataset, split) for split in dataset.splits_with_queries()],
+        files=list(_files(root)),
+        first=dataset.sequences[0],
+        columns=ROWS.names,
+        url=url,
+        queries_sha256=dataset.queries_sha256,
+        licence_url=licence_url(info["licence"]),
+        authors=authors,
+    )
     (root / "README.md").write_bytes(text.encode("utf-8"))
 
 
@@ -139,77 +157,22 @@ def _size_category(rows: int) -> str:
     return next((name for bound, name in bounds if rows < bound), "1M<n<10M")
 
 
-def _body(
-    dataset: Dataset,
-    root: Path,
-    pictures: Sequence[tuple[str, str]],
-    authors: Sequence[str],
-    url: str | None,
-) -> str:
-    info = dataset.info
-    held = dataset.held_out
-    width, height = dataset.size
-    kinds = " and ".join(sorted({tier["kind"] for tier in info["tiers"]}))
-    parts = [f"# {info['title']}\n"]
-    if info["description"]:
-        parts.append(f"{textwrap.fill(info['description'], 100)}\n")
-    parts.append(
-        f"Given a pixel on a deformable object ({kinds}) in one image: where is the same material\n"
-        f"point in another? Images of {width} x {height} pixels; the answers are exact.\n"
-    )
-    parts += [f"![{text}](pictures/{name})\n\n*{text}*\n" for name, text in pictures]
-    parts.append("## What is in it\n\n" + _counts(dataset) + "\n" + _queries(dataset))
-    parts.append(_files(root))
-    parts.append(_loading(dataset, url))
-    parts.append(_submitting(dataset, held))
-    parts.append(
-        "## Licence and citation\n\n"
-        f"[{info['licence']}]({licence_url(info['licence'])}); see `LICENSE`. Published by "
-        f"{', '.join(authors)}; cite it by `CITATION.cff`.\n\n"
-        f"Made with {info['provenance']['generator']}, by the Pliant dataset format "
-        f"{info['spec_version']}; id `{dataset.id}`, version {dataset.version}. `sha256sum -c "
-        "SHA256SUMS`\nsays whether a copy is whole.\n"
-    )
-    return "\n".join(parts)
-
-
-def _counts(dataset: Dataset) -> str:
+def _tiers(dataset: Dataset) -> list[list[str]]:
+    """Return the cells of each tier: its name, frames per split, points, coverage, occlusion."""
     table = read_table(dataset.local(layout.SEQUENCES_TABLE), "sequences")
-    splits = list(dataset.info["splits"])
-    lines = [
-        "| tier | "
-        + " | ".join(f"{split}: sequences, frames" for split in splits)
-        + " | points | coverage | self-occluded |",
-        "|---|" + "---|" * len(splits) + "---|---|---|",
-    ]
+    held_out = pa.array(list(dataset.held_out), pa.string())
+    rows = []
     for name in dataset.tiers:
-        rows = table.filter(pc.equal(table["tier"], name))
-        cells = []
-        for split in splits:
-            part = rows.filter(pc.equal(rows["split"], split))
-            frames = pc.sum(part["frames"]).as_py() or 0
-            cells.append(f"{len(part):,}, {frames:,}")
-        open_rows = rows.filter(pc.invert(pc.is_in(rows["split"], _texts(dataset.held_out))))
+        own = table.filter(pc.equal(table["tier"], name))
+        cells = [name]
+        for split in dataset.info["splits"]:
+            part = own.filter(pc.equal(own["split"], split))
+            cells.append(f"{len(part):,}, {pc.sum(part['frames']).as_py() or 0:,}")
+        opened = own.filter(pc.invert(pc.is_in(own["split"], held_out)))
         mine = [s for s in dataset.sequences if s.tier == name and s.split not in dataset.held_out]
-        points = f"{mine[0].points().num_rows:,}" if mine else "-"
-        lines.append(
-            f"| {name} | " + " | ".join(cells) + f" | {points} | "
-            f"{_mean(open_rows['coverage'])} | {_mean(open_rows['self_occluded'])} |"
-        )
-    over = ", means"
-    if dataset.held_out:
-        over += f" over the splits that are not held out ({', '.join(dataset.held_out)} is)"
-    note = (
-        "\nCoverage is silhouette over flat area, self-occluded the share of points that the "
-        f"object itself\nhides{over}.\n"
-    )
-    return "\n".join(lines) + "\n" + note
-
-
-def _texts(values: Sequence[str]) -> Any:
-    import pyarrow as pa
-
-    return pa.array(list(values), pa.string())
+        cells.append(f"{mine[0].points().num_rows:,}" if mine else "-")
+        rows.append([*cells, _mean(opened["coverage"]), _mean(opened["self_occluded"])])
+    return rows
 
 
 def _mean(column: Any) -> str:
@@ -218,98 +181,29 @@ def _mean(column: Any) -> str:
     return f"{pc.mean(column).as_py():.2f}"
 
 
-def _queries(dataset: Dataset) -> str:
-    lines = []
-    for split in dataset.splits_with_queries():
-        table = read_table(dataset.local(layout.queries_name(split)), "queries", ["pair_id"])
-        pairs = pc.count_distinct(table["pair_id"]).as_py()
-        answers = "answers held out" if split in dataset.held_out else "answers in `truth`"
-        if split not in dataset.held_out and not dataset.has(layout.truth_name(split)):
-            answers = "no answers here"
-        lines.append(f"- `{split}`: {len(table):,} queries in {pairs:,} image pairs, {answers}\n")
-    return "".join(lines)
+def _asked(dataset: Dataset, split: str) -> dict[str, Any]:
+    table = read_table(dataset.local(layout.queries_name(split)), "queries", ["pair_id"])
+    if split in dataset.held_out:
+        answers = "answers held out"
+    elif dataset.has(layout.truth_name(split)):
+        answers = "answers in `truth`"
+    else:
+        answers = "no answers here"
+    pairs = pc.count_distinct(table["pair_id"]).as_py()
+    return {"name": split, "queries": len(table), "pairs": pairs, "answers": answers}
 
 
-def _files(root: Path) -> str:
-    lines = ["| file | rows | size |", "|---|---|---|"]
-    names = [layout.SEQUENCES_TABLE, layout.INDEX_TABLE]
-    for name in names:
-        lines.append(_file_row(root, name, [root / name]))
+def _files(root: Path) -> Iterator[tuple[str, int, str]]:
+    """Yield name, rows and size of each table."""
+    tables = {name: [root / name] for name in (layout.SEQUENCES_TABLE, layout.INDEX_TABLE)}
     for folder in (layout.QUERIES_DIR, layout.TRUTH_DIR, *layout.SHARD_DIRS):
-        paths = sorted((root / folder).glob("*.parquet"))
-        if paths:
-            lines.append(_file_row(root, f"{folder}/ ({len(paths)} files)", paths))
-    return "\n".join(lines) + "\n"
-
-
-def _file_row(root: Path, name: str, paths: Sequence[Path]) -> str:
-    rows = sum(pq.ParquetFile(path).metadata.num_rows for path in paths)
-    size = sum(path.stat().st_size for path in paths)
-    return f"| `{name}` | {rows:,} | {_size(size)} |"
+        if paths := sorted((root / folder).glob("*.parquet")):
+            tables[f"{folder}/ ({len(paths)} files)"] = paths
+    for name, paths in tables.items():
+        rows = sum(pq.ParquetFile(path).metadata.num_rows for path in paths)
+        yield name, rows, _size(sum(path.stat().st_size for path in paths))
 
 
 def _size(count: int) -> str:
     power = next((p for p in (3, 2, 1) if count >= 1000**p), 0)
     return f"{count / 1000**power:,.{1 if power else 0}f} {('B', 'kB', 'MB', 'GB')[power]}"
-
-
-def _loading(dataset: Dataset, url: str | None) -> str:
-    first = dataset.sequences[0]
-    columns = ", ".join(f"`{name}`" for name in ROWS.names)
-    return f"""\
-## How to load it
-
-With Hugging Face `datasets`, no script and no Pliant (`DIR`: this folder, or its name on the Hub):
-
-```python
-from datasets import load_dataset
-
-frames = load_dataset("DIR", "frames", split="{first.split}")
-frames[0]["image"]               # a picture
-queries = load_dataset("DIR")    # the questions
-```
-
-`correspondences` has the columns {columns}.
-
-With Pliant, from a folder or streamed from a URL that `fsspec` knows (`hf://`, `s3://`,
-`https://`):
-
-```python
-from pliant.spec.dataset import Dataset
-
-dataset = Dataset.open("{url or "DIR"}")
-dataset.sequence("{first.id}").rgb(0)    # uint8 (H, W, 3)
-```
-
-Pixels: (u, v) from the outer corner of the top-left pixel, whose centre is (0.5, 0.5). All
-conventions stand in `dataset.json`; `croissant.json` describes the tables for machines.
-"""
-
-
-def _submitting(dataset: Dataset, held: Sequence[str]) -> str:
-    asked = dataset.splits_with_queries()
-    if not asked:
-        return ""
-    split = held[0] if held else asked[-1]
-    after = (
-        f"The answers of {', '.join(held)} are\nwith the publisher, who scores it by "
-        "`pliant evaluate SUB.parquet --data DIR --truth PRIVATE`."
-        if held
-        else "Score it by\n`pliant evaluate SUB.parquet --data DIR --out REPORT`."
-    )
-    return f"""\
-## How to answer
-
-A submission is one Parquet file with a row for every row of `queries/{split}.parquet`: its
-`pair_id` and `query_id`, and where the point is in frame B, `u` and `v`, in pixels (optionally
-`visible`, `sigma` or `modes`). Its footer has under the key `pliant`:
-
-```json
-{{"spec_version": "{dataset.info["spec_version"]}", "table": "answers",
- "dataset": {{"id": "{dataset.id}", "version": "{dataset.version}"}}, "split": "{split}",
- "queries_sha256": "{dataset.queries_sha256(split)}",
- "method": {{"name": "yours"}}}}
-```
-
-`pliant check SUB.parquet --data DIR` lists whatever is wrong with it. {after}
-"""

@@ -65,7 +65,8 @@ class Test:
         methods: Methods without training, keys of `pliant.baselines.METHODS`.
         runs: Names of trainings.
         shipped: Names of models that come with the package: the whole recipes, trained once.
-        protocols: Protocols to score by, the table's first.
+        protocols: Protocols to score by, the table's first; `matches` applies to the methods
+            with keypoint matches.
         paper_rmse_px: Label of a method -> RMSE in the paper.
     """
 
@@ -118,6 +119,7 @@ class BenchmarkConfig:
         tests: Name -> block of the table.
         comparisons: Paired differences to report.
         checksums: File of the test queries' checksums, or None.
+        validate: Validate every set after it is generated.
     """
 
     name: str
@@ -128,6 +130,7 @@ class BenchmarkConfig:
     tests: Mapping[str, Test] = field(default_factory=dict)
     comparisons: tuple[Comparison, ...] = ()
     checksums: Path | None = None
+    validate: bool = False
 
 
 def read_config(path: Path, overrides: Sequence[str] = ()) -> BenchmarkConfig:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from pliant.baselines.submission_file import Kind
 from pliant.benchmarks.suite.work import Cost, Meter
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import PliantError
@@ -50,7 +51,7 @@ class AnswerJob:
         method: A key of `pliant.baselines.METHODS`, or a name for `run`.
         run: The run's folder of a learned method, or None.
         data: The set's folder.
-        answers: The submission to write.
+        answers: Kind (`answers`, `matches`) -> submission to write.
         scores: Protocol -> folder of the report.
         threads: CPU threads.
     """
@@ -58,7 +59,7 @@ class AnswerJob:
     method: str
     run: Path | None
     data: Path
-    answers: Path
+    answers: Mapping[Kind, Path]
     scores: Mapping[str, Path]
     threads: int
 
@@ -120,9 +121,9 @@ def _trained(job: TrainingJob, tell: Tell) -> dict[str, Any]:
 
 def answer(job: AnswerJob, tell: Tell) -> Outcome:
     """Answer a test's queries and score the answers."""
-    from pliant.baselines import METHODS
+    from pliant.baselines import METHODS, KeypointMatcher
     from pliant.baselines.predict import predict
-    from pliant.evaluator import evaluate, write_report
+    from pliant.evaluator import evaluate, read_protocol, write_report
 
     meter = Meter()
     try:
@@ -138,16 +139,24 @@ def answer(job: AnswerJob, tell: Tell) -> Outcome:
             torch.set_num_threads(job.threads or torch.get_num_threads())
             matcher = load_matcher(job.run)
             matcher.name = job.method
-        job.answers.parent.mkdir(parents=True, exist_ok=True)
-        prediction = predict(dataset, "test", matcher, job.answers, progress=tell)
-        predicted = meter.cost
-        for protocol, folder in job.scores.items():
-            shutil.rmtree(folder, ignore_errors=True)
-            folder.parent.mkdir(parents=True, exist_ok=True)
-            write_report(evaluate(job.answers, dataset, protocol=protocol), folder, data=job.data)
+        facts: dict[str, Any] = {}
+        for kind, out in job.answers.items():
+            if kind == "matches" and not isinstance(matcher, KeypointMatcher):
+                continue
+            out.parent.mkdir(parents=True, exist_ok=True)
+            before_s = meter.cost.cpu_s
+            prediction = predict(dataset, "test", matcher, out, kind, progress=tell)
+            cpu_s = meter.cost.cpu_s - before_s
+            if kind == "answers":
+                facts = {"pairs": prediction.pairs, "rows": prediction.rows, "predict_cpu_s": cpu_s}
+            for protocol, folder in job.scores.items():
+                if read_protocol(protocol).kind == kind:
+                    shutil.rmtree(folder, ignore_errors=True)
+                    folder.parent.mkdir(parents=True, exist_ok=True)
+                    scores = evaluate(out, dataset, protocol=protocol)
+                    write_report(scores, folder, data=dataset)
     except PliantError as error:
         return Outcome(meter.cost, {}, str(error))
-    facts = {"pairs": prediction.pairs, "rows": prediction.rows, "predict_cpu_s": predicted.cpu_s}
     return Outcome(meter.cost, facts)
 
 

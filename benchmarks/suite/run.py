@@ -5,16 +5,19 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, get_args
 
+from pliant.baselines.submission_file import Kind
 from pliant.benchmarks.suite.checksums import Differences, compare_checksums
 from pliant.benchmarks.suite.config import BenchmarkConfig, Test, Training, digest
 from pliant.benchmarks.suite.jobs import AnswerJob, Outcome, TrainingJob, answer, run_all, train
 from pliant.benchmarks.suite.work import Workspace
+from pliant.evaluator import read_protocol
 from pliant.generator.runner.run import generate
 from pliant.models.shipped import FOLDER
-from pliant.spec.errors import CallError, GenerationError, TrainingError
+from pliant.spec.errors import CallError, GenerationError, SpecError, TrainingError
 from pliant.spec.io.checksums import sha256_file
+from pliant.spec.validation.validate import validate
 
 
 class Watcher(Protocol):
@@ -66,7 +69,8 @@ def run_benchmark(
     differences = compare_checksums(config, work)
     if until == "generate":
         return differences
-    _train(config, work, workers, watcher)
+    if config.runs:
+        _train(config, work, workers, watcher)
     if until == "train":
         return differences
     _answer(config, work, workers, watcher)
@@ -111,9 +115,23 @@ def _generate(config: BenchmarkConfig, work: Workspace, workers: int, watcher: W
                     path=work.set_path(name),
                     where=first.id,
                     found=first.error.splitlines()[-1],
+                    fix="Run the same command again to retry them",
                 )
+            if config.validate:
+                _validate(work.set_path(name), workers)
         cost = work.cost(stage)
         watcher.ended(name, cost.wall_s, cost.cpu_s, "")
+
+
+def _validate(root: Path, workers: int) -> None:
+    report = validate(root, workers=workers)
+    if report.errors:
+        raise SpecError(
+            f"the generated dataset violates the specification {report.errors} times",
+            path=root,
+            found=str(report.issues[0]),
+            fix=f"List all violations with: pliant validate {root}",
+        )
 
 
 def _train(config: BenchmarkConfig, work: Workspace, workers: int, watcher: Watcher) -> None:
@@ -157,7 +175,11 @@ def _answer(config: BenchmarkConfig, work: Workspace, workers: int, watcher: Wat
                 test.protocols,
             )
             scores = {p: work.scores_path(set_name, method, p) for p in test.protocols}
-            answers = work.answers_path(set_name, method)
+            answers = {
+                kind: work.answers_path(set_name, method, kind)
+                for kind in get_args(Kind)
+                if any(read_protocol(protocol).kind == kind for protocol in test.protocols)
+            }
             data = work.set_path(set_name)
             every[stage] = AnswerJob(method, run, data, answers, scores, threads)
     jobs: dict[str, Any] = {

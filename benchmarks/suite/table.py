@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
+from pliant.baselines import METHODS
 from pliant.benchmarks.suite.config import BenchmarkConfig, Test
 from pliant.benchmarks.suite.work import Cost, Workspace
 from pliant.evaluator.scores import read_scores
 
 CLASSICAL = ("sift", "surf", "orb")
+CONTROLS = tuple(name for name in METHODS if name not in CLASSICAL)
+_NO_SCORES: Final[dict[str, Any]] = {"values": {}, "intervals": {}}
 
 
 @dataclass(frozen=True)
@@ -45,12 +48,12 @@ class Row:
 
     def value(self, protocol: str, metric: str) -> float | None:
         """Return a score, None where the method has none."""
-        found: float | None = self.scores[protocol]["values"].get(metric)
+        found: float | None = self.scores.get(protocol, _NO_SCORES)["values"].get(metric)
         return found
 
     def interval(self, protocol: str, metric: str) -> tuple[float, float] | None:
         """Return the 95 % interval of a score, None where it has none."""
-        found = self.scores[protocol]["intervals"].get(metric)
+        found = self.scores.get(protocol, _NO_SCORES)["intervals"].get(metric)
         return None if found is None else (float(found[0]), float(found[1]))
 
 
@@ -79,9 +82,14 @@ def _row(
 ) -> Row:
     scores = {}
     for protocol in test.protocols:
-        found = read_scores(work.scores_path(set_name, method, protocol))
-        intervals = found.document.get("intervals", {}).get("overall", {})
-        scores[protocol] = {"values": found.overall, "intervals": intervals}
+        folder = work.scores_path(set_name, method, protocol)
+        if not folder.exists():  # protocol `matches` of a method without keypoints
+            continue
+        found = read_scores(folder).document
+        scores[protocol] = {"values": found["overall"], "intervals": found["intervals"]["overall"]}
+        if len(found["tiers"]) > 1:
+            intervals = found["intervals"]["tiers"].get(test.tier, {})
+            scores[protocol] = {"values": found["tiers"][test.tier], "intervals": intervals}
     trained = method in config.runs
     return Row(
         key,

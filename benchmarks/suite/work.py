@@ -13,6 +13,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
 
+from pliant.baselines.submission_file import Kind
 from pliant.spec.errors import CallError
 from pliant.spec.io.jsonfiles import write_json
 
@@ -102,9 +103,10 @@ class Workspace:
         """Return the folder of a training run."""
         return self.root / "runs" / name
 
-    def answers_path(self, set_name: str, method: str) -> Path:
+    def answers_path(self, set_name: str, method: str, kind: Kind = "answers") -> Path:
         """Return the submission of a method on a set's test split."""
-        return self.root / "answers" / set_name / f"{method}.parquet"
+        name = method if kind == "answers" else f"{method}-{kind}"
+        return self.root / "answers" / set_name / f"{name}.parquet"
 
     def scores_path(self, set_name: str, method: str, protocol: str) -> Path:
         """Return the folder of a submission's scores by a protocol."""

@@ -35,6 +35,7 @@ def _environment() -> jinja2.Environment:
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
+        keep_trailing_newline=True,
     )
     environment.filters["data_uri"] = _data_uri
     environment.filters["fill"] = _fill
@@ -49,4 +50,4 @@ def _fill(text: str) -> str:
     """Wrap a paragraph or list item; the lines after a list item's first one are indented."""
     plain = " ".join(text.split())
     indent = "  " if plain.startswith("- ") else ""
-    return textwrap.fill(plain, CARD_WIDTH, subsequent_indent=indent)
+    return textwrap.fill(plain, CARD_WIDTH, subsequent_indent=indent) + "\n"

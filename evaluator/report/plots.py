@@ -228,7 +228,8 @@ def bars_png(bars: Sequence[Bar], *, title: str, reference: str) -> bytes:
             own = [bar for bar in bars if bar.group == group]
             at = [rows.index(bar.row) + (k - (len(groups) - 1) / 2) * height for bar in own]
             lengths = [bar.value for bar in own]
-            axes.barh(at, lengths, height * 0.92, color=COLOURS[k % len(COLOURS)], label=group)
+            colour = COLOURS[k % len(COLOURS)]
+            axes.barh(at, lengths, height * 0.92, color=colour, alpha=0.75, label=group)
             for y, bar in zip(at, own, strict=True):
                 if bar.interval is not None:
                     axes.plot(bar.interval, [y, y], color=INK, linewidth=1.2)
