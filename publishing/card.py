@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import chain, islice, zip_longest
 from pathlib import Path
 from typing import Any, Final
 
@@ -16,6 +17,7 @@ from pliant.evaluator.report.pages import render_page
 from pliant.publishing.papers import licence_url
 from pliant.spec.dataset import Dataset
 from pliant.spec.io.parquet import read_table
+from pliant.spec.sequence import SequenceRecord
 from pliant.spec.storage import layout
 from pliant.spec.storage.packing import FEATURES, ROWS
 from pliant.viewer.figures import contact_sheet
@@ -77,17 +79,14 @@ def _draw(dataset: Dataset, root: Path) -> list[tuple[str, str]]:
     return made
 
 
-def _spread(sequences: Sequence[Any]) -> list[Any]:
-    """Order sequences so that the first of every tier come first."""
-    rank: dict[str, int] = {}
-    ranked = []
+def _spread(sequences: Sequence[SequenceRecord]) -> list[SequenceRecord]:
+    """Return sequences taken from all tiers in turn, ordered by tier."""
+    tiers: dict[str, list[SequenceRecord]] = {}
     for sequence in sequences:
-        rank[sequence.tier] = rank.get(sequence.tier, -1) + 1
-        ranked.append((rank[sequence.tier], sequence))
-    first = sorted(ranked, key=lambda item: item[0])[:_PICTURES]
-    tiers = list(rank)
-    chosen = sorted(first, key=lambda item: (tiers.index(item[1].tier), item[0]))
-    return [sequence for _, sequence in chosen]
+        tiers.setdefault(sequence.tier, []).append(sequence)
+    turns = chain.from_iterable(zip_longest(*tiers.values()))
+    first = list(islice((each for each in turns if each is not None), _PICTURES))
+    return sorted(first, key=lambda sequence: list(tiers).index(sequence.tier))
 
 
 def _save(image: Any, path: Path) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 import tempfile
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -19,7 +19,6 @@ from pliant.evaluator.report.canvas import Labels
 from pliant.evaluator.report.cells import heading, score_cell, written
 from pliant.evaluator.report.drawings import pair_svg
 from pliant.evaluator.report.pages import render_page
-from pliant.evaluator.report.wording import facts
 from pliant.evaluator.scores import (
     PER_PAIR_TABLE,
     REPORT_HTML,
@@ -110,33 +109,9 @@ def render_report(scores: Scores, dataset: Dataset | None = None) -> str:
         pictures=[
             (example, pair_svg(example, dataset, (size[0], size[1]))) for example in scores.examples
         ],
-        slices=[
-            _slice(name, rows, document["protocol"]) for name, rows in document["slices"].items()
-        ],
-        facts=facts(document),
+        written=written,
         protocol_text=json.dumps(read_protocol(document["protocol"]).document, indent=1),
     )
-
-
-def _slice(name: str, rows: Sequence[Mapping[str, Any]], protocol: str) -> dict[str, Any]:
-    metrics = [key for key in rows[0] if key not in ("slice", "queries")]
-    return {
-        "name": name,
-        "heads": [
-            "Queries",
-            *(heading(key, protocol).text for key in metrics),
-        ],
-        "rows": [
-            {
-                "name": row["slice"],
-                "cells": [
-                    f"{row['queries']:,}",
-                    *(written(row[key], "px" if key.endswith("_px") else "") for key in metrics),
-                ],
-            }
-            for row in rows
-        ],
-    }
 
 
 def error_histogram(curves: Mapping[str, Mapping[str, Any]], *, title: str) -> str:

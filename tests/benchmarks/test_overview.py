@@ -1,0 +1,135 @@
+"""A benchmark with several tiers in one set, scored by two protocols, and its overview page."""
+
+from __future__ import annotations
+
+from importlib.resources import files
+from pathlib import Path
+
+import pytest
+
+from pliant.benchmarks.suite.checksums import Differences
+from pliant.benchmarks.suite.config import BenchmarkConfig, read_config
+from pliant.benchmarks.suite.overview import rmse_by_tier, write_overview
+from pliant.benchmarks.suite.results import write_results
+from pliant.benchmarks.suite.run import run_benchmark
+from pliant.benchmarks.suite.table import Row, finished_rows
+from pliant.benchmarks.suite.work import Workspace
+from pliant.evaluator import read_scores
+from pliant.spec.errors import SpecError
+from pliant.spec.validation.validate import Report
+
+TIERS = ("rope", "cloth-1")
+
+CONFIG = """
+name: two
+version: 1.0.0
+validate: true
+sets:
+  both:
+    tiers: [rope, cloth-1]
+    style: raster
+    width: 160
+    height: 120
+    splits: {test: 1}
+    frames: 2
+    queries: {pairs_per_sequence: 1, queries_per_pair: 12}
+tests:
+  rope: &test
+    title: Rope
+    tier: rope
+    variants: {clean: both}
+    methods: [sift, centroid, oracle]
+    protocols: [standard, matches]
+  cloth-1: {<<: *test, title: Cloth, tier: cloth-1}
+"""
+
+
+class Silent:
+    """A watcher that ignores everything."""
+
+    def begin(self, stage: str, jobs: int, finished: int) -> None: ...
+
+    def started(self, job: str) -> None: ...
+
+    def progress(self, job: str, done: int, total: int) -> None: ...
+
+    def ended(self, job: str, wall_s: float, cpu_s: float, error: str) -> None: ...
+
+
+Made = tuple[BenchmarkConfig, Path, list[Row]]
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
+    folder = tmp_path_factory.mktemp("two")
+    (folder / "two.yaml").write_text(CONFIG)
+    config = read_config(folder / "two.yaml")
+    run_benchmark(config, folder / "out", workers=1, watcher=Silent())
+    return config, folder / "out", finished_rows(config, Workspace(folder / "out"))
+
+
+def test_each_row_has_the_scores_of_its_own_tier(made: Made) -> None:
+    config, out, rows = made
+    assert len(rows) == 6
+    found = rmse_by_tier(config, rows)
+    assert list(found) == list(TIERS)
+    for method in ("sift", "centroid", "oracle"):
+        scores = read_scores(out / "scores" / "both" / method / "standard")
+        assert {tier: found[tier][method] for tier in TIERS} == {
+            tier: values["rmse_px"] for tier, values in scores.tiers.items()
+        }
+    assert found["rope"]["centroid"] != found["cloth-1"]["centroid"]
+    assert found["rope"]["oracle"] == 0
+
+
+def test_only_keypoint_methods_have_scores_of_matches(made: Made) -> None:
+    _, out, rows = made
+    assert {row.method for row in rows if "matches" in row.scores} == {"sift"}
+    assert {path.name for path in (out / "answers" / "both").iterdir()} == {
+        "sift.parquet", "sift-matches.parquet", "centroid.parquet", "oracle.parquet",
+    }  # fmt: skip
+
+
+def test_overview_and_results_show_every_tier(made: Made) -> None:
+    config, out, rows = made
+    page = write_overview(config, out, rows, "Two <tiers>.").read_text()
+    assert "Two &lt;tiers&gt;." in page
+    assert page.count("<h2>") == 3  # both tiers and the provenance
+    assert page.count("data:image/png") == 2
+    assert page.count('class="pair"') == 2  # SIFT's best matches of each tier
+    assert page.count('href="../scores/both/sift/standard/report.html"') == 3
+    assert page.count('href="../scores/both/sift/matches/report.html"') == 1
+    assert page.count('<td class="best">') >= 6
+    assert '<td class="best control">' not in page
+    write_results(config, out, Differences(False, {}), "a command")
+    results = (out / "results.md").read_text()
+    assert "RMSE is in pixels at 160x120" in results
+    assert results.count("| Oracle | 0.0") == 2
+    assert "What one thing adds" not in results
+
+
+def test_a_set_that_violates_the_specification_stops_the_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "two.yaml").write_text(CONFIG)
+    config = read_config(
+        tmp_path / "two.yaml", ["sets.both.tiers=[rope]", "tests.cloth-1.tier=rope"]
+    )
+    real = run_benchmark.__globals__["validate"]
+
+    def damaged(root: Path, workers: int) -> Report:
+        (root / "truth" / "test.parquet").write_bytes(b"PAR1")
+        found: Report = real(root, workers=workers)
+        return found
+
+    monkeypatch.setitem(run_benchmark.__globals__, "validate", damaged)
+    with pytest.raises(SpecError, match="violates the specification"):
+        run_benchmark(config, tmp_path / "out", workers=1, until="generate", watcher=Silent())
+
+
+def test_the_demo_is_a_config_of_the_package() -> None:
+    config = read_config(Path(str(files("pliant.benchmarks.suite") / "demo.yaml")))
+    assert config.validate
+    assert [test.tier for test in config.tests.values()] == ["rope", "cloth-1", "cloth-3"]
+    assert config.sets["demo"].id == "pliant-demo"
+    assert config.sets["demo"].style == "fast"
