@@ -36,7 +36,11 @@ class Heading:
 
     def written(self, value: float | None) -> str:
         """Return a value for people: px with two decimals, mm with one, others with three."""
-        return written(value, self.stored_unit)
+        if value is None:
+            return "–"
+        if self.stored_unit == "m":
+            return f"{value * 1000:.1f}"
+        return f"{value:.2f}" if self.stored_unit == "px" else f"{value:.3f}"
 
     @property
     def text(self) -> str:
@@ -69,15 +73,6 @@ class Cell:
     key: str
     interval: str
     coverage: str
-
-
-def written(value: float | None, unit: str) -> str:
-    """Return a value for people, a dash for None; metres are shown in millimetres."""
-    if value is None:
-        return "–"
-    if unit == "m":
-        return f"{value * 1000:.1f}"
-    return f"{value:.2f}" if unit == "px" else f"{value:.3f}"
 
 
 def heading(metric: str, protocol: str) -> Heading:

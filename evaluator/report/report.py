@@ -16,7 +16,7 @@ from pliant.evaluator.metrics.base import OVERALL
 from pliant.evaluator.protocols.protocol import read_protocol
 from pliant.evaluator.report import plots
 from pliant.evaluator.report.canvas import Labels
-from pliant.evaluator.report.cells import heading, score_cell, written
+from pliant.evaluator.report.cells import heading, score_cell
 from pliant.evaluator.report.drawings import pair_svg
 from pliant.evaluator.report.pages import render_page
 from pliant.evaluator.scores import (
@@ -109,7 +109,6 @@ def render_report(scores: Scores, dataset: Dataset | None = None) -> str:
         pictures=[
             (example, pair_svg(example, dataset, (size[0], size[1]))) for example in scores.examples
         ],
-        written=written,
         protocol_text=json.dumps(read_protocol(document["protocol"]).document, indent=1),
     )
 
