@@ -50,26 +50,17 @@ def command(
 
     started = time.monotonic()
     width, height = parse_size(size)
+    settings = {
+        "splits.test": sequences, "frames": frames, "width": width, "height": height, "seed": seed,
+    }  # fmt: skip
     config = read_config(
         Path(str(files("pliant.benchmarks.suite") / "demo.yaml")),
-        [
-            f"sets.demo.{setting}"
-            for setting in (
-                f"splits.test={sequences}", f"frames={frames}", f"seed={seed}",
-                f"width={width}", f"height={height}",
-            )
-        ],
-    )  # fmt: skip
+        [f"sets.demo.{key}={value}" for key, value in settings.items()],
+    )
     differing = run_shown(config, out, True, workers or len(os.sched_getaffinity(0)))
     write_results(config, out, differing, "pliant demo --out DIR")
     rows = finished_rows(config, Workspace(out))
-    page = write_overview(
-        config,
-        out,
-        rows,
-        "Ropes and cloths rendered by Blender on this machine, with exact ground truth for every "
-        "query; classical methods and controls answered the same queries.",
-    )
+    page = write_overview(config, out, rows)
     rmse = rmse_by_tier(config, rows)
     table = Table("tier", title="RMSE, px", title_justify="left")
     for method in next(iter(rmse.values())):

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
 from PIL import Image
 
 from pliant.benchmarks.suite.config import BenchmarkConfig
@@ -21,6 +20,7 @@ from pliant.evaluator.report.report import error_histogram
 from pliant.evaluator.scores import REPORT_HTML, read_scores
 from pliant.spec.dataset import Dataset
 from pliant.spec.io.writing import replacing
+from pliant.spec.queries import QueryPair
 from pliant.viewer.figures import contact_sheet
 
 _FRAMES_SHOWN: Final = 6
@@ -53,14 +53,13 @@ class _Block:
     matches: Sequence[tuple[str, str]]
 
 
-def write_overview(config: BenchmarkConfig, out: Path, rows: Sequence[Row], intro: str) -> Path:
+def write_overview(config: BenchmarkConfig, out: Path, rows: Sequence[Row]) -> Path:
     """Write `OUT/report/index.html`, one self-contained page with links to the reports.
 
     Args:
         config: The benchmark.
         out: Its folder.
         rows: Its table; every row is scored by protocol `standard`.
-        intro: A sentence under the heading.
 
     Returns:
         The page.
@@ -83,7 +82,6 @@ def write_overview(config: BenchmarkConfig, out: Path, rows: Sequence[Row], intr
     text = render_page(
         "overview.html.j2",
         title=next(iter(datasets.values())).info["title"],
-        intro=intro,
         tables=[
             {"caption": caption, **table}
             for protocol, metric, caption in _TABLES
@@ -174,8 +172,7 @@ def _cells(
 
 
 def _block(work: Workspace, dataset: Dataset, tier: str, name: str, rows: Sequence[Row]) -> _Block:
-    queries = dataset.queries("test")
-    pairs = queries["pair_id"].to_numpy()[np.array(queries["tier"].to_pylist()) == tier]
+    pairs = [pair for pair in dataset.pairs("test") if pair.source.sequence.tier == tier]
     sequences = [each for each in dataset.sequences if each.tier == tier]
     frames = sum(each.frames for each in sequences)
     curves = {
@@ -185,19 +182,17 @@ def _block(work: Workspace, dataset: Dataset, tier: str, name: str, rows: Sequen
     }
     return _Block(
         name=name,
-        facts=f"{len(sequences)} sequences, {frames} images, {len(np.unique(pairs))} pairs, "
-        f"{len(pairs)} queries.",
+        facts=f"{len(sequences)} sequences, {frames} images, {len(pairs)} pairs, "
+        f"{sum(map(len, pairs))} queries.",
         frames_png=_png(contact_sheet(dataset, sequences, count=_FRAMES_SHOWN)),
         histogram_svg=error_histogram(curves, title=f"Errors on {name}"),
-        matches=[
-            _matches(work, dataset, row, int(pairs[0])) for row in rows if "matches" in row.scores
-        ],
+        matches=[_matches(work, dataset, row, pairs[0]) for row in rows if "matches" in row.scores],
     )
 
 
-def _matches(work: Workspace, dataset: Dataset, row: Row, pair: int) -> tuple[str, str]:
+def _matches(work: Workspace, dataset: Dataset, row: Row, pair: QueryPair) -> tuple[str, str]:
     submission = work.answers_path(row.set, row.method, "matches")
-    best = best_matches(dataset, "test", submission, pair)
+    best = best_matches(dataset, pair, submission)
     if not best.drawn:
         return f"{row.label}: no match on this pair", best.svg
     caption = (

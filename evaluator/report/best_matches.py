@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import pyarrow.compute as pc
@@ -16,7 +16,9 @@ from pliant.evaluator.protocols.protocol import read_protocol
 from pliant.evaluator.report.drawings import Symbols, panel_svg, side_by_side
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import SpecError
+from pliant.spec.frame import Frame
 from pliant.spec.io.parquet import read_table
+from pliant.spec.queries import QueryPair
 
 RIGHT: Final = "#1b9e4b"
 WRONG: Final = "#d8352a"
@@ -40,15 +42,14 @@ class BestMatches:
 
 
 def best_matches(
-    dataset: Dataset, split: str, submission: Path, pair_id: int, count: int = 10
+    dataset: Dataset, pair: QueryPair, submission: Path, count: int = 10
 ) -> BestMatches:
     """Draw the matches of a pair that the method itself scores highest.
 
     Args:
         dataset: The dataset with images and surfaces.
-        split: The split the matches are of.
+        pair: The pair.
         submission: A submission of kind `matches`.
-        pair_id: The pair.
         count: How many matches at most.
 
     Returns:
@@ -58,51 +59,41 @@ def best_matches(
     Raises:
         SpecError: The dataset has no surface images of the pair.
     """
-    queries = dataset.queries(split)
-    pair = queries.filter(pc.equal(queries["pair_id"], pair_id)).slice(0, 1).to_pylist()[0]
     table = read_table(submission, "matches")
-    mine = table.filter(pc.equal(table["pair_id"], pair_id))
+    mine = table.filter(pc.equal(table["pair_id"], pair.pair_id))
     order = np.argsort(-mine["score"].to_numpy(), kind="stable")[:count]
     uv_a, uv_b = (
         np.stack([mine[name].to_numpy()[order] for name in names], axis=1).astype(np.float64)
         for names in (("u_a", "v_a"), ("u", "v"))
     )
-    width, height = dataset.sequence(pair["sequence_a"]).size
-    radius_px = max(width, height) / 20
+    size = pair.source.size
+    radius_px = max(size) / 20
     right = _is_right(dataset, pair, uv_a, uv_b, radius_px)
-    return BestMatches(
-        _draw(dataset, pair, uv_a, uv_b, right), len(order), int(right.sum()), radius_px
+    draw = Symbols(size[0])
+    over = ""
+    for a, b, good in zip(uv_a, uv_b + np.array([draw.target_px, 0.0]), right, strict=True):
+        colour = RIGHT if good else WRONG
+        over += draw.line(a, b, colour) + draw.disc(a, colour) + draw.disc(b, colour)
+    source, target = (
+        panel_svg(dataset, *_place(each), size) for each in (pair.source, pair.target)
     )
+    svg = side_by_side(source, target, size, "best matches", over)
+    return BestMatches(svg, len(order), int(right.sum()), radius_px)
 
 
 def _is_right(
-    dataset: Dataset, pair: dict[str, Any], uv_a: FloatArray, uv_b: FloatArray, radius_px: float
+    dataset: Dataset, pair: QueryPair, uv_a: FloatArray, uv_b: FloatArray, radius_px: float
 ) -> BoolArray:
     surfaces = Surfaces(dataset)
-    source, target = (
-        surfaces.frame(pair[f"sequence_{side}"], pair[f"frame_{side}"]) for side in "ab"
-    )
+    source, target = (surfaces.frame(*_place(each)) for each in (pair.source, pair.target))
     if source is None or target is None:
         raise SpecError("the pair has no surface images", path=dataset.root, where=str(pair))
     footprints = read_protocol("matches").settings["matches"].visible_within_footprints
-    truth = dense_truth(
-        source, target, uv_a, dataset.tiers[pair["tier"]].queried, float(footprints)
-    )
+    queried = dataset.tiers[pair.source.sequence.tier].queried
+    truth = dense_truth(source, target, uv_a, queried, float(footprints))
     error_px = np.linalg.norm(uv_b - truth.uv_b_px, axis=1)
     return truth.visible & (np.nan_to_num(error_px, nan=np.inf) <= radius_px)
 
 
-def _draw(
-    dataset: Dataset, pair: dict[str, Any], uv_a: FloatArray, uv_b: FloatArray, right: BoolArray
-) -> str:
-    size = dataset.sequence(pair["sequence_a"]).size
-    draw = Symbols(size[0])
-    source, target = (
-        panel_svg(dataset, pair[f"sequence_{side}"], pair[f"frame_{side}"], size) for side in "ab"
-    )
-    shown_b = uv_b + np.array([draw.target_px, 0.0])
-    over = ""
-    for a, b, good in zip(uv_a, shown_b, right, strict=True):
-        colour = RIGHT if good else WRONG
-        over += draw.line(a, b, colour) + draw.disc(a, colour) + draw.disc(b, colour)
-    return side_by_side(source, target, size, "best matches", over)
+def _place(frame: Frame) -> tuple[str, int]:
+    return frame.sequence.id, frame.index

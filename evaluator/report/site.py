@@ -13,6 +13,7 @@ import yaml
 
 from pliant.evaluator.hidden_truth import public_scores
 from pliant.evaluator.report.leaderboard import find_reports, render_leaderboard
+from pliant.evaluator.report.pages import render_page
 from pliant.evaluator.report.report import check_out_dir, render_report
 from pliant.evaluator.scores import PER_PAIR_TABLE, REPORT_HTML, SCORES_JSON, Scores, read_scores
 from pliant.spec.io.jsonfiles import write_json
@@ -55,7 +56,7 @@ def write_site(
     with tempfile.TemporaryDirectory(prefix=".pliant-site-", dir=out.parent) as scratch:
         site = Path(scratch)
         (site / INDEX).write_text(page, encoding="utf-8")
-        (site / README).write_text(_readme(reports, names, title), encoding="utf-8")
+        (site / README).write_text(_readme(reports, links, title), encoding="utf-8")
         for folder, scores, name in zip(folders, reports, names, strict=True):
             (site / REPORTS / name).mkdir(parents=True)
             _copy_report(folder, scores, site / REPORTS / name, hide_truth=hide_truth)
@@ -97,11 +98,10 @@ def _names(folders: Sequence[Path]) -> list[str]:
     return names
 
 
-def _readme(reports: Sequence[Scores], names: Sequence[str], title: str | None) -> str:
+def _readme(reports: Sequence[Scores], links: Sequence[str], title: str | None) -> str:
     """Return README.md, whose front matter makes the folder a static Hugging Face Space."""
     document = reports[0].document
-    dataset = document["dataset"]
-    shown = title or f"{dataset['title']}: leaderboard"
+    shown = title or f"{document['dataset']['title']}: leaderboard"
     front = {
         "title": shown,
         "emoji": "🪢",
@@ -111,17 +111,13 @@ def _readme(reports: Sequence[Scores], names: Sequence[str], title: str | None) 
         "app_file": INDEX,
         "pinned": False,
     }
-    text = yaml.safe_dump(front, sort_keys=False, allow_unicode=True, width=1000)
-    rows = "".join(
-        f"- [{_plain(scores.method)}]({REPORTS}/{name}/{REPORT_HTML})\n"
-        for scores, name in zip(reports, names, strict=True)
-    )
-    return (
-        f"---\n{text}---\n\n# {_plain(shown)}\n\n"
-        f"{len(reports)} methods on {dataset['id']} {dataset['version']}, split "
-        f"{document['split']}, protocol {document['protocol']} {document['protocol_version']}. "
-        f"The leaderboard is [{INDEX}]({INDEX}); each report has its scores as `{SCORES_JSON}`."
-        f"\n\n{rows}"
+    return render_page(
+        "site.md.j2",
+        front_matter=yaml.safe_dump(front, sort_keys=False, allow_unicode=True, width=1000),
+        title=shown,
+        d=document,
+        names=list(zip((scores.method for scores in reports), links, strict=True)),
+        plain=_plain,
     )
 
 

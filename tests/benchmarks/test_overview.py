@@ -26,10 +26,11 @@ version: 1.0.0
 validate: true
 sets:
   both:
+    title: Two <tiers>
     tiers: [rope, cloth-1]
     style: raster
-    width: 160
-    height: 120
+    width: 320
+    height: 240
     splits: {test: 1}
     frames: 2
     queries: {pairs_per_sequence: 1, queries_per_pair: 12}
@@ -92,8 +93,8 @@ def test_only_keypoint_methods_have_scores_of_matches(made: Made) -> None:
 
 def test_overview_and_results_show_every_tier(made: Made) -> None:
     config, out, rows = made
-    page = write_overview(config, out, rows, "Two <tiers>.").read_text()
-    assert "Two &lt;tiers&gt;." in page
+    page = write_overview(config, out, rows).read_text()
+    assert "Two &lt;tiers&gt;" in page
     assert page.count("<h2>") == 3  # both tiers and the provenance
     assert page.count("data:image/png") == 2
     assert page.count('class="pair"') == 2  # SIFT's best matches of each tier
@@ -103,7 +104,7 @@ def test_overview_and_results_show_every_tier(made: Made) -> None:
     assert '<td class="best control">' not in page
     write_results(config, out, Differences(False, {}), "a command")
     results = (out / "results.md").read_text()
-    assert "RMSE is in pixels at 160x120" in results
+    assert "RMSE is in pixels at 320x240" in results
     assert results.count("| Oracle | 0.0") == 2
     assert "What one thing adds" not in results
 
