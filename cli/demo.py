@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-import json
-import os
 import time
 from pathlib import Path
 
 import click
 
-from pliant.cli.terminal import echo
+from pliant.cli.options import cpu_cores, image_size, json_option, out_option
+from pliant.cli.terminal import echo, echo_json
 
 
 @click.command("demo")
-@click.option("--out", required=True, type=click.Path(path_type=Path), help="Output folder.")
+@out_option("DIR", "Output folder.")
 @click.option("--sequences", default=4, show_default=True, help="Sequences per tier.")
 @click.option("--frames", default=3, show_default=True, help="Configurations per sequence.")
 @click.option("--size", default="640x480", show_default=True, metavar="WxH", help="Image size.")
 @click.option("--seed", default=0, show_default=True, help="Random seed.")
 @click.option("--workers", type=int, help="Worker processes.  [default: one per core]")
-@click.option("--json", "as_json", is_flag=True, help="Report as one JSON document on stdout.")
+@json_option
 def command(
     out: Path,
     sequences: int,
@@ -32,7 +31,7 @@ def command(
     """Render, validate, answer, score and report a small benchmark.
 
     Blender renders rope, cloth-1 and cloth-3; SIFT, SURF, ORB and the controls answer the same
-    queries; OUT/report/index.html shows the paper's table and pictures.
+    queries; DIR/report/index.html shows the paper's table and pictures.
     Run the same command again to resume an interrupted demo.
     """
     from importlib.resources import files
@@ -46,10 +45,9 @@ def command(
     from pliant.benchmarks.suite.table import finished_rows
     from pliant.benchmarks.suite.work import Workspace
     from pliant.cli.benchmark import run_shown
-    from pliant.cli.generate import parse_size
 
     started = time.monotonic()
-    width, height = parse_size(size)
+    width, height = image_size(size)
     settings = {
         "splits.test": sequences, "frames": frames, "width": width, "height": height, "seed": seed,
     }  # fmt: skip
@@ -57,7 +55,7 @@ def command(
         Path(str(files("pliant.benchmarks.suite") / "demo.yaml")),
         [f"sets.demo.{key}={value}" for key, value in settings.items()],
     )
-    differing = run_shown(config, out, True, workers or len(os.sched_getaffinity(0)))
+    differing = run_shown(config, out, True, workers or cpu_cores())
     write_results(config, out, differing, "pliant demo --out DIR")
     rows = finished_rows(config, Workspace(out))
     page = write_overview(config, out, rows)
@@ -70,8 +68,7 @@ def command(
     Console(stderr=True).print(table)
     seconds = time.monotonic() - started
     if as_json:
-        document = {"page": str(page), "rmse_px": rmse, "seconds": round(seconds, 1)}
-        echo(json.dumps(document, indent=1))
+        echo_json({"page": str(page), "rmse_px": rmse, "seconds": round(seconds, 1)})
     else:
         echo(f"{seconds:.0f} s in all. Open {page}")
     return 0
