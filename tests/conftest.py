@@ -9,12 +9,14 @@ import os
 import shutil
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import pytest
 
 if TYPE_CHECKING:
     from pliant.generator.config import GenerateConfig
+    from pliant.generator.settings.cloth import ClothSettings
+    from pliant.generator.settings.rope import RopeSettings
 
 # One thread a process: the suite runs beside itself (pytest -n), and results must not depend
 # on how many threads a library takes.
@@ -46,8 +48,8 @@ def tiny_dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
         width=160,
         height=120,
         style="fast" if find_spec("bpy") else "raster",
-        rope=TINY_ROPE,
-        cloth=TINY_CLOTH,
+        rope=_tiny_rope(),
+        cloth=_tiny_cloth(),
         queries=QuerySettings(pairs_per_sequence=2, queries_per_pair=24),
         id="tiny",
     )
@@ -71,7 +73,7 @@ def tiny_episode(tmp_path_factory: pytest.TempPathFactory) -> Path:
         width=160,
         height=120,
         style="raster",
-        rope=TINY_ROPE,
+        rope=_tiny_rope(),
         queries=QuerySettings(pairs_per_sequence=4, queries_per_pair=24),
         id="tiny-episode",
     )
@@ -95,14 +97,22 @@ def rendered_dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
         width=320,
         height=240,
         style="raster",
-        cloth=TINY_CLOTH,
+        cloth=_tiny_cloth(),
         id="rendered",
     )
     return _made_once(config, "rendered-dataset", tmp_path_factory)
 
 
-TINY_ROPE: dict[str, Any] = {"knots": {"overhand": 1.0}}
-TINY_CLOTH: dict[str, Any] = {"points_a_side": 33, "tracked_a_side": 17}
+def _tiny_rope() -> RopeSettings:
+    from pliant.generator.settings.rope import RopeSettings
+
+    return RopeSettings(knots={"overhand": 1.0})
+
+
+def _tiny_cloth() -> ClothSettings:
+    from pliant.generator.settings.cloth import ClothSettings
+
+    return ClothSettings(points_a_side=33, tracked_a_side=17)
 
 
 def _require_generator() -> None:

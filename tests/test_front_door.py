@@ -40,7 +40,7 @@ def test_public_names_exist_and_others_do_not() -> None:
     for name in pliant.__all__:
         assert getattr(pliant, name)
     with pytest.raises(AttributeError, match="no attribute 'lod'"):
-        pliant.lod  # type: ignore[attr-defined]  # noqa: B018
+        pliant.lod  # noqa: B018
 
 
 def test_dataset_is_a_collection_of_sequences(ds: Dataset) -> None:
@@ -124,7 +124,10 @@ def test_a_function_is_a_method(ds: Dataset) -> None:
     [
         (lambda ds: pliant.load("no/such/folder/here"), "not a Pliant dataset|is no Pliant"),
         (lambda ds: pliant.predict(ds, "sfit"), "Did you mean sift"),
-        (lambda ds: pliant.predict(ds, 3), "this is not a method"),
+        (
+            lambda ds: pliant.predict(ds, 3),  # type: ignore[arg-type]
+            "this is not a method",
+        ),
         (lambda ds: pliant.predict(ds, "identity", "tets"), "no queries for split 'tets'"),
         (lambda ds: pliant.predict(ds, lambda a, b, q: q[:1]), "wrong shape"),
         (lambda ds: pliant.evaluate(ds, np.zeros((3, 2))), "one per query"),

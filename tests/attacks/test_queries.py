@@ -19,6 +19,7 @@ from pliant.generator.config import GenerateConfig, QuerySettings
 from pliant.generator.runner.dataset_files import write_dataset_files
 from pliant.generator.runner.plan import plan_tasks
 from pliant.generator.runner.run import generate
+from pliant.generator.settings.cloth import ClothSettings
 from pliant.publishing import PublishSettings, publish
 
 SMALL: dict[str, Any] = {
@@ -31,7 +32,7 @@ SETS = {
     "configurations": GenerateConfig(
         tiers=("rope", "cloth-1"),
         splits={"test": 10},
-        cloth={"points_a_side": 33, "tracked_a_side": 33},
+        cloth=ClothSettings(points_a_side=33, tracked_a_side=33),
         queries=QuerySettings(queries_per_pair=32),
         id="configurations",
         **SMALL,

@@ -113,8 +113,10 @@ def test_an_array_over_too_few_bytes_is_refused(tmp_path: Path) -> None:
     data = pickle.dumps(np.arange(7, dtype=np.uint8), 2)
     sevens = [at for op, arg, at in pickletools.genops(data) if op.name == "BININT1" and arg == 7]
     assert len(sevens) == 1
+    (at,) = sevens
+    assert at is not None
     path = tmp_path / "data.pkl"
-    path.write_bytes(data[: sevens[0] + 1] + b"\xff" + data[sevens[0] + 2 :])
+    path.write_bytes(data[: at + 1] + b"\xff" + data[at + 2 :])
     with pytest.raises(SpecError, match=r"an array of shape \(255,\) over 7 bytes"):
         read_pickle(path)
 

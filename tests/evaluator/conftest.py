@@ -193,7 +193,7 @@ def make_scene(
     About a quarter of the symmetric partners is called occluded.
     """
     rng = np.random.default_rng(seed)
-    described = [{"cloth": CLOTH, "rope": ROPE}[name] for name in tiers]
+    described: list[dict[str, Any]] = [{"cloth": CLOTH, "rope": ROPE}[name] for name in tiers]
     root.mkdir(parents=True, exist_ok=True)
     rows: list[dict[str, Any]] = []
     asked: dict[str, list[Any]] = {name: [] for name in tables.QUERIES.names}

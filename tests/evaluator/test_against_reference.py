@@ -110,7 +110,9 @@ def reference_pck(rows: list[dict[str, Any]], name: str, limit: Any) -> dict[str
 def reference_tapvid(rows: list[dict[str, Any]]) -> dict[str, float | None]:
     """After the published definition, a pair for a video."""
     thresholds = (1, 2, 4, 8, 16)
-    oa, within, jaccard = [], {t: [] for t in thresholds}, {t: [] for t in thresholds}
+    oa: list[float | None] = []
+    within: dict[int, list[float]] = {t: [] for t in thresholds}
+    jaccard: dict[int, list[float]] = {t: [] for t in thresholds}
     for pair in pairs_of(rows):
         right = []
         for row in pair:
@@ -228,16 +230,16 @@ def reference_continuity(rows: list[dict[str, Any]]) -> dict[str, float | None]:
 
 
 def reference_jitter(rows: list[dict[str, Any]]) -> dict[str, float | None]:
-    errors = {}
+    errors: dict[tuple[Any, ...], Any] = {}
     for row in rows:
         if row["seen"]:
             key = (row["sequence_a"], row["frame_a"], row["sequence_b"], row["point"])
             answer = row["answer"]
             offset = answer and (answer["u"] - row["u_b"], answer["v"] - row["v_b"])
             errors[(*key, row["frame_b"])] = offset
-    changes = []
-    for key, error in errors.items():
-        earlier = (*key[:-1], key[-1] - 1)
+    changes: list[float] = []
+    for (*place, frame_b), error in errors.items():
+        earlier = (*place, frame_b - 1)
         if earlier in errors:
             before = errors[earlier]
             if error is None or before is None:
@@ -257,7 +259,8 @@ def modes_of(answer: dict[str, Any]) -> list[tuple[float, float, float, float]]:
 
 
 def reference_distribution(rows: list[dict[str, Any]]) -> dict[str, float | None]:
-    nll, bins, recalled, asked, spread = [], [[] for _ in range(15)], 0, 0, []
+    nll, recalled, asked, spread = [], 0, 0, []
+    bins: list[list[tuple[float, bool]]] = [[] for _ in range(15)]
     seen = [row for row in rows if row["seen"] and row["answer"] is not None]
     inside: dict[float, list[bool]] = {0.5: [], 0.9: [], 0.95: []}
     for row in seen:
@@ -486,8 +489,8 @@ def test_the_regions_of_many_modes_agree_with_a_sample_and_take_no_time() -> Non
     for row in range(count):
         mode = rng.choice(modes, p=weight[row])
         true[row] = centre[row, mode] + sigma[row, mode] * rng.normal(size=2)
-    row = np.repeat(np.arange(count), modes)
-    mixtures = Mixtures(row, centre.reshape(-1, 2), sigma.ravel(), weight.ravel(), count)
+    rows = np.repeat(np.arange(count), modes)
+    mixtures = Mixtures(rows, centre.reshape(-1, 2), sigma.ravel(), weight.ravel(), count)
     started = time.process_time()
     found = in_regions(mixtures, true, (0.5, 0.9))
     probability_within(mixtures, centre[:, 0], 8.0)
@@ -500,8 +503,8 @@ def test_the_regions_of_many_modes_agree_with_a_sample_and_take_no_time() -> Non
 
     wrong = 0
     for row in range(80):
-        mode = rng.choice(modes, 4000, p=weight[row])
-        drawn = centre[row, mode] + sigma[row, mode, None] * rng.normal(size=(4000, 2))
+        drawn_from = rng.choice(modes, 4000, p=weight[row])
+        drawn = centre[row, drawn_from] + sigma[row, drawn_from, None] * rng.normal(size=(4000, 2))
         above = (density_of(row, drawn) > density_of(row, true[row : row + 1])).mean()
         for level, inside in zip((0.5, 0.9), found[:, row], strict=True):
             assert inside == (above <= level) or abs(above - level) < 0.03

@@ -7,6 +7,7 @@ of which nobody can say beforehand what a reader will see. Whatever the file, `c
 
 from __future__ import annotations
 
+import functools
 import json
 from collections.abc import Callable
 from datetime import date
@@ -72,6 +73,29 @@ def full(value: Any, kind: pa.DataType) -> Callable[[pa.Table], pa.Array]:
     return lambda table: pa.array([value] * table.num_rows, kind)
 
 
+def dropped(column: str) -> Callable[[Any, pa.Table], pa.Table]:
+    return lambda _, table: table.drop_columns([column])
+
+
+def doubled(column: str) -> Callable[[Any, pa.Table], pa.Table]:
+    return lambda _, table: pa.Table.from_arrays(
+        [*table.columns, table[column]], names=[*table.column_names, column]
+    )
+
+
+def cast(column: str, kind: pa.DataType) -> Callable[[pa.Table], Any]:
+    return lambda table: table[column].cast(kind)
+
+
+def as_dictionary(column: str) -> Callable[[pa.Table], Any]:
+    return lambda table: table[column].dictionary_encode()
+
+
+def begun(column: str, value: int, kind: pa.DataType | None = None) -> Callable[[pa.Table], Any]:
+    """Return a column whose first value is another one."""
+    return lambda table: pa.array([value, *table[column].to_pylist()[1:]], kind)
+
+
 # Types -------------------------------------------------------------------------------------
 
 NOT_NUMBERS: dict[str, tuple[Any, pa.DataType]] = {
@@ -98,14 +122,8 @@ for _column in ("u", "v", "sigma"):
     half = np.float16(1)
     table_case(f"{_column} as float16", replaced(_column, full(half, pa.float16())), "COLUMN_TYPE")
 for _column in ("pair_id", "query_id", "u", "v"):
-    table_case(f"no {_column}", lambda _, t, c=_column: t.drop_columns([c]), "COLUMN_MISSING")
-    table_case(
-        f"{_column} twice",
-        lambda _, t, c=_column: pa.Table.from_arrays(
-            [*t.columns, t[c]], names=[*t.column_names, c]
-        ),
-        "COLUMN_TYPE",
-    )
+    table_case(f"no {_column}", dropped(_column), "COLUMN_MISSING")
+    table_case(f"{_column} twice", doubled(_column), "COLUMN_TYPE")
 table_case("no column at all", lambda _, t: t.select([]), "COLUMN_MISSING")
 table_case("other names", lambda _, t: t.rename_columns(["a", "b", "c", "d"]), "COLUMN_MISSING")
 
@@ -116,14 +134,14 @@ for _width in ("int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "
     for _column in ("pair_id", "query_id"):
         table_case(
             f"{_column} as {_width}",
-            replaced(_column, lambda t, c=_column, w=_width: t[c].cast(getattr(pa, w)())),
+            replaced(_column, cast(_column, getattr(pa, _width)())),
         )
 for _column in ("u", "v"):
-    table_case(f"{_column} as float64", replaced(_column, lambda t, c=_column: t[c].cast("double")))
+    table_case(f"{_column} as float64", replaced(_column, cast(_column, pa.float64())))
 for _column in ("pair_id", "query_id", "u", "v"):
     table_case(
         f"{_column} as dictionary",
-        replaced(_column, lambda t, c=_column: t[c].dictionary_encode()),
+        replaced(_column, as_dictionary(_column)),
     )
 table_case("columns in another order", lambda _, t: t.select(["v", "query_id", "u", "pair_id"]))
 table_case("rows in another order", lambda _, t: t.take(np.arange(t.num_rows)[::-1].copy()))
@@ -155,7 +173,7 @@ def rewrite(scene: Any, path: Path, **options: Any) -> None:
         writer.add_key_value_metadata({b"pliant": footer})
 
 
-for _name, _options in {
+WRITTEN: dict[str, dict[str, Any]] = {
     "row groups of 7": {"row_group_size": 7},
     "pages of 64 bytes": {"data_page_size": 64},
     "data pages of version 2": {"data_page_version": "2.0"},
@@ -169,8 +187,9 @@ for _name, _options in {
     "page checksums": {"write_page_checksum": True},
     "no statistics": {"write_statistics": False},
     "no Arrow schema": {"store_schema": False},
-}.items():
-    case(_name)(lambda scene, path, options=_options: rewrite(scene, path, **options))
+}
+for _name, _options in WRITTEN.items():
+    case(_name)(functools.partial(rewrite, **_options))
 
 # Values -----------------------------------------------------------------------------------
 
@@ -267,8 +286,7 @@ for _word, _kind in {
     ),
 }.items():
     table_case(
-        f"modes {_word}", replaced("modes", lambda t, k=_kind: pa.array([[]] * len(t), k)),
-        "COLUMN_TYPE",
+        f"modes {_word}", replaced("modes", full([], _kind)), "COLUMN_TYPE",
     )  # fmt: skip
 case("sigma and modes", "MODES_INVALID")(
     lambda scene, path: scene.submit(
@@ -299,16 +317,13 @@ for _column in ("pair_id", "query_id"):
     for _value in (2**62, 2**63 - 1, -(2**63)):
         table_case(
             f"{_column} {_value}",
-            replaced(_column, lambda t, c=_column, x=_value: pa.array([x, *t[c].to_pylist()[1:]])),
+            replaced(_column, begun(_column, _value)),
             "ROW_UNKNOWN",
             "ROW_MISSING",
         )
     table_case(
         f"{_column} 2**64 - 1",
-        replaced(
-            _column,
-            lambda t, c=_column: pa.array([2**64 - 1, *t[c].to_pylist()[1:]], pa.uint64()),
-        ),
+        replaced(_column, begun(_column, 2**64 - 1, pa.uint64())),
         "ROW_UNKNOWN",
         "ROW_MISSING",
     )
@@ -364,6 +379,10 @@ def without(*names: str) -> Callable[[dict[str, Any]], bytes]:
     ).encode()
 
 
+def constant(data: bytes) -> Callable[[dict[str, Any]], bytes]:
+    return lambda _: data
+
+
 footer_case("no footer", lambda _: None, "FOOTER_MISSING")
 for _name, _data in {
     "empty": b"",
@@ -378,7 +397,7 @@ for _name, _data in {
     "very deep": b"[" * 100_000,
     "very deep and closed": b'{"a":' * 5000 + b"1" + b"}" * 5000,
 }.items():
-    footer_case(f"footer {_name}", lambda _, data=_data: data, "FOOTER_INVALID")
+    footer_case(f"footer {_name}", constant(_data), "FOOTER_INVALID")
 footer_case("footer of 2 MB", dumped(method={"name": "x" * 2**21}), "FILE_TOO_LARGE")
 for _version in ("2.0.0", "0.9.0", "1", "one", "", None, 1, [1]):
     footer_case(f"version {_version!r}", dumped(spec_version=_version), "SPEC_VERSION_UNSUPPORTED")
@@ -411,6 +430,14 @@ footer_case("answers called matches", dumped(table="matches"), "COLUMN_MISSING")
 
 # Files -------------------------------------------------------------------------------------
 
+
+def file_of(data: bytes) -> Build:
+    def build(scene: Any, path: Path) -> None:
+        path.write_bytes(data)
+
+    return build
+
+
 for _name, _data in {
     "an empty file": b"",
     "four bytes": b"PAR1",
@@ -421,7 +448,7 @@ for _name, _data in {
     "a pickle": b"\x80\x04\x95\x10\x00\x00\x00",
     "an encrypted Parquet": b"PARE" + b"\0" * 100 + b"PARE",
 }.items():
-    case(_name, "FILE_UNREADABLE")(lambda _, path, data=_data: path.write_bytes(data) and None)
+    case(_name, "FILE_UNREADABLE")(file_of(_data))
 case("no file", "FILE_MISSING")(lambda _, path: None)
 case("a folder", "FILE_UNREADABLE")(lambda _, path: path.mkdir())
 case("a link to nowhere", "FILE_MISSING")(lambda _, path: path.symlink_to("nowhere"))

@@ -68,16 +68,23 @@ def test_tapvid_of_four_points() -> None:
 
 def test_tapvid_of_a_pair_without_visible_points() -> None:
     hidden = np.array([False])
-    common = {"scaled_error": np.array([1.0]), "visible": hidden, "pair": np.array([0])}
-    quiet = tapvid.tapvid_pairs(
-        **common, predicted_visible=hidden, right=~hidden, pairs=1, thresholds=[1]
-    )
+
+    def figures(said: np.ndarray, right: np.ndarray) -> tapvid.TapvidPairs:
+        return tapvid.tapvid_pairs(
+            scaled_error=np.array([1.0]),
+            visible=hidden,
+            predicted_visible=said,
+            right=right,
+            pair=np.array([0]),
+            pairs=1,
+            thresholds=[1],
+        )
+
+    quiet = figures(hidden, ~hidden)
     assert quiet.occlusion_accuracy[0] == 1
     assert np.isnan(quiet.points_within).all()
     assert np.isnan(quiet.jaccard).all()
-    loud = tapvid.tapvid_pairs(
-        **common, predicted_visible=~hidden, right=hidden, pairs=1, thresholds=[1]
-    )
+    loud = figures(~hidden, hidden)
     assert loud.jaccard[0, 0] == 0
 
 
@@ -282,5 +289,5 @@ def test_quantiles_are_numpys() -> None:
         parts = [holes[: len(holes) // 3], holes[len(holes) // 3 :]]
         expected = np.quantile(values, levels)
         found = exact_quantiles(parts, levels)
-        np.testing.assert_allclose(found, expected, rtol=1e-14, err_msg=name)
+        np.testing.assert_allclose(np.array(found, float), expected, rtol=1e-14, err_msg=name)
     assert exact_quantiles([np.array([np.nan])], levels) == [None] * len(levels)

@@ -69,9 +69,10 @@ def test_leaving_out_the_hardest_rows_improves_nothing(
             if better == "neither" or value is None:
                 continue
             judged.add(metric)
-            assert after[metric] is not None, (group, metric)
-            gain = value - after[metric] if better == "lower" else after[metric] - value
-            assert gain <= 1e-9, (group, metric, value, after[metric])
+            found = after[metric]
+            assert found is not None, (group, metric)
+            gain = value - found if better == "lower" else found - value
+            assert gain <= 1e-9, (group, metric, value, found)
     assert set(read_protocol("standard").headline) <= judged
     assert {"jitter_px", "geodesic_mean_m", "flip_rate", "ece", "ause", "mode_recall"} <= judged
 

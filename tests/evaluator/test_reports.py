@@ -21,6 +21,7 @@ from pliant.evaluator.report.canvas import Labels
 from pliant.evaluator.report.leaderboard import render_leaderboard
 from pliant.evaluator.statistics.comparison import differences, ranks
 from pliant.spec.errors import CallError, SubmissionError
+from tests.evaluator.figures import figure
 
 
 class Page(HTMLParser):
@@ -166,7 +167,7 @@ def test_verdicts_need_an_interval_that_excludes_zero(reports: Path) -> None:
     assert same.low < 0 < same.high
     worse = found["overall", "rmse_px", "far", "near"]
     assert worse.verdict == "worse"
-    exact = scores[2].overall["rmse_px"] - scores[0].overall["rmse_px"]
+    exact = figure(scores[2], "rmse_px") - figure(scores[0], "rmse_px")
     assert worse.value == pytest.approx(exact, rel=1e-12)
     assert worse.low < exact < worse.high
     pck = found["overall", "pck_8px", "far", "near"]

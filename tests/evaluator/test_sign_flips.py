@@ -91,7 +91,7 @@ def test_fewer_than_six_sequences_have_no_interval() -> None:
         assert math.isnan(found.high)
         assert found.sequences == count
     undefined = np.array([1, 1, 1, 1, 1, 0.0])  # the sixth sequence does not define the metric
-    found = paired_difference(MEAN, (undefined, undefined), (undefined * 2, undefined), 0.95)
+    found = paired_difference(MEAN, (undefined, undefined), (undefined * 2.0, undefined), 0.95)
     assert found.sequences == 5
     assert math.isnan(found.low)
 

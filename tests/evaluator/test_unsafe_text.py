@@ -87,12 +87,12 @@ def test_check_refuses_a_method_name_with_unsafe_characters(
 def test_check_refuses_other_footer_texts(
     text: str, field: str, scene: Any, tmp_path: Path
 ) -> None:
-    footer: dict[str, Any] = {
+    footers: dict[str, dict[str, Any]] = {
         "split": {"split": text},
         "note": {"method": {"name": "DON", "note": [text]}},
         "dataset.id": {"dataset": {"id": text, "version": "1.0.0"}},
-    }[field]
-    path = scene.submit(tmp_path / "s.parquet", **footer)
+    }
+    path = scene.submit(tmp_path / "s.parquet", **footers[field])
     (issue,) = inspect(path, scene.root).issues()
     assert issue.code == "FOOTER_INVALID"
     assert field in issue.where

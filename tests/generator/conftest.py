@@ -5,8 +5,6 @@ The maker of `runner/standin.py` is here too, because several folders use it.
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
 from types import ModuleType
 
 import numpy as np
@@ -18,8 +16,6 @@ from pliant.generator.scene.scene_object import FloatArray, Part, Points, Pose, 
 LENGTH_M = 1.0
 RADIUS_M = 0.012
 SIDE_M = 0.5
-
-RUNNER = Path(__file__).parent / "runner"
 
 
 def tube_scene_object(rows: int = 160, ring: int = 12) -> SceneObject:
@@ -187,9 +183,7 @@ def oblique() -> Camera:
 
 @pytest.fixture(scope="session")
 def standin() -> ModuleType:
-    """The stand-in maker, on a path where spawned workers find it too."""
-    if str(RUNNER) not in sys.path:
-        sys.path.insert(0, str(RUNNER))
-    import standin as module
+    """The stand-in maker."""
+    from tests.generator.runner import standin as module
 
     return module

@@ -199,6 +199,8 @@ def test_masks_are_exact_unless_faults_are_asked_for() -> None:
     view = with_ball()
     rng = np.random.default_rng(0)
     mask, objects = given_masks(rng, view, AugmentSettings())
+    assert mask is not None
+    assert objects is not None
     np.testing.assert_array_equal(mask, view.mask)
     np.testing.assert_array_equal(objects, view.objects)
 

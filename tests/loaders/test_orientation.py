@@ -55,7 +55,7 @@ def test_no_direction_where_none_is_known() -> None:
     orientation = Orientation(FLAT, material)
     behind = np.full((50, 2), np.nan, dtype=np.float32)
     assert np.isnan(orientation.of(behind, np.arange(50))).all()
-    end_on = np.tile(np.float32([7.0, 9.0]), (50, 1))
+    end_on = np.tile(np.array([7.0, 9.0], np.float32), (50, 1))
     assert np.isnan(orientation.of(end_on, np.arange(50))).all()
 
 

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -35,7 +37,7 @@ def test_depth_is_picked_never_averaged() -> None:
     assert small.tolist() == [[np.inf, np.float32(0.7)]] * 2
 
 
-def test_cached_frames_equal_decoded_ones(sheet_dataset: Dataset, tmp_path) -> None:  # type: ignore[no-untyped-def]
+def test_cached_frames_equal_decoded_ones(sheet_dataset: Dataset, tmp_path: Path) -> None:
     plain = FrameStore(sheet_dataset, "sheet", "train", (80, 60))
     cached = FrameStore(sheet_dataset, "sheet", "train", (80, 60), cache=tmp_path)
     again = FrameStore(sheet_dataset, "sheet", "train", (80, 60), cache=tmp_path)
@@ -46,7 +48,7 @@ def test_cached_frames_equal_decoded_ones(sheet_dataset: Dataset, tmp_path) -> N
                 np.testing.assert_array_equal(getattr(store.view(index), name), expected)
 
 
-def test_a_cached_frame_needs_no_file(sheets, tmp_path) -> None:  # type: ignore[no-untyped-def]
+def test_a_cached_frame_needs_no_file(sheets, tmp_path: Path) -> None:
     root = sheets.write_sheet_dataset(tmp_path / "set", {"train": 1})
     dataset = Dataset.open(root)
     FrameStore(dataset, "sheet", "train", (80, 60), cache=tmp_path / "cache").view(0)

@@ -204,8 +204,8 @@ def _material(kind: str, shape: Any) -> list[dict[str, Any]]:
 
 def _shape(rng: np.random.Generator, kind: str, object_id: int) -> Any:
     if kind == "ball":
-        centre = tuple(float(x) for x in rng.uniform(-0.15, 0.15, 3))
-        return Ball(centre, float(rng.uniform(0.01, 0.12)), object_id)
+        x, y, z = rng.uniform(-0.15, 0.15, 3).tolist()
+        return Ball((x, y, z), float(rng.uniform(0.01, 0.12)), object_id)
     if kind == "tube":
         radius = float(np.exp(rng.uniform(np.log(0.002), np.log(0.05))))
         if rng.random() < 0.5:

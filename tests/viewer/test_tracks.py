@@ -9,6 +9,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 from PIL import Image
+from PIL.GifImagePlugin import GifImageFile
 
 from pliant.cli.main import run
 from pliant.spec.dataset import Dataset
@@ -65,6 +66,7 @@ def test_a_strip_and_an_animation(tiny_episode: Path, submission: Path, tmp_path
         assert two.size == (2 * one.size[0], one.size[1])
     draw_predicted_tracks(tiny_episode, submission, tmp_path / "a.gif")
     with Image.open(tmp_path / "a.gif") as moving:
+        assert isinstance(moving, GifImageFile)
         assert moving.n_frames == len(asked)
         assert moving.size == (160, 120)
 

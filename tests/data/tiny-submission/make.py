@@ -22,8 +22,10 @@ from pliant.evaluator import evaluate
 
 HERE = Path(__file__).parent
 OFFSETS = np.array([[0, 0], [3, 4], [6, 8], [0, 0]], float)
-GOLDEN = ("protocol", "protocol_version", "protocol_sha256", "coverage", "counts", "overall")
-GOLDEN += ("tiers", "intervals", "slices")
+GOLDEN = (
+    "protocol", "protocol_version", "protocol_sha256", "coverage", "counts", "overall",
+    "tiers", "intervals", "slices",
+)  # fmt: skip
 
 
 def main() -> None:

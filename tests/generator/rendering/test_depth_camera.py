@@ -11,7 +11,6 @@ import pytest
 from pliant.generator.config import GenerateConfig
 from pliant.generator.rendering import open_renderer
 from pliant.generator.rendering.depth_camera import (
-    DepthCameraSettings,
     depth_picture,
     pixels_to_the_rim,
     slope_to_the_right,
@@ -19,9 +18,11 @@ from pliant.generator.rendering.depth_camera import (
 )
 from pliant.generator.runner.plan import SequenceTask
 from pliant.generator.runner.sequence import SequenceMaker
-from pliant.generator.scene.appearance import AppearanceSettings, sample_appearance
+from pliant.generator.scene.appearance import sample_appearance
 from pliant.generator.scene.camera import Camera
 from pliant.generator.scene.scene_object import SceneObject
+from pliant.generator.settings.appearance import AppearanceSettings
+from pliant.generator.settings.faults import DepthCameraSettings
 from pliant.generator.truth.frame_truth import FrameTruth, frame_truth
 from pliant.spec.errors import CallError
 

@@ -7,8 +7,9 @@ import pytest
 
 from pliant.generator.objects.cloth import ClothSettings, sample_cloth
 from pliant.generator.objects.rope import RopeSettings, sample_rope
-from pliant.generator.scene.camera import CameraSettings, sample_camera
+from pliant.generator.scene.camera import sample_camera
 from pliant.generator.scene.scene_object import SceneObject
+from pliant.generator.settings.camera import CameraSettings
 from pliant.generator.truth.frame_truth import frame_truth
 
 SIZE = (320, 240)

@@ -15,7 +15,6 @@ from pliant.generator.rendering.srgb import encode_srgb
 from pliant.generator.rendering.table import TableView
 from pliant.generator.scene.appearance import (
     Appearance,
-    AppearanceSettings,
     Light,
     TableAppearance,
     sample_appearance,
@@ -23,6 +22,7 @@ from pliant.generator.scene.appearance import (
 from pliant.generator.scene.camera import Camera
 from pliant.generator.scene.scene_mesh import SceneMesh
 from pliant.generator.scene.scene_object import SceneObject
+from pliant.generator.settings.appearance import AppearanceSettings
 from pliant.generator.truth.frame_truth import frame_truth
 from pliant.spec.errors import CallError
 

@@ -13,7 +13,7 @@ import sys
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 
@@ -21,10 +21,14 @@ from pliant.generator.config import GenerateConfig
 from pliant.generator.runner.engine import SequenceResult
 from pliant.generator.runner.plan import SequenceTask
 from pliant.generator.runner.sequence_writer import SequenceWriter
+from pliant.generator.scene.camera import Camera
 from pliant.generator.scene.scene_object import Points
 from pliant.generator.seeding import random_generator
+from pliant.generator.truth.frame_truth import FrameTruth
+from pliant.generator.truth.rasteriser import Hits
 from pliant.spec.io.images import Surface
 
+NO_HITS = Hits(np.zeros((0, 0), np.int32), np.zeros((0, 0)), np.zeros((0, 0, 2)))
 SIDE = 4  # points along a side of the sheet
 
 
@@ -60,19 +64,16 @@ class StandInMaker:
                     mask.astype(np.uint32),
                 )
                 rgb = rng.integers(0, 256, (height, width, 3), dtype=np.uint8)
-                truth = SimpleNamespace(
+                truth = FrameTruth(
                     surface=surface,
                     uv_px=grid * 2.0 + (left + 1.0, top + 1.0),
                     depth_m=np.ones(count),
                     visibility=["visible"] * count,
                     xyz_m=np.zeros((count, 3)),
+                    hits=NO_HITS,
+                    world_vertices=np.zeros((0, 3)),
                 )
-                camera = SimpleNamespace(
-                    K=np.diag([100.0, 100.0, 1.0]),
-                    world_to_camera=np.eye(4),
-                    width=width,
-                    height=height,
-                )
+                camera = Camera(np.diag([100.0, 100.0, 1.0]), np.eye(4), width, height)
                 writer.add_frame(rgb, truth, camera)
                 box = [int(left), int(top), int(left) + 8, int(top) + 8]
                 infos.append({"box_px": box, "self_occluded": 0.0})
@@ -132,9 +133,9 @@ def maker(
     return functools.partial(StandInMaker, config, Path(root), faults or {}, frame_s)
 
 
-def small_config(**changes: object) -> GenerateConfig:
+def small_config(**changes: Any) -> GenerateConfig:
     """Return a config of six rope sequences of four tiny frames."""
-    fields = {
+    fields: dict[str, Any] = {
         "tiers": ("rope",),
         "splits": {"train": 3, "test": 3},
         "frames": 4,

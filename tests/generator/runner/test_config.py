@@ -6,6 +6,7 @@ import pytest
 
 from pliant.generator.config import GenerateConfig, QuerySettings, split_counts
 from pliant.generator.runner.plan import plan_tasks
+from pliant.generator.settings.rope import RopeSettings
 from pliant.spec.errors import CallError
 
 
@@ -16,7 +17,7 @@ def test_round_trip_through_yaml_and_json(tmp_path):
         frames=7,
         episodes=True,
         seed=0,
-        rope={"length_m": 1.0},
+        rope=RopeSettings(length_m=1.0),
         queries=QuerySettings(queries_per_pair=9, splits=("test",)),
     )
     (tmp_path / "c.yaml").write_text(config.to_yaml())

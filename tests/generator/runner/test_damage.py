@@ -64,4 +64,6 @@ def test_sizes_are_compared_before_any_file_is_read(finished, monkeypatch):
     last = json.loads((folder / "sequence.json").read_text())["files"][-1]["path"]
     truncate(folder / last)
     monkeypatch.setattr("pliant.generator.runner.plan.sha256_file", lambda path: 1 / 0)
-    assert f"{last} has" in first_damage(folder)
+    damage = first_damage(folder)
+    assert damage is not None
+    assert f"{last} has" in damage

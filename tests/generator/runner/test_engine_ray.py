@@ -12,7 +12,7 @@ from pliant.generator.runner.run import generate
 def cluster(monkeypatch, standin):
     """A local Ray of two CPUs, whose workers can import the stand-in."""
     ray = pytest.importorskip("ray")
-    monkeypatch.setenv("PYTHONPATH", str(Path(standin.__file__).parent))
+    monkeypatch.setenv("PYTHONPATH", str(Path(standin.__file__).parents[3]))
     monkeypatch.setenv("RAY_USAGE_STATS_ENABLED", "0")
     monkeypatch.setenv("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
     ray.init(num_cpus=2, include_dashboard=False, log_to_driver=False)

@@ -6,6 +6,9 @@ import pytest
 
 from pliant.generator.config import GenerateConfig
 from pliant.generator.runner.run import generate
+from pliant.generator.settings.appearance import AppearanceSettings
+from pliant.generator.settings.cloth import ClothSettings
+from pliant.generator.settings.rope import RopeSettings
 
 
 def config(style, count):
@@ -16,8 +19,8 @@ def config(style, count):
         width=96,
         height=72,
         style=style,
-        rope={"knots": {"overhand": 1.0}},
-        cloth={"points_a_side": 25, "tracked_a_side": 9},
+        rope=RopeSettings(knots={"overhand": 1.0}),
+        cloth=ClothSettings(points_a_side=25, tracked_a_side=9),
     )
 
 
@@ -86,11 +89,11 @@ def test_sequences_share_materials_and_another_set_has_others(tmp_path):
         width=64,
         height=48,
         style="raster",
-        look={"materials": 1},
+        look=AppearanceSettings(materials=1),
     )
-    unseen = small.with_changes(look={"materials": 1, "first_material": 1})
+    other_look = small.with_changes(look=AppearanceSettings(materials=1, first_material=1))
     generate(small, tmp_path / "seen")
-    generate(unseen, tmp_path / "unseen")
+    generate(other_look, tmp_path / "unseen")
     seen, unseen = (
         [s.info["parameters"]["look"] for s in Dataset.open(tmp_path / name).sequences]
         for name in ("seen", "unseen")
@@ -118,7 +121,7 @@ def test_a_dataset_says_how_to_make_it_again(digests, tmp_path):
         height=48,
         style="raster",
         seed=3,
-        rope={"shapes": shapes, "knots": {"figure-eight": 1.0, "overhand": 1.0}},
+        rope=RopeSettings(shapes=shapes, knots={"figure-eight": 1.0, "overhand": 1.0}),
     )
     generate(given, tmp_path / "first")
     document = json.loads((tmp_path / "first" / "dataset.json").read_text())

@@ -4,23 +4,25 @@ import dataclasses
 import json
 import math
 from colorsys import rgb_to_hsv
+from typing import Any
 
 import numpy as np
 import pytest
 
 from pliant.generator.rendering.deferred import fibre_places
 from pliant.generator.rendering.patterns import cloth_images, table_reflectance, value_noise
-from pliant.generator.scene.appearance import Appearance, AppearanceSettings, sample_appearance
+from pliant.generator.scene.appearance import Appearance, sample_appearance
 from pliant.generator.scene.scene_object import SceneObject
+from pliant.generator.settings.appearance import AppearanceSettings
 from pliant.spec.configuration import settings_to_dict
 from pliant.spec.errors import CallError
 from tests.generator.conftest import sheet_scene_object
 
 
-def appearance_of(scene_object: SceneObject, seed: int = 0, **values: object) -> Appearance:
+def appearance_of(scene_object: SceneObject, seed: int = 0, **values: Any) -> Appearance:
     return sample_appearance(
         np.random.default_rng(seed), scene_object, AppearanceSettings(**values)
-    )  # type: ignore[arg-type]
+    )
 
 
 def images(variant: str) -> tuple[np.ndarray, np.ndarray]:

@@ -5,8 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from pliant.generator.scene.camera import Camera, CameraSettings, sample_camera
+from pliant.generator.scene.camera import Camera, sample_camera
 from pliant.generator.scene.scene_object import SceneObject
+from pliant.generator.settings.camera import CameraSettings
 from pliant.spec.errors import CallError
 
 
@@ -28,11 +29,10 @@ def test_rotation_is_right_handed_and_rigid() -> None:
     assert np.linalg.det(rotation) == pytest.approx(1.0)
 
 
-@pytest.mark.parametrize("mode", [{"oblique": 0.0}, {"top": 0.0}])
+@pytest.mark.parametrize("settings", [CameraSettings(oblique=0.0), CameraSettings(top=0.0)])
 def test_the_whole_object_is_framed(
-    tube: SceneObject, sheet: SceneObject, mode: dict[str, float]
+    tube: SceneObject, sheet: SceneObject, settings: CameraSettings
 ) -> None:
-    settings = CameraSettings(**mode)
     for seed in range(60):
         for scene_object in (tube, sheet):
             camera = sample_camera(np.random.default_rng(seed), scene_object, settings, (160, 120))
@@ -45,7 +45,7 @@ def test_the_whole_object_is_framed(
             extent = np.ptp(uvz[:, :2], axis=0) / [160, 120]
             assert settings.fill[0] - 0.01 < extent.max() < settings.fill[1] + 0.01
             elevation = np.degrees(np.arcsin(-camera.world_to_camera[2, 2]))
-            low, high = (86.0, 90.0) if mode == {"oblique": 0.0} else (42.0, 68.0)
+            low, high = (86.0, 90.0) if settings.oblique == 0 else (42.0, 68.0)
             assert low - 1e-6 <= elevation <= high + 1e-6
 
 

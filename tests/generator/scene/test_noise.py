@@ -3,7 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pliant.generator.scene.noise import NoiseSettings, apply_noise, perlin_noise
+from pliant.generator.scene.noise import apply_noise, perlin_noise
+from pliant.generator.settings.faults import NoiseSettings
 from pliant.spec.errors import CallError
 from pliant.spec.io.images import Surface
 

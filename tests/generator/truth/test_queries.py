@@ -44,7 +44,9 @@ def test_rows_of_a_pair_by_hand():
     partners = np.array([[3], [2], [1], [0]])
     # Point 3 is hidden in frame A: two queries are left.
     chosen = draw_points(np.random.default_rng(0), seen, 0, np.array([0, 1, 3]), 10)
-    queries, truth = pair.tables(chosen, seen, seen, partners)
+    asked = pair.tables(chosen, seen, seen, partners)
+    assert asked is not None
+    queries, truth = asked
     assert queries["pair_id"].to_pylist() == truth["pair_id"].to_pylist() == [7, 7]
     assert queries["query_id"].to_pylist() == truth["query_id"].to_pylist() == [0, 1]
     assert (queries["u_a"].to_pylist(), queries["v_a"].to_pylist()) == ([0.25, 2.25], [1.25, 3.25])
@@ -122,7 +124,7 @@ def test_an_episode_asks_the_same_points_in_neighbouring_frames(tiny_episode):
     dataset = Dataset.open(tiny_episode)
     queries = dataset.queries("test").to_pylist()
     points = dataset.truth("test")["point"].to_pylist()
-    asked = {}
+    asked: dict[tuple[str, int, int], set[int]] = {}
     for query, point in zip(queries, points, strict=True):
         place = (query["sequence_b"], query["frame_a"], query["frame_b"])
         asked.setdefault(place, set()).add(point)
@@ -148,18 +150,18 @@ def test_a_track_asks_frame_0_in_every_later_frame(standin, tmp_path):
         own = [(query, point) for query, point in rows if query["sequence_b"] == sequence]
         assert {query["sequence_a"] for query, _ in own} == {sequence}
         assert {query["frame_a"] for query, _ in own} == {0}
-        asked = {frame: set() for frame in range(1, 5)}
+        followed: dict[int, set[int]] = {frame: set() for frame in range(1, 5)}
         for query, point in own:
-            asked[query["frame_b"]].add(point)
-        assert len(asked[1]) == 3
-        assert asked[1] == asked[2] == asked[3] == asked[4]
+            followed[query["frame_b"]].add(point)
+        assert len(followed[1]) == 3
+        assert followed[1] == followed[2] == followed[3] == followed[4]
 
 
 def test_a_track_needs_an_episode():
     with pytest.raises(CallError, match="only an episode can be tracked"):
         GenerateConfig(("rope",), queries=QuerySettings(kind="track"))
     with pytest.raises(CallError, match=r"query\.kind: .* Did you mean 'track'"):
-        QuerySettings(kind="tracks")
+        QuerySettings(kind="tracks")  # type: ignore[arg-type]
 
 
 def test_a_set_from_before_tracks_goes_on(tmp_path):

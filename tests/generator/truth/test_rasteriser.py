@@ -76,10 +76,10 @@ def test_a_shared_edge_is_covered_once(seed: int, snapped: bool) -> None:
     index = np.arange(side * side).reshape(side, side)
     a, b, c, d = index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]
     if rng.random() < 0.5:
-        faces = [np.stack([a, b, c], -1), np.stack([a, c, d], -1)]
+        halves = [np.stack([a, b, c], -1), np.stack([a, c, d], -1)]
     else:
-        faces = [np.stack([a, b, d], -1), np.stack([b, c, d], -1)]
-    faces = rng.permutation(np.concatenate(faces).reshape(-1, 3)).astype(np.int32)
+        halves = [np.stack([a, b, d], -1), np.stack([b, c, d], -1)]
+    faces = rng.permutation(np.concatenate(halves).reshape(-1, 3)).astype(np.int32)
     count = np.zeros((16, 16), int)
     for k in range(len(faces)):
         count += rasterise(AHEAD, points, faces[k : k + 1]).triangle >= 0

@@ -130,6 +130,7 @@ def test_heat_peaks_at_the_answer(pairs: list[ValidationPair]) -> None:
     peak = np.unravel_index(np.nanargmax(heat.values), heat.values.shape)
     answer = matcher.answer(pair.source, pair.target, query[None]).uv_px[0]
     assert np.hypot(peak[1] + 0.5 - answer[0], peak[0] + 0.5 - answer[1]) < 1.5
+    assert pair.target.mask is not None
     assert np.isnan(heat.values[~pair.target.mask]).all()
     assert 0 < heat.confidence <= 1
 
@@ -257,7 +258,9 @@ def test_visible_is_learned_from_the_distance(pairs: list[ValidationPair]) -> No
         hidden = number % 2 == 1
         source = pair.source
         if hidden:
-            source = replace(source, rgb=255 - source.rgb // 8, key=f"hidden {number}")
+            source = replace(
+                source, rgb=np.uint8(255) - source.rgb // np.uint8(8), key=f"hidden {number}"
+            )
         visible = np.zeros_like(pair.visible) if hidden else pair.visible
         changed.append(replace(pair, source=source, visible=visible))
     matcher = by_colour()

@@ -13,6 +13,7 @@ import torch
 
 from pliant.loaders.frame_store import FrameStore
 from pliant.models import load_matcher
+from pliant.models.don.matcher import DonMatcher
 from pliant.models.don.trainer import train_don
 from pliant.models.don.validation import draw_validation_pairs
 from pliant.models.settings import DonSettings, OptimiserSettings
@@ -124,6 +125,7 @@ def test_a_run_that_learned_orientation_answers(sheet_dataset: Dataset, tmp_path
     history = read_checkpoint(latest_checkpoint(run)).history  # type: ignore[arg-type]
     assert 0 < history[-1]["orientation"] < 4
     matcher = load_matcher(run)
+    assert isinstance(matcher, DonMatcher)
     pair = draw_validation_pairs(FrameStore(sheet_dataset, "sheet", "val", (40, 30)), 1, 8, 0)[0]
     assert matcher.descriptor_map(pair.source).shape == (30, 40, 4)
     assert np.isfinite(matcher.answer(pair.source, pair.target, pair.uv_a_px).uv_px).all()

@@ -187,7 +187,7 @@ def test_chunks_add_up(direction: Direction, chunk: int) -> None:
     leaves = (inputs["query"], inputs["candidates"], inputs["scale"])
     results = []
     for size in (None, chunk):
-        loss = distributional_loss(**inputs, sigma_px=2.0, direction=direction, chunk=size)  # type: ignore[arg-type]
+        loss = distributional_loss(**inputs, sigma_px=2.0, direction=direction, chunk=size)
         results.append((loss, *torch.autograd.grad(loss, leaves)))
     for whole, parts in zip(*results, strict=True):
         torch.testing.assert_close(whole, parts)

@@ -10,6 +10,7 @@ import torch
 
 from pliant.baselines.views import ViewReader
 from pliant.models import load_matcher
+from pliant.models.don.matcher import DonMatcher
 from pliant.models.don.trainer import train_don
 from pliant.models.networks.canonical import CanonicalHead, canonical_loss
 from pliant.models.settings import DonSettings
@@ -78,7 +79,7 @@ def test_hidden_points_do_not_count() -> None:
     descriptors = torch.randn(1, 4, 3, requires_grad=True)
     visible = torch.tensor([[True, True, False, True]])
     material = head.anchors[None, :4, None]
-    canonical_loss(head, descriptors, material, visible, scale=ONE, sigma_m=0.1).backward()  # type: ignore[no-untyped-call]
+    canonical_loss(head, descriptors, material, visible, scale=ONE, sigma_m=0.1).backward()
     assert descriptors.grad is not None
     assert (descriptors.grad[0] != 0).any(dim=1).tolist() == [True, True, False, True]
 
@@ -107,8 +108,9 @@ def test_a_run_with_all_heads_answers_with_and_without_masks(
     run = tmp_path / "run"
     train_don(sheet_dataset, run, settings)
     matcher = load_matcher(run)
+    assert isinstance(matcher, DonMatcher)
     head = matcher.network.canonical
-    assert head is not None
+    assert isinstance(head, CanonicalHead)
     assert len(head.anchors) == 169
     assert float(head.scale_m[0]) == pytest.approx(0.5)
     a, b = (sequence.id for sequence in sheet_dataset.sequences[:2])
@@ -119,8 +121,10 @@ def test_a_run_with_all_heads_answers_with_and_without_masks(
     assert source.objects.sum() > source.mask.sum()
     query = np.array([[40.0, 30.0]], np.float32)
     given = matcher.answer(source, target, query).uv_px
-    bare = [replace(view, mask=None, objects=None, key=view.key + "x") for view in (source, target)]
-    assert np.isfinite(matcher.answer(*bare, query).uv_px).all()
+    bare_source, bare_target = (
+        replace(view, mask=None, objects=None, key=view.key + "x") for view in (source, target)
+    )
+    assert np.isfinite(matcher.answer(bare_source, bare_target, query).uv_px).all()
     # The masks are seen: other masks, other descriptors.
     moved = replace(source, mask=~source.mask, key="other")
     assert not np.allclose(matcher.descriptor_map(source), matcher.descriptor_map(moved))

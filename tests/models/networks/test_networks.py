@@ -11,12 +11,13 @@ from torch import nn
 
 from pliant.loaders.inputs import InputKind, NetworkInput
 from pliant.models.networks.descriptor_network import (
+    DescriptorNetwork,
     NetworkSettings,
     build_network,
     sample_descriptors,
 )
 from pliant.models.networks.pretrained import read_weights
-from pliant.models.networks.resnet import ResNetFCN
+from pliant.models.networks.resnet import BasicBlock, ResNetFCN
 from pliant.models.networks.unet import ConvBlock
 from pliant.spec.errors import CallError
 
@@ -72,7 +73,8 @@ def test_global_blocks_see_the_whole_image() -> None:
         network = build_network(settings, COLOUR)
         for module in network.modules():  # group normalisation sees everything too, a little
             if isinstance(module, ConvBlock):
-                module.norm1 = module.norm2 = nn.Identity()
+                module.add_module("norm1", nn.Identity())
+                module.add_module("norm2", nn.Identity())
         (gradient,) = torch.autograd.grad(network(image)[0, :, 32, 0].sum(), image)
         assert bool((gradient[..., 96:] != 0).any()) == seen
 
@@ -85,6 +87,11 @@ def test_patches_keep_the_size_of_the_output() -> None:
 def test_unknown_networks_are_refused() -> None:
     with pytest.raises(CallError, match=r"network\.name"):
         NetworkSettings(name="vgg")
+
+
+def resnet_of(network: DescriptorNetwork) -> ResNetFCN:
+    assert isinstance(network.backbone, ResNetFCN)
+    return network.backbone
 
 
 def weights_of(network: nn.Module) -> dict[str, torch.Tensor]:
@@ -104,15 +111,17 @@ def test_pretrained_weights_from_a_file(tmp_path: Path, suffix: str) -> None:
     torch.manual_seed(2)
     settings = NetworkSettings(name="resnet18", descriptor_dim=7, pretrained=str(path))
     network = build_network(settings, COLOUR)
-    torch.testing.assert_close(network.backbone.conv1.weight, given["conv1.weight"])  # type: ignore[union-attr]
-    torch.testing.assert_close(network.backbone.layer3[1].bn1.running_var, torch.ones(256))  # type: ignore[union-attr,index]
+    torch.testing.assert_close(resnet_of(network).conv1.weight, given["conv1.weight"])
+    block = resnet_of(network).layer3[1]
+    assert isinstance(block, BasicBlock)
+    torch.testing.assert_close(block.bn1.running_var, torch.ones(256))
 
 
 def test_colour_weights_serve_depth(tmp_path: Path) -> None:
     given = weights_of(ResNetFCN("resnet18", 3, 4))
     save_file(given, tmp_path / "w.safetensors")
     settings = NetworkSettings(name="resnet18", pretrained=str(tmp_path / "w.safetensors"))
-    four = build_network(settings, NetworkInput("rgbd")).backbone.conv1.weight  # type: ignore[union-attr]
+    four = resnet_of(build_network(settings, NetworkInput("rgbd"))).conv1.weight
     torch.testing.assert_close(four[:, :3], given["conv1.weight"])
     torch.testing.assert_close(four[:, 3], given["conv1.weight"].mean(dim=1))
 

@@ -12,6 +12,7 @@ from pliant.baselines.predict import predict
 from pliant.baselines.views import ViewReader
 from pliant.cli.main import run
 from pliant.models import load_matcher
+from pliant.models.timecycle.matcher import TimeCycleMatcher
 from pliant.spec.dataset import Dataset
 from pliant.spec.io.parquet import read_footer, read_table
 
@@ -62,6 +63,7 @@ def test_pairs_of_an_episode_are_tracked_through_the_frames_between(
 ) -> None:
     """What the submission says of a pair is what tracking from its source says."""
     dataset, matcher = Dataset.open(tiny_episode), load_matcher(trained)
+    assert isinstance(matcher, TimeCycleMatcher)
     path, again = tmp_path / "one.parquet", tmp_path / "two.parquet"
     predict(dataset, "test", matcher, path)
     predict(dataset, "test", matcher, again, workers=2)

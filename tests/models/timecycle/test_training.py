@@ -93,7 +93,7 @@ def test_resumed_equals_uninterrupted(
 def test_the_warm_up_leaves_the_encoder_as_it_was(tiny_episode: Path, tmp_path: Path) -> None:
     settings = tiny("localiser.kind=conv", "losses.freeze=0.5", "optimiser.weight_decay=0")
     run = tmp_path / "run"
-    states = []
+    states: list[dict[str, torch.Tensor]] = []
     for stop in (1, 3, 6):
         train_timecycle(
             Dataset.open(tiny_episode), run, settings, stop_at=stop, resume=bool(states)
@@ -161,8 +161,8 @@ def test_errors_over_time_are_those_of_the_answers(tiny_episode: Path) -> None:
     drawn = stretches(tiny_episode)
     assert all(stretch.truth()[1][0].all() for stretch in drawn)
 
-    def shifted(by: float):  # type: ignore[no-untyped-def]
-        def track(stretch: Stretch):  # type: ignore[no-untyped-def]
+    def shifted(by: float):
+        def track(stretch: Stretch):
             yield from stretch.truth()[0][1:] + np.array([by, 0], dtype=np.float32)
 
         return track

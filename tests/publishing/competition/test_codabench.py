@@ -198,7 +198,7 @@ def test_starting_kit_makes_a_submission_that_scores(
     with zipfile.ZipFile(competition / "starting_kit.zip") as archive:
         archive.extractall(kit)
     out = tmp_path / "submission.parquet"
-    command = [bare_python, "submit_without_pliant.py", "data", "test", out]
+    command = [str(bare_python), "submit_without_pliant.py", "data", "test", str(out)]
     subprocess.run(command, cwd=kit, check=True)
     documented = Path(__file__).parents[3] / "docs" / "examples" / "submit_without_pliant.py"
     assert (kit / "submit_without_pliant.py").read_bytes() == documented.read_bytes()

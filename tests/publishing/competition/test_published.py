@@ -83,5 +83,7 @@ def test_public_half_is_shown_though_some_of_it_has_no_depth(
     out = tmp_path / "sheet.png"
     assert run(["view", str(published / "public"), "--out", str(out), "--count", "8"]) == 0
     with Image.open(out) as sheet:
-        counts = dict((colour, n) for n, colour in sheet.convert("RGB").getcolors(2**24))
+        colours = sheet.convert("RGB").getcolors(2**24)
+    assert colours is not None
+    counts: dict[object, int] = {colour: n for n, colour in colours}
     assert counts[235, 235, 235] > 240 * 90  # what stands for the depth of a held-out frame

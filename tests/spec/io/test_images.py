@@ -65,12 +65,12 @@ def test_surface_round_trip_is_exact(tmp_path: Path) -> None:
 
 def test_writers_refuse_wrong_arrays(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="uint8"):
-        write_rgb(tmp_path / "a.png", np.zeros((4, 4, 3), np.float32))  # type: ignore[arg-type]
+        write_rgb(tmp_path / "a.png", np.zeros((4, 4, 3), np.float32))
     good = surface()
     with pytest.raises(ValueError, match=r"surface\.m0 must be float32"):
         write_surface(
             tmp_path / "a.exr",
-            Surface(good.depth_m, good.m0.astype(np.float64), good.m1, good.object_id),  # type: ignore[arg-type]
+            Surface(good.depth_m, good.m0.astype(np.float64), good.m1, good.object_id),
         )
     assert not list(tmp_path.iterdir())
 

@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from pliant.spec.conventions import FOOTER_KEY
-from pliant.spec.io import parquet
+from pliant.spec.io import limits, parquet
 from pliant.spec.io.parquet import read_footer, read_table, write_table
 from pliant.spec.io.reading import FileRefusedError
 from pliant.spec.tables import POINTS, TABLES
@@ -122,7 +122,7 @@ def test_long_text_repeated_in_every_row_is_refused(
     # Without Arrow's own schema the file says plain text: 2 GB of it, in a file of some kB.
     pq.write_table(table, tmp_path / "a", compression="zstd", store_schema=False)
     assert (tmp_path / "a").stat().st_size < 100_000
-    monkeypatch.setattr(parquet.limits, "MAX_TEXT_BYTES", 10**9)
+    monkeypatch.setattr(limits, "MAX_TEXT_BYTES", 10**9)
     assert refusal(tmp_path / "a").code == "FILE_TOO_LARGE"
 
 
@@ -130,7 +130,7 @@ def delta_text(path: Path, column: str, texts: list[str]) -> None:
     """Write a truth whose texts share long prefixes, which DELTA_BYTE_ARRAY stores once."""
     modes = [[{"u": 0.0, "v": 0.0, "visibility": text}] for text in texts]
     numbers = np.zeros(len(texts))
-    columns = {name: numbers for name in TABLES["truth"].names}
+    columns: dict[str, Any] = {name: numbers for name in TABLES["truth"].names}
     columns |= {"tier": texts, "visibility_b": texts, "alternatives": modes}
     table = pa.table(columns).cast(TABLES["truth"])
     pq.write_table(
@@ -148,7 +148,7 @@ def test_text_that_a_delta_encoding_expands_is_decoded_in_bounded_parts(
     texts = ["x" * 1000 + str(i) for i in range(300)]
     delta_text(tmp_path / "a", "tier", texts)
     assert read_table(tmp_path / "a", "truth", ["tier"]).column("tier").to_pylist() == texts
-    monkeypatch.setattr(parquet.limits, "MAX_TEXT_BYTES", 100_000)
+    monkeypatch.setattr(limits, "MAX_TEXT_BYTES", 100_000)
     rows: list[int] = []
     decoded = pq.ParquetFile.iter_batches
 
@@ -168,7 +168,7 @@ def test_text_in_a_list_that_a_delta_encoding_may_expand_is_refused(
     leaf = "alternatives.list.element.visibility"
     delta_text(tmp_path / "a", leaf, ["visible"] * 300)
     assert read_table(tmp_path / "a", "truth", ["alternatives"]).num_rows == 300
-    monkeypatch.setattr(parquet.limits, "MAX_TEXT_BYTES", 10_000)
+    monkeypatch.setattr(limits, "MAX_TEXT_BYTES", 10_000)
     error = refusal(tmp_path / "a", "truth", columns=["alternatives"])
     assert (error.code, error.where) == ("FILE_TOO_LARGE", leaf)
 

@@ -168,8 +168,12 @@ def material(edit: Callable[[Array], Array]) -> Change:
 def rolled(rows: int, columns: int) -> Change:
     def one(old: Surface, sequence: Loaded, frame: int) -> Surface:
         shift = (rows, columns)
-        planes = (old.depth_m, old.m0, old.m1, old.object_id)
-        return Surface(*(np.roll(plane, shift, (0, 1)) for plane in planes))
+        return Surface(
+            np.roll(old.depth_m, shift, (0, 1)),
+            np.roll(old.m0, shift, (0, 1)),
+            np.roll(old.m1, shift, (0, 1)),
+            np.roll(old.object_id, shift, (0, 1)),
+        )
 
     return surface(one)
 

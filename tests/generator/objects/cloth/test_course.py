@@ -163,7 +163,9 @@ def test_scenes_match_the_reference(name: str, points: int | None, changes: dict
         scene = parse_scene(document, name)
     simulator = scene.simulator("none")
     reference = Reference(document, scene.positions, scene.pinned)
-    unhindered = Simulator(scene.sheet, scene.positions, gravity=GRAVITY, pinned=scene.pinned)
+    unhindered = Simulator(
+        scene.sheet, scene.positions, gravity=GRAVITY.tolist(), pinned=scene.pinned
+    )
     for _ in range(300):
         simulator.step()
         unhindered.step()
@@ -179,7 +181,7 @@ def test_every_shipped_scene_runs_with_every_contact() -> None:
     assert set(scene_names()) == {"pinned2", "pinned4", "selfCollision", "sphere"}
     for name in scene_names():
         for contact in ("none", "cs184", "pbd"):
-            simulator = read_scene(name).simulator(contact)  # type: ignore[arg-type]
+            simulator = read_scene(name).simulator(contact)
             simulator.run(40)
             assert np.isfinite(simulator.positions).all()
             assert simulator.positions[:, 1].min() < 1.0

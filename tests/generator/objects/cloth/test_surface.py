@@ -124,7 +124,7 @@ def test_cover_of_a_flat_and_of_a_folded_sheet() -> None:
 
 def test_the_masses_stand_in_the_finer_grid() -> None:
     rng = np.random.default_rng(4)
-    masses = flat_positions(7, 5, 0.6, 0.4) + rng.normal(0, 0.01, (35, 3)) + [0, 0, 1]
+    masses = flat_positions(7, 5, 0.6, 0.4) + rng.normal(0, 0.01, (35, 3)) + [0.0, 0.0, 1.0]
     fine, pierced = subdivide(masses, 7, 5, 2, 0.0)
     assert fine.shape == (17 * 25, 3)
     assert pierced == 0

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from pliant.generator.objects.cloth import ClothSettings, sample_cloth
-from pliant.generator.scene.camera import Camera, CameraSettings, sample_camera
+from pliant.generator.scene.camera import Camera, sample_camera
 from pliant.generator.scene.scene_object import SceneObject
+from pliant.generator.settings.camera import CameraSettings
 from pliant.generator.truth.frame_truth import FrameTruth, frame_truth
 
 Seen = tuple[SceneObject, Camera, FrameTruth]

@@ -5,10 +5,11 @@ from __future__ import annotations
 import hashlib
 import subprocess
 import sys
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from rope_checks import closest_stretches
 
 from pliant.generator.objects.rope import RopeSettings, sample_rope
 from pliant.generator.objects.rope.actions import next_action
@@ -16,12 +17,14 @@ from pliant.generator.objects.rope.dynamics import RopeState
 from pliant.generator.objects.rope.episode import Episode
 from pliant.generator.objects.rope.posing import RopeBody
 from pliant.generator.scene.scene_object import SceneObject
+from tests.generator.objects.rope.rope_checks import closest_stretches
 
+ROOT = Path(__file__).parents[4]
 SETTINGS = RopeSettings()
 
 
-def sequence(settings: RopeSettings = SETTINGS, **changes: object) -> SceneObject:
-    values: dict[str, object] = {
+def sequence(settings: RopeSettings = SETTINGS, **changes: Any) -> SceneObject:
+    values: dict[str, Any] = {
         "tier": "rope",
         "seed": 0,
         "split": "train",
@@ -29,7 +32,7 @@ def sequence(settings: RopeSettings = SETTINGS, **changes: object) -> SceneObjec
         "frames": 40,
         "temporal": True,
     }
-    return sample_rope(settings, **(values | changes))  # type: ignore[arg-type]
+    return sample_rope(settings, **(values | changes))
 
 
 def digest(scene_object: SceneObject, frames: list[int]) -> str:
@@ -198,12 +201,12 @@ def test_frames_repeat_whatever_was_asked_before() -> None:
 
 def test_the_same_seed_gives_the_same_bytes_in_another_process() -> None:
     code = (
-        "import sys; sys.path.insert(0, sys.argv[1]); import test_episodes as t;"
+        "import sys; sys.path.insert(0, sys.argv[1])\n"
+        "import tests.generator.objects.rope.test_episodes as t\n"
         "print(t.digest(t.sequence(), [0, 5]), t.digest(t.sequence(temporal=False), [1, 3]))"
     )
-    here = str(__import__("pathlib").Path(__file__).parent)
     done = subprocess.run(
-        [sys.executable, "-c", code, here], capture_output=True, text=True, check=True
+        [sys.executable, "-c", code, str(ROOT)], capture_output=True, text=True, check=True
     )
     assert done.stdout.split() == [
         digest(sequence(), [0, 5]),
@@ -212,8 +215,8 @@ def test_the_same_seed_gives_the_same_bytes_in_another_process() -> None:
 
 
 def test_every_part_of_the_name_changes_the_sequence() -> None:
-    still = {"temporal": False}
-    changes: list[dict[str, object]] = [
+    still: dict[str, Any] = {"temporal": False}
+    changes: list[dict[str, Any]] = [
         {},
         {"seed": 1},
         {"tier": "rope-2"},

@@ -140,5 +140,5 @@ def test_ball_is_a_closed_sphere_with_its_pole_on_the_axis() -> None:
     assert signed_volume(rest, faces) == pytest.approx(4 / 3 * math.pi * 0.04**3, rel=0.02)
     np.testing.assert_allclose(
         ball_chart(np.array([[0.04, 0, 0], [0, 0.04, 0], [0, 0, -0.04], [-0.04, 0, 0]])),
-        [[0, 0], [math.pi / 2, 0], [math.pi / 2, -math.pi / 2], [math.pi, 0]],
+        [[0.0, 0], [math.pi / 2, 0], [math.pi / 2, -math.pi / 2], [math.pi, 0]],
     )

@@ -7,13 +7,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rope_checks import closest_stretches, knot_determinant, signed_crossings
 
 from pliant.generator.objects.rope import RopeSettings, sample_rope, static
 from pliant.generator.objects.rope.contact import crossings, nearest_stretches, segment_distance
 from pliant.generator.objects.rope.lift import lift
 from pliant.generator.objects.rope.static import Configuration, sample_configuration
 from pliant.spec.errors import GenerationError
+from tests.generator.objects.rope.rope_checks import (
+    closest_stretches,
+    knot_determinant,
+    signed_crossings,
+)
 
 EACH = 25
 SHAPES: dict[str, dict[str, Any]] = {
