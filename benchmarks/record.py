@@ -7,6 +7,7 @@ import json
 import os
 import platform
 import subprocess
+import sys
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
@@ -14,6 +15,9 @@ from pathlib import Path
 from pliant.benchmarks.suite.work import processor_name
 
 Value = float | int | str | bool | None
+
+# numba imports the package `coverage` where there is one; benchmarks/coverage.py is not it.
+sys.modules.setdefault("coverage", None)  # type: ignore[arg-type]
 
 
 def machine() -> dict[str, Value]:
