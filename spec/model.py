@@ -34,6 +34,17 @@ class MaterialCoordinate:
     metres_per_unit: float
     period: float | None = None
 
+    @property
+    def span(self) -> float:
+        """Length of the range, in the coordinate's unit."""
+        return self.max - self.min
+
+    def contains(self, values: npt.NDArray[Any], share: float = 0.0) -> npt.NDArray[np.bool_]:
+        """Return which values are in the range, widened at both ends by a share of its length."""
+        slack = share * self.span
+        inside: npt.NDArray[np.bool_] = (values >= self.min - slack) & (values <= self.max + slack)
+        return inside
+
     def wrapped(self, difference: npt.NDArray[Any]) -> npt.NDArray[Any]:
         """Return differences of the coordinate, reduced to half a period where it has one."""
         if self.period is None:
@@ -55,15 +66,24 @@ class MaterialObject:
     name: str
     material: tuple[MaterialCoordinate, MaterialCoordinate]
 
+    @property
+    def diameter_m(self) -> float:
+        """Diameter of a tube: the length of a closed m1 over pi; 0 if m1 is not closed."""
+        second = self.material[1]
+        return 0.0 if second.period is None else second.period * second.metres_per_unit / np.pi
+
+    def wrapped(self, difference: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        """Return differences (..., 2) of material coordinates, reduced to half a period."""
+        return np.stack(
+            [each.wrapped(difference[..., axis]) for axis, each in enumerate(self.material)], -1
+        )
+
     def steps_m(self, difference: npt.NDArray[Any]) -> npt.NDArray[Any]:
         """Return differences (..., 2) of material coordinates in metres, wrapped to the period."""
-        return np.stack(
-            [
-                coordinate.wrapped(difference[..., axis]) * coordinate.metres_per_unit
-                for axis, coordinate in enumerate(self.material)
-            ],
-            axis=-1,
-        )
+        units = np.array([each.metres_per_unit for each in self.material])
+        kind = np.result_type(difference.dtype, np.float32)
+        steps: npt.NDArray[Any] = self.wrapped(difference) * units.astype(kind)
+        return steps
 
     def distance_m(self, first: npt.NDArray[Any], second: npt.NDArray[Any]) -> npt.NDArray[Any]:
         """Return distances on the undeformed surface (the object's flat metric).
@@ -135,10 +155,7 @@ class Tier:
                 MaterialObject(
                     entry["id"],
                     entry["name"],
-                    (
-                        MaterialCoordinate(**entry["material"][0]),
-                        MaterialCoordinate(**entry["material"][1]),
-                    ),
+                    (_coordinate(entry["material"][0]), _coordinate(entry["material"][1])),
                 )
                 for entry in document["objects"]
             ),
@@ -203,3 +220,9 @@ class Tier:
             float64 (N, 1 + S, 2): the points themselves, then their S images in the tier's order.
         """
         return np.stack([material, *(each.apply(material) for each in self.symmetries)], axis=1)
+
+
+def _coordinate(entry: Mapping[str, Any]) -> MaterialCoordinate:
+    """Return a coordinate; fields of a newer minor version are left out."""
+    known = MaterialCoordinate.__dataclass_fields__
+    return MaterialCoordinate(**{name: value for name, value in entry.items() if name in known})

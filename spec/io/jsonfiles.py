@@ -58,8 +58,9 @@ def parse_json(data: bytes, path: AnyFile) -> Any:
         FileRefusedError: With the place and the reason.
     """
     try:
+        text = data.decode("utf-8")
         parsed = json.loads(
-            data.decode("utf-8"),
+            text,
             object_pairs_hook=_unique,
             parse_constant=_refuse_constant,
             parse_float=_finite,
@@ -80,7 +81,9 @@ def parse_json(data: bytes, path: AnyFile) -> Any:
             if isinstance(child, dict | list)
         ]
         if not level:
-            _refuse_unsafe(parsed, path)
+            # Without an escape, a text of the document is a part of the file's text.
+            if "\\" in text or unsafe_character(text, lines=True) is not None:
+                _refuse_unsafe(parsed, path)
             return parsed
     raise _too_deep(path)
 

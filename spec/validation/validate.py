@@ -13,6 +13,7 @@ from typing import Any
 from pliant.spec.conventions import SPEC_VERSION, SPLITS
 from pliant.spec.errors import CallError, Issue
 from pliant.spec.io.jsonfiles import is_newer_minor
+from pliant.spec.model import Tier
 from pliant.spec.storage import layout
 from pliant.spec.storage.files import LocalFiles, Member, PackedFiles
 from pliant.spec.validation.findings import Findings
@@ -177,10 +178,11 @@ def _read_context(root: Path, quick: bool, findings: Findings) -> Context | None
             f"found {info['spec_version']}; this validator knows {SPEC_VERSION}",
         )
     before = findings.counts.get("TIER_INVALID", 0)
-    check_tiers(info, findings)
+    tiers = [Tier.from_document(entry) for entry in info["tiers"]]
+    check_tiers(tiers, findings)
     if findings.counts.get("TIER_INVALID", 0) > before:
         return None
-    return Context.of(root, info, quick)
+    return Context.of(root, info, tiers, quick)
 
 
 def _belongs(rows: dict[str, dict[str, Any]], tier: str, name: str) -> bool:

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from pliant.spec.model import FloatArray, Tier
 from pliant.spec.storage.layout import DATASET_JSON
 from pliant.spec.validation.findings import Findings
 from pliant.spec.validation.rules.alignment import Alignment, Measured
-
-FloatArray = npt.NDArray[np.float64]
 
 MIN_POINTS: Final = 12
 """A median over fewer points says nothing."""
@@ -33,7 +31,7 @@ SCALE_FACTOR: Final = 3.0
 
 
 def check_agreement(
-    tier: dict[str, Any], fitting: Alignment, others: Alignment, shown: str, findings: Findings
+    tier: Tier, fitting: Alignment, others: Alignment, shown: str, findings: Findings
 ) -> bool:
     """Check the measured points of a sequence.
 
@@ -164,23 +162,22 @@ def _depth_text(measured: Measured) -> str:
     return f"{text}: of another frame or another camera?"
 
 
-def _check_scale(tier: dict[str, Any], measured: Measured, findings: Findings) -> None:
+def _check_scale(tier: Tier, measured: Measured, findings: Findings) -> None:
     metres = measured.metres[np.isfinite(measured.metres).all(axis=1)]
     if len(metres) < MIN_POINTS:
         return
-    thing = next(each for each in tier["objects"] if each["id"] == tier["queried_object"])
     wrong = []
-    for coordinate, found in zip(thing["material"], np.median(metres, axis=0), strict=True):
-        declared = coordinate["metres_per_unit"]
+    for coordinate, found in zip(tier.queried.material, np.median(metres, axis=0), strict=True):
+        declared = coordinate.metres_per_unit
         ratio = float(found) / declared
         if not 1 / SCALE_FACTOR <= ratio <= SCALE_FACTOR:
             about = declared * 10.0 ** round(float(np.log10(ratio)))
-            wrong.append(f"of {coordinate['name']} is {declared:g}, the images show {about:.3g}")
+            wrong.append(f"of {coordinate.name} is {declared:g}, the images show {about:.3g}")
     if wrong:
         findings.add(
             "SCALE_DISAGREES",
             DATASET_JSON,
-            f"{tier['name']}, {thing['name']}",
+            f"{tier.name}, {tier.queried.name}",
             f"metres_per_unit {'; '.join(wrong)}: a wrong power of ten, or positions in another "
             "unit than metres?",
         )

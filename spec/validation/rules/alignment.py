@@ -10,15 +10,13 @@ that the image shows at the point, and how many metres one unit of the material 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from pliant.spec.io.exr import Surface
-from pliant.spec.validation.rules.cameras import Cameras
-from pliant.spec.validation.rules.correspondences import VISIBLE, FrameRows
-from pliant.spec.validation.rules.points import PointSet
+from pliant.spec.model import FloatArray
+from pliant.spec.validation.rules.correspondences import VISIBLE
+from pliant.spec.validation.rules.frames import FrameView
 
 SAMPLES_PER_FRAME = 96
 SAMPLES_PER_SEQUENCE = 1536
@@ -26,8 +24,6 @@ SAMPLES_PER_SEQUENCE = 1536
 
 MIN_SLOPE = 0.02
 """Smallest sine of the angle between the two material directions in the image."""
-
-FloatArray = npt.NDArray[np.float64]
 
 _AROUND = np.arange(-1, 3)
 
@@ -86,44 +82,32 @@ class Alignment:
         )
 
 
-def measure(
-    tier: dict[str, Any],
-    cameras: Cameras,
-    points: PointSet,
-    rows: FrameRows,
-    good: npt.NDArray[np.bool_],
-    surface: Surface,
-) -> Measured | None:
+def measure(view: FrameView) -> Measured | None:
     """Measure some visible surface points of a frame.
 
     Args:
-        tier: The sequence's tier.
-        cameras: The sequence's cameras.
-        points: The sequence's points.
-        rows: The frame's rows.
-        good: bool (N,), rows that project to where they say.
-        surface: The frame's surface image, valid.
+        view: The frame.
 
     Returns:
         The measurements, None if no point has 4x4 pixels of its own object around it.
     """
-    width = surface.depth_m.shape[1]
+    rows, image, K = view.rows, view.surface.image, view.intrinsics
+    width = view.size[0]
     cell = np.floor(np.clip(rows.uv_px - 0.5, -8.0, 2.0**20)).astype(np.int64)
-    last = np.array([width, surface.depth_m.shape[0]]) - 2
-    inner = np.all((cell >= 1) & (cell < last), axis=1)
-    seen = good & inner & (rows.state == VISIBLE) & ~points.centreline[rows.point]
+    inner = np.all((cell >= 1) & (cell < np.array(view.size) - 2), axis=1)
+    seen = view.good & inner & (rows.state == VISIBLE) & ~view.points.centreline[rows.point]
     chosen = np.flatnonzero(seen)
     if chosen.size > SAMPLES_PER_FRAME:
         chosen = chosen[np.linspace(0, chosen.size - 1, SAMPLES_PER_FRAME).astype(np.int64)]
-    own = points.object_id[rows.point[chosen]]
+    own = view.own(chosen)
     around = (_AROUND[:, None] * width + _AROUND[None, :]).ravel()
     index = (cell[chosen, 1] * width + cell[chosen, 0])[:, None] + around
-    same = np.all(surface.object_id.ravel().take(index) == own[:, None], axis=1)
+    same = np.all(image.object_id.ravel().take(index) == own[:, None], axis=1)
     chosen, own, index = chosen[same], own[same], index[same]
     if not chosen.size:
         return None
-    m = _material(tier, points, rows.point[chosen], own, surface, index)
-    depth = surface.depth_m.ravel().take(index).reshape(-1, 4, 4).astype(np.float64)
+    m = _material(view, chosen, own, index)
+    depth = image.depth_m.ravel().take(index).reshape(-1, 4, 4).astype(np.float64)
     uv = rows.uv_px[chosen]
     a, b = (uv - 0.5 - cell[chosen]).T
     du, dv = _along_u(m, b), _along_v(m, a)
@@ -133,7 +117,6 @@ def measure(
     bend = np.maximum(
         np.abs(np.diff(m, 2, axis=3)).max(axis=(2, 3)), np.abs(np.diff(m, 2, axis=2)).max((2, 3))
     )
-    K = cameras.K[rows.frame]
     slope = (uv - K[[0, 1], 2]) / K[[0, 1], [0, 1]]
     with np.errstate(divide="ignore", invalid="ignore"):
         offset = np.stack(
@@ -145,7 +128,7 @@ def measure(
         ]
         error = reach / (8 * np.abs(determinant))
         metres = _metres(cell[chosen], depth, a, b, du, dv, determinant, K)
-    metres[own != tier["queried_object"]] = np.nan
+    metres[own != view.tier.queried_object] = np.nan
     keep = (np.abs(determinant) > MIN_SLOPE * size) & np.isfinite(error)
     return Measured(
         frame=np.full(int(np.count_nonzero(keep)), rows.frame),
@@ -155,30 +138,25 @@ def measure(
         # 1 / z, not z, is affine in the image of a plane.
         shown_m=1 / _bilinear(1 / depth[None], a, b)[0][keep],
         ray=np.sqrt(1 + (slope**2).sum(axis=1))[keep],
-        footprint_m=(rows.depth_m[chosen] / min(K[0, 0], K[1, 1]))[keep],
+        footprint_m=(rows.depth_m[chosen] / view.focal_px)[keep],
         metres=metres[keep],
     )
 
 
 def _material(
-    tier: dict[str, Any],
-    points: PointSet,
-    point: npt.NDArray[np.int32],
+    view: FrameView,
+    chosen: npt.NDArray[np.int64],
     own: npt.NDArray[np.int32],
-    surface: Surface,
     index: npt.NDArray[np.int64],
 ) -> FloatArray:
     """Return the image's material minus the points' own, (2, N, 4, 4), without a seam."""
-    m = np.empty((2, len(point), 4, 4))
-    for axis, channel in enumerate((surface.m0, surface.m1)):
-        m[axis] = channel.ravel().take(index).reshape(-1, 4, 4)
-        m[axis] -= points.material[point, axis][:, None, None]
-        for thing in tier["objects"]:
-            period = thing["material"][axis]["period"]
-            if period is not None:
-                mine = own == thing["id"]
-                m[axis, mine] -= period * np.round(m[axis, mine] / period)
-    return m
+    image = view.surface.image
+    m = np.stack([channel.ravel().take(index) for channel in (image.m0, image.m1)], axis=-1)
+    gap = m.astype(np.float64) - view.points.material[view.rows.point[chosen]][:, None]
+    for each in view.tier.objects:
+        mine = own == each.id
+        gap[mine] = each.wrapped(gap[mine])
+    return np.moveaxis(gap, -1, 0).reshape(2, -1, 4, 4)
 
 
 def _bilinear(values: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray:

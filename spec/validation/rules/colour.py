@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -60,9 +60,12 @@ class Silhouette:
     down: tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]
 
     @classmethod
-    def of(cls, object_id: npt.NDArray[Any]) -> Silhouette:
-        """Find some edges between object and background, spread over the image."""
-        seen = object_id != 0
+    def of(cls, seen: npt.NDArray[np.bool_]) -> Silhouette:
+        """Find some edges between object and background, spread over the image.
+
+        Args:
+            seen: bool (H, W), where an object is seen.
+        """
         height, width = seen.shape
         rows, columns = _spread(
             seen[:, 1:] != seen[:, :-1], (0, height), (REACH, width - REACH - 1)
@@ -133,9 +136,9 @@ class Colours:
     others: dict[str, list[float]] = field(default_factory=dict)
     _last: tuple[int, Rgb, Silhouette] | None = None
 
-    def add(self, frame: int, rgb: Rgb, object_id: npt.NDArray[Any]) -> None:
+    def add(self, frame: int, rgb: Rgb, seen: npt.NDArray[np.bool_]) -> None:
         """Measure a frame whose surface image fits its points."""
-        silhouette = Silhouette.of(object_id)
+        silhouette = Silhouette.of(seen)
         contrast = silhouette.contrast(rgb)
         if not np.isfinite(recognised(contrast)):
             return

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from pliant.spec.model import Tier
 from pliant.spec.storage.files import Files, LocalFiles
 
 
@@ -19,7 +21,7 @@ class Context:
         quick: True leaves images and geometry alone.
         width: Of every image, px.
         height: Of every image, px.
-        tiers: Tier name -> its entry.
+        tiers: Tier name -> tier.
         splits: The splits declared.
         held_out: Those of them published without their truth.
         id: The dataset's id.
@@ -31,22 +33,22 @@ class Context:
     quick: bool
     width: int
     height: int
-    tiers: dict[str, dict[str, Any]]
+    tiers: dict[str, Tier]
     splits: tuple[str, ...]
     held_out: frozenset[str]
     id: str
     version: str
 
     @classmethod
-    def of(cls, root: Path, info: dict[str, Any], quick: bool) -> Context:
-        """Take the facts from a dataset.json that satisfies its schema."""
+    def of(cls, root: Path, info: dict[str, Any], tiers: Iterable[Tier], quick: bool) -> Context:
+        """Take the facts from a dataset.json that satisfies its schema, and its tiers."""
         return cls(
             root=root,
             files=LocalFiles(root),
             quick=quick,
             width=info["image_size"]["width"],
             height=info["image_size"]["height"],
-            tiers={tier["name"]: tier for tier in info["tiers"]},
+            tiers={tier.name: tier for tier in tiers},
             splits=tuple(info["splits"]),
             held_out=frozenset(info.get("held_out", ())),
             id=info["id"],

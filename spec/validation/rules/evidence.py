@@ -6,9 +6,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from pliant.spec.io.exr import Surface
+from pliant.spec.model import Tier
 from pliant.spec.storage import layout
 from pliant.spec.validation.findings import Findings
 from pliant.spec.validation.rules.agreement import check_agreement
@@ -18,7 +17,8 @@ from pliant.spec.validation.rules.colour import MAX_FRAMES, Colours, Rgb, is_bla
 from pliant.spec.validation.rules.correspondences import FrameRows
 from pliant.spec.validation.rules.diagnosis import RowSample, diagnose_rows
 from pliant.spec.validation.rules.duplicates import FrameKeys, digest_of, shape_key
-from pliant.spec.validation.rules.points import PointSet
+from pliant.spec.validation.rules.frames import FrameView
+from pliant.spec.validation.rules.surfaces import ShownSurface
 
 PRECISION_FRAMES = 2
 """Frames of a sequence whose values are looked at for a coarser format."""
@@ -61,11 +61,11 @@ class Evidence:
         else:
             self.keys.pictures[frame] = digest_of(rgb[::4])  # a quarter of the rows tells
 
-    def add_shown(self, frame: int, object_id: npt.NDArray[Any]) -> None:
+    def add_shown(self, frame: int, surface: ShownSurface) -> None:
         """Note a frame's surface image: where nothing is seen, pictures may be empty and equal."""
-        if not object_id.any():
+        if not surface.count:
             self.keys.depths.pop(frame, None)
-        if frame in self.blank and np.count_nonzero(object_id) < MIN_SHOWN:
+        if frame in self.blank and surface.count < MIN_SHOWN:
             self.blank.remove(frame)
 
     def add_rows(self, cameras: Cameras, rows: FrameRows) -> None:
@@ -73,32 +73,27 @@ class Evidence:
         self.rows.add(rows)
         self.keys.shapes[rows.frame] = shape_key(cameras, rows)
 
-    def add_surface(
-        self,
-        tier: dict[str, Any],
-        cameras: Cameras,
-        points: PointSet,
-        rows: FrameRows,
-        good: npt.NDArray[np.bool_],
-        surface: Surface,
-        fits: bool,
-    ) -> None:
-        """Measure a frame's points against its surface image, which shows most of them or not."""
+    def add_surface(self, view: FrameView, rgb: Rgb | None, fits: bool) -> None:
+        """Note how a frame's points and picture agree with its surface image.
+
+        Args:
+            view: The frame.
+            rgb: Its picture, None if that breaks a rule.
+            fits: Whether the surface image shows most of the points.
+        """
         alignment = self.fitting if fits else self.others
         if not alignment.full:
-            part = measure(tier, cameras, points, rows, good, surface)
+            part = measure(view)
             if part is not None:
                 alignment.parts.append(part)
-
-    def add_silhouette(self, frame: int, rgb: Rgb, object_id: npt.NDArray[Any]) -> None:
-        """Compare a picture with a surface image that fits the points."""
+        frame = view.rows.frame
         block = self.frames // MAX_FRAMES + 1  # two frames in a row, then a gap
-        if frame not in self.blank and (frame // 2) % block == 0:
-            self.colours.add(frame, rgb, object_id)
+        if fits and rgb is not None and frame not in self.blank and (frame // 2) % block == 0:
+            self.colours.add(frame, rgb, view.surface.mask)
 
     def conclude(
         self,
-        tier: dict[str, Any],
+        tier: Tier,
         info: dict[str, Any],
         cameras: Cameras | None,
         size: tuple[int, int],

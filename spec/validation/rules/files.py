@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -10,7 +11,7 @@ from typing import Any
 from pliant.spec.dataset import check_version
 from pliant.spec.io import limits
 from pliant.spec.io.jsonfiles import parse_json, schema_errors
-from pliant.spec.io.reading import FileRefusedError, check_regular, read_bytes
+from pliant.spec.io.reading import AnyFile, Blob, FileRefusedError, check_regular, read_bytes
 from pliant.spec.storage import layout
 from pliant.spec.validation.findings import Findings, reason
 from pliant.spec.validation.rules.structure import list_folder, printable, report_extra
@@ -43,6 +44,22 @@ class SequenceFiles:
             name: Path relative to the folder.
             findings: Gets `CHECKSUM_DIFFERS`, `FILE_TOO_LARGE`, `FILE_UNREADABLE`.
         """
+        return self._checked(name, findings, _sha256)
+
+    def contents(self, name: str, findings: Findings) -> AnyFile | None:
+        """Return a small file that `verified` accepts, read once for its checksum and decoding."""
+        path = self.folder / name
+        loaded: list[AnyFile] = []
+
+        def digest(path: Path) -> str:
+            loaded.append(Blob(str(path), path.read_bytes()))
+            return hashlib.sha256(loaded[0].data).hexdigest()  # type: ignore[union-attr]
+
+        if not self._checked(name, findings, digest):
+            return None
+        return loaded[0] if loaded else path
+
+    def _checked(self, name: str, findings: Findings, digest: Callable[[Path], str]) -> bool:
         if name not in self.present:
             return False
         if name not in self.hashes:
@@ -52,7 +69,7 @@ class SequenceFiles:
         try:
             size = check_regular(self.folder / name, limit)
             listed, listed_size = self.hashes[name]
-            found = _sha256(self.folder / name) if size == listed_size else None
+            found = digest(self.folder / name) if size == listed_size else None
         except (FileRefusedError, OSError) as error:
             code = error.code if isinstance(error, FileRefusedError) else "FILE_UNREADABLE"
             findings.add(code, shown, "", str(error)[:300])

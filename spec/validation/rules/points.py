@@ -13,10 +13,10 @@ import pyarrow as pa
 
 from pliant.spec.conventions import POINT_KINDS
 from pliant.spec.io import limits
+from pliant.spec.model import Tier
 from pliant.spec.tables import POINTS
 from pliant.spec.validation.findings import Findings
 from pliant.spec.validation.rules.tables import check_table, codes_of, numbers, report_not_finite
-from pliant.spec.validation.rules.tiers import wrap_difference
 
 MATERIAL_TOLERANCE = 1e-5
 """How far a float32 material coordinate may be off, as a share of its range."""
@@ -44,15 +44,13 @@ class PointSet:
         return len(self.object_id)
 
 
-def check_points(
-    path: Path, shown: str, tier: dict[str, Any], findings: Findings
-) -> PointSet | None:
+def check_points(path: Path, shown: str, tier: Tier, findings: Findings) -> PointSet | None:
     """Check a point table.
 
     Args:
         path: The file.
         shown: Its path in issues.
-        tier: Its tier's entry in dataset.json.
+        tier: Its tier.
         findings: Gets the problems.
 
     Returns:
@@ -77,12 +75,12 @@ def check_points(
         lambda i: (f"row {i}, point", f"found {ids[i]}; required: the row's number"),
     )
     object_id = numbers(rows, "object")
-    known = np.isin(object_id, [thing["id"] for thing in tier["objects"]])
+    known = np.isin(object_id, [each.id for each in tier.objects])
     findings.add_rows(
         "VALUE_OUT_OF_RANGE",
         shown,
         ~known,
-        lambda i: (f"row {i}, object", f"found {object_id[i]}, no object of {tier['name']}"),
+        lambda i: (f"row {i}, object", f"found {object_id[i]}, no object of {tier.name}"),
     )
     kind = codes_of(rows, "kind", POINT_KINDS)
     findings.add_rows(
@@ -100,7 +98,7 @@ def check_points(
         known & finite & ~inside,
         lambda i: (f"row {i}, m0, m1", f"found {material[i].tolist()}, outside the object"),
     )
-    partners = _partners(rows, len(tier["symmetries"]), shown, findings)
+    partners = _partners(rows, len(tier.symmetries), shown, findings)
     if partners is None or findings.total != before:
         return None
     points = PointSet(object_id, kind == 1, material, partners, _digest(rows))
@@ -111,28 +109,28 @@ def check_points(
 def material_inside(
     material: npt.NDArray[np.float64],
     object_id: npt.NDArray[Any],
-    tier: dict[str, Any],
+    tier: Tier,
 ) -> npt.NDArray[np.bool_]:
     """Return which material coordinates lie in the range of their object.
 
     Args:
         material: float64 (N, 2).
         object_id: integer (N,).
-        tier: The tier's entry in dataset.json.
+        tier: The tier.
 
     Returns:
         bool (N,); False for ids of no object.
     """
     inside = np.zeros(len(material), np.bool_)
-    for thing in tier["objects"]:
-        mine = object_id == thing["id"]
-        good = np.ones(np.count_nonzero(mine), np.bool_)
-        for axis, coordinate in enumerate(thing["material"]):
-            slack = MATERIAL_TOLERANCE * (coordinate["max"] - coordinate["min"])
-            values = material[mine, axis]
-            good &= values >= coordinate["min"] - slack
-            good &= values <= coordinate["max"] + slack
-        inside[mine] = good
+    for each in tier.objects:
+        mine = object_id == each.id
+        inside[mine] = np.all(
+            [
+                c.contains(material[mine, i], MATERIAL_TOLERANCE)
+                for i, c in enumerate(each.material)
+            ],
+            axis=0,
+        )
     return inside
 
 
@@ -164,31 +162,28 @@ def _partners(
     return None if outside.any() else partners
 
 
-def _check_partners(points: PointSet, tier: dict[str, Any], shown: str, findings: Findings) -> None:
+def _check_partners(points: PointSet, tier: Tier, shown: str, findings: Findings) -> None:
     """Check that every partner is the point that the symmetry maps a point to."""
-    for number, symmetry in enumerate(tier["symmetries"]):
+    queried = tier.queried
+    tolerance = MATERIAL_TOLERANCE * np.array([each.span for each in queried.material])
+    mine = points.object_id == queried.id
+    for number, symmetry in enumerate(tier.symmetries):
         partner = points.partners[:, number]
         wrong = (points.object_id[partner] != points.object_id) | (
             points.centreline[partner] != points.centreline
         )
-        for thing in tier["objects"]:
-            mine = points.object_id == thing["id"]
-            if thing["id"] != tier["queried_object"]:
-                wrong |= mine & (partner != np.arange(len(points)))
-                continue
-            mapped = points.material @ np.array(symmetry["matrix"]).T + np.array(symmetry["offset"])
-            gap = wrap_difference(points.material[partner] - mapped, thing["material"])
-            span = np.array([c["max"] - c["min"] for c in thing["material"]])
-            far = np.abs(gap) > MATERIAL_TOLERANCE * span
-            far[points.centreline, 1] = False
-            wrong |= mine & far.any(axis=1)
+        wrong |= ~mine & (partner != np.arange(len(points)))
+        gap = queried.wrapped(points.material[partner] - symmetry.apply(points.material))
+        far = np.abs(gap) > tolerance
+        far[points.centreline, 1] = False
+        wrong |= mine & far.any(axis=1)
         findings.add_rows(
             "PARTNER_DISAGREES",
             shown,
             wrong,
             lambda i, n=number, p=partner: (  # type: ignore[misc]
                 f"row {i}, partners[{n}]",
-                f"point {p[i]} is not where {tier['symmetries'][n]['name']} maps point {i}",
+                f"point {p[i]} is not where {tier.symmetries[n].name} maps point {i}",
             ),
         )
 

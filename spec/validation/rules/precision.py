@@ -12,8 +12,8 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from pliant.spec.io.exr import Surface
 from pliant.spec.validation.findings import Findings
+from pliant.spec.validation.rules.surfaces import ShownSurface
 
 SAMPLES: Final = 2048
 MIN_SAMPLES: Final = 200
@@ -26,29 +26,24 @@ PIXELS_PER_LEVEL: Final = 4
 _STEPS_M = ((1e-2, "whole centimetres"), (1e-3, "whole millimetres"), (1e-4, "0.1 mm"))
 
 
-def check_precision(surface: Surface, shown: str, findings: Findings) -> None:
+def check_precision(surface: ShownSurface, path: str, findings: Findings) -> None:
     """Check the values of a frame's depth and surface image.
 
     Args:
         surface: A valid surface image.
-        shown: The file's path in issues.
+        path: The file's path in issues.
         findings: Gets `PRECISION_LOST`, at most once for each channel.
     """
-    seen = np.flatnonzero(surface.object_id.ravel())
-    if seen.size < MIN_SAMPLES:
+    if surface.count < MIN_SAMPLES:
         return
-    # A step that shares no factor with the width, so that no column is preferred.
-    seen = seen[:: max(1, seen.size // SAMPLES)]
-    for name, channel in (
-        ("Z", surface.depth_m),
-        ("surface.m0", surface.m0),
-        ("surface.m1", surface.m1),
-    ):
-        coarse = _coarse(channel.ravel()[seen], name)
+    chosen = surface.pixels[:: max(1, surface.count // SAMPLES)]
+    image = surface.image
+    for name, channel in (("Z", image.depth_m), ("surface.m0", image.m0), ("surface.m1", image.m1)):
+        coarse = _coarse(channel.ravel()[chosen], name)
         if coarse is not None:
             findings.add(
                 "PRECISION_LOST",
-                shown,
+                path,
                 name,
                 f"{coarse}; required: float32, computed in float64 and rounded once",
             )

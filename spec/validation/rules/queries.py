@@ -268,12 +268,7 @@ class _SplitCheck:
             )
             return None
         frame = int(pair["frame_a"])
-        seen = np.flatnonzero(tracks.askable & (tracks.state[frame] == VISIBLE))
-        table = {
-            (float(u), float(v)): int(p)
-            for p, (u, v) in zip(seen, tracks.uv_px[frame, seen], strict=True)
-        }
-        point = np.array([table.get((float(u), float(v)), -1) for u, v in uv_a], np.int64)
+        point = np.full(len(uv_a), -1, np.int64)
         if answers is not None:
             # Two points may project to one place: the truth says which of them is meant.
             named = answers["point"].astype(np.int64)
@@ -281,7 +276,13 @@ class _SplitCheck:
             safe = np.where(inside, named, 0)
             fits = inside & tracks.askable[safe] & (tracks.state[frame, safe] == VISIBLE)
             fits &= np.all(tracks.uv_px[frame, safe] == uv_a, axis=1)
-            point = np.where(fits, named, point)
+            point[fits] = named[fits]
+        if np.any(point < 0):
+            seen = np.flatnonzero(tracks.askable & (tracks.state[frame] == VISIBLE))
+            places = map(tuple, tracks.uv_px[frame, seen].tolist())
+            table = dict(zip(places, seen.tolist(), strict=True))
+            for index in np.flatnonzero(point < 0):
+                point[index] = table.get(tuple(uv_a[index].tolist()), -1)
         self.findings.add_rows(
             "QUERY_NOT_VISIBLE",
             shown,
@@ -394,8 +395,8 @@ class _SplitCheck:
         points = load_columns(open_table(path), path, select_schema("points"))
         count = points.num_rows
         partners = points.column("partners").combine_chunks()
-        tier = self.context.tiers[known.tier]
-        askable = (numbers(points, "object") == tier["queried_object"]) & (
+        queried = self.context.tiers[known.tier].queried_object
+        askable = (numbers(points, "object") == queried) & (
             codes_of(points, "kind", ("surface",)) == 0
         )
         path = self.context.files.get(f"{folder}/{layout.CORRESPONDENCES_TABLE}")

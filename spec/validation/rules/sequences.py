@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from pliant.spec.model import Tier
 from pliant.spec.storage import layout
 from pliant.spec.validation.findings import Findings
 from pliant.spec.validation.rules.cameras import Cameras, check_cameras
@@ -29,9 +30,10 @@ from pliant.spec.validation.rules.files import (
     list_sequence,
     read_document,
 )
+from pliant.spec.validation.rules.frames import FrameView
 from pliant.spec.validation.rules.points import PointSet, check_points
 from pliant.spec.validation.rules.precision import check_precision
-from pliant.spec.validation.rules.surfaces import check_rgb, check_surface, visible_box_px
+from pliant.spec.validation.rules.surfaces import check_rgb, check_surface
 from pliant.spec.validation.rules.visibility import check_visibility
 
 _SHARE = "self_occluded"
@@ -223,7 +225,7 @@ def _cameras(
 
 def _check_frames(
     context: Context,
-    tier: dict[str, Any],
+    tier: Tier,
     files: SequenceFiles,
     info: dict[str, Any],
     cameras: Cameras | None,
@@ -257,8 +259,8 @@ def _check_frames(
             evidence.add_picture(frame, rgb)
         surface = check_surface(context, tier, files, frame, findings)
         if surface is not None:
-            result.boxes_px[frame] = visible_box_px(surface, tier["queried_object"])
-            evidence.add_shown(frame, surface.object_id)
+            result.boxes_px[frame] = surface.box_px(tier.queried_object)
+            evidence.add_shown(frame, surface)
             if frame < PRECISION_FRAMES:
                 path = f"{files.shown}/{layout.depth_name(frame)}"
                 check_precision(surface, path, findings)
@@ -271,10 +273,9 @@ def _check_frames(
             good = check_projection(context, cameras, rows, shown, findings)
             evidence.add_rows(cameras, rows)
             if surface is not None:
-                fits = check_visibility(tier, cameras, points, rows, good, surface, shown, findings)
-                evidence.add_surface(tier, cameras, points, rows, good, surface, fits)
-                if fits and rgb is not None:
-                    evidence.add_silhouette(frame, rgb, surface.object_id)
+                view = FrameView(tier, cameras, points, rows, good, surface)
+                fits = check_visibility(view, shown, findings)
+                evidence.add_surface(view, rgb, fits)
         rows = next(stream, None)
     size = (context.width, context.height)
     while rows is not None:  # so that broken values after the last frame are reported too

@@ -2,18 +2,66 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
 from pliant.spec.io.exr import Surface, read_surface
 from pliant.spec.io.png import read_rgb
+from pliant.spec.model import Tier
 from pliant.spec.storage import layout
 from pliant.spec.validation.findings import Findings
 from pliant.spec.validation.rules.context import Context
 from pliant.spec.validation.rules.files import SequenceFiles
 from pliant.spec.validation.rules.points import MATERIAL_TOLERANCE
+
+
+@dataclass(frozen=True)
+class ShownSurface:
+    """A frame's surface image and where it shows an object.
+
+    Attributes:
+        image: The image.
+        mask: bool (H, W), True where an object is seen.
+    """
+
+    image: Surface
+    mask: npt.NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, image: Surface) -> ShownSurface:
+        """Find the pixels of an image that show an object."""
+        return cls(image, image.object_id != 0)
+
+    @cached_property
+    def count(self) -> int:
+        """Number of pixels that show an object."""
+        return int(np.count_nonzero(self.mask))
+
+    @cached_property
+    def pixels(self) -> npt.NDArray[np.int64]:
+        """Flat indices of these pixels, int64 (N,)."""
+        return np.flatnonzero(self.mask)
+
+    def of_object(self, object_id: int) -> npt.NDArray[np.bool_]:
+        """Return the pixels that show one object, bool (H, W)."""
+        return self.image.object_id == object_id
+
+    def box_px(self, object_id: int) -> float:
+        """Return the longer side of the box around an object's pixels, 0 if it is not seen.
+
+        Returns:
+            Pixels, from the outer edge of the first pixel to that of the last.
+        """
+        mask = self.of_object(object_id)
+        rows = np.flatnonzero(mask.any(axis=1))
+        if rows.size == 0:
+            return 0.0
+        columns = np.flatnonzero(mask[rows[0] : rows[-1] + 1].any(axis=0))
+        return float(max(rows[-1] - rows[0], columns[-1] - columns[0]) + 1)
 
 
 def check_rgb(
@@ -31,15 +79,16 @@ def check_rgb(
         uint8 (H, W, 3) if it breaks no rule and this is a full run.
     """
     name = layout.rgb_name(frame)
-    if files.verified(name, findings) and not context.quick:
+    file = files.contents(name, findings)
+    if file is not None and not context.quick:
         with findings.refusals(f"{files.shown}/{name}"):
-            return read_rgb(files.folder / name, size=(context.width, context.height))
+            return read_rgb(file, size=(context.width, context.height))
     return None
 
 
 def check_surface(
-    context: Context, tier: dict[str, Any], files: SequenceFiles, frame: int, findings: Findings
-) -> Surface | None:
+    context: Context, tier: Tier, files: SequenceFiles, frame: int, findings: Findings
+) -> ShownSurface | None:
     """Check a frame's depth and surface image.
 
     Args:
@@ -53,111 +102,90 @@ def check_surface(
         The surface if it breaks no rule and this is a full run.
     """
     name = layout.depth_name(frame)
-    if not files.verified(name, findings) or context.quick:
+    file = files.contents(name, findings)
+    if file is None or context.quick:
         return None
-    shown = f"{files.shown}/{name}"
-    with findings.refusals(shown):
-        surface = read_surface(
-            files.folder / name, size=(context.width, context.height), writable=False
+    path = f"{files.shown}/{name}"
+    with findings.refusals(path):
+        surface = ShownSurface.of(
+            read_surface(file, size=(context.width, context.height), writable=False)
         )
         before = findings.total
-        _check_values(surface, tier, shown, findings)
+        _check_values(surface, tier, path, findings)
         if findings.total == before:
             return surface
     return None
 
 
-def _check_values(surface: Surface, tier: dict[str, Any], shown: str, findings: Findings) -> None:
-    """Check every pixel; the usual case costs a few passes over the object's pixels."""
-    depth, object_id = surface.depth_m.ravel(), surface.object_id.ravel()
-    width = surface.depth_m.shape[1]
-    seen = np.flatnonzero(object_id != 0)  # many times as fast as on the integers
-    z = depth[seen]
-    # Background: everything but the object's pixels is +inf, and nothing else is.
-    infinite = int(np.count_nonzero(depth == np.inf))
-    if not (
-        infinite == depth.size - seen.size and bool(np.all(z > 0)) and bool(np.all(z < np.inf))
-    ):
-        background = object_id == 0
+def _check_values(shown: ShownSurface, tier: Tier, path: str, findings: Findings) -> None:
+    """Check every pixel; the usual case costs a few passes over the image."""
+    image, mask = shown.image, shown.mask
+    depth, object_id = image.depth_m, image.object_id
+    # The background is +inf, which the smallest value does not see, and nothing else is.
+    if not (np.array_equal(depth < np.inf, mask) and (depth.min() > 0)):
         with np.errstate(invalid="ignore"):
-            bad = np.where(background, depth != np.inf, ~((depth > 0) & (depth < np.inf)))
+            bad = np.where(mask, ~((depth > 0) & (depth < np.inf)), depth != np.inf)
         _report(
             findings,
             "DEPTH_INVALID",
-            shown,
+            path,
             bad,
-            width,
-            lambda i: (
-                f"Z is {depth[i]} where the object id is {object_id[i]}; required: "
+            lambda at: (
+                f"Z is {depth[at]} where the object id is {object_id[at]}; required: "
                 "positive and finite on an object, +inf elsewhere"
             ),
         )
-    bad = np.zeros(object_id.size, np.bool_)
-    ids = object_id[seen]
-    known = np.zeros(seen.size, np.bool_)
-    for thing in tier["objects"]:
-        mine = ids == thing["id"]
-        known |= mine
-        at = seen if mine.all() else seen[mine]
-        for channel, coordinate in ((surface.m0, 0), (surface.m1, 1)):
-            low, high = (thing["material"][coordinate][end] for end in ("min", "max"))
-            slack = MATERIAL_TOLERANCE * (high - low)
-            values = channel.ravel()[at]
-            if values.size and not (values.min() >= low - slack and values.max() <= high + slack):
-                bad[at[~((values >= low - slack) & (values <= high + slack))]] = True
-    bad[seen[~known]] = True
-    for channel in (surface.m0, surface.m1):
-        flat = channel.ravel()
-        bits = flat.view(np.uint32)  # counted faster than floats; -0.0 is sorted out below
-        if np.count_nonzero(bits) != np.count_nonzero(bits[seen]):
-            bad |= (object_id == 0) & (flat != 0)
-    _report(
-        findings,
-        "SURFACE_INVALID",
-        shown,
-        bad,
-        width,
-        lambda i: (
-            f"object id {object_id[i]}, material ({surface.m0.ravel()[i]}, "
-            f"{surface.m1.ravel()[i]}); required: an object of {tier['name']} and a coordinate in "
-            "its range, or all 0"
-        ),
-    )
+    # Bits are compared faster than floats; -0.0 is sorted out below.
+    layer = (image.m0.view(np.uint32) | image.m1.view(np.uint32)) != 0
+    if np.any(layer > mask) or not _in_range(shown, tier):
+        bad = ~mask & ((image.m0 != 0) | (image.m1 != 0))
+        bad |= mask & ~np.isin(object_id, [each.id for each in tier.objects])
+        for each in tier.objects:
+            for channel, coordinate in zip((image.m0, image.m1), each.material, strict=True):
+                outside = ~coordinate.contains(channel, MATERIAL_TOLERANCE)
+                bad |= outside & shown.of_object(each.id)
+        _report(
+            findings,
+            "SURFACE_INVALID",
+            path,
+            bad,
+            lambda at: (
+                f"object id {object_id[at]}, material ({image.m0[at]}, {image.m1[at]}); required: "
+                f"an object of {tier.name} and a coordinate in its range, or all 0"
+            ),
+        )
+
+
+def _in_range(shown: ShownSurface, tier: Tier) -> bool:
+    """Return True only if every pixel has a known object and material in its range."""
+    image = shown.image
+    left = shown.count
+    for each in tier.objects:
+        mine = shown.of_object(each.id)
+        count = int(np.count_nonzero(mine))
+        left -= count
+        for channel, coordinate in zip((image.m0, image.m1), each.material, strict=True):
+            # The zeros of the background do no harm to a range that contains 0.
+            values = channel if count == shown.count and count else channel[mine]
+            if not values.size:
+                continue
+            ends = np.array([values.min(), values.max()])
+            if not coordinate.contains(ends, MATERIAL_TOLERANCE).all():
+                return False
+    return left == 0
 
 
 def _report(
     findings: Findings,
     code: str,
-    shown: str,
+    path: str,
     bad: npt.NDArray[np.bool_],
-    width: int,
-    describe: Any,
+    describe: Callable[[tuple[int, int]], str],
 ) -> None:
     """Report one issue for an image: the first bad pixel, and how many there are."""
     count = int(np.count_nonzero(bad))
     if count:
-        first = int(np.flatnonzero(bad)[0])
+        row, column = divmod(int(np.flatnonzero(bad)[0]), bad.shape[1])
         findings.add(
-            code,
-            shown,
-            f"row {first // width}, column {first % width}",
-            f"{describe(first)} ({count} pixels)",
+            code, path, f"row {row}, column {column}", f"{describe((row, column))} ({count} pixels)"
         )
-
-
-def visible_box_px(surface: Surface, object_id: int) -> float:
-    """Return the longer side of the box around an object's pixels, 0 if it is not seen.
-
-    Args:
-        surface: The frame's surface.
-        object_id: The object.
-
-    Returns:
-        Pixels, from the outer edge of the first pixel to that of the last.
-    """
-    mask = surface.object_id == object_id
-    rows = np.flatnonzero(mask.any(axis=1))
-    if rows.size == 0:
-        return 0.0
-    columns = np.flatnonzero(mask[rows[0] : rows[-1] + 1].any(axis=0))
-    return float(max(rows[-1] - rows[0], columns[-1] - columns[0]) + 1)

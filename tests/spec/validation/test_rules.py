@@ -7,31 +7,37 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pliant.spec.model import MaterialCoordinate, MaterialObject, Tier
 from pliant.spec.validation.findings import Findings
-from pliant.spec.validation.rules.tiers import check_tiers, wrap_difference
-from pliant.spec.validation.rules.visibility import material_distance
+from pliant.spec.validation.rules.tiers import check_tiers
 from tests.conformance.base import DIHEDRAL, TIERS
 
 OPEN = {"name": "a", "min": 0.0, "max": 1.0, "metres_per_unit": 2.0, "period": None}
 CLOSED = {"name": "b", "min": -2.0, "max": 2.0, "metres_per_unit": 0.5, "period": 4.0}
 
 
+def _object(first: dict[str, Any], second: dict[str, Any]) -> MaterialObject:
+    return MaterialObject(1, "x", (MaterialCoordinate(**first), MaterialCoordinate(**second)))
+
+
 def test_material_distance_by_hand() -> None:
     gap = np.array([[0.3, 0.0], [0.0, 1.0], [0.3, 0.8], [0.0, 3.0], [0.0, 2.0], [0.0, -3.9]])
     # 0.3 * 2 m; 1 * 0.5 m; a 3-4-5 triangle of 0.6 and 0.4 … ; 3 is 1 the other way round.
     expected = [0.6, 0.5, np.hypot(0.6, 0.4), 0.5, 1.0, 0.05]
-    assert material_distance(gap, [OPEN, CLOSED]) == pytest.approx(expected)
-    assert material_distance(gap[3:4], [OPEN, OPEN]) == pytest.approx([6.0])
+    assert _object(OPEN, CLOSED).distance_m(gap, np.zeros(2)) == pytest.approx(expected)
+    assert _object(OPEN, OPEN).distance_m(gap[3:4], np.zeros(2)) == pytest.approx([6.0])
 
 
 def test_wrap_difference_by_hand() -> None:
     gap = np.array([[3.0, 3.0], [-3.0, -3.0], [0.5, 1.9]])
-    assert wrap_difference(gap, [OPEN, CLOSED]).tolist() == [[3, -1], [-3, 1], [0.5, 1.9]]
+    assert _object(OPEN, CLOSED).wrapped(gap).tolist() == [[3, -1], [-3, 1], [0.5, 1.9]]
 
 
 def symmetry_issues(material: list[dict[str, Any]], *maps: tuple[Any, Any]) -> int:
     tier = {
         "name": "t",
+        "kind": "rope",
+        "variant": "plain",
         "queried_object": 1,
         "objects": [{"id": 1, "name": "x", "material": material}],
         "symmetries": [
@@ -40,7 +46,7 @@ def symmetry_issues(material: list[dict[str, Any]], *maps: tuple[Any, Any]) -> i
         ],
     }
     findings = Findings()
-    check_tiers({"tiers": [tier]}, findings)
+    check_tiers([Tier.from_document(tier)], findings)
     assert set(findings.counts) <= {"SYMMETRY_INVALID"}
     return findings.total
 
@@ -102,7 +108,7 @@ def test_the_square_has_eight_symmetries() -> None:
     assert symmetry_issues([OPEN, OPEN], *maps[:2]) > 0
     for tier in TIERS.values():
         findings = Findings()
-        check_tiers({"tiers": [tier]}, findings)
+        check_tiers([Tier.from_document(tier)], findings)
         assert findings.total == 0
 
 

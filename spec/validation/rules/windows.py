@@ -1,0 +1,195 @@
+"""The pixels around points: what they show, and whether it is smooth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from pliant.spec.model import FloatArray
+from pliant.spec.validation.rules.frames import FrameView
+
+SLOPE = 3.0
+"""Largest step between neighbouring pixels of a smooth place, in pixel footprints."""
+
+THIN = 2.0
+"""A tube or ball is judged if its diameter, and a sheet counted if the strip that its visible
+points cover, is at least this wide, in pixels at its depth."""
+
+NEARBY = 16
+"""How far from a pixel of its object a part may reach that no pixel shows, in pixels."""
+
+_AROUND = np.arange(-2, 3)
+_INNER = slice(1, 4)
+
+
+@dataclass(frozen=True)
+class Windows:
+    """The 5x5 pixels around N points that are far enough from the border.
+
+    Attributes:
+        view: The frame.
+        chosen: int64 (N,), rows.
+        pixel: int64 (N, 2), the pixels (u, v) that contain the points.
+        object_id: uint32 (N, 5, 5).
+        depth_m: float32 (N, 5, 5).
+        steps_m: float64 (N, 3, 3, 2), on the material from the point to the surface of the inner
+            pixels; infinite where that is another object.
+        footprint_m: float64 (N,), a pixel's width at the point's depth.
+        uniform: bool (N,), one object id.
+        smooth: bool (N,), also without steps of depth or material.
+    """
+
+    view: FrameView
+    chosen: npt.NDArray[np.int64]
+    pixel: npt.NDArray[np.int64]
+    object_id: npt.NDArray[np.uint32]
+    depth_m: npt.NDArray[np.float32]
+    steps_m: FloatArray
+    footprint_m: FloatArray
+    uniform: npt.NDArray[np.bool_]
+    smooth: npt.NDArray[np.bool_]
+
+    @classmethod
+    def around(
+        cls, view: FrameView, chosen: npt.NDArray[np.int64], pixel: npt.NDArray[np.int64]
+    ) -> Windows:
+        """Gather the pixels around the points of some rows."""
+        image = view.surface.image
+        width = view.size[0]
+        around = (_AROUND[:, None] * width + _AROUND[None, :])[None]
+        index = (pixel[:, 1] * width + pixel[:, 0])[:, None, None] + around
+        object_id = image.object_id.ravel().take(index)
+        depth = image.depth_m.ravel().take(index)
+        uniform = np.all(object_id == object_id[:, 2:3, 2:3], axis=(1, 2))
+        smooth = uniform.copy()
+        for each in view.tier.objects:
+            mine = np.flatnonzero(uniform & (object_id[:, 2, 2] == each.id))
+            if mine.size:
+                # The footprint is that of the surface shown, which may not be the point's.
+                z = depth[mine]
+                step = SLOPE * (z[:, 2, 2] / view.focal_px)[:, None, None]
+                m = np.stack([c.ravel().take(index[mine]) for c in (image.m0, image.m1)], -1)
+                rough = np.zeros(mine.size, np.bool_)
+                for axis in (1, 2):
+                    rough |= np.any(np.abs(np.diff(z, axis=axis)) > step, axis=(1, 2))
+                    jump = (each.steps_m(np.diff(m, axis=axis)) ** 2).sum(axis=-1)
+                    rough |= np.any(jump > step * step, axis=(1, 2))
+                smooth[mine] = ~rough
+        return cls(
+            view,
+            chosen,
+            pixel,
+            object_id,
+            depth,
+            view.steps_m(chosen, index[:, _INNER, _INNER]),
+            view.rows.depth_m[chosen] / view.focal_px,
+            uniform,
+            smooth,
+        )
+
+    @property
+    def near_m(self) -> npt.NDArray[np.float32]:
+        """Depth of the inner pixels, float32 (N, 3, 3)."""
+        return self.depth_m[:, _INNER, _INNER]
+
+    @property
+    def near_id(self) -> npt.NDArray[np.uint32]:
+        """Object ids of the inner pixels, uint32 (N, 3, 3)."""
+        return self.object_id[:, _INNER, _INNER]
+
+    @property
+    def point_depth_m(self) -> FloatArray:
+        """The points' own depths, float64 (N,)."""
+        return self.view.rows.depth_m[self.chosen]
+
+    @cached_property
+    def own(self) -> npt.NDArray[np.int32]:
+        """The points' objects, int32 (N,)."""
+        return self.view.own(self.chosen)
+
+    @cached_property
+    def away_m(self) -> FloatArray:
+        """Distance on the material to the inner pixels' surface, float64 (N, 3, 3)."""
+        return np.asarray(np.sqrt((self.steps_m**2).sum(axis=-1)))
+
+    def behind(self, which: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+        """Return which of some points are not in front of the object that their pixels show."""
+        behind = which & self.uniform & (self.object_id[:, 2, 2] != 0)
+        rows = np.flatnonzero(behind)
+        inside = self.view.rows.uv_px[self.chosen[rows]] - self.pixel[rows]
+        behind[rows] = _is_behind(
+            self.depth_m[rows], inside, self.point_depth_m[rows], self.smooth[rows]
+        )
+        return behind
+
+    def thin(self, own: npt.NDArray[np.int32]) -> npt.NDArray[np.bool_]:
+        """Return at which points a tube `own`, int32 (N,), is thinner than `THIN` footprints."""
+        return is_thin(self.view.diameter_m(own), self.footprint_m)
+
+    def seen_nearby(
+        self, which: npt.NDArray[np.bool_], *, others: bool = False
+    ) -> npt.NDArray[np.bool_]:
+        """Return which points have a pixel of an object within `NEARBY` pixels, or a thin one.
+
+        Args:
+            which: bool (N,), the points to look at; False for all others.
+            others: Look for any other object than the point's own.
+        """
+        found = np.zeros(len(self.own), np.bool_)
+        if not which.any():
+            return found
+        if others:
+            for each in self.view.tier.objects:
+                name = np.full(len(self.own), each.id, np.int32)
+                found |= which & (self.own != each.id) & self.thin(name)
+        for index in np.flatnonzero(which & ~found):
+            u, v = self.pixel[index]
+            around = self.view.surface.image.object_id[
+                max(v - NEARBY, 0) : v + NEARBY + 1, max(u - NEARBY, 0) : u + NEARBY + 1
+            ]
+            mine = around == self.own[index]
+            found[index] = np.any(~mine & (around != 0)) if others else mine.any()
+        return found
+
+
+def is_thin(diameter_m: FloatArray, footprint_m: FloatArray) -> npt.NDArray[np.bool_]:
+    """Return which tubes, of diameter 0 for anything else, are too thin to be judged."""
+    thin: npt.NDArray[np.bool_] = (diameter_m > 0) & (diameter_m < THIN * footprint_m)
+    return thin
+
+
+def _is_behind(
+    z: npt.NDArray[np.float32],
+    inside: FloatArray,
+    depth: FloatArray,
+    smooth: npt.NDArray[np.bool_],
+) -> npt.NDArray[np.bool_]:
+    """Return which points are not in front of the surface that their 5x5 pixels show.
+
+    At a smooth place the surface is interpolated between the four pixel centres around the
+    point; the largest second difference of the 5x5 bounds the error. Elsewhere a point is
+    behind if it is behind all of its 3x3.
+
+    Args:
+        z: float32 (N, 5, 5), metres.
+        inside: float64 (N, 2), place of the point in its pixel, 0 to 1.
+        depth: float64 (N,), the points' depth, metres.
+        smooth: bool (N,).
+    """
+    with np.errstate(invalid="ignore"):
+        bends = [np.abs(np.diff(z, 2, axis=axis)).max(axis=(1, 2)) for axis in (1, 2)]
+        error = np.maximum(*bends) + 1e-6 * depth
+        rows = np.arange(len(z))
+        low = 2 + np.floor(inside - 0.5).astype(np.int64)
+        a, b = (inside - 0.5 - np.floor(inside - 0.5)).T
+        u, v = low.T
+        upper = (1 - a) * z[rows, v, u] + a * z[rows, v, u + 1]
+        lower = (1 - a) * z[rows, v + 1, u] + a * z[rows, v + 1, u + 1]
+        limit = np.where(
+            smooth, (1 - b) * upper + b * lower - error, z[:, _INNER, _INNER].max(axis=(1, 2))
+        )
+        behind: npt.NDArray[np.bool_] = depth >= limit
+    return behind
