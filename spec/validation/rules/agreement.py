@@ -9,7 +9,7 @@ import numpy as np
 from pliant.spec.model import FloatArray, Tier
 from pliant.spec.storage.layout import DATASET_JSON
 from pliant.spec.validation.findings import Findings
-from pliant.spec.validation.rules.alignment import Alignment, Measured
+from pliant.spec.validation.rules.alignment import Alignment, Measured, joined
 
 MIN_POINTS: Final = 12
 """A median over fewer points says nothing."""
@@ -46,12 +46,12 @@ def check_agreement(
     Returns:
         True if the images' depth is known not to be that of the tables.
     """
-    measured = fitting.joined()
+    frames = fitting.frames()
+    measured = joined(frames)
     enough = measured is not None and len(measured) >= MIN_POINTS
-    if measured is not None and enough and _check_shift(fitting, measured, shown, findings):
+    if measured is not None and enough and _check_shift(frames, measured, shown, findings):
         return False  # the other measurements would follow from this
-    placed = Alignment([part for part in others.parts if _in_place(part)])
-    measured = Alignment([*fitting.parts, *placed.parts]).joined()
+    measured = joined([*frames, *(part for part in others.frames() if _in_place(part))])
     if measured is None or len(measured) < MIN_POINTS:
         return False
     wrong_depth = _check_depth(measured, shown, findings)
@@ -71,10 +71,10 @@ def _doubt(values: FloatArray) -> float:
     return float(np.max(5 * 1.2533 * spread / np.sqrt(len(values))))
 
 
-def _check_shift(alignment: Alignment, measured: Measured, shown: str, findings: Findings) -> bool:
+def _check_shift(parts: list[Measured], measured: Measured, shown: str, findings: Findings) -> bool:
     """Check where the points are; return True if that explains all that follows."""
     frames = []
-    for part in alignment.parts:
+    for part in parts:
         if len(part) >= MIN_POINTS:
             shift = np.median(part.offset_px, axis=0)
             if np.abs(shift).max() > SHIFT_PX + _doubt(part.offset_px):
@@ -84,7 +84,7 @@ def _check_shift(alignment: Alignment, measured: Measured, shown: str, findings:
         findings.diagnose("OFFSET_DISAGREES", shown, _shift_text(-shift))
         return True
     if frames:
-        part = next(p for p in alignment.parts if len(p) and p.frame[0] == frames[0])
+        part = next(p for p in parts if p.frame[0] == frames[0])
         text = _shift_text(-np.median(part.offset_px, axis=0))
         findings.add("OFFSET_DISAGREES", shown, f"frames {_few(frames)}", text)
     distance = np.abs(measured.offset_px - shift).max(axis=1)

@@ -9,7 +9,9 @@ that the image shows at the point, and how many metres one unit of the material 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -56,42 +58,75 @@ class Measured:
     def __len__(self) -> int:
         return len(self.frame)
 
+    def chosen(self, keep: npt.NDArray[np.bool_]) -> Measured:
+        """Return some of the points."""
+        return Measured(**{name: values[keep] for name, values in vars(self).items()})
+
+
+@dataclass(frozen=True)
+class Sample:
+    """Visible points with the 4x4 pixels around them, yet to be measured.
+
+    Attributes:
+        frame: int64 (N,).
+        uv_px: float64 (N, 2), of the table.
+        depth_m: float64 (N,), of the table.
+        queried: bool (N,), True for points of the queried object.
+        K: float64 (N, 3, 3), intrinsics of the frame.
+        cell: int64 (N, 2), the pixel (u, v) whose centre is left of and above the point.
+        material: float64 (N, 4, 4, 2), the image's material minus the point's own.
+        shown_m: float32 (N, 4, 4), depth of the image.
+    """
+
+    frame: npt.NDArray[np.int64]
+    uv_px: FloatArray
+    depth_m: FloatArray
+    queried: npt.NDArray[np.bool_]
+    K: FloatArray
+    cell: npt.NDArray[np.int64]
+    material: FloatArray
+    shown_m: npt.NDArray[np.float32]
+
 
 @dataclass
 class Alignment:
-    """The measured points of a sequence, frame by frame.
+    """Sampled points of a sequence.
 
     Attributes:
-        parts: Of each frame that has some.
+        samples: Of each frame that has some.
     """
 
-    parts: list[Measured] = field(default_factory=list)
+    samples: list[Sample] = field(default_factory=list)
 
-    @property
-    def full(self) -> bool:
-        """True if further frames add nothing."""
-        return sum(len(part) for part in self.parts) >= SAMPLES_PER_SEQUENCE
+    def add(self, view: FrameView) -> None:
+        """Sample a frame, unless there are enough points already."""
+        if sum(len(sample.frame) for sample in self.samples) < SAMPLES_PER_SEQUENCE:
+            sample = _sample(view)
+            if sample is not None:
+                self.samples.append(sample)
 
-    def joined(self) -> Measured | None:
-        """Return all measured points, None without any."""
-        if not self.parts:
-            return None
-        names = Measured.__dataclass_fields__
-        return Measured(
-            **{name: np.concatenate([getattr(part, name) for part in self.parts]) for name in names}
-        )
+    def frames(self) -> list[Measured]:
+        """Measure the points, all at once; return them frame by frame."""
+        if not self.samples:
+            return []
+        measured = _measure(Sample(**_concatenated(self.samples)))
+        numbers = [sample.frame[0] for sample in self.samples]
+        parts = [measured.chosen(measured.frame == number) for number in numbers]
+        return [part for part in parts if len(part)]
 
 
-def measure(view: FrameView) -> Measured | None:
-    """Measure some visible surface points of a frame.
+def joined(parts: Sequence[Measured]) -> Measured | None:
+    """Return the measured points of several frames as one, None without any."""
+    return Measured(**_concatenated(parts)) if parts else None
 
-    Args:
-        view: The frame.
 
-    Returns:
-        The measurements, None if no point has 4x4 pixels of its own object around it.
-    """
-    rows, image, K = view.rows, view.surface.image, view.intrinsics
+def _concatenated(parts: Sequence[Any]) -> dict[str, npt.NDArray[Any]]:
+    return {name: np.concatenate([getattr(p, name) for p in parts]) for name in vars(parts[0])}
+
+
+def _sample(view: FrameView) -> Sample | None:
+    """Return some visible surface points with 4x4 pixels of their own object, None without any."""
+    rows, image = view.rows, view.surface.image
     width = view.size[0]
     cell = np.floor(np.clip(rows.uv_px - 0.5, -8.0, 2.0**20)).astype(np.int64)
     inner = np.all((cell >= 1) & (cell < np.array(view.size) - 2), axis=1)
@@ -100,16 +135,36 @@ def measure(view: FrameView) -> Measured | None:
     if chosen.size > SAMPLES_PER_FRAME:
         chosen = chosen[np.linspace(0, chosen.size - 1, SAMPLES_PER_FRAME).astype(np.int64)]
     own = view.own(chosen)
-    around = (_AROUND[:, None] * width + _AROUND[None, :]).ravel()
-    index = (cell[chosen, 1] * width + cell[chosen, 0])[:, None] + around
-    same = np.all(image.object_id.ravel().take(index) == own[:, None], axis=1)
+    index = (cell[chosen, 1] * width + cell[chosen, 0])[:, None, None] + (
+        _AROUND[:, None] * width + _AROUND
+    )
+    same = np.all(image.object_id.ravel().take(index) == own[:, None, None], axis=(1, 2))
     chosen, own, index = chosen[same], own[same], index[same]
     if not chosen.size:
         return None
-    m = _material(view, chosen, own, index)
-    depth = image.depth_m.ravel().take(index).reshape(-1, 4, 4).astype(np.float64)
-    uv = rows.uv_px[chosen]
-    a, b = (uv - 0.5 - cell[chosen]).T
+    m = np.stack([channel.ravel().take(index) for channel in (image.m0, image.m1)], axis=-1)
+    gap = m.astype(np.float64) - view.points.material[rows.point[chosen]][:, None, None]
+    for each in view.tier.objects:  # without a seam
+        mine = own == each.id
+        gap[mine] = each.wrapped(gap[mine])
+    return Sample(
+        frame=np.full(chosen.size, rows.frame),
+        uv_px=rows.uv_px[chosen],
+        depth_m=rows.depth_m[chosen],
+        queried=own == view.tier.queried_object,
+        K=np.broadcast_to(view.intrinsics, (chosen.size, 3, 3)),
+        cell=cell[chosen],
+        material=gap,
+        shown_m=image.depth_m.ravel().take(index),
+    )
+
+
+def _measure(sample: Sample) -> Measured:
+    """Measure sampled points; those at which the material has no two directions are left out."""
+    m = np.moveaxis(sample.material, -1, 0)
+    depth = sample.shown_m.astype(np.float64)
+    a, b = (sample.uv_px - 0.5 - sample.cell).T
+    focal, centre = sample.K[:, [0, 1], [0, 1]], sample.K[:, [0, 1], 2]
     du, dv = _along_u(m, b), _along_v(m, a)
     here = _bilinear(m, a, b)
     determinant = du[0] * dv[1] - du[1] * dv[0]
@@ -117,46 +172,36 @@ def measure(view: FrameView) -> Measured | None:
     bend = np.maximum(
         np.abs(np.diff(m, 2, axis=3)).max(axis=(2, 3)), np.abs(np.diff(m, 2, axis=2)).max((2, 3))
     )
-    slope = (uv - K[[0, 1], 2]) / K[[0, 1], [0, 1]]
+    slope = (sample.uv_px - centre) / focal
     with np.errstate(divide="ignore", invalid="ignore"):
         offset = np.stack(
             [dv[0] * here[1] - dv[1] * here[0], du[1] * here[0] - du[0] * here[1]], axis=1
         )
         offset /= determinant[:, None]
-        reach = (np.abs(dv[1]) + np.abs(du[1])) * bend[0] + (np.abs(dv[0]) + np.abs(du[0])) * bend[
-            1
-        ]
+        reach = (np.abs(dv[1]) + np.abs(du[1])) * bend[0]
+        reach += (np.abs(dv[0]) + np.abs(du[0])) * bend[1]
         error = reach / (8 * np.abs(determinant))
-        metres = _metres(cell[chosen], depth, a, b, du, dv, determinant, K)
-    metres[own != view.tier.queried_object] = np.nan
-    keep = (np.abs(determinant) > MIN_SLOPE * size) & np.isfinite(error)
-    return Measured(
-        frame=np.full(int(np.count_nonzero(keep)), rows.frame),
-        offset_px=offset[keep],
-        error_px=error[keep],
-        depth_m=rows.depth_m[chosen][keep],
+        # |dX / dm0| and |dX / dm1|: [Xu Xv] times the inverse of J.
+        u = sample.cell[:, 0, None, None] + 0.5 + _AROUND[None, None, :]
+        v = sample.cell[:, 1, None, None] + 0.5 + _AROUND[None, :, None]
+        (cx, cy), (fx, fy) = centre.T[..., None, None], focal.T[..., None, None]
+        position = np.stack([(u - cx) / fx * depth, (v - cy) / fy * depth, depth])
+        xu, xv = _along_u(position, b), _along_v(position, a)
+        sides = (xu * dv[1] - xv * du[1], xv * du[0] - xu * dv[0])
+        metres = np.stack([np.linalg.norm(side / determinant, axis=0) for side in sides], axis=1)
+    metres[~sample.queried] = np.nan
+    found = Measured(
+        frame=sample.frame,
+        offset_px=offset,
+        error_px=error,
+        depth_m=sample.depth_m,
         # 1 / z, not z, is affine in the image of a plane.
-        shown_m=1 / _bilinear(1 / depth[None], a, b)[0][keep],
-        ray=np.sqrt(1 + (slope**2).sum(axis=1))[keep],
-        footprint_m=(rows.depth_m[chosen] / view.focal_px)[keep],
-        metres=metres[keep],
+        shown_m=1 / _bilinear(1 / depth[None], a, b)[0],
+        ray=np.sqrt(1 + (slope**2).sum(axis=1)),
+        footprint_m=sample.depth_m / focal.min(axis=1),
+        metres=metres,
     )
-
-
-def _material(
-    view: FrameView,
-    chosen: npt.NDArray[np.int64],
-    own: npt.NDArray[np.int32],
-    index: npt.NDArray[np.int64],
-) -> FloatArray:
-    """Return the image's material minus the points' own, (2, N, 4, 4), without a seam."""
-    image = view.surface.image
-    m = np.stack([channel.ravel().take(index) for channel in (image.m0, image.m1)], axis=-1)
-    gap = m.astype(np.float64) - view.points.material[view.rows.point[chosen]][:, None]
-    for each in view.tier.objects:
-        mine = own == each.id
-        gap[mine] = each.wrapped(gap[mine])
-    return np.moveaxis(gap, -1, 0).reshape(2, -1, 4, 4)
+    return found.chosen((np.abs(determinant) > MIN_SLOPE * size) & np.isfinite(error))
 
 
 def _bilinear(values: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray:
@@ -175,23 +220,3 @@ def _along_u(values: FloatArray, b: FloatArray) -> FloatArray:
 def _along_v(values: FloatArray, a: FloatArray) -> FloatArray:
     q = np.diff(values[..., 1:3, 1:3], axis=-2)[..., 0, :]
     return np.asarray(q[..., 0] * (1 - a) + q[..., 1] * a)
-
-
-def _metres(
-    cell: npt.NDArray[np.int64],
-    depth: FloatArray,
-    a: FloatArray,
-    b: FloatArray,
-    du: FloatArray,
-    dv: FloatArray,
-    determinant: FloatArray,
-    K: FloatArray,
-) -> FloatArray:
-    """Return |dX / dm0| and |dX / dm1|, (N, 2): [Xu Xv] times the inverse of J."""
-    u = cell[:, 0, None, None] + 0.5 + _AROUND[None, None, :]
-    v = cell[:, 1, None, None] + 0.5 + _AROUND[None, :, None]
-    position = np.stack([(u - K[0, 2]) / K[0, 0] * depth, (v - K[1, 2]) / K[1, 1] * depth, depth])
-    xu, xv = _along_u(position, b), _along_v(position, a)
-    first = (xu * dv[1] - xv * du[1]) / determinant
-    second = (xv * du[0] - xu * dv[0]) / determinant
-    return np.stack([np.linalg.norm(first, axis=0), np.linalg.norm(second, axis=0)], axis=1)

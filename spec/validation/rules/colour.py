@@ -22,7 +22,7 @@ FloatArray = npt.NDArray[np.float64]
 REACH: Final = 6
 """Pixels to either side at which contrast is measured."""
 
-EDGES: Final = 256
+EDGES: Final = 128
 """So many places of a silhouette are measured along each image axis."""
 
 MIN_EDGES: Final = 24

@@ -11,7 +11,7 @@ from pliant.spec.model import Tier
 from pliant.spec.storage import layout
 from pliant.spec.validation.findings import Findings
 from pliant.spec.validation.rules.agreement import check_agreement
-from pliant.spec.validation.rules.alignment import Alignment, measure
+from pliant.spec.validation.rules.alignment import Alignment
 from pliant.spec.validation.rules.cameras import Cameras
 from pliant.spec.validation.rules.colour import MAX_FRAMES, Colours, Rgb, is_blank
 from pliant.spec.validation.rules.correspondences import FrameRows
@@ -81,11 +81,7 @@ class Evidence:
             rgb: Its picture, None if that breaks a rule.
             fits: Whether the surface image shows most of the points.
         """
-        alignment = self.fitting if fits else self.others
-        if not alignment.full:
-            part = measure(view)
-            if part is not None:
-                alignment.parts.append(part)
+        (self.fitting if fits else self.others).add(view)
         frame = view.rows.frame
         block = self.frames // MAX_FRAMES + 1  # two frames in a row, then a gap
         if fits and rgb is not None and frame not in self.blank and (frame // 2) % block == 0:
