@@ -23,8 +23,9 @@ from pliant.spec.model import Tier
 from pliant.spec.queries import QueryPair, group_queries
 from pliant.spec.sequence import SequenceRecord
 from pliant.spec.storage import layout
-from pliant.spec.storage.files import Files, LayeredFiles, LocalFiles, PackedFiles, storage_of
+from pliant.spec.storage.files import Files, LayeredFiles, LocalFiles, storage_of
 from pliant.spec.storage.manifest import check_halves
+from pliant.spec.storage.packed import PackedFiles
 
 NAME: Final = re.compile(r"[A-Za-z0-9](?:[A-Za-z0-9._-]{0,126}[A-Za-z0-9])?")
 """What names of tiers and sequences look like; they are folder names too."""

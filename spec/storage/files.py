@@ -7,30 +7,16 @@ shares a place in an open file, so they travel to worker processes and survive a
 
 from __future__ import annotations
 
-import bisect
 import os
 import shutil
 import tempfile
 import weakref
-from collections import OrderedDict
-from collections.abc import Mapping, Sequence
-from itertools import accumulate
 from pathlib import Path
 from typing import Any, Protocol
 
-import pyarrow as pa
-import pyarrow.parquet as pq
-
 from pliant.spec.errors import MissingExtraError, SpecError
 from pliant.spec.io import limits
-from pliant.spec.io.parquet import open_table
-from pliant.spec.io.parquet_columns import load_columns
 from pliant.spec.io.reading import AnyFile, Blob, FileRefusedError
-from pliant.spec.storage import layout
-from pliant.spec.tables import INDEX
-
-_GROUPS_IN_MEMORY = 256
-_ROWS_IN_MEMORY = 1024
 
 
 class Files(Protocol):
@@ -187,121 +173,6 @@ class RemoteFiles:
         return {**self.__dict__, "_fetched": None}
 
 
-class PackedFiles:
-    """A dataset whose sequences lie in shards; `index.parquet` says where.
-
-    Args:
-        storage: Where the dataset lies.
-        sequence_ids: The ids of sequences.parquet, in order: row i of the index is row i of it.
-    """
-
-    def __init__(self, storage: Storage, sequence_ids: Sequence[str]) -> None:
-        self._storage = storage
-        self._ids = list(sequence_ids)
-        self._rows: dict[str, int] | None = None
-        self._index: tuple[pq.ParquetFile, list[int]] | None = None
-        self._groups: OrderedDict[int, pa.Table] = OrderedDict()
-        self._decoded: OrderedDict[int, dict[str, Member]] = OrderedDict()
-
-    @property
-    def address(self) -> str:
-        """The dataset's path or URL."""
-        return self._storage.address
-
-    def has(self, name: str) -> bool:
-        """Return whether there is such a file, packed or loose."""
-        if (parts := _split(name)) is not None:
-            return parts[1] in self.members(parts[0])
-        return self._storage.has(name)
-
-    def get(self, name: str) -> AnyFile:
-        """Return a file: the bytes of a packed one, else what the storage gives."""
-        parts = _split(name)
-        if parts is None:
-            return self._storage.get(name)
-        shown = f"{self.address}/{name}"
-        member = self.members(parts[0]).get(parts[1])
-        if member is None:
-            raise FileRefusedError("FILE_MISSING", "the file is not there", path=shown)
-        shard, offset, count = member
-        limit = limits.MAX_TABLE_BYTES if name.endswith(".parquet") else limits.MAX_IMAGE_FILE_BYTES
-        if not 0 <= count <= limit or offset < 0 or not layout.is_shard_name(shard):
-            raise FileRefusedError(
-                "INDEX_INVALID",
-                "the index names a place that cannot be",
-                path=f"{self.address}/{layout.INDEX_TABLE}",
-                where=name,
-                found=f"{count} bytes from {offset} of {shard!r:.80}",
-            )
-        return Blob(shown, self._storage.read_range(shard, offset, count))
-
-    def local(self, name: str) -> Path:
-        """Return a file that is not packed as one on this machine."""
-        return self._storage.local(name)
-
-    def members(self, sequence_id: str) -> Mapping[str, Member]:
-        """Return the files of a sequence: path in its folder -> (shard, offset, bytes).
-
-        Raises:
-            FileRefusedError: The index is missing, damaged, or lists other sequences.
-        """
-        if self._rows is None:
-            self._rows = {name: row for row, name in enumerate(self._ids)}
-        row = self._rows.get(sequence_id)
-        if row is None:
-            return {}
-        if row in self._decoded:
-            self._decoded.move_to_end(row)
-            return self._decoded[row]
-        listed, found = self._decode(row)
-        if listed != sequence_id:
-            raise FileRefusedError(
-                "INDEX_INVALID",
-                "the index does not list the sequences of sequences.parquet in order",
-                path=f"{self.address}/{layout.INDEX_TABLE}",
-                where=f"row {row}",
-                found=listed,
-                required=sequence_id,
-            )
-        self._decoded[row] = found
-        if len(self._decoded) > _ROWS_IN_MEMORY:
-            self._decoded.popitem(last=False)
-        return found
-
-    def _decode(self, row: int) -> tuple[str | None, dict[str, Member]]:
-        """Return the id and the files of one row of the index."""
-        path = self._storage.local(layout.INDEX_TABLE)
-        if self._index is None:
-            file = open_table(path, max_rows=limits.MAX_SEQUENCES)
-            counts = [file.metadata.row_group(g).num_rows for g in range(file.num_row_groups)]
-            self._index = (file, list(accumulate(counts, initial=0)))
-        file, starts = self._index
-        group = bisect.bisect_right(starts, row) - 1
-        if group >= len(starts) - 1:
-            return None, {}
-        if group not in self._groups:
-            self._groups[group] = load_columns(file, path, INDEX, [group])
-            if len(self._groups) > _GROUPS_IN_MEMORY:
-                self._groups.popitem(last=False)
-        self._groups.move_to_end(group)
-        entry = self._groups[group].slice(row - starts[group], 1).to_pylist()[0]
-        return entry["id"], members_of(entry)
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Leave out what is read again soon enough."""
-        fresh: dict[str, Any] = {"_rows": None, "_index": None, "_groups": OrderedDict()}
-        return {**self.__dict__, **fresh, "_decoded": OrderedDict()}
-
-
-Member = tuple[str, int, int]
-"""Where a packed file lies: shard, offset, bytes."""
-
-
-def members_of(row: Mapping[str, Any]) -> dict[str, Member]:
-    """Return the files of one row of the index."""
-    return {f["path"]: (f["shard"], f["offset"], f["bytes"]) for f in row["files"]}
-
-
 class LayeredFiles:
     """The private half of a published dataset over its public one: the private file wins.
 
@@ -341,12 +212,6 @@ def _remove(folder: Path, process: int) -> None:
     """Remove a temporary folder, in the process that made it (not in one forked from it)."""
     if os.getpid() == process:
         shutil.rmtree(folder, ignore_errors=True)
-
-
-def _split(name: str) -> tuple[str, str] | None:
-    """Return (sequence id, path in its folder) of a name below `sequences/`, else None."""
-    parts = name.split("/", 3)
-    return (parts[2], parts[3]) if len(parts) == 4 and parts[0] == layout.SEQUENCES_DIR else None
 
 
 def _whole(data: bytes, count: int, path: str) -> bytes:

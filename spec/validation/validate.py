@@ -15,16 +15,17 @@ from pliant.spec.errors import CallError, Issue
 from pliant.spec.io.jsonfiles import is_newer_minor
 from pliant.spec.model import Tier
 from pliant.spec.storage import layout
-from pliant.spec.storage.files import LocalFiles, Member, PackedFiles
+from pliant.spec.storage.files import LocalFiles
+from pliant.spec.storage.packed import Member, PackedFiles
 from pliant.spec.validation.findings import Findings
 from pliant.spec.validation.issue_codes import ISSUE_CODES
 from pliant.spec.validation.rules.checksums import check_checksums
 from pliant.spec.validation.rules.context import Context
-from pliant.spec.validation.rules.duplicates import SequenceKeys, compare_frames
+from pliant.spec.validation.rules.duplicates import compare_frames
 from pliant.spec.validation.rules.files import read_document
 from pliant.spec.validation.rules.listing import check_listing
 from pliant.spec.validation.rules.packed import check_any_sequence, check_index
-from pliant.spec.validation.rules.queries import KnownSequence, check_split_queries
+from pliant.spec.validation.rules.queries import check_split_queries
 from pliant.spec.validation.rules.sequences import SequenceResult
 from pliant.spec.validation.rules.structure import check_root
 from pliant.spec.validation.rules.tiers import check_tiers
@@ -138,24 +139,19 @@ def validate(
             for tier, names in sorted(folders.items())
             for name in sorted(names)
         ]
-        known: dict[str, KnownSequence] = {}
+        checked: list[SequenceResult] = []
         digests: dict[str, tuple[bytes, str]] = {}
-        keys: list[SequenceKeys] = []
         for result in _run(tasks, workers):
             sequences += 1
             frames += result.frames
             findings.merge(result.findings)
             _compare_points(result, digests, findings)
             if result.split is not None:
-                keys.append(
-                    SequenceKeys(result.id, result.tier, result.split, result.temporal, result.keys)
-                )
-                known[result.id] = KnownSequence(
-                    result.tier, result.split, result.frames, result.boxes_px, result.tables_sound
-                )
+                checked.append(result)
             if progress is not None:
                 progress(sequences, len(tasks))
-        compare_frames(keys, findings)
+        compare_frames(checked, findings)
+        known = {result.id: result for result in checked}
         for split in SPLITS:
             paths = (layout.queries_path(root, split), layout.truth_path(root, split))
             if any(path.exists() or path.is_symlink() for path in paths):

@@ -18,7 +18,7 @@ from pliant.spec.dataset import Dataset
 from pliant.spec.errors import SpecError
 from pliant.spec.io.reading import Blob
 from pliant.spec.storage import layout
-from pliant.spec.storage.files import PackedFiles
+from pliant.spec.storage.packed import PackedFiles
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +22,9 @@ SAME_M: Final = 1e-6
 
 SHAPE_POINTS: Final = 512
 """About so many points, spread over the table, stand for the shape."""
+
+if TYPE_CHECKING:
+    from pliant.spec.validation.rules.sequences import SequenceResult
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -54,28 +57,11 @@ def shape_key(cameras: Cameras, rows: FrameRows) -> FloatArray:
     return np.concatenate([local.mean(axis=0), local.std(axis=0)])
 
 
-@dataclass(frozen=True)
-class SequenceKeys:
-    """The keys of one sequence with its place.
-
-    Attributes:
-        id, tier, split: Of the sequence.
-        temporal: True for an episode, in which an object may rest.
-        keys: Its frames.
-    """
-
-    id: str
-    tier: str
-    split: str
-    temporal: bool
-    keys: FrameKeys
-
-
-def compare_frames(sequences: list[SequenceKeys], findings: Findings) -> None:
+def compare_frames(sequences: list[SequenceResult], findings: Findings) -> None:
     """Compare all frames of a dataset with each other.
 
     Args:
-        sequences: Every sequence.
+        sequences: Every sequence that has a split.
         findings: Gets `SPLIT_SHARED` (frames of two splits) and `FRAME_REPEATED` (of one).
     """
     pairs: dict[str, set[tuple[int, int, int, int]]] = {
@@ -125,7 +111,7 @@ def _same_numbers(keys: list[dict[int, int]]) -> set[tuple[int, int, int, int]]:
     return found
 
 
-def _same_shapes(sequences: list[SequenceKeys]) -> set[tuple[int, int, int, int]]:
+def _same_shapes(sequences: list[SequenceResult]) -> set[tuple[int, int, int, int]]:
     """Return pairs of frames of one tier whose points agree to a micrometre."""
     found = set()
     for tier in {sequence.tier for sequence in sequences}:

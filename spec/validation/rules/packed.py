@@ -13,7 +13,8 @@ from pliant.spec.io import limits
 from pliant.spec.io.parquet import read_table
 from pliant.spec.io.reading import FileRefusedError
 from pliant.spec.storage import layout
-from pliant.spec.storage.files import LocalFiles, Member, members_of
+from pliant.spec.storage.files import LocalFiles
+from pliant.spec.storage.packed import Member, members_of
 from pliant.spec.validation.findings import Findings, reason
 from pliant.spec.validation.rules.context import Context
 from pliant.spec.validation.rules.listing import check_identity

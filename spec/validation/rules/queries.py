@@ -2,70 +2,32 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Mapping
-from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from pliant.spec.conventions import VISIBILITY_STATES
 from pliant.spec.io import limits
 from pliant.spec.io.checksums import sha256_file
-from pliant.spec.io.parquet import open_table, select_schema
-from pliant.spec.io.parquet_columns import load_columns
 from pliant.spec.storage import layout
-from pliant.spec.tables import QUERIES, TRUTH
+from pliant.spec.tables import QUERIES
 from pliant.spec.validation.findings import Findings
+from pliant.spec.validation.rules.answers import Aligned, compare_answers
 from pliant.spec.validation.rules.context import Context
 from pliant.spec.validation.rules.correspondences import VISIBLE
 from pliant.spec.validation.rules.listing import check_identity
-from pliant.spec.validation.rules.tables import CheckedTable, check_table, codes_of, numbers
+from pliant.spec.validation.rules.sequences import SequenceResult
+from pliant.spec.validation.rules.tables import CheckedTable, check_table, numbers
+from pliant.spec.validation.rules.tracks import read_tracks
 
 _TABLES_IN_MEMORY = 16
-_MAX_ALTERNATIVES = 64  # as many as dataset.schema.json allows symmetries
-
-
-@dataclass(frozen=True)
-class KnownSequence:
-    """What the queries' rules need of a sequence.
-
-    Attributes:
-        tier: Its tier.
-        split: Its split.
-        frames: Its frames.
-        boxes_px: float32 (F,), longer side of the queried object's visible box; NaN unknown.
-        sound: True if its tables can be compared with.
-    """
-
-    tier: str
-    split: str
-    frames: int
-    boxes_px: npt.NDArray[np.float32]
-    sound: bool
-
-
-@dataclass(frozen=True)
-class _Tracks:
-    """The tables of one sequence, by frame and point.
-
-    Attributes:
-        uv_px: float32 (F, P, 2).
-        state: int8 (F, P), index into `VISIBILITY_STATES`.
-        askable: bool (P,), surface points of the queried object.
-        partners: int32 (P, S).
-    """
-
-    uv_px: npt.NDArray[np.float32]
-    state: npt.NDArray[np.int8]
-    askable: npt.NDArray[np.bool_]
-    partners: npt.NDArray[np.int32]
 
 
 def check_split_queries(
-    context: Context, split: str, sequences: Mapping[str, KnownSequence]
+    context: Context, split: str, sequences: Mapping[str, SequenceResult]
 ) -> Findings:
     """Check the queries of a split, and their truth where it is there.
 
@@ -131,20 +93,22 @@ class _SplitCheck:
         self,
         context: Context,
         split: str,
-        sequences: Mapping[str, KnownSequence],
+        sequences: Mapping[str, SequenceResult],
         findings: Findings,
     ) -> None:
         self.context = context
         self.split = split
         self.sequences = sequences
         self.findings = findings
-        self._tracks: OrderedDict[str, _Tracks | None] = OrderedDict()
+        self._tracks_of = lru_cache(_TABLES_IN_MEMORY)(
+            lambda name: read_tracks(context, sequences[name])
+        )
         self._last_key = (-1, 0)
         self._last_pair: dict[str, Any] = {}
 
     def run(self, table: CheckedTable, truth: CheckedTable | None) -> None:
         """Check the rows, pair by pair."""
-        answers = _Aligned(truth, self.findings) if truth is not None else None
+        answers = Aligned(truth, self.findings) if truth is not None else None
         if truth is not None and truth.rows != table.rows:
             code = "ROW_MISSING" if truth.rows < table.rows else "ROW_UNKNOWN"
             self.findings.add(
@@ -330,123 +294,10 @@ class _SplitCheck:
         tracks = self._tracks_of(pair["sequence_b"])
         if tracks is not None and point is not None:
             frame = int(pair["frame_b"])
-            self._compare(tracks, frame, answers, point, problems)
+            compare_answers(tracks, frame, answers, point, problems)
         self.findings.add_rows(
             "TRUTH_DISAGREES",
             shown,
             ~wrong_key & np.array([bool(problem) for problem in problems]),
             lambda i: (where[i], "; ".join(problems[i])),
         )
-
-    def _compare(
-        self,
-        tracks: _Tracks,
-        frame: int,
-        answers: dict[str, Any],
-        point: npt.NDArray[np.int64],
-        problems: list[list[str]],
-    ) -> None:
-        """Compare answers with the target's table; float32 values must be equal."""
-        for index, asked in enumerate(point):
-            if asked < 0:
-                continue
-            if answers["point"][index] != asked:
-                problems[index].append(
-                    f"point is {answers['point'][index]}; the query lies on point {asked}"
-                )
-                continue
-            found = (answers["u_b"][index], answers["v_b"][index])
-            if not np.array_equal(tracks.uv_px[frame, asked], found):
-                problems[index].append(
-                    f"u_b, v_b are {found[0]}, {found[1]}; the correspondences have "
-                    f"{tracks.uv_px[frame, asked].tolist()}"
-                )
-            state = VISIBILITY_STATES[tracks.state[frame, asked]]
-            if answers["visibility_b"][index] != state:
-                problems[index].append(
-                    f"visibility_b is {answers['visibility_b'][index][:40]!r}; the "
-                    f"correspondences have {state}"
-                )
-            required = [
-                (*tracks.uv_px[frame, partner].tolist(), VISIBILITY_STATES[state])
-                for partner, state in (
-                    (partner, tracks.state[frame, partner]) for partner in tracks.partners[asked]
-                )
-            ]
-            listed = [(a["u"], a["v"], a["visibility"]) for a in answers["alternatives"][index]]
-            if listed != required:
-                problems[index].append("alternatives are not where the point's partners are")
-
-    def _tracks_of(self, name: str) -> _Tracks | None:
-        """Return a sequence's tables, None if they are not sound enough to compare with."""
-        if name in self._tracks:
-            self._tracks.move_to_end(name)
-            return self._tracks[name]
-        known = self.sequences[name]
-        tracks = self._load(name, known) if known.sound else None
-        self._tracks[name] = tracks
-        if len(self._tracks) > _TABLES_IN_MEMORY:
-            self._tracks.popitem(last=False)
-        return tracks
-
-    def _load(self, name: str, known: KnownSequence) -> _Tracks:
-        folder = layout.sequence_name(known.tier, name)
-        path = self.context.files.get(f"{folder}/{layout.POINTS_TABLE}")
-        points = load_columns(open_table(path), path, select_schema("points"))
-        count = points.num_rows
-        partners = points.column("partners").combine_chunks()
-        queried = self.context.tiers[known.tier].queried_object
-        askable = (numbers(points, "object") == queried) & (
-            codes_of(points, "kind", ("surface",)) == 0
-        )
-        path = self.context.files.get(f"{folder}/{layout.CORRESPONDENCES_TABLE}")
-        file = open_table(path)
-        schema = select_schema("correspondences", ["u_px", "v_px", "visibility"])
-        table = load_columns(file, path, schema)
-        uv = np.stack([numbers(table, "u_px"), numbers(table, "v_px")], axis=1)
-        state = codes_of(table, "visibility", VISIBILITY_STATES).astype(np.int8)
-        return _Tracks(
-            uv.reshape(known.frames, count, 2),
-            state.reshape(known.frames, count),
-            askable,
-            partners.flatten().to_numpy().reshape(count, -1),
-        )
-
-
-class _Aligned:
-    """The truth's rows, handed out in the portions that the queries come in."""
-
-    def __init__(self, truth: CheckedTable, findings: Findings) -> None:
-        self._findings = findings
-        self._shown = truth.shown
-        self._batches = truth.batches(TRUTH.names, findings)
-        self._rest: pa.Table | None = None
-
-    def take(self, count: int) -> dict[str, Any] | None:
-        """Return the next rows as columns, or None if the file ends early."""
-        parts, have = [], 0
-        while have < count:
-            if self._rest is None or self._rest.num_rows == 0:
-                following = next(self._batches, None)
-                if following is None:
-                    return None
-                self._rest = following[1]
-            part = self._rest.slice(0, count - have)
-            self._rest = self._rest.slice(part.num_rows)
-            parts.append(part)
-            have += part.num_rows
-        rows = pa.concat_tables(parts)
-        listed = sum(len(chunk.flatten()) for chunk in rows.column("alternatives").chunks)
-        if listed > _MAX_ALTERNATIVES * count:
-            self._findings.add(
-                "VALUE_OUT_OF_RANGE",
-                self._shown,
-                "alternatives",
-                f"found {listed} in {count} rows; no tier has more than {_MAX_ALTERNATIVES}",
-            )
-            return None
-        plain = {"tier", "visibility_b", "alternatives"}
-        return {
-            name: rows.column(name).to_pylist() if name in plain else numbers(rows, name)
-            for name in TRUTH.names
-        }
