@@ -78,7 +78,7 @@ def compare_frames(sequences: list[SequenceResult], findings: Findings) -> None:
                 continue
             text = f"{a.id} frame {frame_a} and {b.id} frame {frame_b}"
             if a.split != b.split:
-                splits = (a.split, b.split)
+                splits = (str(a.split), str(b.split))
                 shared.setdefault(splits, {}).setdefault(what, []).append(text)
             else:
                 repeated.setdefault(what, []).append(text)
