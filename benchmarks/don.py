@@ -42,8 +42,8 @@ from pliant.evaluator import Scores, evaluate
 from pliant.generator.config import QuerySettings
 from pliant.generator.runner.run import generate
 from pliant.models import load_matcher
+from pliant.models.don.settings import DonSettings
 from pliant.models.don.trainer import DonTask, train_don
-from pliant.models.settings import DonSettings
 from pliant.models.training.processes import Processes
 from pliant.spec.configuration import read_settings
 from pliant.spec.dataset import Dataset
@@ -65,7 +65,7 @@ def overhead_ratio(dataset: Dataset, settings: DonSettings, run: Path, rounds: i
     """Return CPU time of a whole step over that of the network alone, the median of rounds."""
     task = DonTask(dataset, settings, run, Processes(0, 1, torch.device("cpu")))
     generator = torch.Generator().manual_seed(0)
-    for _ in task.batches(0, len(task.pairs) // settings.batch + 1):
+    for _ in task.batches(0, len(task.samples) // settings.batch + 1):
         pass  # every frame is in the store, as after the first minutes of a run
     ratios = []
     for step in range(rounds + 1):

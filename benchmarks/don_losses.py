@@ -32,8 +32,8 @@ from pliant.benchmarks.suite.config import read_config
 from pliant.evaluator import evaluate
 from pliant.generator.runner.run import generate
 from pliant.models import load_matcher
+from pliant.models.don.settings import DonSettings
 from pliant.models.don.trainer import train_don
-from pliant.models.settings import DonSettings
 from pliant.models.training.checkpoint import latest_checkpoint
 from pliant.spec.configuration import read_settings
 from pliant.spec.dataset import Dataset

@@ -21,7 +21,7 @@ from record import Value, main
 
 from pliant.generator.config import GenerateConfig
 from pliant.generator.runner.run import generate
-from pliant.loaders import AugmentSettings, PairDataset
+from pliant.loaders import AugmentSettings, FrameStore, PairDataset
 from pliant.spec.dataset import Dataset
 
 TRAINING_SIZE = (160, 120)
@@ -45,12 +45,8 @@ def measure(quick: bool) -> dict[str, Value]:
 
         def pairs(size: tuple[int, int], cache: Path | None) -> PairDataset:
             return PairDataset(
-                dataset,
-                "rope",
-                "train",
-                size=size,
+                FrameStore(dataset, "rope", "train", size, cache=cache),
                 augmentation=AugmentSettings(),
-                cache=cache,
             )
 
         stored = pairs(TRAINING_SIZE, root / "cache")

@@ -28,7 +28,7 @@ from record import Value, main
 
 from pliant.generator.config import GenerateConfig
 from pliant.generator.runner.run import generate
-from pliant.loaders import PairDataset
+from pliant.loaders import FrameStore, PairDataset
 from pliant.publishing import PublishSettings, publish
 from pliant.spec.dataset import Dataset
 from pliant.spec.io.jsonfiles import read_json, write_json
@@ -139,7 +139,7 @@ def measure(quick: bool) -> dict[str, Value]:
             name: ratio(each(loose, read), each(packed, read), rounds)
             for name, read in readers.items()
         }
-        pairs = [PairDataset(d, "rope", "train", size=(160, 120)) for d in (loose, packed)]
+        pairs = [PairDataset(FrameStore(d, "rope", "train", (160, 120))) for d in (loose, packed)]
         count = sequences // 2
 
         def load(which: int) -> Callable[[], object]:

@@ -52,8 +52,8 @@ def don(data: Path, out: Path, **given: Any) -> None:
     With --resume and no settings of its own, a run goes on with those it began with.
     """
     try:
+        from pliant.models.don.settings import DonSettings
         from pliant.models.don.trainer import shipped_recipe, train_don
-        from pliant.models.settings import DonSettings
         from pliant.spec.configuration import read_settings
     except ImportError as error:
         raise MissingExtraError("training", "train") from error

@@ -2,6 +2,7 @@
 
 from pliant.loaders.augment import AugmentSettings
 from pliant.loaders.clips import ClipDataset
+from pliant.loaders.frame_store import FrameStore
 from pliant.loaders.inputs import NetworkInput
 from pliant.loaders.order import StepOrder
 from pliant.loaders.pairs import MixedPairs, PairDataset, PairSettings
@@ -11,6 +12,7 @@ __all__ = [
     "AugmentSettings",
     "ClipDataset",
     "FrameDataset",
+    "FrameStore",
     "MixedPairs",
     "NetworkInput",
     "PairDataset",

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Final
 
@@ -24,8 +24,8 @@ from pliant.spec.model import Tier
 from pliant.spec.sequence import SequenceRecord
 from pliant.spec.storage import layout
 
-_STORED: Final = ("rgb", "mask", "objects", "depth_m", "uv_px", "visible")
-"""Fields of a `FrameView` that a record keeps."""
+_STORED: Final = tuple(field.name for field in fields(FrameView))
+"""What a record keeps."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class FrameStore:
         dataset: The dataset.
         tier: Name of one of its tiers.
         split: Name of a split.
-        size: (w, h) to bring frames to.
+        size: (w, h) to bring frames to: the network's input.
         cache: A folder for decoded frames, or None to decode each time.
         limit: Use the first so many sequences only; None uses all.
 
@@ -81,7 +81,7 @@ class FrameStore:
         dataset: Dataset,
         tier: str,
         split: str,
-        size: tuple[int, int],
+        size: tuple[int, int] = (160, 120),
         *,
         cache: Path | None = None,
         limit: int | None = None,
@@ -97,6 +97,8 @@ class FrameStore:
             )
         self.size = size
         self.full_size = dataset.size
+        self.where = f"tier {tier}, split {split}"
+        self.root = dataset.root
         self.frames = [FrameRef(s, f) for s in sequences for f in range(s.frames)]
         points = sequences[0].points()
         ids = self._surface_points = surface_points(sequences[0], self.tier.queried_object)

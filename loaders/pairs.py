@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
 import numpy as np
@@ -22,7 +21,6 @@ from pliant.loaders.surface_matches import draw_surface_pixels, find_on_surface
 from pliant.loaders.views import FrameView
 from pliant.spec.configuration import configuration
 from pliant.spec.constraints import Bounds, Count
-from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
 
 Pairing = Literal["any", "sequence", "next"]
@@ -83,16 +81,10 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
       augmentation moves all views alike.
 
     Args:
-        dataset: The dataset.
-        tier: Name of a tier.
-        split: Name of a split.
+        store: The frames.
         settings: What a sample holds.
-        size: (w, h) of the network's input.
         seed: Seed of the draws.
-        stream: Keeps datasets of one run apart (0 training, 1 validation).
         augmentation: Random changes, or None.
-        cache: Folder for decoded frames, or None.
-        limit: Use the first so many sequences only.
         orientation: Samples say how the material lies; it needs matches from the points.
 
     Raises:
@@ -101,32 +93,23 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
 
     def __init__(
         self,
-        dataset: Dataset,
-        tier: str,
-        split: str,
+        store: FrameStore,
         settings: PairSettings | None = None,
         *,
-        size: tuple[int, int] = (160, 120),
         seed: int = 0,
-        stream: int = 0,
         augmentation: AugmentSettings | None = None,
-        cache: Path | None = None,
-        limit: int | None = None,
         orientation: bool = False,
     ) -> None:
-        self.settings = settings or PairSettings()
-        self.store = FrameStore(dataset, tier, split, size, cache=cache, limit=limit)
-        self.seed, self.stream = seed, stream
-        self.augmentation = augmentation
+        self.store, self.settings = store, settings or PairSettings()
+        self.seed, self.augmentation = seed, augmentation
         self._orientation: Orientation | None = None
         if orientation:
-            self._orientation = Orientation(self.store.tier.queried, self.store.material)
+            self._orientation = Orientation(store.tier.queried, store.material)
         self._groups = self._frames_by_sequence()
         if not self._groups:
             raise CallError(
-                f"tier {tier}, split {split} has too few frames for pairs of kind "
-                f"{self.settings.pairing!r}",
-                path=dataset.root,
+                f"{store.where} has too few frames for pairs of kind {self.settings.pairing!r}",
+                path=store.root,
                 required=f"{self.settings.views} frames "
                 + ("of one sequence" if self.settings.pairing != "any" else "in all"),
             )
@@ -136,7 +119,7 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
 
     def __getitem__(self, index: int) -> dict[str, torch.Tensor]:
         """Draw sample number `index` (any number >= 0)."""
-        rng = sample_generator(self.seed, index, self.stream)
+        rng = sample_generator(self.seed, index)
         frames = self._draw_frames(rng)
         views = [self.store.view(frame) for frame in frames]
         action = self._action_px(frames, views)

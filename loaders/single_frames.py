@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import torch
 from torch.utils.data import Dataset as TorchDataset
 
 from pliant.loaders.frame_store import FrameStore
 from pliant.loaders.inputs import InputKind, NetworkInput
-from pliant.spec.dataset import Dataset
 
 
 class FrameDataset(TorchDataset[dict[str, torch.Tensor]]):
@@ -20,28 +17,13 @@ class FrameDataset(TorchDataset[dict[str, torch.Tensor]]):
     working pixels (0 where unknown), `visible` bool (P,) and `material` float32 (P, 2).
 
     Args:
-        dataset: The dataset.
-        tier: Name of a tier.
-        split: Name of a split.
+        store: The frames.
         input: `rgb`, `grey`, `depth` or `rgbd`.
-        size: (w, h) of the network's input.
-        cache: Folder for decoded frames, or None.
-        limit: Use the first so many sequences only.
     """
 
-    def __init__(
-        self,
-        dataset: Dataset,
-        tier: str,
-        split: str,
-        *,
-        input: InputKind = "rgb",
-        size: tuple[int, int] = (160, 120),
-        cache: Path | None = None,
-        limit: int | None = None,
-    ) -> None:
-        self.store = FrameStore(dataset, tier, split, size, cache=cache, limit=limit)
-        self.input = input
+    def __init__(self, store: FrameStore, input: InputKind = "rgb") -> None:
+        self.store = store
+        self.input = NetworkInput(input)
 
     def __len__(self) -> int:
         return len(self.store)
@@ -52,7 +34,7 @@ class FrameDataset(TorchDataset[dict[str, torch.Tensor]]):
         view = self.store.view(index)
         known = np.isfinite(view.uv_px).all(axis=-1)
         return {
-            "image": torch.from_numpy(NetworkInput(self.input).image(view.rgb, view.depth_m)),
+            "image": torch.from_numpy(self.input.image(view.rgb, view.depth_m)),
             "mask": torch.from_numpy(np.array(view.mask)),
             "uv_px": torch.from_numpy(np.where(known[:, None], view.uv_px, np.float32(0))),
             "visible": torch.from_numpy(view.visible & known),

@@ -52,36 +52,45 @@ def resize_rgb(rgb: npt.NDArray[np.uint8], size: tuple[int, int]) -> npt.NDArray
     return np.asarray(Image.fromarray(rgb).resize(size, Image.Resampling.BOX))
 
 
-def resize_mask(mask: npt.NDArray[np.bool_], size: tuple[int, int]) -> npt.NDArray[np.bool_]:
+def resize_mask(
+    mask: npt.NDArray[np.bool_], size: tuple[int, int], *, keep_thin: bool = False
+) -> npt.NDArray[np.bool_]:
     """Return a mask at another size: True where half the pixel or more was True.
 
     Args:
         mask: bool (H, W).
         size: (w, h).
+        keep_thin: Where nothing covers half a pixel, take every pixel that is touched.
     """
-    if (mask.shape[1], mask.shape[0]) == size:
+    height, width = mask.shape
+    if (width, height) == size:
         return mask
     cover = Image.fromarray(mask.astype(np.float32)).resize(size, Image.Resampling.BOX)
-    return np.asarray(cover) >= _COVERED
+    small = np.asarray(cover) >= _COVERED
+    if keep_thin and not small.any() and mask.any():
+        small = np.zeros_like(small)
+        rows, columns = np.nonzero(mask)
+        small[rows * size[1] // height, columns * size[0] // width] = True
+    return small
 
 
-def resize_depth(
-    depth_m: npt.NDArray[np.float32], size: tuple[int, int]
+def resize_nearest(
+    values: npt.NDArray[np.float32], size: tuple[int, int]
 ) -> npt.NDArray[np.float32]:
-    """Return a depth map at another size: the value under each new pixel's centre.
+    """Return values at another size: those under each new pixel's centre.
 
-    Depths are never averaged: a mean of two surfaces lies on neither.
+    Depths are never averaged: a mean of two surfaces is on neither.
 
     Args:
-        depth_m: float32 (H, W).
+        values: float32 (H, W).
         size: (w, h).
     """
-    height, width = depth_m.shape
+    height, width = values.shape
     if (width, height) == size:
-        return depth_m
+        return values
     columns = ((np.arange(size[0]) + 0.5) * width / size[0]).astype(np.intp)
     rows = ((np.arange(size[1]) + 0.5) * height / size[1]).astype(np.intp)
-    return depth_m[np.ix_(rows, columns)]
+    return values[np.ix_(rows, columns)]
 
 
 def surface_points(sequence: SequenceRecord, queried_object: int) -> npt.NDArray[np.intp]:
@@ -140,7 +149,7 @@ def read_view(
         rgb=resize_rgb(sequence.rgb(frame), size),
         mask=resize_mask(surface.object_id == queried_object, size),
         objects=resize_mask(surface.object_id > 0, size),
-        depth_m=resize_depth(surface.depth_m, size),
+        depth_m=resize_nearest(surface.depth_m, size),
         uv_px=(uv_full * scale).astype(np.float32),
         visible=_equals(table["visibility"], "visible")[points],
     )

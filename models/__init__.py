@@ -28,9 +28,10 @@ def load_matcher(run: Path | str) -> DonMatcher | TimeCycleMatcher:
     try:
         from pliant.models.don import matcher
         from pliant.models.timecycle.matcher import load_timecycle
+        from pliant.models.training.run_folder import CONFIG
     except ImportError as error:
         raise MissingExtraError("answering with a trained network", "train") from error
-    if _kind(Path(run) / matcher.CONFIG) == "timecycle":
+    if _kind(Path(run) / CONFIG) == "timecycle":
         return load_timecycle(Path(run))
     return matcher.load_matcher(run)
 

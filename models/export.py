@@ -10,10 +10,10 @@ from typing import Any, Final
 
 from pliant.evaluator.scores import Scores
 from pliant.models import load_matcher
-from pliant.models.don.matcher import CALIBRATION, CONFIG, RUN_FACTS
 from pliant.models.model_card import model_card
 from pliant.models.shipped import CARD
 from pliant.models.training.checkpoint import BEST, Weights, read_weights_file, save_weights
+from pliant.models.training.run_folder import CALIBRATION, CONFIG, RUN_FACTS
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
 from pliant.spec.io.jsonfiles import read_json

@@ -109,8 +109,8 @@ def _trained(job: TrainingJob, tell: Tell) -> dict[str, Any]:
         told = telling(cycle.steps)
         facts = train_timecycle(dataset, job.run, cycle, resume=resume, progress=told)
         return {"steps": facts["steps"]}
+    from pliant.models.don.settings import DonSettings
     from pliant.models.don.trainer import train_don
-    from pliant.models.settings import DonSettings
 
     if job.after is not None:
         values["network"] = {**values.get("network", {}), "pretrained": str(job.after)}

@@ -24,8 +24,9 @@ from pliant.evaluator.metrics.mixtures import (
     probability_within,
 )
 from pliant.evaluator.protocols.protocol import read_protocol
+from pliant.models.don.certainty import Calibration
 from pliant.models.don.decoding import Widths, decode_position, mixture_of_modes
-from pliant.models.don.matcher import Calibration, DonMatcher, visible_probability
+from pliant.models.don.matcher import DonMatcher
 from pliant.models.don.validation import ValidationPair
 
 TEMPERATURES = (0.5, 0.7, 1.0, 1.4, 2.0, 4.0, 8.0)
@@ -99,7 +100,7 @@ def calibrate(
     figures = _measure(modes, best, scale, full_size)
     if best.visible_slope > 0:
         seen = ~np.concatenate(hidden)
-        said = visible_probability(np.concatenate(distances), best) >= 0.5
+        said = best.visible(np.concatenate(distances)) >= 0.5
         figures["visible_accuracy"] = float(np.mean(said == seen))
         figures["visible_share"] = float(np.mean(seen))
     return replace(best, figures=figures, sharpness=matcher.sharpness)
@@ -143,7 +144,7 @@ class _Modes:
         if key not in self._found:
             found = []
             for pair in self.pairs:
-                flat = DonMatcher.flattened(pair.log_p, calibration)
+                flat = calibration.flattened(pair.log_p)
                 modes, _ = mixture_of_modes(flat, pair.uv, Widths(0.0), calibration.mode_radius_px)
                 found.append(modes.double().numpy())
             self._found[key] = found

@@ -2,27 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import torch
 from torch.nn import functional
 
-
-@dataclass(frozen=True)
-class Candidates:
-    """M competing pixels (or bins) in each of N images.
-
-    Attributes:
-        descriptors: float (N, M, D).
-        uv_px: float (N, M, 2), their centres in the network's pixels.
-        valid: bool (N, M), False for padding.
-        on_object: bool (N, M).
-    """
-
-    descriptors: torch.Tensor
-    uv_px: torch.Tensor
-    valid: torch.Tensor
-    on_object: torch.Tensor
+from pliant.models.losses.matches import Candidates
 
 
 def pixel_grid(height: int, width: int, step: int, device: torch.device) -> torch.Tensor:
@@ -54,10 +37,7 @@ def all_bins(descriptors: torch.Tensor, mask: torch.Tensor, bin_px: int = 1) -> 
         mask = functional.max_pool2d(mask.float()[:, None], bin_px)[:, 0] > 0
     n, _, height, width = descriptors.shape
     uv = pixel_grid(height, width, bin_px, descriptors.device)[None].expand(n, -1, -1)
-    on_object = mask.flatten(1)
-    return Candidates(
-        descriptors.flatten(2).transpose(1, 2), uv, torch.ones_like(on_object), on_object
-    )
+    return Candidates(descriptors.flatten(2).transpose(1, 2), uv, mask.flatten(1))
 
 
 def object_and_background(
@@ -89,8 +69,7 @@ def object_and_background(
     rows = descriptors.permute(0, 2, 3, 1).reshape(-1, descriptors.shape[1])  # (N h w, D)
     offset = torch.arange(len(flat), device=flat.device)[:, None] * flat.shape[1]
     picked = rows.index_select(0, (chosen + offset).flatten()).view(*chosen.shape, -1)
-    on_object = flat.gather(1, chosen)
-    return Candidates(picked, grid[chosen], torch.ones_like(on_object), on_object)
+    return Candidates(picked, grid[chosen], flat.gather(1, chosen))
 
 
 def widened(mask: torch.Tensor, by_px: int) -> torch.Tensor:

@@ -7,14 +7,9 @@ from collections.abc import Mapping
 import torch
 from torch.nn import functional
 
-from pliant.models.don.candidates import (
-    Candidates,
-    all_bins,
-    object_and_background,
-    pixel_grid,
-    widened,
-)
-from pliant.models.losses.contrastive import contrastive_loss, draw_non_matches
+from pliant.models.don.candidates import all_bins, object_and_background, widened
+from pliant.models.don.settings import LossSettings
+from pliant.models.losses.contrastive import Hinge, contrastive_loss, draw_non_matches
 from pliant.models.losses.distributional import distributional_loss, log_probabilities
 from pliant.models.losses.lipschitz_space import (
     draw_patch,
@@ -23,10 +18,10 @@ from pliant.models.losses.lipschitz_space import (
     soft_argmax,
 )
 from pliant.models.losses.lipschitz_time import lipschitz_time_loss
+from pliant.models.losses.matches import Candidates, NonMatches, Targets
 from pliant.models.losses.orientation import orientation_loss
 from pliant.models.networks.canonical import CanonicalHead, canonical_loss
 from pliant.models.networks.descriptor_network import NetworkOutput, sample_descriptors
-from pliant.models.settings import LossSettings
 
 Figures = dict[str, torch.Tensor]
 
@@ -69,88 +64,61 @@ def don_loss(
     sources = own[:, others].reshape(B * V, (V - 1) * Q, -1)  # (N, q, D), N = B V
     slots = R if settings.symmetric else 1
     target_uv = batch["uv_px"][:, :, None, :, :slots].expand(-1, -1, V - 1, -1, -1, -1)
-    target_uv = target_uv.reshape(B * V, (V - 1) * Q, slots, 2)
     in_source = batch["visible"][:, others, :, 0].reshape(B * V, (V - 1) * Q)
     in_target = batch["visible"][:, :, None, :, :slots].expand(-1, -1, V - 1, -1, -1)
     in_target = in_target.reshape(B * V, (V - 1) * Q, slots)
     # A query counts if its point is seen in both views; partners add modes, never queries.
     counts = in_source & in_target[..., 0]
-    target_valid = in_target & counts[..., None]
-    chunk = settings.chunk or None
-
-    figures: Figures = {}
+    targets = Targets(
+        target_uv.reshape(B * V, (V - 1) * Q, slots, 2), in_target & counts[..., None]
+    )
+    parts: Figures = {}
     if settings.kind == "distributional":
-        pool = _competitors(descriptors, mask, settings, generator)
-        loss = distributional_loss(
+        parts[settings.kind] = distributional_loss(
             sources,
-            pool.descriptors,
-            pool.uv_px,
-            pool.valid,
-            pool.on_object,
-            target_uv,
-            target_valid,
+            _competitors(descriptors, mask, settings, generator),
+            targets,
             scale=scale,
             sigma_px=settings.sigma_at(progress),
             direction=settings.direction,
-            chunk=chunk,
+            chunk=settings.chunk or None,
         )
     else:
-        width = mask.shape[-1]
-        drawn = draw_non_matches(mask, (V - 1) * Q, settings.non_matches, generator)  # (N, q, K)
-        rows = descriptors.flatten(2).transpose(1, 2)  # (N, h w, D)
-        index = drawn.flatten(1)[..., None].expand(-1, -1, rows.shape[-1])
-        non_match = rows.gather(1, index).view(*drawn.shape, -1)
-        non_match_uv = torch.stack([drawn % width, drawn // width], dim=-1) + 0.5
-        match = sample_descriptors(descriptors, target_uv[:, :, 0])
-        loss = contrastive_loss(
+        parts[settings.kind] = contrastive_loss(
             sources,
-            match,
+            sample_descriptors(descriptors, targets.uv_px[:, :, 0]),
             counts,
-            non_match,
-            non_match_uv,
-            target_uv,
-            target_valid,
-            margin=settings.margin,
-            guard_px=settings.guard_px,
-            squared=settings.squared,
-            hard_scaling=settings.hard_scaling,
-            chunk=chunk,
+            _non_matches(descriptors, mask, (V - 1) * Q, settings, generator),
+            targets,
+            Hinge(settings.margin, settings.guard_px, settings.squared, settings.hard_scaling),
+            settings.chunk or None,
         )
-    figures[settings.kind] = loss.detach()
+    mu = penalty_weight(progress, *settings.space_mu)
     if settings.space_weight > 0:
-        space = _space(descriptors, mask, V, scale, settings, progress, generator)
-        figures["lipschitz_space"] = space.detach()
-        loss = loss + settings.space_weight * space
+        parts["lipschitz_space"] = _space(descriptors, mask, V, scale, mu, settings, generator)
     if settings.time_weight > 0:
         pool = _competitors(descriptors, mask, settings, generator)
-        log_p = log_probabilities(sources, pool.descriptors, pool.valid, scale)
-        predicted = soft_argmax(log_p, pool.uv_px).view(B * V * (V - 1), Q, 2)
-        source_uv = batch["uv_px"][:, others, :, 0].reshape(B * V * (V - 1), Q, 2)
-        targets = torch.arange(V, device=mask.device)[:, None].expand_as(others)
-        action = batch["action_px"][:, targets, others].flatten()
-        time = lipschitz_time_loss(
-            predicted,
-            source_uv,
-            action,
-            in_source.view(B * V * (V - 1), Q),
+        log_p = log_probabilities(sources, pool.descriptors, scale)
+        views = torch.arange(V, device=mask.device)[:, None].expand_as(others)
+        parts["lipschitz_time"] = lipschitz_time_loss(
+            soft_argmax(log_p, pool.uv_px).view(-1, Q, 2),
+            batch["uv_px"][:, others, :, 0].reshape(-1, Q, 2),
+            batch["action_px"][:, views, others].flatten(),
+            in_source.view(-1, Q),
             lipschitz=settings.time_constant,
-            mu=penalty_weight(progress, *settings.space_mu),
+            mu=mu,
         )
-        figures["lipschitz_time"] = time.detach()
-        loss = loss + settings.time_weight * time
     in_view = batch["visible"][..., 0].flatten(0, 1)
     if settings.orientation_weight > 0:
-        lies = orientation_loss(
+        parts["orientation"] = orientation_loss(
             sample_descriptors(out.orientation, at_points),
             batch["orientation"].flatten(0, 1),
             in_view,
             reversible=slots > 1,
         )
-        figures["orientation"] = lies.detach()
-        loss = loss + settings.orientation_weight * lies
     if settings.canonical_weight > 0 and canonical is not None:
         material = batch["material"][:, None, :, :slots].expand(-1, V, -1, -1, -1)
-        found = canonical_loss(
+        parts["canonical"] = canonical_loss(
             canonical,
             own.flatten(0, 1),
             material.flatten(0, 1),
@@ -158,14 +126,44 @@ def don_loss(
             scale=scale,
             sigma_m=settings.canonical_sigma_at(progress),
         )
-        figures["canonical"] = found.detach()
-        loss = loss + settings.canonical_weight * found
     if settings.foreground_weight > 0:
         both = torch.stack([batch["mask"], batch["objects"]], dim=2).flatten(0, 1)
-        seen = functional.binary_cross_entropy_with_logits(out.foreground, both.float())
-        figures["foreground"] = seen.detach()
-        loss = loss + settings.foreground_weight * seen
-    return loss, figures
+        parts["foreground"] = functional.binary_cross_entropy_with_logits(
+            out.foreground, both.float()
+        )
+    loss = parts[settings.kind]
+    for name, weight in _weights(settings).items():
+        if name in parts:
+            loss = loss + weight * parts[name]
+    return loss, {name: part.detach() for name, part in parts.items()}
+
+
+def _weights(settings: LossSettings) -> dict[str, float]:
+    """Return the weight of each part that is added to the main loss."""
+    return {
+        "lipschitz_space": settings.space_weight,
+        "lipschitz_time": settings.time_weight,
+        "orientation": settings.orientation_weight,
+        "canonical": settings.canonical_weight,
+        "foreground": settings.foreground_weight,
+    }
+
+
+def _non_matches(
+    descriptors: torch.Tensor,
+    mask: torch.Tensor,
+    queries: int,
+    settings: LossSettings,
+    generator: torch.Generator | None,
+) -> NonMatches:
+    drawn = draw_non_matches(mask, queries, settings.non_matches, generator)  # (N, q, K)
+    rows = descriptors.flatten(2).transpose(1, 2)  # (N, h w, D)
+    index = drawn.flatten(1)[..., None].expand(-1, -1, rows.shape[-1])
+    width = mask.shape[-1]
+    return NonMatches(
+        rows.gather(1, index).view(*drawn.shape, -1),
+        torch.stack([drawn % width, drawn // width], dim=-1) + 0.5,
+    )
 
 
 def _competitors(
@@ -185,24 +183,22 @@ def _space(
     mask: torch.Tensor,
     views: int,
     scale: torch.Tensor,
+    mu: float,
     settings: LossSettings,
-    progress: float,
     generator: torch.Generator | None,
 ) -> torch.Tensor:
     """Return the Lipschitz loss of one patch of each view, predicted into the next view."""
     patch_uv, valid = draw_patch(mask, settings.space_radius_px, settings.space_pixels, generator)
     query = sample_descriptors(descriptors, patch_uv)
     following = torch.arange(len(mask), device=mask.device).view(-1, views).roll(-1, 1).flatten()
-    target, target_mask = descriptors[following], mask[following]
-    height, width = mask.shape[-2:]
-    usable = target_mask.flatten(1)
-    usable = torch.where(usable.any(dim=1, keepdim=True), usable, torch.ones_like(usable))
-    log_p = log_probabilities(query, target.flatten(2).transpose(1, 2), usable, scale)
-    grid = pixel_grid(height, width, 1, mask.device)[None].expand(len(mask), -1, -1)
+    target = all_bins(descriptors[following], mask[following])
+    seen = target.on_object.any(dim=1, keepdim=True)
+    usable = target.on_object | ~seen
+    log_p = log_probabilities(query, target.descriptors, scale, usable)
     return lipschitz_space_loss(
-        soft_argmax(log_p, grid),
+        soft_argmax(log_p, target.uv_px),
         patch_uv,
-        valid & target_mask.flatten(1).any(dim=1, keepdim=True),
+        valid & seen,
         lipschitz=settings.space_constant,
-        mu=penalty_weight(progress, *settings.space_mu),
+        mu=mu,
     )

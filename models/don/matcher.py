@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -14,10 +13,11 @@ import torch
 
 from pliant.baselines.lru_cache import LRUCache
 from pliant.baselines.matcher import Answers, Heat, View
-from pliant.loaders.inputs import NetworkInput
-from pliant.loaders.views import resize_depth, resize_mask, resize_rgb
+from pliant.loaders.views import resize_mask, resize_nearest, resize_rgb
 from pliant.models.don.candidates import pixel_grid, widened
-from pliant.models.don.decoding import Widths, decode_position, mixture_of_modes, spread_about
+from pliant.models.don.certainty import Calibration
+from pliant.models.don.decoding import decode_position, mixture_of_modes, spread_about
+from pliant.models.don.settings import DonSettings
 from pliant.models.losses.distributional import log_probabilities
 from pliant.models.networks.canonical import PREFIX, CanonicalHead
 from pliant.models.networks.descriptor_network import (
@@ -25,54 +25,12 @@ from pliant.models.networks.descriptor_network import (
     build_network,
     sample_descriptors,
 )
-from pliant.models.settings import AnswerSettings, DonSettings
 from pliant.models.training.checkpoint import BEST, load_best, read_weights_file
+from pliant.models.training.run_folder import CALIBRATION, CONFIG, RUN_FACTS, read_run_json
 from pliant.spec.configuration import read_settings
 from pliant.spec.errors import CallError, TrainingError
 
-CONFIG = "config.yaml"
-RUN_FACTS = "run.json"
-CALIBRATION = "calibration.json"
-
 _KEPT_VIEWS = 8
-
-
-@dataclass(frozen=True)
-class Calibration:
-    """What validation says about the answers' certainty.
-
-    Attributes:
-        temperature: Divides the scale of p: above 1 flattens it.
-        sigma_floor_px: Smallest spread of a mode, network pixels.
-        spread: Times the spread of a mode.
-        blur_px: Taken off the spread of a mode in squares before, network pixels.
-        power: Exponent of what remains of it.
-        stray: Probability that the answer is anywhere on the object.
-        mode_radius_px: What lies this near to a peak is one mode with it, network pixels.
-        visible_at: Squared descriptor distance to the best candidate at which a point is as
-            likely visible as hidden, in units of the network's scale.
-        visible_slope: Slope of that logistic curve, per unit of log distance; 0 gives no
-            `visible` at all (the validation split hides no point).
-        figures: What was measured, for the record.
-        sharpness: Multiplies log p before everything else: contrastive networks learn no scale.
-    """
-
-    temperature: float = 1.0
-    sigma_floor_px: float = 0.5
-    stray: float = 0.01
-    visible_at: float = 1.0
-    visible_slope: float = 0.0
-    figures: Mapping[str, float] | None = None
-    spread: float = 1.0
-    blur_px: float = 0.0
-    power: float = 1.0
-    mode_radius_px: float = 4.0
-    sharpness: float = 1.0
-
-    @property
-    def widths(self) -> Widths:
-        """What standard deviation a variance of the calibrated p stands for."""
-        return Widths(self.sigma_floor_px, self.spread, self.blur_px, self.power)
 
 
 @dataclass(frozen=True)
@@ -81,19 +39,16 @@ class _Described:
 
     maps: list[torch.Tensor]  # (D, h, w) or, turned an odd number of times, (D, w, h)
     mask: npt.NDArray[np.bool_] | None  # (h, w)
-    full_size: tuple[int, int]
 
 
 class DonMatcher:
     """Answers with dense descriptors.
 
     Args:
-        network: The trained network, in evaluation mode.
-        size: (w, h) of its input.
-        seen: Its input.
-        settings: How it answers.
+        network: The trained network.
+        settings: The run's settings.
         calibration: Its certainty.
-        facts: What the footer says besides (run, dataset, steps …).
+        facts: What the footer also has (run, dataset, steps …).
     """
 
     name = "don"
@@ -101,16 +56,14 @@ class DonMatcher:
     def __init__(
         self,
         network: DescriptorNetwork,
-        size: tuple[int, int],
-        seen: NetworkInput,
-        settings: AnswerSettings,
+        settings: DonSettings,
         calibration: Calibration | None = None,
         facts: Mapping[str, Any] | None = None,
     ) -> None:
         self.network = network.eval()
-        self.size = size
-        self.input = seen
-        self.settings = settings
+        self.size = (settings.width, settings.height)
+        self.input = settings.pairs.network_input
+        self.settings = settings.answer
         self.calibration = calibration
         self.sharpness = 1.0 if calibration is None else calibration.sharpness
         self.facts = dict(facts or {})
@@ -139,10 +92,8 @@ class DonMatcher:
         calibration = self.calibration
         if calibration is None:
             return Answers(position)
-        visible = None
-        if calibration.visible_slope > 0:
-            visible = visible_probability(distance, calibration)
-        flat = self.flattened(log_p, calibration)
+        visible = calibration.visible(distance) if calibration.visible_slope > 0 else None
+        flat = calibration.flattened(log_p)
         width = float(np.sqrt(scale[0] * scale[1]))
         if self.settings.distribution == "sigma":
             sigma = spread_about(flat, uv, sharp, calibration.widths)
@@ -160,15 +111,12 @@ class DonMatcher:
     def heat(self, source: View, target: View, uv_a_px: npt.NDArray[np.float32]) -> Heat:
         """Return p over the target for one query; see `HeatMatcher`."""
         log_p, uv, _ = self.log_probabilities(source, target, np.asarray(uv_a_px)[None])
-        flat = self.flattened(log_p, self.calibration or Calibration())[0]
+        flat = (self.calibration or Calibration()).flattened(log_p)[0]
         width, height = self.size
         grid = np.full((height, width), np.nan, dtype=np.float32)
         column, row = uv.long().numpy().T
         grid[row, column] = flat.numpy()
-        full_height, full_width = target.rgb.shape[:2]
-        rows = ((np.arange(full_height) + 0.5) * height / full_height).astype(np.intp)
-        columns = ((np.arange(full_width) + 0.5) * width / full_width).astype(np.intp)
-        heat = grid[np.ix_(rows, columns)]
+        heat = resize_nearest(grid, (target.rgb.shape[1], target.rgb.shape[0]))
         if target.mask is not None and self.settings.search == "mask":
             heat = np.where(target.mask, heat, np.nan)
         best = uv[int(flat.argmax())]
@@ -206,8 +154,7 @@ class DonMatcher:
                 query = sample_descriptors(map_a[None], turned[None])  # (1, N, D)
                 upright = torch.rot90(map_b, turn, (1, 2))
                 rows = upright.flatten(1).T[chosen]  # (M, D)
-                every = torch.ones(1, len(rows), dtype=torch.bool)
-                total += log_probabilities(query, rows[None], every, scale)[0]
+                total += log_probabilities(query, rows[None], scale)[0]
                 gap = torch.cdist(query[0], rows).square().min(dim=1).values
                 distance += gap * scale
         turns = len(a.maps)
@@ -216,13 +163,6 @@ class DonMatcher:
             uv,
             (distance / turns).double().numpy(),
         )
-
-    @staticmethod
-    def flattened(log_p: torch.Tensor, calibration: Calibration) -> torch.Tensor:
-        """Return log p after temperature and stray probability."""
-        flat = (log_p / calibration.temperature).softmax(dim=1)
-        stray = calibration.stray
-        return ((1 - stray) * flat + stray / log_p.shape[1]).log()
 
     def descriptor_map(self, view: View) -> npt.NDArray[np.float32]:
         """Return a frame's descriptors at the network's size, float32 (h, w, D)."""
@@ -240,8 +180,11 @@ class DonMatcher:
         rgb = resize_rgb(view.rgb, self.size) if self.input.colour else None
         depth_m = None
         if self.input.depth and view.depth_m is not None:
-            depth_m = resize_depth(view.depth_m, self.size)
-        mask, objects = (self._resized(each) for each in (view.mask, view.objects))
+            depth_m = resize_nearest(view.depth_m, self.size)
+        mask, objects = (
+            None if each is None else resize_mask(each, self.size, keep_thin=True)
+            for each in (view.mask, view.objects)
+        )
         if mask is None and self.input.masks and self.network.foreground:
             mask, objects = self._predicted_masks(self.input.image(rgb, depth_m))
         image = torch.from_numpy(self.input.image(rgb, depth_m, mask, objects))
@@ -249,18 +192,10 @@ class DonMatcher:
         with torch.inference_mode():
             for turn in self._turns:
                 maps.append(self.network(self._turned(image, turn))[0].cpu())
-        return _Described(maps, mask, (view.rgb.shape[1], view.rgb.shape[0]))
+        return _Described(maps, mask)
 
     def _turned(self, image: torch.Tensor, turn: int) -> torch.Tensor:
         return torch.rot90(image, -turn, (1, 2))[None].to(self.network.log_scale.device)
-
-    def _resized(self, mask: npt.NDArray[np.bool_] | None) -> npt.NDArray[np.bool_] | None:
-        if mask is None:
-            return None
-        small = resize_mask(mask, self.size)
-        if not small.any() and mask.any():  # thinner than half a pixel everywhere
-            small = _touched(mask, self.size)
-        return small
 
     def _predicted_masks(
         self, image: npt.NDArray[np.float32]
@@ -287,13 +222,6 @@ class DonMatcher:
         return np.array([view.rgb.shape[1] / self.size[0], view.rgb.shape[0] / self.size[1]])
 
 
-def _touched(mask: npt.NDArray[np.bool_], size: tuple[int, int]) -> npt.NDArray[np.bool_]:
-    rows, columns = np.nonzero(mask)
-    small = np.zeros((size[1], size[0]), dtype=np.bool_)
-    small[rows * size[1] // mask.shape[0], columns * size[0] // mask.shape[1]] = True
-    return small
-
-
 def _turned_uv(uv_px: torch.Tensor, turn: int, width: int, height: int) -> torch.Tensor:
     """Return positions in an image turned clockwise by quarter turns (`rot90(image, -turn)`)."""
     u, v = uv_px.unbind(dim=-1)
@@ -303,21 +231,26 @@ def _turned_uv(uv_px: torch.Tensor, turn: int, width: int, height: int) -> torch
     return torch.stack([u, v], dim=-1)
 
 
-def visible_probability(
-    distance: npt.NDArray[np.float64], calibration: Calibration
-) -> npt.NDArray[np.float32]:
-    """Return the probability that a point is visible, from its best descriptor distance.
+def don_network(settings: DonSettings, canonical: CanonicalHead | None) -> DescriptorNetwork:
+    """Return the network of a run with its starting weights.
 
     Args:
-        distance: float64 (N,), from `DonMatcher.log_probabilities`.
-        calibration: Threshold and slope of the logistic curve in the log distance.
+        settings: The run's settings.
+        canonical: Its canonical head, or None.
 
-    Returns:
-        float32 (N,); 0.5 at the threshold.
+    Raises:
+        CallError: The pretrained weights cannot be found or do not fit.
     """
-    log_ratio = np.log(np.maximum(distance, 1e-12) / calibration.visible_at)
-    exponent = np.clip(calibration.visible_slope * log_ratio, -60.0, 60.0)
-    return (1.0 / (1.0 + np.exp(exponent))).astype(np.float32)
+    loss = settings.loss
+    return build_network(
+        settings.network,
+        settings.pairs.network_input,
+        initial_scale=loss.initial_scale,
+        learn_scale=loss.learn_scale,
+        orientation=loss.orientation_weight > 0,
+        foreground=loss.foreground_weight > 0,
+        canonical=canonical,
+    )
 
 
 def load_matcher(run: Path | str) -> DonMatcher:
@@ -334,42 +267,19 @@ def load_matcher(run: Path | str) -> DonMatcher:
     if not (run / CONFIG).is_file():
         raise CallError("this is no training run", path=run, required=f"a folder with {CONFIG}")
     settings = read_settings(DonSettings, run / CONFIG)
+    settings = replace(settings, network=replace(settings.network, pretrained=""))
     canonical = None
     if settings.loss.canonical_weight > 0:
         anchors = read_weights_file(run / BEST)[PREFIX + "anchors"]
         canonical = CanonicalHead(settings.network.descriptor_dim, len(anchors))
-    network = build_network(
-        replace(settings.network, pretrained=""),
-        settings.pairs.network_input,
-        orientation=settings.loss.orientation_weight > 0,
-        foreground=settings.loss.foreground_weight > 0,
-        canonical=canonical,
-    )
+    network = don_network(settings, canonical)
     load_best(network, run)
-    facts = _read_json(run / RUN_FACTS) if (run / RUN_FACTS).is_file() else {}
     calibration = None
-    if (run / CALIBRATION).is_file():
+    if values := read_run_json(run / CALIBRATION):
         try:
-            calibration = Calibration(**_read_json(run / CALIBRATION))
+            calibration = Calibration(**values)
         except TypeError as error:
             raise TrainingError(
                 "the calibration is damaged", path=run / CALIBRATION, found=str(error)
             ) from error
-    return DonMatcher(
-        network,
-        (settings.width, settings.height),
-        settings.pairs.network_input,
-        settings.answer,
-        calibration,
-        facts,
-    )
-
-
-def _read_json(path: Path) -> dict[str, Any]:
-    try:
-        document = json.loads(path.read_text())
-    except (OSError, ValueError) as error:
-        raise TrainingError("the file cannot be read", path=path, found=str(error)) from error
-    if not isinstance(document, dict):
-        raise TrainingError("the file holds no JSON object", path=path)
-    return document
+    return DonMatcher(network, settings, calibration, read_run_json(run / RUN_FACTS))

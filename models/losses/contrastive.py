@@ -11,25 +11,40 @@ a symmetry partner of it) is none: it is left out and not counted.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import torch
 from torch.utils.checkpoint import checkpoint
 
+from pliant.models.losses.matches import NonMatches, Targets
+
 _TINY = 1e-12
+
+
+@dataclass(frozen=True)
+class Hinge:
+    """How non-matches are pushed away.
+
+    Attributes:
+        margin: M, > 0.
+        guard_px: Radius around a match inside which nothing is a non-match.
+        squared: Whether the hinge is squared.
+        hard_scaling: Whether to divide by the hard non-matches alone.
+    """
+
+    margin: float = 0.5
+    guard_px: float = 2.0
+    squared: bool = True
+    hard_scaling: bool = True
 
 
 def contrastive_loss(
     query: torch.Tensor,
     match: torch.Tensor,
     valid: torch.Tensor,
-    non_match: torch.Tensor,
-    non_match_uv_px: torch.Tensor,
-    match_uv_px: torch.Tensor,
-    match_valid: torch.Tensor,
-    *,
-    margin: float = 0.5,
-    guard_px: float = 2.0,
-    squared: bool = True,
-    hard_scaling: bool = True,
+    non_matches: NonMatches,
+    targets: Targets,
+    hinge: Hinge = Hinge(),
     chunk: int | None = None,
 ) -> torch.Tensor:
     """Return the contrastive loss of a batch.
@@ -38,52 +53,48 @@ def contrastive_loss(
         query: float (N, Q, D), descriptors of the queries.
         match: float (N, Q, D), descriptors at their matches.
         valid: bool (N, Q), which queries have a match.
-        non_match: float (N, Q, K, D), descriptors at other pixels.
-        non_match_uv_px: float (N, Q, K, 2), where those are.
-        match_uv_px: float (N, Q, R, 2), where the match and its symmetry partners are.
-        match_valid: bool (N, Q, R), which of these exist.
-        margin: M, > 0.
-        guard_px: Radius around a match inside which nothing is a non-match.
-        squared: Whether the hinge is squared.
-        hard_scaling: Whether to divide by the hard non-matches alone.
+        non_matches: Other pixels and their descriptors.
+        targets: Where the match and its symmetry partners are.
+        hinge: How non-matches are pushed away.
         chunk: Queries at a time, recomputed in the backward pass; None for all at once.
 
     Returns:
         A scalar; 0 if no query has a match.
     """
-
-    def parts(
-        query: torch.Tensor,
-        match: torch.Tensor,
-        valid: torch.Tensor,
-        non_match: torch.Tensor,
-        non_match_uv: torch.Tensor,
-        match_uv: torch.Tensor,
-        match_valid: torch.Tensor,
-    ) -> torch.Tensor:
-        """Return (sum over matches, sum over non-matches, non-matches counted)."""
-        pull = ((query - match) ** 2).sum(dim=-1)  # (N, q)
-        gap = (non_match_uv[:, :, :, None] - match_uv[:, :, None]).norm(dim=-1)  # (N, q, K, R)
-        near = ((gap <= guard_px) & match_valid[:, :, None]).any(dim=-1)  # (N, q, K)
-        counted = valid[..., None] & ~near
-        square = ((query[:, :, None] - non_match) ** 2).sum(dim=-1)
-        # sqrt has no gradient at 0: a collapsed network would yield NaN.
-        hinge = (margin - (square + _TINY).sqrt()).clamp_min(0)
-        push = hinge**2 if squared else hinge
-        number = (counted & (hinge > 0)) if hard_scaling else counted
-        return torch.stack(
-            [(pull * valid).sum(), (push * counted).sum(), number.sum().to(push.dtype)]
-        )
-
-    inputs = (query, match, valid, non_match, non_match_uv_px, match_uv_px, match_valid)
+    inputs = (
+        query,
+        match,
+        valid,
+        non_matches.descriptors,
+        non_matches.uv_px,
+        targets.uv_px,
+        targets.valid,
+    )
     size = chunk or query.shape[1]
     total = query.new_zeros(3)
     for start in range(0, query.shape[1], size):
         piece = [tensor[:, start : start + size] for tensor in inputs]
         total = total + (
-            parts(*piece) if chunk is None else checkpoint(parts, *piece, use_reentrant=False)
+            _sums(hinge, *piece)
+            if chunk is None
+            else checkpoint(_sums, hinge, *piece, use_reentrant=False)
         )
     return total[0] / valid.sum().clamp_min(1) + total[1] / total[2].detach().clamp_min(1)
+
+
+def _sums(hinge: Hinge, *piece: torch.Tensor) -> torch.Tensor:
+    """Return (sum over matches, sum over non-matches, non-matches counted) of some queries."""
+    query, match, valid, non_match, non_match_uv, match_uv, match_valid = piece
+    pull = ((query - match) ** 2).sum(dim=-1)  # (N, q)
+    gap = (non_match_uv[:, :, :, None] - match_uv[:, :, None]).norm(dim=-1)  # (N, q, K, R)
+    near = ((gap <= hinge.guard_px) & match_valid[:, :, None]).any(dim=-1)  # (N, q, K)
+    counted = valid[..., None] & ~near
+    square = ((query[:, :, None] - non_match) ** 2).sum(dim=-1)
+    # sqrt has no gradient at 0: a collapsed network would yield NaN.
+    inside = (hinge.margin - (square + _TINY).sqrt()).clamp_min(0)
+    push = inside**2 if hinge.squared else inside
+    number = (counted & (inside > 0)) if hinge.hard_scaling else counted
+    return torch.stack([(pull * valid).sum(), (push * counted).sum(), number.sum().to(push.dtype)])
 
 
 def draw_non_matches(

@@ -33,6 +33,8 @@ from typing import Any, Final, Literal
 
 import torch
 
+from pliant.models.losses.matches import Candidates, Targets
+
 Direction = Literal["forward", "reverse"]
 
 LOG_FLOOR: Final = -20.0
@@ -90,44 +92,39 @@ def gaussian_target(
 def log_probabilities(
     query: torch.Tensor,
     candidates: torch.Tensor,
-    candidate_valid: torch.Tensor,
     scale: torch.Tensor,
+    usable: torch.Tensor | None = None,
 ) -> torch.Tensor:
     """Return log p over the candidates.
 
     Args:
         query: float (N, Q, D).
         candidates: float (N, M, D).
-        candidate_valid: bool (N, M), False for padding.
         scale: Scalar, inverse temperature.
+        usable: bool (N, M), the candidates that compete; None for all.
 
     Returns:
         float (N, Q, M).
     """
     dot = query @ candidates.transpose(1, 2)
-    bias = _logit_bias(candidates, candidate_valid, scale)[:, None]
-    return torch.addcmul(bias, dot, 2 * scale).log_softmax(dim=-1)
+    bias = _logit_bias(candidates, scale)
+    if usable is not None:
+        bias = bias.masked_fill(~usable, _NEVER)
+    return torch.addcmul(bias[:, None], dot, 2 * scale).log_softmax(dim=-1)
 
 
-def _logit_bias(
-    candidates: torch.Tensor, candidate_valid: torch.Tensor, scale: torch.Tensor
-) -> torch.Tensor:
+def _logit_bias(candidates: torch.Tensor, scale: torch.Tensor) -> torch.Tensor:
     """Return what a candidate's logit has besides 2 scale f g: float (N, M).
 
     ||f||^2 is the same for every candidate and drops out of the softmax.
     """
-    bias = -scale * (candidates**2).sum(dim=-1)
-    return bias.masked_fill(~candidate_valid, _NEVER)
+    return -scale * (candidates**2).sum(dim=-1)
 
 
 def distributional_loss(
     query: torch.Tensor,
-    candidates: torch.Tensor,
-    candidate_uv_px: torch.Tensor,
-    candidate_valid: torch.Tensor,
-    on_object: torch.Tensor,
-    target_uv_px: torch.Tensor,
-    target_valid: torch.Tensor,
+    candidates: Candidates,
+    targets: Targets,
     *,
     scale: torch.Tensor,
     sigma_px: float,
@@ -138,12 +135,8 @@ def distributional_loss(
 
     Args:
         query: float (N, Q, D), descriptors of the queries.
-        candidates: float (N, M, D), descriptors of the target's candidate pixels.
-        candidate_uv_px: float (N, M, 2), their centres.
-        candidate_valid: bool (N, M), False for padding.
-        on_object: bool (N, M), where the target distribution may have mass.
-        target_uv_px: float (N, Q, R, 2).
-        target_valid: bool (N, Q, R).
+        candidates: The target's competing pixels.
+        targets: The true positions.
         scale: Scalar, inverse temperature.
         sigma_px: Width of the target's Gaussians, px.
         direction: `forward` KL(q || p) or `reverse` KL(p || q).
@@ -154,13 +147,13 @@ def distributional_loss(
         A scalar; 0 if no query has a target. It can be differentiated once, by the
         descriptors and the scale.
     """
-    on_object = on_object & candidate_valid
-    has_target = target_valid.any(dim=-1) & on_object.any(dim=-1, keepdim=True)  # (N, Q)
+    on_object = candidates.on_object
+    has_target = targets.valid.any(dim=-1) & on_object.any(dim=-1, keepdim=True)  # (N, Q)
     total: torch.Tensor = _SummedDivergence.apply(
         query * (2 * scale),
-        candidates,
-        _logit_bias(candidates, candidate_valid, scale),
-        (candidate_uv_px, on_object, target_uv_px, target_valid, sigma_px),
+        candidates.descriptors,
+        _logit_bias(candidates.descriptors, scale),
+        (candidates.uv_px, on_object, targets.uv_px, targets.valid, sigma_px),
         has_target,
         direction,
         chunk,
@@ -194,10 +187,7 @@ class _SummedDivergence(torch.autograd.Function):
                 uv_px[n], on_object[n], target_uv_px[n, part], target_valid[n, part], sigma_px
             )
             weight = counts[n, part].to(query.dtype)  # (n, q)
-            if direction == "forward":
-                each, gradient = _forward_divergence(logits, q)
-            else:
-                each, gradient = _reverse_divergence(logits, q)
+            each, gradient = _DIVERGENCES[direction](logits, q)
             total += (each * weight).sum()
             gradient.mul_(weight[..., None])
             to_query[n, part] = gradient @ g
@@ -238,6 +228,8 @@ def _reverse_divergence(logits: torch.Tensor, q: torch.Tensor) -> tuple[torch.Te
     """Return KL(p || q) of each query (n, q) and its gradient by the logits."""
     p = logits.softmax(dim=-1)
     excess = logits.log_softmax(dim=-1).sub_(q.clamp_min_(_TINY).log_().clamp_min_(LOG_FLOOR))
-    # p is 0 on padding, and 0 * (-1e30) is 0: the product needs no mask.
     each = (p * excess).sum(dim=-1)
     return each, excess.sub_(each[..., None]).mul_(p)
+
+
+_DIVERGENCES: Final = {"forward": _forward_divergence, "reverse": _reverse_divergence}

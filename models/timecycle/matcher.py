@@ -14,15 +14,14 @@ import torch
 from pliant.baselines.lru_cache import LRUCache
 from pliant.baselines.matcher import Answers, Heat, View
 from pliant.loaders.inputs import NetworkInput
-from pliant.loaders.views import resize_mask, resize_rgb
-from pliant.models.don.matcher import CONFIG, RUN_FACTS
+from pliant.loaders.views import resize_mask, resize_nearest, resize_rgb
 from pliant.models.timecycle.encoder import STRIDE
 from pliant.models.timecycle.network import TimeCycleNetwork
 from pliant.models.timecycle.propagation import Propagator
-from pliant.models.timecycle.settings import TimeCycleSettings
+from pliant.models.timecycle.settings import PropagationSettings, TimeCycleSettings
 from pliant.models.training.checkpoint import load_best
+from pliant.models.training.run_folder import CONFIG, RUN_FACTS, read_run_json
 from pliant.spec.configuration import read_settings
-from pliant.spec.io.jsonfiles import read_json
 
 Float32 = npt.NDArray[np.float32]
 
@@ -88,18 +87,13 @@ class TimeCycleMatcher:
         propagator = self._propagator(source, np.asarray(uv_a_px)[None], settings)
         with torch.inference_mode():
             cells = propagator.scores(self._encode(target))[0].numpy()
-        height, width = target.rgb.shape[:2]
-        rows = ((np.arange(height) + 0.5) * cells.shape[0] / height).astype(np.intp)
-        columns = ((np.arange(width) + 0.5) * cells.shape[1] / width).astype(np.intp)
         best = float(np.exp(cells.max()))
-        return Heat(
-            cells[np.ix_(rows, columns)],
-            "log affinity",
-            min(1.0, best),
-            "affinity of the best cell",
-        )
+        heat = resize_nearest(cells, (target.rgb.shape[1], target.rgb.shape[0]))
+        return Heat(heat, "log affinity", min(1.0, best), "affinity of the best cell")
 
-    def _propagator(self, source: View, uv_px: Float32, settings: Any) -> Propagator:
+    def _propagator(
+        self, source: View, uv_px: Float32, settings: PropagationSettings
+    ) -> Propagator:
         scale = self._scale(source)
         xy = torch.as_tensor(np.asarray(uv_px, dtype=np.float64) / scale, dtype=torch.float32)
         with torch.inference_mode():
@@ -147,5 +141,4 @@ def load_timecycle(run: Path) -> TimeCycleMatcher:
     settings = read_settings(TimeCycleSettings, run / CONFIG)
     network = TimeCycleNetwork(replace(settings, encoder=replace(settings.encoder, pretrained="")))
     load_best(network, run)
-    facts = read_json(run / RUN_FACTS) if (run / RUN_FACTS).is_file() else {}
-    return TimeCycleMatcher(network, settings, facts)
+    return TimeCycleMatcher(network, settings, read_run_json(run / RUN_FACTS))

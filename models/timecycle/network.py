@@ -6,10 +6,11 @@ import torch
 from torch import nn
 from torch.nn import functional
 
+from pliant.models.networks.descriptor_network import sample_descriptors
 from pliant.models.timecycle.affinity import affinity
 from pliant.models.timecycle.encoder import STRIDE, build_encoder
 from pliant.models.timecycle.localiser import build_localiser
-from pliant.models.timecycle.placement import cell_grid, place, sample
+from pliant.models.timecycle.placement import cell_grid, place
 from pliant.models.timecycle.settings import TimeCycleSettings
 
 
@@ -48,5 +49,5 @@ class TimeCycleNetwork(nn.Module):
         affinities = affinity(patch, frame, self.temperature)
         placement = self.localiser(affinities)
         grid = cell_grid(self.cells, patch.device)
-        found = functional.normalize(sample(frame, place(placement, grid)), dim=2)
+        found = functional.normalize(sample_descriptors(frame, place(placement, grid)), dim=2)
         return placement, found, affinities

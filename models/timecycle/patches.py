@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
 
 import torch
 from torch.nn import functional
 
+from pliant.models.networks.descriptor_network import sample_descriptors
 from pliant.models.timecycle.encoder import STRIDE
-from pliant.models.timecycle.placement import cell_grid, cut_patches, place, sample
-
-Choose = Literal["mask", "motion", "anywhere"]
+from pliant.models.timecycle.placement import cell_grid, cut_patches, place
+from pliant.models.timecycle.settings import ClipSettings
 
 _STILL_SHARE = 0.25
 _BACKGROUND_WEIGHT = 0.02
@@ -35,7 +34,7 @@ class Patches:
     weight: torch.Tensor
 
 
-def interest(images: torch.Tensor, mask: torch.Tensor, choose: Choose) -> torch.Tensor:
+def interest(images: torch.Tensor, mask: torch.Tensor, choose: str) -> torch.Tensor:
     """Return how likely a patch is centred on each cell of the last frame.
 
     `mask`: on the object. `motion`: where the frames differ; so that a thin object which is
@@ -45,7 +44,7 @@ def interest(images: torch.Tensor, mask: torch.Tensor, choose: Choose) -> torch.
     Args:
         images: float (B, T, 3, H, W), a clip.
         mask: bool (B, T, H, W), the object.
-        choose: The rule.
+        choose: `mask`, `motion` or `anywhere`.
 
     Returns:
         float (B, h w), rows sum to 1.
@@ -78,12 +77,8 @@ def _over_noise(energy: torch.Tensor) -> torch.Tensor:
 def draw_patches(
     images: torch.Tensor,
     mask: torch.Tensor,
-    *,
-    count: int,
     cells: int,
-    choose: Choose,
-    turn_deg: float,
-    recolour: float,
+    settings: ClipSettings,
     generator: torch.Generator,
 ) -> Patches:
     """Cut patches from the last frame of each clip.
@@ -91,16 +86,14 @@ def draw_patches(
     Args:
         images: float (B, T, 3, H, W).
         mask: bool (B, T, H, W), the object; only the rule `mask` looks at it.
-        count: Patches a clip.
         cells: Cells along a patch's side n.
-        choose: Where patches come from.
-        turn_deg: A patch is turned by up to this much.
-        recolour: Gain and offset of each channel vary by about this share.
+        settings: How many, where they come from, how they are changed.
         generator: Source of randomness, on the device of the images.
 
     Returns:
         The patches, N = B count.
     """
+    choose, count = settings.choose, settings.patches
     clips, device = len(images), images.device
     height, width = images.shape[-2] // STRIDE, images.shape[-1] // STRIDE
     chosen = torch.multinomial(
@@ -110,43 +103,23 @@ def draw_patches(
     # Off the cell's centre, and the object off the patch's: the middle must not be the answer.
     draws = torch.rand(len(chosen), 3, generator=generator, device=device)
     centre = centre + 0.5 + (draws[:, :2] - 0.5) * (cells / 2)
-    half = cells / 2
-    centre = torch.stack(
-        [
-            centre[:, 0].clamp(min(half, width / 2), max(width - half, width / 2)),
-            centre[:, 1].clamp(min(half, height / 2), max(height - half, height / 2)),
-        ],
-        dim=1,
-    )
-    angle = (2 * draws[:, 2:] - 1) * math.radians(turn_deg)
+    half = torch.tensor([cells / 2, cells / 2], device=device)
+    size = torch.tensor([float(width), float(height)], device=device)
+    centre = centre.clamp(torch.minimum(half, size / 2), torch.maximum(size - half, size / 2))
+    angle = (2 * draws[:, 2:] - 1) * math.radians(settings.turn_deg)
     placement = torch.cat([centre, angle], dim=1)
     clip = torch.arange(clips, device=device).repeat_interleave(count)
     last = images[:, -1][clip]
     cut = cut_patches(last, placement, cells)
-    if recolour > 0:
+    if settings.recolour > 0:
         noise = torch.rand(len(cut), 2, 3, generator=generator, device=device) * 2 - 1
-        gain, offset = (1 + recolour * noise[:, 0]), recolour * noise[:, 1]
+        noise = settings.recolour * noise
+        gain, offset = 1 + noise[:, 0], noise[:, 1]
         cut = cut * gain[..., None, None] + offset[..., None, None]
-    return Patches(clip, placement, cut, _weights(mask, clip, placement, cells, choose, last.shape))
-
-
-def _weights(
-    mask: torch.Tensor,
-    clip: torch.Tensor,
-    placement: torch.Tensor,
-    cells: int,
-    choose: Choose,
-    shape: torch.Size,
-) -> torch.Tensor:
-    """Return how much each cell counts: those on the object where the mask may be used.
-
-    Cells outside the frame count nothing.
-    """
-    height, width = shape[-2] // STRIDE, shape[-1] // STRIDE
-    xy = place(placement, cell_grid(cells, placement.device))
-    size = torch.tensor([width, height], device=xy.device)
+    # Cells outside the frame count nothing, those beside the object little where it is known.
+    xy = place(placement, cell_grid(cells, device))
     weight = ((xy >= 0) & (xy <= size)).all(dim=2).float()
     if choose == "mask":
         cover = functional.avg_pool2d(mask[:, -1:].float(), STRIDE)[clip]
-        weight = weight * (sample(cover, xy)[..., 0] + _BACKGROUND_WEIGHT)
-    return weight / weight.sum(dim=1, keepdim=True).clamp(min=1e-12)
+        weight = weight * (sample_descriptors(cover, xy)[..., 0] + _BACKGROUND_WEIGHT)
+    return Patches(clip, placement, cut, weight / weight.sum(dim=1, keepdim=True).clamp(min=1e-12))

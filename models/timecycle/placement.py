@@ -8,7 +8,8 @@ towards v (clockwise on the screen). The scale is fixed: a cell stays a cell.
 from __future__ import annotations
 
 import torch
-from torch.nn import functional
+
+from pliant.models.networks.descriptor_network import sample_descriptors
 
 
 def cell_grid(cells: int, device: torch.device, points: int | None = None) -> torch.Tensor:
@@ -43,25 +44,6 @@ def place(placement: torch.Tensor, grid: torch.Tensor) -> torch.Tensor:
     return grid @ turn + placement[:, None, :2]
 
 
-def sample(maps: torch.Tensor, xy: torch.Tensor) -> torch.Tensor:
-    """Return maps at positions by bilinear interpolation; outside counts the border.
-
-    Args:
-        maps: float (B, C, h, w).
-        xy: float (B, P, 2), in cells (or pixels) of the maps.
-
-    Returns:
-        float (B, P, C).
-    """
-    height, width = maps.shape[-2:]
-    size = torch.tensor([width, height], dtype=xy.dtype, device=xy.device)
-    normalised = (2 * xy / size - 1)[:, None]  # (B, 1, P, 2); align_corners=False: edges at ±1
-    found = functional.grid_sample(
-        maps, normalised, mode="bilinear", padding_mode="border", align_corners=False
-    )
-    return found[:, :, 0].transpose(1, 2)
-
-
 def cut_patches(images: torch.Tensor, placement: torch.Tensor, cells: int) -> torch.Tensor:
     """Return square patches of images, upright in their own frame.
 
@@ -75,4 +57,4 @@ def cut_patches(images: torch.Tensor, placement: torch.Tensor, cells: int) -> to
     """
     side = 8 * cells
     pixels = place(placement, cell_grid(cells, images.device, points=side)) * 8
-    return sample(images, pixels).transpose(1, 2).unflatten(2, (side, side))
+    return sample_descriptors(images, pixels).transpose(1, 2).unflatten(2, (side, side))

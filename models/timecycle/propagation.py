@@ -16,7 +16,7 @@ import numpy.typing as npt
 import torch
 from torch.nn import functional
 
-from pliant.models.timecycle.placement import sample
+from pliant.models.networks.descriptor_network import sample_descriptors
 from pliant.models.timecycle.settings import PropagationSettings
 
 Bool = npt.NDArray[np.bool_]
@@ -92,7 +92,7 @@ class Propagator:
 
     def _under(self, refined: torch.Tensor, xy: torch.Tensor) -> torch.Tensor:
         """Return the unit descriptors under positions, (N, D)."""
-        found = sample(refined[None], xy[None] * self.settings.refine)[0]
+        found = sample_descriptors(refined[None], xy[None] * self.settings.refine)[0]
         return functional.normalize(found, dim=1)
 
     def _read(

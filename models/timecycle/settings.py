@@ -6,8 +6,7 @@ from dataclasses import field
 from typing import Annotated, Literal
 
 from pliant.loaders.augment import AugmentSettings
-from pliant.models.networks.resnet import DEPTHS
-from pliant.models.settings import OptimiserSettings, RunSettings
+from pliant.models.training.settings import RunSettings, ValidationSettings
 from pliant.spec.configuration import configuration
 from pliant.spec.constraints import (
     Bounds,
@@ -18,8 +17,6 @@ from pliant.spec.constraints import (
     Refused,
     Share,
 )
-
-ENCODERS = ("small", *DEPTHS)
 
 Width = Annotated[int, Bounds(8, multiple_of=8)]
 
@@ -160,24 +157,20 @@ class PropagationSettings:
 
 
 @configuration(frozen=True)
-class TrackValidationSettings:
-    """How a run is watched.
+class TrackValidationSettings(ValidationSettings):
+    """How a run of TimeCycle is watched.
 
     Attributes:
-        split: Split of the validation episodes.
         every: Steps between validations.
         clips: Stretches of episodes that are tracked.
         frames: Frames after the first one of each.
         queries: Points of a stretch.
-        patience: Validations without a lower error after which to stop; 0 never stops.
     """
 
-    split: str = "val"
     every: Count = 200
     clips: Count = 8
     frames: Count = 20
     queries: Count = 32
-    patience: Natural = 0
 
 
 @configuration(frozen=True)
@@ -191,7 +184,6 @@ class TimeCycleSettings(RunSettings):
         encoder: The encoder.
         localiser: The localiser.
         losses: The losses.
-        optimiser: The optimiser.
         validation: How the run is watched.
         propagation: How the result answers.
     """
@@ -207,7 +199,6 @@ class TimeCycleSettings(RunSettings):
     encoder: EncoderSettings = field(default_factory=EncoderSettings)
     localiser: LocaliserSettings = field(default_factory=LocaliserSettings)
     losses: CycleLossSettings = field(default_factory=CycleLossSettings)
-    optimiser: OptimiserSettings = field(default_factory=OptimiserSettings)
     validation: TrackValidationSettings = field(default_factory=TrackValidationSettings)
     propagation: PropagationSettings = field(default_factory=PropagationSettings)
 

@@ -6,16 +6,22 @@ import json
 import platform
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
-from pliant.models.don.matcher import CONFIG
-from pliant.models.settings import RunSettings
 from pliant.models.training.checkpoint import latest_checkpoint
+from pliant.models.training.settings import RunSettings
 from pliant.spec.configuration import read_settings, settings_to_dict
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, TrainingError
 from pliant.spec.io.writing import replacing
 from pliant.spec.io.yamlfiles import yaml_text
+
+CONFIG: Final = "config.yaml"
+RUN_FACTS: Final = "run.json"
+CALIBRATION: Final = "calibration.json"
+
+RESUMABLE: Final = ("threads", "workers", "cache", "checkpoint_every")
+"""Settings that may differ when a run goes on: they change no step."""
 
 
 def with_tier(tier: str, dataset: Dataset) -> str:
@@ -39,14 +45,14 @@ def with_tier(tier: str, dataset: Dataset) -> str:
     )
 
 
-def open_run(run: Path, settings: RunSettings, resume: bool, free: tuple[str, ...]) -> None:
+def open_run(run: Path, settings: RunSettings, resume: bool, answering: str) -> None:
     """Make a run's folder with its config, or check that it was begun with the same settings.
 
     Args:
         run: The folder.
         settings: The run's settings.
         resume: Whether the run goes on.
-        free: Settings that may differ then.
+        answering: The setting that says how the result answers; it may differ then.
 
     Raises:
         CallError: A new run's folder is not empty.
@@ -59,7 +65,7 @@ def open_run(run: Path, settings: RunSettings, resume: bool, free: tuple[str, ..
             )
         begun = settings_to_dict(read_settings(type(settings), run / CONFIG))
         for name, value in settings_to_dict(settings).items():
-            if name not in free and begun[name] != value:
+            if name not in (*RESUMABLE, answering) and begun[name] != value:
                 raise TrainingError(
                     "a run goes on with the settings it began with",
                     path=run / CONFIG,
@@ -105,3 +111,20 @@ def write_json(path: Path, document: Mapping[str, Any]) -> None:
     """Write one of a run's JSON files."""
     with replacing(path) as partial:
         partial.write_text(json.dumps(document, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+
+
+def read_run_json(path: Path) -> dict[str, Any]:
+    """Read one of a run's JSON files; one that is not there is empty.
+
+    Raises:
+        TrainingError: The file is damaged.
+    """
+    if not path.is_file():
+        return {}
+    try:
+        document = json.loads(path.read_text())
+    except (OSError, ValueError) as error:
+        raise TrainingError("the file cannot be read", path=path, found=str(error)) from error
+    if not isinstance(document, dict):
+        raise TrainingError("the file holds no JSON object", path=path)
+    return document

@@ -121,7 +121,7 @@ def made(config_file: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[P
 
 @pytest.mark.parametrize("name", ["pliant-v1", "pliant-v1-mini"])
 def test_the_shipped_benchmarks_can_be_read_and_trained(name: str) -> None:
-    from pliant.models.settings import DonSettings
+    from pliant.models.don.settings import DonSettings
     from pliant.models.timecycle.settings import TimeCycleSettings
     from pliant.spec.configuration import settings_from
 

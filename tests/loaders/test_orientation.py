@@ -6,7 +6,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from pliant.loaders import AugmentSettings, PairDataset, PairSettings
+from pliant.loaders import AugmentSettings, FrameStore, PairDataset, PairSettings
 from pliant.loaders.orientation import Orientation
 from pliant.spec.dataset import Dataset
 from pliant.spec.model import MaterialCoordinate, MaterialObject
@@ -64,9 +64,7 @@ def test_samples_carry_them_through_augmentation(sheet_dataset: Dataset, turned:
     """What turns the points from one view into the other turns the tangents as well."""
     augmentation = AugmentSettings(rotate_deg=180, scale=0.2) if turned else None
     pairs = PairDataset(
-        sheet_dataset,
-        "sheet",
-        "train",
+        FrameStore(sheet_dataset, "sheet", "train"),
         PairSettings(queries=40),
         augmentation=augmentation,
         orientation=True,
@@ -90,7 +88,9 @@ def test_samples_carry_them_through_augmentation(sheet_dataset: Dataset, turned:
 def test_the_sheet_of_a_sample_runs_as_it_was_laid(
     sheets: ModuleType, sheet_dataset: Dataset
 ) -> None:
-    pairs = PairDataset(sheet_dataset, "sheet", "train", size=sheet_dataset.size, orientation=True)
+    pairs = PairDataset(
+        FrameStore(sheet_dataset, "sheet", "train", sheet_dataset.size), orientation=True
+    )
     sample = pairs[0]
     for view, frame in enumerate(sample["frames"].tolist()):
         edge = sheets.sheet_map(frame, 0, sheet_dataset.size, 0.0)[:, 0]

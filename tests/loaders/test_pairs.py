@@ -13,6 +13,7 @@ from pliant.loaders import (
     AugmentSettings,
     ClipDataset,
     FrameDataset,
+    FrameStore,
     MixedPairs,
     PairDataset,
     PairSettings,
@@ -51,11 +52,8 @@ def test_matches_show_the_same_print(sheet_dataset: Dataset, matches: str, turne
     """Whatever was done to the two views, a point has the sheet's own colour in both."""
     augmentation = AugmentSettings(rotate_deg=180, scale=0.1, colour=0, noise=0) if turned else None
     pairs = PairDataset(
-        sheet_dataset,
-        "sheet",
-        "train",
+        FrameStore(sheet_dataset, "sheet", "train", (160, 120)),
         PairSettings(queries=60, matches=matches),  # type: ignore[arg-type]
-        size=(160, 120),
         augmentation=augmentation,
     )
     checked = 0
@@ -76,7 +74,7 @@ def test_matches_show_the_same_print(sheet_dataset: Dataset, matches: str, turne
 def test_partners_are_the_points_across_the_sheet(
     sheets: ModuleType, sheet_dataset: Dataset
 ) -> None:
-    pairs = PairDataset(sheet_dataset, "sheet", "train", size=sheet_dataset.size)
+    pairs = PairDataset(FrameStore(sheet_dataset, "sheet", "train", sheet_dataset.size))
     sample = pairs[0]
     frame = int(sample["frames"][0])
     affine = sheets.sheet_map(frame, 0, sheet_dataset.size, 0.0)
@@ -87,7 +85,7 @@ def test_partners_are_the_points_across_the_sheet(
 
 def test_both_sources_of_matches_agree(sheet_dataset: Dataset) -> None:
     """The tables and the surface images are two tellings of one truth."""
-    pairs = PairDataset(sheet_dataset, "sheet", "train", size=sheet_dataset.size)
+    pairs = PairDataset(FrameStore(sheet_dataset, "sheet", "train", sheet_dataset.size))
     store = pairs.store
     from pliant.loaders.surface_matches import find_on_surface
 
@@ -102,7 +100,9 @@ def test_both_sources_of_matches_agree(sheet_dataset: Dataset) -> None:
 def test_sample_depends_on_seed_and_number_alone(sheet_dataset: Dataset) -> None:
     def make(seed: int) -> PairDataset:
         return PairDataset(
-            sheet_dataset, "sheet", "train", size=SIZE, seed=seed, augmentation=AugmentSettings()
+            FrameStore(sheet_dataset, "sheet", "train", SIZE),
+            seed=seed,
+            augmentation=AugmentSettings(),
         )
 
     first, second = make(0), make(0)
@@ -115,7 +115,7 @@ def test_sample_depends_on_seed_and_number_alone(sheet_dataset: Dataset) -> None
 
 
 def test_workers_and_resuming_give_the_same_batches(sheet_dataset: Dataset) -> None:
-    pairs = PairDataset(sheet_dataset, "sheet", "train", size=SIZE)
+    pairs = PairDataset(FrameStore(sheet_dataset, "sheet", "train", SIZE))
     whole = list(DataLoader(pairs, batch_sampler=StepOrder(2, 0, 4)))
     resumed = list(
         DataLoader(
@@ -139,7 +139,7 @@ def test_processes_share_the_samples_out() -> None:
 
 
 def test_more_views_share_their_points(sheet_dataset: Dataset) -> None:
-    pairs = PairDataset(sheet_dataset, "sheet", "train", PairSettings(views=3), size=SIZE)
+    pairs = PairDataset(FrameStore(sheet_dataset, "sheet", "train", SIZE), PairSettings(views=3))
     sample = pairs[0]
     assert sample["image"].shape == (3, 3, 60, 80)
     assert (sample["visible"][:, :, 0].sum(dim=0) >= 2).all()
@@ -149,7 +149,7 @@ def test_more_views_share_their_points(sheet_dataset: Dataset) -> None:
 @pytest.mark.parametrize(("kind", "channels"), [("depth", 1), ("rgbd", 4)])
 def test_depth_inputs(sheet_dataset: Dataset, kind: str, channels: int) -> None:
     settings = PairSettings(input=kind)  # type: ignore[arg-type]
-    sample = PairDataset(sheet_dataset, "sheet", "train", settings, size=SIZE)[0]
+    sample = PairDataset(FrameStore(sheet_dataset, "sheet", "train", SIZE), settings)[0]
     assert sample["image"].shape[1] == channels
     depth = sample["image"][0, -1]
     assert (depth[~sample["mask"][0]] >= -0.2).all()
@@ -160,7 +160,7 @@ def test_next_pairs_are_neighbours_and_tell_their_action(
     sheets: ModuleType, sheet_episode: Dataset
 ) -> None:
     settings = PairSettings(pairing="next")
-    pairs = PairDataset(sheet_episode, "sheet", "train", settings, size=sheet_episode.size)
+    pairs = PairDataset(FrameStore(sheet_episode, "sheet", "train", sheet_episode.size), settings)
     sample = pairs[5]
     a, b = (pairs.store.frames[int(frame)] for frame in sample["frames"])
     assert a.sequence.id == b.sequence.id
@@ -176,13 +176,16 @@ def test_next_pairs_are_neighbours_and_tell_their_action(
 
 
 def test_independent_frames_have_no_action(sheet_dataset: Dataset) -> None:
-    sample = PairDataset(sheet_dataset, "sheet", "train", size=SIZE)[0]
+    sample = PairDataset(FrameStore(sheet_dataset, "sheet", "train", SIZE))[0]
     assert torch.isinf(sample["action_px"]).all()
 
 
 def test_clips_follow_points_through_an_episode(sheets: ModuleType, sheet_episode: Dataset) -> None:
     clips = ClipDataset(
-        sheet_episode, "sheet", "train", length=3, step=2, queries=20, size=sheet_episode.size
+        FrameStore(sheet_episode, "sheet", "train", sheet_episode.size),
+        length=3,
+        step=2,
+        queries=20,
     )
     assert len(clips) == 2 * 2
     sample = clips[3]
@@ -196,7 +199,10 @@ def test_clips_follow_points_through_an_episode(sheets: ModuleType, sheet_episod
 
 def test_clips_skip_frames_as_drawn(sheet_episode: Dataset) -> None:
     clips = ClipDataset(
-        sheet_episode, "sheet", "train", length=3, step=1, step_max=9, size=sheet_episode.size
+        FrameStore(sheet_episode, "sheet", "train", sheet_episode.size),
+        length=3,
+        step=1,
+        step_max=9,
     )
     steps = []
     for number in range(24):
@@ -211,9 +217,9 @@ def test_clips_skip_frames_as_drawn(sheet_episode: Dataset) -> None:
 
 def test_a_clip_is_augmented_as_a_whole(sheet_episode: Dataset) -> None:
     """One rotation for all frames: distances between tracks stay what they were."""
-    plain = ClipDataset(sheet_episode, "sheet", "train", length=3, size=SIZE)
+    plain = ClipDataset(FrameStore(sheet_episode, "sheet", "train", SIZE), length=3)
     turned = ClipDataset(
-        sheet_episode, "sheet", "train", length=3, size=SIZE, augmentation=AugmentSettings()
+        FrameStore(sheet_episode, "sheet", "train", SIZE), length=3, augmentation=AugmentSettings()
     )
     a, b = plain[1], turned[1]
     assert torch.equal(a["frames"], b["frames"])
@@ -225,13 +231,13 @@ def test_a_clip_is_augmented_as_a_whole(sheet_episode: Dataset) -> None:
 
 def test_clips_of_configurations_are_refused(sheet_dataset: Dataset) -> None:
     with pytest.raises(CallError, match="no episode of 4 frames"):
-        ClipDataset(sheet_dataset, "sheet", "train")
+        ClipDataset(FrameStore(sheet_dataset, "sheet", "train"))
     with pytest.raises(CallError, match="too few frames for pairs of kind 'next'"):
-        PairDataset(sheet_dataset, "sheet", "train", PairSettings(pairing="next"))
+        PairDataset(FrameStore(sheet_dataset, "sheet", "train"), PairSettings(pairing="next"))
 
 
 def test_frames_come_once_each_in_order(sheet_dataset: Dataset) -> None:
-    frames = FrameDataset(sheet_dataset, "sheet", "val", size=SIZE)
+    frames = FrameDataset(FrameStore(sheet_dataset, "sheet", "val", SIZE))
     samples = list(DataLoader(frames, batch_size=1))
     assert len(samples) == len(frames) == 2
     assert samples[0]["uv_px"].shape == (1, 169, 2)
@@ -245,7 +251,7 @@ def test_memory_does_not_grow_with_what_was_read(
     """After every frame has been seen, twice as many samples hold no more memory."""
     root = tmp_path_factory.mktemp("memory")
     dataset = Dataset.open(sheets.write_sheet_dataset(root / "set", {"train": 24}))
-    pairs = PairDataset(dataset, "sheet", "train", size=SIZE, cache=root / "cache")
+    pairs = PairDataset(FrameStore(dataset, "sheet", "train", SIZE, cache=root / "cache"))
     one_frame = pairs.store.view(0)
     frame_bytes = one_frame.rgb.nbytes + one_frame.depth_m.nbytes + one_frame.mask.nbytes
 
@@ -267,7 +273,8 @@ def test_memory_does_not_grow_with_what_was_read(
 def test_mixed_pairs_draw_from_each_part_by_its_frames(sheet_dataset: Dataset) -> None:
     """Of four training and two validation frames, two thirds of the samples are of training."""
     parts = [
-        PairDataset(sheet_dataset, "sheet", split, size=(40, 30)) for split in ("train", "val")
+        PairDataset(FrameStore(sheet_dataset, "sheet", split, (40, 30)))
+        for split in ("train", "val")
     ]
     mixed = MixedPairs(parts, seed=1)
     assert len(mixed) == 6
@@ -282,7 +289,7 @@ def test_mixed_pairs_draw_from_each_part_by_its_frames(sheet_dataset: Dataset) -
 
 def test_samples_give_the_material_of_their_points(sheet_dataset: Dataset) -> None:
     """Slot 1 is the half-turned partner: (1 - u, 1 - v)."""
-    pairs = PairDataset(sheet_dataset, "sheet", "train", size=(40, 30))
+    pairs = PairDataset(FrameStore(sheet_dataset, "sheet", "train", (40, 30)))
     material = pairs[0]["material"]
     assert material.shape == (48, 2, 2)
     torch.testing.assert_close(material[:, 1], 1 - material[:, 0], atol=1e-5, rtol=0)
@@ -296,7 +303,7 @@ def test_the_truth_moves_by_no_more_than_the_action(
     settings = PairSettings(views=3, queries=40, pairing=pairing)
     turned = AugmentSettings(rotate_deg=180, scale=0.3)
     pairs = PairDataset(
-        sheet_episode, "sheet", "train", settings, size=(80, 60), augmentation=turned
+        FrameStore(sheet_episode, "sheet", "train", (80, 60)), settings, augmentation=turned
     )
     for index in range(6):
         sample = pairs[index]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pliant.loaders.frame_store import FrameStore
-from pliant.loaders.views import resize_depth, resize_mask, resize_rgb
+from pliant.loaders.views import resize_mask, resize_nearest, resize_rgb
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
 
@@ -33,7 +33,7 @@ def test_mask_is_where_half_the_pixel_is_covered() -> None:
 def test_depth_is_picked_never_averaged() -> None:
     depth = np.full((4, 4), np.inf, np.float32)
     depth[:, 2:] = 0.7
-    small = resize_depth(depth, (2, 2))
+    small = resize_nearest(depth, (2, 2))
     assert small.tolist() == [[np.inf, np.float32(0.7)]] * 2
 
 

@@ -20,11 +20,11 @@ from pliant.generator.config import GenerateConfig
 from pliant.generator.runner.run import generate
 from pliant.models import load_matcher, shipped
 from pliant.models.don.matcher import DonMatcher
+from pliant.models.don.settings import DonSettings, PairValidationSettings
 from pliant.models.don.trainer import train_don
 from pliant.models.export import export_run, halved, training_seconds
 from pliant.models.model_card import model_card
 from pliant.models.networks.descriptor_network import NetworkSettings
-from pliant.models.settings import DonSettings, ValidationSettings
 from pliant.models.shipped import load_shipped, shipped_names
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, TrainingError
@@ -44,7 +44,7 @@ def trained(tiny_dataset: Path, tmp_path_factory: pytest.TempPathFactory) -> Pat
         width=80,
         height=60,
         network=NetworkSettings(widths=(8, 16, 32)),
-        validation=ValidationSettings(every=12, pairs=2, queries=8, calibration_pairs=2),
+        validation=PairValidationSettings(every=12, pairs=2, queries=8, calibration_pairs=2),
     )
     train_don(Dataset.open(tiny_dataset), folder, settings)
     return folder

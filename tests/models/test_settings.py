@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 import yaml
 
+from pliant.models.don.settings import DonSettings, LossSettings
 from pliant.models.don.trainer import shipped_recipe
-from pliant.models.settings import DonSettings, LossSettings
 from pliant.spec.configuration import read_settings, settings_to_dict
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError

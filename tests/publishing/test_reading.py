@@ -156,10 +156,10 @@ def test_opening_reads_two_files_and_lists_none(
 
 def test_the_loaders_see_no_difference(halves: Any) -> None:
     pytest.importorskip("torch")
-    from pliant.loaders import PairDataset
+    from pliant.loaders import FrameStore, PairDataset
 
     samples = [
-        PairDataset(Dataset.open(root), "cloth-1", "train", size=(80, 60))[3]
+        PairDataset(FrameStore(Dataset.open(root), "cloth-1", "train", (80, 60)))[3]
         for root in (halves.whole, halves.public)
     ]
     assert samples[0].keys() == samples[1].keys()

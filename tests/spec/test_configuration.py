@@ -214,7 +214,7 @@ def test_the_schemas_accept_the_shipped_files_and_refuse_a_misspelt_key(
 ) -> None:
     from pliant.benchmarks.suite.config import BenchmarkConfig
     from pliant.generator.config import GenerateConfig
-    from pliant.models.settings import DonSettings
+    from pliant.models.don.settings import DonSettings
     from pliant.models.timecycle.settings import TimeCycleSettings
 
     classes = {

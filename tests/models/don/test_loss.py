@@ -6,10 +6,10 @@ import pytest
 import torch
 from torch.utils.data import default_collate
 
-from pliant.loaders import PairDataset, PairSettings
+from pliant.loaders import FrameStore, PairDataset, PairSettings
 from pliant.models.don.loss import don_loss
+from pliant.models.don.settings import LossSettings
 from pliant.models.networks.descriptor_network import NetworkOutput
-from pliant.models.settings import LossSettings
 from pliant.spec.dataset import Dataset
 
 Batch = dict[str, torch.Tensor]
@@ -18,7 +18,9 @@ Batch = dict[str, torch.Tensor]
 @pytest.fixture(scope="module")
 def batch(sheet_dataset: Dataset) -> Batch:
     settings = PairSettings(views=3, queries=12)
-    pairs = PairDataset(sheet_dataset, "sheet", "train", settings, size=(40, 30), orientation=True)
+    pairs = PairDataset(
+        FrameStore(sheet_dataset, "sheet", "train", (40, 30)), settings, orientation=True
+    )
     made: Batch = default_collate([pairs[0], pairs[1]])
     return made
 

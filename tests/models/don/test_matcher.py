@@ -14,16 +14,17 @@ from pliant.loaders.frame_store import FrameStore
 from pliant.loaders.inputs import NetworkInput
 from pliant.models.don.calibration import calibrate, fit_sharpness
 from pliant.models.don.candidates import widened
+from pliant.models.don.certainty import Calibration
 from pliant.models.don.decoding import Widths, decode_position, mixture_of_modes, spread_about
-from pliant.models.don.matcher import Calibration, DonMatcher, visible_probability
+from pliant.models.don.matcher import DonMatcher
 from pliant.models.don.report import descriptor_colours
+from pliant.models.don.settings import AnswerSettings, DonSettings
 from pliant.models.don.validation import ValidationPair, draw_validation_pairs, validate
 from pliant.models.networks.descriptor_network import (
     DescriptorNetwork,
     NetworkSettings,
     build_network,
 )
-from pliant.models.settings import AnswerSettings
 from pliant.spec.dataset import Dataset
 
 SIZE = (80, 60)
@@ -37,10 +38,14 @@ class ColourIsPlace(nn.Module):
         return image[:, :2] * 4
 
 
+def run_settings(answer: AnswerSettings) -> DonSettings:
+    return DonSettings(width=SIZE[0], height=SIZE[1], answer=answer)
+
+
 def by_colour(settings: AnswerSettings | None = None, scale: float = 8.0) -> DonMatcher:
     network = build_network(NetworkSettings(widths=(8, 32)), NetworkInput(), initial_scale=scale)
     network.backbone = ColourIsPlace()
-    return DonMatcher(network, SIZE, NetworkInput(), settings or AnswerSettings())
+    return DonMatcher(network, run_settings(settings or AnswerSettings()))
 
 
 @pytest.fixture(scope="module")
@@ -278,7 +283,7 @@ def test_visible_is_learned_from_the_distance(pairs: list[ValidationPair]) -> No
 
 def test_visible_is_a_half_at_the_threshold() -> None:
     calibration = Calibration(visible_at=2.0, visible_slope=3.0)
-    p = visible_probability(np.array([0.0, 2.0, 4.0]), calibration)
+    p = calibration.visible(np.array([0.0, 2.0, 4.0]))
     assert p.tolist() == pytest.approx([1.0, 0.5, 1 / 9])
 
 
@@ -308,7 +313,7 @@ def test_colours_are_the_same_in_all_pictures() -> None:
 
 def test_matcher_is_in_evaluation_mode() -> None:
     network: DescriptorNetwork = build_network(NetworkSettings(name="resnet18"), NetworkInput())
-    assert not DonMatcher(network.train(), SIZE, NetworkInput(), AnswerSettings()).network.training
+    assert not DonMatcher(network.train(), run_settings(AnswerSettings())).network.training
 
 
 def test_a_narrow_mask_leaves_out_points_that_a_margin_of_one_pixel_holds() -> None:

@@ -14,11 +14,12 @@ import torch
 from pliant.loaders.frame_store import FrameStore
 from pliant.models import load_matcher
 from pliant.models.don.matcher import DonMatcher
+from pliant.models.don.settings import DonSettings
 from pliant.models.don.trainer import train_don
 from pliant.models.don.validation import draw_validation_pairs
-from pliant.models.settings import DonSettings, OptimiserSettings
 from pliant.models.training.checkpoint import latest_checkpoint, read_checkpoint, read_weights_file
-from pliant.models.training.loop import learning_rate
+from pliant.models.training.optimiser import learning_rate
+from pliant.models.training.settings import OptimiserSettings
 from pliant.spec.configuration import read_settings, settings_to_dict
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, TrainingError

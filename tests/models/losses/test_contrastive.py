@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 import torch
 
-from pliant.models.losses import contrastive_loss, draw_non_matches
+from pliant.models.losses import Hinge, NonMatches, Targets, contrastive_loss, draw_non_matches
 
 D = torch.float64
 
@@ -26,6 +26,15 @@ def case() -> dict[str, Any]:
     }
 
 
+def loss_of(
+    inputs: dict[str, torch.Tensor], hinge: Hinge | None = None, chunk: int | None = None
+) -> torch.Tensor:
+    others = NonMatches(inputs["non_match"], inputs["non_match_uv_px"])
+    targets = Targets(inputs["match_uv_px"], inputs["match_valid"])
+    queries = (inputs["query"], inputs["match"], inputs["valid"])
+    return contrastive_loss(*queries, others, targets, hinge or Hinge(), chunk)
+
+
 @pytest.mark.parametrize(
     ("options", "expected"),
     [
@@ -40,7 +49,7 @@ def case() -> dict[str, Any]:
     ],
 )
 def test_by_hand(options: dict[str, Any], expected: float) -> None:
-    loss = contrastive_loss(**case(), margin=0.5, **options)
+    loss = loss_of(case(), Hinge(margin=0.5, **options))
     assert float(loss) == pytest.approx(expected, abs=1e-9)
 
 
@@ -48,15 +57,15 @@ def test_the_guard_fires_around_partners_too() -> None:
     inputs = case()
     inputs["match_uv_px"] = torch.tensor([[[[10.0, 10.0], [50.0, 10.0]]]], dtype=D)
     inputs["match_valid"] = torch.tensor([[[True, True]]])
-    assert float(contrastive_loss(**inputs)) == pytest.approx(0.01 + 0.01)
+    assert float(loss_of(inputs)) == pytest.approx(0.01 + 0.01)
     inputs["match_valid"] = torch.tensor([[[True, False]]])
-    assert float(contrastive_loss(**inputs)) == pytest.approx(0.01 + 0.05)
+    assert float(loss_of(inputs)) == pytest.approx(0.01 + 0.05)
 
 
 def test_queries_without_a_match_count_for_nothing() -> None:
     inputs = case()
     inputs["valid"] = torch.tensor([[False]])
-    assert float(contrastive_loss(**inputs)) == 0.0
+    assert float(loss_of(inputs)) == 0.0
 
 
 def random_case(seed: int) -> dict[str, Any]:
@@ -78,7 +87,7 @@ def test_gradient() -> None:
     values = tuple(inputs[name] for name in names)
 
     def loss(*tensors: torch.Tensor) -> torch.Tensor:
-        return contrastive_loss(**(inputs | dict(zip(names, tensors, strict=True))), margin=1.7)
+        return loss_of(inputs | dict(zip(names, tensors, strict=True)), Hinge(margin=1.7))
 
     assert torch.autograd.gradcheck(loss, values)
     for gradient in torch.autograd.grad(loss(*values), values):
@@ -90,7 +99,7 @@ def test_a_collapsed_network_has_a_finite_gradient() -> None:
     with torch.no_grad():
         for name in ("query", "match", "non_match"):
             inputs[name].zero_()
-    loss = contrastive_loss(**inputs)
+    loss = loss_of(inputs)
     for gradient in torch.autograd.grad(loss, (inputs["query"], inputs["non_match"])):
         assert bool(torch.isfinite(gradient).all())
 
@@ -98,8 +107,8 @@ def test_a_collapsed_network_has_a_finite_gradient() -> None:
 def test_chunks_add_up() -> None:
     inputs = random_case(2)
     leaves = (inputs["query"], inputs["non_match"])
-    whole = contrastive_loss(**inputs, margin=1.5)
-    parts = contrastive_loss(**inputs, margin=1.5, chunk=2)
+    whole = loss_of(inputs, Hinge(margin=1.5))
+    parts = loss_of(inputs, Hinge(margin=1.5), chunk=2)
     torch.testing.assert_close(whole, parts)
     for a, b in zip(
         torch.autograd.grad(whole, leaves), torch.autograd.grad(parts, leaves), strict=True

@@ -11,9 +11,9 @@ import torch
 from pliant.baselines.views import ViewReader
 from pliant.models import load_matcher
 from pliant.models.don.matcher import DonMatcher
+from pliant.models.don.settings import DonSettings
 from pliant.models.don.trainer import train_don
 from pliant.models.networks.canonical import CanonicalHead, canonical_loss
-from pliant.models.settings import DonSettings
 from pliant.spec.configuration import read_settings
 from pliant.spec.dataset import Dataset
 from pliant.spec.model import MaterialCoordinate, MaterialObject

@@ -10,7 +10,7 @@ import torch
 from pliant.models.timecycle.cycles import cycle_losses, weighted_sum
 from pliant.models.timecycle.network import TimeCycleNetwork
 from pliant.models.timecycle.patches import draw_patches, interest
-from pliant.models.timecycle.settings import CycleLossSettings, TimeCycleSettings
+from pliant.models.timecycle.settings import ClipSettings, CycleLossSettings, TimeCycleSettings
 from pliant.spec.configuration import read_settings
 from pliant.spec.errors import CallError
 
@@ -28,12 +28,9 @@ def clip(network: TimeCycleNetwork, seed: int = 0) -> dict[str, torch.Tensor]:
     patches = draw_patches(
         images,
         torch.zeros(1, 4, 64, 96, dtype=torch.bool),
-        count=2,
-        cells=network.cells,
-        choose="anywhere",
-        turn_deg=0,
-        recolour=0,
-        generator=generator,
+        network.cells,
+        ClipSettings(patches=2, choose="anywhere", turn_deg=0, recolour=0),
+        generator,
     )
     frames = network.encode(images.flatten(0, 1)).unflatten(0, (1, 4))
     return {
@@ -134,12 +131,9 @@ def test_cells_off_the_object_or_the_frame_count_little() -> None:
     patches = draw_patches(
         torch.rand(1, 2, 3, 64, 96),
         mask,
-        count=3,
-        cells=4,
-        choose="mask",
-        turn_deg=180,
-        recolour=0.1,
-        generator=torch.Generator().manual_seed(0),
+        4,
+        ClipSettings(patches=3, choose="mask", turn_deg=180, recolour=0.1),
+        torch.Generator().manual_seed(0),
     )
     assert patches.images.shape == (3, 3, 32, 32)
     assert patches.weight.sum(dim=1).tolist() == pytest.approx([1, 1, 1])

@@ -7,10 +7,11 @@ import math
 import pytest
 import torch
 
+from pliant.models.networks.descriptor_network import sample_descriptors
 from pliant.models.timecycle.affinity import affinity, soft_inlier
 from pliant.models.timecycle.cycles import grid_error
 from pliant.models.timecycle.localiser import ConvLocaliser, MomentLocaliser
-from pliant.models.timecycle.placement import cell_grid, cut_patches, place, sample
+from pliant.models.timecycle.placement import cell_grid, cut_patches, place
 from pliant.models.timecycle.settings import LocaliserSettings
 
 SIZE = (16, 12)
@@ -27,7 +28,7 @@ def random_frame(batch: int = 1) -> torch.Tensor:
 
 
 def patch_at(frame: torch.Tensor, placement: torch.Tensor) -> torch.Tensor:
-    found = sample(frame, place(placement, cell_grid(CELLS, frame.device)))
+    found = sample_descriptors(frame, place(placement, cell_grid(CELLS, frame.device)))
     return torch.nn.functional.normalize(found, dim=2)
 
 

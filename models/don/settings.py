@@ -1,4 +1,4 @@
-"""Settings of a training run."""
+"""Settings of a run of Dense Object Nets."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 from pliant.loaders import AugmentSettings, PairSettings
 from pliant.models.losses.distributional import Direction
 from pliant.models.networks.descriptor_network import NetworkSettings
+from pliant.models.training.settings import RunSettings, ValidationSettings
 from pliant.spec.configuration import configuration
 from pliant.spec.constraints import (
     Bounds,
@@ -19,7 +20,16 @@ from pliant.spec.constraints import (
     Refused,
 )
 
-BelowOne = Annotated[float, Bounds(0, 1, below=True)]
+
+def shrinking(first: float, last: float, progress: float) -> float:
+    """Return a width that shrinks geometrically over the first half of the training.
+
+    Args:
+        first: At the start.
+        last: From the middle on.
+        progress: Share of the training done, 0 to 1.
+    """
+    return float(first * (last / first) ** min(2 * progress, 1.0))
 
 
 @configuration(frozen=True)
@@ -101,8 +111,7 @@ class LossSettings:
         Args:
             progress: Share of the training done, 0 to 1.
         """
-        shrink = self.canonical_sigma_m / self.canonical_sigma_start_m
-        return float(self.canonical_sigma_start_m * shrink ** min(2 * progress, 1.0))
+        return shrinking(self.canonical_sigma_start_m, self.canonical_sigma_m, progress)
 
     def sigma_at(self, progress: float) -> float:
         """Return the width of the target's Gaussians at a share of the training, px.
@@ -110,65 +119,23 @@ class LossSettings:
         Args:
             progress: Share of the training done, 0 to 1.
         """
-        first = self.sigma_start_px or self.sigma_px
-        return first * (self.sigma_px / first) ** min(2 * progress, 1.0)
+        return shrinking(self.sigma_start_px or self.sigma_px, self.sigma_px, progress)
 
 
 @configuration(frozen=True)
-class OptimiserSettings:
-    """The optimiser and how its learning rate goes.
-
-    Attributes:
-        kind: `adamw`, or `muon` for the layers' weights (`models/training/muon.py`) and AdamW
-            for the rest.
-        learning_rate: AdamW's highest value.
-        matrix_rate: Muon's highest value; it follows the same schedule.
-        weight_decay: Decoupled weight decay.
-        beta1: Share kept, each step, of the running mean of the gradient.
-        schedule: `cosine` to zero, `step` (times `step_factor` every `step_every`), `constant`.
-        warmup: Steps of linear rise at the start.
-        step_every: Steps.
-        step_factor: 0 to 1.
-        clip_norm: Largest norm of the gradient, 0 for no clipping.
-        average: Share kept, each step, of the running average of the weights that validates and
-            answers; 0 uses the weights themselves.
-    """
-
-    kind: Literal["adamw", "muon"] = "adamw"
-    learning_rate: Positive = 2e-3
-    matrix_rate: Positive = 0.02
-    weight_decay: NonNegative = 1e-4
-    beta1: BelowOne = 0.9
-    schedule: Literal["cosine", "step", "constant"] = "cosine"
-    warmup: Natural = 100
-    step_every: Count = 250
-    step_factor: Annotated[float, Bounds(0, 1, above=True)] = 0.9
-    clip_norm: NonNegative = 1.0
-    average: BelowOne = 0.99
-
-
-@configuration(frozen=True)
-class ValidationSettings:
-    """How a run is watched.
+class PairValidationSettings(ValidationSettings):
+    """How a run of Dense Object Nets is watched.
 
     Attributes:
         split: Split to validate on; its truth is also what the answers are calibrated with.
-        every: Steps between validations.
         pairs: Image pairs.
         queries: Queries a pair.
-        patience: Validations without a lower RMSE after which to stop; 0 never stops.
         calibration_pairs: Image pairs to calibrate on, at the end.
-        keep: Which weights answer: the `best` validated ones, or the `last`, which a learning rate
-            that ends at 0 has brought to rest, where few pairs cannot tell the better ones.
     """
 
-    split: str = "val"
-    every: Count = 250
     pairs: Count = 32
     queries: Count = 64
-    patience: Natural = 0
     calibration_pairs: Count = 100
-    keep: Literal["best", "last"] = "best"
 
 
 @configuration(frozen=True)
@@ -193,41 +160,6 @@ class AnswerSettings:
 
 
 @configuration(frozen=True)
-class RunSettings:
-    """What every training run is told, whatever it trains.
-
-    Attributes:
-        tier: Tier to train on; empty where the dataset has only one.
-        split: Split to train on.
-        limit: Train on the first so many sequences only; 0 for all.
-        width: Width that frames are brought to, px: the network's input.
-        height: Its height.
-        seed: Seed of weights, samples and draws.
-        steps: Optimiser steps.
-        batch: Samples a step and process.
-        precision: `float32` or `bfloat16` (forward and backward of the network).
-        threads: CPU threads of torch; 0 leaves torch's own choice.
-        workers: Loader processes; 0 loads in the training process.
-        cache: Keep decoded frames in RUN/cache.
-        checkpoint_every: Steps between checkpoints.
-    """
-
-    tier: str = ""
-    split: str = "train"
-    limit: Natural = 0
-    width: Annotated[int, Bounds(8, 8192, "px")] = 160
-    height: Annotated[int, Bounds(8, 8192, "px")] = 120
-    seed: Natural = 0
-    steps: Count = 3000
-    batch: Count = 8
-    precision: Literal["float32", "bfloat16"] = "float32"
-    threads: Natural = 0
-    workers: Natural = 0
-    cache: bool = True
-    checkpoint_every: Count = 250
-
-
-@configuration(frozen=True)
 class DonSettings(RunSettings):
     """A whole run of Dense Object Nets.
 
@@ -236,7 +168,6 @@ class DonSettings(RunSettings):
         augment: What happens to training frames.
         network: The network.
         loss: The loss.
-        optimiser: The optimiser.
         validation: How the run is watched.
         answer: How the result answers.
         also: Further data to train on, `DATA#TIER` each; either part may be left out and is then
@@ -247,8 +178,7 @@ class DonSettings(RunSettings):
     augment: AugmentSettings = field(default_factory=AugmentSettings)
     network: NetworkSettings = field(default_factory=NetworkSettings)
     loss: LossSettings = field(default_factory=LossSettings)
-    optimiser: OptimiserSettings = field(default_factory=OptimiserSettings)
-    validation: ValidationSettings = field(default_factory=ValidationSettings)
+    validation: PairValidationSettings = field(default_factory=PairValidationSettings)
     answer: AnswerSettings = field(default_factory=AnswerSettings)
     also: tuple[str, ...] = ()
 

@@ -1,0 +1,68 @@
+"""How sure the answers of a trained network are: what `calibration.json` of a run contains."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import torch
+
+from pliant.models.don.decoding import Widths
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """What validation says about the answers' certainty.
+
+    Attributes:
+        temperature: Divides the scale of p: above 1 flattens it.
+        sigma_floor_px: Smallest spread of a mode, network pixels.
+        spread: Times the spread of a mode.
+        blur_px: Taken off the spread of a mode in squares before, network pixels.
+        power: Exponent of what remains of it.
+        stray: Probability that the answer is anywhere on the object.
+        mode_radius_px: What lies this near to a peak is one mode with it, network pixels.
+        visible_at: Squared descriptor distance to the best candidate at which a point is as
+            likely visible as hidden, in units of the network's scale.
+        visible_slope: Slope of that logistic curve, per unit of log distance; 0 gives no
+            `visible` at all (the validation split hides no point).
+        figures: What was measured, for the record.
+        sharpness: Multiplies log p before everything else: contrastive networks learn no scale.
+    """
+
+    temperature: float = 1.0
+    sigma_floor_px: float = 0.5
+    stray: float = 0.01
+    visible_at: float = 1.0
+    visible_slope: float = 0.0
+    figures: Mapping[str, float] | None = None
+    spread: float = 1.0
+    blur_px: float = 0.0
+    power: float = 1.0
+    mode_radius_px: float = 4.0
+    sharpness: float = 1.0
+
+    @property
+    def widths(self) -> Widths:
+        """What standard deviation a variance of the calibrated p stands for."""
+        return Widths(self.sigma_floor_px, self.spread, self.blur_px, self.power)
+
+    def flattened(self, log_p: torch.Tensor) -> torch.Tensor:
+        """Return log p after temperature and stray probability: float (N, M)."""
+        flat = (log_p / self.temperature).softmax(dim=1)
+        return ((1 - self.stray) * flat + self.stray / log_p.shape[1]).log()
+
+    def visible(self, distance: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
+        """Return the probability that a point is visible, 0.5 at the threshold.
+
+        Args:
+            distance: float64 (N,), from `DonMatcher.log_probabilities`.
+
+        Returns:
+            float32 (N,).
+        """
+        log_ratio = np.log(np.maximum(distance, 1e-12) / self.visible_at)
+        exponent = np.clip(self.visible_slope * log_ratio, -60.0, 60.0)
+        return (1.0 / (1.0 + np.exp(exponent))).astype(np.float32)

@@ -1,0 +1,72 @@
+"""A whole training run: processes, the run's folder, the loop, and the final measurements."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, TypedDict
+
+import torch
+
+from pliant.models.training.checkpoint import BEST, load_best
+from pliant.models.training.loop import Progress, train
+from pliant.models.training.processes import joined_processes
+from pliant.models.training.run_folder import open_run, run_facts, with_tier
+from pliant.models.training.task import Settings, Task
+from pliant.spec.dataset import Dataset
+
+
+class RunOptions(TypedDict, total=False):
+    """How a run is started.
+
+    Attributes:
+        resume: Go on from the newest checkpoint.
+        progress: Called after each step.
+        stop_at: Stop after this many steps with a checkpoint, as an interruption would.
+    """
+
+    resume: bool
+    progress: Progress | None
+    stop_at: int | None
+
+
+def train_task(
+    task_type: type[Task[Settings]],
+    dataset: Dataset,
+    run: Path,
+    settings: Settings,
+    options: RunOptions,
+) -> dict[str, Any]:
+    """Train a method; afterwards `load_matcher(run)` answers.
+
+    Under `torchrun` every process calls this with the same arguments; process 0 writes.
+
+    Args:
+        task_type: The method.
+        dataset: The dataset.
+        run: The run's folder: new or empty, or with `resume` one that was begun.
+        settings: The config.
+        options: How the run is started.
+
+    Returns:
+        The run's facts, as in `run.json`, with the final figures.
+
+    Raises:
+        CallError: The config does not fit the dataset, or the folder is in use.
+        TrainingError: Nothing to resume, another config than it began with, or divergence.
+    """
+    settings = replace(settings, tier=with_tier(settings.tier, dataset))
+    if settings.threads:
+        torch.set_num_threads(settings.threads)
+    with joined_processes() as processes:
+        if processes.first:
+            open_run(run, settings, options.get("resume", False), task_type.answering)
+        task = task_type(dataset, settings, run, processes)
+        state = train(task, run, **options)
+        facts = run_facts(dataset, settings, state.step, processes.world) | task.facts()
+        if processes.first and (run / BEST).is_file():
+            load_best(task.network, run)
+            history: list[Mapping[str, float]] = [*state.history]
+            task.finish(run, history, facts)
+    return facts
