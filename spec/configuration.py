@@ -84,6 +84,7 @@ else:
             names = [each.name for each in dataclasses.fields(made)]
             section = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", cls.__name__).lower()
             section = section.removesuffix("_settings") if "_settings" in section else ""
+            section = getattr(cls, "SECTION", section)
 
             def __init__(self, *args, **values):  # noqa: N807
                 _fill(self, {**dict(zip(names, args, strict=False)), **values}, section)

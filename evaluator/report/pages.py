@@ -9,6 +9,8 @@ from typing import Any, Final
 
 import jinja2
 
+from pliant.spec.text import shown
+
 CARD_WIDTH: Final = 100
 """Characters per line of prose in Markdown cards."""
 
@@ -33,6 +35,7 @@ def _environment() -> jinja2.Environment:
         loader=jinja2.PackageLoader("pliant.evaluator.report", "templates"),
         autoescape=lambda name: name is not None and name.endswith(".html.j2"),
         undefined=jinja2.StrictUndefined,
+        finalize=shown,
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import field
-from typing import Annotated, Final
+from typing import Annotated, ClassVar, Final
 
 from pliant.spec.configuration import configuration
 from pliant.spec.constraints import Bounds, Natural, Range, Weights
@@ -51,6 +51,8 @@ class AppearanceSettings:
         first_material: Number of the first of them: a set that starts beyond another's shows
             the same configurations in materials that the other has never shown.
     """
+
+    SECTION: ClassVar[str] = "look"
 
     tables: Annotated[Mapping[str, float], Weights(TABLES)] = field(default_factory=_even_tables)
     table_value: Annotated[Range, Bounds(0, 1)] = (0.25, 0.85)

@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import Final
 
 import torch
-import yaml
 from torch import nn
 
 from pliant.loaders.inputs import IMAGE_CHANNELS, NetworkInput
 from pliant.models.training.checkpoint import BEST
 from pliant.spec.errors import CallError
+from pliant.spec.io.yamlfiles import read_yaml
 
 logger = logging.getLogger(__name__)
 
@@ -69,7 +69,7 @@ def _input_of_run(folder: Path) -> NetworkInput | None:
     config = folder / "config.yaml"
     if not config.is_file():
         return None
-    pairs = (yaml.safe_load(config.read_text(encoding="utf-8")) or {}).get("pairs", {})
+    pairs = (read_yaml(config) or {}).get("pairs", {})
     return NetworkInput(pairs.get("input", "rgb"), pairs.get("masks", False))
 
 

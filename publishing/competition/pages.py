@@ -10,6 +10,7 @@ import yaml
 from markdown_it import MarkdownIt
 
 from pliant.publishing.competition.facts import Competition
+from pliant.spec.io.yamlfiles import parse_yaml
 from pliant.spec.text import shown
 
 PAGES: Final = {
@@ -44,7 +45,7 @@ def render_yaml(template: str, competition: Competition, **facts: object) -> byt
         competition: The competition.
         **facts: What else the template shows.
     """
-    return dump_yaml(yaml.safe_load(_render(template, competition, pages=PAGES, **facts)))
+    return dump_yaml(parse_yaml(_render(template, competition, pages=PAGES, **facts)))
 
 
 def dump_yaml(document: object) -> bytes:
