@@ -14,11 +14,11 @@ import time
 from collections.abc import Callable
 
 import numpy as np
+from cycles_passes import PassRenderer, compare_with_cycles
 from record import Value, main
 
 from pliant.generator.objects.cloth import ClothSettings, sample_cloth
 from pliant.generator.objects.rope import RopeSettings, sample_rope
-from pliant.generator.rendering.passes import PassRenderer, compare_with_cycles
 from pliant.generator.scene.camera import CameraSettings, sample_camera
 from pliant.generator.scene.scene_object import SceneObject
 from pliant.generator.truth.frame_truth import frame_truth

@@ -16,17 +16,20 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int32]
+from pliant.generator.objects.cloth.grid import flat_positions
+from pliant.generator.objects.cloth.simulator import Sheet
+from pliant.generator.scene.scene_object import FloatArray, IntArray
 
 REST_SHARE = 0.98
 """A pair's target is at most this share of its rest distance."""
 
 FRICTIONLESS_STEPS = 2.9
 """Masses within this many grid steps in the material are one layer: no friction between them."""
+
+MARGIN_STEPS = 0.75
+"""The pair list looks this many grid steps farther than the contact distance."""
 
 
 @dataclass
@@ -54,6 +57,23 @@ class PairContact:
     _second: IntArray = field(default_factory=lambda: np.zeros(0, np.int32))
     _target: FloatArray = field(default_factory=lambda: np.zeros(0))
     _friction: FloatArray = field(default_factory=lambda: np.zeros(0))
+
+    @classmethod
+    def of(cls, sheet: Sheet, distance_m: float, friction: float = 0.3) -> PairContact:
+        """Return the contact of a sheet.
+
+        Args:
+            sheet: The sheet.
+            distance_m: Distance at which two layers touch.
+            friction: Coulomb's coefficient between layers.
+        """
+        return cls(
+            rest=flat_positions(sheet.columns, sheet.rows, sheet.width_m, sheet.height_m),
+            distance_m=distance_m,
+            friction=friction,
+            layer_m=FRICTIONLESS_STEPS * sheet.spacing_m,
+            margin_m=MARGIN_STEPS * sheet.spacing_m,
+        )
 
     def collide(self, positions: FloatArray, previous: FloatArray, free: FloatArray) -> None:
         """Part the masses that are too near; relist first if the list may have aged.

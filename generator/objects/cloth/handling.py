@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from pliant.generator.objects.cloth.contact_pbd import PairContact
 from pliant.generator.objects.cloth.grid import corner_vertices, flat_positions, grid_faces
 from pliant.generator.objects.cloth.hand import Action, perform
 from pliant.generator.objects.cloth.measure import silhouette_m2
@@ -53,12 +54,13 @@ class Handling:
         flat = flat_positions(self.side, self.side, self.side_m, self.side_m)
         flat[:, :2] -= 0.5 * self.side_m
         flat[:, 2] = height_m + rng.uniform(0.0, UNEVEN_SHARE * self.side_m, len(flat))
-        self.simulator = Simulator(
-            settings.sheet(),
-            flat,
-            gravity=GRAVITY_M_S2,
-            obstacles=[Table(height_m, settings.table_friction)],
+        sheet = settings.sheet()
+        contact_m = settings.contact_spacings * sheet.spacing_m
+        colliders = (
+            PairContact.of(sheet, contact_m, settings.cloth_friction),
+            Table(height_m, settings.table_friction),
         )
+        self.simulator = Simulator(sheet, flat, gravity=GRAVITY_M_S2, colliders=colliders)
 
     # What is seen
 

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from course_scene import parse_scene, read_scene
 
 from pliant.generator.objects.cloth import ClothSettings, sample_cloth
-from pliant.generator.objects.cloth.scene import parse_scene, read_scene
 from pliant.spec.errors import CallError
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import importlib.util
 import json
 from pathlib import Path
@@ -10,8 +9,10 @@ from typing import Any, get_args
 
 import numpy as np
 import pytest
+from course_cloth import CellContact
 
 from pliant.generator.objects.cloth import ClothSettings, cloth_tier, sample_cloth
+from pliant.generator.objects.cloth.contact_pbd import PairContact
 from pliant.generator.objects.cloth.grid import flat_positions, grid_mesh
 from pliant.generator.objects.cloth.hand import Action, perform
 from pliant.generator.objects.cloth.intersections import find_intersections
@@ -160,18 +161,16 @@ def test_contact_holds_where_the_courses_lets_the_cloth_through() -> None:
     settings = ClothSettings(points_a_side=side, tracked_a_side=25)
     faces, edges = grid_mesh(side, side)
     crossings = {}
-    for contact in ("none", "cs184", "pbd"):
-        spacing_m = settings.side_m / (side - 1)
-        sheet = dataclasses.replace(
-            settings.sheet(),
-            contact=contact,
-            thickness_m=0.5 * spacing_m,  # both schemes part masses to one spacing
-        )
+    sheet = settings.sheet()
+    for contact, own in {  # both schemes part masses to one spacing
+        "none": (),
+        "cs184": (CellContact(sheet, 0.5 * sheet.spacing_m),),
+        "pbd": (PairContact.of(sheet, sheet.spacing_m, settings.cloth_friction),),
+    }.items():
         flat = flat_positions(side, side, settings.side_m, settings.side_m)
         flat[:, 2] = np.random.default_rng(0).uniform(0.001, 0.0011, len(flat))
-        simulator = Simulator(
-            sheet, flat, gravity=(0.0, 0.0, -9.8), obstacles=[Table(0.001, friction=0.6)]
-        )
+        colliders = [*own, Table(0.001, friction=0.6)]
+        simulator = Simulator(sheet, flat, gravity=(0.0, 0.0, -9.8), colliders=colliders)
         middle = (side // 2) * side + side // 2
         for _ in perform(simulator, Action("drop", middle, (0.1, 0.05), 0.3, 0.1, 0.6)):
             pass
