@@ -25,6 +25,7 @@ from pliant.generator.objects.cloth.contact_pbd import PairContact
 from pliant.generator.objects.cloth.grid import flat_positions
 from pliant.generator.objects.cloth.obstacles import Table
 from pliant.generator.objects.cloth.simulator import Collider, Sheet, Simulator
+from pliant.generator.seeding import RandomStreams, SequenceTask
 
 POINTS_A_SIDE = (25, 50, 100)
 CONTACTS: dict[str, Contact] = {"": "none", "_self": "pbd", "_cs184": "cs184"}
@@ -101,13 +102,7 @@ def _heap(points: int, contact: Contact) -> Simulator:
 
 def _cpu_s_per_cloth(level: int, cloths: int) -> float:
     scene_object = sample_cloth(
-        ClothSettings(),
-        tier=f"cloth-{level}",
-        seed=7,
-        split="train",
-        index=0,
-        frames=cloths,
-        temporal=False,
+        ClothSettings(), RandomStreams(7, SequenceTask(f"cloth-{level}", "train", 0)), cloths
     )
     begin = time.process_time()
     for frame in range(cloths):

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from pliant.generator.config import TIER_KINDS, GenerateConfig
-from pliant.generator.runner.plan import SequenceTask
 from pliant.generator.scene.scene_object import SceneObject
+from pliant.generator.seeding import RandomStreams, SequenceTask
+from pliant.spec.model import Tier
 
 
-def describe_tier(config: GenerateConfig, tier: str) -> dict[str, Any]:
-    """Return a tier's entry of `dataset.json`: objects, material coordinates, symmetries.
+def describe_tier(config: GenerateConfig, tier: str) -> Tier:
+    """Return a tier's objects, material coordinates and symmetries.
 
     Args:
         config: The dataset's config.
@@ -35,18 +34,11 @@ def sample_scene_object(config: GenerateConfig, task: SequenceTask) -> SceneObje
     Raises:
         GenerationError: No acceptable configuration was found.
     """
-    which: dict[str, Any] = {
-        "tier": task.tier,
-        "seed": config.seed,
-        "split": task.split,
-        "index": task.index,
-        "frames": config.frames,
-        "temporal": config.episodes,
-    }
+    streams = RandomStreams(config.seed, task)
     if TIER_KINDS[task.tier] == "rope":
         from pliant.generator.objects.rope import sample_rope
 
-        return sample_rope(config.rope, **which)
+        return sample_rope(config.rope, streams, config.frames, temporal=config.episodes)
     from pliant.generator.objects.cloth import sample_cloth
 
-    return sample_cloth(config.cloth, **which)
+    return sample_cloth(config.cloth, streams, config.frames, temporal=config.episodes)

@@ -15,7 +15,8 @@ from typing import Final, Literal
 from pliant.generator.config import BLENDER_STYLES, GenerateConfig
 from pliant.generator.runner.engine import Engine, Failed, Finished, Maker, OpenMaker, Rendered
 from pliant.generator.runner.manifest import Failure, RunFolder, refuse_changes
-from pliant.generator.runner.plan import Plan, SequenceTask, plan_run
+from pliant.generator.runner.plan import Plan, plan_run
+from pliant.generator.seeding import SequenceTask
 from pliant.spec.errors import CallError, GenerationError
 from pliant.spec.storage.layout import DATASET_JSON
 

@@ -13,8 +13,7 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from pliant.generator.config import QuerySettings
-from pliant.generator.runner.plan import SequenceTask
-from pliant.generator.seeding import random_generator
+from pliant.generator.seeding import RandomStreams, SequenceTask, Stream
 from pliant.generator.truth.query_sampling import (
     FrameRef,
     Tracks,
@@ -26,6 +25,7 @@ from pliant.generator.truth.query_sampling import (
 from pliant.spec.io.checksums import sha256_file
 from pliant.spec.io.jsonfiles import read_json
 from pliant.spec.io.parquet import read_table, write_table
+from pliant.spec.model import Tier
 from pliant.spec.storage.layout import (
     CORRESPONDENCES_TABLE,
     POINTS_TABLE,
@@ -40,7 +40,7 @@ _SEQUENCES_IN_MEMORY = 64
 
 def build_queries(
     root: Path,
-    tiers: Sequence[Mapping[str, Any]],
+    tiers: Sequence[Tier],
     tasks: Sequence[SequenceTask],
     settings: QuerySettings,
     *,
@@ -72,7 +72,7 @@ def build_queries(
 
     Args:
         root: The dataset's folder, whose sequences are finished.
-        tiers: The tiers of `dataset.json`.
+        tiers: The tiers.
         tasks: The finished sequences.
         settings: How many pairs and queries, and of which splits.
         seed: The dataset's seed.
@@ -103,7 +103,7 @@ def build_queries(
 
 def _split_tables(
     root: Path,
-    tiers: Sequence[Mapping[str, Any]],
+    tiers: Sequence[Tier],
     tasks: Sequence[SequenceTask],
     settings: QuerySettings,
     seed: int,
@@ -113,15 +113,15 @@ def _split_tables(
     queries: list[pa.Table] = []
     truth: list[pa.Table] = []
     for tier in tiers:
-        members = [task for task in tasks if (task.tier, task.split) == (tier["name"], split)]
+        members = [task for task in tasks if (task.tier, task.split) == (tier.name, split)]
         if not members:
             continue
         points = read_table(members[0].folder(root) / POINTS_TABLE, "points")
-        askable = _queried_points(points, int(tier["queried_object"]))
+        askable = _queried_points(points, tier.queried_object)
         partners = np.array(points["partners"].to_pylist(), np.int64).reshape(len(points), -1)
         drawn: dict[FrameRef, npt.NDArray[np.int64]] = {}
         for task in members:
-            rng = random_generator(seed, task.tier, split, task.index, stream="queries")
+            rng = RandomStreams(seed, task).generator(Stream.QUERY_PAIRS)
             frames, wanted = len(tracks(task).boxes_px), settings.pairs_per_sequence
             if settings.kind == "track":
                 wanted = frames - 1

@@ -14,7 +14,7 @@ from pliant.generator.objects.cloth.handling import CALM_SPEED_M_S, Handling
 from pliant.generator.objects.cloth.levels import shape_cloth
 from pliant.generator.objects.cloth.surface import PART, Placement, cover_of, render_vertices
 from pliant.generator.scene.scene_object import Pose
-from pliant.generator.seeding import random_generator
+from pliant.generator.seeding import RandomStreams, Stream
 from pliant.generator.settings.cloth import ClothSettings
 from pliant.spec.errors import GenerationError
 
@@ -43,18 +43,16 @@ class Configuration:
 class Configurations:
     """The frames of a sequence of independent configurations, made when asked for."""
 
-    def __init__(
-        self, settings: ClothSettings, level: int, tier: str, seed: int, split: str, index: int
-    ) -> None:
+    def __init__(self, settings: ClothSettings, level: int, streams: RandomStreams) -> None:
         self._settings = settings
         self._level = level
-        self._key = (seed, tier, split, index)
+        self._streams = streams
         self._last: tuple[int, Pose] | None = None
 
     def __call__(self, frame: int) -> Pose:
         """Return the pose of a frame; the last one asked for is kept."""
         if self._last is None or self._last[0] != frame:
-            rng = random_generator(*self._key, frame, stream="actions")
+            rng = self._streams.generator(Stream.CLOTH_CONFIGURATION, frame)
             made = make_configuration(self._settings, self._level, rng)
             self._last = (frame, Pose(vertices={PART: made.vertices}, info=made.info))
         return self._last[1]

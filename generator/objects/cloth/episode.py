@@ -22,7 +22,7 @@ from pliant.generator.objects.cloth.hand import Action, perform
 from pliant.generator.objects.cloth.handling import Handling
 from pliant.generator.objects.cloth.surface import PART, Placement, cover_of, render_vertices
 from pliant.generator.scene.scene_object import Pose
-from pliant.generator.seeding import random_generator
+from pliant.generator.seeding import RandomStreams, Stream
 from pliant.generator.settings.cloth import ClothSettings
 from pliant.spec.errors import GenerationError
 
@@ -51,12 +51,10 @@ class _Moment:
 class Episode:
     """The poses of one episode. Frames are simulated in order; going back starts anew."""
 
-    def __init__(
-        self, settings: ClothSettings, level: int, tier: str, seed: int, split: str, index: int
-    ) -> None:
+    def __init__(self, settings: ClothSettings, level: int, streams: RandomStreams) -> None:
         self._settings = settings
         self._level = level
-        self._key = (seed, tier, split, index)
+        self._streams = streams
         self._pose: Pose | None = None
         self._restart()
 
@@ -76,7 +74,7 @@ class Episode:
 
     def _restart(self) -> None:
         settings = self._settings
-        self._rng = random_generator(*self._key, stream="episode")
+        self._rng = self._streams.generator(Stream.CLOTH_EPISODE)
         start: dict[str, Any] = {"actions": []}
         if self._level == 1:
             self._handling = Handling(settings, self._rng)
@@ -131,7 +129,7 @@ class Episode:
             simulator.previous[:] = before[1]
         raise GenerationError(
             f"the cloth pokes through itself whatever {_CHOICES} actions are tried",
-            where=f"episode {self._key}, frame {self._frame + 1}",
+            where=f"{self._streams.task.id}, frame {self._frame + 1}",
             fix="Lower hand_speed_m_s or raise contact_spacings",
         )
 

@@ -7,10 +7,9 @@ import math
 import numpy as np
 
 from pliant.generator.objects.rope.mesh import RopeMesh, rope_chart
+from pliant.generator.objects.rope.tier import ROPE_ID
 from pliant.generator.scene.scene_object import IntArray, Points
 from pliant.generator.settings.rope import RopeSettings
-
-ROPE_ID = 1
 
 
 def rope_points(settings: RopeSettings, mesh: RopeMesh) -> Points:

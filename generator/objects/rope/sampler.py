@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from pliant.generator.scene.scene_object import Pose, SceneObject
-from pliant.generator.seeding import random_generator
+from pliant.generator.seeding import RandomStreams, Stream
 from pliant.generator.settings.rope import RopeSettings
 from pliant.spec.errors import CallError, MissingExtraError
 
@@ -16,14 +16,7 @@ LONGEST_EPISODE = 3000
 
 
 def sample_rope(
-    settings: RopeSettings,
-    *,
-    tier: str,
-    seed: int,
-    split: str,
-    index: int,
-    frames: int,
-    temporal: bool,
+    settings: RopeSettings, streams: RandomStreams, frames: int = 1, *, temporal: bool = False
 ) -> SceneObject:
     """Return one sequence of a rope.
 
@@ -32,10 +25,7 @@ def sample_rope(
 
     Args:
         settings: The tier's settings.
-        tier: Tier name.
-        seed: The dataset's seed, >= 0.
-        split: Split name.
-        index: Index of the sequence in its tier and split, >= 0.
+        streams: The sequence and its random numbers.
         frames: Number of frames, 1 or more; at most 3,000 for an episode.
         temporal: True for an episode.
 
@@ -66,7 +56,7 @@ def sample_rope(
     except ImportError as error:
         raise MissingExtraError("making ropes", "generate") from error
 
-    shape_rng = random_generator(seed, tier, split, index, stream="rope shape")
+    shape_rng = streams.generator(Stream.ROPE_SHAPE)
     names = sorted(name for name, weight in settings.shapes.items() if weight > 0)
     weights = np.array([settings.shapes[name] for name in names])
     shape = names[int(shape_rng.choice(len(names), p=weights / weights.sum()))]
@@ -74,7 +64,7 @@ def sample_rope(
     roll_limit = math.radians(settings.roll_deg)
 
     def still(frame: int) -> Pose:
-        rng = random_generator(seed, tier, split, index, frame, stream="rope configuration")
+        rng = streams.generator(Stream.ROPE_CONFIGURATION, frame)
         made = sample_configuration(shape, settings, rng)
         roll = rng.uniform(-roll_limit, roll_limit)
         info = {
@@ -90,13 +80,9 @@ def sample_rope(
 
     pose = still
     if temporal:
-        pose = Episode(
-            body,
-            shape,
-            lambda: random_generator(seed, tier, split, index, stream="rope episode"),
-        ).pose
+        pose = Episode(body, shape, lambda: streams.generator(Stream.ROPE_EPISODE)).pose
     return SceneObject(
-        tier=tier,
+        tier=streams.task.tier,
         kind="rope",
         shape=shape,
         temporal=temporal,

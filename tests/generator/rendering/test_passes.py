@@ -9,7 +9,7 @@ from pliant.generator.objects.cloth import ClothSettings, sample_cloth
 from pliant.generator.objects.rope import RopeSettings, sample_rope
 from pliant.generator.scene.camera import sample_camera
 from pliant.generator.scene.scene_object import SceneObject
-from pliant.generator.settings.camera import CameraSettings
+from pliant.generator.seeding import RandomStreams, SequenceTask
 from pliant.generator.truth.frame_truth import frame_truth
 
 SIZE = (320, 240)
@@ -17,10 +17,10 @@ COARSE_CLOTH = ClothSettings(points_a_side=25, tracked_a_side=9, coverage_band=(
 
 
 def small_scene(tier: str) -> SceneObject:
-    place = {"seed": 0, "split": "train", "index": 0, "frames": 1, "temporal": False}
+    streams = RandomStreams(0, SequenceTask(tier, "train", 0))
     if tier == "rope":
-        return sample_rope(RopeSettings(), tier=tier, **place)  # type: ignore[arg-type]
-    return sample_cloth(COARSE_CLOTH, tier=tier, **place)  # type: ignore[arg-type]
+        return sample_rope(RopeSettings(), streams)
+    return sample_cloth(COARSE_CLOTH, streams)
 
 
 @pytest.mark.blender

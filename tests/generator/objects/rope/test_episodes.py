@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import subprocess
 import sys
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,13 +16,13 @@ from pliant.generator.objects.rope.dynamics import RopeState
 from pliant.generator.objects.rope.episode import Episode
 from pliant.generator.objects.rope.posing import RopeBody
 from pliant.generator.scene.scene_object import SceneObject
-from tests.generator.objects.rope.rope_checks import closest_stretches
+from pliant.generator.seeding import RandomStreams, SequenceTask
 
 ROOT = Path(__file__).parents[4]
 SETTINGS = RopeSettings()
 
 
-def sequence(settings: RopeSettings = SETTINGS, **changes: Any) -> SceneObject:
+def sequence(settings: RopeSettings = SETTINGS, **changes: object) -> SceneObject:
     values: dict[str, Any] = {
         "tier": "rope",
         "seed": 0,
@@ -32,7 +31,11 @@ def sequence(settings: RopeSettings = SETTINGS, **changes: Any) -> SceneObject:
         "frames": 40,
         "temporal": True,
     }
-    return sample_rope(settings, **(values | changes))
+    values |= changes
+    streams = RandomStreams(
+        values["seed"], SequenceTask(values["tier"], values["split"], values["index"])
+    )
+    return sample_rope(settings, streams, values["frames"], temporal=values["temporal"])
 
 
 def digest(scene_object: SceneObject, frames: list[int]) -> str:
