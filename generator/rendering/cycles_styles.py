@@ -21,7 +21,7 @@ from pliant.generator.rendering.blender_materials import (
     surface_material,
     table_material,
 )
-from pliant.generator.rendering.deferred import materials
+from pliant.generator.rendering.materials import materials
 from pliant.generator.rendering.patterns import table_reflectance
 from pliant.generator.rendering.shadow import shadow_map
 from pliant.generator.rendering.sky import sky_maps
