@@ -23,8 +23,8 @@ from record import Value, main
 from pliant.generator.objects.cloth import ClothSettings, sample_cloth
 from pliant.generator.objects.cloth.contact_pbd import PairContact
 from pliant.generator.objects.cloth.grid import flat_positions
-from pliant.generator.objects.cloth.obstacles import Table
 from pliant.generator.objects.cloth.simulator import Collider, Sheet, Simulator
+from pliant.generator.objects.cloth.step import Table
 from pliant.generator.seeding import RandomStreams, SequenceTask
 
 POINTS_A_SIDE = (25, 50, 100)

@@ -12,8 +12,8 @@ from pliant.generator.objects.cloth.contact_pbd import PairContact
 from pliant.generator.objects.cloth.grid import corner_vertices, flat_positions, grid_faces
 from pliant.generator.objects.cloth.hand import Action, perform
 from pliant.generator.objects.cloth.measure import silhouette_m2
-from pliant.generator.objects.cloth.obstacles import Table
 from pliant.generator.objects.cloth.simulator import Simulator
+from pliant.generator.objects.cloth.step import Table
 from pliant.generator.settings.cloth import ClothSettings
 
 FloatArray = npt.NDArray[np.float64]

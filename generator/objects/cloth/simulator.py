@@ -15,15 +15,14 @@ import numpy as np
 import numpy.typing as npt
 
 from pliant.generator.objects.cloth.grid import flat_positions
-from pliant.generator.objects.cloth.limit import COURSE_LIMIT, limit_stretch
 from pliant.generator.objects.cloth.springs import (
     COURSE_BENDING_RATIO,
     add_spring_forces,
     build_springs,
 )
-from pliant.generator.objects.cloth.verlet import verlet_step
+from pliant.generator.objects.cloth.step import COURSE_LIMIT, Motion, limit_stretch, verlet_step
+from pliant.generator.scene.scene_object import FloatArray
 
-FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
 
@@ -145,18 +144,9 @@ class Simulator:
         """
         sheet, springs = self.sheet, self.springs
         add_spring_forces(self.positions, self.forces, springs, sheet.columns, sheet.rows)
-        verlet_step(
-            self.positions,
-            self.previous,
-            self.forces,
-            self.free,
-            self.gravity,
-            self._still if hand_m is None else hand_m,
-            sheet.mass_kg,
-            self.damping,
-            self.dt_s,
-            sheet.longest_step_m,
-        )
+        hand = self._still if hand_m is None else hand_m
+        motion = Motion(self.gravity, sheet.mass_kg, self.damping, self.dt_s, sheet.longest_step_m)
+        verlet_step(self.positions, self.previous, self.forces, self.free, hand, motion)
         for collider in self.colliders:
             collider.collide(self.positions, self.previous, self.free)
         limit_stretch(self.positions, self.free, springs.a, springs.b, springs.rest_m, sheet.limit)

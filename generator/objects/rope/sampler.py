@@ -50,8 +50,8 @@ def sample_rope(
             fix="Make more episodes instead.",
         )
     try:
+        from pliant.generator.objects.rope.body import RopeBody, upward_normal
         from pliant.generator.objects.rope.episode import Episode
-        from pliant.generator.objects.rope.posing import RopeBody, upward_normal
         from pliant.generator.objects.rope.static import sample_configuration
     except ImportError as error:
         raise MissingExtraError("making ropes", "generate") from error

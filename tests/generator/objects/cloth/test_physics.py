@@ -10,9 +10,9 @@ from course_cloth import CellContact, Plane, Sphere
 
 from pliant.generator.objects.cloth.contact_pbd import PairContact
 from pliant.generator.objects.cloth.grid import flat_positions
-from pliant.generator.objects.cloth.obstacles import Table
 from pliant.generator.objects.cloth.simulator import Sheet, Simulator
 from pliant.generator.objects.cloth.springs import BENDING, SHEAR, STRUCTURAL, build_springs
+from pliant.generator.objects.cloth.step import Table
 
 DOWN = (0.0, 0.0, -9.8)
 

@@ -16,8 +16,8 @@ from pliant.generator.objects.cloth.contact_pbd import PairContact
 from pliant.generator.objects.cloth.grid import flat_positions, grid_mesh
 from pliant.generator.objects.cloth.hand import Action, perform
 from pliant.generator.objects.cloth.intersections import find_intersections
-from pliant.generator.objects.cloth.obstacles import Table
 from pliant.generator.objects.cloth.simulator import Simulator
+from pliant.generator.objects.cloth.step import Table
 from pliant.generator.scene.scene_object import Pose, SceneObject
 from pliant.generator.seeding import RandomStreams, SequenceTask
 from pliant.generator.settings.cloth import COVERAGE_BANDS, Variant

@@ -12,9 +12,9 @@ import pytest
 
 from pliant.generator.objects.rope import RopeSettings, sample_rope
 from pliant.generator.objects.rope.actions import next_action
+from pliant.generator.objects.rope.body import RopeBody
 from pliant.generator.objects.rope.dynamics import RopeState
 from pliant.generator.objects.rope.episode import Episode
-from pliant.generator.objects.rope.posing import RopeBody
 from pliant.generator.scene.scene_object import SceneObject
 from pliant.generator.seeding import RandomStreams, SequenceTask
 
