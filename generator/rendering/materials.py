@@ -9,8 +9,7 @@ import numpy.typing as npt
 
 from pliant.generator.rendering.patterns import cloth_images
 from pliant.generator.scene.appearance import Appearance
-from pliant.generator.scene.scene_mesh import SceneMesh
-from pliant.generator.scene.scene_object import FloatArray, SceneObject
+from pliant.generator.scene.scene_object import FloatArray, SceneMesh, SceneObject
 
 PLAIN, FIBRES, WOVEN = 0, 1, 2
 """What a triangle's colour is: the vertices', the vertices' mottled by fibres, the cloth's."""

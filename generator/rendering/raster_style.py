@@ -20,8 +20,7 @@ from pliant.generator.rendering.srgb import encode_channel, encode_srgb
 from pliant.generator.rendering.table import TableView
 from pliant.generator.scene.appearance import Appearance
 from pliant.generator.scene.camera import NEAR_M, Camera
-from pliant.generator.scene.scene_mesh import SceneMesh
-from pliant.generator.scene.scene_object import FloatArray, IntArray, Pose, SceneObject
+from pliant.generator.scene.scene_object import FloatArray, IntArray, Pose, SceneMesh, SceneObject
 from pliant.generator.truth.frame_truth import FrameTruth
 from pliant.generator.truth.rasteriser import Hits, Lens, rasterise_into
 

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from pliant.generator.scene.scene_object import SceneObject
-from pliant.generator.settings.appearance import AppearanceSettings
+from pliant.generator.settings.scene import AppearanceSettings
 from pliant.spec.errors import CallError
 
 Colour = tuple[float, float, float]

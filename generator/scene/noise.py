@@ -12,7 +12,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from pliant.generator.settings.faults import NoiseSettings
+from pliant.generator.settings.scene import NoiseSettings
 from pliant.spec.io.images import Surface
 
 Rgb = npt.NDArray[np.uint8]

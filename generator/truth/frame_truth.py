@@ -12,8 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pliant.generator.scene.camera import Camera
-from pliant.generator.scene.scene_mesh import SceneMesh
-from pliant.generator.scene.scene_object import FloatArray, Pose, SceneObject
+from pliant.generator.scene.scene_object import FloatArray, Pose, SceneMesh, SceneObject
 from pliant.generator.truth.rasteriser import Hits, interpolate, rasterise
 from pliant.generator.truth.visibility import first_occluders, inside_frame
 from pliant.spec.io.images import Surface

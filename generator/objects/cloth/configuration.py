@@ -8,17 +8,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from pliant.generator.objects.cloth.handling import CALM_SPEED_M_S, Handling
 from pliant.generator.objects.cloth.levels import shape_cloth
 from pliant.generator.objects.cloth.surface import PART, Placement, cover_of, render_vertices
-from pliant.generator.scene.scene_object import Pose
+from pliant.generator.scene.scene_object import FloatArray, Pose
 from pliant.generator.seeding import RandomStreams, Stream
 from pliant.generator.settings.cloth import ClothSettings
 from pliant.spec.errors import GenerationError
-
-FloatArray = npt.NDArray[np.float64]
 
 _log = logging.getLogger(__name__)
 
@@ -109,10 +106,10 @@ def _try_configuration(
     if pierced:
         return "pokes through itself"
     cover = cover_of(settings, vertices)
-    if not band[0] <= cover.silhouette <= band[1]:
+    if not band[0] <= cover.coverage <= band[1]:
         return "coverage outside the band"
     info = {
-        **cover.as_dict(),
+        **vars(cover),
         "actions": handling.record,
         "yaw_rad": yaw_rad,
         "mean_speed_m_s": speed_m_s,

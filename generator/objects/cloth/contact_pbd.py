@@ -133,10 +133,10 @@ def moved_farther(positions: FloatArray, reference: FloatArray, distance_m: floa
     """Whether any mass is farther than a distance from where it was."""
     limit = distance_m * distance_m
     for i in range(positions.shape[0]):
-        dx = positions[i, 0] - reference[i, 0]
-        dy = positions[i, 1] - reference[i, 1]
-        dz = positions[i, 2] - reference[i, 2]
-        if not dx * dx + dy * dy + dz * dz <= limit:
+        square = 0.0
+        for c in range(3):
+            square += (positions[i, c] - reference[i, c]) ** 2
+        if not square <= limit:
             return True
     return False
 
@@ -210,18 +210,18 @@ def list_pairs(positions: FloatArray, rest: FloatArray, layers: Layers, pairs: P
             begin = p + 1 if side == 0 else start[base + max(z - 1, 0)]
             end = start[base + min(z + 1, cells[2] - 1) + 1]
             for q in range(begin, end):
-                dx = at[p, 0] - at[q, 0]
-                dy = at[p, 1] - at[q, 1]
-                dz = at[p, 2] - at[q, 2]
-                if dx * dx + dy * dy + dz * dz >= reach_m * reach_m:
+                square = 0.0
+                for c in range(3):
+                    square += (at[p, c] - at[q, c]) ** 2
+                if square >= reach_m * reach_m:
                     continue
                 if found < room:
                     i = mass[p]
                     j = mass[q]
-                    ex = rest[i, 0] - rest[j, 0]
-                    ey = rest[i, 1] - rest[j, 1]
-                    ez = rest[i, 2] - rest[j, 2]
-                    apart = math.sqrt(ex * ex + ey * ey + ez * ez)
+                    square = 0.0
+                    for c in range(3):
+                        square += (rest[i, c] - rest[j, c]) ** 2
+                    apart = math.sqrt(square)
                     pairs.first[found] = i
                     pairs.second[found] = j
                     pairs.target_m[found] = min(layers.distance_m, REST_SHARE * apart)

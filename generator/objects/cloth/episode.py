@@ -14,19 +14,15 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
 from pliant.generator.objects.cloth.configuration import make_configuration
 from pliant.generator.objects.cloth.grid import corner_vertices
-from pliant.generator.objects.cloth.hand import Action, perform
-from pliant.generator.objects.cloth.handling import Handling
+from pliant.generator.objects.cloth.handling import Action, Handling, perform
 from pliant.generator.objects.cloth.surface import PART, Placement, cover_of, render_vertices
-from pliant.generator.scene.scene_object import Pose
+from pliant.generator.scene.scene_object import FloatArray, Pose
 from pliant.generator.seeding import RandomStreams, Stream
 from pliant.generator.settings.cloth import ClothSettings
 from pliant.spec.errors import GenerationError
-
-FloatArray = npt.NDArray[np.float64]
 
 REST_FRAMES: Final = (6, 15)
 """Frames (fewest, most) in which the hand is away between two actions."""
@@ -100,7 +96,7 @@ class Episode:
     def _pose_of(self, moment: _Moment) -> Pose:
         action = None if moment.action is None else self._actions[moment.action]
         info: dict[str, Any] = {
-            **cover_of(self._settings, moment.vertices).as_dict(),
+            **vars(cover_of(self._settings, moment.vertices)),
             "action": action,
             "hand": None if moment.hand_m is None else moment.hand_m.tolist(),
             "d_action": moment.moved_m.tolist(),

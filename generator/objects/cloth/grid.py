@@ -11,8 +11,7 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
-IntArray = npt.NDArray[np.int32]
-FloatArray = npt.NDArray[np.float64]
+from pliant.generator.scene.scene_object import FloatArray, IntArray
 
 
 def grid_faces(columns: int, rows: int) -> IntArray:

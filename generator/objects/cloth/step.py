@@ -149,10 +149,9 @@ def limit_stretch(
     for s in range(a.shape[0]):
         i = a[s]
         j = b[s]
-        dx = positions[j, 0] - positions[i, 0]
-        dy = positions[j, 1] - positions[i, 1]
-        dz = positions[j, 2] - positions[i, 2]
-        square = dx * dx + dy * dy + dz * dz
+        square = 0.0
+        for c in range(3):
+            square += (positions[j, c] - positions[i, c]) ** 2
         longest = limit * rest_m[s]
         if square <= longest * longest:
             continue
@@ -163,9 +162,7 @@ def limit_stretch(
         share = (length - longest) / length / movable
         towards_j = share * free[i]
         towards_i = share * free[j]
-        positions[i, 0] += towards_j * dx
-        positions[i, 1] += towards_j * dy
-        positions[i, 2] += towards_j * dz
-        positions[j, 0] -= towards_i * dx
-        positions[j, 1] -= towards_i * dy
-        positions[j, 2] -= towards_i * dz
+        for c in range(3):
+            off = positions[j, c] - positions[i, c]
+            positions[i, c] += towards_j * off
+            positions[j, c] -= towards_i * off

@@ -20,9 +20,7 @@ from pliant.generator.scene.appearance import (
     sample_appearance,
 )
 from pliant.generator.scene.camera import Camera
-from pliant.generator.scene.scene_mesh import SceneMesh
-from pliant.generator.scene.scene_object import SceneObject
-from pliant.generator.settings.appearance import AppearanceSettings
+from pliant.generator.scene.scene_object import SceneMesh, SceneObject
 from pliant.generator.truth.frame_truth import frame_truth
 from pliant.spec.errors import CallError
 

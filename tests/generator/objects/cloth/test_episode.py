@@ -9,7 +9,7 @@ import pytest
 
 from pliant.generator.objects.cloth import ClothSettings, sample_cloth
 from pliant.generator.objects.cloth.grid import grid_mesh
-from pliant.generator.objects.cloth.hand import Action, grip, hand_path, hand_steps
+from pliant.generator.objects.cloth.handling import Action, grip, hand_path, hand_steps
 from pliant.generator.objects.cloth.intersections import find_intersections
 from pliant.generator.scene.scene_object import SceneObject
 from pliant.generator.seeding import RandomStreams, SequenceTask

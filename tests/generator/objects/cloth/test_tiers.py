@@ -14,7 +14,7 @@ from course_cloth import CellContact
 from pliant.generator.objects.cloth import ClothSettings, cloth_tier, sample_cloth
 from pliant.generator.objects.cloth.contact_pbd import PairContact
 from pliant.generator.objects.cloth.grid import flat_positions, grid_mesh
-from pliant.generator.objects.cloth.hand import Action, perform
+from pliant.generator.objects.cloth.handling import Action, perform
 from pliant.generator.objects.cloth.intersections import find_intersections
 from pliant.generator.objects.cloth.simulator import Simulator
 from pliant.generator.objects.cloth.step import Table
