@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -93,6 +94,13 @@ class RandomStreams:
         """Return the generator of one of the numbered materials of the sequence's tier."""
         shared = RandomStreams(self.seed, SequenceTask(self.task.tier, "", number))
         return shared.generator(Stream.MATERIAL)
+
+
+def weighted_choice(rng: np.random.Generator, weights: Mapping[str, float]) -> str:
+    """Draw a name by its weight; names without a weight are never drawn."""
+    names = sorted(name for name, weight in weights.items() if weight > 0)
+    shares = np.array([weights[name] for name in names])
+    return names[int(rng.choice(len(names), p=shares / shares.sum()))]
 
 
 def _word(text: str) -> int:

@@ -1,11 +1,38 @@
-"""The tiers by name: what each declares in `dataset.json`, and how its scene objects are drawn."""
+"""The tiers by name: what each declares in `dataset.json`, and how its scene objects are drawn.
+
+To add a tier, write a module with `describe` and `sample`, and name it in `TIER_MODULES` and in
+`pliant.generator.config.TIER_KINDS`. `tests/generator/objects/coil_tier.py` is an example.
+"""
 
 from __future__ import annotations
+
+from importlib import import_module
+from typing import Final, Protocol, cast
 
 from pliant.generator.config import TIER_KINDS, GenerateConfig
 from pliant.generator.scene.scene_object import SceneObject
 from pliant.generator.seeding import RandomStreams, SequenceTask
 from pliant.spec.model import Tier
+
+TIER_MODULES: Final[dict[str, str]] = {
+    "rope": "pliant.generator.objects.rope.sampler",
+    "cloth": "pliant.generator.objects.cloth.sampling",
+}
+"""Module of a tier, or of all tiers of a kind."""
+
+
+class TierModule(Protocol):
+    """The functions of a tier's module."""
+
+    def describe(self, config: GenerateConfig, tier: str) -> Tier:
+        """Return the tier's objects, material coordinates and symmetries."""
+
+    def sample(self, config: GenerateConfig, streams: RandomStreams) -> SceneObject:
+        """Draw the object of one sequence.
+
+        Raises:
+            GenerationError: No acceptable configuration was found.
+        """
 
 
 def describe_tier(config: GenerateConfig, tier: str) -> Tier:
@@ -15,13 +42,7 @@ def describe_tier(config: GenerateConfig, tier: str) -> Tier:
         config: The dataset's config.
         tier: One of `TIER_KINDS`.
     """
-    if TIER_KINDS[tier] == "rope":
-        from pliant.generator.objects.rope import rope_tier
-
-        return rope_tier(config.rope, tier)
-    from pliant.generator.objects.cloth import cloth_tier
-
-    return cloth_tier(config.cloth, tier)
+    return _module(tier).describe(config, tier)
 
 
 def sample_scene_object(config: GenerateConfig, task: SequenceTask) -> SceneObject:
@@ -34,11 +55,9 @@ def sample_scene_object(config: GenerateConfig, task: SequenceTask) -> SceneObje
     Raises:
         GenerationError: No acceptable configuration was found.
     """
-    streams = RandomStreams(config.seed, task)
-    if TIER_KINDS[task.tier] == "rope":
-        from pliant.generator.objects.rope import sample_rope
+    return _module(task.tier).sample(config, RandomStreams(config.seed, task))
 
-        return sample_rope(config.rope, streams, config.frames, temporal=config.episodes)
-    from pliant.generator.objects.cloth import sample_cloth
 
-    return sample_cloth(config.cloth, streams, config.frames, temporal=config.episodes)
+def _module(tier: str) -> TierModule:
+    name = TIER_MODULES.get(tier) or TIER_MODULES[TIER_KINDS[tier]]
+    return cast(TierModule, import_module(name))

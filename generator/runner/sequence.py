@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from importlib.metadata import PackageNotFoundError, version
 from itertools import chain, islice
 from pathlib import Path
@@ -230,20 +231,11 @@ class _StageClock:
     def __init__(self) -> None:
         self.seconds: dict[str, float] = {}
 
-    def __call__(self, stage: str) -> _Stage:
-        return _Stage(self.seconds, stage)
-
-
-class _Stage:
-    def __init__(self, seconds: dict[str, float], stage: str) -> None:
-        self._seconds, self._stage = seconds, stage
-
-    def __enter__(self) -> None:
-        self._start = time.thread_time()
-
-    def __exit__(self, *exc: object) -> None:
-        spent = time.thread_time() - self._start
-        self._seconds[self._stage] = self._seconds.get(self._stage, 0.0) + spent
+    @contextmanager
+    def __call__(self, stage: str) -> Iterator[None]:
+        start = time.thread_time()
+        yield
+        self.seconds[stage] = self.seconds.get(stage, 0.0) + time.thread_time() - start
 
 
 def _ahead(items: Iterator[T]) -> Iterator[T]:

@@ -116,6 +116,22 @@ class SceneObject:
     variant: str = "plain"
 
 
+def quads(a: IntArray, b: IntArray, c: IntArray, d: IntArray) -> IntArray:
+    """Return the two triangles, abc and acd, of every cell of a grid.
+
+    Args:
+        a: int (...), the first corner of each cell; b, c and d follow around it.
+        b: int (...).
+        c: int (...).
+        d: int (...).
+
+    Returns:
+        int32 (2 N, 3).
+    """
+    pairs = np.stack([np.stack([a, b, c], axis=-1), np.stack([a, c, d], axis=-1)], axis=-2)
+    return pairs.reshape(-1, 3).astype(np.int32)
+
+
 @dataclass(frozen=True)
 class SceneMesh:
     """The topology of a scene object's parts, one after the other.

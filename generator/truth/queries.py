@@ -46,9 +46,9 @@ def build_queries(
     *,
     seed: int,
     dataset: Mapping[str, str],
-    queries_dir: Path | None = None,
-    truth_dir: Path | None = None,
-) -> list[str]:
+    queries_dir: Path,
+    truth_dir: Path,
+) -> None:
     """Write `queries/SPLIT.parquet` and `truth/SPLIT.parquet` of a dataset's splits.
 
     A pair's target is a frame of one sequence. Its source is a frame of the same sequence where
@@ -77,28 +77,20 @@ def build_queries(
         settings: How many pairs and queries, and of which splits.
         seed: The dataset's seed.
         dataset: `id` and `version` for the footers.
-        queries_dir: Where to write instead of `root/queries`.
-        truth_dir: Where to write instead of `root/truth`.
-
-    Returns:
-        The splits that got queries.
+        queries_dir: Where to write the queries.
+        truth_dir: Where to write their truth.
     """
-    written: list[str] = []
     for split in settings.splits:
         queries, truth = _split_tables(root, tiers, tasks, settings, seed, split)
         if len(queries) == 0:
             continue
-        path = queries_path(root, split)
-        path = path if queries_dir is None else queries_dir / path.name
-        answers = truth_path(root, split)
-        answers = answers if truth_dir is None else truth_dir / answers.name
+        path = queries_dir / queries_path(root, split).name
+        answers = truth_dir / truth_path(root, split).name
         footer: dict[str, Any] = {"dataset": dict(dataset), "split": split}
         path.parent.mkdir(parents=True, exist_ok=True)
         answers.parent.mkdir(parents=True, exist_ok=True)
         write_table(path, queries, "queries", footer)
         write_table(answers, truth, "truth", {**footer, "queries_sha256": sha256_file(path)})
-        written.append(split)
-    return written
 
 
 def _split_tables(

@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 
+from pliant.generator.config import GenerateConfig
 from pliant.generator.objects.cloth.configuration import Configurations
 from pliant.generator.objects.cloth.episode import Episode
 from pliant.generator.objects.cloth.grid import grid_faces, mapped_vertices
@@ -61,6 +62,16 @@ def cloth_tier(settings: ClothSettings, name: str) -> Tier:
     cloth = MaterialObject(CLOTH_ID, PART, material)
     variant = settings.variant
     return Tier(name, "cloth", variant, CLOTH_ID, (cloth,), SYMMETRIES[variant])
+
+
+def describe(config: GenerateConfig, tier: str) -> Tier:
+    """Return the cloth tier of a dataset."""
+    return cloth_tier(config.cloth, tier)
+
+
+def sample(config: GenerateConfig, streams: RandomStreams) -> SceneObject:
+    """Draw one sequence of a dataset's cloth tier, as `sample_cloth` does."""
+    return sample_cloth(config.cloth, streams, config.frames, temporal=config.episodes)
 
 
 def sample_cloth(

@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from pliant.generator.scene.scene_object import Chart, FloatArray, IntArray
+from pliant.generator.scene.scene_object import Chart, FloatArray, IntArray, quads
 from pliant.generator.settings.rope import RopeSettings
 
 BALL_DEPTH: Final = 0.8
@@ -166,9 +166,7 @@ def _mirror_strands(settings: RopeSettings, strands: int) -> IntArray:
 def _faces(index: IntArray) -> IntArray:
     """Return the triangles of tubes of (strands, rows, ring) vertices, closed by flat caps."""
     after = np.roll(index, -1, axis=2)
-    a, b = index[:, :-1], after[:, :-1]
-    c, d = after[:, 1:], index[:, 1:]
-    wall = np.stack([np.stack([a, b, c], axis=-1), np.stack([a, c, d], axis=-1)], axis=-2)
+    wall = quads(index[:, :-1], after[:, :-1], after[:, 1:], index[:, 1:])
     first, last = index[:, 0], index[:, -1]
     start = np.stack(
         [np.broadcast_to(first[:, :1], first[:, 2:].shape), first[:, 2:], first[:, 1:-1]], axis=-1
@@ -229,12 +227,11 @@ def ball_mesh(radius_m: float) -> tuple[FloatArray, IntArray]:
     rest = radius_m * np.concatenate([[[1.0, 0.0, 0.0]], body, [[-1.0, 0.0, 0.0]]])
     index = 1 + np.arange((_RINGS - 1) * around).reshape(_RINGS - 1, around)
     after = np.roll(index, -1, axis=1)
-    a, b, c, d = index[:-1], after[:-1], after[1:], index[1:]
-    wall = np.stack([np.stack([a, d, c], axis=-1), np.stack([a, c, b], axis=-1)], axis=-2)
+    wall = quads(index[:-1], index[1:], after[1:], after[:-1])
     last = len(rest) - 1
     first_cap = np.stack([np.zeros(around, int), index[0], after[0]], axis=-1)
     last_cap = np.stack([index[-1], np.full(around, last), after[-1]], axis=-1)
-    faces = np.concatenate([wall.reshape(-1, 3), first_cap, last_cap]).astype(np.int32)
+    faces = np.concatenate([wall, first_cap, last_cap]).astype(np.int32)
     return rest, faces
 
 

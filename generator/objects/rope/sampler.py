@@ -4,15 +4,26 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
+from pliant.generator.config import GenerateConfig
+from pliant.generator.objects.rope.tier import rope_tier
 from pliant.generator.scene.scene_object import Pose, SceneObject
-from pliant.generator.seeding import RandomStreams, Stream
+from pliant.generator.seeding import RandomStreams, Stream, weighted_choice
 from pliant.generator.settings.rope import RopeSettings
 from pliant.spec.errors import CallError, MissingExtraError
+from pliant.spec.model import Tier
 
 LONGEST_EPISODE = 3000
 """Frames; the physics is checked up to here."""
+
+
+def describe(config: GenerateConfig, tier: str) -> Tier:
+    """Return the rope tier of a dataset."""
+    return rope_tier(config.rope, tier)
+
+
+def sample(config: GenerateConfig, streams: RandomStreams) -> SceneObject:
+    """Draw one sequence of a dataset's rope tier, as `sample_rope` does."""
+    return sample_rope(config.rope, streams, config.frames, temporal=config.episodes)
 
 
 def sample_rope(
@@ -56,10 +67,7 @@ def sample_rope(
     except ImportError as error:
         raise MissingExtraError("making ropes", "generate") from error
 
-    shape_rng = streams.generator(Stream.ROPE_SHAPE)
-    names = sorted(name for name, weight in settings.shapes.items() if weight > 0)
-    weights = np.array([settings.shapes[name] for name in names])
-    shape = names[int(shape_rng.choice(len(names), p=weights / weights.sum()))]
+    shape = weighted_choice(streams.generator(Stream.ROPE_SHAPE), settings.shapes)
     body = RopeBody(settings)
     roll_limit = math.radians(settings.roll_deg)
 

@@ -21,6 +21,7 @@ from pliant.generator.objects.rope.curve import (
     resample,
 )
 from pliant.generator.scene.scene_object import FloatArray
+from pliant.generator.seeding import weighted_choice
 from pliant.generator.settings.rope import RopeSettings
 
 BoolArray = npt.NDArray[np.bool_]
@@ -64,9 +65,7 @@ def sample_variant(shape: str, settings: RopeSettings, rng: np.random.Generator)
         A knot; `tucked` or `plain` for a loop; `plain` for the others.
     """
     if shape == "knot":
-        names = sorted(name for name, weight in settings.knots.items() if weight > 0)
-        weights = np.array([settings.knots[name] for name in names])
-        return names[int(rng.choice(len(names), p=weights / weights.sum()))]
+        return weighted_choice(rng, settings.knots)
     return "tucked" if shape == "loop" and rng.random() < 0.5 else "plain"
 
 
