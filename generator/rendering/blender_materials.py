@@ -66,9 +66,7 @@ def _new_material(name: str) -> tuple[Any, Any]:
     return material, material.node_tree
 
 
-def _node(
-    tree: Any, kind: str, inputs: Mapping[str | int, Any] | None = None, **settings: Any
-) -> Any:
+def _node(tree: Any, kind: str, inputs: Mapping[Any, Any] | None = None, **settings: Any) -> Any:
     """Add a node; an input that is another node's output is linked, any other is set."""
     node = tree.nodes.new(f"ShaderNode{kind}")
     for name, value in settings.items():
