@@ -81,8 +81,7 @@ class CyclesRenderer:
         self._mesh = SceneMesh.of(scene_object)
         surfaces = materials(scene_object, self._mesh, appearance)
         self._objects = []
-        for k, part in enumerate(scene_object.parts):
-            rows = slice(self._mesh.vertex_starts[k], self._mesh.vertex_starts[k + 1])
+        for part, _, rows in self._mesh.parts:
             kind = "cloth" if scene_object.kind == "cloth" else part.name
             made = blender.add_mesh(
                 self._scene,
@@ -108,8 +107,7 @@ class CyclesRenderer:
         """
         if CyclesRenderer._owner is not self:
             raise GenerationError("another renderer has taken Blender's scene; call begin again")
-        for k, made in enumerate(self._objects):
-            rows = slice(self._mesh.vertex_starts[k], self._mesh.vertex_starts[k + 1])
+        for made, (_, _, rows) in zip(self._objects, self._mesh.parts, strict=False):
             blender.move_vertices(made, truth.world_vertices[rows])
         return self._picture(truth)
 

@@ -48,12 +48,10 @@ def materials(scene_object: SceneObject, mesh: SceneMesh, appearance: Appearance
     """Work out the surfaces of a scene object under an appearance."""
     surface = np.zeros(len(mesh.faces), np.uint8)
     two_faced = np.zeros(len(mesh.faces), np.uint8)
-    count = mesh.vertex_starts[-1]
+    count = mesh.parts[-1][2].stop
     colour, place, crevice = np.ones((count, 3)), np.zeros((count, 3)), np.ones(count)
     front = back = np.ones((1, 1, 3), np.float32)
-    for k, part in enumerate(scene_object.parts):
-        faces = slice(mesh.face_starts[k], mesh.face_starts[k + 1])
-        rows = slice(mesh.vertex_starts[k], mesh.vertex_starts[k + 1])
+    for part, faces, rows in mesh.parts:
         two_faced[faces] = part.double_sided
         if part.name == "rope":
             surface[faces] = FIBRES

@@ -138,27 +138,23 @@ class SceneMesh:
 
     Attributes:
         faces: int32 (F, 3), rows of the joined vertices.
-        face_starts: Per part its first face, and last the number of faces.
-        vertex_starts: Per part its first vertex, and last the number of vertices.
-        names: The parts' names in that order.
+        parts: Each part with the slices of its faces and of its vertices.
     """
 
     faces: IntArray
-    face_starts: tuple[int, ...]
-    vertex_starts: tuple[int, ...]
-    names: tuple[str, ...]
+    parts: tuple[tuple[Part, slice, slice], ...]
 
     @classmethod
     def of(cls, scene_object: SceneObject) -> SceneMesh:
         """Join the parts of a scene object."""
-        face_starts, vertex_starts, faces = [0], [0], []
+        first_face = first_vertex = 0
+        faces, parts = [], []
         for part in scene_object.parts:
-            faces.append(part.faces + np.int32(vertex_starts[-1]))
-            face_starts.append(face_starts[-1] + len(part.faces))
-            vertex_starts.append(vertex_starts[-1] + len(part.rest))
-        joined = np.ascontiguousarray(np.concatenate(faces), np.int32)
-        names = tuple(part.name for part in scene_object.parts)
-        return cls(joined, tuple(face_starts), tuple(vertex_starts), names)
+            last_face, last_vertex = first_face + len(part.faces), first_vertex + len(part.rest)
+            faces.append(part.faces + np.int32(first_vertex))
+            parts.append((part, slice(first_face, last_face), slice(first_vertex, last_vertex)))
+            first_face, first_vertex = last_face, last_vertex
+        return cls(np.ascontiguousarray(np.concatenate(faces), np.int32), tuple(parts))
 
     def vertices(self, pose: Pose) -> FloatArray:
         """Return the world positions of a pose, rounded to what the files can hold.
@@ -172,5 +168,5 @@ class SceneMesh:
         Returns:
             float64 (V, 3), world metres, every value a float32.
         """
-        parts = [pose.vertices[name] for name in self.names]
+        parts = [pose.vertices[part.name] for part, _, _ in self.parts]
         return np.concatenate(parts).astype(np.float32).astype(np.float64)

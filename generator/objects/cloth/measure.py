@@ -63,6 +63,12 @@ def measure_cover(vertices: FloatArray, faces: IntArray, corners: IntArray, side
 
 
 @njit(cache=True)
+def _inside(one: float, two: float, three: float) -> bool:
+    """Return whether a place is on the same side of a triangle's three edges."""
+    return min(one, two, three) >= 0.0 or max(one, two, three) <= 0.0
+
+
+@njit(cache=True)
 def silhouette_m2(vertices: FloatArray, faces: IntArray, pixel_m: float) -> float:
     """Return the area of the union of all triangles seen from above.
 
@@ -91,9 +97,7 @@ def silhouette_m2(vertices: FloatArray, faces: IntArray, pixel_m: float) -> floa
                 one = (bx - ax) * (y - ay) - (by - ay) * (x - ax)
                 two = (cx - bx) * (y - by) - (cy - by) * (x - bx)
                 three = (ax - cx) * (y - cy) - (ay - cy) * (x - cx)
-                if (one >= 0.0 and two >= 0.0 and three >= 0.0) or (
-                    one <= 0.0 and two <= 0.0 and three <= 0.0
-                ):
+                if _inside(one, two, three):
                     covered[y, x] = 1
     return covered.sum() * pixel_m * pixel_m
 
@@ -140,11 +144,8 @@ def covered_from_above(
             one = (b[0] - a[0]) * (py - a[1]) - (b[1] - a[1]) * (px - a[0])
             two = (c[0] - b[0]) * (py - b[1]) - (c[1] - b[1]) * (px - b[0])
             three = (a[0] - c[0]) * (py - c[1]) - (a[1] - c[1]) * (px - c[0])
-            inside = (one >= 0.0 and two >= 0.0 and three >= 0.0) or (
-                one <= 0.0 and two <= 0.0 and three <= 0.0
-            )
             double_area = one + two + three
-            if not inside or double_area == 0.0:
+            if not _inside(one, two, three) or double_area == 0.0:
                 continue
             if (two * a[2] + three * b[2] + one * c[2]) / double_area > pz:
                 covered[i] = True
