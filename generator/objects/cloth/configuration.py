@@ -15,6 +15,7 @@ from pliant.generator.objects.cloth.surface import PART, Placement, cover_of, re
 from pliant.generator.scene.scene_object import FloatArray, Pose
 from pliant.generator.seeding import RandomStreams, Stream
 from pliant.generator.settings.cloth import ClothSettings
+from pliant.spec.configuration import settings_to_dict
 from pliant.spec.errors import GenerationError
 
 _log = logging.getLogger(__name__)
@@ -109,7 +110,7 @@ def _try_configuration(
     if not band[0] <= cover.coverage <= band[1]:
         return "coverage outside the band"
     info = {
-        **vars(cover),
+        **settings_to_dict(cover),
         "actions": handling.record,
         "yaw_rad": yaw_rad,
         "mean_speed_m_s": speed_m_s,

@@ -22,6 +22,7 @@ from pliant.generator.objects.cloth.surface import PART, Placement, cover_of, re
 from pliant.generator.scene.scene_object import FloatArray, Pose
 from pliant.generator.seeding import RandomStreams, Stream
 from pliant.generator.settings.cloth import ClothSettings
+from pliant.spec.configuration import settings_to_dict
 from pliant.spec.errors import GenerationError
 
 REST_FRAMES: Final = (6, 15)
@@ -96,7 +97,7 @@ class Episode:
     def _pose_of(self, moment: _Moment) -> Pose:
         action = None if moment.action is None else self._actions[moment.action]
         info: dict[str, Any] = {
-            **vars(cover_of(self._settings, moment.vertices)),
+            **settings_to_dict(cover_of(self._settings, moment.vertices)),
             "action": action,
             "hand": None if moment.hand_m is None else moment.hand_m.tolist(),
             "d_action": moment.moved_m.tolist(),

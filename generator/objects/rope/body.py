@@ -22,6 +22,7 @@ from pliant.generator.objects.rope.mesh import (
 from pliant.generator.objects.rope.tier import BALL_ID, ROPE_ID
 from pliant.generator.scene.scene_object import FloatArray, IntArray, Part, Points, Pose
 from pliant.generator.settings.rope import RopeSettings
+from pliant.spec.configuration import settings_to_dict
 
 
 class RopeBody:
@@ -81,7 +82,7 @@ class RopeBody:
         if ball_centre is not None:
             vertices["ball"] = place_ball(self.parts[1].rest, ball_centre, frames[0])
         line = resample(centreline, self.settings.centreline_points)
-        facts = {**info, "crossings": [vars(each) for each in crossings(centreline)]}
+        facts = {**info, "crossings": settings_to_dict(crossings(centreline))}
         return Pose(vertices=vertices, centreline=line, info=facts)
 
 
