@@ -12,6 +12,7 @@ from typing import Final, Protocol, cast
 from pliant.generator.config import TIER_KINDS, GenerateConfig
 from pliant.generator.scene.scene_object import SceneObject
 from pliant.generator.seeding import RandomStreams, SequenceTask
+from pliant.spec.errors import MissingExtraError
 from pliant.spec.model import Tier
 
 TIER_MODULES: Final[dict[str, str]] = {
@@ -60,4 +61,7 @@ def sample_scene_object(config: GenerateConfig, task: SequenceTask) -> SceneObje
 
 def _module(tier: str) -> TierModule:
     name = TIER_MODULES.get(tier) or TIER_MODULES[TIER_KINDS[tier]]
-    return cast(TierModule, import_module(name))
+    try:
+        return cast(TierModule, import_module(name))
+    except ImportError as error:
+        raise MissingExtraError(f"tier {tier}", "generate") from error

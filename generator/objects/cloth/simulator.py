@@ -170,12 +170,3 @@ class Simulator:
         """
         self.positions[:] = positions
         self.previous[:] = positions
-
-    def energy(self) -> float:
-        """Return kinetic, elastic and gravitational energy together, joules."""
-        sheet, springs = self.sheet, self.springs
-        lengths = np.linalg.norm(self.positions[springs.a] - self.positions[springs.b], axis=1)
-        elastic = 0.5 * (springs.stiffness * (lengths - springs.rest_m) ** 2).sum()
-        kinetic = 0.5 * sheet.mass_kg * (self.speeds() ** 2).sum()
-        height = -sheet.mass_kg * (self.positions @ self.gravity).sum()
-        return float(elastic + kinetic + height)

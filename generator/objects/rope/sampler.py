@@ -5,11 +5,14 @@ from __future__ import annotations
 import math
 
 from pliant.generator.config import GenerateConfig
+from pliant.generator.objects.rope.body import RopeBody, upward_normal
+from pliant.generator.objects.rope.episode import Episode
+from pliant.generator.objects.rope.static import sample_configuration
 from pliant.generator.objects.rope.tier import rope_tier
 from pliant.generator.scene.scene_object import Pose, SceneObject
 from pliant.generator.seeding import RandomStreams, Stream, weighted_choice
 from pliant.generator.settings.rope import RopeSettings
-from pliant.spec.errors import CallError, MissingExtraError
+from pliant.spec.errors import CallError
 from pliant.spec.model import Tier
 
 LONGEST_EPISODE = 3000
@@ -46,7 +49,6 @@ def sample_rope(
     Raises:
         CallError: The number of frames is impossible.
         GenerationError: A shape finds no room under these settings.
-        MissingExtraError: numba is not installed.
     """
     if frames < 1:
         raise CallError(
@@ -60,13 +62,6 @@ def sample_rope(
             required=f"at most {LONGEST_EPISODE}",
             fix="Make more episodes instead.",
         )
-    try:
-        from pliant.generator.objects.rope.body import RopeBody, upward_normal
-        from pliant.generator.objects.rope.episode import Episode
-        from pliant.generator.objects.rope.static import sample_configuration
-    except ImportError as error:
-        raise MissingExtraError("making ropes", "generate") from error
-
     shape = weighted_choice(streams.generator(Stream.ROPE_SHAPE), settings.shapes)
     body = RopeBody(settings)
     roll_limit = math.radians(settings.roll_deg)
