@@ -172,7 +172,7 @@ def test_sequences_that_share_a_material_differ_in_light_alone(tube: SceneObject
 
 @pytest.mark.parametrize("name", ["materials", "first_material"])
 def test_a_negative_number_of_materials_is_refused(name: str) -> None:
-    with pytest.raises(CallError, match=f"look.{name}"):
+    with pytest.raises(CallError, match=f"appearance.{name}"):
         AppearanceSettings(**{name: -1})  # type: ignore[arg-type]
 
 
