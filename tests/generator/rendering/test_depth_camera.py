@@ -21,6 +21,7 @@ from pliant.generator.scene.appearance import sample_appearance
 from pliant.generator.scene.camera import Camera
 from pliant.generator.scene.scene_object import SceneObject
 from pliant.generator.seeding import RandomStreams, SequenceTask, Stream
+from pliant.generator.settings import AppearanceSettings, DepthCameraSettings
 from pliant.generator.truth.frame_truth import FrameTruth, frame_truth
 from pliant.spec.errors import CallError
 

@@ -10,6 +10,7 @@ from pliant.generator.objects.rope import RopeSettings, sample_rope
 from pliant.generator.scene.camera import sample_camera
 from pliant.generator.scene.scene_object import SceneObject
 from pliant.generator.seeding import RandomStreams, SequenceTask
+from pliant.generator.settings import CameraSettings
 from pliant.generator.truth.frame_truth import frame_truth
 
 SIZE = (320, 240)

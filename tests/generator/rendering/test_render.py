@@ -21,6 +21,7 @@ from pliant.generator.scene.appearance import (
 )
 from pliant.generator.scene.camera import Camera
 from pliant.generator.scene.scene_object import SceneMesh, SceneObject
+from pliant.generator.settings import AppearanceSettings
 from pliant.generator.truth.frame_truth import frame_truth
 from pliant.spec.errors import CallError
 

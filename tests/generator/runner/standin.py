@@ -23,6 +23,8 @@ from pliant.generator.runner.sequence_writer import SequenceWriter
 from pliant.generator.scene.camera import Camera
 from pliant.generator.scene.scene_object import Points
 from pliant.generator.seeding import RandomStreams, SequenceTask, Stream
+from pliant.generator.truth.frame_truth import FrameTruth
+from pliant.generator.truth.rasteriser import Hits
 from pliant.spec.io.images import Surface
 
 NO_HITS = Hits(np.zeros((0, 0), np.int32), np.zeros((0, 0)), np.zeros((0, 0, 2)))

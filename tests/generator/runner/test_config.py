@@ -6,6 +6,7 @@ import pytest
 
 from pliant.generator.config import GenerateConfig, QuerySettings, split_counts
 from pliant.generator.runner.plan import plan_tasks
+from pliant.generator.settings import RopeSettings
 from pliant.spec.configuration import read_settings, settings_from
 from pliant.spec.errors import CallError
 from pliant.spec.io.yamlfiles import yaml_text

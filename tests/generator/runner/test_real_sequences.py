@@ -8,6 +8,7 @@ import pytest
 
 from pliant.generator.config import GenerateConfig
 from pliant.generator.runner.run import generate
+from pliant.generator.settings import AppearanceSettings, ClothSettings, RopeSettings
 from pliant.spec.configuration import settings_from
 
 
@@ -91,7 +92,7 @@ def test_sequences_share_materials_and_another_set_has_others(tmp_path):
         style="raster",
         look=AppearanceSettings(materials=1),
     )
-    unseen = replace(small, look={"materials": 1, "first_material": 1})
+    other_look = replace(small, look=AppearanceSettings(materials=1, first_material=1))
     generate(small, tmp_path / "seen")
     generate(other_look, tmp_path / "unseen")
     seen, unseen = (

@@ -13,7 +13,7 @@ from pliant.generator.rendering.materials import fibre_places
 from pliant.generator.rendering.patterns import cloth_images, table_reflectance, value_noise
 from pliant.generator.scene.appearance import Appearance, sample_appearance
 from pliant.generator.scene.scene_object import SceneObject
-from pliant.generator.settings.appearance import AppearanceSettings
+from pliant.generator.settings.scene import AppearanceSettings
 from pliant.spec.configuration import settings_to_dict
 from pliant.spec.errors import CallError
 from tests.generator.conftest import sheet_scene_object

@@ -3,8 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pliant.generator.scene.camera import Camera, CameraSettings, sample_camera
+from pliant.generator.scene.camera import Camera, sample_camera
 from pliant.generator.scene.scene_object import Part, Points, Pose, SceneMesh, SceneObject
+from pliant.generator.settings import CameraSettings
 from pliant.generator.truth.frame_truth import FrameTruth, frame_truth
 
 

@@ -53,9 +53,8 @@ def test_friction_brakes_the_slip_by_at_most_its_share_of_the_push() -> None:
     np.testing.assert_allclose(x, [[-0.2, 0.3, 0], [0.8, 0.3, 0]])
 
 
-def contact_of(points: np.ndarray, rest: np.ndarray, **changes: float) -> PairContact:
-    settings = {"distance_m": 0.1, "friction": 0.3, "layer_m": 0.29, "margin_m": 0.06}
-    return PairContact(rest, Layers(**{**settings, **changes}))
+def contact_of(rest: np.ndarray) -> PairContact:
+    return PairContact(rest, Layers(distance_m=0.1, friction=0.3, layer_m=0.29, margin_m=0.06))
 
 
 def listed(contact: PairContact) -> dict[tuple[int, int], tuple[float, float]]:

@@ -68,8 +68,8 @@ def test_energy_does_not_grow_in_a_damped_hang() -> None:
     measured = []
     for _ in range(300):
         simulator.run(10)
-        energies.append(energy_of(simulator))
-    energies = np.array(energies)
+        measured.append(energy_of(simulator))
+    energies = np.array(measured)
     lost = energies[0] - energies.min()
     assert lost > 100.0  # a square metre of 150 kg has come down
     # Verlet's energy flickers by the phase of its fastest springs; it must never rise.

@@ -16,7 +16,7 @@ from pliant.generator.objects.cloth.contact_pbd import PairContact
 from pliant.generator.objects.cloth.grid import flat_positions, grid_mesh
 from pliant.generator.objects.cloth.handling import Action, perform
 from pliant.generator.objects.cloth.intersections import find_intersections
-from pliant.generator.objects.cloth.simulator import Simulator
+from pliant.generator.objects.cloth.simulator import Collider, Simulator
 from pliant.generator.objects.cloth.step import Table
 from pliant.generator.scene.scene_object import Pose, SceneObject
 from pliant.generator.seeding import RandomStreams, SequenceTask
@@ -165,11 +165,12 @@ def test_contact_holds_where_the_courses_lets_the_cloth_through() -> None:
     faces, edges = grid_mesh(side, side)
     crossings = {}
     sheet = settings.sheet()
-    for contact, own in {  # both schemes part masses to one spacing
+    schemes: dict[str, tuple[Collider, ...]] = {  # both part masses to one spacing
         "none": (),
         "cs184": (CellContact(sheet, 0.5 * sheet.spacing_m),),
         "pbd": (PairContact.of(sheet, sheet.spacing_m, settings.cloth_friction),),
-    }.items():
+    }
+    for contact, own in schemes.items():
         flat = flat_positions(side, side, settings.side_m, settings.side_m)
         flat[:, 2] = np.random.default_rng(0).uniform(0.001, 0.0011, len(flat))
         colliders = [*own, Table(0.001, friction=0.6)]

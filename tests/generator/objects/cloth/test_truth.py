@@ -9,6 +9,7 @@ from pliant.generator.objects.cloth import ClothSettings, sample_cloth
 from pliant.generator.scene.camera import Camera, sample_camera
 from pliant.generator.scene.scene_object import SceneObject
 from pliant.generator.seeding import RandomStreams, SequenceTask
+from pliant.generator.settings import CameraSettings
 from pliant.generator.truth.frame_truth import FrameTruth, frame_truth
 
 Seen = tuple[SceneObject, Camera, FrameTruth]

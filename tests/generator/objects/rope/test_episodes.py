@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import subprocess
 import sys
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,12 +18,13 @@ from pliant.generator.objects.rope.dynamics import RopeState
 from pliant.generator.objects.rope.episode import Episode
 from pliant.generator.scene.scene_object import SceneObject
 from pliant.generator.seeding import RandomStreams, SequenceTask
+from tests.generator.objects.rope.rope_checks import closest_stretches
 
 ROOT = Path(__file__).parents[4]
 SETTINGS = RopeSettings()
 
 
-def sequence(settings: RopeSettings = SETTINGS, **changes: object) -> SceneObject:
+def sequence(settings: RopeSettings = SETTINGS, **changes: Any) -> SceneObject:
     values: dict[str, Any] = {
         "tier": "rope",
         "seed": 0,
