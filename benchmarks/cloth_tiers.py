@@ -15,20 +15,16 @@ from independent_intersections import count_intersections
 from record import Value, main
 
 from pliant.generator.objects.cloth import ClothSettings, sample_cloth
+from pliant.generator.seeding import RandomStreams, SequenceTask
 from pliant.generator.settings.cloth import COVERAGE_BANDS, LARGEST_HAND_SPEED_M_S
 
 
 def measure(quick: bool) -> dict[str, Value]:
     grid = {"points_a_side": 33} if quick else {}
     cloths, fast = (2, 1) if quick else (100, 20)
-    sample_cloth(  # compiles
+    sample_cloth(
         ClothSettings(points_a_side=17, tracked_a_side=17),
-        tier="cloth-1",
-        seed=0,
-        split="test",
-        index=0,
-        frames=1,
-        temporal=False,
+        RandomStreams(0, SequenceTask("cloth-1", "test", 0)),
     ).pose(0)
     figures: dict[str, Value] = {"cloths_per_tier": cloths, "fast_cloths_per_tier": fast}
     for level in COVERAGE_BANDS:
@@ -41,13 +37,7 @@ def measure(quick: bool) -> dict[str, Value]:
 def _tier(settings: ClothSettings, level: int, cloths: int, label: str) -> dict[str, Value]:
     band = COVERAGE_BANDS[level]
     scene_object = sample_cloth(
-        settings,
-        tier=f"cloth-{level}",
-        seed=2024,
-        split="test",
-        index=0,
-        frames=cloths,
-        temporal=False,
+        settings, RandomStreams(2024, SequenceTask(f"cloth-{level}", "test", 0)), cloths
     )
     faces = scene_object.parts[0].faces
     rows: list[tuple[float, ...]] = []

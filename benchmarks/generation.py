@@ -30,8 +30,9 @@ from record import Value, main
 from pliant.generator.config import GenerateConfig
 from pliant.generator.runner.engine import STAGES, Failed, Finished, Rendered, SequenceResult
 from pliant.generator.runner.engine_local import LocalEngine
-from pliant.generator.runner.plan import SequenceTask, plan_tasks
+from pliant.generator.runner.plan import plan_tasks
 from pliant.generator.runner.run import open_sequence_maker
+from pliant.generator.seeding import SequenceTask
 
 STYLES = ("raster", "fast", "photo")
 FRAMES = {"raster": 150, "fast": 150, "photo": 50}

@@ -8,8 +8,8 @@ import numpy as np
 from record import Value, main
 
 from pliant.generator.objects.rope import RopeSettings
+from pliant.generator.objects.rope.body import RopeBody
 from pliant.generator.objects.rope.episode import Episode
-from pliant.generator.objects.rope.posing import RopeBody
 
 
 def measure_rope(quick: bool) -> dict[str, Value]:

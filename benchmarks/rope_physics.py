@@ -16,10 +16,10 @@ import numpy.typing as npt
 from record import Value, main
 
 from pliant.generator.objects.rope import RopeSettings
+from pliant.generator.objects.rope.body import RopeBody
 from pliant.generator.objects.rope.contact import EPISODE_RULE, NEIGHBOUR_DIAMETERS, STATIC_RULE
 from pliant.generator.objects.rope.curve import arc_length, tightest_bend
 from pliant.generator.objects.rope.episode import Episode
-from pliant.generator.objects.rope.posing import RopeBody
 from pliant.generator.objects.rope.static import sample_configuration
 from pliant.generator.settings.rope import SHAPES
 

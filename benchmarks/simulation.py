@@ -11,18 +11,21 @@ included. `rope_frames_per_s`: rope episodes.
 
 from __future__ import annotations
 
-import dataclasses
 import importlib.util
 import time
 from collections.abc import Callable
 
 import numpy as np
+from course_cloth import CellContact
+from course_scene import Contact
 from record import Value, main
 
 from pliant.generator.objects.cloth import ClothSettings, sample_cloth
+from pliant.generator.objects.cloth.contact_pbd import PairContact
 from pliant.generator.objects.cloth.grid import flat_positions
-from pliant.generator.objects.cloth.obstacles import Table
-from pliant.generator.objects.cloth.simulator import Contact, Sheet, Simulator
+from pliant.generator.objects.cloth.simulator import Collider, Sheet, Simulator
+from pliant.generator.objects.cloth.step import Table
+from pliant.generator.seeding import RandomStreams, SequenceTask
 
 POINTS_A_SIDE = (25, 50, 100)
 CONTACTS: dict[str, Contact] = {"": "none", "_self": "pbd", "_cs184": "cs184"}
@@ -70,22 +73,19 @@ def _best_ms_per_step(make: Callable[[], Simulator], steps: int, repeats: int) -
     return best
 
 
-def _sheet(points: int, contact: Contact) -> Sheet:
+def _colliders(sheet: Sheet, contact: Contact) -> tuple[Collider, ...]:
     # The course's thickness at 50 points; at other sizes in proportion to the spacing.
-    spacing_m = 1.0 / (points - 1)
-    return dataclasses.replace(
-        Sheet(columns=points, rows=points),
-        contact=contact,
-        contact_distance_m=spacing_m,
-        thickness_m=min(0.0095, 0.5 * spacing_m),
-    )
+    if contact == "cs184":
+        return (CellContact(sheet, min(0.0095, 0.5 * sheet.spacing_m)),)
+    return (PairContact.of(sheet, sheet.spacing_m),) if contact == "pbd" else ()
 
 
 def _hanging(points: int, contact: Contact) -> Simulator:
     pinned = np.zeros(points * points, dtype=bool)
     pinned[[0, points - 1]] = True
-    start = flat_positions(points, points, 1.0, 1.0)
-    return Simulator(_sheet(points, contact), start, gravity=GRAVITY, pinned=pinned)
+    start, sheet = flat_positions(points, points, 1.0, 1.0), Sheet(columns=points, rows=points)
+    colliders = _colliders(sheet, contact)
+    return Simulator(sheet, start, gravity=GRAVITY, colliders=colliders, pinned=pinned)
 
 
 def _heap(points: int, contact: Contact) -> Simulator:
@@ -93,22 +93,16 @@ def _heap(points: int, contact: Contact) -> Simulator:
     flat = flat_positions(points, points, 1.0, 1.0)
     wobble = np.random.default_rng(0).uniform(-1e-3, 1e-3, len(flat))
     standing = np.stack([flat[:, 0], 0.3 * flat[:, 1] + wobble, 0.95 * flat[:, 1]], axis=1)
-    simulator = Simulator(
-        _sheet(points, contact), standing, gravity=GRAVITY, obstacles=[Table(0.0, 0.5)]
-    )
+    sheet = Sheet(columns=points, rows=points)
+    colliders = (*_colliders(sheet, contact), Table(0.0, 0.5))
+    simulator = Simulator(sheet, standing, gravity=GRAVITY, colliders=colliders)
     simulator.run(int(0.4 * simulator.sheet.steps_per_second))
     return simulator
 
 
 def _cpu_s_per_cloth(level: int, cloths: int) -> float:
     scene_object = sample_cloth(
-        ClothSettings(),
-        tier=f"cloth-{level}",
-        seed=7,
-        split="train",
-        index=0,
-        frames=cloths,
-        temporal=False,
+        ClothSettings(), RandomStreams(7, SequenceTask(f"cloth-{level}", "train", 0)), cloths
     )
     begin = time.process_time()
     for frame in range(cloths):

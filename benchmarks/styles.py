@@ -9,7 +9,6 @@ rss_mib_*           resident memory of a `fast` renderer after 10 frames and at 
 from __future__ import annotations
 
 import time
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +21,7 @@ from pliant.generator.runner.sequence import resident_bytes
 from pliant.generator.scene.appearance import Appearance, AppearanceSettings, sample_appearance
 from pliant.generator.scene.camera import Camera, CameraSettings, sample_camera
 from pliant.generator.scene.scene_object import Pose, SceneObject
+from pliant.generator.seeding import RandomStreams, SequenceTask
 from pliant.generator.truth.frame_truth import FrameTruth, frame_truth
 
 SIZE = (640, 480)
@@ -31,14 +31,17 @@ Scene = tuple[str, SceneObject, Pose, Camera, Appearance, FrameTruth]
 
 def scenes(quick: bool) -> list[Scene]:
     """Return scenes of a laid rope, a braid and a cloth."""
-    place: dict[str, Any] = {"seed": 0, "split": "train", "frames": 1, "temporal": False}
+
+    def streams(tier: str, index: int) -> RandomStreams:
+        return RandomStreams(0, SequenceTask(tier, "train", index))
+
     braid = RopeSettings(structure="braid", strands=8, rows=640)
     found = []
     for index in range(1 if quick else 3):
         for kind, scene_object in (
-            ("rope", sample_rope(RopeSettings(), tier="rope", index=index, **place)),
-            ("braid", sample_rope(braid, tier="rope", index=10 + index, **place)),
-            ("cloth", sample_cloth(ClothSettings(), tier="cloth-2", index=index, **place)),
+            ("rope", sample_rope(RopeSettings(), streams("rope", index))),
+            ("braid", sample_rope(braid, streams("rope", 10 + index))),
+            ("cloth", sample_cloth(ClothSettings(), streams("cloth-2", index))),
         ):
             pose, rng = scene_object.pose(0), np.random.default_rng(index)
             camera = sample_camera(rng, scene_object, CameraSettings(), SIZE, [pose])

@@ -14,13 +14,14 @@ import time
 from collections.abc import Callable
 
 import numpy as np
+from cycles_passes import PassRenderer, compare_with_cycles
 from record import Value, main
 
 from pliant.generator.objects.cloth import ClothSettings, sample_cloth
 from pliant.generator.objects.rope import RopeSettings, sample_rope
-from pliant.generator.rendering.passes import PassRenderer, compare_with_cycles
 from pliant.generator.scene.camera import CameraSettings, sample_camera
 from pliant.generator.scene.scene_object import SceneObject
+from pliant.generator.seeding import RandomStreams, SequenceTask
 from pliant.generator.truth.frame_truth import frame_truth
 
 SIZE = (640, 480)
@@ -28,21 +29,13 @@ SIZE = (640, 480)
 
 def rope(index: int) -> SceneObject:
     """The default rope."""
-    return sample_rope(
-        RopeSettings(), tier="rope", seed=0, split="train", index=index, frames=1, temporal=False
-    )
+    return sample_rope(RopeSettings(), RandomStreams(0, SequenceTask("rope", "train", index)))
 
 
 def cloth(index: int) -> SceneObject:
     """The default cloth of tiers 1 to 3, one after the other."""
     return sample_cloth(
-        ClothSettings(),
-        tier=f"cloth-{1 + index % 3}",
-        seed=0,
-        split="train",
-        index=index,
-        frames=1,
-        temporal=False,
+        ClothSettings(), RandomStreams(0, SequenceTask(f"cloth-{1 + index % 3}", "train", index))
     )
 
 

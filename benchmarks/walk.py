@@ -41,7 +41,9 @@ def passed(job: Callable[[], object]) -> tuple[int, int]:
     own = {
         (Path(code.co_filename).resolve(), code.co_qualname)
         for code in codes
-        if not code.co_name.startswith("<") and code.co_flags & 0x2  # 0x2: not a class body
+        if not code.co_name.startswith("<")
+        and not code.co_filename.startswith("<")  # generated or frozen code has no file
+        and code.co_flags & 0x2  # 0x2: not a class body
     }
     own = {key for key in own if key[0].is_relative_to(ROOT) and ".venv" not in key[0].parts}
     own = {key for key in own if key[0] != Path(__file__).resolve()}

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import field, replace
-from pathlib import Path
+from dataclasses import field
 from typing import Annotated, Any, Final, Literal, get_args
 
 from pliant.generator.settings import (
@@ -15,15 +14,9 @@ from pliant.generator.settings import (
     NoiseSettings,
     RopeSettings,
 )
-from pliant.spec.configuration import (
-    configuration,
-    read_settings,
-    settings_from,
-    settings_to_dict,
-)
+from pliant.spec.configuration import configuration, settings_to_dict
 from pliant.spec.constraints import Bounds, Count, Natural, NotEmpty, OneOf, Refused
 from pliant.spec.conventions import SPLITS
-from pliant.spec.io.yamlfiles import yaml_text
 
 TIER_KINDS: Final[dict[str, str]] = {
     "rope": "rope",
@@ -185,38 +178,12 @@ class GenerateConfig:
         return values
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the config as JSON values; `from_dict` gives an equal config back."""
+        """Return the config as JSON values; `settings_from` gives an equal config back."""
         values: dict[str, Any] = settings_to_dict(self)
         del values["sequences"]
         if self.depth_camera is None:
             del values["depth_camera"]
         return values
-
-    @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> GenerateConfig:
-        """Build a config from JSON values.
-
-        Raises:
-            SettingsError: An unknown key or a value that is refused; it names the field.
-        """
-        return settings_from(cls, values)
-
-    @classmethod
-    def from_file(cls, path: Path) -> GenerateConfig:
-        """Read a YAML or JSON config.
-
-        Raises:
-            CallError: The file cannot be read, or a field is refused.
-        """
-        return read_settings(cls, path)
-
-    def to_yaml(self) -> str:
-        """Return the config as YAML text."""
-        return yaml_text(self.to_dict())
-
-    def with_changes(self, **changes: Any) -> GenerateConfig:
-        """Return a copy with some fields replaced."""
-        return replace(self, **changes)
 
 
 def split_counts(sequences: int) -> dict[str, int]:

@@ -1,41 +1,107 @@
-"""Every random number comes from (seed, tier, split, sequence, frame) and a stream's name."""
+"""Which sequence is made, and the catalogue of random streams that its numbers come from."""
 
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
 
 import numpy as np
+
+from pliant.spec.storage.layout import sequence_dir
+
+
+class Stream(StrEnum):
+    """What random numbers are for; drawing more from one stream never changes another.
+
+    The values are part of every dataset's definition: they enter the seed of the stream.
+    """
+
+    ROPE_SHAPE = "rope shape"  # which shape the sequence has
+    ROPE_CONFIGURATION = "rope configuration"  # per frame: control points, heights, roll
+    ROPE_EPISODE = "rope episode"  # start and actions
+    CLOTH_CONFIGURATION = "actions"  # per frame: what is done to the cloth
+    CLOTH_EPISODE = "episode"  # start and actions
+    CAMERA = "camera"
+    APPEARANCE = "look"  # light, and the material where sequences do not share materials
+    MATERIAL = "material"  # of a numbered material of a tier, which all its splits share
+    DEPTH_CAMERA = "depth-camera"  # per frame: faults of the style `real-depth`
+    NOISE = "noise"  # per frame: image noise
+    QUERY_PAIRS = "queries"  # image pairs of a sequence, and the order of their rows
+    QUERY_POINTS = "query-points"  # per source frame: points asked
+    QUERY_CLASSES = "query-classes"  # division of the material points
+
+
+@dataclass(frozen=True)
+class SequenceTask:
+    """One sequence to make: the unit of work, of retry and of resume.
+
+    Attributes:
+        tier: Tier name.
+        split: Split the sequence belongs to.
+        index: Index of the sequence in its tier and split, >= 0.
+    """
+
+    tier: str
+    split: str
+    index: int
+
+    @property
+    def id(self) -> str:
+        """The sequence's id, and its folder's name."""
+        return f"{self.tier}-{self.split}-{self.index:06d}"
+
+    def folder(self, root: Path) -> Path:
+        """Return the sequence's folder in a dataset."""
+        return sequence_dir(root, self.tier, self.id)
+
+
+@dataclass(frozen=True)
+class RandomStreams:
+    """Every random number of one sequence.
+
+    Attributes:
+        seed: The dataset's seed, >= 0; 0 is a seed like any other.
+        task: The sequence.
+    """
+
+    seed: int
+    task: SequenceTask
+
+    def generator(self, stream: Stream, frame: int | None = None) -> np.random.Generator:
+        """Return the generator of one stream of one frame, or of the whole sequence.
+
+        Args:
+            stream: What the numbers are for.
+            frame: Frame index, or None for a stream of the whole sequence.
+
+        Returns:
+            A new generator that depends on seed, task, frame and stream alone.
+        """
+        task = self.task
+        if self.seed < 0 or task.index < 0:
+            raise ValueError("seed and sequence must be >= 0")
+        place = 0 if frame is None else frame + 1
+        entropy = [
+            *(self.seed, _word(task.tier), _word(task.split), task.index, place),
+            _word(stream.value),
+        ]
+        return np.random.default_rng(np.random.SeedSequence(entropy))
+
+    def material(self, number: int) -> np.random.Generator:
+        """Return the generator of one of the numbered materials of the sequence's tier."""
+        shared = RandomStreams(self.seed, SequenceTask(self.task.tier, "", number))
+        return shared.generator(Stream.MATERIAL)
+
+
+def weighted_choice(rng: np.random.Generator, weights: Mapping[str, float]) -> str:
+    """Draw a name by its weight; names without a weight are never drawn."""
+    names = sorted(name for name, weight in weights.items() if weight > 0)
+    shares = np.array([weights[name] for name in names])
+    return names[int(rng.choice(len(names), p=shares / shares.sum()))]
 
 
 def _word(text: str) -> int:
     return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "little")
-
-
-def random_generator(
-    seed: int, tier: str, split: str, sequence: int, frame: int | None = None, *, stream: str
-) -> np.random.Generator:
-    """Return the generator of one stream of one frame (or of a whole sequence).
-
-    Args:
-        seed: The dataset's seed, >= 0; 0 is a seed like any other.
-        tier: Tier name.
-        split: Split name.
-        sequence: Index of the sequence in its tier and split, >= 0.
-        frame: Frame index, or None for what holds over the sequence.
-        stream: What the numbers are for (`shape`, `look`, `camera`, `noise` …), so that
-            drawing more of one never changes another.
-
-    Returns:
-        A generator that depends on these values alone.
-    """
-    if seed < 0 or sequence < 0:
-        raise ValueError("seed and sequence must be >= 0")
-    entropy = [
-        seed,
-        _word(tier),
-        _word(split),
-        sequence,
-        0 if frame is None else frame + 1,
-        _word(stream),
-    ]
-    return np.random.default_rng(np.random.SeedSequence(entropy))

@@ -1,28 +1,49 @@
-"""The tiers by name: what each declares in `dataset.json`, and how its scene objects are drawn."""
+"""The tiers by name: what each declares in `dataset.json`, and how its scene objects are drawn.
+
+To add a tier, write a module with `describe` and `sample`, and name it in `TIER_MODULES` and in
+`pliant.generator.config.TIER_KINDS`. `tests/generator/objects/coil_tier.py` is an example.
+"""
 
 from __future__ import annotations
 
-from typing import Any
+from importlib import import_module
+from typing import Final, Protocol, cast
 
 from pliant.generator.config import TIER_KINDS, GenerateConfig
-from pliant.generator.runner.plan import SequenceTask
 from pliant.generator.scene.scene_object import SceneObject
+from pliant.generator.seeding import RandomStreams, SequenceTask
+from pliant.spec.errors import MissingExtraError
+from pliant.spec.model import Tier
+
+TIER_MODULES: Final[dict[str, str]] = {
+    "rope": "pliant.generator.objects.rope.sampler",
+    "cloth": "pliant.generator.objects.cloth.sampling",
+}
+"""Module of a tier, or of all tiers of a kind."""
 
 
-def describe_tier(config: GenerateConfig, tier: str) -> dict[str, Any]:
-    """Return a tier's entry of `dataset.json`: objects, material coordinates, symmetries.
+class TierModule(Protocol):
+    """The functions of a tier's module."""
+
+    def describe(self, config: GenerateConfig, tier: str) -> Tier:
+        """Return the tier's objects, material coordinates and symmetries."""
+
+    def sample(self, config: GenerateConfig, streams: RandomStreams) -> SceneObject:
+        """Draw the object of one sequence.
+
+        Raises:
+            GenerationError: No acceptable configuration was found.
+        """
+
+
+def describe_tier(config: GenerateConfig, tier: str) -> Tier:
+    """Return a tier's objects, material coordinates and symmetries.
 
     Args:
         config: The dataset's config.
         tier: One of `TIER_KINDS`.
     """
-    if TIER_KINDS[tier] == "rope":
-        from pliant.generator.objects.rope import rope_tier
-
-        return rope_tier(config.rope, tier)
-    from pliant.generator.objects.cloth import cloth_tier
-
-    return cloth_tier(config.cloth, tier)
+    return _module(tier).describe(config, tier)
 
 
 def sample_scene_object(config: GenerateConfig, task: SequenceTask) -> SceneObject:
@@ -35,18 +56,12 @@ def sample_scene_object(config: GenerateConfig, task: SequenceTask) -> SceneObje
     Raises:
         GenerationError: No acceptable configuration was found.
     """
-    which: dict[str, Any] = {
-        "tier": task.tier,
-        "seed": config.seed,
-        "split": task.split,
-        "index": task.index,
-        "frames": config.frames,
-        "temporal": config.episodes,
-    }
-    if TIER_KINDS[task.tier] == "rope":
-        from pliant.generator.objects.rope import sample_rope
+    return _module(task.tier).sample(config, RandomStreams(config.seed, task))
 
-        return sample_rope(config.rope, **which)
-    from pliant.generator.objects.cloth import sample_cloth
 
-    return sample_cloth(config.cloth, **which)
+def _module(tier: str) -> TierModule:
+    name = TIER_MODULES.get(tier) or TIER_MODULES[TIER_KINDS[tier]]
+    try:
+        return cast(TierModule, import_module(name))
+    except ImportError as error:
+        raise MissingExtraError(f"tier {tier}", "generate") from error

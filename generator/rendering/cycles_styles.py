@@ -21,7 +21,7 @@ from pliant.generator.rendering.blender_materials import (
     surface_material,
     table_material,
 )
-from pliant.generator.rendering.deferred import materials
+from pliant.generator.rendering.materials import materials
 from pliant.generator.rendering.patterns import table_reflectance
 from pliant.generator.rendering.shadow import shadow_map
 from pliant.generator.rendering.sky import sky_maps
@@ -29,8 +29,7 @@ from pliant.generator.rendering.srgb import encode_srgb
 from pliant.generator.rendering.table import TableView
 from pliant.generator.scene.appearance import Appearance
 from pliant.generator.scene.camera import NEAR_M, Camera
-from pliant.generator.scene.scene_mesh import SceneMesh
-from pliant.generator.scene.scene_object import FloatArray, Pose, SceneObject
+from pliant.generator.scene.scene_object import FloatArray, Pose, SceneMesh, SceneObject
 from pliant.generator.truth.frame_truth import FrameTruth
 from pliant.spec.errors import GenerationError
 
@@ -82,8 +81,7 @@ class CyclesRenderer:
         self._mesh = SceneMesh.of(scene_object)
         surfaces = materials(scene_object, self._mesh, appearance)
         self._objects = []
-        for k, part in enumerate(scene_object.parts):
-            rows = slice(self._mesh.vertex_starts[k], self._mesh.vertex_starts[k + 1])
+        for part, _, rows in self._mesh.parts:
             kind = "cloth" if scene_object.kind == "cloth" else part.name
             made = blender.add_mesh(
                 self._scene,
@@ -109,8 +107,7 @@ class CyclesRenderer:
         """
         if CyclesRenderer._owner is not self:
             raise GenerationError("another renderer has taken Blender's scene; call begin again")
-        for k, made in enumerate(self._objects):
-            rows = slice(self._mesh.vertex_starts[k], self._mesh.vertex_starts[k + 1])
+        for made, (_, _, rows) in zip(self._objects, self._mesh.parts, strict=False):
             blender.move_vertices(made, truth.world_vertices[rows])
         return self._picture(truth)
 

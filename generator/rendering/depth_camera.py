@@ -22,7 +22,7 @@ from pliant.generator.scene.appearance import Appearance
 from pliant.generator.scene.camera import Camera
 from pliant.generator.scene.noise import perlin_noise
 from pliant.generator.scene.scene_object import Pose, SceneObject
-from pliant.generator.settings.faults import DepthCameraSettings
+from pliant.generator.settings.scene import DepthCameraSettings
 from pliant.generator.truth.frame_truth import FrameTruth
 
 FloatImage = npt.NDArray[np.float64]

@@ -1,25 +1,38 @@
-"""The `raster` style: our own renderer over the truth's mesh and rasteriser; no Blender."""
+"""The `raster` style: our own renderer over the truth's mesh and rasteriser; no Blender.
+
+Four samples a pixel, each shaded from the rasteriser's hit.
+"""
 
 from __future__ import annotations
 
 import math
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
-from pliant.generator.rendering.deferred import SAMPLES, materials, shade, shader_arguments
-from pliant.generator.rendering.shadow import shadow_map
+from pliant.generator.rendering.materials import FIBRES, FIBRES_PER_M, WOVEN, Materials, materials
+from pliant.generator.rendering.patterns import value_noise
+from pliant.generator.rendering.shadow import ShadowMap, shadow_map, sunlight
 from pliant.generator.rendering.sky import sky_maps, vertex_normals
-from pliant.generator.rendering.srgb import encode_srgb
+from pliant.generator.rendering.srgb import encode_channel, encode_srgb
 from pliant.generator.rendering.table import TableView
 from pliant.generator.scene.appearance import Appearance
 from pliant.generator.scene.camera import NEAR_M, Camera
-from pliant.generator.scene.scene_mesh import SceneMesh
-from pliant.generator.scene.scene_object import FloatArray, Pose, SceneObject
+from pliant.generator.scene.scene_object import FloatArray, IntArray, Pose, SceneMesh, SceneObject
 from pliant.generator.truth.frame_truth import FrameTruth
-from pliant.generator.truth.rasteriser import rasterise_into
+from pliant.generator.truth.rasteriser import Hits, Lens, rasterise_into
 
 Rgb = npt.NDArray[np.uint8]
+
+SAMPLES: Final = 2
+"""Samples a side of a pixel."""
+
+SUN_BOUNCE: Final = 0.4
+"""Share of the blocked sky from which sunlight comes back; chosen against long exposures."""
+
+_GLOSS: Final = 40.0
 
 
 class RasterRenderer:
@@ -33,10 +46,7 @@ class RasterRenderer:
 
     def __init__(self, size: tuple[int, int]) -> None:
         width, height = size
-        self._shape = height * SAMPLES, width * SAMPLES
-        self._triangle = np.empty(self._shape, np.int32)
-        self._depth = np.empty(self._shape)
-        self._weights = np.empty((*self._shape, 2))
+        self._hits = Hits.empty(height * SAMPLES, width * SAMPLES)
 
     def begin(self, scene_object: SceneObject, appearance: Appearance, camera: Camera) -> None:
         """Take what stays the same over a sequence."""
@@ -66,17 +76,21 @@ class RasterRenderer:
         linear, changed = self._table.under(shadow, sky)
         out = self._table.encoded.copy()
         out[changed] = encode_srgb(linear[changed])
-        window = self._rasterise(world)
         camera = self._camera
-        shade(
-            window, self._triangle, self._depth, self._weights, faces, normals,
-            open_front, open_back, *shader_arguments(self._materials),
-            np.array([camera.K[0, 0], camera.K[1, 1], camera.K[0, 2], camera.K[1, 2]]),
-            camera.world_to_camera[:3, :3], camera.centre_m,
-            np.asarray(light.sun_direction), np.asarray(light.sun_irradiance) / math.pi,
-            np.asarray(light.sky_radiance), 0.7 * self._table.reflected, *shadow.arguments(),
-            linear, out,
-        )  # fmt: skip
+        view = _View(
+            self._rasterise(world),
+            Lens.of(camera),
+            camera.world_to_camera[:3, :3],
+            camera.centre_m,
+        )
+        lighting = _Lighting(
+            np.asarray(light.sun_direction),
+            np.asarray(light.sun_irradiance) / math.pi,
+            np.asarray(light.sky_radiance),
+            0.7 * self._table.reflected,
+        )
+        surface = _Surface(faces, normals, open_front, open_back)
+        _shade(view, self._hits, surface, self._materials, lighting, shadow, linear, out)
         return out
 
     def close(self) -> None:
@@ -94,11 +108,196 @@ class RasterRenderer:
             high = np.clip(np.floor(uvz[:, :2].max(axis=0)).astype(np.int64) + 1, low, size)
         rows = slice(low[1] * SAMPLES, high[1] * SAMPLES)
         columns = slice(low[0] * SAMPLES, high[0] * SAMPLES)
-        self._triangle[rows, columns] = -1
-        self._depth[rows, columns] = np.inf
-        K = camera.K * SAMPLES
-        rasterise_into(
-            local, uvz[:, :2] * SAMPLES, self._mesh.faces, K[0, 0], K[1, 1], K[0, 2], K[1, 2],
-            self._triangle, self._depth, self._weights,
-        )  # fmt: skip
+        self._hits.triangle[rows, columns] = -1
+        self._hits.depth_m[rows, columns] = np.inf
+        lens = Lens.of(camera, SAMPLES)
+        rasterise_into(local, uvz[:, :2] * SAMPLES, self._mesh.faces, lens, self._hits)
         return np.array([low[0], high[0], low[1], high[1]])
+
+
+class _View(NamedTuple):
+    """The camera, and the window of pixels to shade.
+
+    Attributes:
+        window: int64 (4,), first and last column, first and last row (exclusive), px.
+        lens: The lens of the image.
+        rotation: float64 (3, 3), world to camera.
+        eye: float64 (3,), world metres.
+    """
+
+    window: npt.NDArray[np.int64]
+    lens: Lens
+    rotation: FloatArray
+    eye: FloatArray
+
+
+class _Lighting(NamedTuple):
+    """Light as the shader needs it.
+
+    Attributes:
+        sun_direction: float64 (3,), towards the sun.
+        sun: float64 (3,), irradiance over pi.
+        sky: float64 (3,), radiance.
+        ground: float64 (3,), radiance of the table.
+    """
+
+    sun_direction: FloatArray
+    sun: FloatArray
+    sky: FloatArray
+    ground: FloatArray
+
+
+class _Surface(NamedTuple):
+    """The object's geometry in a frame.
+
+    Attributes:
+        faces: int32 (F, 3).
+        normals: float64 (V, 3).
+        open_front: float64 (V,), share of the sky on the outer side.
+        open_back: float64 (V,), share of the sky on the back.
+    """
+
+    faces: IntArray
+    normals: FloatArray
+    open_front: FloatArray
+    open_back: FloatArray
+
+
+@njit(cache=True, nogil=True)
+def _mixed(
+    values: FloatArray, corners: tuple[int, int, int], weights: tuple[float, float, float]
+) -> tuple[float, float, float]:
+    """Interpolate a vertex vector inside a triangle."""
+    a, b, c = corners
+    w0, w1, w2 = weights
+    return (
+        w0 * values[a, 0] + w1 * values[b, 0] + w2 * values[c, 0],
+        w0 * values[a, 1] + w1 * values[b, 1] + w2 * values[c, 1],
+        w0 * values[a, 2] + w1 * values[b, 2] + w2 * values[c, 2],
+    )
+
+
+@njit(cache=True, nogil=True)
+def _reflectance(
+    material: Materials,
+    triangle: int,
+    behind: bool,
+    corner: int,
+    place: tuple[float, float, float],
+) -> tuple[float, float, float]:
+    """Return the colour of a place on the object; the first corner has the vertices' colour."""
+    if material.surface[triangle] == WOVEN:
+        side = material.front.shape[0]
+        u = min(max(int(place[0] * side), 0), side - 1)
+        v = min(max(int(place[1] * side), 0), side - 1)
+        image = material.back if behind else material.front
+        return float(image[v, u, 0]), float(image[v, u, 1]), float(image[v, u, 2])
+    colour = material.colour
+    factor = 1.0
+    if material.surface[triangle] == FIBRES:
+        noise = value_noise(
+            place[0] * FIBRES_PER_M, place[1] * FIBRES_PER_M, place[2] * FIBRES_PER_M
+        )
+        factor = 1.0 + 2.0 * material.fibre_contrast * (noise - 0.5)
+    return colour[corner, 0] * factor, colour[corner, 1] * factor, colour[corner, 2] * factor
+
+
+@njit(cache=True, nogil=True)
+def _highlight(
+    normal: tuple[float, float, float], ray: tuple[float, float, float], sun: FloatArray
+) -> float:
+    """Return the Blinn-Phong highlight of the sun, 0 to 1."""
+    inverse = 1.0 / math.sqrt(ray[0] * ray[0] + ray[1] * ray[1] + ray[2] * ray[2])
+    hx = sun[0] - ray[0] * inverse
+    hy = sun[1] - ray[1] * inverse
+    hz = sun[2] - ray[2] * inverse
+    inverse = 1.0 / math.sqrt(hx * hx + hy * hy + hz * hz)
+    along = (normal[0] * hx + normal[1] * hy + normal[2] * hz) * inverse
+    return along**_GLOSS if along > 0.0 else 0.0
+
+
+@njit(cache=True, nogil=True)
+def _shade(
+    view: _View,
+    hits: Hits,
+    surface: _Surface,
+    material: Materials,
+    light: _Lighting,
+    shadow: ShadowMap,
+    table: npt.NDArray[np.float32],
+    out: Rgb,
+) -> None:
+    """Shade the pixels of a window and write them over the table.
+
+    Args:
+        view: Camera and window.
+        hits: Of an image with `SAMPLES` samples a side of a pixel; -1 is the table.
+        surface: The object's geometry.
+        material: Its materials.
+        light: Sun and sky.
+        shadow: What the sun sees.
+        table: float32 (H, W, 3), the shadowed table, linear.
+        out: uint8 (H, W, 3), written where the object is seen.
+    """
+    lens, rotation, eye, sun_direction = view.lens, view.rotation, view.eye, light.sun_direction
+    share = 1.0 / (SAMPLES * SAMPLES)
+    total = np.empty(3)
+    for row in range(view.window[2], view.window[3]):
+        for column in range(view.window[0], view.window[1]):
+            covered = 0
+            total[:] = 0.0
+            for sub in range(SAMPLES * SAMPLES):
+                j = row * SAMPLES + sub // SAMPLES
+                i = column * SAMPLES + sub % SAMPLES
+                t = hits.triangle[j, i]
+                if t < 0:
+                    continue
+                covered += 1
+                a, b, c = surface.faces[t, 0], surface.faces[t, 1], surface.faces[t, 2]
+                w1, w2 = hits.weights[j, i, 0], hits.weights[j, i, 1]
+                w0 = 1.0 - w1 - w2
+                dx = ((i + 0.5) / SAMPLES - lens.cx) / lens.fx
+                dy = ((j + 0.5) / SAMPLES - lens.cy) / lens.fy
+                rx = rotation[0, 0] * dx + rotation[1, 0] * dy + rotation[2, 0]
+                ry = rotation[0, 1] * dx + rotation[1, 1] * dy + rotation[2, 1]
+                rz = rotation[0, 2] * dx + rotation[1, 2] * dy + rotation[2, 2]
+                depth = hits.depth_m[j, i]
+                x, y, z = eye[0] + depth * rx, eye[1] + depth * ry, eye[2] + depth * rz
+                nx, ny, nz = _mixed(surface.normals, (a, b, c), (w0, w1, w2))
+                length = math.sqrt(nx * nx + ny * ny + nz * nz) + 1e-12
+                nx, ny, nz = nx / length, ny / length, nz / length
+                behind = material.two_faced[t] == 1 and nx * rx + ny * ry + nz * rz > 0.0
+                if behind:
+                    nx, ny, nz = -nx, -ny, -nz
+                seen_sky = surface.open_back if behind else surface.open_front
+                open_ = w0 * seen_sky[a] + w1 * seen_sky[b] + w2 * seen_sky[c]
+                place = _mixed(material.place, (a, b, c), (w0, w1, w2))
+                colour = _reflectance(material, t, behind, a, place)
+                lit = nx * sun_direction[0] + ny * sun_direction[1] + nz * sun_direction[2]
+                gloss = 0.0
+                if lit > 0.0:
+                    off = 2.0 * shadow.texel_m
+                    seen = sunlight(x + off * nx, y + off * ny, z + off * nz, i, j, shadow)
+                    lit *= seen
+                    if material.specular > 0.0 and seen > 0.0:
+                        shine = _highlight((nx, ny, nz), (rx, ry, rz), sun_direction)
+                        gloss = 0.35 * material.specular * seen * shine
+                else:
+                    lit = 0.0
+                above = open_ * (0.5 + 0.5 * nz)
+                below = open_ * (0.5 - 0.5 * nz)
+                # Sky that is blocked comes back from the surface that blocks it, and so does the
+                # sun that falls there.
+                bounced = SUN_BOUNCE * (1.0 - open_) * sun_direction[2]
+                for k in range(3):
+                    own = colour[k]
+                    total[k] += gloss * light.sun[k] + own * (
+                        (lit + bounced * own) * light.sun[k]
+                        + (above * light.sky[k] + below * light.ground[k])
+                        / (1.0 - own * (1.0 - open_))
+                    )
+            if covered:
+                rest = SAMPLES * SAMPLES - covered
+                for k in range(3):
+                    value = share * (total[k] + rest * table[row, column, k])
+                    out[row, column, k] = encode_channel(value)

@@ -9,8 +9,7 @@ the pixels, so that nothing is random.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -50,8 +49,7 @@ _TURNS: Final = np.stack(
 )
 
 
-@dataclass(frozen=True)
-class ShadowMap:
+class ShadowMap(NamedTuple):
     """What the sun sees of the object.
 
     Attributes:
@@ -67,12 +65,6 @@ class ShadowMap:
     coarse: npt.NDArray[np.float32]
     texel_m: float
     spread: float
-
-    def arguments(
-        self,
-    ) -> tuple[FloatArray, npt.NDArray[np.float32], npt.NDArray[np.float32], float, float]:
-        """Return what `sunlight` takes after the place."""
-        return self.frame, self.depth, self.coarse, self.texel_m, self.spread
 
 
 def sun_axes(light: Light) -> FloatArray:
@@ -160,18 +152,7 @@ def _coarse(depth: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
 
 
 @njit(cache=True, nogil=True)
-def sunlight(
-    x: float,
-    y: float,
-    z: float,
-    column: int,
-    row: int,
-    frame: FloatArray,
-    depth: npt.NDArray[np.float32],
-    coarse: npt.NDArray[np.float32],
-    texel_m: float,
-    spread: float,
-) -> float:
+def sunlight(x: float, y: float, z: float, column: int, row: int, shadow: ShadowMap) -> float:
     """Return the share of the sun's disc that a place sees.
 
     Args:
@@ -180,12 +161,9 @@ def sunlight(
         z: Place.
         column: Pixel; it turns the taps.
         row: Pixel.
-        frame: Of the map, like the rest; see `ShadowMap`.
-        depth: Of the map.
-        coarse: Of the map.
-        texel_m: Of the map.
-        spread: Of the map.
+        shadow: What the sun sees.
     """
+    frame, depth, texel_m = shadow.frame, shadow.depth, shadow.texel_m
     rows, columns = depth.shape
     sx = frame[0, 0] * x + frame[0, 1] * y + frame[0, 2] * z + frame[0, 3]
     sy = frame[1, 0] * x + frame[1, 1] * y + frame[1, 2] * z + frame[1, 3]
@@ -194,14 +172,14 @@ def sunlight(
     if sx < -reach or sy < -reach or sx >= columns + reach or sy >= rows + reach:
         return 1.0
     away = frame[2, 0] * x + frame[2, 1] * y + frame[2, 2] * z - 0.5 * texel_m
-    ci = min(max(int(sx) // _BLOCK, 0), coarse.shape[1] - 1)
-    cj = min(max(int(sy) // _BLOCK, 0), coarse.shape[0] - 1)
-    nearest = coarse[cj, ci]
+    ci = min(max(int(sx) // _BLOCK, 0), shadow.coarse.shape[1] - 1)
+    cj = min(max(int(sy) // _BLOCK, 0), shadow.coarse.shape[0] - 1)
+    nearest = shadow.coarse[cj, ci]
     if nearest >= away:
         return 1.0
     turn = (row & 3) * 4 + (column & 3)
     c, s = _TURNS[turn, 0], _TURNS[turn, 1]
-    search = min(max(spread * (away - nearest) / texel_m, 1.0), _MAX_RADIUS)
+    search = min(max(shadow.spread * (away - nearest) / texel_m, 1.0), _MAX_RADIUS)
     blockers = 0
     total = 0.0
     for k in range(_TAPS):
@@ -213,7 +191,7 @@ def sunlight(
             total += depth[j, i]
     if blockers == 0:
         return 1.0
-    radius = min(max(spread * (away - total / blockers) / texel_m, 0.9), _MAX_RADIUS)
+    radius = min(max(shadow.spread * (away - total / blockers) / texel_m, 0.9), _MAX_RADIUS)
     if radius > 0.9 * search:
         return 1.0 - blockers / _TAPS
     lit = 0

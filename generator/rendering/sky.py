@@ -9,8 +9,7 @@ interpolated between.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -37,8 +36,7 @@ def _hemisphere(count: int) -> FloatArray:
 _AXES: Final = _hemisphere(_DIRECTIONS)
 
 
-@dataclass(frozen=True)
-class SkyMaps:
+class SkyMaps(NamedTuple):
     """The object's height along each direction of the sky.
 
     Attributes:
@@ -61,7 +59,7 @@ class SkyMaps:
         Returns:
             float64 (N,), 0 to 1; 1 where nothing is in the way.
         """
-        return _openness(points, normals, self.height, self.centre, self.cell_m)
+        return _openness(points, normals, self)
 
 
 def sky_maps(world: FloatArray) -> SkyMaps:
@@ -124,13 +122,8 @@ def _drop(
 
 
 @njit(cache=True, nogil=True)
-def _openness(
-    points: FloatArray,
-    normals: FloatArray,
-    height: npt.NDArray[np.float32],
-    centre: FloatArray,
-    cell: float,
-) -> FloatArray:
+def _openness(points: FloatArray, normals: FloatArray, maps: SkyMaps) -> FloatArray:
+    height, centre, cell = maps.height, maps.centre, maps.cell_m
     out = np.empty(points.shape[0])
     half = 0.5 * _CELLS
     for n in range(points.shape[0]):

@@ -7,6 +7,7 @@ object takes away a share of each light. No renderer is needed for either.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -76,10 +77,8 @@ class TableView:
         linear = self.linear.copy()
         changed = np.zeros(linear.shape[:2], np.bool_)
         grid = sky.openness(self._grid, self._up).reshape(self._grid_shape)
-        _shade(
-            self._reflectance, self._xy, self._sun, self._sky, grid, *shadow.arguments(),
-            linear, changed,
-        )  # fmt: skip
+        ground = _Ground(self._reflectance, self._xy, self._sun, self._sky, grid)
+        _shade(ground, shadow, linear, changed)
         return linear, changed
 
 
@@ -103,21 +102,24 @@ def _on_table(
     return eye[:2] + reach[:, None] * rays[:, :2], seen
 
 
+class _Ground(NamedTuple):
+    """The open table: reflectance and place per pixel, its light, and the sky's share on a grid."""
+
+    reflectance: npt.NDArray[np.float32]
+    xy: FloatArray
+    sun: FloatArray
+    sky: FloatArray
+    grid: FloatArray
+
+
 @njit(cache=True, nogil=True)
 def _shade(
-    reflectance: npt.NDArray[np.float32],
-    xy: FloatArray,
-    sun: FloatArray,
-    sky: FloatArray,
-    grid: FloatArray,
-    frame: FloatArray,
-    depth: npt.NDArray[np.float32],
-    coarse: npt.NDArray[np.float32],
-    texel_m: float,
-    spread: float,
+    ground: _Ground,
+    shadow: ShadowMap,
     linear: npt.NDArray[np.float32],
     changed: npt.NDArray[np.bool_],
 ) -> None:
+    grid, xy, sun, sky = ground.grid, ground.xy, ground.sun, ground.sky
     height, width = changed.shape
     for j in range(height):
         gv = (j + 0.5) / _GRID_PX
@@ -130,10 +132,9 @@ def _shade(
             open_ = (1.0 - fv) * ((1.0 - fu) * grid[gj, gi] + fu * grid[gj, gi + 1]) + fv * (
                 (1.0 - fu) * grid[gj + 1, gi] + fu * grid[gj + 1, gi + 1]
             )
-            lit = sunlight(
-                xy[j, i, 0], xy[j, i, 1], 0.0, i, j, frame, depth, coarse, texel_m, spread
-            )
+            lit = sunlight(xy[j, i, 0], xy[j, i, 1], 0.0, i, j, shadow)
             if lit < 1.0 or open_ < 0.999:
                 changed[j, i] = True
                 for k in range(3):
-                    linear[j, i, k] = reflectance[j, i, k] * (lit * sun[k] + open_ * sky[k])
+                    light = lit * sun[k] + open_ * sky[k]
+                    linear[j, i, k] = ground.reflectance[j, i, k] * light

@@ -13,11 +13,12 @@ import pyarrow as pa
 
 from pliant.generator.config import GenerateConfig
 from pliant.generator.objects.tiers import describe_tier
-from pliant.generator.runner.plan import SequenceTask
+from pliant.generator.seeding import SequenceTask
 from pliant.generator.truth.queries import build_queries
 from pliant.spec.conventions import CONVENTIONS, SPEC_VERSION, SPLITS
 from pliant.spec.io.jsonfiles import read_json, write_json
 from pliant.spec.io.parquet import write_table
+from pliant.spec.model import Tier
 from pliant.spec.storage.layout import (
     DATASET_JSON,
     QUERIES_DIR,
@@ -83,7 +84,7 @@ def write_dataset_files(
 def describe_dataset(
     config: GenerateConfig,
     resolved: Mapping[str, Any],
-    tiers: Sequence[Mapping[str, Any]],
+    tiers: Sequence[Tier],
     infos: Sequence[Mapping[str, Any]],
 ) -> dict[str, Any]:
     """Return the content of `dataset.json`.
@@ -91,7 +92,7 @@ def describe_dataset(
     Args:
         config: The dataset's config.
         resolved: The same with every default filled in.
-        tiers: Entries of the tiers.
+        tiers: The tiers.
         infos: The `sequence.json` of every sequence.
     """
     names = ", ".join(config.tiers)
@@ -107,7 +108,7 @@ def describe_dataset(
         "licence": config.licence,
         "conventions": CONVENTIONS,
         "image_size": {"width": config.width, "height": config.height},
-        "tiers": list(tiers),
+        "tiers": [tier.as_document() for tier in tiers],
         "splits": [split for split in SPLITS if any(info["split"] == split for info in infos)],
         "provenance": {
             "generator": f"pliant {version('pliant')}",

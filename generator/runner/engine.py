@@ -9,7 +9,7 @@ from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, field
 from typing import Final, Protocol
 
-from pliant.generator.runner.plan import SequenceTask
+from pliant.generator.seeding import SequenceTask
 
 STAGES: Final = ("sample", "pose", "truth", "render", "noise", "encode", "tables")
 """What making a sequence consists of, as timed."""

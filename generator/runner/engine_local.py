@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Final
 
 from pliant.generator.runner.engine import Event, Failed, Finished, OpenMaker, Rendered, attempt
-from pliant.generator.runner.plan import SequenceTask
+from pliant.generator.seeding import SequenceTask
 
 RECYCLE_SEQUENCES: Final = 500
 """A worker is replaced after so many sequences …"""

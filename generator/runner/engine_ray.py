@@ -18,7 +18,7 @@ from pliant.generator.runner.engine import (
     attempt,
     failure,
 )
-from pliant.generator.runner.plan import SequenceTask
+from pliant.generator.seeding import SequenceTask
 from pliant.spec.errors import MissingExtraError
 
 RECYCLE_SEQUENCES: Final = 500

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import tempfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -48,7 +48,7 @@ def estimate_run(config: GenerateConfig, plan: Plan, workers: int) -> Estimate:
     if workers < 1:
         raise CallError("there must be a worker", where="workers", found=workers, required=">= 1")
     missing = plan.missing
-    short = config.with_changes(frames=min(config.frames, TRIAL_FRAMES))
+    short = replace(config, frames=min(config.frames, TRIAL_FRAMES))
     seconds = size = 0.0
     with tempfile.TemporaryDirectory(prefix="pliant-trial-") as folder:
         root = Path(folder)

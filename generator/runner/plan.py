@@ -11,32 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from pliant.generator.config import GenerateConfig
+from pliant.generator.seeding import SequenceTask
 from pliant.spec.io.checksums import sha256_file
-from pliant.spec.storage.layout import SEQUENCE_JSON, sequence_dir
-
-
-@dataclass(frozen=True)
-class SequenceTask:
-    """One sequence to make: the unit of work, of retry and of resume.
-
-    Attributes:
-        tier: Tier name.
-        split: Split the sequence belongs to.
-        index: Index of the sequence in its tier and split, >= 0.
-    """
-
-    tier: str
-    split: str
-    index: int
-
-    @property
-    def id(self) -> str:
-        """The sequence's id, and its folder's name."""
-        return f"{self.tier}-{self.split}-{self.index:06d}"
-
-    def folder(self, root: Path) -> Path:
-        """Return the sequence's folder in a dataset."""
-        return sequence_dir(root, self.tier, self.id)
+from pliant.spec.storage.layout import SEQUENCE_JSON
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,8 @@ from typing import Final, Literal
 from pliant.generator.config import BLENDER_STYLES, GenerateConfig
 from pliant.generator.runner.engine import Engine, Failed, Finished, Maker, OpenMaker, Rendered
 from pliant.generator.runner.manifest import Failure, RunFolder, refuse_changes
-from pliant.generator.runner.plan import Plan, SequenceTask, plan_run
+from pliant.generator.runner.plan import Plan, plan_run
+from pliant.generator.seeding import SequenceTask
 from pliant.spec.errors import CallError, GenerationError
 from pliant.spec.storage.layout import DATASET_JSON
 
@@ -162,6 +163,8 @@ def generate(
                 failed = _make_missing(root, plan, chosen, maker, state, progress or _ignore)
             finally:
                 run.clear_partial()
+        from pliant.generator.runner.dataset_files import write_dataset_files
+
         run.store_failures(failed)
         missing = {failure.id for failure in failed}
         tasks = [task for task in plan.tasks if task.id not in missing]
@@ -169,9 +172,16 @@ def generate(
             raise GenerationError(
                 "no sequence could be made", path=log, found=failed[0].error.splitlines()[-1]
             )
-        with _fatal_errors(root, len(tasks), len(plan.tasks)):
-            _finish(config, resolved, tasks, run)
+        try:
+            write_dataset_files(config, resolved, tasks, root, run.partial)
             run.store_config(config.to_dict(), resolved, finished=True)
+        except OSError as error:
+            raise GenerationError(
+                "the dataset's tables cannot be written",
+                path=root,
+                found=error.strerror or error,
+                fix=_kept(len(tasks), len(plan.tasks)),
+            ) from error
         logger.info("finished: %d sequences, %d failed", len(tasks), len(failed))
         return Summary(
             root=root,
@@ -264,8 +274,14 @@ def _stopped(event: Failed, state: Progress) -> GenerationError:
         "the run cannot go on",
         where=event.task.id,
         found=event.fatal,
-        fix=f"{state.sequences} of {len(state.plan.tasks)} sequences are finished and kept: make "
-        "room or mend the folder, and give the same command again",
+        fix=_kept(state.sequences, len(state.plan.tasks)),
+    )
+
+
+def _kept(finished: int, wanted: int) -> str:
+    return (
+        f"{finished} of {wanted} sequences are finished and kept: make room or correct the "
+        "folder's permissions, and give the same command again"
     )
 
 
@@ -296,28 +312,6 @@ def open_sequence_maker(config: GenerateConfig, root: Path, scratch: Path, threa
 def _threads_each(engine: Engine) -> int:
     """Return how many threads each worker's renderer gets, so that workers do not fight."""
     return max(1, len(os.sched_getaffinity(0)) // engine.workers)
-
-
-def _finish(
-    config: GenerateConfig, resolved: dict[str, object], tasks: list[SequenceTask], run: RunFolder
-) -> None:
-    from pliant.generator.runner.dataset_files import write_dataset_files
-
-    write_dataset_files(config, resolved, tasks, run.root, run.partial)
-
-
-@contextmanager
-def _fatal_errors(root: Path, finished: int, wanted: int) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        raise GenerationError(
-            "the dataset's tables cannot be written",
-            path=root,
-            found=error.strerror or error,
-            fix=f"{finished} of {wanted} sequences are finished and kept: make room or mend the "
-            "folder, and give the same command again",
-        ) from error
 
 
 @contextmanager

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from importlib.metadata import PackageNotFoundError, version
 from itertools import chain, islice
 from pathlib import Path
@@ -16,13 +17,12 @@ from pliant.generator.config import BLENDER_STYLES, GenerateConfig
 from pliant.generator.objects.tiers import describe_tier, sample_scene_object
 from pliant.generator.rendering import open_renderer
 from pliant.generator.runner.engine import SequenceResult
-from pliant.generator.runner.plan import SequenceTask
 from pliant.generator.runner.sequence_writer import SequenceWriter
 from pliant.generator.scene.appearance import Appearance, sample_appearance
 from pliant.generator.scene.camera import Camera, sample_camera
 from pliant.generator.scene.noise import apply_noise
 from pliant.generator.scene.scene_object import Pose, SceneObject
-from pliant.generator.seeding import random_generator
+from pliant.generator.seeding import RandomStreams, SequenceTask, Stream
 from pliant.generator.truth.frame_truth import FrameTruth, frame_truth
 from pliant.spec.configuration import settings_to_dict
 
@@ -60,9 +60,6 @@ class SequenceMaker:
         self.renderer = open_renderer(
             config.style, config.size, threads=threads, depth_camera=self._depth_camera
         )
-        self._camera_settings = config.camera
-        self._appearance_settings = config.look
-        self._noise_settings = config.noise
         self._tools = tool_versions(config.style)
 
     def make(self, task: SequenceTask, on_frame: Callable[[], None]) -> SequenceResult:
@@ -78,7 +75,7 @@ class SequenceMaker:
         """
         started, cpu_started = time.perf_counter(), time.process_time()
         clock = _StageClock()
-        config = self.config
+        config, streams = self.config, RandomStreams(self.config.seed, task)
         with clock("sample"):
             scene_object = sample_scene_object(config, task)
         poses = (scene_object.pose(frame) for frame in range(scene_object.frames))
@@ -86,7 +83,7 @@ class SequenceMaker:
             framed = list(islice(poses, 1 if scene_object.temporal else FRAMED_POSES))
         with clock("sample"):
             camera, appearance = self.view(task, scene_object, framed)
-        queried = int(describe_tier(config, task.tier)["queried_object"])
+        queried = describe_tier(config, task.tier).queried_object
 
         def seen() -> Iterator[tuple[Pose, FrameTruth]]:
             coming = chain(framed, poses)
@@ -103,12 +100,12 @@ class SequenceMaker:
                 self.renderer.begin(scene_object, appearance, camera)
             for frame, (pose, truth) in enumerate(_ahead(seen()) if self.overlap else seen()):
                 with clock("render"):
-                    rng = self._random(task, "depth-camera", frame)
-                    rgb = self.renderer.render(pose, truth, rng)
-                if self._noise_settings is not None:
+                    faults = streams.generator(Stream.DEPTH_CAMERA, frame)
+                    rgb = self.renderer.render(pose, truth, faults)
+                if config.noise is not None:
                     with clock("noise"):
-                        rng = self._random(task, "noise", frame)
-                        rgb = apply_noise(rng, rgb, truth.surface, self._noise_settings)
+                        rng = streams.generator(Stream.NOISE, frame)
+                        rgb = apply_noise(rng, rgb, truth.surface, config.noise)
                 with clock("tables"):
                     writer.add_frame(rgb, truth, camera)
                 frame_info.append(_frame_info(scene_object, pose, truth, queried))
@@ -139,30 +136,19 @@ class SequenceMaker:
             scene_object: Its object.
             framed: Poses that the camera must see whole.
         """
-        camera = sample_camera(
-            self._random(task, "camera"),
-            scene_object,
-            self._camera_settings,
-            self.config.size,
-            framed,
-        )
-        rng, settings = self._random(task, "look"), self._appearance_settings
+        config, streams = self.config, RandomStreams(self.config.seed, task)
+        rng = streams.generator(Stream.CAMERA)
+        camera = sample_camera(rng, scene_object, config.camera, config.size, framed)
+        rng, settings = streams.generator(Stream.APPEARANCE), config.look
         material = None
         if settings.materials:
             number = settings.first_material + int(rng.integers(settings.materials))
-            material = random_generator(self.config.seed, task.tier, "", number, stream="material")
+            material = streams.material(number)
         return camera, sample_appearance(rng, scene_object, settings, material)
 
     def close(self) -> None:
         """Release the renderer."""
         self.renderer.close()
-
-    def _random(
-        self, task: SequenceTask, stream: str, frame: int | None = None
-    ) -> np.random.Generator:
-        return random_generator(
-            self.config.seed, task.tier, task.split, task.index, frame, stream=stream
-        )
 
     def _info(
         self,
@@ -171,7 +157,7 @@ class SequenceMaker:
         appearance: dict[str, Any],
         frame_info: list[dict[str, Any]],
     ) -> dict[str, Any]:
-        noise = self._noise_settings
+        noise = self.config.noise
         parameters = {**settings_to_dict(scene_object.info), "look": appearance}
         if self._depth_camera is not None:
             parameters["depth_camera"] = settings_to_dict(self._depth_camera)
@@ -245,20 +231,11 @@ class _StageClock:
     def __init__(self) -> None:
         self.seconds: dict[str, float] = {}
 
-    def __call__(self, stage: str) -> _Stage:
-        return _Stage(self.seconds, stage)
-
-
-class _Stage:
-    def __init__(self, seconds: dict[str, float], stage: str) -> None:
-        self._seconds, self._stage = seconds, stage
-
-    def __enter__(self) -> None:
-        self._start = time.thread_time()
-
-    def __exit__(self, *exc: object) -> None:
-        spent = time.thread_time() - self._start
-        self._seconds[self._stage] = self._seconds.get(self._stage, 0.0) + spent
+    @contextmanager
+    def __call__(self, stage: str) -> Iterator[None]:
+        start = time.thread_time()
+        yield
+        self.seconds[stage] = self.seconds.get(stage, 0.0) + time.thread_time() - start
 
 
 def _ahead(items: Iterator[T]) -> Iterator[T]:

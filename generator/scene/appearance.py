@@ -13,14 +13,14 @@ from __future__ import annotations
 
 import colorsys
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from pliant.generator.scene.scene_object import SceneObject
-from pliant.generator.settings.appearance import AppearanceSettings
+from pliant.generator.seeding import weighted_choice
+from pliant.generator.settings.scene import AppearanceSettings
 from pliant.spec.errors import CallError
 
 Colour = tuple[float, float, float]
@@ -117,7 +117,7 @@ def sample_appearance(
     rng = rng if material is None else material
     table_srgb = _sample_hsv(rng, settings.table_saturation, settings.table_value)
     table = TableAppearance(
-        kind=_choice(rng, settings.tables),
+        kind=weighted_choice(rng, settings.tables),
         colour=_linear(table_srgb),
         contrast=float(rng.uniform(*settings.table_contrast)),
         scale_m=float(rng.uniform(*settings.table_scale_m)),
@@ -132,7 +132,7 @@ def sample_appearance(
     back = main
     if scene_object.kind == "rope":
         count = int(scene_object.parts[0].strand.max()) + 1
-        colouring = _choice(rng, settings.rope_colourings)
+        colouring = weighted_choice(rng, settings.rope_colourings)
         # These sets of strands are kept by the reversal of laid and of braided ropes.
         odd = {"solid": set(), "tracer": {0}, "two-tone": {0, count // 2 if count % 2 == 0 else 0}}[
             colouring
@@ -210,9 +210,3 @@ def _linear(srgb: Colour) -> Colour:
 def _colour(values: Any) -> Colour:
     r, g, b = (float(value) for value in values)
     return r, g, b
-
-
-def _choice(rng: np.random.Generator, weights: Mapping[str, float]) -> str:
-    names = sorted(weights)
-    shares = np.array([weights[name] for name in names])
-    return names[int(rng.choice(len(names), p=shares / shares.sum()))]

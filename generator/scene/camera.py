@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pliant.generator.scene.scene_object import FloatArray, Pose, SceneObject
-from pliant.generator.settings.camera import CLEARANCE_M, MIN_MARGIN, CameraSettings
+from pliant.generator.settings.scene import CLEARANCE_M, MIN_MARGIN, CameraSettings
 from pliant.spec.errors import CallError
 
 NEAR_M: Final = 1e-3

@@ -11,8 +11,9 @@ import math
 
 import numpy as np
 import numpy.typing as npt
+from scipy.ndimage import binary_erosion
 
-from pliant.generator.settings.faults import NoiseSettings
+from pliant.generator.settings.scene import NoiseSettings
 from pliant.spec.io.images import Surface
 
 Rgb = npt.NDArray[np.uint8]
@@ -102,11 +103,7 @@ def _drop_edges(
     out = rgb.copy()
     rings = []
     for _ in range(reach_px):  # peel the object layer by layer
-        core = inside.copy()
-        core[1:] &= inside[:-1]
-        core[:-1] &= inside[1:]
-        core[:, 1:] &= inside[:, :-1]
-        core[:, :-1] &= inside[:, 1:]
+        core = binary_erosion(inside, border_value=1)
         rings.append(inside & ~core)
         inside = core
     edge = np.logical_or.reduce(rings)

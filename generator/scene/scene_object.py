@@ -114,3 +114,59 @@ class SceneObject:
     thickness_m: float
     info: Mapping[str, Any] = field(default_factory=dict)
     variant: str = "plain"
+
+
+def quads(a: IntArray, b: IntArray, c: IntArray, d: IntArray) -> IntArray:
+    """Return the two triangles, abc and acd, of every cell of a grid.
+
+    Args:
+        a: int (...), the first corner of each cell; b, c and d follow around it.
+        b: int (...).
+        c: int (...).
+        d: int (...).
+
+    Returns:
+        int32 (2 N, 3).
+    """
+    pairs = np.stack([np.stack([a, b, c], axis=-1), np.stack([a, c, d], axis=-1)], axis=-2)
+    return pairs.reshape(-1, 3).astype(np.int32)
+
+
+@dataclass(frozen=True)
+class SceneMesh:
+    """The topology of a scene object's parts, one after the other.
+
+    Attributes:
+        faces: int32 (F, 3), rows of the joined vertices.
+        parts: Each part with the slices of its faces and of its vertices.
+    """
+
+    faces: IntArray
+    parts: tuple[tuple[Part, slice, slice], ...]
+
+    @classmethod
+    def of(cls, scene_object: SceneObject) -> SceneMesh:
+        """Join the parts of a scene object."""
+        first_face = first_vertex = 0
+        faces, parts = [], []
+        for part in scene_object.parts:
+            last_face, last_vertex = first_face + len(part.faces), first_vertex + len(part.rest)
+            faces.append(part.faces + np.int32(first_vertex))
+            parts.append((part, slice(first_face, last_face), slice(first_vertex, last_vertex)))
+            first_face, first_vertex = last_face, last_vertex
+        return cls(np.ascontiguousarray(np.concatenate(faces), np.int32), tuple(parts))
+
+    def vertices(self, pose: Pose) -> FloatArray:
+        """Return the world positions of a pose, rounded to what the files can hold.
+
+        Files and Blender keep float32. Rounding once, here, makes the rendered surface, the
+        truth and the tabulated positions one and the same mesh.
+
+        Args:
+            pose: The frame's geometry.
+
+        Returns:
+            float64 (V, 3), world metres, every value a float32.
+        """
+        parts = [pose.vertices[part.name] for part, _, _ in self.parts]
+        return np.concatenate(parts).astype(np.float32).astype(np.float64)

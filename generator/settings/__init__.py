@@ -3,11 +3,14 @@
 Nothing here imports numba, Blender or a sampler, so a config is read and checked in no time.
 """
 
-from pliant.generator.settings.appearance import AppearanceSettings
-from pliant.generator.settings.camera import CameraSettings
 from pliant.generator.settings.cloth import ClothSettings
-from pliant.generator.settings.faults import DepthCameraSettings, NoiseSettings
 from pliant.generator.settings.rope import RopeSettings
+from pliant.generator.settings.scene import (
+    AppearanceSettings,
+    CameraSettings,
+    DepthCameraSettings,
+    NoiseSettings,
+)
 
 __all__ = [
     "AppearanceSettings",

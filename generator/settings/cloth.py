@@ -149,9 +149,5 @@ class ClothSettings:
             damping_percent=100.0 * (1.0 - kept_per_step),
             steps_per_second=steps_per_second,
             steps_per_frame=steps_per_frame,
-            thickness_m=self.thickness_m,
-            contact="pbd",
-            contact_distance_m=self.contact_spacings * spacing_m,
-            contact_friction=self.cloth_friction,
             longest_step_m=0.25 * spacing_m,
         )

@@ -12,8 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pliant.generator.scene.camera import Camera
-from pliant.generator.scene.scene_mesh import SceneMesh
-from pliant.generator.scene.scene_object import FloatArray, Pose, SceneObject
+from pliant.generator.scene.scene_object import FloatArray, Part, Pose, SceneMesh, SceneObject
 from pliant.generator.truth.rasteriser import Hits, interpolate, rasterise
 from pliant.generator.truth.visibility import first_occluders, inside_frame
 from pliant.spec.io.images import Surface
@@ -98,13 +97,10 @@ def surface_image(scene_object: SceneObject, mesh: SceneMesh, hits: Hits) -> Sur
     seen = np.flatnonzero(hits.triangle.ravel() >= 0)
     triangle = hits.triangle.ravel()[seen]
     weights = hits.weights.reshape(-1, 2)[seen]
-    for part, first, last in zip(
-        scene_object.parts, mesh.face_starts[:-1], mesh.face_starts[1:], strict=True
-    ):
-        mine = (triangle >= first) & (triangle < last)
+    for part, faces, _ in mesh.parts:
+        mine = (triangle >= faces.start) & (triangle < faces.stop)
         at = seen[mine]
-        rest = interpolate(triangle[mine] - np.int32(first), weights[mine], part.faces, part.rest)
-        m = part.chart(rest)
+        m = _material(part, triangle[mine] - np.int32(faces.start), weights[mine])
         material[0].ravel()[at] = m[:, 0]
         material[1].ravel()[at] = m[:, 1]
         object_id.ravel()[at] = part.object_id
@@ -118,9 +114,9 @@ def _point_positions(
     points = scene_object.points
     own = np.full(len(points.vertex), -1, np.int32)
     xyz = np.empty((len(points.vertex), 3))
-    for part, start in zip(scene_object.parts, mesh.vertex_starts[:-1], strict=True):
+    for part, _, rows in mesh.parts:
         mine = (points.object_id == part.object_id) & ~points.centreline
-        own[mine] = points.vertex[mine] + start
+        own[mine] = points.vertex[mine] + rows.start
     surface = own >= 0
     xyz[surface] = world[own[surface]]
     if not bool(surface.all()):
@@ -144,19 +140,24 @@ def _states(
     points = scene_object.points
     states = np.full(len(rows), _VISIBLE, dtype="<U13")
     hidden = triangle >= 0
-    part_of = np.searchsorted(mesh.face_starts, triangle, side="right") - 1
-    ids = np.array([part.object_id for part in scene_object.parts])
-    same = hidden & (ids[np.maximum(part_of, 0)] == points.object_id[rows])
+    object_id = np.zeros(len(rows), np.int32)
+    for part, faces, _ in mesh.parts:
+        object_id[(triangle >= faces.start) & (triangle < faces.stop)] = part.object_id
+    same = hidden & (object_id == points.object_id[rows])
     states[hidden & ~same] = _OCCLUDED
     states[same] = _SELF_OCCLUDED
     # A point of the centre line lies under the surface and is never seen itself. It counts as
     # visible where the surface seen in its place is the rope's own, within one diameter of it.
     line = np.flatnonzero(same & points.centreline[rows])
-    for index in np.unique(part_of[line]):
-        part, first = scene_object.parts[index], mesh.face_starts[index]
-        at = line[part_of[line] == index]
-        rest = interpolate(triangle[at] - np.int32(first), weights[at], part.faces, part.rest)
-        s_seen, s_own = part.chart(rest)[:, 0], points.material[rows[at], 0]
+    for part, faces, _ in mesh.parts:
+        at = line[(triangle[line] >= faces.start) & (triangle[line] < faces.stop)]
+        s_seen = _material(part, triangle[at] - np.int32(faces.start), weights[at])[:, 0]
+        s_own = points.material[rows[at], 0]
         near = np.abs(s_seen - s_own) * scene_object.size_m <= scene_object.thickness_m
         states[at[near]] = _VISIBLE
     return states
+
+
+def _material(part: Part, triangle: npt.NDArray[np.int32], weights: FloatArray) -> FloatArray:
+    """Return the material coordinates (N, 2) of places inside a part's triangles."""
+    return part.chart(interpolate(triangle, weights, part.faces, part.rest))

@@ -13,8 +13,7 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from pliant.generator.config import QuerySettings
-from pliant.generator.runner.plan import SequenceTask
-from pliant.generator.seeding import random_generator
+from pliant.generator.seeding import RandomStreams, SequenceTask, Stream
 from pliant.generator.truth.query_sampling import (
     FrameRef,
     Tracks,
@@ -26,6 +25,7 @@ from pliant.generator.truth.query_sampling import (
 from pliant.spec.io.checksums import sha256_file
 from pliant.spec.io.jsonfiles import read_json
 from pliant.spec.io.parquet import read_table, write_table
+from pliant.spec.model import Tier
 from pliant.spec.storage.layout import (
     CORRESPONDENCES_TABLE,
     POINTS_TABLE,
@@ -40,15 +40,15 @@ _SEQUENCES_IN_MEMORY = 64
 
 def build_queries(
     root: Path,
-    tiers: Sequence[Mapping[str, Any]],
+    tiers: Sequence[Tier],
     tasks: Sequence[SequenceTask],
     settings: QuerySettings,
     *,
     seed: int,
     dataset: Mapping[str, str],
-    queries_dir: Path | None = None,
-    truth_dir: Path | None = None,
-) -> list[str]:
+    queries_dir: Path,
+    truth_dir: Path,
+) -> None:
     """Write `queries/SPLIT.parquet` and `truth/SPLIT.parquet` of a dataset's splits.
 
     A pair's target is a frame of one sequence. Its source is a frame of the same sequence where
@@ -72,38 +72,30 @@ def build_queries(
 
     Args:
         root: The dataset's folder, whose sequences are finished.
-        tiers: The tiers of `dataset.json`.
+        tiers: The tiers.
         tasks: The finished sequences.
         settings: How many pairs and queries, and of which splits.
         seed: The dataset's seed.
         dataset: `id` and `version` for the footers.
-        queries_dir: Where to write instead of `root/queries`.
-        truth_dir: Where to write instead of `root/truth`.
-
-    Returns:
-        The splits that got queries.
+        queries_dir: Where to write the queries.
+        truth_dir: Where to write their truth.
     """
-    written: list[str] = []
     for split in settings.splits:
         queries, truth = _split_tables(root, tiers, tasks, settings, seed, split)
         if len(queries) == 0:
             continue
-        path = queries_path(root, split)
-        path = path if queries_dir is None else queries_dir / path.name
-        answers = truth_path(root, split)
-        answers = answers if truth_dir is None else truth_dir / answers.name
+        path = queries_dir / queries_path(root, split).name
+        answers = truth_dir / truth_path(root, split).name
         footer: dict[str, Any] = {"dataset": dict(dataset), "split": split}
         path.parent.mkdir(parents=True, exist_ok=True)
         answers.parent.mkdir(parents=True, exist_ok=True)
         write_table(path, queries, "queries", footer)
         write_table(answers, truth, "truth", {**footer, "queries_sha256": sha256_file(path)})
-        written.append(split)
-    return written
 
 
 def _split_tables(
     root: Path,
-    tiers: Sequence[Mapping[str, Any]],
+    tiers: Sequence[Tier],
     tasks: Sequence[SequenceTask],
     settings: QuerySettings,
     seed: int,
@@ -113,15 +105,15 @@ def _split_tables(
     queries: list[pa.Table] = []
     truth: list[pa.Table] = []
     for tier in tiers:
-        members = [task for task in tasks if (task.tier, task.split) == (tier["name"], split)]
+        members = [task for task in tasks if (task.tier, task.split) == (tier.name, split)]
         if not members:
             continue
         points = read_table(members[0].folder(root) / POINTS_TABLE, "points")
-        askable = _queried_points(points, int(tier["queried_object"]))
+        askable = _queried_points(points, tier.queried_object)
         partners = np.array(points["partners"].to_pylist(), np.int64).reshape(len(points), -1)
         drawn: dict[FrameRef, npt.NDArray[np.int64]] = {}
         for task in members:
-            rng = random_generator(seed, task.tier, split, task.index, stream="queries")
+            rng = RandomStreams(seed, task).generator(Stream.QUERY_PAIRS)
             frames, wanted = len(tracks(task).boxes_px), settings.pairs_per_sequence
             if settings.kind == "track":
                 wanted = frames - 1

@@ -6,15 +6,14 @@ Nothing here sees a target's content: what a pair asks depends on its source fra
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
-from pliant.generator.runner.plan import SequenceTask
-from pliant.generator.seeding import random_generator
+from pliant.generator.seeding import RandomStreams, SequenceTask, Stream
 
 _CLASSES: Final = 4
 
@@ -32,10 +31,7 @@ class FrameRef:
         Args:
             seed: The dataset's seed.
         """
-        task = self.task
-        return random_generator(
-            seed, task.tier, task.split, task.index, self.frame, stream="query-points"
-        )
+        return RandomStreams(seed, self.task).generator(Stream.QUERY_POINTS, self.frame)
 
     def point_class(self, frames: int) -> int:
         """Return the class of the material points that this frame may ask.
@@ -83,9 +79,8 @@ def point_classes(
     Returns:
         int64 (P,), 0 to 3.
     """
-    task = source.task
-    index = 0 if frames == 1 else task.index
-    rng = random_generator(seed, task.tier, task.split, index, stream="query-classes")
+    task = replace(source.task, index=0) if frames == 1 else source.task
+    rng = RandomStreams(seed, task).generator(Stream.QUERY_CLASSES)
     count = len(partners)
     orbits = np.column_stack([np.arange(count), partners]).min(axis=1)
     label = np.zeros(count, np.int64)

@@ -18,7 +18,7 @@ neither cracks nor pixels hit twice. Of two triangles at equal depth the first o
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -27,8 +27,7 @@ from pliant.generator.scene.camera import NEAR_M, Camera
 from pliant.generator.scene.scene_object import FloatArray, IntArray
 
 
-@dataclass(frozen=True)
-class Hits:
+class Hits(NamedTuple):
     """What each pixel's centre sees.
 
     Attributes:
@@ -40,6 +39,27 @@ class Hits:
     triangle: IntArray
     depth_m: FloatArray
     weights: FloatArray
+
+    @classmethod
+    def empty(cls, height: int, width: int) -> Hits:
+        """Return the hits of an image in which nothing is seen."""
+        triangle = np.full((height, width), -1, np.int32)
+        return cls(triangle, np.full((height, width), np.inf), np.zeros((height, width, 2)))
+
+
+class Lens(NamedTuple):
+    """Focal lengths and principal point, px."""
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+
+    @classmethod
+    def of(cls, camera: Camera, scale: int = 1) -> Lens:
+        """Return the lens of a camera whose image has `scale` samples a side of a pixel."""
+        K = camera.K * scale
+        return cls(K[0, 0], K[1, 1], K[0, 2], K[1, 2])
 
 
 def rasterise(camera: Camera, points_camera: FloatArray, faces: IntArray, scale: int = 1) -> Hits:
@@ -54,105 +74,113 @@ def rasterise(camera: Camera, points_camera: FloatArray, faces: IntArray, scale:
     Returns:
         The hits; arrays of (height * scale, width * scale).
     """
-    height, width = camera.height * scale, camera.width * scale
-    triangle = np.full((height, width), -1, np.int32)
-    depth_m = np.full((height, width), np.inf)
-    weights = np.zeros((height, width, 2))
+    hits = Hits.empty(camera.height * scale, camera.width * scale)
     uv_px = camera.to_pixels(points_camera)[:, :2] * scale
-    k = camera.K * scale
-    rasterise_into(
-        np.ascontiguousarray(points_camera),
-        uv_px,
-        faces,
-        k[0, 0],
-        k[1, 1],
-        k[0, 2],
-        k[1, 2],
-        triangle,
-        depth_m,
-        weights,
-    )
-    return Hits(triangle, depth_m, weights)
+    points = np.ascontiguousarray(points_camera)
+    rasterise_into(points, uv_px, faces, Lens.of(camera, scale), hits)
+    return hits
+
+
+@njit(cache=True, nogil=True)
+def covered_cells(
+    points: FloatArray,
+    uv: FloatArray,
+    corners: tuple[int, int, int],
+    cell_px: float,
+    reach: float,
+    size: tuple[int, int],
+) -> tuple[int, int, int, int]:
+    """Return the cells of the image that a triangle can touch.
+
+    They follow from the box of its corners, widened by far more than the projection's rounding. A
+    triangle that passes the camera's plane can touch every cell; one behind it touches none.
+
+    Args:
+        points: float64 (V, 3), camera axes, metres.
+        uv: float64 (V, 2), their projections, px.
+        corners: The triangle's vertices.
+        cell_px: Side of a cell.
+        reach: 0.5 asks for cells whose centre lies in the box, 1 for cells that overlap it.
+        size: Columns and rows of cells.
+
+    Returns:
+        First and last column, first and last row; the last is below the first where there is none.
+    """
+    in_front = 0
+    for k in corners:
+        in_front += points[k, 2] >= NEAR_M
+    if in_front == 0:
+        return 0, -1, 0, -1
+    if in_front < 3:
+        return 0, size[0] - 1, 0, size[1] - 1
+    i0, i1 = _span(uv, 0, corners, cell_px, reach, size[0])
+    j0, j1 = _span(uv, 1, corners, cell_px, reach, size[1])
+    return i0, i1, j0, j1
+
+
+@njit(cache=True, nogil=True)
+def _span(
+    uv: FloatArray,
+    axis: int,
+    corners: tuple[int, int, int],
+    cell_px: float,
+    reach: float,
+    count: int,
+) -> tuple[int, int]:
+    a, b, c = corners
+    low = min(uv[a, axis], uv[b, axis], uv[c, axis]) - 1e-6
+    high = max(uv[a, axis], uv[b, axis], uv[c, axis]) + 1e-6
+    first = int(np.ceil(max(low, -9.0) / cell_px - reach))
+    last = int(np.floor(min(high, 1e6) / cell_px - (1.0 - reach)))
+    return max(0, first), min(count - 1, last)
+
+
+@njit(cache=True, nogil=True)
+def edge_planes(
+    points: FloatArray, corners: tuple[int, int, int]
+) -> tuple[float, float, float, float, float, float, float, float, float, float]:
+    """Return the normals n0, n1 and n2 of a triangle's edge planes, and det = a . n0."""
+    a, b, c = corners
+    ax, ay, az = points[a, 0], points[a, 1], points[a, 2]
+    bx, by, bz = points[b, 0], points[b, 1], points[b, 2]
+    cx, cy, cz = points[c, 0], points[c, 1], points[c, 2]
+    n0x, n0y, n0z = by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx
+    n1x, n1y, n1z = cy * az - cz * ay, cz * ax - cx * az, cx * ay - cy * ax
+    n2x, n2y, n2z = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+    det = ax * n0x + ay * n0y + az * n0z
+    return n0x, n0y, n0z, n1x, n1y, n1z, n2x, n2y, n2z, det
 
 
 @njit(cache=True, nogil=True)
 def rasterise_into(
-    points: FloatArray,
-    uv: FloatArray,
-    faces: IntArray,
-    fx: float,
-    fy: float,
-    cx: float,
-    cy: float,
-    triangle: IntArray,
-    depth: FloatArray,
-    weights: FloatArray,
+    points: FloatArray, uv: FloatArray, faces: IntArray, lens: Lens, hits: Hits
 ) -> None:
-    """Rasterise into arrays that hold -1, +inf and anything; see `rasterise`.
+    """Rasterise into hits that are empty, at least where a triangle can be seen.
 
     Args:
         points: float64 (V, 3), camera axes, metres.
         uv: float64 (V, 2), their projections, px.
         faces: int32 (F, 3).
-        fx: Focal length, px.
-        fy: Focal length, px.
-        cx: Principal point, px.
-        cy: Principal point, px.
-        triangle: int32 (H, W), written.
-        depth: float64 (H, W), written.
-        weights: float64 (H, W, 2), written.
+        lens: Of the image of `hits`.
+        hits: Written.
     """
-    height, width = triangle.shape
+    height, width = hits.triangle.shape
     for t in range(faces.shape[0]):
-        a = faces[t, 0]
-        b = faces[t, 1]
-        c = faces[t, 2]
-        az = points[a, 2]
-        bz = points[b, 2]
-        cz = points[c, 2]
-        if az >= NEAR_M and bz >= NEAR_M and cz >= NEAR_M:
-            # A pixel is tried if its centre lies in the box of the corners, widened by far more
-            # than the projection's rounding.
-            low = min(uv[a, 0], uv[b, 0], uv[c, 0])
-            high = max(uv[a, 0], uv[b, 0], uv[c, 0])
-            i0 = max(0, int(np.ceil(max(low, -1.0) - 0.5 - 1e-6)))
-            i1 = min(width - 1, int(np.floor(min(high, width + 1.0) - 0.5 + 1e-6)))
-            low = min(uv[a, 1], uv[b, 1], uv[c, 1])
-            high = max(uv[a, 1], uv[b, 1], uv[c, 1])
-            j0 = max(0, int(np.ceil(max(low, -1.0) - 0.5 - 1e-6)))
-            j1 = min(height - 1, int(np.floor(min(high, height + 1.0) - 0.5 + 1e-6)))
-            if i0 > i1 or j0 > j1:
-                continue
-        elif az < NEAR_M and bz < NEAR_M and cz < NEAR_M:
+        corners = faces[t, 0], faces[t, 1], faces[t, 2]
+        i0, i1, j0, j1 = covered_cells(points, uv, corners, 1.0, 0.5, (width, height))
+        if i0 > i1 or j0 > j1:
             continue
-        else:
-            i0, i1, j0, j1 = 0, width - 1, 0, height - 1
-        ax = points[a, 0]
-        ay = points[a, 1]
-        bx = points[b, 0]
-        by = points[b, 1]
-        cx_ = points[c, 0]
-        cy_ = points[c, 1]
-        n0x = by * cz - bz * cy_
-        n0y = bz * cx_ - bx * cz
-        n0z = bx * cy_ - by * cx_
-        n1x = cy_ * az - cz * ay
-        n1y = cz * ax - cx_ * az
-        n1z = cx_ * ay - cy_ * ax
-        n2x = ay * bz - az * by
-        n2y = az * bx - ax * bz
-        n2z = ax * by - ay * bx
-        det = ax * n0x + ay * n0y + az * n0z
+        n0x, n0y, n0z, n1x, n1y, n1z, n2x, n2y, n2z, det = edge_planes(points, corners)
         if det == 0.0:
             continue
         side = 1.0 if det > 0.0 else -1.0
         for j in range(j0, j1 + 1):
-            dy = (j + 0.5 - cy) / fy
+            dy = (j + 0.5 - lens.cy) / lens.fy
             r0 = n0y * dy + n0z
             r1 = n1y * dy + n1z
             r2 = n2y * dy + n2z
             for i in range(i0, i1 + 1):
-                dx = (i + 0.5 - cx) / fx
+                dx = (i + 0.5 - lens.cx) / lens.fx
                 e0 = side * (n0x * dx + r0)
                 if e0 < 0.0:
                     continue
@@ -172,11 +200,11 @@ def rasterise_into(
                 if total == 0.0:
                     continue
                 z = side * det / total
-                if z < depth[j, i] and z >= NEAR_M:
-                    depth[j, i] = z
-                    triangle[j, i] = t
-                    weights[j, i, 0] = e1 / total
-                    weights[j, i, 1] = e2 / total
+                if z < hits.depth_m[j, i] and z >= NEAR_M:
+                    hits.depth_m[j, i] = z
+                    hits.triangle[j, i] = t
+                    hits.weights[j, i, 0] = e1 / total
+                    hits.weights[j, i, 1] = e2 / total
 
 
 @njit(cache=True, inline="always")

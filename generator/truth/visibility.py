@@ -13,7 +13,7 @@ place (a seam, a cap), and a thousandth of the thinnest thing a scene holds.
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +21,7 @@ from numba import njit
 
 from pliant.generator.scene.camera import NEAR_M, Camera
 from pliant.generator.scene.scene_object import FloatArray, IntArray
+from pliant.generator.truth.rasteriser import covered_cells, edge_planes
 
 SAME_SURFACE_M: Final = 1e-6
 """A hit nearer than the point by no more than this is the point's own surface."""
@@ -75,32 +76,41 @@ def first_occluders(
     rays = points_camera[order] / points_camera[order, 2:3]
     triangle = np.full(len(order), -1, np.int32)
     weights = np.zeros((len(order), 2))
-    _cast(
+    sorted_rays = _Rays(
         rays,
         np.ascontiguousarray(points_camera[order, 2] - SAME_SURFACE_M),
         own_vertex[order].astype(np.int32),
         starts,
-        columns,
-        rows,
-        np.ascontiguousarray(mesh_camera),
-        camera.to_pixels(mesh_camera)[:, :2],
-        faces,
-        triangle,
-        weights,
+        (columns, rows),
     )
+    mesh = np.ascontiguousarray(mesh_camera)
+    _cast(sorted_rays, mesh, camera.to_pixels(mesh_camera)[:, :2], faces, triangle, weights)
     found, place = np.empty_like(triangle), np.empty_like(weights)
     found[order], place[order] = triangle, weights
     return found, place
 
 
+class _Rays(NamedTuple):
+    """Rays from the camera to points, in the order of the image's cells.
+
+    Attributes:
+        direction: float64 (N, 3), z is 1.
+        nearest: float64 (N,), a hit counts if it is nearer than this; lowered to each hit.
+        own: int32 (N,), the vertex each point is, or -1.
+        starts: int64, per cell its first ray, and last the number of rays.
+        size: Columns and rows of cells.
+    """
+
+    direction: FloatArray
+    nearest: FloatArray
+    own: IntArray
+    starts: npt.NDArray[np.int64]
+    size: tuple[int, int]
+
+
 @njit(cache=True, nogil=True)
 def _cast(
-    rays: FloatArray,
-    nearest: FloatArray,
-    own: IntArray,
-    starts: npt.NDArray[np.int64],
-    columns: int,
-    rows: int,
+    rays: _Rays,
     points: FloatArray,
     uv: FloatArray,
     faces: IntArray,
@@ -108,62 +118,34 @@ def _cast(
     weights: FloatArray,
 ) -> None:
     """Intersect every triangle with the rays whose cell its box in the image touches."""
+    columns = rays.size[0]
     for t in range(faces.shape[0]):
-        a = faces[t, 0]
-        b = faces[t, 1]
-        c = faces[t, 2]
-        az = points[a, 2]
-        bz = points[b, 2]
-        cz = points[c, 2]
-        if az >= NEAR_M and bz >= NEAR_M and cz >= NEAR_M:
-            low = min(uv[a, 0], uv[b, 0], uv[c, 0]) - 1e-6
-            high = max(uv[a, 0], uv[b, 0], uv[c, 0]) + 1e-6
-            i0 = max(0, int(np.floor(max(low, -9.0) / _CELL_PX)))
-            i1 = min(columns - 1, int(np.floor(min(high, 1e6) / _CELL_PX)))
-            low = min(uv[a, 1], uv[b, 1], uv[c, 1]) - 1e-6
-            high = max(uv[a, 1], uv[b, 1], uv[c, 1]) + 1e-6
-            j0 = max(0, int(np.floor(max(low, -9.0) / _CELL_PX)))
-            j1 = min(rows - 1, int(np.floor(min(high, 1e6) / _CELL_PX)))
-        elif az < NEAR_M and bz < NEAR_M and cz < NEAR_M:
-            continue
-        else:
-            i0, i1, j0, j1 = 0, columns - 1, 0, rows - 1
+        a, b, c = faces[t, 0], faces[t, 1], faces[t, 2]
+        i0, i1, j0, j1 = covered_cells(points, uv, (a, b, c), float(_CELL_PX), 1.0, rays.size)
         if i0 > i1 or j0 > j1:
             continue
         ready = False
         n0x = n0y = n0z = n1x = n1y = n1z = n2x = n2y = n2z = det = side = 0.0
         for j in range(j0, j1 + 1):
-            for n in range(starts[j * columns + i0], starts[j * columns + i1 + 1]):
-                if own[n] == a or own[n] == b or own[n] == c:
+            for n in range(rays.starts[j * columns + i0], rays.starts[j * columns + i1 + 1]):
+                if rays.own[n] == a or rays.own[n] == b or rays.own[n] == c:
                     continue
                 if not ready:
                     ready = True
-                    ax = points[a, 0]
-                    ay = points[a, 1]
-                    bx = points[b, 0]
-                    by = points[b, 1]
-                    cx = points[c, 0]
-                    cy = points[c, 1]
-                    n0x = by * cz - bz * cy
-                    n0y = bz * cx - bx * cz
-                    n0z = bx * cy - by * cx
-                    n1x = cy * az - cz * ay
-                    n1y = cz * ax - cx * az
-                    n1z = cx * ay - cy * ax
-                    n2x = ay * bz - az * by
-                    n2y = az * bx - ax * bz
-                    n2z = ax * by - ay * bx
-                    det = ax * n0x + ay * n0y + az * n0z
+                    n0x, n0y, n0z, n1x, n1y, n1z, n2x, n2y, n2z, det = edge_planes(
+                        points, (a, b, c)
+                    )
                     side = 1.0 if det > 0.0 else -1.0
-                e0 = side * (n0x * rays[n, 0] + n0y * rays[n, 1] + n0z)
-                e1 = side * (n1x * rays[n, 0] + n1y * rays[n, 1] + n1z)
-                e2 = side * (n2x * rays[n, 0] + n2y * rays[n, 1] + n2z)
+                x, y = rays.direction[n, 0], rays.direction[n, 1]
+                e0 = side * (n0x * x + n0y * y + n0z)
+                e1 = side * (n1x * x + n1y * y + n1z)
+                e2 = side * (n2x * x + n2y * y + n2z)
                 total = e0 + e1 + e2
                 if e0 < 0.0 or e1 < 0.0 or e2 < 0.0 or total <= 0.0:
                     continue
                 z = side * det / total
-                if NEAR_M <= z < nearest[n]:
-                    nearest[n] = z
+                if NEAR_M <= z < rays.nearest[n]:
+                    rays.nearest[n] = z
                     triangle[n] = t
                     weights[n, 0] = e1 / total
                     weights[n, 1] = e2 / total

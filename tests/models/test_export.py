@@ -26,6 +26,7 @@ from pliant.models.export import export_run, halved, training_seconds
 from pliant.models.model_card import model_card
 from pliant.models.networks.descriptor_network import NetworkSettings
 from pliant.models.shipped import load_shipped, shipped_names
+from pliant.spec.configuration import read_settings
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, TrainingError
 from pliant.spec.io.parquet import read_footer
@@ -159,7 +160,7 @@ def test_card_of_other_data(trained: Path, tiny_dataset: Path) -> None:
 
 
 def test_data_config_makes_the_same_dataset(models: Path, tiny_dataset: Path) -> None:
-    config = GenerateConfig.from_file(models / "don-tiny" / "data.yaml")
+    config = read_settings(GenerateConfig, models / "don-tiny" / "data.yaml")
     stored = Dataset.open(tiny_dataset).info["provenance"]["config"]
     assert config.resolved() == stored
 
@@ -306,7 +307,7 @@ def test_models_of_the_package_answer(name: str, tmp_path: Path) -> None:
     assert "Protocol" in card, "the card has no scores"
     matcher = load_shipped(name)
     assert matcher.name == name
-    trained_on = GenerateConfig.from_file(folder / "data.yaml")
+    trained_on = read_settings(GenerateConfig, folder / "data.yaml")
     few = replace(trained_on, splits={"test": 4}, sequences=None)
     generate(few, tmp_path / "set")
     dataset = Dataset.open(tmp_path / "set")

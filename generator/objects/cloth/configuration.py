@@ -8,17 +8,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from pliant.generator.objects.cloth.handling import CALM_SPEED_M_S, Handling
 from pliant.generator.objects.cloth.levels import shape_cloth
 from pliant.generator.objects.cloth.surface import PART, Placement, cover_of, render_vertices
-from pliant.generator.scene.scene_object import Pose
-from pliant.generator.seeding import random_generator
+from pliant.generator.scene.scene_object import FloatArray, Pose
+from pliant.generator.seeding import RandomStreams, Stream
 from pliant.generator.settings.cloth import ClothSettings
+from pliant.spec.configuration import settings_to_dict
 from pliant.spec.errors import GenerationError
-
-FloatArray = npt.NDArray[np.float64]
 
 _log = logging.getLogger(__name__)
 
@@ -43,18 +41,16 @@ class Configuration:
 class Configurations:
     """The frames of a sequence of independent configurations, made when asked for."""
 
-    def __init__(
-        self, settings: ClothSettings, level: int, tier: str, seed: int, split: str, index: int
-    ) -> None:
+    def __init__(self, settings: ClothSettings, level: int, streams: RandomStreams) -> None:
         self._settings = settings
         self._level = level
-        self._key = (seed, tier, split, index)
+        self._streams = streams
         self._last: tuple[int, Pose] | None = None
 
     def __call__(self, frame: int) -> Pose:
         """Return the pose of a frame; the last one asked for is kept."""
         if self._last is None or self._last[0] != frame:
-            rng = random_generator(*self._key, frame, stream="actions")
+            rng = self._streams.generator(Stream.CLOTH_CONFIGURATION, frame)
             made = make_configuration(self._settings, self._level, rng)
             self._last = (frame, Pose(vertices={PART: made.vertices}, info=made.info))
         return self._last[1]
@@ -111,10 +107,10 @@ def _try_configuration(
     if pierced:
         return "pokes through itself"
     cover = cover_of(settings, vertices)
-    if not band[0] <= cover.silhouette <= band[1]:
+    if not band[0] <= cover.coverage <= band[1]:
         return "coverage outside the band"
     info = {
-        **cover.as_dict(),
+        **settings_to_dict(cover),
         "actions": handling.record,
         "yaw_rad": yaw_rad,
         "mean_speed_m_s": speed_m_s,

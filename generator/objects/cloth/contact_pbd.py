@@ -14,19 +14,61 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int32]
+from pliant.generator.objects.cloth.grid import flat_positions
+from pliant.generator.objects.cloth.simulator import Sheet
+from pliant.generator.scene.scene_object import FloatArray, IntArray
 
 REST_SHARE = 0.98
 """A pair's target is at most this share of its rest distance."""
 
 FRICTIONLESS_STEPS = 2.9
 """Masses within this many grid steps in the material are one layer: no friction between them."""
+
+MARGIN_STEPS = 0.75
+"""The pair list looks this many grid steps farther than the contact distance."""
+
+
+class Pairs(NamedTuple):
+    """A list of pairs of masses, with room for more.
+
+    Attributes:
+        first: int32 (room,).
+        second: int32 (room,).
+        target_m: float64 (room,), pairs nearer than this are parted to it.
+        friction: float64 (room,), Coulomb's coefficient, 0 for none.
+    """
+
+    first: IntArray
+    second: IntArray
+    target_m: FloatArray
+    friction: FloatArray
+
+    @classmethod
+    def with_room(cls, room: int) -> Pairs:
+        """Return an empty list."""
+        first, second = np.zeros(room, np.int32), np.zeros(room, np.int32)
+        return cls(first, second, np.zeros(room), np.zeros(room))
+
+
+class Layers(NamedTuple):
+    """How two layers of a sheet touch.
+
+    Attributes:
+        distance_m: d, the distance at which two layers touch.
+        friction: Coulomb's coefficient between layers.
+        layer_m: Masses nearer than this in the sheet rub without friction.
+        margin_m: How much farther than d the list looks.
+    """
+
+    distance_m: float
+    friction: float
+    layer_m: float
+    margin_m: float
 
 
 @dataclass
@@ -35,25 +77,31 @@ class PairContact:
 
     Attributes:
         rest: float64 (N, 3), the sheet at rest, metres.
-        distance_m: d, the distance at which two layers touch.
-        friction: Coulomb's coefficient between layers.
-        layer_m: Masses nearer than this in the sheet rub without friction.
-        margin_m: How much farther than d the list looks.
+        layers: How layers touch.
         rebuilds: How often the list was made.
     """
 
     rest: FloatArray
-    distance_m: float
-    friction: float
-    layer_m: float
-    margin_m: float
+    layers: Layers
     rebuilds: int = 0
     _listed_at: FloatArray | None = None
     _count: int = 0
-    _first: IntArray = field(default_factory=lambda: np.zeros(0, np.int32))
-    _second: IntArray = field(default_factory=lambda: np.zeros(0, np.int32))
-    _target: FloatArray = field(default_factory=lambda: np.zeros(0))
-    _friction: FloatArray = field(default_factory=lambda: np.zeros(0))
+    _pairs: Pairs = field(default_factory=lambda: Pairs.with_room(0))
+
+    @classmethod
+    def of(cls, sheet: Sheet, distance_m: float, friction: float = 0.3) -> PairContact:
+        """Return the contact of a sheet.
+
+        Args:
+            sheet: The sheet.
+            distance_m: Distance at which two layers touch.
+            friction: Coulomb's coefficient between layers.
+        """
+        step_m = sheet.spacing_m
+        rest = flat_positions(sheet.columns, sheet.rows, sheet.width_m, sheet.height_m)
+        return cls(
+            rest, Layers(distance_m, friction, FRICTIONLESS_STEPS * step_m, MARGIN_STEPS * step_m)
+        )
 
     def collide(self, positions: FloatArray, previous: FloatArray, free: FloatArray) -> None:
         """Part the masses that are too near; relist first if the list may have aged.
@@ -64,42 +112,17 @@ class PairContact:
             free: float64 (N,), 0 for a pinned or held mass.
         """
         if self._listed_at is None or moved_farther(
-            positions, self._listed_at, 0.5 * self.margin_m
+            positions, self._listed_at, 0.5 * self.layers.margin_m
         ):
             self._list_pairs(positions)
-        part_pairs(
-            positions,
-            previous,
-            free,
-            self._first,
-            self._second,
-            self._target,
-            self._friction,
-            self._count,
-        )
+        part_pairs(positions, previous, free, self._pairs, self._count)
 
     def _list_pairs(self, positions: FloatArray) -> None:
-        reach_m = self.distance_m + self.margin_m
         while True:
-            count = list_pairs(
-                positions,
-                self.rest,
-                reach_m,
-                self.distance_m,
-                self.friction,
-                self.layer_m,
-                self._first,
-                self._second,
-                self._target,
-                self._friction,
-            )
-            if count <= self._first.shape[0]:
+            count = list_pairs(positions, self.rest, self.layers, self._pairs)
+            if count <= len(self._pairs.first):
                 break
-            room = count + count // 2
-            self._first = np.zeros(room, np.int32)
-            self._second = np.zeros(room, np.int32)
-            self._target = np.zeros(room)
-            self._friction = np.zeros(room)
+            self._pairs = Pairs.with_room(count + count // 2)
         self._count = count
         self._listed_at = positions.copy()
         self.rebuilds += 1
@@ -110,44 +133,28 @@ def moved_farther(positions: FloatArray, reference: FloatArray, distance_m: floa
     """Whether any mass is farther than a distance from where it was."""
     limit = distance_m * distance_m
     for i in range(positions.shape[0]):
-        dx = positions[i, 0] - reference[i, 0]
-        dy = positions[i, 1] - reference[i, 1]
-        dz = positions[i, 2] - reference[i, 2]
-        if not dx * dx + dy * dy + dz * dz <= limit:
+        square = 0.0
+        for c in range(3):
+            square += (positions[i, c] - reference[i, c]) ** 2
+        if not square <= limit:
             return True
     return False
 
 
 @njit(cache=True)
-def list_pairs(
-    positions: FloatArray,
-    rest: FloatArray,
-    reach_m: float,
-    distance_m: float,
-    friction: float,
-    layer_m: float,
-    first: IntArray,
-    second: IntArray,
-    target_m: FloatArray,
-    pair_friction: FloatArray,
-) -> int:
-    """List every pair of masses nearer than `reach_m`, by a grid over their box.
+def list_pairs(positions: FloatArray, rest: FloatArray, layers: Layers, pairs: Pairs) -> int:
+    """List every pair of masses nearer than d + margin, by a grid over their box.
 
     Args:
         positions: float64 (N, 3), metres.
         rest: float64 (N, 3), metres.
-        reach_m: Pairs nearer than this are listed.
-        distance_m: Contact distance d.
-        friction: Coulomb's coefficient of pairs of two layers.
-        layer_m: Pairs nearer than this at rest get no friction.
-        first: int32 (room,), filled.
-        second: int32 (room,), filled.
-        target_m: float64 (room,), filled.
-        pair_friction: float64 (room,), filled.
+        layers: How layers touch.
+        pairs: Filled as far as there is room.
 
     Returns:
-        Number of pairs; where it exceeds the room, the lists are incomplete.
+        Number of pairs; where it exceeds the room, the list is incomplete.
     """
+    reach_m = layers.distance_m + layers.margin_m
     count = positions.shape[0]
     low = np.empty(3)
     cells = np.empty(3, np.int64)
@@ -188,7 +195,7 @@ def list_pairs(
     # Half of the 27 cells about each mass, so that a pair is met once: what follows it in its
     # own column of cells, and four of the eight columns around.
     found = 0
-    room = first.shape[0]
+    room = pairs.first.shape[0]
     for p in range(count):
         z = sorted_key[p] % cells[2]
         column = sorted_key[p] // cells[2]
@@ -203,36 +210,29 @@ def list_pairs(
             begin = p + 1 if side == 0 else start[base + max(z - 1, 0)]
             end = start[base + min(z + 1, cells[2] - 1) + 1]
             for q in range(begin, end):
-                dx = at[p, 0] - at[q, 0]
-                dy = at[p, 1] - at[q, 1]
-                dz = at[p, 2] - at[q, 2]
-                if dx * dx + dy * dy + dz * dz >= reach_m * reach_m:
+                square = 0.0
+                for c in range(3):
+                    square += (at[p, c] - at[q, c]) ** 2
+                if square >= reach_m * reach_m:
                     continue
                 if found < room:
                     i = mass[p]
                     j = mass[q]
-                    ex = rest[i, 0] - rest[j, 0]
-                    ey = rest[i, 1] - rest[j, 1]
-                    ez = rest[i, 2] - rest[j, 2]
-                    apart = math.sqrt(ex * ex + ey * ey + ez * ez)
-                    first[found] = i
-                    second[found] = j
-                    target_m[found] = min(distance_m, REST_SHARE * apart)
-                    pair_friction[found] = friction if apart > layer_m else 0.0
+                    square = 0.0
+                    for c in range(3):
+                        square += (rest[i, c] - rest[j, c]) ** 2
+                    apart = math.sqrt(square)
+                    pairs.first[found] = i
+                    pairs.second[found] = j
+                    pairs.target_m[found] = min(layers.distance_m, REST_SHARE * apart)
+                    pairs.friction[found] = layers.friction if apart > layers.layer_m else 0.0
                 found += 1
     return found
 
 
 @njit(cache=True)
 def part_pairs(
-    positions: FloatArray,
-    previous: FloatArray,
-    free: FloatArray,
-    first: IntArray,
-    second: IntArray,
-    target_m: FloatArray,
-    friction: FloatArray,
-    count: int,
+    positions: FloatArray, previous: FloatArray, free: FloatArray, pairs: Pairs, count: int
 ) -> None:
     """Part each pair that is nearer than its target, and brake its slip.
 
@@ -244,20 +244,17 @@ def part_pairs(
         positions: float64 (N, 3), metres; changed in place.
         previous: float64 (N, 3), metres.
         free: float64 (N,), 1 free, 0 pinned or held.
-        first: int32 (room,).
-        second: int32 (room,).
-        target_m: float64 (room,).
-        friction: float64 (room,), 0 for none.
+        pairs: The list.
         count: Listed pairs.
     """
     for q in range(count):
-        i = first[q]
-        j = second[q]
+        i = pairs.first[q]
+        j = pairs.second[q]
         dx = positions[i, 0] - positions[j, 0]
         dy = positions[i, 1] - positions[j, 1]
         dz = positions[i, 2] - positions[j, 2]
         square = dx * dx + dy * dy + dz * dz
-        target = target_m[q]
+        target = pairs.target_m[q]
         if square >= target * target or square == 0.0:
             continue
         movable = free[i] + free[j]
@@ -276,7 +273,7 @@ def part_pairs(
         positions[j, 0] -= depth * nx * share_j
         positions[j, 1] -= depth * ny * share_j
         positions[j, 2] -= depth * nz * share_j
-        if friction[q] == 0.0:
+        if pairs.friction[q] == 0.0:
             continue
         sx = (positions[i, 0] - previous[i, 0]) - (positions[j, 0] - previous[j, 0])
         sy = (positions[i, 1] - previous[i, 1]) - (positions[j, 1] - previous[j, 1])
@@ -288,7 +285,7 @@ def part_pairs(
         slip = math.sqrt(sx * sx + sy * sy + sz * sz)
         if slip == 0.0:
             continue
-        brake = min(1.0, friction[q] * depth / slip)
+        brake = min(1.0, pairs.friction[q] * depth / slip)
         positions[i, 0] -= brake * sx * share_i
         positions[i, 1] -= brake * sy * share_i
         positions[i, 2] -= brake * sz * share_i

@@ -14,19 +14,16 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
 from pliant.generator.objects.cloth.configuration import make_configuration
 from pliant.generator.objects.cloth.grid import corner_vertices
-from pliant.generator.objects.cloth.hand import Action, perform
-from pliant.generator.objects.cloth.handling import Handling
+from pliant.generator.objects.cloth.handling import Action, Handling, perform
 from pliant.generator.objects.cloth.surface import PART, Placement, cover_of, render_vertices
-from pliant.generator.scene.scene_object import Pose
-from pliant.generator.seeding import random_generator
+from pliant.generator.scene.scene_object import FloatArray, Pose
+from pliant.generator.seeding import RandomStreams, Stream
 from pliant.generator.settings.cloth import ClothSettings
+from pliant.spec.configuration import settings_to_dict
 from pliant.spec.errors import GenerationError
-
-FloatArray = npt.NDArray[np.float64]
 
 REST_FRAMES: Final = (6, 15)
 """Frames (fewest, most) in which the hand is away between two actions."""
@@ -51,12 +48,10 @@ class _Moment:
 class Episode:
     """The poses of one episode. Frames are simulated in order; going back starts anew."""
 
-    def __init__(
-        self, settings: ClothSettings, level: int, tier: str, seed: int, split: str, index: int
-    ) -> None:
+    def __init__(self, settings: ClothSettings, level: int, streams: RandomStreams) -> None:
         self._settings = settings
         self._level = level
-        self._key = (seed, tier, split, index)
+        self._streams = streams
         self._pose: Pose | None = None
         self._restart()
 
@@ -76,7 +71,7 @@ class Episode:
 
     def _restart(self) -> None:
         settings = self._settings
-        self._rng = random_generator(*self._key, stream="episode")
+        self._rng = self._streams.generator(Stream.CLOTH_EPISODE)
         start: dict[str, Any] = {"actions": []}
         if self._level == 1:
             self._handling = Handling(settings, self._rng)
@@ -102,7 +97,7 @@ class Episode:
     def _pose_of(self, moment: _Moment) -> Pose:
         action = None if moment.action is None else self._actions[moment.action]
         info: dict[str, Any] = {
-            **cover_of(self._settings, moment.vertices).as_dict(),
+            **settings_to_dict(cover_of(self._settings, moment.vertices)),
             "action": action,
             "hand": None if moment.hand_m is None else moment.hand_m.tolist(),
             "d_action": moment.moved_m.tolist(),
@@ -131,7 +126,7 @@ class Episode:
             simulator.previous[:] = before[1]
         raise GenerationError(
             f"the cloth pokes through itself whatever {_CHOICES} actions are tried",
-            where=f"episode {self._key}, frame {self._frame + 1}",
+            where=f"{self._streams.task.id}, frame {self._frame + 1}",
             fix="Lower hand_speed_m_s or raise contact_spacings",
         )
 

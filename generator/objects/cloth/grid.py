@@ -11,8 +11,7 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
-IntArray = npt.NDArray[np.int32]
-FloatArray = npt.NDArray[np.float64]
+from pliant.generator.scene.scene_object import FloatArray, IntArray, quads
 
 
 def grid_faces(columns: int, rows: int) -> IntArray:
@@ -27,10 +26,7 @@ def grid_faces(columns: int, rows: int) -> IntArray:
     """
     row, column = np.meshgrid(np.arange(rows - 1), np.arange(columns - 1), indexing="ij")
     corner = (row * columns + column).ravel()
-    right, below, opposite = corner + 1, corner + columns, corner + columns + 1
-    first = np.stack([corner, right, opposite], axis=1)
-    second = np.stack([corner, opposite, below], axis=1)
-    return np.stack([first, second], axis=1).reshape(-1, 3).astype(np.int32)
+    return quads(corner, corner + 1, corner + columns + 1, corner + columns)
 
 
 @lru_cache(maxsize=8)

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int32]
+from pliant.generator.objects.cloth.cells import triangles_in_cells
+from pliant.generator.scene.scene_object import FloatArray, IntArray
 
 
 def find_intersections(vertices: FloatArray, faces: IntArray, edges: IntArray) -> IntArray:
@@ -59,31 +58,7 @@ def _pierced(
         if total <= 16.0 * faces.shape[0] + 1024.0:
             break
         edge_m *= 1.5
-    # A triangle is entered in every cell its box touches.
-    box = np.empty((faces.shape[0], 6), np.int64)
-    start = np.zeros(cells[0] * cells[1] * cells[2] + 1, np.int64)
-    for t in range(faces.shape[0]):
-        for c in range(3):
-            a = vertices[faces[t, 0], c]
-            b = vertices[faces[t, 1], c]
-            d = vertices[faces[t, 2], c]
-            box[t, c] = int((min(a, b, d) - low[c]) / edge_m)
-            box[t, 3 + c] = int((max(a, b, d) - low[c]) / edge_m)
-        for x in range(box[t, 0], box[t, 3] + 1):
-            for y in range(box[t, 1], box[t, 4] + 1):
-                for z in range(box[t, 2], box[t, 5] + 1):
-                    start[(x * cells[1] + y) * cells[2] + z + 1] += 1
-    for k in range(start.shape[0] - 1):
-        start[k + 1] += start[k]
-    filled = start.copy()
-    members = np.empty(start[-1], np.int32)
-    for t in range(faces.shape[0]):
-        for x in range(box[t, 0], box[t, 3] + 1):
-            for y in range(box[t, 1], box[t, 4] + 1):
-                for z in range(box[t, 2], box[t, 5] + 1):
-                    k = (x * cells[1] + y) * cells[2] + z
-                    members[filled[k]] = t
-                    filled[k] += 1
+    start, members = triangles_in_cells(vertices, faces, low, edge_m, cells)
     found = 0
     tested = np.full(faces.shape[0], -1, np.int32)
     first = np.empty(3, np.int64)

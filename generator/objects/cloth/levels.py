@@ -41,10 +41,6 @@ def shape_cloth(handling: Handling, level: int, band: tuple[float, float]) -> bo
     return band[0] <= handling.coverage() <= band[1]
 
 
-def _begin_smooth(cloth: Handling) -> None:
-    _pull_rim(cloth)
-
-
 def _pull_rim(cloth: Handling) -> None:
     """Pull a corner or a stretch of the rim inwards, or pinch the sheet."""
     rng, side = cloth.rng, cloth.side
@@ -132,7 +128,7 @@ def _outer_vertex(cloth: Handling) -> int:
 
 
 _LEVELS: Final[dict[int, tuple[Callable[[Handling], None], Callable[[Handling], None]]]] = {
-    1: (_begin_smooth, _pull_rim),
+    1: (_pull_rim, _pull_rim),
     2: (_begin_wrinkled, _cover),
     3: (_begin_scrunched, _scrunch),
 }

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from numba import njit
 from scipy.spatial import ConvexHull
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int32]
+from pliant.generator.objects.cloth.cells import triangles_in_cells
+from pliant.generator.scene.scene_object import FloatArray, IntArray
+
 BoolArray = npt.NDArray[np.bool_]
 
 PIXELS_A_SIDE = 512
@@ -23,25 +23,16 @@ class Cover:
     """A configuration seen from above.
 
     Attributes:
-        silhouette: Area of the silhouette over the flat cloth's.
-        hull: Area of the silhouette's convex hull over the flat cloth's.
-        self_occluded: Share of the material with more cloth above it.
+        coverage: Area of the silhouette over the flat cloth's.
+        coverage_hull: Area of the silhouette's convex hull over the flat cloth's.
+        self_occluded_area: Share of the material with more cloth above it.
         hidden_corners: Which of the corners (0, 0), (1, 0), (0, 1), (1, 1) have cloth above.
     """
 
-    silhouette: float
-    hull: float
-    self_occluded: float
+    coverage: float
+    coverage_hull: float
+    self_occluded_area: float
     hidden_corners: tuple[int, ...]
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the cover as the JSON object that frames record."""
-        return {
-            "coverage": self.silhouette,
-            "coverage_hull": self.hull,
-            "self_occluded_area": self.self_occluded,
-            "hidden_corners": list(self.hidden_corners),
-        }
 
 
 def measure_cover(vertices: FloatArray, faces: IntArray, corners: IntArray, side_m: float) -> Cover:
@@ -64,11 +55,17 @@ def measure_cover(vertices: FloatArray, faces: IntArray, corners: IntArray, side
         vertices, faces, vertices[corners], np.full(4, -1, dtype=np.int32), corners
     )
     return Cover(
-        silhouette=silhouette_m2(vertices, faces, side_m / PIXELS_A_SIDE) / side_m**2,
-        hull=float(ConvexHull(vertices[:, :2]).volume) / side_m**2,
-        self_occluded=float(hidden.mean()),
+        coverage=silhouette_m2(vertices, faces, side_m / PIXELS_A_SIDE) / side_m**2,
+        coverage_hull=float(ConvexHull(vertices[:, :2]).volume) / side_m**2,
+        self_occluded_area=float(hidden.mean()),
         hidden_corners=tuple(int(k) for k in np.flatnonzero(hidden_corners)),
     )
+
+
+@njit(cache=True)
+def _inside(one: float, two: float, three: float) -> bool:
+    """Return whether a place is on the same side of a triangle's three edges."""
+    return min(one, two, three) >= 0.0 or max(one, two, three) <= 0.0
 
 
 @njit(cache=True)
@@ -100,9 +97,7 @@ def silhouette_m2(vertices: FloatArray, faces: IntArray, pixel_m: float) -> floa
                 one = (bx - ax) * (y - ay) - (by - ay) * (x - ax)
                 two = (cx - bx) * (y - by) - (cy - by) * (x - bx)
                 three = (ax - cx) * (y - cy) - (ay - cy) * (x - cx)
-                if (one >= 0.0 and two >= 0.0 and three >= 0.0) or (
-                    one <= 0.0 and two <= 0.0 and three <= 0.0
-                ):
+                if _inside(one, two, three):
                     covered[y, x] = 1
     return covered.sum() * pixel_m * pixel_m
 
@@ -132,32 +127,14 @@ def covered_from_above(
     x_span = vertices[:, 0].max() - x_low
     y_span = vertices[:, 1].max() - y_low
     edge = max(np.sqrt(x_span * y_span / faces.shape[0]), 1e-9) * 2.0
-    across = int(x_span / edge) + 1
     down = int(y_span / edge) + 1
-    box = np.empty((faces.shape[0], 4), np.int64)
-    start = np.zeros(across * down + 1, np.int64)
-    for t in range(faces.shape[0]):
-        a, b, c = vertices[faces[t, 0]], vertices[faces[t, 1]], vertices[faces[t, 2]]
-        box[t, 0] = int((min(a[0], b[0], c[0]) - x_low) / edge)
-        box[t, 1] = int((max(a[0], b[0], c[0]) - x_low) / edge)
-        box[t, 2] = int((min(a[1], b[1], c[1]) - y_low) / edge)
-        box[t, 3] = int((max(a[1], b[1], c[1]) - y_low) / edge)
-        for y in range(box[t, 2], box[t, 3] + 1):
-            for x in range(box[t, 0], box[t, 1] + 1):
-                start[y * across + x + 1] += 1
-    for k in range(start.shape[0] - 1):
-        start[k + 1] += start[k]
-    filled = start.copy()
-    members = np.empty(start[-1], np.int32)
-    for t in range(faces.shape[0]):
-        for y in range(box[t, 2], box[t, 3] + 1):
-            for x in range(box[t, 0], box[t, 1] + 1):
-                members[filled[y * across + x]] = t
-                filled[y * across + x] += 1
+    cells = np.array([int(x_span / edge) + 1, down, 1])
+    low = np.array([x_low, y_low, vertices[:, 2].min()])
+    start, members = triangles_in_cells(vertices, faces, low, edge, cells)
     covered = np.zeros(points.shape[0], np.bool_)
     for i in range(points.shape[0]):
         px, py, pz = points[i, 0], points[i, 1], points[i, 2]
-        k = int((py - y_low) / edge) * across + int((px - x_low) / edge)
+        k = int((px - x_low) / edge) * down + int((py - y_low) / edge)
         for q in range(start[k], start[k + 1]):
             t = members[q]
             f, g, h = faces[t, 0], faces[t, 1], faces[t, 2]
@@ -167,11 +144,8 @@ def covered_from_above(
             one = (b[0] - a[0]) * (py - a[1]) - (b[1] - a[1]) * (px - a[0])
             two = (c[0] - b[0]) * (py - b[1]) - (c[1] - b[1]) * (px - b[0])
             three = (a[0] - c[0]) * (py - c[1]) - (a[1] - c[1]) * (px - c[0])
-            inside = (one >= 0.0 and two >= 0.0 and three >= 0.0) or (
-                one <= 0.0 and two <= 0.0 and three <= 0.0
-            )
             double_area = one + two + three
-            if not inside or double_area == 0.0:
+            if not _inside(one, two, three) or double_area == 0.0:
                 continue
             if (two * a[2] + three * b[2] + one * c[2]) / double_area > pz:
                 covered[i] = True

@@ -3,72 +3,85 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import Any
+from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from pliant.generator.config import GenerateConfig
 from pliant.generator.objects.cloth.configuration import Configurations
 from pliant.generator.objects.cloth.episode import Episode
 from pliant.generator.objects.cloth.grid import grid_faces, mapped_vertices
 from pliant.generator.objects.cloth.surface import PART
-from pliant.generator.objects.cloth.symmetry import SYMMETRIES
-from pliant.generator.scene.scene_object import Part, Points, SceneObject
-from pliant.generator.settings.cloth import ClothSettings
+from pliant.generator.scene.scene_object import FloatArray, Part, Points, SceneObject
+from pliant.generator.seeding import RandomStreams
+from pliant.generator.settings.cloth import ClothSettings, Variant
+from pliant.spec.model import MaterialCoordinate, MaterialObject, Symmetry, Tier
 
-FloatArray = npt.NDArray[np.float64]
+CLOTH_ID: Final = 1
 
 
-def cloth_tier(settings: ClothSettings, name: str) -> dict[str, Any]:
-    """Return the tier as it stands in `dataset.json`.
+_ROTATIONS: Final = (
+    Symmetry("rotation_90", ((0, -1), (1, 0)), (1, 0)),
+    Symmetry("rotation_180", ((-1, 0), (0, -1)), (1, 1)),
+    Symmetry("rotation_270", ((0, 1), (-1, 0)), (0, 1)),
+)
+_MIRROR_V: Final = Symmetry("mirror_v", ((1, 0), (0, -1)), (0, 1))
+_MIRRORS: Final = (
+    Symmetry("mirror_u", ((-1, 0), (0, 1)), (1, 0)),
+    _MIRROR_V,
+    Symmetry("mirror_diagonal", ((0, 1), (1, 0)), (0, 0)),
+    Symmetry("mirror_antidiagonal", ((0, -1), (-1, 0)), (1, 1)),
+)
+
+SYMMETRIES: Final[dict[Variant, tuple[Symmetry, ...]]] = {
+    # Both faces alike: turning the cloth over about an axis in its plane mirrors (u, v).
+    "plain": _ROTATIONS + _MIRRORS,
+    # A back of another shade distinguishes a turned-over cloth; only rotations remain.
+    "two-sided": _ROTATIONS,
+    # Bands across u, unequal from end to end, alike on both faces: turning the cloth over
+    # about the u axis changes nothing.
+    "striped": (_MIRROR_V,),
+    # No map leaves the print as it is.
+    "printed": (),
+}
+"""Variant -> the maps of (u, v) under which the cloth looks the same, without the identity."""
+
+
+def cloth_tier(settings: ClothSettings, name: str) -> Tier:
+    """Return the tier of a cloth: objects, material coordinates, symmetries.
 
     Args:
         settings: The tier's settings.
         name: Its name, such as `cloth-1`.
-
-    Returns:
-        A JSON object: kind, variant, objects with their material coordinates, symmetries.
     """
-    coordinate = {
-        "min": 0.0,
-        "max": 1.0,
-        "metres_per_unit": float(settings.side_m),
-        "period": None,
-    }
-    return {
-        "name": name,
-        "kind": "cloth",
-        "variant": settings.variant,
-        "queried_object": 1,
-        "objects": [
-            {
-                "id": 1,
-                "name": PART,
-                "material": [{"name": "u", **coordinate}, {"name": "v", **coordinate}],
-            }
-        ],
-        "symmetries": [symmetry.as_dict() for symmetry in SYMMETRIES[settings.variant]],
-    }
+    side_m = float(settings.side_m)
+    material = (
+        MaterialCoordinate("u", 0.0, 1.0, side_m),
+        MaterialCoordinate("v", 0.0, 1.0, side_m),
+    )
+    cloth = MaterialObject(CLOTH_ID, PART, material)
+    variant = settings.variant
+    return Tier(name, "cloth", variant, CLOTH_ID, (cloth,), SYMMETRIES[variant])
+
+
+def describe(config: GenerateConfig, tier: str) -> Tier:
+    """Return the cloth tier of a dataset."""
+    return cloth_tier(config.cloth, tier)
+
+
+def sample(config: GenerateConfig, streams: RandomStreams) -> SceneObject:
+    """Draw one sequence of a dataset's cloth tier, as `sample_cloth` does."""
+    return sample_cloth(config.cloth, streams, config.frames, temporal=config.episodes)
 
 
 def sample_cloth(
-    settings: ClothSettings,
-    *,
-    tier: str,
-    seed: int,
-    split: str,
-    index: int,
-    frames: int,
-    temporal: bool,
+    settings: ClothSettings, streams: RandomStreams, frames: int = 1, *, temporal: bool = False
 ) -> SceneObject:
     """Sample one sequence of a cloth tier; nothing is simulated before a pose is asked for.
 
     Args:
         settings: The tier's settings.
-        tier: Its name.
-        seed: The dataset's seed.
-        split: Split of the sequence.
-        index: Index of the sequence in tier and split.
+        streams: The sequence and its random numbers.
         frames: Number of frames.
         temporal: True for an episode (frames in time, pick, lift, carry, release); False for
             independent configurations of the same cloth.
@@ -79,12 +92,9 @@ def sample_cloth(
     Raises:
         CallError: The tier names no level.
     """
+    tier = streams.task.tier
     level = settings.level_of(tier)
-    poses: Episode | Configurations
-    if temporal:
-        poses = Episode(settings, level, tier, seed, split, index)
-    else:
-        poses = Configurations(settings, level, tier, seed, split, index)
+    make_poses = Episode if temporal else Configurations
     return SceneObject(
         tier=tier,
         kind="cloth",
@@ -93,7 +103,7 @@ def sample_cloth(
         frames=frames,
         parts=(_part(settings),),
         points=_points(settings),
-        pose=poses,
+        pose=make_poses(settings, level, streams),
         size_m=settings.side_m,
         thickness_m=settings.thickness_m,
         info={
@@ -113,7 +123,7 @@ def _part(settings: ClothSettings) -> Part:
     rest[:, 0] = column / settings.render_cells
     rest[:, 1] = row / settings.render_cells
     return Part(
-        object_id=1,
+        object_id=CLOTH_ID,
         name=PART,
         faces=grid_faces(side, side),
         rest=rest,

@@ -1,33 +1,36 @@
 """The simulator: the state of a sheet and its step, in the order of the course's text.
 
-Each step adds up the forces, moves the masses (Verlet), parts the cloth from itself, then
-from the obstacles, and limits the stretch. `Simulator` knows no tiers and no files.
+Each step adds up the forces, moves the masses (Verlet), lets the colliders correct them in their
+order (the cloth itself, then the obstacles), and limits the stretch. `Simulator` knows no tiers and
+no files.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from pliant.generator.objects.cloth.contact_cs184 import collide_cs184
-from pliant.generator.objects.cloth.contact_pbd import FRICTIONLESS_STEPS, PairContact
 from pliant.generator.objects.cloth.grid import flat_positions
-from pliant.generator.objects.cloth.limit import COURSE_LIMIT, limit_stretch
-from pliant.generator.objects.cloth.obstacles import Obstacle
 from pliant.generator.objects.cloth.springs import (
     COURSE_BENDING_RATIO,
     add_spring_forces,
     build_springs,
 )
-from pliant.generator.objects.cloth.verlet import verlet_step
+from pliant.generator.objects.cloth.step import COURSE_LIMIT, Motion, limit_stretch, verlet_step
+from pliant.generator.scene.scene_object import FloatArray
 
-FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
-Contact = Literal["none", "cs184", "pbd"]
+
+
+class Collider(Protocol):
+    """Anything that corrects masses after they moved: the cloth itself, or an obstacle."""
+
+    def collide(self, positions: FloatArray, previous: FloatArray, free: FloatArray) -> None:
+        """Correct `positions` (float64 (N, 3)) in place; masses with `free` 0 stay."""
 
 
 @dataclass(frozen=True)
@@ -44,13 +47,9 @@ class Sheet:
         bending_ratio: Stiffness of bending springs over `ks`.
         damping_percent: Share of the motion lost per step, percent.
         steps_per_second: 1 / dt (the course: 90 frames per second of 30 steps).
-        steps_per_frame: The course's steps per frame, by which `cs184` divides its pushes.
-        thickness_m: The course's thickness: `cs184` keeps masses 2 x this apart.
+        steps_per_frame: Steps per frame.
         limit: Longest spring over its rest length.
         enabled: Whether structural, shear and bending springs pull.
-        contact: `none`, `cs184` or `pbd`.
-        contact_distance_m: d of `pbd`, metres.
-        contact_friction: Coulomb's coefficient between layers in `pbd`.
         longest_step_m: No mass moves farther in a step; infinity as in the course.
     """
 
@@ -64,12 +63,8 @@ class Sheet:
     damping_percent: float = 0.2
     steps_per_second: float = 2700.0
     steps_per_frame: int = 30
-    thickness_m: float = 0.0095
     limit: float = COURSE_LIMIT
     enabled: tuple[bool, bool, bool] = (True, True, True)
-    contact: Contact = "none"
-    contact_distance_m: float = 0.02
-    contact_friction: float = 0.3
     longest_step_m: float = float("inf")
 
     @property
@@ -101,7 +96,7 @@ class Simulator:
         positions: FloatArray,
         *,
         gravity: Sequence[float],
-        obstacles: Sequence[Obstacle] = (),
+        colliders: Sequence[Collider] = (),
         pinned: BoolArray | None = None,
     ) -> None:
         """Start a sheet at rest.
@@ -110,7 +105,7 @@ class Simulator:
             sheet: Settings.
             positions: float64 (N, 3), metres, where it starts.
             gravity: Acceleration, m/s², three numbers.
-            obstacles: What it collides with, in this order.
+            colliders: What corrects the masses after they moved, in this order.
             pinned: bool (N,), masses that never move.
         """
         self.sheet = sheet
@@ -128,24 +123,13 @@ class Simulator:
         self.previous = self.positions.copy()
         self.forces = np.zeros_like(self.positions)
         self.gravity = np.array(gravity, dtype=np.float64)
-        self.obstacles = tuple(obstacles)
+        self.colliders = tuple(colliders)
         self.free = np.ones(len(self.positions))
         if pinned is not None:
             self.free[pinned] = 0.0
         self.damping = sheet.damping_percent / 100.0
         self.steps = 0
         self._still = np.zeros(3)
-        cells = 3.0 * np.array(
-            [sheet.width_m / sheet.columns, sheet.height_m / sheet.rows], dtype=np.float64
-        )
-        self._cell_m = np.array([cells[0], cells[1], cells.max()])
-        self._pairs = PairContact(
-            rest=self.rest,
-            distance_m=sheet.contact_distance_m,
-            friction=sheet.contact_friction,
-            layer_m=FRICTIONLESS_STEPS * sheet.spacing_m,
-            margin_m=0.75 * sheet.spacing_m,
-        )
 
     @property
     def dt_s(self) -> float:
@@ -160,26 +144,11 @@ class Simulator:
         """
         sheet, springs = self.sheet, self.springs
         add_spring_forces(self.positions, self.forces, springs, sheet.columns, sheet.rows)
-        verlet_step(
-            self.positions,
-            self.previous,
-            self.forces,
-            self.free,
-            self.gravity,
-            self._still if hand_m is None else hand_m,
-            sheet.mass_kg,
-            self.damping,
-            self.dt_s,
-            sheet.longest_step_m,
-        )
-        if sheet.contact == "cs184":
-            collide_cs184(
-                self.positions, self.free, self._cell_m, sheet.thickness_m, sheet.steps_per_frame
-            )
-        elif sheet.contact == "pbd":
-            self._pairs.collide(self.positions, self.previous, self.free)
-        for obstacle in self.obstacles:
-            obstacle.collide(self.positions, self.previous, self.free)
+        hand = self._still if hand_m is None else hand_m
+        motion = Motion(self.gravity, sheet.mass_kg, self.damping, self.dt_s, sheet.longest_step_m)
+        verlet_step(self.positions, self.previous, self.forces, self.free, hand, motion)
+        for collider in self.colliders:
+            collider.collide(self.positions, self.previous, self.free)
         limit_stretch(self.positions, self.free, springs.a, springs.b, springs.rest_m, sheet.limit)
         self.steps += 1
 
@@ -201,12 +170,3 @@ class Simulator:
         """
         self.positions[:] = positions
         self.previous[:] = positions
-
-    def energy(self) -> float:
-        """Return kinetic, elastic and gravitational energy together, joules."""
-        sheet, springs = self.sheet, self.springs
-        lengths = np.linalg.norm(self.positions[springs.a] - self.positions[springs.b], axis=1)
-        elastic = 0.5 * (springs.stiffness * (lengths - springs.rest_m) ** 2).sum()
-        kinetic = 0.5 * sheet.mass_kg * (self.speeds() ** 2).sum()
-        height = -sheet.mass_kg * (self.positions @ self.gravity).sum()
-        return float(elastic + kinetic + height)

@@ -10,13 +10,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int32]
+from pliant.generator.scene.scene_object import FloatArray, IntArray
 
 STRUCTURAL, SHEAR, BENDING = 0, 1, 2
 
@@ -24,8 +23,7 @@ COURSE_BENDING_RATIO = 0.2
 """Stiffness of a bending spring over that of the others in the course."""
 
 
-@dataclass(frozen=True)
-class Family:
+class Family(NamedTuple):
     """All springs of one kind and direction: they have one rest length and one stiffness.
 
     Attributes:
@@ -140,78 +138,44 @@ def add_spring_forces(
         columns: Masses in a row.
         rows: Masses in a column.
     """
-    x, y, z = (np.ascontiguousarray(positions[:, c]).reshape(rows, columns) for c in range(3))
-    fx, fy, fz = (np.zeros((rows, columns)) for _ in range(3))
+    grid = np.ascontiguousarray(positions.T).reshape(3, rows, columns)
+    pulls = np.zeros((3, rows, columns))
     for family in springs.families:
         if family.stiffness != 0.0:
-            _add_family(
-                x,
-                y,
-                z,
-                fx,
-                fy,
-                fz,
-                family.rows,
-                family.columns,
-                family.rest_m,
-                family.stiffness,
-            )
-    for c, component in enumerate((fx, fy, fz)):
-        forces[:, c] += component.ravel()
+            _add_family(grid, pulls, family)
+    forces += pulls.reshape(3, -1).T
 
 
 @njit(cache=True)
-def _add_family(
-    x: FloatArray,
-    y: FloatArray,
-    z: FloatArray,
-    fx: FloatArray,
-    fy: FloatArray,
-    fz: FloatArray,
-    down: int,
-    along: int,
-    rest_m: float,
-    stiffness: float,
-) -> None:
+def _add_family(positions: FloatArray, forces: FloatArray, family: Family) -> None:
     """Add the forces of one family, row by row.
 
     A row's forces are worked out first and then added to the masses at either end: loops
     without a dependence from one spring to the next, which the compiler runs four at a time.
     """
-    rows, columns = x.shape
+    _, rows, columns = positions.shape
+    down, along = family.rows, family.columns
+    rest_m, stiffness = family.rest_m, family.stiffness
     first = max(0, -along)
     count = columns - abs(along)
-    px = np.empty(count)
-    py = np.empty(count)
-    pz = np.empty(count)
+    pulls = np.empty((3, count))
     for row in range(rows - down):
-        ax = x[row, first : first + count]
-        ay = y[row, first : first + count]
-        az = z[row, first : first + count]
-        bx = x[row + down, first + along : first + along + count]
-        by = y[row + down, first + along : first + along + count]
-        bz = z[row + down, first + along : first + along + count]
+        a = positions[:, row, first : first + count]
+        b = positions[:, row + down, first + along : first + along + count]
         for j in range(count):
-            dx = bx[j] - ax[j]
-            dy = by[j] - ay[j]
-            dz = bz[j] - az[j]
+            dx = b[0, j] - a[0, j]
+            dy = b[1, j] - a[1, j]
+            dz = b[2, j] - a[2, j]
             length = math.sqrt(dx * dx + dy * dy + dz * dz)
             # Two masses in one place: there is no direction to push them in.
             pull = stiffness * (length - rest_m) / length if length > 0.0 else 0.0
-            px[j] = pull * dx
-            py[j] = pull * dy
-            pz[j] = pull * dz
-        ax = fx[row, first : first + count]
-        ay = fy[row, first : first + count]
-        az = fz[row, first : first + count]
-        for j in range(count):
-            ax[j] += px[j]
-            ay[j] += py[j]
-            az[j] += pz[j]
-        bx = fx[row + down, first + along : first + along + count]
-        by = fy[row + down, first + along : first + along + count]
-        bz = fz[row + down, first + along : first + along + count]
-        for j in range(count):
-            bx[j] -= px[j]
-            by[j] -= py[j]
-            bz[j] -= pz[j]
+            pulls[0, j] = pull * dx
+            pulls[1, j] = pull * dy
+            pulls[2, j] = pull * dz
+        for c in range(3):
+            at = forces[c, row, first : first + count]
+            for j in range(count):
+                at[j] += pulls[c, j]
+            at = forces[c, row + down, first + along : first + along + count]
+            for j in range(count):
+                at[j] -= pulls[c, j]

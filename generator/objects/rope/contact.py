@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -39,15 +39,6 @@ class Crossing:
     s_under: float
     position_m: tuple[float, float, float]
     sign: int
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the crossing as a JSON object."""
-        return {
-            "s_over": self.s_over,
-            "s_under": self.s_under,
-            "position_m": list(self.position_m),
-            "sign": self.sign,
-        }
 
 
 @njit(cache=True)

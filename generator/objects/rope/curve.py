@@ -1,4 +1,4 @@
-"""Curves in space: Bezier control points with automatic handles, arc length, frames."""
+"""Curves in space: Bezier control points with automatic handles, splines, arc length, frames."""
 
 from __future__ import annotations
 
@@ -104,7 +104,23 @@ def tightest_bend(points: FloatArray) -> float:
 
 
 @njit(cache=True)
-def _transport(points: FloatArray, first: FloatArray, out: FloatArray) -> None:
+def _make_normal(vector: FloatArray, tangent: FloatArray) -> None:
+    """Turn a vector into the unit vector at right angles to a tangent that is nearest to it."""
+    along = 0.0
+    for c in range(3):
+        along += vector[c] * tangent[c]
+    length = 0.0
+    for c in range(3):
+        vector[c] -= along * tangent[c]
+        length += vector[c] ** 2
+    length = math.sqrt(length)
+    for c in range(3):
+        vector[c] /= length
+
+
+@njit(cache=True)
+def _transport(points: FloatArray, tangents: FloatArray, normals: FloatArray) -> None:
+    """Fill tangents, and normals from the first one on."""
     n = points.shape[0]
     for i in range(n):
         # Central differences inside, one-sided at the ends.
@@ -112,21 +128,12 @@ def _transport(points: FloatArray, first: FloatArray, out: FloatArray) -> None:
         high = min(i + 1, n - 1)
         length = 0.0
         for c in range(3):
-            out[i, 0, c] = points[high, c] - points[low, c]
-            length += out[i, 0, c] ** 2
+            tangents[i, c] = points[high, c] - points[low, c]
+            length += tangents[i, c] ** 2
         length = math.sqrt(length)
         for c in range(3):
-            out[i, 0, c] /= length
-    along = 0.0
-    for c in range(3):
-        along += first[c] * out[0, 0, c]
-    length = 0.0
-    for c in range(3):
-        out[0, 1, c] = first[c] - along * out[0, 0, c]
-        length += out[0, 1, c] ** 2
-    length = math.sqrt(length)
-    for c in range(3):
-        out[0, 1, c] /= length
+            tangents[i, c] /= length
+    _make_normal(normals[0], tangents[0])
     for i in range(n - 1):
         # Two reflections: one along the step, one along what is left of the tangent.
         c1 = 0.0
@@ -135,39 +142,22 @@ def _transport(points: FloatArray, first: FloatArray, out: FloatArray) -> None:
         for c in range(3):
             step = points[i + 1, c] - points[i, c]
             c1 += step * step
-            dot_normal += step * out[i, 1, c]
-            dot_tangent += step * out[i, 0, c]
+            dot_normal += step * normals[i, c]
+            dot_tangent += step * tangents[i, c]
         c2 = 0.0
         dot = 0.0
+        rest = np.empty(3)
         for c in range(3):
             step = points[i + 1, c] - points[i, c]
-            normal = out[i, 1, c] - 2.0 / c1 * dot_normal * step
-            tangent = out[i, 0, c] - 2.0 / c1 * dot_tangent * step
-            rest = out[i + 1, 0, c] - tangent
-            c2 += rest * rest
-            dot += rest * normal
-            out[i + 1, 1, c] = normal
-            out[i + 1, 2, c] = rest
-        length = 0.0
-        for c in range(3):
-            if c2 > 1e-24:
-                out[i + 1, 1, c] -= 2.0 / c2 * dot * out[i + 1, 2, c]
-            length += out[i + 1, 1, c] ** 2
+            normals[i + 1, c] = normals[i, c] - 2.0 / c1 * dot_normal * step
+            rest[c] = tangents[i + 1, c] - (tangents[i, c] - 2.0 / c1 * dot_tangent * step)
+            c2 += rest[c] * rest[c]
+            dot += rest[c] * normals[i + 1, c]
+        if c2 > 1e-24:
+            for c in range(3):
+                normals[i + 1, c] -= 2.0 / c2 * dot * rest[c]
         # Keep it a unit vector at right angles against the drift of rounding.
-        along = 0.0
-        for c in range(3):
-            along += out[i + 1, 1, c] * out[i + 1, 0, c]
-        length = 0.0
-        for c in range(3):
-            out[i + 1, 1, c] -= along * out[i + 1, 0, c]
-            length += out[i + 1, 1, c] ** 2
-        length = math.sqrt(length)
-        for c in range(3):
-            out[i + 1, 1, c] /= length
-    for i in range(n):
-        out[i, 2, 0] = out[i, 0, 1] * out[i, 1, 2] - out[i, 0, 2] * out[i, 1, 1]
-        out[i, 2, 1] = out[i, 0, 2] * out[i, 1, 0] - out[i, 0, 0] * out[i, 1, 2]
-        out[i, 2, 2] = out[i, 0, 0] * out[i, 1, 1] - out[i, 0, 1] * out[i, 1, 0]
+        _make_normal(normals[i + 1], tangents[i + 1])
 
 
 def twist_free_frames(points: FloatArray, normal: FloatArray) -> FloatArray:
@@ -184,9 +174,10 @@ def twist_free_frames(points: FloatArray, normal: FloatArray) -> FloatArray:
     Returns:
         float64 (n, 3, 3): tangent, normal, binormal (their cross product) of each point.
     """
-    frames = np.empty((len(points), 3, 3))
-    _transport(np.ascontiguousarray(points), np.ascontiguousarray(normal), frames)
-    return frames
+    tangents, normals = np.empty((len(points), 3)), np.empty((len(points), 3))
+    normals[0] = normal
+    _transport(np.ascontiguousarray(points), tangents, normals)
+    return np.stack([tangents, normals, np.cross(tangents, normals)], axis=1)
 
 
 def turned(vector: FloatArray, before: FloatArray, after: FloatArray) -> FloatArray:
@@ -204,3 +195,61 @@ def turned(vector: FloatArray, before: FloatArray, after: FloatArray) -> FloatAr
     cosine = float((before * after).sum())
     along = float((axis * vector).sum()) / max(1.0 + cosine, 1e-12)
     return cosine * vector + np.cross(axis, vector) + along * axis
+
+
+@njit(cache=True)
+def _through(points: FloatArray, floor: float, per_segment: int, out: FloatArray) -> None:
+    n = points.shape[0]
+    share = np.empty(n)
+    control = np.empty((n + 2, 3))
+    # Control points of the uniform cubic B-spline that passes through the particles, straight
+    # at both ends: (c[i-1] + 4 c[i] + c[i+1]) / 6 = p[i], a tridiagonal system.
+    for c in range(3):
+        control[1, c] = points[0, c]
+        control[n, c] = points[n - 1, c]
+    share[0] = 0.0
+    for i in range(1, n - 1):
+        pivot = 4.0 - share[i - 1]
+        share[i] = 1.0 / pivot
+        for c in range(3):
+            control[i + 1, c] = (6.0 * points[i, c] - control[i, c]) / pivot
+    for i in range(n - 2, 0, -1):
+        for c in range(3):
+            control[i + 1, c] -= share[i] * control[i + 2, c]
+    # A B-spline stays within its control points: none below the floor, no dip into the table.
+    for i in range(1, n + 1):
+        control[i, 2] = max(control[i, 2], floor)
+    for c in range(3):
+        control[0, c] = 2.0 * control[1, c] - control[2, c]
+        control[n + 1, c] = 2.0 * control[n, c] - control[n - 1, c]
+    for i in range(n - 1):
+        for k in range(per_segment):
+            t = k / per_segment
+            u = 1.0 - t
+            for c in range(3):
+                out[i * per_segment + k, c] = (
+                    u**3 * control[i, c]
+                    + (3.0 * t**3 - 6.0 * t * t + 4.0) * control[i + 1, c]
+                    + (3.0 * u**3 - 6.0 * u * u + 4.0) * control[i + 2, c]
+                    + t**3 * control[i + 3, c]
+                ) / 6.0
+    for c in range(3):
+        out[(n - 1) * per_segment, c] = points[n - 1, c]
+    out[(n - 1) * per_segment, 2] = max(points[n - 1, 2], floor)
+
+
+def smooth_curve(points: FloatArray, floor_m: float, per_segment: int = 24) -> FloatArray:
+    """Return points on the natural cubic spline through equally spaced particles.
+
+    Args:
+        points: float64 (n, 3), n >= 3, metres.
+        floor_m: Least height, metres. Where particles rise steeply from it the curve passes
+            above them rather than dip below it in between.
+        per_segment: Points per stretch between two particles.
+
+    Returns:
+        float64 ((n - 1) * per_segment + 1, 3), metres.
+    """
+    out = np.empty(((len(points) - 1) * per_segment + 1, 3))
+    _through(np.ascontiguousarray(points), floor_m, per_segment, out)
+    return out

@@ -8,10 +8,9 @@ from typing import Any, Final
 import numpy as np
 
 from pliant.generator.objects.rope.actions import Action, next_action, outside_by
-from pliant.generator.objects.rope.curve import resample, turned
+from pliant.generator.objects.rope.body import RopeBody, upward_normal
+from pliant.generator.objects.rope.curve import resample, smooth_curve, turned
 from pliant.generator.objects.rope.dynamics import RopeState
-from pliant.generator.objects.rope.posing import RopeBody, upward_normal
-from pliant.generator.objects.rope.spline import smooth_curve
 from pliant.generator.objects.rope.static import sample_configuration
 from pliant.generator.scene.scene_object import FloatArray, Pose
 

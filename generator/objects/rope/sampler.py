@@ -4,26 +4,33 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
+from pliant.generator.config import GenerateConfig
+from pliant.generator.objects.rope.body import RopeBody, upward_normal
+from pliant.generator.objects.rope.episode import Episode
+from pliant.generator.objects.rope.static import sample_configuration
+from pliant.generator.objects.rope.tier import rope_tier
 from pliant.generator.scene.scene_object import Pose, SceneObject
-from pliant.generator.seeding import random_generator
+from pliant.generator.seeding import RandomStreams, Stream, weighted_choice
 from pliant.generator.settings.rope import RopeSettings
-from pliant.spec.errors import CallError, MissingExtraError
+from pliant.spec.errors import CallError
+from pliant.spec.model import Tier
 
 LONGEST_EPISODE = 3000
 """Frames; the physics is checked up to here."""
 
 
+def describe(config: GenerateConfig, tier: str) -> Tier:
+    """Return the rope tier of a dataset."""
+    return rope_tier(config.rope, tier)
+
+
+def sample(config: GenerateConfig, streams: RandomStreams) -> SceneObject:
+    """Draw one sequence of a dataset's rope tier, as `sample_rope` does."""
+    return sample_rope(config.rope, streams, config.frames, temporal=config.episodes)
+
+
 def sample_rope(
-    settings: RopeSettings,
-    *,
-    tier: str,
-    seed: int,
-    split: str,
-    index: int,
-    frames: int,
-    temporal: bool,
+    settings: RopeSettings, streams: RandomStreams, frames: int = 1, *, temporal: bool = False
 ) -> SceneObject:
     """Return one sequence of a rope.
 
@@ -32,10 +39,7 @@ def sample_rope(
 
     Args:
         settings: The tier's settings.
-        tier: Tier name.
-        seed: The dataset's seed, >= 0.
-        split: Split name.
-        index: Index of the sequence in its tier and split, >= 0.
+        streams: The sequence and its random numbers.
         frames: Number of frames, 1 or more; at most 3,000 for an episode.
         temporal: True for an episode.
 
@@ -45,7 +49,6 @@ def sample_rope(
     Raises:
         CallError: The number of frames is impossible.
         GenerationError: A shape finds no room under these settings.
-        MissingExtraError: numba is not installed.
     """
     if frames < 1:
         raise CallError(
@@ -59,22 +62,12 @@ def sample_rope(
             required=f"at most {LONGEST_EPISODE}",
             fix="Make more episodes instead.",
         )
-    try:
-        from pliant.generator.objects.rope.episode import Episode
-        from pliant.generator.objects.rope.posing import RopeBody, upward_normal
-        from pliant.generator.objects.rope.static import sample_configuration
-    except ImportError as error:
-        raise MissingExtraError("making ropes", "generate") from error
-
-    shape_rng = random_generator(seed, tier, split, index, stream="rope shape")
-    names = sorted(name for name, weight in settings.shapes.items() if weight > 0)
-    weights = np.array([settings.shapes[name] for name in names])
-    shape = names[int(shape_rng.choice(len(names), p=weights / weights.sum()))]
+    shape = weighted_choice(streams.generator(Stream.ROPE_SHAPE), settings.shapes)
     body = RopeBody(settings)
     roll_limit = math.radians(settings.roll_deg)
 
     def still(frame: int) -> Pose:
-        rng = random_generator(seed, tier, split, index, frame, stream="rope configuration")
+        rng = streams.generator(Stream.ROPE_CONFIGURATION, frame)
         made = sample_configuration(shape, settings, rng)
         roll = rng.uniform(-roll_limit, roll_limit)
         info = {
@@ -90,13 +83,9 @@ def sample_rope(
 
     pose = still
     if temporal:
-        pose = Episode(
-            body,
-            shape,
-            lambda: random_generator(seed, tier, split, index, stream="rope episode"),
-        ).pose
+        pose = Episode(body, shape, lambda: streams.generator(Stream.ROPE_EPISODE)).pose
     return SceneObject(
-        tier=tier,
+        tier=streams.task.tier,
         kind="rope",
         shape=shape,
         temporal=temporal,

@@ -21,6 +21,7 @@ from pliant.generator.objects.rope.curve import (
     resample,
 )
 from pliant.generator.scene.scene_object import FloatArray
+from pliant.generator.seeding import weighted_choice
 from pliant.generator.settings.rope import RopeSettings
 
 BoolArray = npt.NDArray[np.bool_]
@@ -64,9 +65,7 @@ def sample_variant(shape: str, settings: RopeSettings, rng: np.random.Generator)
         A knot; `tucked` or `plain` for a loop; `plain` for the others.
     """
     if shape == "knot":
-        names = sorted(name for name, weight in settings.knots.items() if weight > 0)
-        weights = np.array([settings.knots[name] for name in names])
-        return names[int(rng.choice(len(names), p=weights / weights.sum()))]
+        return weighted_choice(rng, settings.knots)
     return "tucked" if shape == "loop" and rng.random() < 0.5 else "plain"
 
 
@@ -132,20 +131,9 @@ def _place_nodes(path: FloatArray, count: int) -> FloatArray:
     return np.stack([np.interp(at, order, path[:, k]) for k in range(2)], axis=1)
 
 
-def _later_over(_early: FloatArray, late: FloatArray) -> BoolArray:
-    return np.ones(len(late), dtype=bool)
-
-
-def _later_under(_early: FloatArray, late: FloatArray) -> BoolArray:
-    return np.zeros(len(late), dtype=bool)
-
-
-def _over_then_under(_early: FloatArray, late: FloatArray) -> BoolArray:
-    return np.arange(len(late)) % 2 == 0
-
-
-def _under_then_over(_early: FloatArray, late: FloatArray) -> BoolArray:
-    return np.arange(len(late)) % 2 == 1
+def _in_turn(*late_over: bool) -> Callable[[FloatArray, FloatArray], BoolArray]:
+    """Return a plan's `late_over` that gives the crossings these values in turn."""
+    return lambda _early, late: np.resize(np.array(late_over), len(late))
 
 
 def _open(settings: RopeSettings, rng: np.random.Generator) -> Plan:
@@ -154,7 +142,7 @@ def _open(settings: RopeSettings, rng: np.random.Generator) -> Plan:
     # The paper's "some nodes pulled": a few are displaced.
     pulled = rng.random(len(nodes)) < 0.25
     nodes = nodes + pulled[:, None] * rng.normal(0.0, 0.018 * settings.length_m, nodes.shape)
-    return Plan(nodes, _later_over, (0, 0), (0.0, 1.0), {"pulled_nodes": float(pulled.sum())})
+    return Plan(nodes, _in_turn(True), (0, 0), (0.0, 1.0), {"pulled_nodes": float(pulled.sum())})
 
 
 def _loop(settings: RopeSettings, rng: np.random.Generator) -> Plan:
@@ -167,9 +155,9 @@ def _loop(settings: RopeSettings, rng: np.random.Generator) -> Plan:
         start, start + share, side * angle
     )
     nodes = _place_nodes(_walk(heading, settings.length_m), settings.control_points)
-    layers = (_later_over, _later_under)
+    over = rng.integers(2) == 0
     detail: dict[str, float | str | bool] = {"loop_radius_m": radius, "tucked": False}
-    return Plan(nodes, layers[int(rng.integers(2))], (1, 2), (0.0, 0.6), detail)
+    return Plan(nodes, _in_turn(over), (1, 2), (0.0, 0.6), detail)
 
 
 def _tucked(settings: RopeSettings, rng: np.random.Generator) -> Plan:
@@ -193,9 +181,9 @@ def _tucked(settings: RopeSettings, rng: np.random.Generator) -> Plan:
     if not settings.ball and rng.random() < 0.5:
         path = path[::-1]
     nodes = _place_nodes(path, settings.control_points)
-    layers = (_over_then_under, _under_then_over)
+    over = rng.integers(2) == 0
     detail: dict[str, float | str | bool] = {"loop_radius_m": radius, "tucked": True}
-    return Plan(nodes, layers[int(rng.integers(2))], (2, 2), (0.0, 1.0), detail)
+    return Plan(nodes, _in_turn(over, not over), (2, 2), (0.0, 1.0), detail)
 
 
 def _overlap(settings: RopeSettings, rng: np.random.Generator) -> Plan:
@@ -207,8 +195,8 @@ def _overlap(settings: RopeSettings, rng: np.random.Generator) -> Plan:
         start = rng.uniform(0.1, 0.3)
         heading = _wander(rng, 0.6, 0.4, 1.5) + _turn(start, start + rng.uniform(0.4, 0.6), angle)
     nodes = _place_nodes(_walk(heading, settings.length_m), settings.control_points)
-    layers = (_later_over, _later_under)
-    return Plan(nodes, layers[int(rng.integers(2))], (1, 3), (0.33, 1.0), {})
+    over = rng.integers(2) == 0
+    return Plan(nodes, _in_turn(over), (1, 3), (0.33, 1.0), {})
 
 
 # Two knots drawn as a lying figure of eight: three strands run through the waist, and each

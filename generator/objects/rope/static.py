@@ -8,7 +8,6 @@ from typing import Any, Final
 
 import numpy as np
 
-from pliant.generator.objects.rope.ball import BALL_DEPTH
 from pliant.generator.objects.rope.contact import STATIC_RULE, nearest_stretches, plane_crossings
 from pliant.generator.objects.rope.curve import (
     arc_length,
@@ -18,6 +17,7 @@ from pliant.generator.objects.rope.curve import (
     tightest_bend,
 )
 from pliant.generator.objects.rope.lift import lift
+from pliant.generator.objects.rope.mesh import BALL_DEPTH
 from pliant.generator.objects.rope.shapes import Plan, plan_shape, sample_variant
 from pliant.generator.scene.scene_object import FloatArray
 from pliant.generator.settings.rope import RopeSettings

@@ -16,13 +16,12 @@ from pliant.generator.rendering.depth_camera import (
     slope_to_the_right,
     table_distance_m,
 )
-from pliant.generator.runner.plan import SequenceTask
 from pliant.generator.runner.sequence import SequenceMaker
 from pliant.generator.scene.appearance import sample_appearance
 from pliant.generator.scene.camera import Camera
 from pliant.generator.scene.scene_object import SceneObject
-from pliant.generator.settings.appearance import AppearanceSettings
-from pliant.generator.settings.faults import DepthCameraSettings
+from pliant.generator.seeding import RandomStreams, SequenceTask, Stream
+from pliant.generator.settings import AppearanceSettings, DepthCameraSettings
 from pliant.generator.truth.frame_truth import FrameTruth, frame_truth
 from pliant.spec.errors import CallError
 
@@ -111,8 +110,9 @@ def test_faults_follow_from_the_datasets_seed(tmp_path: Path, tube: SceneObject)
         )  # fmt: skip
         maker = SequenceMaker(config, tmp_path / str(seed), tmp_path / "scratch")
         for index in range(2):
+            streams = RandomStreams(seed, SequenceTask("rope", "test", index))
             for frame in range(2):
-                rng = maker._random(SequenceTask("rope", "test", index), "depth-camera", frame)
+                rng = streams.generator(Stream.DEPTH_CAMERA, frame)
                 maker.renderer.begin(tube, appearance, VIEW)
                 rgb = maker.renderer.render(tube.pose(0), truth, rng)
                 pictures[seed, index, frame] = rgb.tobytes()

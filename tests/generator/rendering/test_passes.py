@@ -9,7 +9,8 @@ from pliant.generator.objects.cloth import ClothSettings, sample_cloth
 from pliant.generator.objects.rope import RopeSettings, sample_rope
 from pliant.generator.scene.camera import sample_camera
 from pliant.generator.scene.scene_object import SceneObject
-from pliant.generator.settings.camera import CameraSettings
+from pliant.generator.seeding import RandomStreams, SequenceTask
+from pliant.generator.settings import CameraSettings
 from pliant.generator.truth.frame_truth import frame_truth
 
 SIZE = (320, 240)
@@ -17,17 +18,17 @@ COARSE_CLOTH = ClothSettings(points_a_side=25, tracked_a_side=9, coverage_band=(
 
 
 def small_scene(tier: str) -> SceneObject:
-    place = {"seed": 0, "split": "train", "index": 0, "frames": 1, "temporal": False}
+    streams = RandomStreams(0, SequenceTask(tier, "train", 0))
     if tier == "rope":
-        return sample_rope(RopeSettings(), tier=tier, **place)  # type: ignore[arg-type]
-    return sample_cloth(COARSE_CLOTH, tier=tier, **place)  # type: ignore[arg-type]
+        return sample_rope(RopeSettings(), streams)
+    return sample_cloth(COARSE_CLOTH, streams)
 
 
 @pytest.mark.blender
 @pytest.mark.parametrize("tier", ["rope", "cloth-1", "cloth-2", "cloth-3"])
 def test_the_truth_equals_the_passes_of_cycles(tier: str) -> None:
     """Cycles works in float32: a pixel whose centre lies on an outline may fall either way."""
-    from pliant.generator.rendering.passes import PassRenderer
+    from cycles_passes import PassRenderer
 
     scene_object = small_scene(tier)
     pose = scene_object.pose(0)

@@ -20,9 +20,8 @@ from pliant.generator.scene.appearance import (
     sample_appearance,
 )
 from pliant.generator.scene.camera import Camera
-from pliant.generator.scene.scene_mesh import SceneMesh
-from pliant.generator.scene.scene_object import SceneObject
-from pliant.generator.settings.appearance import AppearanceSettings
+from pliant.generator.scene.scene_object import SceneMesh, SceneObject
+from pliant.generator.settings import AppearanceSettings
 from pliant.generator.truth.frame_truth import frame_truth
 from pliant.spec.errors import CallError
 
@@ -72,7 +71,7 @@ def test_a_shadow_falls_where_the_sun_says_and_is_half_at_its_edge() -> None:
     shadow = shadow_map(vertices, faces, HIGH_SUN)
 
     def lit(x: float) -> float:
-        places = [sunlight(x, 0.001 * k, 0.0, k, k // 4, *shadow.arguments()) for k in range(16)]
+        places = [sunlight(x, 0.001 * k, 0.0, k, k // 4, shadow) for k in range(16)]
         return float(np.mean(places))
 
     assert lit(-0.15) == 0.0

@@ -19,11 +19,10 @@ import numpy as np
 
 from pliant.generator.config import GenerateConfig
 from pliant.generator.runner.engine import SequenceResult
-from pliant.generator.runner.plan import SequenceTask
 from pliant.generator.runner.sequence_writer import SequenceWriter
 from pliant.generator.scene.camera import Camera
 from pliant.generator.scene.scene_object import Points
-from pliant.generator.seeding import random_generator
+from pliant.generator.seeding import RandomStreams, SequenceTask, Stream
 from pliant.generator.truth.frame_truth import FrameTruth
 from pliant.generator.truth.rasteriser import Hits
 from pliant.spec.io.images import Surface
@@ -48,9 +47,8 @@ class StandInMaker:
         scratch = self.root / ".pliant" / "partial"
         with SequenceWriter(task.folder(self.root), scratch) as writer:
             for frame in range(self.config.frames):
-                rng = random_generator(
-                    self.config.seed, task.tier, task.split, task.index, frame, stream="standin"
-                )
+                streams = RandomStreams(self.config.seed, task)
+                rng = streams.generator(Stream.NOISE, frame)
                 time.sleep(self.frame_s)
                 if frame == self.config.frames // 2:
                     self._fail(task)

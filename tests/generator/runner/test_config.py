@@ -6,8 +6,10 @@ import pytest
 
 from pliant.generator.config import GenerateConfig, QuerySettings, split_counts
 from pliant.generator.runner.plan import plan_tasks
-from pliant.generator.settings.rope import RopeSettings
+from pliant.generator.settings import RopeSettings
+from pliant.spec.configuration import read_settings, settings_from
 from pliant.spec.errors import CallError
+from pliant.spec.io.yamlfiles import yaml_text
 
 
 def test_round_trip_through_yaml_and_json(tmp_path):
@@ -20,10 +22,10 @@ def test_round_trip_through_yaml_and_json(tmp_path):
         rope=RopeSettings(length_m=1.0),
         queries=QuerySettings(queries_per_pair=9, splits=("test",)),
     )
-    (tmp_path / "c.yaml").write_text(config.to_yaml())
+    (tmp_path / "c.yaml").write_text(yaml_text(config.to_dict()))
     (tmp_path / "c.json").write_text(json.dumps(config.to_dict()))
-    assert GenerateConfig.from_file(tmp_path / "c.yaml") == config
-    assert GenerateConfig.from_file(tmp_path / "c.json") == config
+    assert read_settings(GenerateConfig, tmp_path / "c.yaml") == config
+    assert read_settings(GenerateConfig, tmp_path / "c.json") == config
     assert config.tiers == ("rope", "cloth-1")
     assert list(config.counts) == ["train", "test"]
 
@@ -55,21 +57,21 @@ def test_round_trip_through_yaml_and_json(tmp_path):
 )
 def test_refuses_and_names_the_field(values, named):
     with pytest.raises(CallError, match=named):
-        GenerateConfig.from_dict(values)
+        settings_from(GenerateConfig, values)
 
 
 def test_the_depth_camera_belongs_to_its_style():
     values = {"tiers": ["rope"], "style": "real-depth"}
     assert "depth_camera" not in GenerateConfig(tiers=("rope",)).resolved()
-    plain = GenerateConfig.from_dict(values)
+    plain = settings_from(GenerateConfig, values)
     assert "depth_camera" not in plain.to_dict()
     filled = plain.resolved()
     assert filled["depth_camera"]["table_grey"] == [142.0, 154.0]
-    assert GenerateConfig.from_dict(filled).resolved() == filled
+    assert settings_from(GenerateConfig, filled).resolved() == filled
     with pytest.raises(CallError, match=r"depth_camera\.holes: unknown setting"):
-        GenerateConfig.from_dict({**values, "depth_camera": {"holes": 3}})
+        settings_from(GenerateConfig, {**values, "depth_camera": {"holes": 3}})
     with pytest.raises(CallError, match=r"style.*found \"raster\"; required: real-depth"):
-        GenerateConfig.from_dict({**values, "style": "raster", "depth_camera": {}})
+        settings_from(GenerateConfig, {**values, "style": "raster", "depth_camera": {}})
 
 
 def test_config_files_that_are_none(tmp_path):
@@ -78,7 +80,7 @@ def test_config_files_that_are_none(tmp_path):
     (tmp_path / "broken.json").write_text("{")
     for name in ("list.yaml", "broken.yaml", "broken.json", "missing.yaml"):
         with pytest.raises(CallError, match=name):
-            GenerateConfig.from_file(tmp_path / name)
+            read_settings(GenerateConfig, tmp_path / name)
 
 
 def test_splits_never_shrink_as_a_set_grows():

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from pliant.generator.config import GenerateConfig
 from pliant.generator.runner.run import generate
-from pliant.generator.settings.appearance import AppearanceSettings
-from pliant.generator.settings.cloth import ClothSettings
-from pliant.generator.settings.rope import RopeSettings
+from pliant.generator.settings import AppearanceSettings, ClothSettings, RopeSettings
+from pliant.spec.configuration import settings_from
 
 
 def config(style, count):
@@ -36,8 +37,8 @@ def test_grown_by_three_workers_equals_made_at_once_by_one(style, digests, tmp_p
 
 
 def test_noise_changes_the_colours_alone(digests, tmp_path):
-    plain = config("raster", 1).with_changes(tiers=("rope",))
-    noisy = plain.with_changes(noise={"gaussian": [2.0, 2.0]})
+    plain = replace(config("raster", 1), tiers=("rope",))
+    noisy = replace(plain, noise={"gaussian": [2.0, 2.0]})
     generate(plain, tmp_path / "plain")
     generate(noisy, tmp_path / "noisy")
     before, after = digests(tmp_path / "plain"), digests(tmp_path / "noisy")
@@ -49,8 +50,8 @@ def test_the_depth_camera_changes_the_colours_alone(digests, tmp_path):
     """Its pictures are of the same truth, the same queries and the same cameras."""
     from pliant.spec.dataset import Dataset
 
-    small = config("raster", 1).with_changes(tiers=("rope",))
-    deep = small.with_changes(style="real-depth", depth_camera={"specks": [2, 2]})
+    small = replace(config("raster", 1), tiers=("rope",))
+    deep = replace(small, style="real-depth", depth_camera={"specks": [2, 2]})
     generate(small, tmp_path / "raster")
     generate(deep, tmp_path / "deep")
     before, after = digests(tmp_path / "raster"), digests(tmp_path / "deep")
@@ -91,7 +92,7 @@ def test_sequences_share_materials_and_another_set_has_others(tmp_path):
         style="raster",
         look=AppearanceSettings(materials=1),
     )
-    other_look = small.with_changes(look=AppearanceSettings(materials=1, first_material=1))
+    other_look = replace(small, look=AppearanceSettings(materials=1, first_material=1))
     generate(small, tmp_path / "seen")
     generate(other_look, tmp_path / "unseen")
     seen, unseen = (
@@ -125,7 +126,7 @@ def test_a_dataset_says_how_to_make_it_again(digests, tmp_path):
     )
     generate(given, tmp_path / "first")
     document = json.loads((tmp_path / "first" / "dataset.json").read_text())
-    again = GenerateConfig.from_dict(document["provenance"]["config"])
+    again = settings_from(GenerateConfig, document["provenance"]["config"])
     generate(again, tmp_path / "again")
     first, second = digests(tmp_path / "first"), digests(tmp_path / "again")
     differing = {name for name in first if first[name] != second[name]}

@@ -63,7 +63,8 @@ def test_growth_that_was_interrupted_before_the_tables_is_finished(
     out = tmp_path / "set"
     make(out, splits={"test": 2})
     with monkeypatch.context() as patch:
-        patch.setattr("pliant.generator.runner.run._finish", lambda *_: 1 / 0)
+        tables = "pliant.generator.runner.dataset_files.write_dataset_files"
+        patch.setattr(tables, lambda *_: 1 / 0)
         with pytest.raises(ZeroDivisionError):
             make(out)
     assert make(out).made == 0

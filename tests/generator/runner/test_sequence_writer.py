@@ -8,7 +8,7 @@ import pyarrow as pa
 import pytest
 
 from pliant.generator.runner import sequence_writer
-from pliant.generator.runner.plan import SequenceTask
+from pliant.generator.seeding import SequenceTask
 from pliant.spec.io.checksums import sha256_file
 from pliant.spec.io.parquet import TableWriter, read_footer, read_table, write_table
 

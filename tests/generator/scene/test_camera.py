@@ -7,7 +7,7 @@ import pytest
 
 from pliant.generator.scene.camera import Camera, sample_camera
 from pliant.generator.scene.scene_object import SceneObject
-from pliant.generator.settings.camera import CameraSettings
+from pliant.generator.settings.scene import CameraSettings
 from pliant.spec.errors import CallError
 
 

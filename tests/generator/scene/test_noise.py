@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pliant.generator.scene.noise import apply_noise, perlin_noise
-from pliant.generator.settings.faults import NoiseSettings
+from pliant.generator.settings.scene import NoiseSettings
 from pliant.spec.errors import CallError
 from pliant.spec.io.images import Surface
 

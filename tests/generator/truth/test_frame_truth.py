@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from pliant.generator.scene.camera import Camera, sample_camera
-from pliant.generator.scene.scene_mesh import SceneMesh
-from pliant.generator.scene.scene_object import Part, Points, Pose, SceneObject
-from pliant.generator.settings.camera import CameraSettings
+from pliant.generator.scene.scene_object import Part, Points, Pose, SceneMesh, SceneObject
+from pliant.generator.settings import CameraSettings
 from pliant.generator.truth.frame_truth import FrameTruth, frame_truth
 
 

@@ -8,8 +8,8 @@ import pytest
 
 from pliant.generator.config import GenerateConfig, QuerySettings
 from pliant.generator.runner.manifest import refuse_changes
-from pliant.generator.runner.plan import SequenceTask
 from pliant.generator.runner.run import generate
+from pliant.generator.seeding import SequenceTask
 from pliant.generator.truth.queries import Pair
 from pliant.generator.truth.query_sampling import (
     FrameRef,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from pliant.generator.objects.cloth.contact_pbd import PairContact, part_pairs
+from pliant.generator.objects.cloth.contact_pbd import Layers, PairContact, Pairs, part_pairs
 
 
 def part(
@@ -17,16 +17,9 @@ def part(
     target: float = 1.0,
 ) -> np.ndarray:
     x = np.array(positions)
-    part_pairs(
-        x,
-        np.array(previous),
-        np.array(free),
-        np.array([0], np.int32),
-        np.array([1], np.int32),
-        np.array([target]),
-        np.array([friction]),
-        1,
-    )
+    ends = np.array([0], np.int32), np.array([1], np.int32)
+    pairs = Pairs(*ends, np.array([target]), np.array([friction]))
+    part_pairs(x, np.array(previous), np.array(free), pairs, 1)
     return x
 
 
@@ -61,18 +54,11 @@ def test_friction_brakes_the_slip_by_at_most_its_share_of_the_push() -> None:
 
 
 def contact_of(rest: np.ndarray) -> PairContact:
-    return PairContact(rest=rest, distance_m=0.1, friction=0.3, layer_m=0.29, margin_m=0.06)
+    return PairContact(rest, Layers(distance_m=0.1, friction=0.3, layer_m=0.29, margin_m=0.06))
 
 
 def listed(contact: PairContact) -> dict[tuple[int, int], tuple[float, float]]:
-    rows = slice(0, contact._count)
-    pairs = zip(
-        contact._first[rows],
-        contact._second[rows],
-        contact._target[rows],
-        contact._friction[rows],
-        strict=True,
-    )
+    pairs = zip(*(column[: contact._count] for column in contact._pairs), strict=True)
     return {(min(i, j), max(i, j)): (target, friction) for i, j, target, friction in pairs}
 
 

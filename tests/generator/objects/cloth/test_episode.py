@@ -9,18 +9,18 @@ import pytest
 
 from pliant.generator.objects.cloth import ClothSettings, sample_cloth
 from pliant.generator.objects.cloth.grid import grid_mesh
-from pliant.generator.objects.cloth.hand import Action, grip, hand_path, hand_steps
+from pliant.generator.objects.cloth.handling import Action, grip, hand_path, hand_steps
 from pliant.generator.objects.cloth.intersections import find_intersections
 from pliant.generator.scene.scene_object import SceneObject
+from pliant.generator.seeding import RandomStreams, SequenceTask
 
 COARSE = ClothSettings(points_a_side=33)
 FRAMES = 120
 
 
 def episode(tier: str, frames: int = FRAMES) -> SceneObject:
-    return sample_cloth(
-        COARSE, tier=tier, seed=0, split="train", index=3, frames=frames, temporal=True
-    )
+    streams = RandomStreams(0, SequenceTask(tier, "train", 3))
+    return sample_cloth(COARSE, streams, frames, temporal=True)
 
 
 def test_the_hand_goes_where_it_is_told() -> None:

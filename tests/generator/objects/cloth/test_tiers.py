@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import importlib.util
 import json
 from pathlib import Path
@@ -10,23 +9,28 @@ from typing import Any, get_args
 
 import numpy as np
 import pytest
+from course_cloth import CellContact
 
 from pliant.generator.objects.cloth import ClothSettings, cloth_tier, sample_cloth
+from pliant.generator.objects.cloth.contact_pbd import PairContact
 from pliant.generator.objects.cloth.grid import flat_positions, grid_mesh
-from pliant.generator.objects.cloth.hand import Action, perform
+from pliant.generator.objects.cloth.handling import Action, perform
 from pliant.generator.objects.cloth.intersections import find_intersections
-from pliant.generator.objects.cloth.obstacles import Table
-from pliant.generator.objects.cloth.simulator import Simulator
+from pliant.generator.objects.cloth.simulator import Collider, Simulator
+from pliant.generator.objects.cloth.step import Table
 from pliant.generator.scene.scene_object import Pose, SceneObject
+from pliant.generator.seeding import RandomStreams, SequenceTask
 from pliant.generator.settings.cloth import COVERAGE_BANDS, Variant
 from pliant.spec.errors import GenerationError
+from pliant.spec.model import MaterialCoordinate
 
 COARSE = ClothSettings(points_a_side=33)
 
 
 def sample(tier: str, settings: ClothSettings = COARSE, **changes: Any) -> SceneObject:
-    call = {"seed": 0, "split": "train", "index": 0, "frames": 3, "temporal": False, **changes}
-    return sample_cloth(settings, tier=tier, **call)
+    call = {"seed": 0, "split": "train", "index": 0, "frames": 3, **changes}
+    streams = RandomStreams(call["seed"], SequenceTask(tier, call["split"], call["index"]))
+    return sample_cloth(settings, streams, call["frames"])
 
 
 def count_intersections(pose: Pose, scene_object: SceneObject) -> int:
@@ -101,19 +105,19 @@ def test_points_and_partners_are_exact(variant: Variant) -> None:
     scene_object = sample("cloth-2", settings)
     tier = cloth_tier(settings, "cloth-2")
     points, part = scene_object.points, scene_object.parts[0]
-    assert scene_object.variant == tier["variant"] == variant
+    assert scene_object.variant == tier.variant == variant
     assert len(points.vertex) == 33 * 33
     assert part.double_sided
     np.testing.assert_array_equal(part.chart(part.rest[points.vertex]), points.material)
     expected = {"plain": 7, "two-sided": 3, "striped": 1, "printed": 0}
-    assert len(tier["symmetries"]) == expected[variant]
+    assert len(tier.symmetries) == expected[variant]
     assert points.partners.shape == (33 * 33, expected[variant])
     seen = {tuple(range(33 * 33))}
-    for column, symmetry in enumerate(tier["symmetries"]):
+    for column, symmetry in enumerate(tier.symmetries):
         partner = points.partners[:, column]
         assert sorted(partner) == list(range(33 * 33))
-        mapped = points.material @ np.array(symmetry["matrix"], np.float32).T
-        mapped += np.array(symmetry["offset"], np.float32)
+        mapped = points.material @ np.array(symmetry.matrix, np.float32).T
+        mapped += np.array(symmetry.offset, np.float32)
         np.testing.assert_array_equal(points.material[partner], mapped)
         seen.add(tuple(partner))
     assert len(seen) == expected[variant] + 1  # all different, none the identity
@@ -128,19 +132,19 @@ def test_the_symmetries_are_a_group_of_the_square(variant: Variant) -> None:
         for two in maps:
             assert tuple(np.array(one)[list(two)]) in maps
     # A two-sided cloth keeps only maps that can be had without turning it over.
-    for symmetry in cloth_tier(settings, "t")["symmetries"]:
-        determinant = round(np.linalg.det(np.array(symmetry["matrix"])))
+    for symmetry in cloth_tier(settings, "t").symmetries:
+        determinant = round(np.linalg.det(np.array(symmetry.matrix)))
         assert determinant == 1 or variant == "plain"
 
 
 def test_the_tier_describes_the_material() -> None:
     tier = cloth_tier(ClothSettings(side_m=0.8), "cloth-1")
-    assert tier["name"] == "cloth-1"
-    assert tier["kind"] == "cloth"
-    u, v = tier["objects"][0]["material"]
-    assert u == {"name": "u", "min": 0.0, "max": 1.0, "metres_per_unit": 0.8, "period": None}
-    assert v["name"] == "v"
-    assert tier["queried_object"] == tier["objects"][0]["id"] == 1
+    assert tier.name == "cloth-1"
+    assert tier.kind == "cloth"
+    u, v = tier.objects[0].material
+    assert u == MaterialCoordinate("u", min=0.0, max=1.0, metres_per_unit=0.8, period=None)
+    assert v.name == "v"
+    assert tier.queried_object == tier.objects[0].id == 1
     scene_object = sample("cloth-1", ClothSettings(side_m=0.8))
     assert scene_object.size_m == 0.8
     assert json.loads(json.dumps(scene_object.info)) == scene_object.info
@@ -160,18 +164,17 @@ def test_contact_holds_where_the_courses_lets_the_cloth_through() -> None:
     settings = ClothSettings(points_a_side=side, tracked_a_side=25)
     faces, edges = grid_mesh(side, side)
     crossings = {}
-    for contact in ("none", "cs184", "pbd"):
-        spacing_m = settings.side_m / (side - 1)
-        sheet = dataclasses.replace(
-            settings.sheet(),
-            contact=contact,
-            thickness_m=0.5 * spacing_m,  # both schemes part masses to one spacing
-        )
+    sheet = settings.sheet()
+    schemes: dict[str, tuple[Collider, ...]] = {  # both part masses to one spacing
+        "none": (),
+        "cs184": (CellContact(sheet, 0.5 * sheet.spacing_m),),
+        "pbd": (PairContact.of(sheet, sheet.spacing_m, settings.cloth_friction),),
+    }
+    for contact, own in schemes.items():
         flat = flat_positions(side, side, settings.side_m, settings.side_m)
         flat[:, 2] = np.random.default_rng(0).uniform(0.001, 0.0011, len(flat))
-        simulator = Simulator(
-            sheet, flat, gravity=(0.0, 0.0, -9.8), obstacles=[Table(0.001, friction=0.6)]
-        )
+        colliders = [*own, Table(0.001, friction=0.6)]
+        simulator = Simulator(sheet, flat, gravity=(0.0, 0.0, -9.8), colliders=colliders)
         middle = (side // 2) * side + side // 2
         for _ in perform(simulator, Action("drop", middle, (0.1, 0.05), 0.3, 0.1, 0.6)):
             pass

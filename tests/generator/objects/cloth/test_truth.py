@@ -8,7 +8,8 @@ import pytest
 from pliant.generator.objects.cloth import ClothSettings, sample_cloth
 from pliant.generator.scene.camera import Camera, sample_camera
 from pliant.generator.scene.scene_object import SceneObject
-from pliant.generator.settings.camera import CameraSettings
+from pliant.generator.seeding import RandomStreams, SequenceTask
+from pliant.generator.settings import CameraSettings
 from pliant.generator.truth.frame_truth import FrameTruth, frame_truth
 
 Seen = tuple[SceneObject, Camera, FrameTruth]
@@ -17,13 +18,7 @@ Seen = tuple[SceneObject, Camera, FrameTruth]
 @pytest.fixture(scope="module", params=[1.0, 0.0], ids=["top", "oblique"])
 def seen(request: pytest.FixtureRequest) -> Seen:
     scene_object = sample_cloth(
-        ClothSettings(points_a_side=33),
-        tier="cloth-3",
-        seed=0,
-        split="train",
-        index=0,
-        frames=1,
-        temporal=False,
+        ClothSettings(points_a_side=33), RandomStreams(0, SequenceTask("cloth-3", "train", 0))
     )
     settings = CameraSettings(top=request.param, oblique=1.0 - request.param)
     camera = sample_camera(np.random.default_rng(1), scene_object, settings, (640, 480))

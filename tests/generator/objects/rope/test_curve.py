@@ -13,11 +13,11 @@ from pliant.generator.objects.rope.curve import (
     automatic_handles,
     bezier_curve,
     resample,
+    smooth_curve,
     tightest_bend,
     turned,
     twist_free_frames,
 )
-from pliant.generator.objects.rope.spline import smooth_curve
 
 
 def test_handles_bisect_their_neighbours() -> None:

@@ -13,10 +13,11 @@ import pytest
 
 from pliant.generator.objects.rope import RopeSettings, sample_rope
 from pliant.generator.objects.rope.actions import next_action
+from pliant.generator.objects.rope.body import RopeBody
 from pliant.generator.objects.rope.dynamics import RopeState
 from pliant.generator.objects.rope.episode import Episode
-from pliant.generator.objects.rope.posing import RopeBody
 from pliant.generator.scene.scene_object import SceneObject
+from pliant.generator.seeding import RandomStreams, SequenceTask
 from tests.generator.objects.rope.rope_checks import closest_stretches
 
 ROOT = Path(__file__).parents[4]
@@ -32,7 +33,11 @@ def sequence(settings: RopeSettings = SETTINGS, **changes: Any) -> SceneObject:
         "frames": 40,
         "temporal": True,
     }
-    return sample_rope(settings, **(values | changes))
+    values |= changes
+    streams = RandomStreams(
+        values["seed"], SequenceTask(values["tier"], values["split"], values["index"])
+    )
+    return sample_rope(settings, streams, values["frames"], temporal=values["temporal"])
 
 
 def digest(scene_object: SceneObject, frames: list[int]) -> str:

@@ -9,9 +9,15 @@ import numpy as np
 import pytest
 
 from pliant.generator.objects.rope import RopeSettings
-from pliant.generator.objects.rope.ball import ball_chart, ball_mesh
-from pliant.generator.objects.rope.mesh import RopeMesh, bend, rope_chart, rope_mesh
-from pliant.generator.objects.rope.points import rope_points
+from pliant.generator.objects.rope.body import rope_points
+from pliant.generator.objects.rope.mesh import (
+    RopeMesh,
+    ball_chart,
+    ball_mesh,
+    bend,
+    rope_chart,
+    rope_mesh,
+)
 
 KINDS = {
     "laid-4": RopeSettings(ball=False),

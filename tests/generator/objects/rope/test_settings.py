@@ -7,7 +7,9 @@ import dataclasses
 import pytest
 
 from pliant.generator.objects.rope import RopeSettings, rope_tier, sample_rope
+from pliant.generator.seeding import RandomStreams, SequenceTask
 from pliant.spec.errors import CallError
+from pliant.spec.model import Symmetry
 
 
 def test_defaults_keep_the_papers_proportions() -> None:
@@ -92,29 +94,20 @@ def test_lists_of_a_config_file_become_tuples() -> None:
 
 @pytest.mark.parametrize(("frames", "temporal"), [(0, False), (3001, True)])
 def test_impossible_frames_are_refused(frames: int, temporal: bool) -> None:
+    streams = RandomStreams(0, SequenceTask("r", "test", 0))
     with pytest.raises(CallError, match="frames"):
-        sample_rope(
-            RopeSettings(),
-            tier="r",
-            seed=0,
-            split="test",
-            index=0,
-            frames=frames,
-            temporal=temporal,
-        )
+        sample_rope(RopeSettings(), streams, frames, temporal=temporal)
 
 
 def test_tier_lists_the_reversal_only_without_the_ball() -> None:
     plain = rope_tier(RopeSettings(ball=False), "rope-2")
-    assert plain["name"] == "rope-2"
-    assert [each["name"] for each in plain["objects"]] == ["rope"]
-    assert plain["symmetries"] == [
-        {"name": "reversal", "matrix": [[-1, 0], [0, -1]], "offset": [1, 0]}
-    ]
+    assert plain.name == "rope-2"
+    assert [each.name for each in plain.objects] == ["rope"]
+    assert plain.symmetries == (Symmetry("reversal", ((-1, 0), (0, -1)), (1, 0)),)
     with_ball = rope_tier(RopeSettings())
-    assert [each["id"] for each in with_ball["objects"]] == [1, 2]
-    assert with_ball["symmetries"] == []
-    s, theta = with_ball["objects"][0]["material"]
-    assert s["metres_per_unit"] == 1.2
-    assert s["period"] is None
-    assert theta["period"] == pytest.approx(theta["max"] - theta["min"])
+    assert [each.id for each in with_ball.objects] == [1, 2]
+    assert with_ball.symmetries == ()
+    s, theta = with_ball.objects[0].material
+    assert s.metres_per_unit == 1.2
+    assert s.period is None
+    assert theta.period == pytest.approx(theta.max - theta.min)

@@ -12,6 +12,7 @@ from pliant.generator.objects.rope import RopeSettings, sample_rope, static
 from pliant.generator.objects.rope.contact import crossings, nearest_stretches, segment_distance
 from pliant.generator.objects.rope.lift import lift
 from pliant.generator.objects.rope.static import Configuration, sample_configuration
+from pliant.generator.seeding import RandomStreams, SequenceTask
 from pliant.spec.errors import GenerationError
 from tests.generator.objects.rope.rope_checks import (
     closest_stretches,
@@ -160,9 +161,7 @@ def test_both_hands_and_both_overhands_occur() -> None:
 def test_shapes_occur_by_their_weights() -> None:
     settings = RopeSettings(shapes={"open": 3.0, "knot": 1.0})
     shapes = [
-        sample_rope(
-            settings, tier="rope", seed=0, split="train", index=k, frames=1, temporal=False
-        ).shape
+        sample_rope(settings, RandomStreams(0, SequenceTask("rope", "train", k))).shape
         for k in range(32)
     ]
     assert set(shapes) == {"open", "knot"}

@@ -16,8 +16,7 @@ import numpy.typing as npt
 from pliant.generator.rendering import blender
 from pliant.generator.rendering.blender_materials import plain_material
 from pliant.generator.scene.camera import Camera
-from pliant.generator.scene.scene_mesh import SceneMesh
-from pliant.generator.scene.scene_object import SceneObject
+from pliant.generator.scene.scene_object import SceneMesh, SceneObject
 from pliant.generator.truth.frame_truth import FrameTruth
 
 
@@ -73,8 +72,7 @@ class PassRenderer:
         blender.place_camera(self._scene, camera)
         mesh = SceneMesh.of(scene_object)
         made: list[Any] = []
-        for k, part in enumerate(scene_object.parts):
-            rows = slice(mesh.vertex_starts[k], mesh.vertex_starts[k + 1])
+        for part, _, rows in mesh.parts:
             material = plain_material(part.name)
             vertices = truth.world_vertices[rows]
             made.append(
@@ -83,8 +81,8 @@ class PassRenderer:
                 )
             )
         blender.render_passes(self._scene)
-        for k, item in enumerate(made):  # as a frame of a sequence: the vertices change
-            rows = slice(mesh.vertex_starts[k], mesh.vertex_starts[k + 1])
+        for item, (_, _, rows) in zip(made, mesh.parts, strict=True):
+            # As a frame of a sequence: the vertices change.
             blender.move_vertices(item, truth.world_vertices[rows])
         started = time.process_time()
         passes = blender.render_passes(self._scene)

@@ -12,19 +12,22 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from importlib.resources import files
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import numpy as np
 import numpy.typing as npt
+from course_cloth import CellContact, Plane, Sphere
 
-from pliant.generator.objects.cloth.obstacles import Obstacle, Plane, Sphere
-from pliant.generator.objects.cloth.simulator import Contact, Sheet, Simulator
+from pliant.generator.objects.cloth.contact_pbd import PairContact
+from pliant.generator.objects.cloth.simulator import Collider, Sheet, Simulator
 from pliant.spec.errors import CallError
 
 FloatArray = npt.NDArray[np.float64]
 
+Contact = Literal["none", "cs184", "pbd"]
+
+SCENES: Final = Path(__file__).parent / "course_scenes"
 COURSE_GRAVITY: Final = (0.0, -9.8, 0.0)
 FRAMES_PER_SECOND: Final = 90
 STEPS_PER_FRAME: Final = 30
@@ -58,16 +61,18 @@ class Scene:
     """A scene of the course.
 
     Attributes:
-        sheet: The cloth's settings; contact is off until `simulator` chooses it.
+        sheet: The cloth's settings.
+        thickness_m: The course's thickness: its contact keeps masses twice this apart.
         positions: float64 (N, 3), where the masses start, metres, y up.
         pinned: bool (N,), masses that never move.
         obstacles: Spheres and planes, in the file's order.
     """
 
     sheet: Sheet
+    thickness_m: float
     positions: FloatArray
     pinned: npt.NDArray[np.bool_]
-    obstacles: tuple[Obstacle, ...]
+    obstacles: tuple[Collider, ...]
 
     def simulator(self, contact: Contact = "none") -> Simulator:
         """Return a simulator of the scene at rest.
@@ -75,23 +80,24 @@ class Scene:
         Args:
             contact: Self-collision: `none`, the course's `cs184`, or `pbd`.
         """
-        fields = {**vars(self.sheet), "contact": contact}
-        fields["contact_distance_m"] = min(2.0 * self.sheet.thickness_m, self.sheet.spacing_m)
+        distance_m = min(2.0 * self.thickness_m, self.sheet.spacing_m)
+        own: dict[Contact, tuple[Collider, ...]] = {
+            "none": (),
+            "cs184": (CellContact(self.sheet, self.thickness_m),),
+            "pbd": (PairContact.of(self.sheet, distance_m),),
+        }
         return Simulator(
-            Sheet(**fields),
+            self.sheet,
             self.positions,
             gravity=COURSE_GRAVITY,
-            obstacles=self.obstacles,
+            colliders=(*own[contact], *self.obstacles),
             pinned=self.pinned,
         )
 
 
 def scene_names() -> tuple[str, ...]:
-    """Return the scenes that come with Pliant."""
-    folder = files("pliant.generator.objects.cloth") / "scenes"
-    return tuple(
-        sorted(entry.name[:-5] for entry in folder.iterdir() if entry.name.endswith(".json"))
-    )
+    """Return the course's own scenes."""
+    return tuple(sorted(path.stem for path in SCENES.glob("*.json")))
 
 
 def read_scene(source: str | Path, rng: np.random.Generator | None = None) -> Scene:
@@ -105,7 +111,7 @@ def read_scene(source: str | Path, rng: np.random.Generator | None = None) -> Sc
         CallError: The file cannot be read, or a value in it cannot be.
     """
     if str(source) in scene_names():
-        text = (files("pliant.generator.objects.cloth") / "scenes" / f"{source}.json").read_text()
+        text = (SCENES / f"{source}.json").read_text()
     else:
         try:
             text = Path(source).read_text()
@@ -146,9 +152,6 @@ def parse_scene(document: Any, path: str, rng: np.random.Generator | None = None
         rows=reader.whole("cloth.num_height_points", cloth["num_height_points"], 3, 1000),
         width_m=reader.number("cloth.width", cloth["width"], 1e-3, 1e3),
         height_m=reader.number("cloth.height", cloth["height"], 1e-3, 1e3),
-        thickness_m=reader.number(
-            "cloth.thickness", cloth.get("thickness", defaults.thickness_m), 0.0, 1.0
-        ),
         density=reader.number("cloth.density", cloth.get("density", defaults.density), 1e-3, 1e6),
         ks=reader.number("cloth.ks", cloth.get("ks", defaults.ks), 0.0, 1e7),
         damping_percent=reader.number(
@@ -165,6 +168,7 @@ def parse_scene(document: Any, path: str, rng: np.random.Generator | None = None
     orientation = reader.whole("cloth.orientation", cloth.get("orientation", HORIZONTAL), 0, 1)
     return Scene(
         sheet=sheet,
+        thickness_m=reader.number("cloth.thickness", cloth.get("thickness", 0.0095), 0.0, 1.0),
         positions=_start(sheet, orientation, rng or np.random.default_rng(0)),
         pinned=_pinned(reader, sheet, cloth.get("pinned", [])),
         obstacles=tuple(
@@ -203,7 +207,7 @@ def _pinned(reader: _Reader, sheet: Sheet, value: Any) -> npt.NDArray[np.bool_]:
     return pinned
 
 
-def _obstacle(reader: _Reader, kind: str, value: Any) -> Obstacle:
+def _obstacle(reader: _Reader, kind: str, value: Any) -> Collider:
     fields = reader.mapping(kind, value, _OBSTACLE_KEYS[kind])
     friction = reader.number(f"{kind}.friction", fields.get("friction", 0.5), 0.0, 1.0)
     if kind == "sphere":

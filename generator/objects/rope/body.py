@@ -1,0 +1,168 @@
+"""The body of a rope: parts, named material points, and the geometry along any centre line."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from pliant.generator.objects.rope.contact import crossings
+from pliant.generator.objects.rope.curve import resample, twist_free_frames
+from pliant.generator.objects.rope.mesh import (
+    RopeMesh,
+    ball_chart,
+    ball_mesh,
+    bend,
+    place_ball,
+    rope_chart,
+    rope_mesh,
+)
+from pliant.generator.objects.rope.tier import BALL_ID, ROPE_ID
+from pliant.generator.scene.scene_object import FloatArray, IntArray, Part, Points, Pose
+from pliant.generator.settings.rope import RopeSettings
+from pliant.spec.configuration import settings_to_dict
+
+
+class RopeBody:
+    """The parts and points of a rope, and its surface along any centre line.
+
+    Attributes:
+        settings: The tier's settings.
+        parts: The rope, then the ball if there is one.
+        points: The named material points.
+    """
+
+    def __init__(self, settings: RopeSettings) -> None:
+        self.settings = settings
+        self._mesh = rope_mesh(settings)
+        self.points = rope_points(settings, self._mesh)
+        rope = Part(
+            object_id=ROPE_ID,
+            name="rope",
+            faces=self._mesh.faces,
+            rest=self._mesh.rest,
+            chart=rope_chart(settings.length_m),
+            strand=self._mesh.strand,
+        )
+        self.parts: tuple[Part, ...] = (rope,)
+        if settings.ball:
+            rest, faces = ball_mesh(settings.ball_radius_m)
+            ball = Part(
+                object_id=BALL_ID,
+                name="ball",
+                faces=faces,
+                rest=rest,
+                chart=ball_chart,
+                strand=np.zeros(len(rest), dtype=np.int32),
+            )
+            self.parts = (rope, ball)
+
+    def pose(
+        self,
+        centreline: FloatArray,
+        normal: FloatArray,
+        ball_centre: FloatArray | None,
+        info: Mapping[str, Any],
+    ) -> Pose:
+        """Return the geometry of a frame.
+
+        Args:
+            centreline: float64 (rows, 3), metres, equal arc length.
+            normal: float64 (3,), direction of theta = 0 at s = 0.
+            ball_centre: float64 (3,), metres, or None without a ball.
+            info: Facts of the frame; its crossings are added.
+
+        Returns:
+            The pose; its centre line is sampled at the tier's centre-line points.
+        """
+        frames = twist_free_frames(centreline, normal)
+        vertices = {"rope": bend(self._mesh, centreline, frames)}
+        if ball_centre is not None:
+            vertices["ball"] = place_ball(self.parts[1].rest, ball_centre, frames[0])
+        line = resample(centreline, self.settings.centreline_points)
+        facts = {**info, "crossings": settings_to_dict(crossings(centreline))}
+        return Pose(vertices=vertices, centreline=line, info=facts)
+
+
+def upward_normal(centreline: FloatArray, roll_rad: float) -> FloatArray:
+    """Return the upward direction at the rope's first point, rolled about the rope.
+
+    Args:
+        centreline: float64 (n, 3), metres; its first step must not be vertical.
+        roll_rad: Angle, radians.
+
+    Returns:
+        float64 (3,), a unit vector at right angles to the first step.
+    """
+    tangent = centreline[1] - centreline[0]
+    tangent = tangent / math.sqrt(float((tangent**2).sum()))
+    up = np.array([0.0, 0.0, 1.0]) - tangent[2] * tangent
+    up /= math.sqrt(float((up**2).sum()))
+    return np.asarray(math.cos(roll_rad) * up + math.sin(roll_rad) * np.cross(tangent, up))
+
+
+def rope_points(settings: RopeSettings, mesh: RopeMesh) -> Points:
+    """Return surface points on evenly spaced cross sections, then points on the centre line.
+
+    Half of the stations are chosen and the other half are their mirror images, so that the
+    reversal maps points onto points.
+
+    Args:
+        settings: How many stations, angles and centre-line points.
+        mesh: The straight rope.
+
+    Returns:
+        The points. `partners` has one column without the ball and none with it.
+    """
+    half = settings.point_stations // 2
+    rows = np.unique(
+        np.floor((np.arange(half) + 0.5) * settings.rows / settings.point_stations).astype(int)
+    )
+    chosen = [_around(mesh, int(row), settings.point_angles) for row in rows]
+    first = np.concatenate(chosen)
+    second = np.concatenate([mesh.mirror[each] for each in chosen[::-1]])
+    vertex = np.concatenate([first, second])
+    order = np.arange(len(vertex))
+    # Station k from the front is mirrored by station k from the back; within one, in order.
+    sizes = [len(each) for each in chosen]
+    starts = np.concatenate([np.zeros(1, int), np.cumsum(sizes)])
+    partner = np.empty(len(vertex), dtype=np.int64)
+    back_start = len(first)
+    for k in range(len(chosen) - 1, -1, -1):
+        here = order[starts[k] : starts[k + 1]]
+        there = order[back_start : back_start + sizes[k]]
+        partner[here], partner[there] = there, here
+        back_start += sizes[k]
+
+    count = settings.centreline_points
+    along = np.linspace(0.0, 1.0, count)
+    surface_material = rope_chart(settings.length_m)(mesh.rest[vertex])
+    line_material = np.stack([along, np.zeros(count)], axis=1)
+    line_partner = len(vertex) + np.arange(count)[::-1]
+    partners = np.concatenate([partner, line_partner])[:, None]
+    if settings.ball:
+        partners = partners[:, :0]
+    total = len(vertex) + count
+    return Points(
+        object_id=np.full(total, ROPE_ID, dtype=np.int32),
+        vertex=np.concatenate([vertex, np.arange(count)]).astype(np.int32),
+        centreline=np.arange(total) >= len(vertex),
+        material=np.concatenate([surface_material, line_material]).astype(np.float32),
+        partners=partners.astype(np.int32),
+    )
+
+
+def _around(mesh: RopeMesh, row: int, angles: int) -> IntArray:
+    """Return the outer vertices of a cross section nearest to evenly spaced angles."""
+    candidates = np.flatnonzero((mesh.row == row) & mesh.outer)
+    theta = np.arctan2(mesh.rest[candidates, 2], mesh.rest[candidates, 1])
+    free = np.ones(len(candidates), dtype=bool)
+    picked = []
+    for k in range(min(angles, len(candidates))):
+        off = np.abs((theta - 2.0 * math.pi * k / angles + math.pi) % (2.0 * math.pi) - math.pi)
+        best = int(np.argmin(np.where(free, off, np.inf)))
+        free[best] = False
+        picked.append(candidates[best])
+    return np.array(picked, dtype=np.int32)

@@ -1,0 +1,54 @@
+"""A new tier needs one module: a dataset of the example's coils is valid and has queries."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pliant.generator.config import TIER_KINDS, GenerateConfig
+from pliant.generator.objects.tiers import TIER_MODULES
+from pliant.generator.runner.dataset_files import write_dataset_files
+from pliant.generator.runner.plan import plan_tasks
+from pliant.generator.runner.sequence import SequenceMaker
+from pliant.generator.settings import RopeSettings
+from pliant.spec.dataset import Dataset
+from pliant.spec.validation.validate import validate
+
+EXAMPLE = Path(__file__).with_name("coil_tier.py")
+
+
+def test_a_tier_of_one_module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(EXAMPLE.parent))
+    monkeypatch.delitem(sys.modules, "coil_tier", raising=False)
+    monkeypatch.setitem(TIER_KINDS, "rope-coil", "rope")
+    monkeypatch.setitem(TIER_MODULES, "rope-coil", "coil_tier")
+    config = GenerateConfig(
+        tiers=("rope-coil",),
+        splits={"test": 2},
+        width=160,
+        height=120,
+        style="raster",
+        rope=RopeSettings(ball=False),
+    )
+    root, scratch = tmp_path / "coils", tmp_path / "scratch"
+    scratch.mkdir()
+    maker = SequenceMaker(config, root, scratch, overlap=False)
+    tasks = plan_tasks(config)
+    for task in tasks:
+        maker.make(task, lambda: None)
+    write_dataset_files(config, config.resolved(), tasks, root, scratch)
+    assert validate(root).errors == 0
+    dataset = Dataset.open(root)
+    sequence = dataset.sequence("rope-coil-test-000000")
+    assert sequence.shape == "coil"
+    assert (sequence.surface(0).object_id == 1).mean() > 0.05
+    states = np.array(sequence.correspondences(0)["visibility"].to_pylist())
+    assert 0.3 < (states == "visible").mean() < 0.9
+    assert len(dataset.queries("test")) > 50
+
+
+def test_the_example_is_short() -> None:
+    assert len(EXAMPLE.read_text().splitlines()) <= 250
