@@ -17,8 +17,8 @@ from typing import Any, Final, Literal
 
 import numpy as np
 import numpy.typing as npt
-from course_cloth import CellContact, Plane, Sphere
 
+from benchmarks.course_cloth import CellContact, Plane, Sphere
 from pliant.generator.objects.cloth.contact_pbd import PairContact
 from pliant.generator.objects.cloth.simulator import Collider, Sheet, Simulator
 from pliant.spec.errors import CallError

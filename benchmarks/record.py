@@ -18,6 +18,7 @@ Value = float | int | str | bool | None
 
 # numba imports the package `coverage` where there is one; benchmarks/coverage.py is not it.
 sys.modules.setdefault("coverage", None)  # type: ignore[arg-type]
+sys.path.append(str(Path(__file__).resolve().parents[1]))  # for benchmarks.course_cloth
 
 
 def machine() -> dict[str, Value]:

@@ -16,10 +16,10 @@ import time
 from collections.abc import Callable
 
 import numpy as np
-from course_cloth import CellContact
-from course_scene import Contact
 from record import Value, main
 
+from benchmarks.course_cloth import CellContact
+from benchmarks.course_scene import Contact
 from pliant.generator.objects.cloth import ClothSettings, sample_cloth
 from pliant.generator.objects.cloth.contact_pbd import PairContact
 from pliant.generator.objects.cloth.grid import flat_positions

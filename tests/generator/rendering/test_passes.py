@@ -28,7 +28,7 @@ def small_scene(tier: str) -> SceneObject:
 @pytest.mark.parametrize("tier", ["rope", "cloth-1", "cloth-2", "cloth-3"])
 def test_the_truth_equals_the_passes_of_cycles(tier: str) -> None:
     """Cycles works in float32: a pixel whose centre lies on an outline may fall either way."""
-    from cycles_passes import PassRenderer
+    from benchmarks.cycles_passes import PassRenderer
 
     scene_object = small_scene(tier)
     pose = scene_object.pose(0)

@@ -148,6 +148,7 @@ def test_a_run_is_a_folder_that_answers(sheet_dataset: Dataset, tmp_path: Path) 
         "decode": "median",
         "search": "mask",
         "rotations": 1,
+        "margin_px": 0,
         "distribution": "modes",
     }
     json.dumps(described)

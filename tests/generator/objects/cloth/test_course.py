@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from course_cloth import CellContact
-from course_scene import SCENES, Scene, parse_scene, read_scene, scene_names
 
+from benchmarks.course_cloth import CellContact
+from benchmarks.course_scene import SCENES, Scene, parse_scene, read_scene, scene_names
 from pliant.generator.objects.cloth.simulator import Sheet, Simulator
 
 DT_S = 1.0 / 90.0 / 30.0

@@ -6,8 +6,8 @@ import dataclasses
 
 import numpy as np
 import pytest
-from course_cloth import CellContact, Plane, Sphere
 
+from benchmarks.course_cloth import CellContact, Plane, Sphere
 from pliant.generator.objects.cloth.contact_pbd import PairContact
 from pliant.generator.objects.cloth.grid import flat_positions
 from pliant.generator.objects.cloth.simulator import Sheet, Simulator

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from course_scene import parse_scene, read_scene
 
+from benchmarks.course_scene import parse_scene, read_scene
 from pliant.generator.objects.cloth import ClothSettings, sample_cloth
 from pliant.generator.seeding import RandomStreams, SequenceTask
 from pliant.spec.errors import CallError

@@ -9,8 +9,8 @@ from typing import Any, get_args
 
 import numpy as np
 import pytest
-from course_cloth import CellContact
 
+from benchmarks.course_cloth import CellContact
 from pliant.generator.objects.cloth import ClothSettings, cloth_tier, sample_cloth
 from pliant.generator.objects.cloth.contact_pbd import PairContact
 from pliant.generator.objects.cloth.grid import flat_positions, grid_mesh
