@@ -136,12 +136,12 @@ def test_value_noise_is_continuous_across_its_lattice() -> None:
 @pytest.mark.parametrize(
     ("values", "field"),
     [
-        ({"sun_elevation_deg": (0.0, 40.0)}, "appearance.sun_elevation_deg"),
-        ({"table_value": (0.8, 0.2)}, "appearance.table_value"),
-        ({"tables": {"marble": 1.0}}, "appearance.tables.marble"),
-        ({"tables": {"wood": 0.0}}, "appearance.tables"),
-        ({"rope_colourings": {"solid": -1.0}}, "appearance.rope_colourings.solid"),
-        ({"least_contrast": 2.0}, "appearance.least_contrast"),
+        ({"sun_elevation_deg": (0.0, 40.0)}, "look.sun_elevation_deg"),
+        ({"table_value": (0.8, 0.2)}, "look.table_value"),
+        ({"tables": {"marble": 1.0}}, "look.tables.marble"),
+        ({"tables": {"wood": 0.0}}, "look.tables"),
+        ({"rope_colourings": {"solid": -1.0}}, "look.rope_colourings.solid"),
+        ({"least_contrast": 2.0}, "look.least_contrast"),
     ],
 )
 def test_impossible_ranges_are_refused_by_name(values: dict[str, object], field: str) -> None:
@@ -172,7 +172,7 @@ def test_sequences_that_share_a_material_differ_in_light_alone(tube: SceneObject
 
 @pytest.mark.parametrize("name", ["materials", "first_material"])
 def test_a_negative_number_of_materials_is_refused(name: str) -> None:
-    with pytest.raises(CallError, match=f"appearance.{name}"):
+    with pytest.raises(CallError, match=f"look.{name}"):
         AppearanceSettings(**{name: -1})  # type: ignore[arg-type]
 
 

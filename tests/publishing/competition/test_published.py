@@ -63,7 +63,11 @@ def test_one_score_everywhere(
         cwd=tmp_path / "app/program",
         check=True,
     )
-    assert json.loads((tmp_path / "app/output/scores.json").read_text()) == whole
+    shown = json.loads((tmp_path / "app/output/scores.json").read_text())
+    assert {"rmse_px", "aj", "cloth-3.rmse_px"} <= set(shown)
+    assert not {"geodesic_mean_m", "nll"} & set(shown)
+    # No error of this submission reaches the cap, so only the rounding differs.
+    assert shown == {name: float(f"{whole[name]:.4g}") for name in shown}
 
 
 def test_public_half_holds_no_bundle(published: Path) -> None:
