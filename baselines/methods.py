@@ -9,11 +9,13 @@ from pliant.baselines.features.orb import orb
 from pliant.baselines.features.sift import sift
 from pliant.baselines.features.surf import surf
 from pliant.baselines.matcher import Matcher, SplitMatcher
+from pliant.baselines.tracing import RopeTracer
 
 METHODS: dict[str, Callable[[], Matcher | SplitMatcher]] = {
     "sift": sift,
     "surf": surf,
     "orb": orb,
+    "rope-tracer": RopeTracer,
     "identity": Identity,
     "random": RandomInMask,
     "centroid": MaskCentroid,

@@ -81,7 +81,8 @@ def calibrate(
             continue
         log_p = log_p[torch.from_numpy(seen)]
         answer = decode_position(log_p, uv, matcher.settings.decode).double().numpy() * scale
-        kept.append(_Pair(log_p, uv, answer, pair.uv_b_px[seen, 0].astype(np.float64) * scale))
+        own = np.array(full_size) / np.array(pair.target.rgb.shape[1::-1])
+        kept.append(_Pair(log_p, uv, answer, pair.uv_b_px[seen, 0].astype(np.float64) * own))
     modes = _Modes(kept)
 
     def cost(calibration: Calibration) -> float:
@@ -121,7 +122,9 @@ def fit_sharpness(matcher: DonMatcher, pairs: Sequence[ValidationPair]) -> float
     for pair in pairs:
         log_p, uv, _ = matcher.log_probabilities(pair.source, pair.target, pair.uv_a_px)
         seen = torch.from_numpy(pair.visible[:, 0])
-        nearest = torch.cdist(torch.from_numpy(pair.uv_b_px[:, 0]), uv).argmin(dim=1)
+        factor = np.array(matcher.size) / np.array(pair.target.rgb.shape[1::-1])
+        truth = torch.from_numpy((pair.uv_b_px[:, 0] * factor).astype(np.float32))
+        nearest = torch.cdist(truth, uv).argmin(dim=1)
         kept.append((log_p[seen], nearest[seen, None]))
 
     def loss(sharpness: float) -> float:

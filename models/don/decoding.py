@@ -7,7 +7,7 @@ from typing import Literal
 
 import torch
 
-Decode = Literal["argmax", "median", "soft"]
+Decode = Literal["argmax", "median", "soft", "trace"]
 
 REFINE_PX = 1.5
 """Radius of the neighbourhood whose mean gives the fraction of a pixel."""
@@ -25,6 +25,7 @@ def decode_position(log_p: torch.Tensor, uv_px: torch.Tensor, how: Decode) -> to
         uv_px: float (M, 2), the candidates.
         how: `argmax`, the most probable pixel; `median`, the pixel with the least expected
             distance; both then moved to the mean of their neighbourhood. `soft`, the mean.
+            `trace` is `median` of probabilities that already contain the traces.
 
     Returns:
         float (Q, 2).

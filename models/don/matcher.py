@@ -13,11 +13,13 @@ import torch
 
 from pliant.baselines.lru_cache import LRUCache
 from pliant.baselines.matcher import Answers, Heat, View
+from pliant.baselines.tracing import Trace, rope_traces
 from pliant.loaders.views import resize_mask, resize_nearest, resize_rgb
 from pliant.models.don.candidates import pixel_grid, widened
 from pliant.models.don.certainty import Calibration
 from pliant.models.don.decoding import decode_position, mixture_of_modes, spread_about
 from pliant.models.don.settings import DonSettings
+from pliant.models.don.tracing import TracedView, enlarged, traced_log_prior
 from pliant.models.losses.distributional import log_probabilities
 from pliant.models.networks.canonical import PREFIX, CanonicalHead
 from pliant.models.networks.descriptor_network import (
@@ -39,6 +41,7 @@ class _Described:
 
     maps: list[torch.Tensor]  # (D, h, w) or, turned an odd number of times, (D, w, h)
     mask: npt.NDArray[np.bool_] | None  # (h, w)
+    objects: npt.NDArray[np.bool_] | None  # (h, w)
 
 
 class DonMatcher:
@@ -68,6 +71,7 @@ class DonMatcher:
         self.sharpness = 1.0 if calibration is None else calibration.sharpness
         self.facts = dict(facts or {})
         self._described: LRUCache[_Described] = LRUCache(_KEPT_VIEWS)
+        self._traces: LRUCache[list[Trace]] = LRUCache(_KEPT_VIEWS)
 
     def describe(self) -> Mapping[str, Any]:
         """Return what the footer of a submission says about the method."""
@@ -158,11 +162,39 @@ class DonMatcher:
                 gap = torch.cdist(query[0], rows).square().min(dim=1).values
                 distance += gap * scale
         turns = len(a.maps)
+        total *= self.sharpness / turns
+        if self.settings.decode == "trace":
+            total = total.log_softmax(dim=1) + self._traced(source, target, uv_a_px, uv)
         return (
-            (total * (self.sharpness / turns)).log_softmax(dim=1),
+            total.log_softmax(dim=1),
             uv,
             (distance / turns).double().numpy(),
         )
+
+    def _traced(
+        self, source: View, target: View, uv_a_px: npt.NDArray[np.float32], uv: torch.Tensor
+    ) -> torch.Tensor:
+        """Return what the rope's traces say of the candidates, float (N, M); 0 without a trace."""
+        a, b = (
+            TracedView(view, self._descriptors(view).maps[0], self._traces_of(view))
+            for view in (source, target)
+        )
+        if not a.traces or not b.traces:
+            return torch.zeros(len(uv_a_px), len(uv))
+        scale = self.network.scale.detach().cpu() * self.sharpness
+        places = uv.double().numpy() * self._pixel_scale(target)
+        return traced_log_prior(a, b, scale, uv_a_px, places)
+
+    def _traces_of(self, view: View) -> list[Trace]:
+        def traced() -> list[Trace]:
+            if view.mask is not None:
+                return rope_traces(view.mask, view.objects)
+            own = self._descriptors(view)
+            if own.mask is None:
+                return []
+            return enlarged(rope_traces(own.mask, own.objects), self._pixel_scale(view))
+
+        return self._traces.get(view.key, traced)
 
     def descriptor_map(self, view: View) -> npt.NDArray[np.float32]:
         """Return a frame's descriptors at the network's size, float32 (h, w, D)."""
@@ -192,7 +224,7 @@ class DonMatcher:
         with torch.inference_mode():
             for turn in self._turns:
                 maps.append(self.network(self._turned(image, turn))[0].cpu())
-        return _Described(maps, mask)
+        return _Described(maps, mask, objects)
 
     def _turned(self, image: torch.Tensor, turn: int) -> torch.Tensor:
         return torch.rot90(image, -turn, (1, 2))[None].to(self.network.log_scale.device)

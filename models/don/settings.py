@@ -145,14 +145,15 @@ class AnswerSettings:
     Attributes:
         decode: `argmax` (refined to a fraction of a pixel), `median` (the pixel with the least
             expected distance, refined; the default) or `soft` (the mean: lowest squared error
-            where the network doubts, but off the object then).
+            where the network doubts, but off the object then). `trace` is for ropes: `median` after
+            the traces of both masks have been weighed in (`models/don/tracing.py`).
         margin_px: Pixels of the network beyond the mask that are searched too.
         search: In the object's `mask` where one is given out, or anywhere in the `image`.
         rotations: 1, 2 or 4: how many quarter-turned copies of both images vote.
         distribution: `modes`, `sigma` or `none`: what the answers say of their certainty.
     """
 
-    decode: Literal["argmax", "median", "soft"] = "median"
+    decode: Literal["argmax", "median", "soft", "trace"] = "median"
     search: Literal["mask", "image"] = "mask"
     margin_px: Natural = 0
     rotations: Literal[1, 2, 4] = 1

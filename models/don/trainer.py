@@ -10,7 +10,7 @@ from typing import Any, Unpack
 import torch
 
 from pliant.loaders import MixedPairs, PairDataset
-from pliant.loaders.frame_store import named_tier
+from pliant.loaders.frame_store import FrameStore, named_tier
 from pliant.models.don.calibration import calibrate, fit_sharpness
 from pliant.models.don.loss import don_loss
 from pliant.models.don.matcher import DonMatcher, don_network
@@ -141,8 +141,11 @@ class DonTask(Task[DonSettings]):
     ) -> None:
         """Calibrate and measure the trained network; see `Task`."""
         watched, size = self.settings.validation, self.dataset.size
+        held_out = self.held_out
+        if self.settings.answer.decode == "trace":  # masks at their own size, as answers have them
+            held_out = FrameStore(self.dataset, self.settings.tier, watched.split, size)
         pairs = draw_validation_pairs(
-            self.held_out, watched.calibration_pairs, watched.queries, self.settings.seed + 1
+            held_out, watched.calibration_pairs, watched.queries, self.settings.seed + 1
         )
         matcher = self.matcher(self.settings, facts)
         matcher.calibration = calibration = calibrate(matcher, pairs, size)

@@ -22,7 +22,7 @@ VALIDATION_STREAM = 1
 
 @dataclass(frozen=True)
 class ValidationPair:
-    """Two frames at the working size, with queries and their truth in working pixels.
+    """Two frames at one size, with queries and their truth in pixels of that size.
 
     Attributes:
         source: The frame the queries are in.
@@ -102,8 +102,8 @@ def validate(
         the nearest visible partner; `criterion_px`, the symmetric RMSE where there is one.
     """
     strict, symmetric, per_pair = [], [], []
-    scale = np.array(full_size) / np.array(matcher.size)
     for pair in pairs:
+        scale = np.array(full_size) / np.array(pair.target.rgb.shape[1::-1])
         answers = matcher.answer(pair.source, pair.target, pair.uv_a_px)
         found = answers.uv_px * scale
         truth = pair.uv_b_px * scale

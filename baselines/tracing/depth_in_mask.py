@@ -1,0 +1,89 @@
+"""How deep a place is inside a mask, and how far it is along the mask."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+
+def depth_in_mask(mask: Mask, reach_px: int = 16) -> FloatArray:
+    """Return each pixel's distance to the nearest pixel off the mask, px.
+
+    Exact Euclidean distances, separable in rows and columns.
+
+    Args:
+        mask: bool (H, W).
+        reach_px: Larger distances are cut to this.
+
+    Returns:
+        float64 (H, W); 0 off the mask.
+    """
+    squared = np.where(mask, float(reach_px**2), 0.0)
+    for axis in (0, 1):
+        nearest = squared.copy()
+        for step in range(1, reach_px + 1):
+            for ahead in (True, False):
+                moved = np.full_like(squared, float(reach_px**2))
+                there, here = [slice(None)] * 2, [slice(None)] * 2
+                there[axis], here[axis] = slice(step, None), slice(None, -step)
+                if not ahead:
+                    there, here = here, there
+                moved[tuple(here)] = squared[tuple(there)] + step**2
+                np.minimum(nearest, moved, out=nearest)
+        squared = nearest
+    return np.sqrt(squared)
+
+
+def steps_along(mask: Mask, start: tuple[int, int]) -> npt.NDArray[np.int64]:
+    """Return how many steps inside the mask (eight neighbours) lead from a pixel to each other one.
+
+    Args:
+        mask: bool (H, W).
+        start: Row and column of a pixel of the mask.
+
+    Returns:
+        int64 (H, W); -1 where no way leads.
+    """
+    steps = np.full(mask.shape, -1, dtype=np.int64)
+    front = np.zeros((mask.shape[0] + 2, mask.shape[1] + 2), dtype=np.bool_)
+    front[start[0] + 1, start[1] + 1] = True
+    steps[start] = 0
+    count = 0
+    while front.any():
+        count += 1
+        rows = front[:-2] | front[1:-1] | front[2:]
+        grown = rows[:, :-2] | rows[:, 1:-1] | rows[:, 2:]
+        new = grown & mask & (steps < 0)
+        steps[new] = count
+        front[1:-1, 1:-1] = new
+    return steps
+
+
+def sampled(values: FloatArray, uv_px: FloatArray) -> FloatArray:
+    """Return an image's values between its pixels, bilinearly; 0 outside.
+
+    Args:
+        values: float64 (H, W).
+        uv_px: float64 (..., 2), centre of the first pixel at (0.5, 0.5).
+
+    Returns:
+        float64 (...).
+    """
+    height, width = values.shape
+    place = uv_px - 0.5
+    corner = np.floor(place).astype(np.int64)
+    share = place - corner
+    total = np.zeros(uv_px.shape[:-1])
+    for dv in (0, 1):
+        for du in (0, 1):
+            u, v = corner[..., 0] + du, corner[..., 1] + dv
+            inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
+            weight = np.where(du, share[..., 0], 1 - share[..., 0])
+            weight = weight * np.where(dv, share[..., 1], 1 - share[..., 1])
+            total += (
+                np.where(inside, weight, 0) * values[v.clip(0, height - 1), u.clip(0, width - 1)]
+            )
+    return total

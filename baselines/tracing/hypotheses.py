@@ -1,0 +1,161 @@
+"""The ways in which a mask can be read as one rope, each with what speaks for it."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from PIL import Image, ImageFilter
+
+from pliant.baselines.tracing.depth_in_mask import FloatArray, Mask, depth_in_mask, steps_along
+from pliant.baselines.tracing.walk import walks
+
+STATIONS: Final = 300
+"""Places that a trace is resampled to, evenly along it."""
+
+_STRAIGHTNESS: Final = (0.3, 0.6, 0.9, 1.3, 1.8, 2.6)
+_INERTIA: Final = (0.35, 0.55, 0.72)
+_WORKING_WIDTH: Final = 320
+_SHORTEST_STEPS: Final = 20
+
+
+@dataclass(frozen=True)
+class Trace:
+    """One reading of a rope in an image.
+
+    Attributes:
+        uv_px: float64 (STATIONS, 2), evenly spaced from the first end to the last, image pixels.
+        length_px: Its length, image pixels.
+        coverage: Share of the mask that a rope along it covers, 0 to 1.
+        retraced: Share of its stations where it follows an earlier part of itself.
+        bending: Sum of its squared turns between stations, rad^2.
+    """
+
+    uv_px: FloatArray
+    length_px: float
+    coverage: float
+    retraced: float
+    bending: float
+
+    @property
+    def score(self) -> float:
+        """How plausible it is; 1 at most."""
+        return self.coverage - self.retraced - 0.004 * self.bending
+
+
+def rope_traces(mask: Mask, objects: Mask | None = None) -> list[Trace]:
+    """Return the ways to read a mask as one rope.
+
+    They start at the rope's ball where there is one, and at both ends else.
+
+    Args:
+        mask: bool (H, W), the rope.
+        objects: bool (H, W), the rope and its ball; None or no more than the rope without a ball.
+
+    Returns:
+        Traces, the most plausible first; empty where the mask shows no rope.
+    """
+    factor = max(1, round(mask.shape[1] / _WORKING_WIDTH))
+    small = _shrunk(mask, factor)
+    if small.sum() < _SHORTEST_STEPS:
+        return []
+    depth = depth_in_mask(small)
+    inner = depth[depth > 1]
+    half_px = 1.15 * float(np.median(inner)) if len(inner) else 1.0
+    ball = np.zeros_like(small)
+    if objects is not None:
+        ball = _opened(_shrunk(objects & ~mask, factor))
+    starts = [_start_at_ball(small, ball)] if ball.any() else _starts_at_ends(small)
+    settings = np.array(list(itertools.product(_STRAIGHTNESS, _INERTIA)))
+    found = []
+    for place, heading in starts:
+        relative = np.minimum(depth, half_px) / half_px
+        for path in walks(relative, place, heading, settings[:, 0], settings[:, 1]):
+            if len(path) >= _SHORTEST_STEPS:
+                found.append(_measured(path, small, half_px, factor))
+    return sorted(found, key=lambda trace: -trace.score)
+
+
+def _shrunk(mask: Mask, factor: int) -> Mask:
+    height, width = mask.shape[0] // factor, mask.shape[1] // factor
+    whole = mask[: height * factor, : width * factor]
+    blocks = whole.reshape(height, factor, width, factor).mean(axis=(1, 3))
+    return np.asarray(blocks >= 0.5)
+
+
+def _opened(mask: Mask) -> Mask:
+    """Return a mask without what is thinner than five pixels, if anything is thicker."""
+    picture = Image.fromarray(mask).convert("L")
+    opened = picture.filter(ImageFilter.MinFilter(5)).filter(ImageFilter.MaxFilter(5))
+    thick = np.asarray(opened) > 0
+    return thick if thick.any() else mask
+
+
+def _centres(mask: Mask) -> FloatArray:
+    rows, columns = np.nonzero(mask)
+    return np.stack([columns, rows], axis=1) + 0.5
+
+
+def _start_at_ball(mask: Mask, ball: Mask) -> tuple[FloatArray, FloatArray]:
+    """Return the rope's pixel nearest to the ball's middle, and the way that the rope takes."""
+    middle, places = _centres(ball).mean(axis=0), _centres(mask)
+    start = places[np.linalg.norm(places - middle, axis=1).argmin()]
+    return start, _heading(places, start, start - middle)
+
+
+def _starts_at_ends(mask: Mask) -> list[tuple[FloatArray, FloatArray]]:
+    """Return both ends: the pixels farthest from each other along the mask."""
+    places = _centres(mask)
+    first = np.argwhere(mask)[0]
+    ends = []
+    for _ in range(3):  # the first sweep only finds an end to sweep from
+        steps = steps_along(mask, (int(first[0]), int(first[1])))
+        first = np.array(np.unravel_index(int(steps.argmax()), mask.shape))
+        ends.append(first)
+    starts = [np.array([column, row]) + 0.5 for row, column in ends[1:]]
+    return [(start, _heading(places, start, np.array([1.0, 0.0]))) for start in starts]
+
+
+def _heading(places: FloatArray, start: FloatArray, otherwise: FloatArray) -> FloatArray:
+    """Return the unit vector to the middle of the mask around a place."""
+    near = places[np.linalg.norm(places - start, axis=1) < 7]
+    way = near.mean(axis=0) - start
+    if np.linalg.norm(way) < 0.5:
+        way = otherwise
+    return np.asarray(way / max(float(np.linalg.norm(way)), 1e-9))
+
+
+def _measured(path: FloatArray, mask: Mask, half_px: float, factor: int) -> Trace:
+    passed = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
+    at = np.linspace(0, passed[-1], STATIONS)
+    stations = np.stack([np.interp(at, passed, path[:, axis]) for axis in (0, 1)], axis=1)
+    covered = _covered(stations, mask.shape, half_px + 1)
+    sparse = stations[::3]
+    way = np.gradient(sparse, axis=0)
+    way /= np.linalg.norm(way, axis=1, keepdims=True) + 1e-9
+    gap = np.linalg.norm(sparse[:, None] - sparse[None], axis=2)
+    parallel = np.abs(way @ way.T) > 0.9
+    number = np.arange(len(sparse))
+    apart = np.abs(number[:, None] - number[None]) > 0.07 * len(sparse)
+    turns = np.diff(np.unwrap(np.arctan2(way[:, 1], way[:, 0])))
+    return Trace(
+        uv_px=np.asarray(stations * float(factor), dtype=np.float64),
+        length_px=float(passed[-1]) * factor,
+        coverage=float(covered[mask].mean()),
+        retraced=float(((gap < 2) & parallel & apart).any(axis=1).mean()),
+        bending=float((turns**2).sum()),
+    )
+
+
+def _covered(stations: FloatArray, shape: tuple[int, ...], radius_px: float) -> Mask:
+    """Return the pixels within a radius of any station."""
+    reach = int(np.ceil(radius_px))
+    offsets = np.stack(np.meshgrid(*[np.arange(-reach, reach + 1)] * 2), axis=-1).reshape(-1, 2)
+    offsets = offsets[np.linalg.norm(offsets, axis=1) <= radius_px]
+    column, row = (np.floor(stations).astype(np.int64)[:, None] + offsets).reshape(-1, 2).T
+    inside = (column >= 0) & (column < shape[1]) & (row >= 0) & (row < shape[0])
+    covered = np.zeros(shape, dtype=np.bool_)
+    covered[row[inside], column[inside]] = True
+    return covered
