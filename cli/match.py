@@ -51,7 +51,7 @@ def command(
 ) -> None:
     """Find a pixel of one picture in another, and draw match, heat map and confidence.
 
-    METHOD is sift, surf, orb, identity, random, centroid, a shipped model (don-rope, don-cloth),
+    METHOD is sift, surf, orb, rope-tracer, identity, random, centroid, a shipped model (don-rope, don-cloth),
     or the folder of a training run. Without --mask-target the whole target is searched.
     """
     from pliant.api import open_method

@@ -67,7 +67,11 @@ def test_run_folder_is_a_method(
 @pytest.mark.parametrize(
     ("change", "code", "message"),
     [
-        ({"METHOD": "siftt"}, 2, "no method 'siftt'; required: one of sift, surf, orb, identity"),
+        (
+            {"METHOD": "siftt"},
+            2,
+            "no method 'siftt'; required: one of sift, surf, orb, rope-tracer",
+        ),
         ({"METHOD": "siftt"}, 2, "Did you mean sift?"),
         ({"--data": "nowhere"}, 1, "nowhere: this is no Pliant dataset"),
         ({"--split": "train"}, 2, "no queries for split 'train'"),
