@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import click
 
-from pliant.cli.options import PATH, choice_option, image_size, json_option, out_option
+from pliant.cli.options import PATH, choice_option, image_size, json_option, out_option, path_option
 from pliant.cli.terminal import echo_result, progress_bar
 
 
@@ -18,7 +18,7 @@ from pliant.cli.terminal import echo_result, progress_bar
 @choice_option(
     "--kind",
     ["rope", "cloth"],
-    "What the points lie on; default: rope for knots_info.json, cloth for tracks.",
+    "What the points lie on; default: rope for pictures, cloth for tracks.",
 )
 @choice_option("--split", ["train", "val", "test"], "The split that all of it becomes.", "test")
 @click.option("--title", default="", help="Title of the dataset, one line.")
@@ -27,17 +27,26 @@ from pliant.cli.terminal import echo_result, progress_bar
     "--queries",
     ["first", "pairs"],
     "Ask each point where it is first seen (TAP-Vid), or in drawn pairs of frames; "
-    "default: pairs for knots_info.json, first for tracks.",
+    "default: pairs for pictures, first for tracks.",
 )
 @click.option("--pairs", default=100, show_default=True, help="Pairs drawn, with --queries pairs.")
-@click.option("--size", metavar="WxH", help="Bring every frame to this size, px.")
+@path_option(
+    "--pair-list", "FILE.csv", "Pictures: ask about these pairs alone; columns source,target."
+)
+@click.option(
+    "--size",
+    metavar="WxH",
+    help="Bring every frame to this size, px. Pictures keep their proportions on black; tracks "
+    "are stretched. Default: the smallest size that all pictures fit in.",
+)
 @choice_option(
     "--pixels",
     ["rounded", "index"],
-    "knots_info.json: numbers are rounded positions, or columns and rows of pixels.",
+    "Pictures: numbers are positions from the corner, or columns and rows of pixels, to which "
+    "0.5 is added.",
     "rounded",
 )
-@click.option("--episode", is_flag=True, help="knots_info.json: the frames follow in time.")
+@click.option("--episode", is_flag=True, help="Pictures: they follow each other in time.")
 @choice_option(
     "--coordinates",
     ["auto", "normalised", "pixels"],
@@ -45,25 +54,25 @@ from pliant.cli.terminal import echo_result, progress_bar
     "auto",
 )
 @json_option
-def command(
-    source: Path,
-    out: Path,
-    pixels: Literal["rounded", "index"],
-    episode: bool,
-    coordinates: Literal["auto", "normalised", "pixels"],
-    as_json: bool,
-    **given: Any,
-) -> None:
+def command(source: Path, out: Path, as_json: bool, **given: Any) -> None:
     """Bring in SOURCE as a dataset that can be validated, answered and scored.
 
-    SOURCE is a folder of images with the paper's knots_info.json, or a file of TAP-Vid tracks
-    (pickle or npz; nothing in it is executed). Depth, cameras and material are not known and
-    left out; the answers are written next to DIR, as DIR-truth/SPLIT.parquet.
+    SOURCE is annotations.csv (picture,point,x,y,visible), COCO keypoints, LabelMe files or the
+    paper's knots_info.json, as a file or its folder, with its pictures; or a file of TAP-Vid
+    tracks (pickle or npz; nothing in it is executed). Depth, cameras and material are not known
+    and left out; the answers are written next to DIR, as DIR-truth/SPLIT.parquet.
     """
-    from pliant.converters import ImportSettings, read_source, write_imported
+    from pliant.converters import ImportSettings, SourceOptions, read_source, write_imported
 
-    found = read_source(source, pixels=pixels, temporal=episode, coordinates=coordinates)
     given["size"] = given["size"] and image_size(given["size"])
+    options = SourceOptions(
+        pixels=given.pop("pixels"),
+        temporal=given.pop("episode"),
+        pairs=given.pop("pair_list"),
+        size=given["size"],
+        coordinates=given.pop("coordinates"),
+    )
+    found = read_source(source, options)
     defaults = {"id": out.name, "kind": found.kind, "queries": found.queries}
     settings = ImportSettings(**{k: v or defaults.get(k, v) for k, v in given.items()})
     with progress_bar("Writing", "frames", hidden=as_json) as bar:

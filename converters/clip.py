@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import IO
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-
-from pliant.spec.io import limits
 
 Floats = npt.NDArray[np.float64]
 Image = npt.NDArray[np.uint8]
@@ -30,6 +26,8 @@ class Clip:
             at (0.5, 0.5)); NaN where the position is not known.
         visible: bool (N, T), where the point is seen, its position known and in the image.
         temporal: True for frames in time, False for independent configurations.
+        pairs: The (source, target) frames that its source lists, None for no list.
+        facts: JSON-able facts for the provenance: names of pictures and points, scales.
     """
 
     name: str
@@ -39,6 +37,8 @@ class Clip:
     uv_px: Floats
     visible: npt.NDArray[np.bool_]
     temporal: bool
+    pairs: Sequence[tuple[int, int]] | None = None
+    facts: Mapping[str, Any] | None = None
 
     def __post_init__(self) -> None:
         # A position that was rounded up to the border, or is beyond it, is not seen.
@@ -69,24 +69,3 @@ def resized(clip: Clip, size: tuple[int, int]) -> Clip:
 
     scale = np.array([size[0] / clip.size[0], size[1] / clip.size[1]])
     return replace(clip, size=size, read=read, uv_px=clip.uv_px * scale)
-
-
-def decode_picture(source: Path | IO[bytes]) -> Image:
-    """Decode a JPEG or PNG, uint8 (H, W, 3), after checking the size that it announces.
-
-    Raises:
-        ValueError: The image is larger than the specification allows.
-        Exception: Pillow's errors on a damaged file do not share a base.
-    """
-    from PIL import Image as Pictures
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", Pictures.DecompressionBombWarning)
-        with Pictures.open(source, formats=("JPEG", "PNG")) as picture:
-            width, height = picture.size
-            if width * height > limits.MAX_IMAGE_PIXELS:
-                raise ValueError(
-                    f"an image of {width} x {height} pixels; at most "
-                    f"{limits.MAX_IMAGE_PIXELS:,} are allowed"
-                )
-            return np.asarray(picture.convert("RGB"), dtype=np.uint8)

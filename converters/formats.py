@@ -5,13 +5,36 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
+from pliant.converters.annotation_tools import is_coco, is_labelme, read_coco, read_labelme
+from pliant.converters.annotations import Annotations, clip_of
 from pliant.converters.clip import Clip
-from pliant.converters.knots import Pixels, read_knots
+from pliant.converters.knots import KNOTS_JSON, Pixels, read_knots
+from pliant.converters.marks_csv import ANNOTATIONS_CSV, read_marks
 from pliant.converters.queries import Scheme
 from pliant.converters.tapvid import Coordinates, read_tapvid
-from pliant.spec.errors import CallError
+from pliant.spec.errors import CallError, SpecError
+from pliant.spec.io.jsonfiles import read_json
+
+
+@dataclass(frozen=True)
+class SourceOptions:
+    """How a source is read.
+
+    Attributes:
+        pixels: Of annotated pictures, what the numbers are.
+        temporal: Of annotated pictures, whether they follow each other in time.
+        pairs: Of annotated pictures, a CSV of the pairs to ask about, or None.
+        size: (width, height) to bring pictures to, px; None for the smallest common canvas.
+        coordinates: Of tracks, what positions are.
+    """
+
+    pixels: Pixels = "rounded"
+    temporal: bool = False
+    pairs: Path | None = None
+    size: tuple[int, int] | None = None
+    coordinates: Coordinates = "auto"
 
 
 @dataclass(frozen=True)
@@ -28,34 +51,77 @@ class Source:
     clips: Sequence[Clip]
     kind: Literal["rope", "cloth"]
     queries: Scheme
-    facts: Mapping[str, str]
+    facts: Mapping[str, Any]
 
 
-def read_source(
-    path: Path,
-    *,
-    pixels: Pixels = "rounded",
-    temporal: bool = False,
-    coordinates: Coordinates = "auto",
-) -> Source:
-    """Read a folder with `knots_info.json` or a file of TAP-Vid tracks.
+def read_source(path: Path, options: SourceOptions | None = None) -> Source:
+    """Read annotated pictures or point tracks.
 
     Args:
-        path: The folder or the file.
-        pixels: Of `knots_info.json`, what its numbers are.
-        temporal: Of `knots_info.json`, whether the frames follow each other in time.
-        coordinates: Of tracks, what positions are.
+        path: `annotations.csv`, a COCO or LabelMe file, the folder of one of them or of
+            `knots_info.json`, or a file of TAP-Vid tracks.
+        options: How.
 
     Raises:
-        CallError: There is nothing at this path.
+        CallError: There is nothing at this path, or an option is not one of its format.
         SpecError: The data is damaged.
     """
-    if path.is_dir():
-        clips = [read_knots(path, pixels=pixels, temporal=temporal)]
-        facts = {"source": path.name, "format": "knots_info.json", "pixels": pixels}
-        return Source(clips, "rope", "pairs", facts)
-    if path.is_file():
-        tracks = read_tapvid(path, coordinates=coordinates)
-        facts = {"source": path.name, "format": "tap-vid", "coordinates": coordinates}
+    options = options or SourceOptions()
+    if not path.exists():
+        raise CallError("there is nothing to import", path=path)
+    if path.is_file() and path.suffix.lower() not in (".csv", ".json"):
+        if options.pairs is not None:
+            raise CallError("a list of pairs is for annotated pictures", path=options.pairs)
+        tracks = read_tapvid(path, coordinates=options.coordinates)
+        facts = {"source": path.name, "format": "tap-vid", "coordinates": options.coordinates}
         return Source(tracks, "cloth", "first", facts)
-    raise CallError("there is nothing to import", path=path)
+    name, annotations = _annotations(path)
+    clip = clip_of(
+        annotations,
+        size=options.size,
+        temporal=options.temporal,
+        pairs=options.pairs,
+        half_pixel=options.pixels == "index",
+    )
+    facts = {"source": path.name, "format": name, "pixels": options.pixels, **(clip.facts or {})}
+    return Source([clip], "rope", "pairs", facts)
+
+
+def _annotations(path: Path) -> tuple[str, Annotations]:
+    """Return the name of the format and what was read."""
+    if path.suffix.lower() == ".csv":
+        return "annotations.csv", read_marks(path)
+    if path.is_file():
+        if path.name == KNOTS_JSON:
+            return KNOTS_JSON, read_knots(path.parent)
+        return _tool(path, [path])
+    if (path / ANNOTATIONS_CSV).is_file():
+        return "annotations.csv", read_marks(path / ANNOTATIONS_CSV)
+    if (path / KNOTS_JSON).is_file() or (path / "images" / KNOTS_JSON).is_file():
+        return KNOTS_JSON, read_knots(path)
+    return _tool(path, sorted([*path.glob("*.json"), *path.glob("annotations/*.json")]))
+
+
+def _tool(path: Path, files: Sequence[Path]) -> tuple[str, Annotations]:
+    """Return what JSON files of an annotation tool say."""
+    documents = {file: read_json(file) for file in files}
+    coco = [file for file, document in documents.items() if is_coco(document)]
+    labelme = [file for file, document in documents.items() if is_labelme(document)]
+    if len(coco) > 1:
+        raise SpecError(
+            "there are several COCO files",
+            path=path,
+            found=", ".join(file.name for file in coco[:4]),
+            fix="Import one of them by its path.",
+        )
+    if coco:
+        return "coco", read_coco(coco[0])
+    if labelme:
+        return "labelme", read_labelme(labelme, path)
+    raise SpecError(
+        "there are no annotations to import",
+        path=path,
+        required=f"{ANNOTATIONS_CSV} (picture,point,x,y,visible), COCO keypoints, LabelMe files "
+        f"or {KNOTS_JSON}",
+        fix="Click points with `pliant annotate DIR`, which writes annotations.csv.",
+    )

@@ -14,25 +14,25 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
-from pliant.converters.clip import Clip, Floats, Image, decode_picture
+from pliant.converters.annotations import Annotations
+from pliant.converters.clip import Floats
 from pliant.spec.errors import SpecError
 from pliant.spec.io.jsonfiles import read_json
 
 KNOTS_JSON: Final = "knots_info.json"
-_IMAGE: Final = re.compile(r"(\d{1,9})_rgb\.png")
+_IMAGE: Final = re.compile(r"(\d{1,9})_rgb\.(?:png|jpg|jpeg)")
+_IMAGE_NAME: Final = "%06d_rgb.png"
 
 Pixels = Literal["rounded", "index"]
 """What a whole number says: `rounded`, the position to the nearest pixel border, as the paper's
 scripts write it; `index`, the column and row of a pixel, whose centre is half a pixel further."""
 
 
-def read_knots(folder: Path, *, pixels: Pixels = "rounded", temporal: bool = False) -> Clip:
+def read_knots(folder: Path) -> Annotations:
     """Read a folder of frames with their `knots_info.json`.
 
     Args:
-        folder: Holds `knots_info.json` and the images `000000_rgb.png` …, here or in `images/`.
-        pixels: What the whole numbers say.
-        temporal: Whether the frames follow each other in time.
+        folder: Contains `knots_info.json` and the images `000000_rgb.png` …, here or in `images/`.
 
     Returns:
         The frames in the order of their numbers. Of a point with several pixels the position is
@@ -56,24 +56,21 @@ def read_knots(folder: Path, *, pixels: Pixels = "rounded", temporal: bool = Fal
         raise SpecError(
             "images and annotations do not belong to the same frames",
             path=path,
-            found=f"{len(annotated)} annotated frames and {len(images)} images",
+            found=f"{len(annotated)} annotated frames and {len(images)} images NNNNNN_rgb.png",
             required=f"both for each frame; frame {odd} has only one of them",
+            fix=f"Delete {_IMAGE_NAME % odd} or the entry {odd} of {KNOTS_JSON}.",
         )
     numbers = sorted(images)
     uv_px = np.stack([_positions(annotated[n], f"frame {n}", path) for n in numbers], axis=1)
-    if pixels == "index":
-        uv_px = uv_px + 0.5
-    files = [images[number] for number in numbers]
-    height, width, _ = _decode(files[0]).shape
-    size = (width, height)
-    return Clip(
-        name=folder.name,
-        size=size,
-        frames=len(files),
-        read=lambda frame: _read(files[frame], size),
+    visible = np.isfinite(uv_px[..., 0])
+    return Annotations(
+        path=folder,
+        pictures=[images[number] for number in numbers],
+        points=[str(point) for point in range(len(uv_px))],
         uv_px=uv_px,
-        visible=np.isfinite(uv_px[..., 0]),
-        temporal=temporal,
+        visible=visible,
+        # The cloth scripts write every vertex, those under a fold too.
+        unsaid=["which points are hidden"] if visible.all() else [],
     )
 
 
@@ -90,13 +87,15 @@ def _annotations(document: Any, path: Path) -> dict[int, Any]:
         if not str(key).isdecimal():
             raise SpecError("a frame has no number", path=path, where=str(key)[:40])
         frames[int(key)] = points
-    counts = {len(points) if isinstance(points, list) else -1 for points in frames.values()}
+    counts = {len(points) if _lists(points) else -1 for points in frames.values()}
     if len(counts) != 1 or min(counts) < 1:
         raise SpecError(
             "the frames do not list the same points",
             path=path,
-            found=f"lists of {sorted(counts)} points",
+            found=f"lists of {sorted(counts)} points" if min(counts) >= 0 else "no lists",
             required="one list of points in every frame, in one order",
+            fix="Write an entry frame -> [[[u, v]], …] for each image; a version of the cloth "
+            "script writes pixel -> vertex instead, from which the frames cannot be recovered.",
         )
     return frames
 
@@ -107,6 +106,8 @@ def _positions(points: Any, where: str, path: Path) -> Floats:
     for index, pixels in enumerate(points):
         if pixels == []:
             continue
+        if _is_pixel(pixels):  # some of the scripts write a pixel without a list around it
+            pixels = [pixels]
         try:
             values = np.array(pixels, np.float64)
         except (TypeError, ValueError):
@@ -123,20 +124,10 @@ def _positions(points: Any, where: str, path: Path) -> Floats:
     return result
 
 
-def _read(path: Path, size: tuple[int, int]) -> Image:
-    image = _decode(path)
-    if (image.shape[1], image.shape[0]) != size:
-        raise SpecError(
-            "the images differ in size",
-            path=path,
-            found=f"{image.shape[1]} x {image.shape[0]}",
-            required=f"{size[0]} x {size[1]}, as the first",
-        )
-    return image
+def _lists(points: Any) -> bool:
+    return isinstance(points, list) and not all(isinstance(p, int | float) for p in points)
 
 
-def _decode(path: Path) -> Image:
-    try:
-        return decode_picture(path)
-    except Exception as error:  # Pillow's errors on a damaged file do not share a base
-        raise SpecError("the image cannot be read", path=path, found=str(error)[:200]) from error
+def _is_pixel(value: Any) -> bool:
+    numbers = isinstance(value, list) and all(isinstance(each, int | float) for each in value)
+    return numbers and len(value) == 2

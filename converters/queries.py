@@ -30,7 +30,8 @@ def make_queries(
     """Return the queries and the truth of some clips.
 
     A target in which the point is hidden is asked about only where a position stands in the
-    source: that answer cannot be held against a method, but its visibility can.
+    source: that answer cannot be held against a method, but its visibility can. Where the source
+    lists pairs of frames, these are asked about, whatever the scheme.
 
     Args:
         clips: The clips.
@@ -79,6 +80,10 @@ def _frame_pairs(
     clip: Clip, scheme: Scheme, pairs: int, rng: np.random.Generator
 ) -> Iterator[_FramePair]:
     """Yield source frame, target frame, and the points asked."""
+    if clip.pairs is not None:
+        for a, b in clip.pairs:
+            yield a, b, np.flatnonzero(clip.visible[:, a])
+        return
     if scheme == "first":
         shown = clip.visible.any(axis=1)
         first = np.where(shown, clip.visible.argmax(axis=1), -1)

@@ -15,9 +15,10 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
-from pliant.converters.clip import Clip, Image, decode_picture
+from pliant.converters.clip import Clip, Image
 from pliant.converters.unpickle import read_pickle
 from pliant.spec.errors import SpecError
+from pliant.spec.io.photo import decode_photo
 
 FIELDS: Final = ("video", "points", "occluded")
 _MAX_NPZ_BYTES: Final = 16 * 2**30
@@ -117,7 +118,7 @@ def _frame(video: Any, frame: int, name: str, path: Path) -> Image:
     try:
         item = video[frame]
         if isinstance(item, bytes):
-            return decode_picture(io.BytesIO(item))
+            return decode_photo(io.BytesIO(item))
         image = np.asarray(item)
     except Exception as error:  # Pillow's errors do not share a base
         raise SpecError(

@@ -124,7 +124,11 @@ def write_imported(
     ids = [f"{settings.id}-{settings.split}-{index:06d}" for index in range(len(clips))]
     queries, truth = make_queries(clips, ids, settings.id, settings.queries, settings.pairs)
     if not len(queries):
-        raise SpecError("no point is seen in two frames, so nothing can be asked", path=out)
+        raise SpecError(
+            "no point is seen in one frame and known in another, so nothing can be asked",
+            path=source.get("source"),
+            fix="Mark the same points, under the same names, in several pictures.",
+        )
     out.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=f".{out.name}-", dir=out.parent) as scratch:
         root = Path(scratch) / "dataset"

@@ -1,0 +1,339 @@
+"""Points that were annotated in pictures, and the clip that they become.
+
+Pictures of different sizes get one canvas: each is reduced only as far as it must be, keeps its
+proportions, and is at the upper left, with black to the right and below. A position is multiplied
+by exactly the factor that its picture was resized by, so the truth stays exact; the factors are in
+the dataset's provenance.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from pliant.converters.clip import Clip, Floats, Image
+from pliant.spec.errors import CallError, SpecError
+from pliant.spec.io import limits
+from pliant.spec.io.photo import SUFFIXES, photo_size, read_photo
+
+_SLACK_PX = 0.5  # a mark that counts from the first pixel's centre may be half a pixel outside
+
+
+@dataclass(frozen=True)
+class Annotations:
+    """Named points in pictures.
+
+    Attributes:
+        path: The file or folder that they were read from.
+        pictures: The picture files, in the order of the frames.
+        points: Names of the points.
+        uv_px: float64 (N, T, 2), pixels from the corner of each picture as viewers show it, NaN
+            where the position is not given.
+        visible: bool (N, T).
+        unsaid: What the source cannot say, for the provenance.
+    """
+
+    path: Path
+    pictures: Sequence[Path]
+    points: Sequence[str]
+    uv_px: Floats
+    visible: npt.NDArray[np.bool_]
+    unsaid: Sequence[str] = ()
+
+
+class Collector:
+    """Gathers marks one by one; a point has at most one mark in a picture.
+
+    Args:
+        path: The file or folder that is read, for messages.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._pictures: dict[Path, None] = {}
+        self._points: dict[str, None] = {}
+        self._marks: dict[tuple[Path, str], tuple[float, float, bool]] = {}
+
+    def add_picture(self, picture: Path) -> None:
+        """Add a picture, marked or not."""
+        self._pictures[picture] = None
+
+    def add(
+        self, picture: Path, point: str, uv_px: tuple[float, float], visible: bool, where: str
+    ) -> None:
+        """Add a mark.
+
+        Args:
+            picture: The picture file.
+            point: Name of the point.
+            uv_px: Its position; NaN where it is not given.
+            visible: Whether the point is seen there.
+            where: The mark's place in the source, for messages.
+
+        Raises:
+            SpecError: The point is marked there already.
+        """
+        if (picture, point) in self._marks:
+            raise SpecError(
+                f"the point {point!r} is marked twice in {picture.name}",
+                path=self.path,
+                where=where,
+                fix="Give each point of an object one name, and each mark of a picture another.",
+            )
+        self.add_picture(picture)
+        self._points[point] = None
+        self._marks[picture, point] = (*uv_px, visible and bool(np.isfinite(uv_px).all()))
+
+    def annotations(self) -> Annotations:
+        """Return what was gathered; pictures are sorted by name.
+
+        Raises:
+            SpecError: There is no mark, fewer than two pictures, or a visible mark outside its
+            picture.
+        """
+        pictures, points = sorted(self._pictures), list(self._points)
+        if len(pictures) < 2 or not points:
+            raise SpecError(
+                "there is nothing to ask",
+                path=self.path,
+                found=f"{len(points)} points in {len(pictures)} pictures",
+                required="points marked in at least two pictures",
+            )
+        uv_px = np.full((len(points), len(pictures), 2), np.nan)
+        visible = np.zeros(uv_px.shape[:2], np.bool_)
+        for (picture, point), mark in self._marks.items():
+            self._check_inside(picture, point, mark)
+        frame = {picture: index for index, picture in enumerate(pictures)}
+        for row, point in enumerate(points):
+            for picture in pictures:
+                if (picture, point) in self._marks:
+                    u, v, seen = self._marks[picture, point]
+                    uv_px[row, frame[picture]] = u, v
+                    visible[row, frame[picture]] = seen
+        return Annotations(self.path, pictures, points, uv_px, visible)
+
+    def _check_inside(self, picture: Path, point: str, mark: tuple[float, float, bool]) -> None:
+        """Refuse a visible mark outside its picture: the usual sign of an EXIF rotation."""
+        u, v, visible = mark
+        width, height = photo_size(picture)
+        if visible and not (-_SLACK_PX <= u <= width and -_SLACK_PX <= v <= height):
+            raise SpecError(
+                "a visible point is outside its picture",
+                path=self.path,
+                where=f"{picture.name}, point {point!r}",
+                found=f"{u:g}, {v:g}",
+                required=f"a position in {width}x{height} px",
+                fix="If the tool ignored the EXIF orientation, save the pictures without it and "
+                "annotate them again; if the point is hidden, mark it so.",
+            )
+
+
+@dataclass(frozen=True)
+class Canvas:
+    """Pictures brought to one size.
+
+    Attributes:
+        pictures: The files.
+        wanted: (width, height) asked for, or None for the smallest that all of them fit in.
+    """
+
+    pictures: Sequence[Path]
+    wanted: tuple[int, int] | None = None
+
+    @cached_property
+    def original(self) -> list[tuple[int, int]]:
+        """(width, height) of each picture, px."""
+        return [photo_size(picture) for picture in self.pictures]
+
+    @cached_property
+    def size(self) -> tuple[int, int]:
+        """(width, height) of the canvas, px."""
+        if self.wanted is not None:
+            return self.wanted
+        width, height = (max(sides) for sides in zip(*self.original, strict=True))
+        scale = min(
+            1.0,
+            limits.MAX_IMAGE_SIDE_PX / max(width, height),
+            (limits.MAX_IMAGE_PIXELS / (width * height)) ** 0.5,
+        )
+        return int(width * scale), int(height * scale)
+
+    def placed(self, frame: int) -> tuple[int, int]:
+        """Return (width, height) of a picture on the canvas, px."""
+        width, height = self.original[frame]
+        scale = min(self.size[0] / width, self.size[1] / height)
+        if self.wanted is None:
+            scale = min(1.0, scale)
+        return max(1, round(width * scale)), max(1, round(height * scale))
+
+    def scales(self) -> Floats:
+        """Return the factors of u and v of each picture, float64 (T, 2)."""
+        placed = [self.placed(frame) for frame in range(len(self.pictures))]
+        return np.array(placed, float) / np.array(self.original, float)
+
+    def read(self, frame: int) -> Image:
+        """Return a picture on the canvas, uint8 (H, W, 3)."""
+        from PIL import Image as Pictures
+
+        rgb = read_photo(self.pictures[frame])
+        if (rgb.shape[1], rgb.shape[0]) != self.placed(frame):
+            reduced = Pictures.fromarray(rgb).resize(self.placed(frame), Pictures.Resampling.BOX)
+            rgb = np.asarray(reduced)
+        canvas = np.zeros((self.size[1], self.size[0], 3), np.uint8)
+        canvas[: rgb.shape[0], : rgb.shape[1]] = rgb
+        return canvas
+
+    def facts(self) -> list[dict[str, Any]]:
+        """Return what became of each picture, for the provenance."""
+        return [
+            {"name": picture.name, "size": list(size), "placed": list(self.placed(frame))}
+            for frame, (picture, size) in enumerate(zip(self.pictures, self.original, strict=True))
+        ]
+
+
+def clip_of(
+    annotations: Annotations,
+    *,
+    size: tuple[int, int] | None,
+    temporal: bool,
+    pairs: Path | None,
+    half_pixel: bool = False,
+) -> Clip:
+    """Return annotated pictures as a clip.
+
+    Args:
+        annotations: The pictures and the points in them.
+        size: (width, height) of the canvas, None for the smallest that all pictures fit in.
+        temporal: Whether the pictures follow each other in time.
+        pairs: A CSV of the pairs to ask about, columns `source` and `target`; None for no list.
+        half_pixel: Whether positions are indices of pixels: 0.5 is added.
+
+    Raises:
+        SpecError: A picture or the list of pairs cannot be read.
+    """
+    canvas = Canvas(annotations.pictures, size)
+    uv_px = annotations.uv_px + (0.5 if half_pixel else 0.0)
+    names = [picture.name for picture in annotations.pictures]
+    name = annotations.path.stem if annotations.path.is_file() else annotations.path.name
+    return Clip(
+        name=name,
+        size=canvas.size,
+        frames=len(names),
+        read=canvas.read,
+        uv_px=uv_px * canvas.scales(),
+        visible=annotations.visible,
+        temporal=temporal,
+        pairs=None if pairs is None else _read_pairs(pairs, names),
+        facts={
+            "pictures": canvas.facts(),
+            "points": list(annotations.points),
+            "not_said": list(annotations.unsaid),
+        },
+    )
+
+
+def picture_in(folder: Path, name: str, path: Path, where: str) -> Path:
+    """Return a picture of a folder.
+
+    Args:
+        folder: The folder.
+        name: Its name there, as an annotation file gives it. Its last part alone counts where it
+            leads out of the folder, or to no file.
+        path: The annotation file, for messages.
+        where: The place in it, for messages.
+
+    Raises:
+        SpecError: There is no such picture.
+    """
+    whole = PurePosixPath(name.replace("\\", "/"))
+    inside = not whole.is_absolute() and ".." not in whole.parts
+    for candidate in (whole, whole.name) if inside else (whole.name,):
+        for below in (folder, folder / "images"):
+            if whole.name and (below / candidate).is_file():
+                return below / candidate
+    raise SpecError(
+        "there is no such picture",
+        path=path,
+        where=where,
+        found=repr(name)[:80],
+        required=f"a file in {folder}",
+        fix=f"Found there: {_some_pictures(folder)}.",
+    )
+
+
+def _some_pictures(folder: Path) -> str:
+    names = sorted(p.name for p in folder.iterdir() if p.suffix.lower() in SUFFIXES)
+    return ", ".join(names[:4]) + (" …" if len(names) > 4 else "") or "no pictures"
+
+
+def _read_pairs(path: Path, names: Sequence[str]) -> list[tuple[int, int]]:
+    rows = read_rows(path, ("source", "target"))
+    pairs = []
+    for where, row in rows:
+        for side in ("source", "target"):
+            if row[side] not in names:
+                raise SpecError(
+                    "a pair names a picture that has no annotations",
+                    path=path,
+                    where=f"{where}, {side}",
+                    found=repr(row[side])[:80],
+                    required=f"one of {', '.join(names[:5])}{' …' if len(names) > 5 else ''}",
+                )
+        pair = (names.index(row["source"]), names.index(row["target"]))
+        if pair[0] == pair[1] or pair in pairs:
+            said = "a picture with itself" if pair[0] == pair[1] else "a pair twice"
+            raise SpecError(f"the list has {said}", path=path, where=where, fix="Remove the row.")
+        pairs.append(pair)
+    return pairs
+
+
+def read_rows(path: Path, columns: Sequence[str]) -> list[tuple[str, dict[str, str]]]:
+    """Read a CSV file with a header; more columns may be there.
+
+    Args:
+        path: The file, UTF-8, separated by commas or semicolons.
+        columns: The columns that it must have.
+
+    Returns:
+        (place, row) for each row that is not empty.
+
+    Raises:
+        CallError: There is no such file.
+        SpecError: It is no such CSV.
+    """
+    if not path.is_file():
+        raise CallError("there is no such file", path=path)
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise SpecError("the file is not UTF-8 text", path=path) from error
+    head = text.split("\n", 1)[0]
+    lines = csv.DictReader(
+        text.splitlines(), delimiter=";" if head.count(";") > head.count(",") else ","
+    )
+    found = [name.strip() for name in lines.fieldnames or []]
+    if not set(columns) <= set(found):
+        raise SpecError(
+            "the header lacks columns",
+            path=path,
+            where="line 1",
+            found=head[:80],
+            required=",".join(columns),
+        )
+    lines.fieldnames = found
+    rows = []
+    for row in lines:
+        where = f"line {lines.line_num}"
+        if any(row[name] is None for name in columns):
+            raise SpecError(
+                "the row lacks values", path=path, where=where, required=",".join(columns)
+            )
+        rows.append((where, {name: row[name].strip() for name in columns}))
+    return rows

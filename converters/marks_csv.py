@@ -1,0 +1,65 @@
+"""Reads `annotations.csv`: one row for each mark, `picture,point,x,y,visible`.
+
+x and y are pixels from the upper-left corner of the picture as viewers show it, so that the centre
+of the first pixel is at (0.5, 0.5). `pliant annotate` writes this file.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Final
+
+from pliant.converters.annotations import Annotations, Collector, picture_in, read_rows
+from pliant.spec.errors import SpecError
+
+ANNOTATIONS_CSV: Final = "annotations.csv"
+COLUMNS: Final = ("picture", "point", "x", "y", "visible")
+
+_VISIBLE: Final = {"1": True, "true": True, "yes": True, "0": False, "false": False, "no": False}
+
+
+def read_marks(path: Path) -> Annotations:
+    """Read a CSV of marks; its pictures are in the folder of the file, or in `images/` there.
+
+    Args:
+        path: The file. x and y may be empty where `visible` is 0: then nobody says where.
+
+    Raises:
+        CallError: There is no such file.
+        SpecError: A row is damaged, or names a picture that is not there.
+    """
+    marks = Collector(path)
+    for where, row in read_rows(path, COLUMNS):
+        picture = picture_in(path.parent, row["picture"], path, f"{where}, picture")
+        if row["visible"].lower() not in _VISIBLE:
+            raise SpecError(
+                "visible is neither 0 nor 1",
+                path=path,
+                where=where,
+                found=repr(row["visible"])[:40],
+            )
+        visible = _VISIBLE[row["visible"].lower()]
+        if not row["point"]:
+            raise SpecError("the point has no name", path=path, where=where)
+        u, v = (_number(row[axis], visible, path, f"{where}, {axis}") for axis in "xy")
+        marks.add(picture, row["point"], (u, v), visible, where)
+    return marks.annotations()
+
+
+def _number(text: str, visible: bool, path: Path, where: str) -> float:
+    if not text and not visible:
+        return math.nan
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise SpecError(
+            "this is no number",
+            path=path,
+            where=where,
+            found=repr(text)[:40],
+            required="pixels from the upper-left corner; empty only where visible is 0",
+        )
+    return value

@@ -1,0 +1,189 @@
+"""Pictures of any common format: photographs, masks, and depth images of a camera."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+from typing import IO, Final
+
+import numpy as np
+import numpy.typing as npt
+from PIL import Image, ImageOps
+
+from pliant.spec.errors import CallError, PliantError
+from pliant.spec.io.limits import MAX_IMAGE_SIDE_PX
+
+SUFFIXES: Final = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp", ".gif")
+"""Endings of files that are taken for pictures when a folder is listed."""
+
+BLACK: Final = 10
+"""Brightest value of a mask's channel that still counts as black (JPEG is never quite)."""
+
+_MILLIMETRES_PER_METRE: Final = 1000.0
+_TURNED: Final = (5, 6, 7, 8)  # EXIF orientations that exchange width and height
+
+
+def read_photo(path: Path | str) -> npt.NDArray[np.uint8]:
+    """Read a picture as 8-bit RGB, the way viewers show it.
+
+    Turned by its EXIF orientation; transparency over black; 16-bit grey by its upper 8 bits.
+
+    Args:
+        path: The file.
+
+    Returns:
+        uint8 (H, W, 3).
+
+    Raises:
+        CallError: There is no such file.
+        PliantError: It is no picture that can be read, or too large.
+    """
+    path = _existing(path)
+    try:
+        return decode_photo(path)
+    except Exception as error:  # Pillow's decoders share no base
+        raise _unreadable(path, error) from error
+
+
+def decode_photo(source: Path | IO[bytes]) -> npt.NDArray[np.uint8]:
+    """Decode a picture; see `read_photo`.
+
+    Raises:
+        ValueError: It is larger than pictures may be.
+        Exception: Pillow's decoders share no base.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", Image.DecompressionBombWarning)
+        with Image.open(source) as opened:
+            _check_sides(opened.size)
+            return _eight_bit(ImageOps.exif_transpose(opened))
+
+
+def photo_size(path: Path | str) -> tuple[int, int]:
+    """Return (width, height) of a picture after its EXIF orientation, from its header.
+
+    Raises:
+        CallError: There is no such file.
+        PliantError: It is no picture that can be read, or too large.
+    """
+    path = _existing(path)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", Image.DecompressionBombWarning)
+            with Image.open(path) as opened:
+                _check_sides(opened.size)
+                width, height = opened.size
+                # Pillow gives the size of a TIFF as it is after its orientation.
+                turned = opened.format != "TIFF" and opened.getexif().get(0x0112) in _TURNED
+    except Exception as error:  # Pillow's decoders share no base
+        raise _unreadable(path, error) from error
+    return (height, width) if turned else (width, height)
+
+
+def read_mask(path: Path | str, size: tuple[int, int]) -> npt.NDArray[np.bool_]:
+    """Read a mask: a picture that is black outside the object.
+
+    Args:
+        path: The file; a picture of an object on black is its own mask.
+        size: (width, height) of the picture that it belongs to, px.
+
+    Returns:
+        bool (H, W), True on the object.
+
+    Raises:
+        CallError: It is missing, of another size, or black everywhere.
+        PliantError: It is no picture that can be read.
+    """
+    mask: npt.NDArray[np.bool_] = (read_photo(path) > BLACK).any(axis=2)
+    _check_shape("mask", path, mask.shape, size)
+    if not mask.any():
+        raise CallError("the mask is black everywhere", path=path)
+    return mask
+
+
+def read_depth(path: Path | str, size: tuple[int, int]) -> npt.NDArray[np.float32]:
+    """Read a depth image of a camera.
+
+    Args:
+        path: A 16-bit PNG or TIFF in millimetres, or a `.npy` of floating-point metres; 0 and
+            values that are not finite are unknown.
+        size: (width, height) of the picture that it belongs to, px.
+
+    Returns:
+        float32 (H, W), planar z in metres, +inf where it is unknown.
+
+    Raises:
+        CallError: It is missing or of another size.
+        PliantError: It cannot be read, or is of another form.
+    """
+    path = _existing(path)
+    try:
+        if path.suffix.lower() == ".npy":
+            values = np.load(path, allow_pickle=False)
+        else:
+            with Image.open(path) as opened:
+                values = np.asarray(opened)
+    except Exception as error:  # Pillow's decoders share no base
+        raise _unreadable(path, error) from error
+    metres = np.issubdtype(values.dtype, np.floating)
+    if values.ndim != 2 or not (metres or np.issubdtype(values.dtype, np.integer)):
+        raise PliantError(
+            "this is no depth image",
+            path=path,
+            found=f"{values.dtype} {values.shape}",
+            required="one channel: 16-bit millimetres (.png, .tif) or metres (.npy)",
+        )
+    if values.dtype == np.uint8:
+        raise PliantError(
+            "depth of 8 bits has no unit",
+            path=path,
+            required="16-bit millimetres (.png, .tif) or metres (.npy)",
+        )
+    _check_shape("depth image", path, values.shape, size)
+    depth_m = values.astype(np.float32) / (1 if metres else _MILLIMETRES_PER_METRE)
+    return np.where(np.isfinite(depth_m) & (depth_m > 0), depth_m, np.inf).astype(np.float32)
+
+
+def _existing(path: Path | str) -> Path:
+    path = Path(path)
+    if not path.is_file():
+        text = "a picture is needed, not a folder" if path.is_dir() else "there is no such picture"
+        raise CallError(text, path=path)
+    return path
+
+
+def _check_sides(size: tuple[int, int]) -> None:
+    if max(size) > MAX_IMAGE_SIDE_PX:
+        raise ValueError(
+            f"{size[0]}x{size[1]} px; at most {MAX_IMAGE_SIDE_PX} px a side: make it smaller"
+        )
+
+
+def _check_shape(
+    what: str, path: Path | str, shape: tuple[int, ...], size: tuple[int, int]
+) -> None:
+    if shape != (size[1], size[0]):
+        raise CallError(
+            f"the {what} is not of the picture's size",
+            path=path,
+            found=f"{shape[1]}x{shape[0]}",
+            required=f"{size[0]}x{size[1]}",
+        )
+
+
+def _unreadable(path: Path, error: Exception) -> PliantError:
+    if isinstance(error, PliantError):
+        return error
+    empty = path.stat().st_size == 0
+    said = "the file is empty" if empty else str(error).split(" '")[0].split(" <")[0][:200]
+    return PliantError(f"the picture cannot be read ({said})", path=path)
+
+
+def _eight_bit(picture: Image.Image) -> npt.NDArray[np.uint8]:
+    if picture.mode.startswith("I"):  # 16-bit grey, which Pillow would clip at 255
+        grey = (np.clip(np.asarray(picture, dtype=np.int64), 0, 65535) >> 8).astype(np.uint8)
+        return np.repeat(grey[..., None], 3, axis=2)
+    if "A" in picture.getbands() or "transparency" in picture.info:
+        layered = picture.convert("RGBA")
+        picture = Image.alpha_composite(Image.new("RGBA", layered.size, "black"), layered)
+    return np.asarray(picture.convert("RGB"), dtype=np.uint8).copy()

@@ -1,0 +1,247 @@
+"""Importing annotated pictures: known marks in small files must come out where they are."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from pliant.cli.main import run
+from pliant.spec.dataset import Dataset
+from pliant.spec.io.parquet import read_table
+from pliant.spec.validation.validate import validate
+
+# Three pictures of three sizes and kinds. `b.tif` is stored lying on its side: EXIF orientation 6
+# says that viewers turn it by 90 degrees to the right, so that it is shown as 20 x 30.
+SIZES = {"a b.JPG": (40, 30), "b.tif": (30, 20), "ç.webp": (80, 20)}
+
+
+def photographs(folder: Path) -> Path:
+    folder.mkdir()
+    for number, (name, (width, height)) in enumerate(SIZES.items()):
+        rgb = np.full((height, width, 3), 60 * number + 40, np.uint8)
+        rgb[:10, :10] = 250  # the upper left as stored
+        exif = Image.Exif()
+        if name == "b.tif":
+            exif[0x0112] = 6
+        Image.fromarray(rgb).save(folder / name, exif=exif)
+    return folder
+
+
+CSV = """picture,point,x,y,visible
+a b.JPG,ball,4.5,6,1
+a b.JPG,end,39.5,29.5,1
+b.tif,ball,10,30,0
+b.tif,end,2.25,8,1
+ç.webp,end,80,4,yes
+ç.webp,ball,60,10,true
+ç.webp,middle,,,0
+"""
+# In pixels of its own picture: (picture, point) -> position, in the order of the names.
+MARKS = {
+    (0, "ball"): (4.5, 6.0, True),
+    (0, "end"): (39.5, 29.5, True),
+    (1, "ball"): (10.0, 30.0, False),
+    (1, "end"): (2.25, 8.0, True),
+    (2, "ball"): (60.0, 10.0, True),
+    (2, "end"): (80.0, 4.0, False),  # on the border: out of the frame
+}
+
+
+def imported(source: Path, out: Path, *options: str) -> Dataset:
+    assert run(["import", str(source), "--out", str(out), *options]) == 0
+    assert [str(issue) for issue in validate(out).issues] == []
+    return Dataset.open(out)
+
+
+def asked(out: Path) -> set[tuple[Any, ...]]:
+    """(frame a, u, v, frame b, u, v, state) of every query."""
+    queries = read_table(out / "queries" / "test.parquet", "queries").to_pylist()
+    truth = read_table(out.with_name(f"{out.name}-truth") / "test.parquet", "truth").to_pylist()
+    return {
+        (q["frame_a"], q["u_a"], q["v_a"], q["frame_b"], t["u_b"], t["v_b"], t["visibility_b"])
+        for q, t in zip(queries, truth, strict=True)
+    }
+
+
+def expected(scales: dict[int, tuple[float, float]]) -> set[tuple[Any, ...]]:
+    rows = set()
+    for (a, point), (u, v, seen) in MARKS.items():
+        for (b, other), (u_b, v_b, seen_b) in MARKS.items():
+            if seen and a != b and point == other:
+                outside = b == 2 and point == "end"
+                state = "visible" if seen_b else "out_of_frame" if outside else "occluded"
+                (sa, ta), (sb, tb) = scales[a], scales[b]
+                rows.add((a, u * sa, v * ta, b, u_b * sb, v_b * tb, state))
+    # b.tif's ball has v = 30, which is its border and not that of the canvas.
+    return rows
+
+
+def test_pictures_of_three_sizes_share_a_canvas(tmp_path: Path) -> None:
+    folder = photographs(tmp_path / "photos")
+    (folder / "annotations.csv").write_text(CSV)
+    dataset = imported(folder, tmp_path / "out")
+    assert dataset.size == (80, 30)
+    rows = asked(tmp_path / "out")
+    whole = dict.fromkeys(range(3), (1.0, 1.0))
+    assert {row[:-1] for row in rows} == {row[:-1] for row in expected(whole)}
+    assert (0, 4.5, 6.0, 2, 60.0, 10.0, "visible") in rows
+    frames = [dataset.sequences[0].rgb(frame).astype(int) for frame in range(3)]
+    # The turned picture's white corner is at its upper right, columns 10 to 20; black follows.
+    assert abs(frames[1][:9, 11:20] - 250).max() < 3
+    assert abs(frames[1][:9, :9] - 100).max() < 3
+    assert frames[1][:, 20:].max() == 0
+    config = dataset.info["provenance"]["config"]
+    assert config["points"] == ["ball", "end", "middle"]
+    assert config["pictures"][1] == {"name": "b.tif", "size": [20, 30], "placed": [20, 30]}
+
+
+def test_size_scales_marks_exactly(tmp_path: Path) -> None:
+    """By hand at 20 x 15: factors 1/2; 1/2 (20 x 30 becomes 10 x 15); 1/4 (80 x 20 is 20 x 5)."""
+    folder = photographs(tmp_path / "photos")
+    (folder / "annotations.csv").write_text(CSV)
+    dataset = imported(folder, tmp_path / "out", "--size", "20x15")
+    assert dataset.size == (20, 15)
+    scales = {0: (0.5, 0.5), 1: (0.5, 0.5), 2: (0.25, 0.25)}
+    rows = asked(tmp_path / "out")
+    assert {row[:-1] for row in rows} == {row[:-1] for row in expected(scales)}
+    placed = [entry["placed"] for entry in dataset.info["provenance"]["config"]["pictures"]]
+    assert placed == [[20, 15], [10, 15], [20, 5]]
+
+
+def test_a_list_of_pairs_is_all_that_is_asked(tmp_path: Path) -> None:
+    folder = photographs(tmp_path / "photos")
+    (folder / "annotations.csv").write_text(CSV)
+    (tmp_path / "pairs.csv").write_text("source,target\nç.webp,a b.JPG\n")
+    imported(folder, tmp_path / "out", "--pair-list", str(tmp_path / "pairs.csv"))
+    assert asked(tmp_path / "out") == {(2, 60.0, 10.0, 0, 4.5, 6.0, "visible")}
+
+
+def coco() -> dict[str, Any]:
+    shown = {"a b.JPG": (40, 30), "b.tif": (20, 30), "ç.webp": (80, 20)}
+    images = [
+        {"id": 7 + k, "file_name": name, "width": w, "height": h}
+        for k, (name, (w, h)) in enumerate(shown.items())
+    ]
+    points = [[4.5, 6, 2, 39.5, 29.5, 2], [10, 30, 1, 2.25, 8, 2], [60, 10, 2, 0, 0, 0]]
+    annotations = [
+        {"image_id": 7 + k, "category_id": 1, "keypoints": values}
+        for k, values in enumerate(points)
+    ]
+    category = {"id": 1, "name": "rope", "keypoints": ["ball", "end"]}
+    return {"images": images, "annotations": annotations, "categories": [category]}
+
+
+COCO_ROWS = {
+    (0, 4.5, 6.0, 1, 10.0, 30.0, "out_of_frame"),
+    (0, 4.5, 6.0, 2, 60.0, 10.0, "visible"),
+    (0, 39.5, 29.5, 1, 2.25, 8.0, "visible"),
+    (1, 2.25, 8.0, 0, 39.5, 29.5, "visible"),
+    (2, 60.0, 10.0, 0, 4.5, 6.0, "visible"),
+    (2, 60.0, 10.0, 1, 10.0, 30.0, "out_of_frame"),
+}
+
+
+def test_coco_keypoints(tmp_path: Path) -> None:
+    folder = photographs(tmp_path / "photos")
+    (folder / "export.json").write_text(json.dumps(coco()))
+    dataset = imported(folder, tmp_path / "out")
+    assert asked(tmp_path / "out") == COCO_ROWS
+    assert dataset.info["provenance"]["config"]["points"] == ["ball", "end"]
+    imported(folder / "export.json", tmp_path / "index", "--pixels", "index")
+    assert (0, 5.0, 6.5, 2, 60.5, 10.5, "visible") in asked(tmp_path / "index")
+
+
+def labelme(folder: Path) -> None:
+    for image, annotation in zip(coco()["images"], coco()["annotations"], strict=True):
+        values = annotation["keypoints"]
+        shapes: list[dict[str, Any]] = [
+            {
+                "label": label,
+                "shape_type": "point",
+                "points": [values[3 * k : 3 * k + 2]],
+                "flags": {"hidden": values[3 * k + 2] == 1},
+            }
+            for k, label in enumerate(("ball", "end"))
+            if values[3 * k + 2]
+        ]
+        shapes.append({"label": "rope", "shape_type": "polygon", "points": [[0, 0], [1, 1]]})
+        document = {
+            "imagePath": f"..\\elsewhere\\{image['file_name']}",
+            "imageWidth": image["width"],
+            "imageHeight": image["height"],
+            "shapes": shapes,
+        }
+        (folder / f"{image['id']}.json").write_text(json.dumps(document))
+
+
+def test_labelme_files(tmp_path: Path) -> None:
+    folder = photographs(tmp_path / "photos")
+    labelme(folder)
+    imported(folder, tmp_path / "out")
+    assert asked(tmp_path / "out") == COCO_ROWS
+
+
+def broken_csv(old: str, new: str) -> str:
+    assert old in CSV
+    return CSV.replace(old, new)
+
+
+BROKEN: dict[str, tuple[str, str]] = {
+    "header": (broken_csv("point,", ""), "line 1: the header lacks columns"),
+    "picture": (broken_csv("b.tif,end", "d.tif,end"), "no such picture; found 'd.tif'"),
+    "number": (broken_csv("2.25,8", "2.25,x"), "line 5, y: this is no number; found 'x'"),
+    "no position": (broken_csv("2.25,8", ",8"), "empty only where visible is 0"),
+    "visible": (broken_csv("true", "maybe"), "line 7: visible is neither 0 nor 1"),
+    "twice": (broken_csv("ç.webp,ball", "ç.webp,end"), "'end' is marked twice in ç.webp"),
+    "short": (broken_csv(",,,0", ""), "line 8: the row lacks values"),
+    # Annotated as stored, not as shown: 30 x 20.
+    "outside": (broken_csv("2.25,8,1", "28,8,1"), "If the tool ignored the EXIF orientation"),
+    "one picture": ("\n".join(CSV.split("\n")[:3]), "2 points in 1 pictures"),
+    "other points": (
+        "picture,point,x,y,visible\na b.JPG,a,1,1,1\nb.tif,b,1,1,1\n",
+        "Mark the same points, under the same names",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", BROKEN)
+def test_a_broken_csv_is_refused_with_its_line(
+    case: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text, said = BROKEN[case]
+    folder = photographs(tmp_path / "photos")
+    (folder / "annotations.csv").write_text(text)
+    assert run(["import", str(folder), "--out", str(tmp_path / "out")]) == 1
+    assert said in capsys.readouterr().err
+    assert {path.name for path in tmp_path.iterdir()} == {"photos"}
+
+
+def test_a_folder_without_annotations_names_the_remedy(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = photographs(tmp_path / "photos")
+    assert run(["import", str(folder), "--out", str(tmp_path / "out")]) == 1
+    assert "`pliant annotate DIR`, which writes annotations.csv" in capsys.readouterr().err
+
+
+def test_the_cloth_scripts_of_the_paper(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """They write bare pixels, and the vertices under a fold as if they were seen."""
+    folder = tmp_path / "cloth"
+    (folder / "images").mkdir(parents=True)
+    for frame in (1, 30):
+        Image.effect_noise((40, 30), 60).save(folder / "images" / f"{frame:06d}_rgb.png")
+    knots: dict[str, Any] = {"1": [[5, 6], [10, 20]], "30": [[7, 6], [13, 20]]}
+    path = folder / "images" / "knots_info.json"
+    path.write_text(json.dumps(knots))
+    dataset = imported(folder, tmp_path / "out")
+    assert (0, 5.0, 6.0, 1, 7.0, 6.0, "visible") in asked(tmp_path / "out")
+    config = dataset.info["provenance"]["config"]
+    assert config["not_said"] == ["which points are hidden"]
+    path.write_text(json.dumps({"1234": [0.1, 0.2, 0.3]}))
+    assert run(["import", str(folder), "--out", str(tmp_path / "no")]) == 1
+    assert "from which the frames cannot be recovered" in capsys.readouterr().err
