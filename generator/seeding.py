@@ -20,6 +20,7 @@ class Stream(StrEnum):
     """
 
     ROPE_SHAPE = "rope shape"  # which shape the sequence has
+    ROPE_PROPORTIONS = "rope proportions"  # of a sequence, where the settings give ranges
     ROPE_CONFIGURATION = "rope configuration"  # per frame: control points, heights, roll
     ROPE_EPISODE = "rope episode"  # start and actions
     CLOTH_CONFIGURATION = "actions"  # per frame: what is done to the cloth

@@ -271,7 +271,7 @@ def _problem(
     cls: type[Any], raw: Any, where: str, path: Path | None, overridden: Sequence[str]
 ) -> CallError:
     """Return one error of pydantic as a sentence of ours."""
-    place = [part for part in raw["loc"] if part != "[key]"]
+    place = [part for part in raw["loc"] if str(part) not in ("[key]", "[value]", "[source]")]
     kind, value, context = raw["type"], raw["input"], raw.get("ctx", {})
     found: str | None = _shown(value)
     message, required, fix = "the setting is not possible", raw["msg"], None
@@ -292,7 +292,7 @@ def _problem(
     elif kind == "too_long" or (kind == "missing" and isinstance(place[-1], int)):
         place = [*place[:-1]] if kind == "missing" else place
         message = "the list has the wrong length"
-        required = f"{len(typing.get_args(_hint_at(cls, place)))} values"
+        required = f"{len(typing.get_args(_hint_at(cls, place))) or 2} values"
     elif kind == "missing":
         message, found, required = "a setting is missing", None, None
         fix = f"Add {place[-1]}"

@@ -209,8 +209,28 @@ class _Ordered(_Constraint):
         return value
 
 
+@dataclass(frozen=True)
+class DrawnFrom:
+    """A value may also be given as what it is drawn from, such as [low, high].
+
+    Attributes:
+        source: Type of what it is drawn from: a tuple or a mapping.
+    """
+
+    source: Any
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
+        return core_schema.tagged_union_schema(
+            {"[value]": handler(source), "[source]": handler.generate_schema(self.source)},
+            lambda value: "[source]" if isinstance(value, list | tuple | Mapping) else "[value]",
+        )
+
+
 Range = Annotated[tuple[float, float], _Ordered()]
 """(low, high) with low <= high."""
+
+WholeRange = Annotated[tuple[int, int], _Ordered()]
+"""(low, high), whole numbers with low <= high."""
 
 Count = Annotated[int, Bounds(1)]
 """A whole number >= 1."""

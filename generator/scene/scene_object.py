@@ -49,8 +49,8 @@ class Part:
 class Points:
     """The named material points of a scene object.
 
-    A surface point is a vertex of a part; a centre-line point is a row of the frame's
-    centre line. Ids are the row numbers.
+    A surface point is a vertex of a part, or is on an edge between two vertices; a centre-line
+    point is a row of the frame's centre line. Ids are the row numbers.
 
     Attributes:
         object_id: int32 (P,).
@@ -58,6 +58,9 @@ class Points:
         centreline: bool (P,), True for a centre-line point.
         material: float32 (P, 2).
         partners: int32 (P, S), per symmetry of the tier the point it is mapped to.
+        other: int32 (P,), second vertex of the edge of a surface point, or None if every surface
+            point is a vertex.
+        share: float64 (P,), 0 to 1, how far along the edge, or None.
     """
 
     object_id: IntArray
@@ -65,6 +68,8 @@ class Points:
     centreline: npt.NDArray[np.bool_]
     material: npt.NDArray[np.float32]
     partners: IntArray
+    other: IntArray | None = None
+    share: FloatArray | None = None
 
 
 @dataclass(frozen=True)

@@ -3,18 +3,34 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import field
-from typing import Annotated, Final, Literal
+from collections.abc import Iterator, Mapping
+from copy import copy
+from dataclasses import field, replace
+from itertools import product
+from typing import Annotated, Any, Final, Literal
 
 from pliant.spec.configuration import configuration
-from pliant.spec.constraints import Bounds, Count, OneOf, Range, Refused, Share, Weights
+from pliant.spec.constraints import (
+    Bounds,
+    Count,
+    DrawnFrom,
+    OneOf,
+    Range,
+    Refused,
+    Share,
+    Weights,
+    WholeRange,
+)
 
 SHAPES: Final = ("open", "loop", "overlap", "knot")
 KNOTS: Final = ("overhand", "figure-eight")
 
 SHORTEST_KNOT_DIAMETERS: Final[Mapping[str, float]] = {"overhand": 20.0, "figure-eight": 28.0}
 """Rope lengths, in diameters, under which the flat knot would press strands into each other."""
+
+_DRAWN: Final = ("laid", "tube")
+"""Structures that a rope of drawn proportions can have. A braid has gaps between its strands, at
+other places in every braid: a material point of one rope would be missing on the next."""
 
 LONGEST_KNOT_SHARE: Final = 0.92
 """A knot may take this share of the rope; the rest is its two tails."""
@@ -39,6 +55,9 @@ class RopeSettings:
     The defaults keep the paper's proportions: four laid strands, a ball of 7.5 strand radii
     at the origin end, 12 control points, and its mix of shapes (30 % open, 25 % overlap,
     45 % loop and tuck, of which a third are here pulled into true knots).
+
+    The first five may also be given as what each sequence draws its own from: numbers as
+    [low, high], the structure as name -> weight.
 
     Attributes:
         length_m: Length of the rope along its centre line, metres.
@@ -71,11 +90,13 @@ class RopeSettings:
         spread_share: Share of the actions that pull an end outward, so that ropes do not clump.
     """
 
-    length_m: Annotated[float, Bounds(0.05, 20)] = 1.2
-    radius_m: Annotated[float, Bounds(1e-4, 0.5)] = 0.012
-    structure: Literal["laid", "braid", "tube"] = "laid"
-    strands: int = 4
-    turns: Annotated[int, Bounds(0, 1000)] = 18
+    length_m: Annotated[float, DrawnFrom(Range), Bounds(0.05, 20)] = 1.2
+    radius_m: Annotated[float, DrawnFrom(Range), Bounds(1e-4, 0.5)] = 0.012
+    structure: Annotated[
+        Literal["laid", "braid", "tube"], DrawnFrom(Annotated[dict[str, float], Weights(_DRAWN)])
+    ] = "laid"
+    strands: Annotated[int, DrawnFrom(WholeRange)] = 4
+    turns: Annotated[int, DrawnFrom(WholeRange), Bounds(0, 1000)] = 18
     rows: Annotated[int, Bounds(64, 20_000)] = 320
     ring: Annotated[int, Bounds(6, 64, multiple_of=2)] = 8
     ball: bool = True
@@ -106,10 +127,48 @@ class RopeSettings:
         Raises:
             Refused: A value is impossible together with others.
         """
-        self._check_mesh()
-        self._check_shapes()
-        self._check_points()
-        self._check_episodes()
+        if self.drawn and self.structure == "braid":
+            raise Refused("laid or tube where proportions are drawn", "structure")
+        for extreme in self._extremes():
+            extreme._check_mesh()
+            extreme._check_shapes()
+            extreme._check_points()
+            extreme._check_episodes()
+
+    @property
+    def drawn(self) -> dict[str, Any]:
+        """Field -> what each sequence draws it from; empty where all are given."""
+        given = {name: getattr(self, name) for name in list(self.__dataclass_fields__)[:5]}
+        return {name: each for name, each in given.items() if isinstance(each, tuple | Mapping)}
+
+    @property
+    def nominal(self) -> RopeSettings:
+        """The same settings with the middle of every range: the rope that `dataset.json` has."""
+        middle: dict[str, Any] = {}
+        for name, source in self.drawn.items():
+            if isinstance(source, Mapping):
+                middle[name] = max(source, key=source.__getitem__)
+            else:
+                low, high = source
+                middle[name] = (low + high) // 2 if isinstance(low, int) else (low + high) / 2
+        return self.with_values(middle)
+
+    def with_values(self, values: dict[str, Any]) -> RopeSettings:
+        """Return these settings with values for what is drawn; a tube has one strand."""
+        return replace(self, **_with_strands(values)) if values else self
+
+    def _extremes(self) -> Iterator[RopeSettings]:
+        """Yield these settings with every combination of the ends of the ranges."""
+        sources = self.drawn
+        ends = [
+            [name for name in each if each[name] > 0] if isinstance(each, Mapping) else each
+            for each in sources.values()
+        ]
+        for values in product(*ends):
+            extreme = copy(self)
+            for name, value in _with_strands(dict(zip(sources, values, strict=True))).items():
+                object.__setattr__(extreme, name, value)
+            yield extreme
 
     @property
     def diameter_m(self) -> float:
@@ -201,3 +260,8 @@ class RopeSettings:
             raise Refused(
                 f"at most {0.5 * self.length_m:g}, half a rope length per second", "hand_speed_m_s"
             )
+
+
+def _with_strands(values: dict[str, Any]) -> dict[str, Any]:
+    """Return drawn values; a tube has one strand, whatever the range says."""
+    return {**values, "strands": 1} if values.get("structure") == "tube" else values

@@ -63,7 +63,7 @@ def frame_truth(scene_object: SceneObject, pose: Pose, camera: Camera) -> FrameT
     world = mesh.vertices(pose)
     local = camera.to_camera(world)
     hits = rasterise(camera, local, mesh.faces)
-    xyz_m, own_vertex = _point_positions(scene_object, pose, mesh, world)
+    xyz_m, own_edge = _point_positions(scene_object, pose, mesh, world)
     point_local = camera.to_camera(xyz_m)
     uvz = camera.to_pixels(point_local)
     states = np.full(len(uvz), _VISIBLE, dtype="<U13")
@@ -72,7 +72,7 @@ def frame_truth(scene_object: SceneObject, pose: Pose, camera: Camera) -> FrameT
     rows = np.flatnonzero(inside)
     if len(rows):
         triangle, weights = first_occluders(
-            camera, point_local[rows], own_vertex[rows], local, mesh.faces
+            camera, point_local[rows], own_edge[rows], local, mesh.faces
         )
         states[rows] = _states(scene_object, mesh, rows, triangle, weights)
     surface = surface_image(scene_object, mesh, hits)
@@ -110,15 +110,19 @@ def surface_image(scene_object: SceneObject, mesh: SceneMesh, hits: Hits) -> Sur
 def _point_positions(
     scene_object: SceneObject, pose: Pose, mesh: SceneMesh, world: FloatArray
 ) -> tuple[FloatArray, npt.NDArray[np.int32]]:
-    """Return each point's world position and its row in the joined vertices (-1: none)."""
+    """Return each point's world position and the ends of its edge: rows, -1 for none."""
     points = scene_object.points
-    own = np.full(len(points.vertex), -1, np.int32)
+    ends = points.vertex if points.other is None else points.other
+    own = np.full((len(points.vertex), 2), -1, np.int32)
     xyz = np.empty((len(points.vertex), 3))
     for part, _, rows in mesh.parts:
         mine = (points.object_id == part.object_id) & ~points.centreline
-        own[mine] = points.vertex[mine] + rows.start
-    surface = own >= 0
-    xyz[surface] = world[own[surface]]
+        own[mine] = np.stack([points.vertex, ends], axis=1)[mine] + rows.start
+    surface = own[:, 0] >= 0
+    xyz[surface] = world[own[surface, 0]]
+    if points.share is not None:
+        share = points.share[surface, None]
+        xyz[surface] = (1.0 - share) * xyz[surface] + share * world[own[surface, 1]]
     if not bool(surface.all()):
         if pose.centreline is None:
             raise ValueError(

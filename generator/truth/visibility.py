@@ -4,8 +4,9 @@ A point is hidden if a triangle crosses the ray from the camera to it. No depth 
 involved: the ray passes through the point's own sub-pixel position, and each triangle whose
 box in the image covers that position is intersected with it by the rasteriser's formula.
 
-The triangles at a surface point's own vertex are left out: their planes hold the point, so they
-meet its ray there and nowhere else, and an edge-on one would only add rounding. Of the others,
+The triangles at a surface point's own vertex, or on both sides of its own edge, are left out:
+their planes contain the point, so they meet its ray there and nowhere else, and an edge-on one
+would only add rounding. Of the others,
 a hit counts if it is nearer by more than `SAME_SURFACE_M`. That is 1 micrometre: above the
 rounding of float32 positions (0.06 micrometres at 1 m) that separates vertices lying at one
 place (a seam, a cap), and a thousandth of the thinnest thing a scene holds.
@@ -49,7 +50,7 @@ def inside_frame(camera: Camera, uvz: FloatArray) -> npt.NDArray[np.bool_]:
 def first_occluders(
     camera: Camera,
     points_camera: FloatArray,
-    own_vertex: IntArray,
+    own_edge: IntArray,
     mesh_camera: FloatArray,
     faces: IntArray,
 ) -> tuple[IntArray, FloatArray]:
@@ -58,7 +59,8 @@ def first_occluders(
     Args:
         camera: Intrinsics and image size.
         points_camera: float64 (N, 3), camera axes, metres; all inside the frame.
-        own_vertex: int32 (N,), the vertex each point is, or -1.
+        own_edge: int32 (N, 2), ends of the edge that each point is on: twice the same vertex
+            where it is that vertex, -1 where it is on no surface.
         mesh_camera: float64 (V, 3), vertices in the camera's axes, metres.
         faces: int32 (F, 3).
 
@@ -79,7 +81,7 @@ def first_occluders(
     sorted_rays = _Rays(
         rays,
         np.ascontiguousarray(points_camera[order, 2] - SAME_SURFACE_M),
-        own_vertex[order].astype(np.int32),
+        own_edge[order].astype(np.int32),
         starts,
         (columns, rows),
     )
@@ -96,7 +98,7 @@ class _Rays(NamedTuple):
     Attributes:
         direction: float64 (N, 3), z is 1.
         nearest: float64 (N,), a hit counts if it is nearer than this; lowered to each hit.
-        own: int32 (N,), the vertex each point is, or -1.
+        own: int32 (N, 2), ends of the edge each point is on, or -1.
         starts: int64, per cell its first ray, and last the number of rays.
         size: Columns and rows of cells.
     """
@@ -128,7 +130,8 @@ def _cast(
         n0x = n0y = n0z = n1x = n1y = n1z = n2x = n2y = n2z = det = side = 0.0
         for j in range(j0, j1 + 1):
             for n in range(rays.starts[j * columns + i0], rays.starts[j * columns + i1 + 1]):
-                if rays.own[n] == a or rays.own[n] == b or rays.own[n] == c:
+                own, end = rays.own[n, 0], rays.own[n, 1]
+                if (own in (a, b, c)) and (end in (a, b, c)):
                     continue
                 if not ready:
                     ready = True

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
+import numpy.typing as npt
 
 from pliant.generator.objects.rope.contact import crossings
 from pliant.generator.objects.rope.curve import resample, twist_free_frames
@@ -20,7 +21,7 @@ from pliant.generator.objects.rope.mesh import (
     rope_mesh,
 )
 from pliant.generator.objects.rope.tier import BALL_ID, ROPE_ID
-from pliant.generator.scene.scene_object import FloatArray, IntArray, Part, Points, Pose
+from pliant.generator.scene.scene_object import FloatArray, Part, Points, Pose
 from pliant.generator.settings.rope import RopeSettings
 from pliant.spec.configuration import settings_to_dict
 
@@ -34,10 +35,17 @@ class RopeBody:
         points: The named material points.
     """
 
-    def __init__(self, settings: RopeSettings) -> None:
+    def __init__(self, settings: RopeSettings, *, same_points: bool = False) -> None:
+        """Make the body.
+
+        Args:
+            settings: The rope's settings, of drawn proportions where the tier's are ranges.
+            same_points: Name the material points that ropes of all proportions have, instead of
+                vertices of this mesh.
+        """
         self.settings = settings
         self._mesh = rope_mesh(settings)
-        self.points = rope_points(settings, self._mesh)
+        self.points = rope_points(settings, self._mesh, same_points)
         rope = Part(
             object_id=ROPE_ID,
             name="rope",
@@ -103,7 +111,7 @@ def upward_normal(centreline: FloatArray, roll_rad: float) -> FloatArray:
     return np.asarray(math.cos(roll_rad) * up + math.sin(roll_rad) * np.cross(tangent, up))
 
 
-def rope_points(settings: RopeSettings, mesh: RopeMesh) -> Points:
+def rope_points(settings: RopeSettings, mesh: RopeMesh, same_points: bool = False) -> Points:
     """Return surface points on evenly spaced cross sections, then points on the centre line.
 
     Half of the stations are chosen and the other half are their mirror images, so that the
@@ -112,6 +120,8 @@ def rope_points(settings: RopeSettings, mesh: RopeMesh) -> Points:
     Args:
         settings: How many stations, angles and centre-line points.
         mesh: The straight rope.
+        same_points: Put the points at material coordinates that depend on neither radius, length,
+            strands nor turns.
 
     Returns:
         The points. `partners` has one column without the ball and none with it.
@@ -120,10 +130,12 @@ def rope_points(settings: RopeSettings, mesh: RopeMesh) -> Points:
     rows = np.unique(
         np.floor((np.arange(half) + 0.5) * settings.rows / settings.point_stations).astype(int)
     )
-    chosen = [_around(mesh, int(row), settings.point_angles) for row in rows]
+    choose = _at_angles if same_points else _around
+    chosen = [choose(mesh, int(row), settings.point_angles) for row in rows]
     first = np.concatenate(chosen)
-    second = np.concatenate([mesh.mirror[each] for each in chosen[::-1]])
-    vertex = np.concatenate([first, second])
+    second = np.concatenate([_mirrored(mesh, each) for each in chosen[::-1]])
+    edges = np.concatenate([first, second])
+    vertex, other = edges["vertex"], edges["other"]
     order = np.arange(len(vertex))
     # Station k from the front is mirrored by station k from the back; within one, in order.
     sizes = [len(each) for each in chosen]
@@ -138,7 +150,11 @@ def rope_points(settings: RopeSettings, mesh: RopeMesh) -> Points:
 
     count = settings.centreline_points
     along = np.linspace(0.0, 1.0, count)
-    surface_material = rope_chart(settings.length_m)(mesh.rest[vertex])
+    share = edges["share"]
+    rest = (1.0 - share[:, None]) * mesh.rest[vertex] + share[:, None] * mesh.rest[other]
+    surface_material = rope_chart(settings.length_m)(rest)
+    if same_points:  # to the last bit: not as this rope's mesh rounds them
+        surface_material = np.round(surface_material, 9)
     line_material = np.stack([along, np.zeros(count)], axis=1)
     line_partner = len(vertex) + np.arange(count)[::-1]
     partners = np.concatenate([partner, line_partner])[:, None]
@@ -151,10 +167,16 @@ def rope_points(settings: RopeSettings, mesh: RopeMesh) -> Points:
         centreline=np.arange(total) >= len(vertex),
         material=np.concatenate([surface_material, line_material]).astype(np.float32),
         partners=partners.astype(np.int32),
+        other=np.concatenate([other, np.arange(count)]).astype(np.int32),
+        share=np.concatenate([share, np.zeros(count)]),
     )
 
 
-def _around(mesh: RopeMesh, row: int, angles: int) -> IntArray:
+_EDGES: Final = np.dtype([("vertex", np.int32), ("other", np.int32), ("share", np.float64)])
+"""Places on edges between two vertices; twice the same vertex is that vertex."""
+
+
+def _around(mesh: RopeMesh, row: int, angles: int) -> npt.NDArray[np.void]:
     """Return the outer vertices of a cross section nearest to evenly spaced angles."""
     candidates = np.flatnonzero((mesh.row == row) & mesh.outer)
     theta = np.arctan2(mesh.rest[candidates, 2], mesh.rest[candidates, 1])
@@ -164,5 +186,34 @@ def _around(mesh: RopeMesh, row: int, angles: int) -> IntArray:
         off = np.abs((theta - 2.0 * math.pi * k / angles + math.pi) % (2.0 * math.pi) - math.pi)
         best = int(np.argmin(np.where(free, off, np.inf)))
         free[best] = False
-        picked.append(candidates[best])
-    return np.array(picked, dtype=np.int32)
+        picked.append((candidates[best], candidates[best], 0.0))
+    return np.array(picked, _EDGES)
+
+
+def _at_angles(mesh: RopeMesh, row: int, angles: int) -> npt.NDArray[np.void]:
+    """Return the outermost places of a cross section at evenly spaced angles, on its edges."""
+    here = np.flatnonzero(mesh.row == row)
+    after = np.concatenate(
+        [np.roll(here[mesh.strand[here] == strand], -1) for strand in np.unique(mesh.strand)]
+    )
+    a, b = mesh.rest[here, 1:], mesh.rest[after, 1:]
+    # A quarter step off: no angle is at the seam, where rounding would decide its sign.
+    theta = 2.0 * math.pi * (np.arange(angles)[:, None] + 0.25) / angles
+    x, y = np.cos(theta), np.sin(theta)
+    side_a, side_b = x * a[:, 1] - y * a[:, 0], x * b[:, 1] - y * b[:, 0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = side_a / (side_a - side_b)
+    reach = x * ((1 - share) * a[:, 0] + share * b[:, 0])
+    reach += y * ((1 - share) * a[:, 1] + share * b[:, 1])
+    best = np.where((side_a < 0) != (side_b < 0), reach, -np.inf).argmax(axis=1)
+    found = np.empty(angles, _EDGES)
+    found["vertex"], found["other"] = here[best], after[best]
+    found["share"] = share[np.arange(angles), best]
+    return found
+
+
+def _mirrored(mesh: RopeMesh, edges: npt.NDArray[np.void]) -> npt.NDArray[np.void]:
+    """Return where the reversal maps places on edges."""
+    found = edges.copy()
+    found["vertex"], found["other"] = mesh.mirror[edges["vertex"]], mesh.mirror[edges["other"]]
+    return found

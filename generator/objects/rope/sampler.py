@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
 
 from pliant.generator.config import GenerateConfig
 from pliant.generator.objects.rope.body import RopeBody, upward_normal
@@ -20,8 +24,8 @@ LONGEST_EPISODE = 3000
 
 
 def describe(config: GenerateConfig, tier: str) -> Tier:
-    """Return the rope tier of a dataset."""
-    return rope_tier(config.rope, tier)
+    """Return the rope tier of a dataset; ranges of proportions appear as their middle."""
+    return rope_tier(config.rope.nominal, tier)
 
 
 def sample(config: GenerateConfig, streams: RandomStreams) -> SceneObject:
@@ -34,11 +38,11 @@ def sample_rope(
 ) -> SceneObject:
     """Return one sequence of a rope.
 
-    A sequence has one shape. Its frames are independent draws of that shape, or (temporal) one
-    episode of a hand moving a rope that starts in it.
+    A sequence has one shape and one rope. Its frames are independent draws of that shape, or
+    (temporal) one episode of a hand moving a rope that starts in it.
 
     Args:
-        settings: The tier's settings.
+        settings: The tier's settings. What they give as ranges is drawn here.
         streams: The sequence and its random numbers.
         frames: Number of frames, 1 or more; at most 3,000 for an episode.
         temporal: True for an episode.
@@ -63,7 +67,9 @@ def sample_rope(
             fix="Make more episodes instead.",
         )
     shape = weighted_choice(streams.generator(Stream.ROPE_SHAPE), settings.shapes)
-    body = RopeBody(settings)
+    same_points = bool(settings.drawn)
+    settings = draw_proportions(settings, streams.generator(Stream.ROPE_PROPORTIONS))
+    body = RopeBody(settings, same_points=same_points)
     roll_limit = math.radians(settings.roll_deg)
 
     def still(frame: int) -> Pose:
@@ -106,3 +112,16 @@ def sample_rope(
             "ball_radius_m": settings.ball_radius_m if settings.ball else None,
         },
     )
+
+
+def draw_proportions(settings: RopeSettings, rng: np.random.Generator) -> RopeSettings:
+    """Return the settings of one rope: each range, in the order of the fields, as a value."""
+    values: dict[str, Any] = {}
+    for name, source in settings.drawn.items():
+        if isinstance(source, Mapping):
+            values[name] = weighted_choice(rng, source)
+        elif isinstance(source[0], int):
+            values[name] = int(rng.integers(source[0], source[1] + 1))
+        else:
+            values[name] = float(rng.uniform(*source))
+    return settings.with_values(values)

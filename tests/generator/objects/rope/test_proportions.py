@@ -1,0 +1,142 @@
+"""Proportions given as ranges: each sequence draws its own, and all name the same points."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pliant.generator.config import GenerateConfig
+from pliant.generator.objects.rope import RopeSettings, rope_tier, sample_rope
+from pliant.generator.objects.rope.sampler import draw_proportions
+from pliant.generator.runner.dataset_files import write_dataset_files
+from pliant.generator.runner.plan import plan_tasks
+from pliant.generator.runner.sequence import SequenceMaker
+from pliant.generator.seeding import RandomStreams, SequenceTask
+from pliant.spec.configuration import settings_from, settings_to_dict
+from pliant.spec.dataset import Dataset
+from pliant.spec.errors import CallError
+from pliant.spec.validation.validate import validate
+
+RANGES = {
+    "length_m": [1.15, 1.6],
+    "radius_m": [0.008, 0.0135],
+    "strands": [3, 6],
+    "turns": [12, 28],
+    "structure": {"laid": 0.7, "tube": 0.3},
+    "ball_strand_radii": 5.0,
+}
+
+
+def rope(**changes: object) -> RopeSettings:
+    return settings_from(RopeSettings, {**RANGES, **changes}, "rope")
+
+
+def test_draws_fill_the_ranges_and_change_nothing_else() -> None:
+    settings = rope()
+    ropes = [draw_proportions(settings, np.random.default_rng(seed)) for seed in range(200)]
+    laid = [each for each in ropes if each.structure == "laid"]
+    assert 0.55 < len(laid) / len(ropes) < 0.85
+    assert {each.strands for each in laid} == {3, 4, 5, 6}
+    assert {each.strands for each in ropes if each.structure == "tube"} == {1}
+    assert {each.turns for each in ropes} == set(range(12, 29))
+    for name, (low, high) in (("length_m", (1.15, 1.6)), ("radius_m", (0.008, 0.0135))):
+        values = np.array([getattr(each, name) for each in ropes])
+        assert low <= values.min() < low + 0.05 * (high - low)
+        assert high >= values.max() > high - 0.05 * (high - low)
+    assert ropes[0].knot_diameters == settings.knot_diameters
+    assert not ropes[0].drawn
+
+
+def test_the_settings_are_stored_as_given() -> None:
+    stored = settings_to_dict(rope())
+    assert {name: stored[name] for name in RANGES} == RANGES
+    assert settings_from(RopeSettings, stored) == rope()
+
+
+def test_the_tier_describes_the_middle() -> None:
+    along, around = rope_tier(rope().nominal).queried.material
+    assert along.metres_per_unit == pytest.approx(1.375)
+    assert around.metres_per_unit == pytest.approx(0.01075)
+
+
+@pytest.mark.parametrize(
+    ("changes", "field"),
+    [
+        ({"radius_m": [0.008, 0.015]}, "knot_diameters.figure-eight"),
+        ({"radius_m": [0.012, 0.008]}, "radius_m"),
+        ({"radius_m": [0.008]}, "radius_m"),
+        ({"turns": [12, 60]}, "rows"),
+        ({"turns": [12.5, 20]}, "turns.0"),
+        ({"strands": [2, 6]}, "strands"),
+        ({"structure": {"laid": 1, "braid": 1}}, "structure.braid"),
+        ({"structure": "braid", "strands": 8}, "structure"),
+        ({"structure": {"laid": 0}}, "structure"),
+    ],
+)
+def test_a_range_with_an_impossible_end_is_refused(changes: dict[str, object], field: str) -> None:
+    with pytest.raises(CallError) as refused:
+        rope(**changes)
+    assert refused.value.where == f"rope.{field}"
+
+
+@pytest.mark.parametrize("ball", [True, False])
+def test_ropes_of_all_proportions_name_the_same_points(ball: bool) -> None:
+    settings = rope(ball=ball)
+    first, *others = [
+        sample_rope(settings, RandomStreams(4, SequenceTask("rope", "train", index)))
+        for index in range(9)
+    ]
+    assert len({each.info["strands"] for each in (first, *others)}) > 2
+    for other in others:
+        np.testing.assert_array_equal(first.points.material, other.points.material)
+        np.testing.assert_array_equal(first.points.partners, other.points.partners)
+
+
+def test_a_point_is_on_the_outside_of_the_rope() -> None:
+    sampled = sample_rope(
+        rope(structure="laid"), RandomStreams(4, SequenceTask("rope", "train", 0))
+    )
+    rest, tables = sampled.parts[0].rest, sampled.points
+    assert tables.other is not None
+    assert tables.share is not None
+    mine = np.flatnonzero(~tables.centreline)[::7]
+    share = tables.share[mine, None]
+    place = (1 - share) * rest[tables.vertex[mine]] + share * rest[tables.other[mine]]
+    np.testing.assert_allclose(
+        np.arctan2(place[:, 2], place[:, 1]), tables.material[mine, 1], atol=2e-7
+    )
+    # No corner of a strand within a degree of the point's direction is farther out.
+    for at in place:
+        section = rest[np.abs(rest[:, 0] - at[0]) < 1e-9, 1:]
+        turn = np.arctan2(section[:, 1], section[:, 0]) - np.arctan2(at[2], at[1])
+        near = np.abs((turn + np.pi) % (2 * np.pi) - np.pi) < np.radians(1)
+        reach = np.hypot(*section[near].T)
+        assert (reach <= np.hypot(at[1], at[2]) * 1.03).all()
+
+
+def test_a_dataset_of_drawn_ropes_is_exact_and_records_the_draws(tmp_path: Path) -> None:
+    config = GenerateConfig(
+        tiers=("rope",),
+        splits={"test": 4},
+        width=320,
+        height=240,
+        style="raster",
+        seed=3,
+        rope=rope(ball=False),
+    )
+    root, scratch = tmp_path / "ropes", tmp_path / "scratch"
+    scratch.mkdir()
+    maker = SequenceMaker(config, root, scratch, overlap=False)
+    tasks = plan_tasks(config)
+    for task in tasks:
+        maker.make(task, lambda: None)
+    write_dataset_files(config, config.resolved(), tasks, root, scratch)
+    report = validate(root)
+    assert (report.errors, list(report.issues)) == (0, [])
+    dataset = Dataset.open(root)
+    drawn = [each.info["parameters"] for each in dataset.sequences]
+    assert len({each["length_m"] for each in drawn}) == 4
+    assert all(0.008 <= each["radius_m"] <= 0.0135 for each in drawn)
+    assert len(dataset.queries("test")) > 200
