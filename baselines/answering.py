@@ -131,7 +131,7 @@ def _tasks(matcher: Matcher, pairs: Sequence[QueryPair], most: int) -> list[rang
     return [range(start, stop) for start, stop in zip([0, *stops], stops, strict=False)]
 
 
-def check_answers(answers: Answers, count: int, method: str, where: str) -> None:
+def check_answers(answers: object, count: int, method: str, where: str) -> None:
     """Refuse answers that are not one finite position per query.
 
     Args:
@@ -143,6 +143,13 @@ def check_answers(answers: Answers, count: int, method: str, where: str) -> None
     Raises:
         SubmissionError: Wrong shapes or values.
     """
+    if not isinstance(answers, Answers):
+        raise SubmissionError(
+            f"the method {method!r} returned something else than answers",
+            where=where,
+            found=type(answers).__name__,
+            required="`Answers` of pliant.baselines",
+        )
     fields: dict[str, tuple[npt.NDArray[np.float32], tuple[int, ...]]] = {
         "uv_px": (answers.uv_px, (count, 2))
     }

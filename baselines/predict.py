@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
+from pliant.baselines.adapters import as_matcher
 from pliant.baselines.answering import answer_pairs, check_answers, joined
 from pliant.baselines.matcher import Answers, KeypointMatcher, Matcher, Matches, SplitMatcher
 from pliant.baselines.submission_file import (
@@ -110,6 +111,7 @@ def answer(
     progress: Progress | None = None,
 ) -> SplitAnswers:
     """Answer a split's queries with a matcher, in memory; see `predict`."""
+    matcher = as_matcher(matcher)
     _check_call(dataset, split, matcher, "answers", workers)
     facts: dict[str, Any] = {**matcher.describe(), "name": matcher.name}
     keys = query_keys(dataset, split)
@@ -141,7 +143,7 @@ def predict(
     Args:
         dataset: The dataset.
         split: One of its splits with queries.
-        matcher: The method.
+        matcher: The method, or what `as_matcher` makes one of.
         out: The Parquet file to write; an earlier submission there is replaced.
         kind: `answers` to the queries, or the method's own keypoint `matches`.
         workers: Processes, >= 1; more than one needs a matcher that can be pickled.
@@ -156,6 +158,7 @@ def predict(
         SpecError: A file of the dataset is broken.
         SubmissionError: The matcher gave something else than one finite answer a query.
     """
+    matcher = as_matcher(matcher)
     _check_call(dataset, split, matcher, kind, workers)
     out = Path(out)
     check_writable(out)

@@ -23,6 +23,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "view": ("pliant.cli.view", "Draw contact sheets, index colours, tracks and figures."),
     "publish": ("pliant.cli.publish", "Package a dataset for release; hold answers out."),
     "predict": ("pliant.cli.predict", "Answer a split's queries with a method."),
+    "methods": ("pliant.cli.methods", "List the methods that are installed."),
     "train": ("pliant.cli.train", "Train a learned method."),
     "export": ("pliant.cli.export", "Export a trained model with its model card."),
     "submit-template": ("pliant.cli.submit_template", "Write a submission to be filled in."),

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 
-from pliant.cli.options import json_option, out_option, path_option
+from pliant.cli.options import json_option, method_options, out_option, path_option
 from pliant.cli.terminal import echo_result
 
 
@@ -38,6 +39,7 @@ def _position(ctx: click.Context, param: click.Parameter, value: str) -> tuple[f
     "Picture that is black outside the object; an object on black is its own mask.",
 )
 @path_option("--mask-target", "FILE", "The same for the target.")
+@method_options
 @json_option
 def command(
     method: str,
@@ -47,12 +49,14 @@ def command(
     out: Path,
     mask_source: Path | None,
     mask_target: Path | None,
+    options: dict[str, Any],
     as_json: bool,
 ) -> None:
     """Find a pixel of one picture in another, and draw match, heat map and confidence.
 
-    METHOD is sift, surf, orb, rope-tracer, identity, random, centroid, a shipped model (don-rope, don-cloth),
-    or the folder of a training run. Without --mask-target the whole target is searched.
+    METHOD is a name that `pliant methods` lists (all but oracle), the folder of a training run,
+    or a matcher of your own: path/to/my.py:Matcher or package.module:Matcher. Without
+    --mask-target the whole target is searched.
     """
     from pliant.api import open_method
     from pliant.baselines.matcher import SplitMatcher
@@ -61,7 +65,7 @@ def command(
     from pliant.viewer.match_figure import check_figure_path, draw_match, match_photo
 
     check_figure_path(out)
-    matcher = open_method(method)
+    matcher = open_method(method, **options)
     if isinstance(matcher, SplitMatcher):
         raise CallError(f"the method {method!r} answers the queries of a dataset, not photographs")
     view_a, view_b = read_view(source, mask_source), read_view(target, mask_target)

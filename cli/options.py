@@ -25,6 +25,28 @@ set_option = click.option(
 )
 """`--set KEY=VALUE`, as `pliant.spec.configuration.with_overrides` takes it."""
 
+
+def _parsed(
+    context: click.Context, parameter: click.Parameter, values: tuple[str, ...]
+) -> dict[str, Any]:
+    del context, parameter
+    if not values:
+        return {}
+    from pliant.spec.configuration import with_overrides
+
+    return with_overrides({}, values)
+
+
+method_options = click.option(
+    "--set",
+    "options",
+    multiple=True,
+    metavar="KEY=VALUE",
+    callback=_parsed,
+    help="Option of the method's constructor, the value in YAML, such as seed=3.",
+)
+"""`--set KEY=VALUE`: keyword arguments for `open_method`."""
+
 json_option = click.option(
     "--json", "as_json", is_flag=True, help="Print one JSON document on stdout."
 )

@@ -5,11 +5,18 @@ from __future__ import annotations
 import sys
 import time
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import click
 
-from pliant.cli.options import data_option, json_option, kind_option, out_option, split_option
+from pliant.cli.options import (
+    data_option,
+    json_option,
+    kind_option,
+    method_options,
+    out_option,
+    split_option,
+)
 from pliant.cli.terminal import echo_result, progress_bar
 
 
@@ -26,6 +33,7 @@ from pliant.cli.terminal import echo_result, progress_bar
     metavar="N",
     help="Number of worker processes; does not change the output.",
 )
+@method_options
 @json_option
 def command(
     method: str,
@@ -34,20 +42,20 @@ def command(
     out: Path,
     kind: Literal["answers", "matches"],
     workers: int,
+    options: dict[str, Any],
     as_json: bool,
 ) -> None:
     """Answer the queries of a dataset and write a submission.
 
-    METHOD is sift, surf, orb (dense descriptors on the target's object; --kind matches for
-    their own keypoints), a control (identity, random, centroid, oracle), a shipped model
-    (don-rope, don-cloth), or the folder of a training run.
+    METHOD is a name that `pliant methods` lists, the folder of a training run, or a matcher of
+    your own: path/to/my.py:Matcher or package.module:Matcher.
     """
     from pliant.api import open_method
     from pliant.baselines.predict import predict
     from pliant.spec.dataset import Dataset
 
     dataset = Dataset.open(data)
-    matcher = open_method(method)
+    matcher = open_method(method, **options)
     started = time.perf_counter()
     with progress_bar(matcher.name, "pairs", hidden=not sys.stderr.isatty()) as bar:
 

@@ -42,24 +42,35 @@ def load(source: Path | str) -> Dataset:
     return Dataset.open(source)
 
 
-def open_method(method: str) -> Matcher | SplitMatcher:
+def open_method(method: str, **options: Any) -> Matcher | SplitMatcher:
     """Return a method by its name.
 
     Args:
-        method: A key of `pliant.baselines.METHODS`, the name of a shipped model, or the folder
-            of a training run.
+        method: A key of `pliant.baselines.METHODS`, the name of a shipped model, the name that an
+            installed package gives in the entry-point group `pliant.matchers`,
+            `path/to/my.py:Matcher`, `package.module:Matcher`, or the folder of a training run.
+        options: Keyword arguments of the method's class or function.
 
     Raises:
-        CallError: It is none of them, or both a shipped model and a run of that name.
+        CallError: It is none of them, both a shipped model and a run of that name, or a method
+            that does not take these options.
         MissingExtraError: The method's libraries are not installed.
     """
     from pliant.baselines import METHODS
+    from pliant.baselines.plugins import is_reference, make, open_plugin, plugged_in
     from pliant.models import load_matcher
     from pliant.models.shipped import load_shipped, shipped_names
 
     if method in METHODS:
-        return METHODS[method]()
-    shipped = shipped_names()
+        made: Matcher | SplitMatcher = make(METHODS[method], method, options)
+        return made
+    shipped, plugged = shipped_names(), plugged_in()
+    if method not in shipped and (method in plugged or is_reference(method)):
+        return open_plugin(method, options)
+    if options and (method in shipped or Path(method).is_dir()):
+        raise CallError(
+            "a trained model takes no options", where=method, found=", ".join(sorted(options))
+        )
     if method in shipped:
         if (Path(method) / "config.yaml").is_file():
             raise CallError(
@@ -69,11 +80,11 @@ def open_method(method: str) -> Matcher | SplitMatcher:
         return load_shipped(method)
     if Path(method).is_dir():
         return load_matcher(Path(method))
-    names = (*METHODS, *shipped)
+    names = (*METHODS, *shipped, *plugged)
     close = difflib.get_close_matches(method, names, n=1)
     raise CallError(
         f"there is no method {method!r}",
-        required=f"one of {', '.join(names)}, or the folder of a training run",
+        required=f"one of {', '.join(names)}, the folder of a training run, or FILE.py:CLASS",
         fix=f"Did you mean {close[0]}?" if close else None,
     )
 
@@ -90,8 +101,8 @@ def predict(
 
     Args:
         dataset: The dataset, or what `load` takes.
-        method: A method's name (see `pliant methods`), the folder of a training run, a `Matcher`,
-            or a function (source, target, queries (N, 2)) -> positions (N, 2).
+        method: What `open_method` takes, a `Matcher`, an object with `match` alone, or a function
+            (source, target, queries (N, 2)) -> positions (N, 2).
         split: A split with queries.
         workers: Number of processes; does not change the answers.
         progress: Called with the pairs done and the pairs in all.
@@ -103,19 +114,9 @@ def predict(
         CallError: No such method or split.
         SubmissionError: The method did not return one finite position per query.
     """
-    from pliant.baselines.adapters import from_function
     from pliant.baselines.predict import answer
 
     chosen: Any = open_method(method) if isinstance(method, str) else method
-    if not (hasattr(chosen, "answer") or hasattr(chosen, "answer_split")):
-        if not callable(chosen):
-            raise CallError(
-                "this is not a method",
-                where="method",
-                found=type(chosen).__name__,
-                required="a name, an object with `answer`, or a function",
-            )
-        chosen = from_function(chosen)
     opened = dataset if isinstance(dataset, Dataset) else load(dataset)
     return answer(opened, split, chosen, workers=workers, progress=progress)
 

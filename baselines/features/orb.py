@@ -94,7 +94,7 @@ class Orb:
 
 
 def orb() -> LocalFeatureMatcher:
-    """Return the method `orb`.
+    """Return the local feature ORB (Rublee et al., 2011), by OpenCV.
 
     Raises:
         MissingExtraError: OpenCV is not installed.

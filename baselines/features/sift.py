@@ -105,7 +105,7 @@ class Sift:
 
 
 def sift() -> LocalFeatureMatcher:
-    """Return the method `sift`.
+    """Return the local feature SIFT (Lowe, 2004), by OpenCV.
 
     Raises:
         MissingExtraError: OpenCV is not installed.

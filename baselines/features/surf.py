@@ -208,7 +208,7 @@ def open_surf() -> LocalFeatures:
 
 
 def surf() -> LocalFeatureMatcher:
-    """Return the method `surf`.
+    """Return the local feature SURF (Bay et al., 2008), by OpenCV or mahotas.
 
     Raises:
         MissingExtraError: Neither implementation is installed.

@@ -1,4 +1,4 @@
-"""Matchers made of what users have: so far, a plain function."""
+"""A matcher that calls a plain function for every image pair."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from pliant.baselines.adapters.images import to_array
 from pliant.baselines.matcher import Answers, View
 
 MatchFunction = Callable[[View, View, npt.NDArray[np.float32]], npt.ArrayLike]
@@ -25,7 +26,7 @@ class FunctionMatcher:
 
     def __init__(self, function: MatchFunction, name: str | None = None) -> None:
         self._function = function
-        self.name = name or getattr(function, "__name__", "function")
+        self.name = name or function_name(function)
 
     def describe(self) -> Mapping[str, Any]:
         """Return the facts for the submission's footer."""
@@ -33,10 +34,16 @@ class FunctionMatcher:
 
     def answer(self, source: View, target: View, uv_a_px: npt.NDArray[np.float32]) -> Answers:
         """Answer query pixels; see `Matcher.answer`."""
-        positions = self._function(source, target, uv_a_px)
-        return Answers(uv_px=np.asarray(positions, dtype=np.float32))
+        positions = to_array(self._function(source, target, uv_a_px))
+        return Answers(uv_px=positions.astype(np.float32))
 
 
 def from_function(function: MatchFunction, name: str | None = None) -> FunctionMatcher:
     """Return a matcher that calls a function; see `FunctionMatcher`."""
     return FunctionMatcher(function, name)
+
+
+def function_name(function: Callable[..., Any]) -> str:
+    """Return a function's own name, that of the function in a partial call, or its class's."""
+    function = getattr(function, "func", function)
+    return str(getattr(function, "__name__", type(function).__name__))

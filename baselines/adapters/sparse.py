@@ -1,0 +1,145 @@
+"""A matcher made of sparse matches: queries are interpolated between them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, get_args
+
+import numpy as np
+import numpy.typing as npt
+
+from pliant.baselines.adapters.functions import function_name
+from pliant.baselines.adapters.images import Images, to_array
+from pliant.baselines.adapters.interpolation import Interpolation, interpolate
+from pliant.baselines.matcher import Answers, Matches, View
+from pliant.baselines.pixels import central_position
+from pliant.spec.errors import CallError, SubmissionError
+
+
+class SparseMatcher:
+    """Answers queries by interpolating matches. A pair without matches gets the object's middle.
+
+    Args:
+        match: (source view, target view) -> `Matches`, or arrays (M, 2), (M, 2) and where there
+            are scores (M,), pixels.
+        name: Name of the method.
+        interpolation: How queries follow from the matches; see `interpolate`.
+        neighbours: Matches that a local affine map is fitted to, >= 1.
+        facts: JSON-able facts of the method.
+    """
+
+    def __init__(
+        self,
+        match: Callable[[View, View], Any],
+        name: str,
+        interpolation: Interpolation = "affine",
+        neighbours: int = 8,
+        facts: Mapping[str, Any] | None = None,
+    ) -> None:
+        if interpolation not in get_args(Interpolation):
+            raise CallError(
+                "this is not a way to interpolate",
+                where="interpolation",
+                found=repr(interpolation),
+                required=", ".join(get_args(Interpolation)),
+            )
+        if neighbours < 1:
+            raise CallError("too few neighbours", found=neighbours, required=">= 1")
+        self.name = name
+        self._match = match
+        self._interpolation: Interpolation = interpolation
+        self._neighbours = neighbours
+        self._facts = facts or {}
+
+    def describe(self) -> Mapping[str, Any]:
+        """Return the facts of the method, and how queries follow from its matches."""
+        how = self._interpolation
+        if how == "affine":
+            how += f", {self._neighbours} nearest matches"  # type: ignore[assignment]
+        return {**self._facts, "interpolation": how}
+
+    def match(self, source: View, target: View) -> Matches:
+        """Return the method's own matches.
+
+        Raises:
+            SubmissionError: The function did not return matches.
+        """
+        return as_matches(self._match(source, target), self.name)
+
+    def answer(self, source: View, target: View, uv_a_px: npt.NDArray[np.float32]) -> Answers:
+        """Answer query pixels; see `Matcher.answer`."""
+        matches = self.match(source, target)
+        if len(matches.score) == 0:
+            return Answers(np.tile(central_position(target), (len(uv_a_px), 1)))
+        found = interpolate(
+            matches.uv_a_px.astype(np.float64),
+            matches.uv_b_px.astype(np.float64),
+            uv_a_px.astype(np.float64),
+            self._interpolation,
+            self._neighbours,
+        )
+        return Answers(found.astype(np.float32))
+
+
+class _OnImages:
+    """Calls a function of two images and returns its matches in the pixels of the views."""
+
+    def __init__(self, function: Callable[[Any, Any], Any], images: Images, name: str) -> None:
+        self._function, self._images, self._name = function, images, name
+
+    def __call__(self, source: View, target: View) -> Matches:
+        images = self._images
+        found = self._function(images.image(source), images.image(target))
+        matches = as_matches(found, self._name)
+        return Matches(
+            images.from_function(matches.uv_a_px, source).astype(np.float32),
+            images.from_function(matches.uv_b_px, target).astype(np.float32),
+            matches.score,
+        )
+
+
+def from_sparse(
+    function: Callable[[Any, Any], Any],
+    *,
+    name: str | None = None,
+    interpolation: Interpolation = "affine",
+    neighbours: int = 8,
+    images: Images | None = None,
+) -> SparseMatcher:
+    """Return a matcher of a function that finds matches between two images.
+
+    Args:
+        function: (source image, target image) -> positions (M, 2) in the source, positions (M, 2)
+            in the target and, where there are scores, (M,).
+        name: Name of the method; None takes the function's.
+        interpolation: `nearest`, `affine` or `thin-plate`; see `interpolate`.
+        neighbours: Matches that a local affine map is fitted to.
+        images: How the function receives images and counts positions.
+    """
+    name = name or function_name(function)
+    match = _OnImages(function, images or Images(), name)
+    return SparseMatcher(
+        match, name, interpolation, neighbours, facts={"implementation": "sparse matches"}
+    )
+
+
+def as_matches(found: Any, method: str) -> Matches:
+    """Return matches in any of the accepted forms as `Matches`.
+
+    Raises:
+        SubmissionError: They are in none of them.
+    """
+    if isinstance(found, Matches):
+        return found
+    parts = [to_array(part) for part in found] if isinstance(found, tuple | list) else []
+    count = len(parts[0]) if parts and parts[0].ndim else 0
+    shapes = [(count, 2), (count, 2), (count,)]
+    if len(parts) not in (2, 3) or [part.shape for part in parts] != shapes[: len(parts)]:
+        shown = [part.shape for part in parts] if parts else type(found).__name__
+        raise SubmissionError(
+            f"the method {method!r} returned no matches",
+            found=shown,
+            required="`Matches`, or arrays (M, 2), (M, 2) and optionally scores (M,)",
+        )
+    score = parts[2] if len(parts) == 3 else np.ones(count)
+    return Matches(*(part.astype(np.float32) for part in (parts[0], parts[1], score)))

@@ -1,0 +1,111 @@
+"""Queries interpolated between matches, on printed cards whose motion is known."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pliant.baselines import View
+from pliant.baselines.adapters import Images, from_sparse
+from pliant.baselines.adapters.sparse import as_matches
+from pliant.spec.errors import CallError, SubmissionError
+
+ViewOf = Callable[[Any], View]
+Floats = np.ndarray
+
+
+@pytest.fixture
+def keypoints() -> Floats:
+    """Places on the card around the queries, in its own px."""
+    return np.random.default_rng(5).uniform(-60, 60, (150, 2))
+
+
+@pytest.mark.parametrize(
+    ("way", "most_px"), [("nearest", 12), ("affine", 0.05), ("thin-plate", 0.02)]
+)
+@pytest.mark.parametrize("coordinates", ["pixel", "index", "normalised"])
+@pytest.mark.parametrize("size", [None, (100, 150)])
+def test_matches_of_a_turned_card(
+    way: Any, most_px: float, coordinates: Any, size: Any,
+    pose: Any, view_of: ViewOf, card_queries: Floats, keypoints: Floats,
+) -> None:  # fmt: skip
+    before, after = pose(), pose(angle_deg=25, scale=0.9, centre=(122.3, 97.6))
+    width, height = size or (240, 200)
+
+    def match(source: Any, target: Any) -> tuple[Floats, Floats]:
+        assert source.shape == target.shape == (height, width, 3)
+        found = []
+        for place in (before, after):
+            at = place.place(keypoints) * [width / 240, height / 200]
+            if coordinates == "index":
+                at = at - 0.5
+            if coordinates == "normalised":
+                at = 2 * at / [width, height] - 1
+            found.append(at)
+        return found[0], found[1]
+
+    images = Images(size=size, coordinates=coordinates)
+    method = from_sparse(match, interpolation=way, images=images)
+    queries = before.place(card_queries).astype(np.float32)
+    found = method.answer(view_of(before), view_of(after), queries).uv_px
+    error = np.linalg.norm(found - after.place(card_queries), axis=1)
+    assert error.max() < most_px
+    assert way in str(method.describe()["interpolation"])
+
+
+def test_affine_is_robust_to_wrong_matches(
+    pose: Any, view_of: ViewOf, card_queries: Floats, keypoints: Floats
+) -> None:
+    before, after = pose(), pose(angle_deg=25)
+    at, to = before.place(keypoints), after.place(keypoints)
+    to[::10] += 60
+
+    method = from_sparse(lambda source, target: (at, to), neighbours=12)
+    found = method.answer(view_of(before), view_of(after), before.place(card_queries)).uv_px
+    assert np.median(np.linalg.norm(found - after.place(card_queries), axis=1)) < 0.5
+
+
+@pytest.mark.parametrize("way", ["nearest", "affine", "thin-plate"])
+@pytest.mark.parametrize("matches", [1, 2, 3, 9])
+def test_few_matches_and_matches_on_one_line(way: Any, matches: int) -> None:
+    view = View(np.zeros((40, 50, 3), np.uint8))
+    at = np.stack([np.linspace(5, 45, matches), np.full(matches, 20.0)], axis=1)
+    shift = np.array([3, -4])
+    at = np.concatenate([at, at[:1]])  # a place that was matched twice
+    method = from_sparse(lambda source, target: (at, at + shift), interpolation=way)
+    queries = np.array([[5, 20], [30, 35]], np.float32)
+    np.testing.assert_allclose(method.answer(view, view, queries).uv_px, queries + shift, atol=0.01)
+
+
+def test_no_matches_is_the_middle() -> None:
+    view = View(np.zeros((40, 50, 3), np.uint8))
+    none = np.zeros((0, 2))
+    method = from_sparse(lambda source, target: (none, none, np.zeros(0)))
+    found = method.answer(view, view, np.ones((3, 2), np.float32)).uv_px
+    assert found.tolist() == [[25, 20]] * 3
+
+
+def test_tensors_on_a_device() -> None:
+    torch = pytest.importorskip("torch")
+    view = View(np.full((30, 50, 3), 255, np.uint8))
+
+    def match(source: Any, target: Any) -> Any:
+        assert (source.shape, source.dtype) == ((1, 3, 32, 56), torch.float32)
+        assert source.max() == 1
+        at = torch.tensor([[0.0, 0.0], [56.0, 32.0]], requires_grad=True)
+        return at, at, torch.ones(2)
+
+    method = from_sparse(match, images=Images(multiple=8, device="cpu"))
+    assert method.match(view, view).uv_b_px.tolist() == [[0, 0], [50, 30]]
+
+
+def test_wrong_forms_are_one_sentence() -> None:
+    with pytest.raises(SubmissionError, match="returned no matches; found None"):
+        as_matches(None, "mine")
+    with pytest.raises(CallError, match="'cubic'; required: nearest, affine, thin-plate"):
+        from_sparse(lambda a, b: None, interpolation="cubic")  # type: ignore[arg-type]
+    with pytest.raises(CallError, match="'uv'; required: pixel, index or normalised"):
+        Images(coordinates="uv")  # type: ignore[arg-type]

@@ -1,0 +1,320 @@
+"""Methods from files, modules and other packages, and objects completed to matchers."""
+
+from __future__ import annotations
+
+import json
+import os
+import pickle
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import pliant
+from pliant.baselines import Answers, KeypointMatcher, Matches, View
+from pliant.baselines.adapters import as_matcher
+from pliant.cli.main import run
+from pliant.spec.dataset import Dataset
+from pliant.spec.errors import CallError, MissingExtraError, SubmissionError
+from pliant.spec.io.parquet import read_footer, read_table
+
+ROOT = Path(__file__).resolve().parents[2]
+Outcome = tuple[int, str, str]
+
+METHODS_FILE = '''
+import numpy as np
+import neighbour_of_the_file
+from pliant.baselines import Answers
+
+
+class Shift:
+    """Every point moves by the same amount."""
+
+    def __init__(self, du: float = 0.0, dv: float = 0.0):
+        self.by = np.array([du, dv], np.float32)
+
+    def answer(self, source, target, uv_a_px):
+        return Answers(uv_a_px + self.by)
+
+
+class OnlyMatches:
+    name = "three-matches"
+
+    def match(self, source, target):
+        at = np.array([[10, 10], [200, 20], [50, 150]], np.float32)
+        return at, at + 4
+
+
+def function(source, target, queries, by=1.0):
+    return queries + by
+
+
+def factory(amount):
+    return Shift(amount, amount)
+
+
+ready = Shift(2, 2)
+number = 7
+'''
+
+
+@pytest.fixture
+def methods_file(tmp_path: Path) -> Path:
+    folder = tmp_path / "elsewhere"
+    folder.mkdir()
+    path = folder / f"methods_{tmp_path.name}.py"  # every test imports a module of its own
+    path.write_text(METHODS_FILE)
+    (folder / "neighbour_of_the_file.py").touch()
+    return path
+
+
+def call(capsys: pytest.CaptureFixture[str], *arguments: object) -> Outcome:
+    code = run([str(argument) for argument in arguments])
+    captured = capsys.readouterr()
+    return code, captured.out, captured.err
+
+
+def moved(dataset: Dataset, method: Any) -> np.ndarray:
+    answers = pliant.predict(dataset, method).answers.uv_px
+    asked = np.concatenate([pair.queries for pair in dataset.pairs("test")])
+    return np.unique(np.round(answers - asked, 3), axis=0)
+
+
+def test_class_of_a_file_with_options(
+    methods_file: Path, cards: Dataset, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "shift.parquet"
+    code, said, complaint = call(
+        capsys,
+        *("predict", f"{methods_file}:Shift", "--data", cards.root, "--out", out),
+        *("--set", "du=3", "--set", "dv=-1.5"),
+    )
+    assert (code, complaint) == (0, "")
+    assert "60 answers for 3 pairs of cards/test by Shift" in said
+    asked = np.concatenate([pair.queries for pair in cards.pairs("test")])
+    np.testing.assert_allclose(read_table(out, "answers")["u"], asked[:, 0] + 3)
+    assert read_footer(out)["method"] == {
+        "name": "Shift", "implementation": f"{methods_file.stem}.Shift", "mask": "given"
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "by"),
+    [
+        ("Shift", {"du": 2, "dv": 1}, [2, 1]),
+        ("function", {}, [1, 1]),
+        ("function", {"by": 3}, [3, 3]),
+        ("factory", {"amount": 5}, [5, 5]),
+        ("ready", {}, [2, 2]),
+        ("OnlyMatches", {}, [4, 4]),
+    ],
+)
+def test_every_kind_of_object(
+    name: str, options: dict[str, float], by: list[float], methods_file: Path, cards: Dataset
+) -> None:
+    method = pliant.open_method(f"{methods_file}:{name}", **options)
+    np.testing.assert_array_equal(moved(cards, method), [by])
+
+
+def test_module_in_the_working_folder(
+    methods_file: Path, cards: Dataset, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    package = methods_file.parent / f"package_{methods_file.stem}"
+    package.mkdir()
+    (package / "__init__.py").touch()
+    (package / "inner.py").write_text(METHODS_FILE)
+    monkeypatch.chdir(methods_file.parent)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    np.testing.assert_array_equal(moved(cards, f"{package.name}.inner:ready"), [[2, 2]])
+
+
+def test_only_matches_are_also_written_as_matches(
+    methods_file: Path, cards: Dataset, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "matches.parquet"
+    method = f"{methods_file}:OnlyMatches"
+    arguments = ("predict", method, "--data", cards.root, "--out", out, "--kind", "matches")
+    assert call(capsys, *arguments)[0] == 0
+    table = read_table(out, "matches")
+    assert len(table) == 9
+    assert read_footer(out)["method"]["interpolation"] == "affine, 8 nearest matches"
+
+
+def test_workers_answer_with_a_class_of_a_file(methods_file: Path, cards: Dataset) -> None:
+    method = pliant.open_method(f"{methods_file}:Shift", du=1)
+    one = pliant.predict(cards, method).answers.uv_px
+    two = pliant.predict(cards, method, workers=2).answers.uv_px
+    np.testing.assert_array_equal(one, two)
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "message"),
+    [
+        ("", {}, "the class is missing.*Name it after a colon: .*:Matcher"),
+        (":Shfit", {}, "there is no 'Shfit' in it.*Did you mean Shift"),
+        (":Shift", {"dx": 1}, "unexpected keyword argument 'dx'; found dx=1; .*options du, dv"),
+        (":factory", {}, "missing a required argument: 'amount'; found no options"),
+        (":ready", {"du": 1}, "takes no options; found du"),
+        (":number", {}, "this is not a method; found an object of class int"),
+    ],
+)
+def test_wrong_references_are_one_sentence(
+    name: str, options: dict[str, Any], message: str, methods_file: Path
+) -> None:
+    with pytest.raises(CallError, match=message):
+        pliant.open_method(f"{methods_file}{name}", **options)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("import no_such_library", "ModuleNotFoundError: No module named 'no_such_library'"),
+        ("1 +", "SyntaxError"),
+        ("x = 1\ny = {}['key']", "KeyError: 'key' .*line 2"),
+    ],
+)
+def test_a_file_that_cannot_be_imported(text: str, message: str, tmp_path: Path) -> None:
+    path = tmp_path / f"broken_{tmp_path.name}.py"
+    path.write_text(text)
+    with pytest.raises(CallError, match=f"the module cannot be imported; found {message}"):
+        pliant.open_method(f"{path}:Matcher")
+
+
+def test_a_file_called_as_another_module(tmp_path: Path) -> None:
+    (tmp_path / "json.py").touch()
+    with pytest.raises(CallError, match=r"another module is called 'json'.*Rename the file"):
+        pliant.open_method(f"{tmp_path}/json.py:Matcher")
+    with pytest.raises(CallError, match="there is no such file"):
+        pliant.open_method(f"{tmp_path}/missing.py:Matcher")
+
+
+class OnlyTrack:
+    def track(self, views: Any, uv_px: Any) -> Any:
+        raise NotImplementedError
+
+
+class Slots:
+    __slots__ = ()
+
+    def answer(self, source: View, target: View, uv_a_px: Any) -> Answers:
+        return Answers(uv_a_px)
+
+
+class BadMatches:
+    def match(self, source: View, target: View) -> Any:
+        return np.zeros((4, 2)), np.zeros((3, 2))
+
+
+class BadAnswer(Slots):
+    def answer(self, source: View, target: View, uv_a_px: Any) -> Any:
+        return uv_a_px
+
+
+def test_objects_that_are_no_matchers(cards: Dataset) -> None:
+    for method, message in (
+        (OnlyTrack(), "cannot answer a single pair"),
+        (Slots(), "no 'name', and none can be set"),
+        (Slots, "this is a class.*Pass an instance: Slots()"),
+    ):
+        with pytest.raises(CallError, match=message):
+            as_matcher(method)
+    with pytest.raises(SubmissionError, match=r"returned no matches; found \[\(4, 2\), \(3, 2\)\]"):
+        pliant.predict(cards, BadMatches())  # type: ignore[arg-type]
+    with pytest.raises(SubmissionError, match=r"'BadAnswer'.*found ndarray; required: `Answers`"):
+        pliant.predict(cards, BadAnswer())  # type: ignore[arg-type]
+
+
+def test_completed_object_keeps_what_it_has_and_can_be_sent() -> None:
+    class Named:
+        name = "mine"
+
+        def describe(self) -> dict[str, int]:
+            return {"radius": 3}
+
+        def match(self, source: View, target: View) -> Matches:
+            raise NotImplementedError
+
+    matcher = as_matcher(Named())
+    assert isinstance(matcher, KeypointMatcher)
+    assert matcher.name == "mine"
+    assert matcher.describe() == {"radius": 3, "interpolation": "affine, 8 nearest matches"}
+    completed = pickle.loads(pickle.dumps(as_matcher(BadMatches(), "sent")))
+    assert completed.name == "sent"
+
+
+def test_missing_extra_is_listed(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def make() -> None:
+        """Return the method of another library."""
+        raise MissingExtraError("the method", "classical")
+
+    monkeypatch.setitem(pliant.baselines.METHODS, "needy", make)
+    code, said, _ = call(capsys, "methods", "--json")
+    rows = {row["name"]: row for row in json.loads(said)["methods"]}
+    assert code == 0
+    assert rows["needy"]["missing"] == "Install them with: pip install 'pliant[classical]'"
+    assert rows["identity"]["missing"] is None
+    assert rows["don-rope"]["origin"] == "shipped model"
+    assert "needy      Method of another library. Needs: Install" in call(capsys, "methods")[1]
+
+
+PYPROJECT = """
+[build-system]
+requires = ["setuptools"]
+build-backend = "setuptools.build_meta"
+
+[project]
+name = "their-matchers"
+version = "2.5"
+
+[project.entry-points."pliant.matchers"]
+their-shift = "their_matchers.shift:Shift"
+
+[tool.setuptools]
+packages = ["their_matchers"]
+"""
+
+
+@pytest.mark.slow
+def test_package_with_an_entry_point_is_predicted_and_scored(
+    tiny_dataset: Path, tmp_path: Path
+) -> None:
+    """A package that knows nothing but the protocol, installed into an environment of its own."""
+    project, home = tmp_path / "project", tmp_path / "environment"
+    (project / "their_matchers").mkdir(parents=True)
+    (project / "pyproject.toml").write_text(PYPROJECT)
+    (project / "their_matchers" / "__init__.py").touch()
+    source = METHODS_FILE.replace("import neighbour_of_the_file\n", "")
+    (project / "their_matchers" / "shift.py").write_text(source)
+    subprocess.run([sys.executable, "-m", "venv", "--without-pip", home], check=True)
+    python = home / "bin" / "python"
+    packages = next((home / "lib").glob("python3.*/site-packages"))
+    ours = [path for path in sys.path if path.endswith("site-packages")]
+    (packages / "dependencies.pth").write_text("\n".join(ours))
+    environment = {**os.environ, "PYTHONPATH": str(ROOT / ".typing"), "PIP_NO_INDEX": "1"}
+    shell: Callable[..., str] = lambda *command: subprocess.run(  # noqa: E731
+        [str(word) for word in command],
+        env=environment, cwd=tmp_path, check=True, capture_output=True, text=True,
+    ).stdout  # fmt: skip
+    shell(
+        *(sys.executable, "-m", "pip", "--python", python, "install", "-q"),
+        *("--no-deps", "--no-build-isolation", project),
+    )
+    program = (python, "-c", "from pliant.cli.main import main; main()")
+    assert "their-shift" in shell(*program, "methods")
+    assert "Plug-in their_matchers.shift:Shift of their-matchers 2.5" in shell(*program, "methods")
+    arguments = ("--data", tiny_dataset, "--out", "out.parquet", "--set", "du=7", "--set", "dv=7")
+    said = json.loads(shell(*program, "predict", "their-shift", *arguments, "--json"))
+    assert said["method"]["name"] == "their-shift"
+    scores = pliant.evaluate(tiny_dataset, tmp_path / "out.parquet")
+    identity = pliant.evaluate(
+        tiny_dataset, pliant.predict(tiny_dataset, "identity").answers.uv_px + 7
+    )
+    assert scores.overall == identity.overall
+    with pytest.raises(CallError, match="no method 'their-shift'"):
+        pliant.open_method("their-shift")  # this environment does not have it
