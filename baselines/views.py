@@ -10,7 +10,7 @@ from pliant.spec.frame import Frame
 class ViewReader:
     """Reads frames as views and keeps the last few.
 
-    A frame that was published without its surface image has neither masks nor depth.
+    A frame without a surface image has the mask and the depth that were recorded with it, if any.
 
     Args:
         capacity: Number of frames kept.
@@ -31,13 +31,12 @@ class ViewReader:
 
 def read_view_of(frame: Frame) -> View:
     """Return a frame as a method sees it; see `ViewReader`."""
-    rgb, surface = frame.rgb, frame.surface
-    if surface is None:
-        return View(rgb=rgb, key=frame.key)
+    surface = frame.surface
+    ids = frame.object_ids if surface is None else surface.object_id
     return View(
-        rgb=rgb,
-        mask=frame.queried_in(surface),
-        depth_m=surface.depth_m,
+        rgb=frame.rgb,
+        mask=None if ids is None else frame.queried_in(ids),
+        depth_m=frame.depth_m if surface is None else surface.depth_m,
         key=frame.key,
-        objects=surface.object_id > 0,
+        objects=None if ids is None else ids > 0,
     )

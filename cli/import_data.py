@@ -15,10 +15,11 @@ from pliant.cli.terminal import echo_result, progress_bar
 @click.argument("source", metavar="SOURCE", type=PATH)
 @out_option("DIR", "A new folder.")
 @click.option("--id", metavar="NAME", help="The dataset's id; default: DIR's name.")
-@choice_option(
+@click.option(
     "--kind",
-    ["rope", "cloth"],
-    "What the points lie on; default: rope for pictures, cloth for tracks.",
+    metavar="NAME",
+    help="What the points are on: rope, cloth, or another name; default: rope for pictures, cloth "
+    "for tracks.",
 )
 @choice_option("--split", ["train", "val", "test"], "The split that all of it becomes.", "test")
 @click.option("--title", default="", help="Title of the dataset, one line.")
@@ -38,6 +39,18 @@ from pliant.cli.terminal import echo_result, progress_bar
     metavar="WxH",
     help="Bring every frame to this size, px. Pictures keep their proportions on black; tracks "
     "are stretched. Default: the smallest size that all pictures fit in.",
+)
+@path_option(
+    "--masks",
+    "FOLDER",
+    "Pictures: a mask for each, of the same name and size, black outside the object; default: "
+    "image_masks/ of a knots_info.json.",
+)
+@path_option(
+    "--depth",
+    "FOLDER",
+    "Pictures: a depth image for each, of the same name and size: 16-bit millimetres (png, tif) "
+    "or metres (npy); 0 is unknown.",
 )
 @choice_option(
     "--pixels",
@@ -59,20 +72,21 @@ def command(source: Path, out: Path, as_json: bool, **given: Any) -> None:
 
     SOURCE is annotations.csv (picture,point,x,y,visible), COCO keypoints, LabelMe files or the
     paper's knots_info.json, as a file or its folder, with its pictures; or a file of TAP-Vid
-    tracks (pickle or npz; nothing in it is executed). Depth, cameras and material are not known
-    and left out; the answers are written next to DIR, as DIR-truth/SPLIT.parquet.
+    tracks (pickle or npz; nothing in it is executed). Cameras and material are not known and
+    left out; the answers are written next to DIR, as DIR-truth/SPLIT.parquet.
     """
-    from pliant.converters import ImportSettings, SourceOptions, read_source, write_imported
+    from pliant.converters import ImportSettings, PictureOptions, read_source, write_imported
 
     given["size"] = given["size"] and image_size(given["size"])
-    options = SourceOptions(
+    options = PictureOptions(
         pixels=given.pop("pixels"),
         temporal=given.pop("episode"),
         pairs=given.pop("pair_list"),
         size=given["size"],
-        coordinates=given.pop("coordinates"),
+        masks=given.pop("masks"),
+        depth=given.pop("depth"),
     )
-    found = read_source(source, options)
+    found = read_source(source, options, given.pop("coordinates"))
     defaults = {"id": out.name, "kind": found.kind, "queries": found.queries}
     settings = ImportSettings(**{k: v or defaults.get(k, v) for k, v in given.items()})
     with progress_bar("Writing", "frames", hidden=as_json) as bar:

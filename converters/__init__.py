@@ -4,7 +4,15 @@
 pictures, `tapvid` point tracks; `writer` writes them as a dataset.
 """
 
-from pliant.converters.formats import Source, SourceOptions, read_source
+from pliant.converters.canvas import PictureOptions
+from pliant.converters.formats import Source, read_source
 from pliant.converters.writer import Imported, ImportSettings, write_imported
 
-__all__ = ["ImportSettings", "Imported", "Source", "SourceOptions", "read_source", "write_imported"]
+__all__ = [
+    "ImportSettings",
+    "Imported",
+    "PictureOptions",
+    "Source",
+    "read_source",
+    "write_imported",
+]

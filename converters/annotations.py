@@ -1,27 +1,18 @@
-"""Points that were annotated in pictures, and the clip that they become.
-
-Pictures of different sizes get one canvas: each is reduced only as far as it must be, keeps its
-proportions, and is at the upper left, with black to the right and below. A position is multiplied
-by exactly the factor that its picture was resized by, so the truth stays exact; the factors are in
-the dataset's provenance.
-"""
+"""Points that were annotated in pictures, whatever tool wrote them."""
 
 from __future__ import annotations
 
 import csv
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path, PurePosixPath
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from pliant.converters.clip import Clip, Floats, Image
+from pliant.converters.clip import Floats
 from pliant.spec.errors import CallError, SpecError
-from pliant.spec.io import limits
-from pliant.spec.io.photo import SUFFIXES, photo_size, read_photo
+from pliant.spec.io.photo import SUFFIXES, photo_size
 
 _SLACK_PX = 0.5  # a mark that counts from the first pixel's centre may be half a pixel outside
 
@@ -38,6 +29,7 @@ class Annotations:
             where the position is not given.
         visible: bool (N, T).
         unsaid: What the source cannot say, for the provenance.
+        masks: The folder of masks that belongs to the source, or None.
     """
 
     path: Path
@@ -46,6 +38,7 @@ class Annotations:
     uv_px: Floats
     visible: npt.NDArray[np.bool_]
     unsaid: Sequence[str] = ()
+    masks: Path | None = None
 
 
 class Collector:
@@ -135,110 +128,6 @@ class Collector:
             )
 
 
-@dataclass(frozen=True)
-class Canvas:
-    """Pictures brought to one size.
-
-    Attributes:
-        pictures: The files.
-        wanted: (width, height) asked for, or None for the smallest that all of them fit in.
-    """
-
-    pictures: Sequence[Path]
-    wanted: tuple[int, int] | None = None
-
-    @cached_property
-    def original(self) -> list[tuple[int, int]]:
-        """(width, height) of each picture, px."""
-        return [photo_size(picture) for picture in self.pictures]
-
-    @cached_property
-    def size(self) -> tuple[int, int]:
-        """(width, height) of the canvas, px."""
-        if self.wanted is not None:
-            return self.wanted
-        width, height = (max(sides) for sides in zip(*self.original, strict=True))
-        scale = min(
-            1.0,
-            limits.MAX_IMAGE_SIDE_PX / max(width, height),
-            (limits.MAX_IMAGE_PIXELS / (width * height)) ** 0.5,
-        )
-        return int(width * scale), int(height * scale)
-
-    def placed(self, frame: int) -> tuple[int, int]:
-        """Return (width, height) of a picture on the canvas, px."""
-        width, height = self.original[frame]
-        scale = min(self.size[0] / width, self.size[1] / height)
-        if self.wanted is None:
-            scale = min(1.0, scale)
-        return max(1, round(width * scale)), max(1, round(height * scale))
-
-    def scales(self) -> Floats:
-        """Return the factors of u and v of each picture, float64 (T, 2)."""
-        placed = [self.placed(frame) for frame in range(len(self.pictures))]
-        return np.array(placed, float) / np.array(self.original, float)
-
-    def read(self, frame: int) -> Image:
-        """Return a picture on the canvas, uint8 (H, W, 3)."""
-        from PIL import Image as Pictures
-
-        rgb = read_photo(self.pictures[frame])
-        if (rgb.shape[1], rgb.shape[0]) != self.placed(frame):
-            reduced = Pictures.fromarray(rgb).resize(self.placed(frame), Pictures.Resampling.BOX)
-            rgb = np.asarray(reduced)
-        canvas = np.zeros((self.size[1], self.size[0], 3), np.uint8)
-        canvas[: rgb.shape[0], : rgb.shape[1]] = rgb
-        return canvas
-
-    def facts(self) -> list[dict[str, Any]]:
-        """Return what became of each picture, for the provenance."""
-        return [
-            {"name": picture.name, "size": list(size), "placed": list(self.placed(frame))}
-            for frame, (picture, size) in enumerate(zip(self.pictures, self.original, strict=True))
-        ]
-
-
-def clip_of(
-    annotations: Annotations,
-    *,
-    size: tuple[int, int] | None,
-    temporal: bool,
-    pairs: Path | None,
-    half_pixel: bool = False,
-) -> Clip:
-    """Return annotated pictures as a clip.
-
-    Args:
-        annotations: The pictures and the points in them.
-        size: (width, height) of the canvas, None for the smallest that all pictures fit in.
-        temporal: Whether the pictures follow each other in time.
-        pairs: A CSV of the pairs to ask about, columns `source` and `target`; None for no list.
-        half_pixel: Whether positions are indices of pixels: 0.5 is added.
-
-    Raises:
-        SpecError: A picture or the list of pairs cannot be read.
-    """
-    canvas = Canvas(annotations.pictures, size)
-    uv_px = annotations.uv_px + (0.5 if half_pixel else 0.0)
-    names = [picture.name for picture in annotations.pictures]
-    name = annotations.path.stem if annotations.path.is_file() else annotations.path.name
-    return Clip(
-        name=name,
-        size=canvas.size,
-        frames=len(names),
-        read=canvas.read,
-        uv_px=uv_px * canvas.scales(),
-        visible=annotations.visible,
-        temporal=temporal,
-        pairs=None if pairs is None else _read_pairs(pairs, names),
-        facts={
-            "pictures": canvas.facts(),
-            "points": list(annotations.points),
-            "not_said": list(annotations.unsaid),
-        },
-    )
-
-
 def picture_in(folder: Path, name: str, path: Path, where: str) -> Path:
     """Return a picture of a folder.
 
@@ -271,27 +160,6 @@ def picture_in(folder: Path, name: str, path: Path, where: str) -> Path:
 def _some_pictures(folder: Path) -> str:
     names = sorted(p.name for p in folder.iterdir() if p.suffix.lower() in SUFFIXES)
     return ", ".join(names[:4]) + (" …" if len(names) > 4 else "") or "no pictures"
-
-
-def _read_pairs(path: Path, names: Sequence[str]) -> list[tuple[int, int]]:
-    rows = read_rows(path, ("source", "target"))
-    pairs = []
-    for where, row in rows:
-        for side in ("source", "target"):
-            if row[side] not in names:
-                raise SpecError(
-                    "a pair names a picture that has no annotations",
-                    path=path,
-                    where=f"{where}, {side}",
-                    found=repr(row[side])[:80],
-                    required=f"one of {', '.join(names[:5])}{' …' if len(names) > 5 else ''}",
-                )
-        pair = (names.index(row["source"]), names.index(row["target"]))
-        if pair[0] == pair[1] or pair in pairs:
-            said = "a picture with itself" if pair[0] == pair[1] else "a pair twice"
-            raise SpecError(f"the list has {said}", path=path, where=where, fix="Remove the row.")
-        pairs.append(pair)
-    return pairs
 
 
 def read_rows(path: Path, columns: Sequence[str]) -> list[tuple[str, dict[str, str]]]:

@@ -28,6 +28,9 @@ class Clip:
         temporal: True for frames in time, False for independent configurations.
         pairs: The (source, target) frames that its source lists, None for no list.
         facts: JSON-able facts for the provenance: names of pictures and points, scales.
+        read_mask: Returns where a frame shows the object, bool (H, W); None for no masks.
+        read_depth: Returns a frame's depth, float32 (H, W), metres, +inf where it is not known;
+            None for no depth.
     """
 
     name: str
@@ -39,6 +42,8 @@ class Clip:
     temporal: bool
     pairs: Sequence[tuple[int, int]] | None = None
     facts: Mapping[str, Any] | None = None
+    read_mask: Callable[[int], npt.NDArray[np.bool_]] | None = None
+    read_depth: Callable[[int], npt.NDArray[np.float32]] | None = None
 
     def __post_init__(self) -> None:
         # A position that was rounded up to the border, or is beyond it, is not seen.

@@ -8,33 +8,15 @@ from pathlib import Path
 from typing import Any, Literal
 
 from pliant.converters.annotation_tools import is_coco, is_labelme, read_coco, read_labelme
-from pliant.converters.annotations import Annotations, clip_of
+from pliant.converters.annotations import Annotations
+from pliant.converters.canvas import PictureOptions, clip_of
 from pliant.converters.clip import Clip
-from pliant.converters.knots import KNOTS_JSON, Pixels, read_knots
+from pliant.converters.knots import KNOTS_JSON, read_knots
 from pliant.converters.marks_csv import ANNOTATIONS_CSV, read_marks
 from pliant.converters.queries import Scheme
 from pliant.converters.tapvid import Coordinates, read_tapvid
 from pliant.spec.errors import CallError, SpecError
 from pliant.spec.io.jsonfiles import read_json
-
-
-@dataclass(frozen=True)
-class SourceOptions:
-    """How a source is read.
-
-    Attributes:
-        pixels: Of annotated pictures, what the numbers are.
-        temporal: Of annotated pictures, whether they follow each other in time.
-        pairs: Of annotated pictures, a CSV of the pairs to ask about, or None.
-        size: (width, height) to bring pictures to, px; None for the smallest common canvas.
-        coordinates: Of tracks, what positions are.
-    """
-
-    pixels: Pixels = "rounded"
-    temporal: bool = False
-    pairs: Path | None = None
-    size: tuple[int, int] | None = None
-    coordinates: Coordinates = "auto"
 
 
 @dataclass(frozen=True)
@@ -54,35 +36,36 @@ class Source:
     facts: Mapping[str, Any]
 
 
-def read_source(path: Path, options: SourceOptions | None = None) -> Source:
+def read_source(
+    path: Path, options: PictureOptions | None = None, coordinates: Coordinates = "auto"
+) -> Source:
     """Read annotated pictures or point tracks.
 
     Args:
         path: `annotations.csv`, a COCO or LabelMe file, the folder of one of them or of
             `knots_info.json`, or a file of TAP-Vid tracks.
-        options: How.
+        options: How annotated pictures are read.
+        coordinates: Of tracks, what positions are.
 
     Raises:
-        CallError: There is nothing at this path, or an option is not one of its format.
+        CallError: There is nothing at this path, or an option is for pictures alone.
         SpecError: The data is damaged.
     """
-    options = options or SourceOptions()
+    options = options or PictureOptions()
     if not path.exists():
         raise CallError("there is nothing to import", path=path)
     if path.is_file() and path.suffix.lower() not in (".csv", ".json"):
-        if options.pairs is not None:
-            raise CallError("a list of pairs is for annotated pictures", path=options.pairs)
-        tracks = read_tapvid(path, coordinates=options.coordinates)
-        facts = {"source": path.name, "format": "tap-vid", "coordinates": options.coordinates}
+        given = next((p for p in (options.pairs, options.masks, options.depth) if p), None)
+        if given is not None:
+            raise CallError(
+                "lists of pairs, masks and depth are for annotated pictures, not for tracks",
+                path=given,
+            )
+        tracks = read_tapvid(path, coordinates=coordinates)
+        facts = {"source": path.name, "format": "tap-vid", "coordinates": coordinates}
         return Source(tracks, "cloth", "first", facts)
     name, annotations = _annotations(path)
-    clip = clip_of(
-        annotations,
-        size=options.size,
-        temporal=options.temporal,
-        pairs=options.pairs,
-        half_pixel=options.pixels == "index",
-    )
+    clip = clip_of(annotations, options)
     facts = {"source": path.name, "format": name, "pixels": options.pixels, **(clip.facts or {})}
     return Source([clip], "rope", "pairs", facts)
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 import numpy as np
 
@@ -23,16 +23,13 @@ KNOTS_JSON: Final = "knots_info.json"
 _IMAGE: Final = re.compile(r"(\d{1,9})_rgb\.(?:png|jpg|jpeg)")
 _IMAGE_NAME: Final = "%06d_rgb.png"
 
-Pixels = Literal["rounded", "index"]
-"""What a whole number says: `rounded`, the position to the nearest pixel border, as the paper's
-scripts write it; `index`, the column and row of a pixel, whose centre is half a pixel further."""
-
 
 def read_knots(folder: Path) -> Annotations:
     """Read a folder of frames with their `knots_info.json`.
 
     Args:
-        folder: Contains `knots_info.json` and the images `000000_rgb.png` …, here or in `images/`.
+        folder: Contains `knots_info.json` and the images `000000_rgb.png` …, here or in `images/`,
+            and perhaps masks `000000_visible_mask.png` … in `image_masks/`.
 
     Returns:
         The frames in the order of their numbers. Of a point with several pixels the position is
@@ -61,6 +58,7 @@ def read_knots(folder: Path) -> Annotations:
             fix=f"Delete {_IMAGE_NAME % odd} or the entry {odd} of {KNOTS_JSON}.",
         )
     numbers = sorted(images)
+    masks = (folder / "image_masks", path.parent.parent / "image_masks")
     uv_px = np.stack([_positions(annotated[n], f"frame {n}", path) for n in numbers], axis=1)
     visible = np.isfinite(uv_px[..., 0])
     return Annotations(
@@ -71,6 +69,7 @@ def read_knots(folder: Path) -> Annotations:
         visible=visible,
         # The cloth scripts write every vertex, those under a fold too.
         unsaid=["which points are hidden"] if visible.all() else [],
+        masks=next((each for each in masks if each.is_dir()), None),
     )
 
 

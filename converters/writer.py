@@ -15,22 +15,24 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final, Literal
 
+import numpy as np
 import pyarrow as pa
 
 from pliant.converters.clip import Clip, resized
 from pliant.converters.queries import Scheme, make_queries
-from pliant.spec.conventions import CONVENTIONS, SPEC_VERSION
+from pliant.spec.conventions import CONVENTIONS, NEWEST_VERSION
 from pliant.spec.dataset import is_name
 from pliant.spec.errors import CallError, SpecError
 from pliant.spec.io import limits
 from pliant.spec.io.checksums import sha256_file
+from pliant.spec.io.exr import write_camera_depth
 from pliant.spec.io.jsonfiles import write_json
 from pliant.spec.io.parquet import write_table
-from pliant.spec.io.png import write_rgb
+from pliant.spec.io.png import write_mask, write_rgb
 from pliant.spec.storage import layout
 from pliant.spec.tables import SEQUENCES
 
-UNKNOWN: Final = ("cameras", "depth", "surface", "material coordinates", "scale", "symmetries")
+UNKNOWN: Final = ("cameras", "surface", "material coordinates", "scale", "symmetries")
 """What imported data does not say; it stands in the dataset's provenance."""
 
 Progress = Callable[[int, int], None]
@@ -43,7 +45,7 @@ class ImportSettings:
 
     Attributes:
         id: The dataset's id, and the name of its tier.
-        kind: What the points lie on.
+        kind: What the points are on: `rope`, `cloth` or another name.
         split: The split that all of it becomes.
         title: One line for people.
         licence: SPDX identifier of the data's licence, or `LicenseRef-unknown`.
@@ -53,7 +55,7 @@ class ImportSettings:
     """
 
     id: str
-    kind: Literal["rope", "cloth"] = "rope"
+    kind: str = "rope"
     split: Literal["train", "val", "test"] = "test"
     title: str = ""
     licence: str = "LicenseRef-unknown"
@@ -105,8 +107,14 @@ def write_imported(
     for folder in (out, beside):
         if folder.exists():
             raise CallError("the folder is there already", path=folder, fix="Give a new folder")
-    if not is_name(settings.id):
-        raise CallError("this is no name for a dataset", found=repr(settings.id)[:80])
+    for what, name in (("the dataset's id", settings.id), ("--kind", settings.kind)):
+        if not is_name(name):
+            raise CallError(
+                "invalid name",
+                where=what,
+                found=repr(name)[:80],
+                required="1 to 128 letters, digits, '.', '_', '-'",
+            )
     if settings.pairs < 1:
         raise CallError("the number of pairs is wrong", found=settings.pairs, required=">= 1")
     size = settings.size or _common_size(clips)
@@ -135,18 +143,19 @@ def write_imported(
         done, total = 0, sum(clip.frames for clip in clips)
         for index, (clip, name) in enumerate(zip(clips, ids, strict=True)):
             folder = layout.sequence_dir(root, settings.id, name)
-            (folder / "rgb").mkdir(parents=True)
+            files = []
             for frame in range(clip.frames):
-                write_rgb(folder / layout.rgb_name(frame), clip.read(frame))
+                files += _write_frame(clip, frame, folder)
                 done += 1
                 if progress is not None:
                     progress(done, total)
-            write_json(
-                folder / layout.SEQUENCE_JSON, _sequence(clip, name, index, settings, folder)
-            )
+            document = _sequence(clip, name, index, settings, [folder / file for file in files])
+            write_json(folder / layout.SEQUENCE_JSON, document, "sequence")
         answers = _write_tables(root, Path(scratch) / "truth", clips, ids, settings, queries, truth)
         names = dict(zip(ids, (clip.name for clip in clips), strict=True))
-        config = {**source, "queries": settings.queries, "sources": names, "unknown": list(UNKNOWN)}
+        measured = all(clip.read_depth is not None for clip in clips)
+        unknown = [*UNKNOWN, *([] if measured else ["depth"])]
+        config = {**source, "queries": settings.queries, "sources": names, "unknown": unknown}
         write_json(root / layout.DATASET_JSON, _dataset(settings, size, config), "dataset")
         shutil.move(answers.parent, beside)
         shutil.move(root, out)
@@ -205,13 +214,27 @@ def _write_tables(
     return answers
 
 
+def _write_frame(clip: Clip, frame: int, folder: Path) -> list[str]:
+    """Write what is known of a frame; return the files, relative to the folder."""
+    names = [layout.rgb_name(frame)]
+    names += [layout.mask_name(frame)] if clip.read_mask else []
+    names += [layout.camera_depth_name(frame)] if clip.read_depth else []
+    for name in names:
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+    write_rgb(folder / names[0], clip.read(frame))
+    if clip.read_mask:
+        write_mask(folder / layout.mask_name(frame), clip.read_mask(frame).astype(np.uint8))
+    if clip.read_depth:
+        write_camera_depth(folder / layout.camera_depth_name(frame), clip.read_depth(frame))
+    return names
+
+
 def _sequence(
-    clip: Clip, name: str, index: int, settings: ImportSettings, folder: Path
+    clip: Clip, name: str, index: int, settings: ImportSettings, files: Sequence[Path]
 ) -> dict[str, Any]:
-    """Return a `sequence.json` that tells nothing but the files."""
-    files = [layout.rgb_name(frame) for frame in range(clip.frames)]
+    """Return a `sequence.json` that says nothing but the files."""
     return {
-        "spec_version": SPEC_VERSION,
+        "spec_version": NEWEST_VERSION,
         "id": name,
         "tier": settings.id,
         "split": settings.split,
@@ -223,13 +246,13 @@ def _sequence(
         "style": "external",
         "noise": None,
         "parameters": {},
-        "frame_info": [{} for _ in files],
+        "frame_info": [{} for _ in range(clip.frames)],
         "tools": {"pliant": version("pliant")},
         "files": [
             {
-                "path": file,
-                "sha256": sha256_file(folder / file),
-                "bytes": (folder / file).stat().st_size,
+                "path": f"{file.parent.name}/{file.name}",
+                "sha256": sha256_file(file),
+                "bytes": file.stat().st_size,
             }
             for file in files
         ],
@@ -240,14 +263,15 @@ def _dataset(
     settings: ImportSettings, size: tuple[int, int], config: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Return `dataset.json`; the tier's material is one that is called unknown."""
+    unsaid = config["unknown"]
     unknown = {"name": "unknown", "min": 0, "max": 1, "metres_per_unit": 1, "period": None}
     return {
-        "spec_version": SPEC_VERSION,
+        "spec_version": NEWEST_VERSION,
         "id": settings.id,
         "version": "1.0.0",
         "title": settings.title or settings.id,
         "description": "Imported images and point annotations. Not known: "
-        + ", ".join(UNKNOWN)
+        + ", ".join(unsaid)
         + ".",
         "licence": settings.licence,
         "conventions": CONVENTIONS,

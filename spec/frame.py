@@ -10,7 +10,7 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from pliant.spec.io.exr import Surface
-from pliant.spec.storage.layout import depth_name
+from pliant.spec.storage.layout import camera_depth_name, depth_name, mask_name
 
 if TYPE_CHECKING:
     from pliant.spec.sequence import SequenceRecord
@@ -55,15 +55,25 @@ class Frame:
 
     @property
     def mask(self) -> npt.NDArray[np.bool_] | None:
-        """Where the queried object is visible, bool (H, W), or None if withheld."""
-        surface = self.surface
-        return None if surface is None else self.queried_in(surface)
+        """Where the queried object is visible, bool (H, W), or None if not known."""
+        ids = self.object_ids
+        return None if ids is None else self.queried_in(ids)
+
+    @property
+    def object_ids(self) -> npt.NDArray[np.uint8] | npt.NDArray[np.uint32] | None:
+        """Which object each pixel shows, (H, W), 0 for none; None if not known."""
+        if self.has_surface:
+            return self.sequence.surface(self.index).object_id
+        masked = self.sequence.has(mask_name(self.index))
+        return self.sequence.object_ids(self.index) if masked else None
 
     @property
     def depth_m(self) -> npt.NDArray[np.float32] | None:
-        """Planar depth, float32 (H, W), metres, +inf is background, or None if withheld."""
-        surface = self.surface
-        return None if surface is None else surface.depth_m
+        """Planar depth, float32 (H, W), metres, +inf is background, or None if not known."""
+        if self.has_surface:
+            return self.sequence.surface(self.index).depth_m
+        measured = self.sequence.has(camera_depth_name(self.index))
+        return self.sequence.camera_depth(self.index) if measured else None
 
     @property
     def camera(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
@@ -75,9 +85,11 @@ class Frame:
         """Where every material point is in this frame; row i is point i."""
         return self.sequence.correspondences(self.index)
 
-    def queried_in(self, surface: Surface) -> npt.NDArray[np.bool_]:
-        """Return where a surface image shows the queried object, bool (H, W)."""
-        mask: npt.NDArray[np.bool_] = surface.object_id == self.sequence.described.queried_object
+    def queried_in(
+        self, object_ids: npt.NDArray[np.uint8] | npt.NDArray[np.uint32]
+    ) -> npt.NDArray[np.bool_]:
+        """Return where object ids are those of the queried object, bool (H, W)."""
+        mask: npt.NDArray[np.bool_] = object_ids == self.sequence.described.queried_object
         return mask
 
     def __repr__(self) -> str:

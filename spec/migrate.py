@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from pliant.spec.conventions import SPEC_VERSION
+from pliant.spec.conventions import NEWEST_VERSION
 from pliant.spec.dataset import check_version, is_name
 from pliant.spec.errors import SpecError
 from pliant.spec.io.checksums import sha256_file
@@ -39,15 +39,15 @@ class Step:
     changes: Mapping[str, Change] = field(default_factory=dict)
 
 
-STEPS: Final[tuple[Step, ...]] = ()
-"""Every step, in order, one a version. 1.0.0 is the first version: there is none yet."""
+STEPS: Final[tuple[Step, ...]] = (Step("1.0.0", "1.1.0"),)
+"""Every step, in order, one per version. 1.1.0 only allows more: no document changes."""
 
 
 def migrate_document(
     kind: str,
     document: Document,
     steps: Sequence[Step] = STEPS,
-    current: str = SPEC_VERSION,
+    current: str = NEWEST_VERSION,
 ) -> Document:
     """Return a document as the current version has it; the argument is left alone.
 
@@ -91,7 +91,7 @@ class Migration:
 
 
 def migrate(
-    root: Path | str, steps: Sequence[Step] = STEPS, current: str = SPEC_VERSION
+    root: Path | str, steps: Sequence[Step] = STEPS, current: str = NEWEST_VERSION
 ) -> Migration:
     """Bring the JSON documents of a dataset to the current version, in place.
 
@@ -117,7 +117,7 @@ def migrate(
     if found == current:
         return Migration(found, current, [])
     check_version(found, path)
-    if current == SPEC_VERSION and is_newer_minor(found):
+    if current == NEWEST_VERSION and is_newer_minor(found):
         raise SpecError(
             "the dataset is of a newer version than this Pliant",
             path=path,
@@ -138,17 +138,20 @@ def _migrate_sequence(root: Path, folder: Path, steps: Sequence[Step], current: 
     path = folder / layout.SEQUENCE_JSON
     info = _object(read_json(path), path)
     changed: list[Path] = []
+    listed: Document = {}
     cameras_path = folder / layout.CAMERAS_JSON
-    cameras = _object(read_json(cameras_path), cameras_path)
-    if cameras.get("spec_version") != current:
-        _replace(cameras_path, migrate_document("cameras", cameras, steps, current))
-        changed.append(cameras_path)
-    listed = {
-        "path": layout.CAMERAS_JSON,
-        "sha256": sha256_file(cameras_path),
-        "bytes": cameras_path.stat().st_size,
-    }
-    if info.get("spec_version") != current or listed not in info.get("files", []):
+    if cameras_path.is_file():  # a held-out or recorded sequence may have none
+        cameras = _object(read_json(cameras_path), cameras_path)
+        if cameras.get("spec_version") != current:
+            _replace(cameras_path, migrate_document("cameras", cameras, steps, current))
+            changed.append(cameras_path)
+        listed = {
+            "path": layout.CAMERAS_JSON,
+            "sha256": sha256_file(cameras_path),
+            "bytes": cameras_path.stat().st_size,
+        }
+    unlisted = listed and listed not in info.get("files", [])
+    if info.get("spec_version") != current or unlisted:
         document = migrate_document("sequence", info, steps, current)
         document["files"] = [
             listed if entry.get("path") == layout.CAMERAS_JSON else entry

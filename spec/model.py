@@ -7,13 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 FloatArray = npt.NDArray[np.float64]
-TierKind = Literal["rope", "cloth"]
 
 
 @dataclass(frozen=True)
@@ -125,7 +124,7 @@ class Tier:
 
     Attributes:
         name: Unique in the dataset.
-        kind: What the queried object is.
+        kind: What the queried object is: `rope`, `cloth`, or another name.
         variant: Appearance that the symmetries depend on, such as `plain` or `striped`.
         queried_object: Id of the object that queries are on.
         objects: The objects of its scenes.
@@ -133,7 +132,7 @@ class Tier:
     """
 
     name: str
-    kind: TierKind
+    kind: str
     variant: str
     queried_object: int
     objects: tuple[MaterialObject, ...]

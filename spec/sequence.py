@@ -14,11 +14,11 @@ import pyarrow as pa
 
 from pliant.spec.errors import CallError, SpecError
 from pliant.spec.frame import Frame
-from pliant.spec.io.exr import Surface, read_surface
+from pliant.spec.io.exr import Surface, read_camera_depth, read_surface
 from pliant.spec.io.jsonfiles import read_json
 from pliant.spec.io.parquet import open_table, read_table
 from pliant.spec.io.parquet_columns import load_columns
-from pliant.spec.io.png import read_rgb
+from pliant.spec.io.png import read_mask, read_rgb
 from pliant.spec.io.reading import AnyFile
 from pliant.spec.model import Tier
 from pliant.spec.storage import layout
@@ -121,6 +121,16 @@ class SequenceRecord:
         """Return a frame's depth and surface image."""
         self._check(frame)
         return read_surface(self.file(layout.depth_name(frame)), size=self.size)
+
+    def object_ids(self, frame: int) -> npt.NDArray[np.uint8]:
+        """Return a frame's mask where no surface is known, uint8 (H, W), 0 for no object."""
+        self._check(frame)
+        return read_mask(self.file(layout.mask_name(frame)), size=self.size)
+
+    def camera_depth(self, frame: int) -> npt.NDArray[np.float32]:
+        """Return a frame's depth where no surface is known, float32 (H, W), metres."""
+        self._check(frame)
+        return read_camera_depth(self.file(layout.camera_depth_name(frame)), size=self.size)
 
     def points(self) -> pa.Table:
         """Return the table of material points."""

@@ -120,7 +120,7 @@ def _project(frame: Frame, points_m: Float64, height_m: float) -> Float64:
 def _grid_image(frame: Frame, surface: Surface) -> Rgb:
     """Return the lines of constant material coordinate."""
     tier = frame.sequence.described
-    on = frame.queried_in(surface)
+    on = frame.queried_in(surface.object_id)
     lines = np.zeros(on.shape, bool)
     for values, step, field in zip(
         (surface.m0, surface.m1),

@@ -91,6 +91,15 @@ def write_surface(path: Path | str, surface: Surface) -> None:
         kind = np.dtype(np.uint32 if name == "surface.object" else np.float32)
         if array.dtype != kind or array.shape != shape or array.ndim != 2 or array.size == 0:
             raise ValueError(f"{name} must be {kind} {shape}, not {array.dtype} {array.shape}")
+    _write(path, channels)
+
+
+def write_camera_depth(path: Path | str, depth_m: npt.NDArray[np.float32]) -> None:
+    """Write depth alone: float32 (H, W), metres, +inf where it is not known."""
+    _write(path, {"Z": depth_m})
+
+
+def _write(path: Path | str, channels: dict[str, npt.NDArray[Any]]) -> None:
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     pixels = {name: np.ascontiguousarray(array) for name, array in channels.items()}
     with OpenEXR.File(header, pixels, 1) as image:
@@ -113,12 +122,7 @@ def read_surface(
     Raises:
         FileRefusedError: Missing, no EXR, other channels, of another size, too large, damaged.
     """
-    check_regular(path, limits.MAX_IMAGE_FILE_BYTES)
-    header = read_header(path)
-    refuse_large(header.width, header.height, path)
-    _require_kind(header, path)
-    require_size((header.width, header.height), size, path)
-    arrays = _decode(path, (header.height, header.width))
+    arrays = _read(path, size, CHANNELS)
     if writable:
         arrays = {name: array.copy() for name, array in arrays.items()}
     return Surface(
@@ -126,12 +130,29 @@ def read_surface(
     )
 
 
-def _decode(path: AnyFile, shape: tuple[int, int]) -> dict[str, npt.NDArray[Any]]:
-    """Decode the four channels of a file whose header was checked.
+def read_camera_depth(
+    path: AnyFile, *, size: tuple[int, int] | None = None
+) -> npt.NDArray[np.float32]:
+    """Read depth alone, float32 (H, W), metres; arguments and errors as `read_surface`."""
+    return _read(path, size, {"Z": CHANNELS["Z"]})["Z"].copy()
+
+
+def _read(
+    path: AnyFile, size: tuple[int, int] | None, channels: dict[str, tuple[str, int]]
+) -> dict[str, npt.NDArray[Any]]:
+    check_regular(path, limits.MAX_IMAGE_FILE_BYTES)
+    header = read_header(path)
+    refuse_large(header.width, header.height, path)
+    _require_kind(header, path, channels)
+    require_size((header.width, header.height), size, path)
+    return _decode(path, (header.height, header.width), list(channels))
+
+
+def _decode(path: AnyFile, shape: tuple[int, int], names: list[str]) -> dict[str, npt.NDArray[Any]]:
+    """Decode channels of a file whose header was checked.
 
     `InputFile` raises on damaged pixels, where `OpenEXR.File` prints to stdout and goes on.
     """
-    names = list(CHANNELS)
     try:
         image = OpenEXR.InputFile(io.BytesIO(path.data) if isinstance(path, Blob) else str(path))
         try:
@@ -222,15 +243,15 @@ def _channels(data: bytes) -> dict[str, tuple[int, int, int]]:
     return found
 
 
-def _require_kind(header: ExrHeader, path: AnyFile) -> None:
-    required = {name: (number, 1, 1) for name, (_, number) in CHANNELS.items()}
+def _require_kind(header: ExrHeader, path: AnyFile, channels: dict[str, tuple[str, int]]) -> None:
+    required = {name: (number, 1, 1) for name, (_, number) in channels.items()}
     if header.channels != required:
         raise FileRefusedError(
             "IMAGE_FORMAT",
             "the EXR has other channels",
             path=path,
             found=sorted(header.channels),
-            required=", ".join(f"{name} ({kind})" for name, (kind, _) in CHANNELS.items()),
+            required=", ".join(f"{name} ({kind})" for name, (kind, _) in channels.items()),
         )
     if header.compression not in LOSSLESS:
         raise FileRefusedError(

@@ -18,6 +18,8 @@ from pliant.spec.io.reading import AnyFile, FileRefusedError, read_bytes
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _UP_FILTER = 2
 _HEADER_BYTES = 33
+_GREY, _RGB = 0, 2
+"""PNG's numbers of colour types."""
 
 
 def write_rgb(path: Path | str, rgb: npt.NDArray[np.uint8], *, level: int = 1) -> None:
@@ -36,20 +38,36 @@ def write_rgb(path: Path | str, rgb: npt.NDArray[np.uint8], *, level: int = 1) -
     """
     if rgb.dtype != np.uint8 or rgb.ndim != 3 or rgb.shape[2] != 3:
         raise ValueError(f"rgb must be uint8 (H, W, 3), not {rgb.dtype} {rgb.shape}")
-    height, width, _ = rgb.shape
+    _write(path, rgb, _RGB, level)
+
+
+def write_mask(path: Path | str, object_ids: npt.NDArray[np.uint8], *, level: int = 6) -> None:
+    """Write a mask: an object id for each pixel, 0 for none; arguments as `write_rgb`.
+
+    Raises:
+        ValueError: The array is not uint8 (H, W), or is empty or too large.
+    """
+    if object_ids.dtype != np.uint8 or object_ids.ndim != 2:
+        raise ValueError(f"a mask must be uint8 (H, W), not {object_ids.dtype} {object_ids.shape}")
+    _write(path, object_ids[..., None], _GREY, level)
+
+
+def _write(path: Path | str, pixels: npt.NDArray[np.uint8], colour_type: int, level: int) -> None:
+    """Write uint8 (H, W, channels)."""
+    height, width, channels = pixels.shape
     if not (0 < width <= limits.MAX_IMAGE_SIDE_PX and 0 < height <= limits.MAX_IMAGE_SIDE_PX):
         raise ValueError(f"an image of {width} x {height} pixels cannot be written")
-    rows = np.ascontiguousarray(rgb).reshape(height, width * 3)
-    filtered = np.empty((height, width * 3 + 1), np.uint8)
+    rows = np.ascontiguousarray(pixels).reshape(height, width * channels)
+    filtered = np.empty((height, width * channels + 1), np.uint8)
     filtered[:, 0] = _UP_FILTER
     filtered[0, 1:] = rows[0]
     np.subtract(rows[1:], rows[:-1], out=filtered[1:, 1:])
-    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    header = struct.pack(">IIBBBBB", width, height, 8, colour_type, 0, 0, 0)
     with open(path, "wb") as stream:
         stream.write(_SIGNATURE)
         for kind, payload in (
             (b"IHDR", header),
-            (b"sRGB", b"\x00"),
+            *([(b"sRGB", b"\x00")] if colour_type == _RGB else []),
             (b"IDAT", zlib.compress(filtered.data, level)),
             (b"IEND", b""),
         ):
@@ -57,26 +75,28 @@ def write_rgb(path: Path | str, rgb: npt.NDArray[np.uint8], *, level: int = 1) -
             stream.write(struct.pack(">I", zlib.crc32(payload, zlib.crc32(kind))))
 
 
-def png_size(head: bytes, path: AnyFile) -> tuple[int, int]:
+def png_size(head: bytes, path: AnyFile, colour_type: int = _RGB) -> tuple[int, int]:
     """Return (width, height) from a PNG's first 33 bytes, refusing other kinds of PNG.
 
     Args:
         head: The first bytes of the file.
         path: The file, for messages.
+        colour_type: PNG's number of the colour type required.
 
     Raises:
-        FileRefusedError: No PNG, or not 8-bit RGB without interlacing, or too large.
+        FileRefusedError: No PNG, or not 8-bit of this type without interlacing, or too large.
     """
     if len(head) < _HEADER_BYTES or head[:8] != _SIGNATURE or head[12:16] != b"IHDR":
         raise FileRefusedError("FILE_UNREADABLE", "this is no PNG file", path=path)
     width, height, depth, colour, _, _, interlace = struct.unpack(">IIBBBBB", head[16:29])
-    if (depth, colour, interlace) != (8, 2, 0):
+    if (depth, colour, interlace) != (8, colour_type, 0):
         raise FileRefusedError(
             "IMAGE_FORMAT",
             "the PNG is of another kind",
             path=path,
             found=f"bit depth {depth}, colour type {colour}, interlace {interlace}",
-            required="8-bit RGB (colour type 2), not interlaced",
+            required=f"8-bit {'RGB' if colour_type == _RGB else 'grey'} (colour type "
+            f"{colour_type}), not interlaced",
         )
     refuse_large(width, height, path)
     return width, height
@@ -122,22 +142,34 @@ def decode_rgb(
     data: bytes, path: AnyFile, *, size: tuple[int, int] | None = None
 ) -> npt.NDArray[np.uint8]:
     """Decode the bytes of a PNG file; arguments and errors as `read_rgb`."""
-    found = png_size(data[:_HEADER_BYTES], path)
+    return _decode(data, path, size, _RGB)
+
+
+def read_mask(path: AnyFile, *, size: tuple[int, int] | None = None) -> npt.NDArray[np.uint8]:
+    """Read a mask, uint8 (H, W) of object ids; arguments and errors as `read_rgb`."""
+    return _decode(read_bytes(path, limits.MAX_IMAGE_FILE_BYTES), path, size, _GREY)
+
+
+def _decode(
+    data: bytes, path: AnyFile, size: tuple[int, int] | None, colour_type: int
+) -> npt.NDArray[np.uint8]:
+    found = png_size(data[:_HEADER_BYTES], path, colour_type)
     require_size(found, size, path)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             image = Image.open(io.BytesIO(data), formats=["PNG"])
-            rgb = np.asarray(image)
+            pixels = np.asarray(image)
     except Exception as error:  # Pillow raises whatever its decoder met
         raise FileRefusedError(
             "FILE_UNREADABLE", "the PNG cannot be decoded", path=path, found=str(error)
         ) from error
-    if rgb.dtype != np.uint8 or rgb.shape != (found[1], found[0], 3):
+    shape = (found[1], found[0], *((3,) if colour_type == _RGB else ()))
+    if pixels.dtype != np.uint8 or pixels.shape != shape:
         raise FileRefusedError(
-            "IMAGE_FORMAT", "the PNG is no 8-bit RGB image", path=path, found=rgb.shape
+            "IMAGE_FORMAT", "the PNG's pixels are not as announced", path=path, found=pixels.shape
         )
-    return rgb
+    return pixels
 
 
 def require_size(found: tuple[int, int], size: tuple[int, int] | None, path: AnyFile) -> None:

@@ -70,6 +70,16 @@ def depth_name(frame: int) -> str:
     return f"depth/{frame:06d}.exr"
 
 
+def mask_name(frame: int) -> str:
+    """Return the frame's mask where no surface is known, relative to its sequence folder."""
+    return f"masks/{frame:06d}.png"
+
+
+def camera_depth_name(frame: int) -> str:
+    """Return the frame's depth alone, as a camera gave it, relative to its sequence folder."""
+    return f"camera_depth/{frame:06d}.exr"
+
+
 def queries_path(root: Path, split: str) -> Path:
     """Return `ROOT/queries/SPLIT.parquet`."""
     return root / QUERIES_DIR / f"{split}.parquet"

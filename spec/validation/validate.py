@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from pliant.spec.conventions import SPEC_VERSION, SPLITS
+from pliant.spec.conventions import NEWEST_VERSION, SPLITS
 from pliant.spec.errors import CallError, Issue
 from pliant.spec.io.jsonfiles import is_newer_minor
 from pliant.spec.model import Tier
@@ -72,7 +72,7 @@ class Report:
         """Return the report as a JSON object."""
         return {
             "dataset": str(self.root),
-            "spec_version": SPEC_VERSION,
+            "spec_version": NEWEST_VERSION,
             "quick": self.quick,
             "valid": self.valid,
             "sequences": self.sequences,
@@ -171,7 +171,7 @@ def _read_context(root: Path, quick: bool, findings: Findings) -> Context | None
             "SPEC_VERSION_NEWER",
             layout.DATASET_JSON,
             "spec_version",
-            f"found {info['spec_version']}; this validator knows {SPEC_VERSION}",
+            f"found {info['spec_version']}; this validator knows {NEWEST_VERSION}",
         )
     before = findings.counts.get("TIER_INVALID", 0)
     tiers = [Tier.from_document(entry) for entry in info["tiers"]]

@@ -13,7 +13,7 @@ import pyarrow.parquet as pq
 from tests.conformance.edits import ROPE_TRAIN, Case, both, change_table, listed
 from tests.conformance.packed import pack
 
-FOREIGN = Path(__file__).resolve().parent / "foreign"
+FOREIGN = Path(__file__).resolve().parents[2] / "spec" / "conformance" / "foreign"
 """The truth of `full` as polars, DuckDB and JavaScript write it."""
 
 _TRACKS = f"{ROPE_TRAIN}/correspondences.parquet"

@@ -245,3 +245,67 @@ def test_the_cloth_scripts_of_the_paper(tmp_path: Path, capsys: pytest.CaptureFi
     path.write_text(json.dumps({"1234": [0.1, 0.2, 0.3]}))
     assert run(["import", str(folder), "--out", str(tmp_path / "no")]) == 1
     assert "from which the frames cannot be recovered" in capsys.readouterr().err
+
+
+def test_masks_and_depth_are_kept(tmp_path: Path) -> None:
+    """Each is of the size of its picture; a resized one takes the nearest value, by hand here."""
+    folder = photographs(tmp_path / "photos")
+    (folder / "annotations.csv").write_text(CSV)
+    masks, depths = tmp_path / "masks", tmp_path / "depth"
+    masks.mkdir()
+    depths.mkdir()
+    shown = {"a b": (40, 30), "b": (20, 30), "ç": (80, 20)}
+    for stem, (width, height) in shown.items():
+        mask = np.zeros((height, width), np.uint8)
+        mask[: height // 2, : width // 4] = 255
+        Image.fromarray(mask).save(masks / f"{stem}.png")
+        depth_m = np.full((height, width), 0.5, np.float32)
+        depth_m[0, 0] = 0
+        np.save(depths / f"{stem}.npy", depth_m)
+    Image.fromarray(np.full((20, 80), 1500, np.uint16)).save(depths / "ç.png")
+    (depths / "ç.npy").unlink()
+    options = ["--masks", str(masks), "--depth", str(depths), "--size", "40x30", "--kind", "bag"]
+    dataset = imported(folder, tmp_path / "out", *options)
+    assert dataset.tiers["out"].kind == "bag"
+    sequence = dataset.sequences[0]
+    first, wide = sequence[0], sequence[2]
+    assert first.surface is None
+    assert first.mask is not None
+    assert wide.mask is not None
+    expected = np.zeros((30, 40), bool)
+    expected[:15, :10] = True
+    np.testing.assert_array_equal(first.mask, expected)
+    wide_expected = np.zeros((30, 40), bool)
+    wide_expected[:5, :10] = True  # 80 x 20 becomes 40 x 10
+    np.testing.assert_array_equal(wide.mask, wide_expected)
+    near = first.depth_m
+    assert near is not None
+    assert np.isinf(near[0, 0])
+    assert (near[1:] == 0.5).all()
+    assert wide.depth_m is not None
+    assert (wide.depth_m[:10] == 1.5).all()
+    assert np.isinf(wide.depth_m[10:]).all()
+    assert "depth" not in dataset.info["provenance"]["config"]["unknown"]
+    done = tmp_path / "centroid.parquet"
+    assert run(["predict", "centroid", "--data", str(tmp_path / "out"), "--out", str(done)]) == 0
+    answer = read_table(done, "answers").to_pylist()[0]
+    assert (answer["u"], answer["v"]) != (20.0, 15.0)  # the mask's middle, not the picture's
+    (masks / "b.png").unlink()
+    (tmp_path / "x").mkdir()
+    assert run(["import", str(folder), "--out", str(tmp_path / "x/o"), *options]) == 2
+
+
+def test_masks_of_the_paper_are_read(tmp_path: Path) -> None:
+    folder = tmp_path / "rope"
+    for name in ("images", "image_masks"):
+        (folder / name).mkdir(parents=True)
+    for frame in range(2):
+        Image.effect_noise((40, 30), 60).save(folder / "images" / f"{frame:06d}_rgb.png")
+        drawn = Image.new("L", (40, 30))
+        drawn.putpixel((7, 5 + frame), 255)
+        drawn.save(folder / "image_masks" / f"{frame:06d}_visible_mask.png")
+    knots = {"0": [[[5, 6]]], "1": [[[7, 6]]]}
+    (folder / "images" / "knots_info.json").write_text(json.dumps(knots))
+    mask = imported(folder, tmp_path / "out").sequences[0][1].mask
+    assert mask is not None
+    assert np.argwhere(mask).tolist() == [[6, 7]]

@@ -1,4 +1,4 @@
-"""Migration: the stored dataset of 1.0.0 stays readable, and 1.1 has a road."""
+"""Migration: the stored dataset of 1.0.0 stays readable, and later versions have a road."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pytest
 from click.testing import CliRunner
 
 from pliant.cli.migrate import command
-from pliant.spec.conventions import SPEC_VERSION
+from pliant.spec.conventions import NEWEST_VERSION
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import SpecError
 from pliant.spec.io.checksums import sha256_file
@@ -34,7 +34,7 @@ def contents(root: Path) -> dict[str, bytes]:
 def test_stored_dataset_reaches_the_current_version(stored: Path) -> None:
     """It was written by 1.0.0 and is never written again."""
     migrate(stored)
-    assert json.loads((stored / "dataset.json").read_text())["spec_version"] == SPEC_VERSION
+    assert json.loads((stored / "dataset.json").read_text())["spec_version"] == NEWEST_VERSION
     assert validate(stored).counts == {}
     dataset = Dataset.open(stored)
     assert dataset.sequences[0].correspondences(0).num_rows == 81
@@ -62,7 +62,7 @@ ROAD = (
     Step("1.0.0", "1.1.0", {"cameras": add_rig}),
     Step("1.1.0", "1.2.0", {"sequence": drop_noise, "dataset": lambda d: {**d, "funding": None}}),
 )
-"""Two versions that do not exist, to walk the road they would take."""
+"""Other changes than those of the real versions, to walk the road they would take."""
 
 
 def test_steps_are_pure_and_follow_each_other() -> None:
@@ -129,5 +129,5 @@ def test_a_gap_in_the_road_says_so() -> None:
 
 
 def test_shipped_steps_form_one_chain() -> None:
-    versions = [step.source for step in STEPS] + [SPEC_VERSION]
+    versions = [step.source for step in STEPS] + [NEWEST_VERSION]
     assert [step.target for step in STEPS] == versions[1:]

@@ -10,7 +10,7 @@ from typing import Any
 
 from pliant.spec.dataset import check_version
 from pliant.spec.io import limits
-from pliant.spec.io.jsonfiles import parse_json, schema_errors
+from pliant.spec.io.jsonfiles import has_additions, parse_json, schema_errors
 from pliant.spec.io.reading import AnyFile, Blob, FileRefusedError, check_regular, read_bytes
 from pliant.spec.storage import layout
 from pliant.spec.validation.findings import Findings, reason
@@ -130,8 +130,8 @@ def list_sequence(folder: Path, shown: str, findings: Findings) -> SequenceFiles
     """
     files, folders = list_folder(folder, shown, findings)
     present = set(files)
-    known = {"rgb", "depth"}
-    report_extra(findings, shown, folders - known, "folders rgb and depth alone do")
+    known = {"rgb", "depth", "masks", "camera_depth"}
+    report_extra(findings, shown, folders - known, f"only folders {', '.join(sorted(known))} do")
     for name in sorted(folders & known):
         inside, deeper = list_folder(folder / name, f"{shown}/{name}", findings)
         report_extra(findings, f"{shown}/{name}", deeper, "images alone do")
@@ -192,7 +192,27 @@ def check_files(
                 f"the split {info['split']} is held out, and this file tells its truth",
             )
         extra -= telling | {layout.CAMERAS_JSON}
+        if has_additions(info["spec_version"]):
+            extra -= _recorded(files, info, extra, findings)
     report_extra(findings, files.shown, extra, f"{info['frames']} frames need no such file")
+
+
+def _recorded(
+    files: SequenceFiles, info: dict[str, Any], extra: set[str], findings: Findings
+) -> set[str]:
+    """Return the masks and depth images: a sequence has them of all frames or of none."""
+    found: set[str] = set()
+    for name_of in (layout.mask_name, layout.camera_depth_name):
+        names = {name_of(frame) for frame in range(info["frames"])}
+        present = names & extra
+        for name in sorted(names - present) if present else ():
+            text = "other frames of the sequence have such a file"
+            findings.add("FILE_MISSING", f"{files.shown}/{name}", "", text)
+        for name in sorted(present - set(files.hashes)):
+            document = f"{files.shown}/{layout.SEQUENCE_JSON}"
+            findings.add("FILE_UNLISTED", document, "files", f"{name} is not listed")
+        found |= present
+    return found
 
 
 def _is_safe(name: str) -> bool:

@@ -7,6 +7,7 @@ from typing import Any
 
 from pliant.spec.dataset import is_name
 from pliant.spec.io import limits
+from pliant.spec.io.jsonfiles import has_additions
 from pliant.spec.storage.layout import SEQUENCES_DIR, SEQUENCES_TABLE
 from pliant.spec.tables import SEQUENCES
 from pliant.spec.validation.findings import Findings
@@ -94,10 +95,12 @@ def _check_row(context: Context, row: dict[str, Any], where: str, findings: Find
             f"{where}, split",
             f"{row['split'][:80]!r} is none of {list(context.splits)}",
         )
+    additions = has_additions(context.spec_version)
+    open_styles, others = additions and is_name(row["style"]), " | a name" if additions else ""
     ranges: list[tuple[str, bool, str]] = [
         ("frames", 1 <= row["frames"] <= limits.MAX_FRAMES, f"1 to {limits.MAX_FRAMES}"),
         ("seed", row["seed"] >= 0, ">= 0"),
-        ("style", row["style"] in STYLES, " | ".join(STYLES)),
+        ("style", row["style"] in STYLES or open_styles, f"{' | '.join(STYLES)}{others}"),
     ]
     for name, highest in (("coverage", math.inf), ("self_occluded", 1.0)):
         value = row[name]

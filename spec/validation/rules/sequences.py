@@ -33,7 +33,7 @@ from pliant.spec.validation.rules.files import (
 from pliant.spec.validation.rules.frames import FrameView
 from pliant.spec.validation.rules.points import PointSet, check_points
 from pliant.spec.validation.rules.precision import check_precision
-from pliant.spec.validation.rules.surfaces import check_rgb, check_surface
+from pliant.spec.validation.rules.surfaces import check_recorded, check_rgb, check_surface
 from pliant.spec.validation.rules.visibility import check_visibility
 
 _SHARE = "self_occluded"
@@ -106,6 +106,7 @@ def check_sequence(
             rgb = check_rgb(context, files, frame, findings)
             if rgb is not None:
                 evidence.add_picture(frame, rgb)
+            check_recorded(context, tier, files, frame, findings)
         evidence.conclude(tier, info, None, (context.width, context.height), shown, findings)
         result.keys = evidence.keys
         return result

@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from pliant.spec.io.exr import Surface, read_surface
-from pliant.spec.io.png import read_rgb
+from pliant.spec.io.exr import Surface, read_camera_depth, read_surface
+from pliant.spec.io.png import read_mask, read_rgb
 from pliant.spec.model import Tier
 from pliant.spec.storage import layout
 from pliant.spec.validation.findings import Findings
@@ -84,6 +84,28 @@ def check_rgb(
         with findings.refusals(f"{files.shown}/{name}"):
             return read_rgb(file, size=(context.width, context.height))
     return None
+
+
+def check_recorded(
+    context: Context, tier: Tier, files: SequenceFiles, frame: int, findings: Findings
+) -> None:
+    """Check a frame's mask and camera depth, where it has them; arguments as `check_surface`."""
+    size = (context.width, context.height)
+    name = layout.mask_name(frame)
+    if files.verified(name, findings) and not context.quick:
+        with findings.refusals(f"{files.shown}/{name}"):
+            ids = set(np.unique(read_mask(files.folder / name, size=size)).tolist())
+            known = {0, *(each.id for each in tier.objects)}
+            if not ids <= known:
+                text = f"found object ids {sorted(ids - known)[:8]}; the tier has {sorted(known)}"
+                findings.add("SURFACE_INVALID", f"{files.shown}/{name}", "", text)
+    name = layout.camera_depth_name(frame)
+    if files.verified(name, findings) and not context.quick:
+        with findings.refusals(f"{files.shown}/{name}"):
+            depth_m = read_camera_depth(files.folder / name, size=size)
+            if not (depth_m > 0).all():
+                text = "found depth <= 0 or NaN; required: > 0, or +inf where it is not known"
+                findings.add("DEPTH_INVALID", f"{files.shown}/{name}", "", text)
 
 
 def check_surface(
