@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from pliant.baselines.adapters.functions import from_function
 from pliant.baselines.adapters.sparse import SparseMatcher
-from pliant.baselines.matcher import Matcher, SplitMatcher
+from pliant.baselines.matcher import Answers, Matcher, SplitMatcher, TrackMatcher, View
 from pliant.spec.errors import CallError
 
 ABILITIES: Final = ("answer", "answer_split", "match", "track")
@@ -19,7 +19,8 @@ def as_matcher(method: object, name: str | None = None) -> Matcher | SplitMatche
     """Return a matcher made of an object or a function.
 
     An object without `name` or `describe` receives defaults. One that only has `match` answers
-    queries by interpolating its matches.
+    queries by interpolating its matches, one that only has `track` by tracking from one image to
+    the other.
 
     Args:
         method: A matcher, an object with one of its methods, or a function
@@ -53,13 +54,8 @@ def as_matcher(method: object, name: str | None = None) -> Matcher | SplitMatche
     _fill(chosen, "describe", functools.partial(_description, implementation))
     if not (hasattr(chosen, "answer") or hasattr(chosen, "answer_split")):
         if not hasattr(chosen, "match"):
-            raise CallError(
-                "this tracker cannot answer a single pair",
-                where=chosen.name,
-                required="a method `answer` in addition to `track`",
-                fix="Or give a function of frames and points to "
-                "pliant.baselines.adapters.from_tracker",
-            )
+            _fill(chosen, "answer", functools.partial(_answer_by_track, chosen))
+            return chosen
         return SparseMatcher(chosen.match, chosen.name, facts=chosen.describe())
     return chosen
 
@@ -71,6 +67,10 @@ def has_ability(method: object) -> bool:
 
 def _description(implementation: str) -> Mapping[str, Any]:
     return {"implementation": implementation}
+
+
+def _answer_by_track(tracker: TrackMatcher, source: View, target: View, uv_a_px: Any) -> Answers:
+    return next(iter(tracker.track([source, target], uv_a_px)))
 
 
 def _fill(method: Any, attribute: str, value: object) -> None:

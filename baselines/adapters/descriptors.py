@@ -1,0 +1,219 @@
+"""A matcher made of a function that gives a descriptor in each cell of a grid over an image."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from pliant.baselines.adapters.density import Calibration, fit, log_softmax, mixture
+from pliant.baselines.adapters.functions import function_name
+from pliant.baselines.adapters.grids import as_grid, sample
+from pliant.baselines.adapters.images import FloatArray, Images
+from pliant.baselines.lru_cache import LRUCache
+from pliant.baselines.matcher import Answers, Heat, View
+from pliant.baselines.pixels import central_position, searched_mask
+from pliant.baselines.views import ViewReader
+from pliant.spec.dataset import Dataset
+from pliant.spec.errors import CallError
+
+_FRAMES: Final = 4
+_QUERIES_AT_ONCE: Final = 64
+_STEPS: Final = np.stack(np.meshgrid(*[np.linspace(-1, 1, 9)] * 2), axis=-1).reshape(-1, 2)
+_LEVELS: Final = (1.0, 0.25, 0.0625)
+"""Half-widths, in cells, of the squares that refinement searches, one after the other."""
+
+
+class DescriptorMatcher:
+    """Answers with the place whose descriptor has the largest cosine similarity.
+
+    The best cell that touches the target's object is refined below a cell: descriptors are
+    interpolated bilinearly around it, and the similarity is maximised. The softmax of the
+    similarity over a temperature is the density; see `calibrate`.
+
+    Args:
+        function: Image -> map of descriptors.
+        name: Name of the method.
+        images: How the function receives images.
+        grid: (stride, first), px of the image that the function receives: column j of the map is
+            centred at first + j stride. None: cells cover the image, whatever the stride.
+    """
+
+    def __init__(
+        self,
+        function: Callable[[Any], Any],
+        name: str,
+        images: Images,
+        grid: tuple[float, float] | None = None,
+    ) -> None:
+        self.name = name
+        self.calibration = Calibration()
+        self._function, self._images, self._grid = function, images, grid
+        self._maps: LRUCache[npt.NDArray[np.float32]] = LRUCache(_FRAMES)
+
+    def describe(self) -> Mapping[str, Any]:
+        """Return the facts for the submission's footer."""
+        how = "dense descriptors, nearest by cosine, refined bilinearly"
+        return {"implementation": how, "calibration": asdict(self.calibration)}
+
+    def answer(self, source: View, target: View, uv_a_px: npt.NDArray[np.float32]) -> Answers:
+        """Answer query pixels, with a density; see `Matcher.answer`."""
+        wanted, cells = self._wanted(source, uv_a_px), self._cells(target)
+        if len(cells) == 0:
+            middle = np.tile(central_position(target), (len(uv_a_px), 1))
+            size = np.float32(np.linalg.norm(target.rgb.shape[:2]) / 4)
+            return Answers(middle, modes=[np.array([[*uv, size, 1]], np.float32) for uv in middle])
+        described = self._map(target)
+        places, stride_px = self._px(cells, described, target), self._stride_px(target)
+        found, modes = [], []
+        for begin in range(0, len(wanted), _QUERIES_AT_ONCE):
+            part = wanted[begin : begin + _QUERIES_AT_ONCE]
+            score = part @ described[cells[:, 1], cells[:, 0]].T  # (N, M)
+            best = cells[score.argmax(axis=1)].astype(np.float64)
+            found.append(self._px(_refined(described, part, best), described, target))
+            modes += mixture(score, places, stride_px, self.calibration)
+        uv_px = np.concatenate([np.zeros((0, 2)), *found])
+        return Answers(uv_px.astype(np.float32), modes=modes)
+
+    def heat(self, source: View, target: View, uv_a_px: npt.NDArray[np.float32]) -> Heat:
+        """Return the cosine similarity of every target pixel; see `HeatMatcher.heat`."""
+        wanted = self._wanted(source, uv_a_px[None])
+        cells, described = self._cells(target), self._map(target)
+        score = wanted @ described[cells[:, 1], cells[:, 0]].T
+        mask = searched_mask(target)
+        values = np.full(mask.shape, np.nan, np.float32)
+        rows, columns = np.nonzero(mask)
+        pixels = np.stack([columns, rows], axis=1) + 0.5
+        similarity = np.full(described.shape[:2], np.nan, np.float32)
+        similarity[cells[:, 1], cells[:, 0]] = score[0]
+        at = self._nearest_cell(pixels, described, target)
+        values[rows, columns] = similarity[at[:, 1], at[:, 0]]
+        share = float(np.exp(log_softmax(score / self.calibration.temperature)).max(initial=0))
+        return Heat(values, "cosine similarity", share, "probability of the best cell")
+
+    def calibrate(self, dataset: Dataset, split: str = "val", pairs: int = 32) -> DescriptorMatcher:
+        """Choose temperature and spread of the density by the likelihood of a split's truth.
+
+        Args:
+            dataset: A dataset with the truth of this split.
+            split: The split; not the one to be scored.
+            pairs: Most pairs looked at, evenly spaced.
+
+        Returns:
+            This matcher.
+
+        Raises:
+            CallError: The split has no visible query.
+        """
+        asked, truth = dataset.pairs(split), dataset.truth(split)
+        u, v = truth["u_b"].to_numpy(), truth["v_b"].to_numpy()
+        seen = np.array(truth["visibility_b"].to_pylist()) == "visible"
+        ends = np.cumsum([len(pair) for pair in asked])
+        reader, known = ViewReader(), []
+        for number in np.unique(np.linspace(0, len(asked) - 1, pairs).astype(int)):
+            pair = asked[number]
+            source, target = reader.view(pair.source), reader.view(pair.target)
+            cells, described = self._cells(target), self._map(target)
+            rows = np.arange(ends[number] - len(pair), ends[number])
+            visible = seen[rows]
+            if len(cells) and visible.any():
+                wanted = self._wanted(source, pair.uv_a_px[visible])
+                score = wanted @ described[cells[:, 1], cells[:, 0]].T
+                at = np.stack([u[rows], v[rows]], axis=1)[visible]
+                known.append((score, self._px(cells, described, target), at))
+        if not known:
+            raise CallError("no query to calibrate with", where=f"split {split}")
+        self.calibration = fit(known, self._stride_px(target), f"{dataset.id}/{split}")
+        return self
+
+    def _map(self, view: View) -> npt.NDArray[np.float32]:
+        """Return a view's descriptors, float32 (h, w, D), of length 1."""
+        return self._maps.get(view.key, lambda: self._described(view))
+
+    def _described(self, view: View) -> npt.NDArray[np.float32]:
+        grid = as_grid(self._function(self._images.image(view)), None, self.name)
+        return _unit(grid.astype(np.float32))
+
+    def _wanted(self, source: View, uv_px: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
+        """Return the descriptors of source pixels, float32 (N, D)."""
+        described = self._map(source)
+        stride, first = self._geometry(described, source)
+        return _unit(sample(described, (uv_px - first) / stride))
+
+    def _geometry(self, described: npt.NDArray[Any], view: View) -> tuple[FloatArray, FloatArray]:
+        """Return stride and first centre of the cells, each (2,), px of the view."""
+        size = np.array(view.rgb.shape[1::-1], np.float64)
+        if self._grid is None:
+            stride = size / described.shape[1::-1]
+            return stride, stride / 2
+        scale = size / self._images.size_of(view)
+        return self._grid[0] * scale, self._grid[1] * scale
+
+    def _stride_px(self, view: View) -> float:
+        return float(self._geometry(self._map(view), view)[0].mean())
+
+    def _px(self, cells: npt.NDArray[Any], described: npt.NDArray[Any], view: View) -> FloatArray:
+        stride, first = self._geometry(described, view)
+        pixels: FloatArray = first + cells * stride
+        return pixels
+
+    def _nearest_cell(
+        self, uv_px: FloatArray, described: npt.NDArray[Any], view: View
+    ) -> npt.NDArray[np.int64]:
+        stride, first = self._geometry(described, view)
+        last = np.array(described.shape[1::-1]) - 1
+        return np.clip(np.rint((uv_px - first) / stride), 0, last).astype(np.int64)
+
+    def _cells(self, view: View) -> npt.NDArray[np.int64]:
+        """Return column and row of the cells that touch the object, int64 (M, 2)."""
+        described, mask = self._map(view), searched_mask(view)
+        rows, columns = np.nonzero(mask)
+        pixels = np.stack([columns, rows], axis=1) + 0.5
+        on = np.zeros(described.shape[:2], np.bool_)
+        at = self._nearest_cell(pixels, described, view)
+        on[at[:, 1], at[:, 0]] = True
+        return np.argwhere(on)[:, ::-1]
+
+
+def _unit(values: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
+    length = np.linalg.norm(values, axis=-1, keepdims=True)
+    return (values / np.maximum(length, 1e-12)).astype(np.float32)
+
+
+def _refined(
+    described: npt.NDArray[np.float32], wanted: npt.NDArray[np.float32], at: FloatArray
+) -> FloatArray:
+    """Return where, within a cell of the best cells, interpolated descriptors agree best.
+
+    Args:
+        described: float32 (h, w, D), of length 1.
+        wanted: float32 (N, D), of length 1.
+        at: float64 (N, 2), column and row.
+    """
+    last = np.array(described.shape[1::-1]) - 1
+    for reach in _LEVELS:
+        tried = np.clip(at[:, None] + reach * _STEPS, 0, last)  # (N, S, 2)
+        score = (_unit(sample(described, tried)) @ wanted[..., None])[..., 0]
+        at = tried[np.arange(len(at)), score.argmax(axis=1)]
+    return at
+
+
+def from_descriptors(
+    function: Callable[[Any], Any],
+    *,
+    name: str | None = None,
+    images: Images | None = None,
+    grid: tuple[float, float] | None = None,
+) -> DescriptorMatcher:
+    """Return a matcher of a function that gives a map of descriptors.
+
+    Args:
+        function: Image -> descriptors, an array (h, w, D) or a tensor (D, h, w), of any stride.
+        name: Name of the method; None takes the function's.
+        images: How the function receives images.
+        grid: (stride, first): where the cells are; see `DescriptorMatcher`.
+    """
+    return DescriptorMatcher(function, name or function_name(function), images or Images(), grid)

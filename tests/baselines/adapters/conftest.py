@@ -1,0 +1,49 @@
+"""A card before and after a motion, with the queries and their truth."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from pliant.baselines import View
+
+Floats = npt.NDArray[np.float64]
+Place = Callable[[Floats], Floats]
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A rendered pair and the exact motion: pixel of the source -> pixel of the target."""
+
+    source: View
+    target: View
+    queries: npt.NDArray[np.float32]
+    before: Any
+    after: Any
+
+    def move(self, uv_px: npt.NDArray[Any]) -> Floats:
+        moved: Floats = self.after.place(self.before.locate(uv_px))
+        return moved
+
+    def error(self, found: npt.NDArray[np.float32]) -> Floats:
+        errors: Floats = np.linalg.norm(found - self.move(self.queries), axis=1)
+        return errors
+
+
+@pytest.fixture
+def motion(pose: Any, view_of: Callable[..., View], card_queries: Floats) -> Motion:
+    before, after = pose(), pose(angle_deg=25, scale=0.9, centre=(122.3, 97.6))
+    queries = before.place(card_queries).astype(np.float32)
+    return Motion(view_of(before, "before"), view_of(after, "after"), queries, before, after)
+
+
+def centres(height: int, width: int) -> Floats:
+    """Centres of a grid's cells over the card's image of 240x200 px, (height, width, 2)."""
+    u = (np.arange(width) + 0.5) * (240 / width)
+    v = (np.arange(height) + 0.5) * (200 / height)
+    return np.stack(np.meshgrid(u, v), axis=-1)
