@@ -14,8 +14,8 @@ from pliant.generator.settings import (
     NoiseSettings,
     RopeSettings,
 )
-from pliant.spec.configuration import configuration, settings_to_dict
-from pliant.spec.constraints import Bounds, Count, Natural, NotEmpty, OneOf, Refused
+from pliant.spec.configuration import configuration, settings_to_dict, unstored
+from pliant.spec.constraints import Bounds, Count, Natural, NotEmpty, OneOf, Refused, Share
 from pliant.spec.conventions import SPLITS
 
 TIER_KINDS: Final[dict[str, str]] = {
@@ -68,12 +68,18 @@ class QuerySettings:
         splits: Splits that get queries.
         kind: `pairs`, or for episodes `track`: the points of frame 0 in every later frame;
             `pairs_per_sequence` then does not apply.
+        skips: Episodes: each source is asked in the frames that are so many later, and no target
+            is ever a source. None asks about any two frames.
+        moving_share: Episodes: at least this share of a source's points moves by more than 4 px
+            on its way to the targets (fewer points are asked where too few move).
     """
 
     pairs_per_sequence: Count = 4
     queries_per_pair: Count = 64
     splits: tuple[SplitName, ...] = ("val", "test")
     kind: Literal["pairs", "track"] = "pairs"
+    skips: tuple[Count, ...] = unstored(())
+    moving_share: Share = unstored(0.0)
 
 
 @configuration(frozen=True)
@@ -91,6 +97,9 @@ class GenerateConfig:
         height: Image height, px, 16 to 8192.
         seed: Seed of everything, 0 to 2^63 - 1; 0 is a seed like any other.
         style: `fast`, `photo`, `raster` or `real-depth`.
+        gripper: Episodes: show a gripper that holds the object, and hides parts of it.
+        shutter: Episodes in style `raster`: share of the time between two frames that the shutter
+            is open. The truth is that of the middle of the exposure.
         rope: Settings of the rope tier.
         cloth: Settings of the cloth tiers.
         look: Ranges of table, light, colour.
@@ -115,12 +124,14 @@ class GenerateConfig:
     height: Annotated[int, Bounds(16, 8192, "px")] = 480
     seed: Annotated[int, Bounds(0, 2**63 - 1)] = 0
     style: Style = "fast"
+    gripper: bool = unstored(False)
+    shutter: Share = unstored(0.0)
     rope: RopeSettings = field(default_factory=RopeSettings)
     cloth: ClothSettings = field(default_factory=ClothSettings)
     look: AppearanceSettings = field(default_factory=AppearanceSettings)
     camera: CameraSettings = field(default_factory=CameraSettings)
     noise: NoiseSettings | None = None
-    depth_camera: DepthCameraSettings | None = None
+    depth_camera: DepthCameraSettings | None = unstored(None)
     queries: QuerySettings = field(default_factory=QuerySettings)
     id: Annotated[str, NotEmpty()] = "pliant"
     version: str = "1.0.0"
@@ -133,6 +144,16 @@ class GenerateConfig:
             raise Refused(">= 2 for episodes (--frames)", "frames")
         if not self.episodes and self.queries.kind == "track":
             raise Refused("pairs, or --episodes: only an episode can be tracked", "queries.kind")
+        asked = self.queries
+        moving = {"gripper": self.gripper, "shutter": self.shutter, "queries.skips": asked.skips}
+        moving["queries.moving_share"] = asked.moving_share
+        for name, value in moving.items():
+            if value and not self.episodes:
+                raise Refused("an episode (--episodes)", name)
+        if asked.skips and (asked.kind == "track" or max(asked.skips) >= self.frames):
+            raise Refused(f"kind pairs, and skips below frames ({self.frames})", "queries.skips")
+        if self.shutter and self.style != "raster":
+            raise Refused("0, or style raster: no other style blurs motion", "shutter")
         if self.depth_camera is not None and self.style != "real-depth":
             raise Refused("real-depth, which depth_camera belongs to", "style")
         if self.splits is not None and self.sequences is not None:
@@ -181,8 +202,6 @@ class GenerateConfig:
         """Return the config as JSON values; `settings_from` gives an equal config back."""
         values: dict[str, Any] = settings_to_dict(self)
         del values["sequences"]
-        if self.depth_camera is None:
-            del values["depth_camera"]
         return values
 
 

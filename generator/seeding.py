@@ -25,6 +25,7 @@ class Stream(StrEnum):
     ROPE_EPISODE = "rope episode"  # start and actions
     CLOTH_CONFIGURATION = "actions"  # per frame: what is done to the cloth
     CLOTH_EPISODE = "episode"  # start and actions
+    GRIPPER = "gripper"  # direction and steepness of its arm
     CAMERA = "camera"
     APPEARANCE = "look"  # light, and the material where sequences do not share materials
     MATERIAL = "material"  # of a numbered material of a tier, which all its splits share

@@ -73,7 +73,9 @@ def frozen_questions(
 def _test_split(config: GenerateConfig) -> GenerateConfig:
     """Return the config of a set's test split, drawn quickly; its questions are the set's own."""
     splits = {SPLIT: config.counts[SPLIT]}
-    return replace(config, splits=splits, sequences=None, style="raster", depth_camera=None)
+    return replace(
+        config, splits=splits, sequences=None, style="raster", depth_camera=None, shutter=0.0
+    )
 
 
 def _geometry(config: GenerateConfig) -> GenerateConfig:

@@ -10,8 +10,9 @@ from importlib import import_module
 from typing import Final, Protocol, cast
 
 from pliant.generator.config import TIER_KINDS, GenerateConfig
+from pliant.generator.objects.gripper import add_gripper, with_gripper
 from pliant.generator.scene.scene_object import SceneObject
-from pliant.generator.seeding import RandomStreams, SequenceTask
+from pliant.generator.seeding import RandomStreams, SequenceTask, Stream
 from pliant.spec.errors import MissingExtraError
 from pliant.spec.model import Tier
 
@@ -43,7 +44,8 @@ def describe_tier(config: GenerateConfig, tier: str) -> Tier:
         config: The dataset's config.
         tier: One of `TIER_KINDS`.
     """
-    return _module(tier).describe(config, tier)
+    described = _module(tier).describe(config, tier)
+    return with_gripper(described) if config.gripper else described
 
 
 def sample_scene_object(config: GenerateConfig, task: SequenceTask) -> SceneObject:
@@ -56,7 +58,9 @@ def sample_scene_object(config: GenerateConfig, task: SequenceTask) -> SceneObje
     Raises:
         GenerationError: No acceptable configuration was found.
     """
-    return _module(task.tier).sample(config, RandomStreams(config.seed, task))
+    streams = RandomStreams(config.seed, task)
+    sampled = _module(task.tier).sample(config, streams)
+    return add_gripper(sampled, streams.generator(Stream.GRIPPER)) if config.gripper else sampled
 
 
 def _module(tier: str) -> TierModule:

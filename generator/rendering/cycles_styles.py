@@ -29,7 +29,7 @@ from pliant.generator.rendering.srgb import encode_srgb
 from pliant.generator.rendering.table import TableView
 from pliant.generator.scene.appearance import Appearance
 from pliant.generator.scene.camera import NEAR_M, Camera
-from pliant.generator.scene.scene_object import FloatArray, Pose, SceneMesh, SceneObject
+from pliant.generator.scene.scene_object import GRIPPER, FloatArray, Pose, SceneMesh, SceneObject
 from pliant.generator.truth.frame_truth import FrameTruth
 from pliant.spec.errors import GenerationError
 
@@ -82,7 +82,8 @@ class CyclesRenderer:
         surfaces = materials(scene_object, self._mesh, appearance)
         self._objects = []
         for part, _, rows in self._mesh.parts:
-            kind = "cloth" if scene_object.kind == "cloth" else part.name
+            cloth = scene_object.kind == "cloth" and part.name != GRIPPER
+            kind = "cloth" if cloth else part.name
             made = blender.add_mesh(
                 self._scene,
                 part.name,

@@ -9,10 +9,12 @@ import numpy.typing as npt
 
 from pliant.generator.rendering.patterns import cloth_images
 from pliant.generator.scene.appearance import Appearance
-from pliant.generator.scene.scene_object import FloatArray, SceneMesh, SceneObject
+from pliant.generator.scene.scene_object import GRIPPER, FloatArray, SceneMesh, SceneObject
 
 PLAIN, FIBRES, WOVEN = 0, 1, 2
 """What a triangle's colour is: the vertices', the vertices' mottled by fibres, the cloth's."""
+
+GRIPPER_COLOUR: Final = (0.055, 0.055, 0.06)
 
 FIBRES_PER_M: Final = 700.0
 """Frequency of the fibres' mottling."""
@@ -58,6 +60,8 @@ def materials(scene_object: SceneObject, mesh: SceneMesh, appearance: Appearance
             colour[rows] = np.asarray(appearance.strand_colours)[part.strand]
             place[rows] = fibre_places(part.rest)
             crevice[rows] = strand_crevices(part.rest, len(appearance.strand_colours))
+        elif part.name == GRIPPER:
+            colour[rows] = GRIPPER_COLOUR
         elif scene_object.kind == "cloth":
             surface[faces] = WOVEN
             place[rows, :2] = part.chart(part.rest)

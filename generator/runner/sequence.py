@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -16,6 +17,7 @@ import numpy as np
 from pliant.generator.config import BLENDER_STYLES, GenerateConfig
 from pliant.generator.objects.tiers import describe_tier, sample_scene_object
 from pliant.generator.rendering import open_renderer
+from pliant.generator.rendering.motion_blur import blurred
 from pliant.generator.runner.engine import SequenceResult
 from pliant.generator.runner.sequence_writer import SequenceWriter
 from pliant.generator.scene.appearance import Appearance, sample_appearance
@@ -98,10 +100,17 @@ class SequenceMaker:
         with SequenceWriter(task.folder(self.root), self.scratch) as writer:
             with clock("render"):
                 self.renderer.begin(scene_object, appearance, camera)
-            for frame, (pose, truth) in enumerate(_ahead(seen()) if self.overlap else seen()):
+            frames = _with_neighbours(_ahead(seen()) if self.overlap else seen())
+            for frame, (before, (pose, truth), after) in enumerate(frames):
                 with clock("render"):
                     faults = streams.generator(Stream.DEPTH_CAMERA, frame)
-                    rgb = self.renderer.render(pose, truth, faults)
+                    render = functools.partial(self.renderer.render, pose, rng=faults)
+                    if config.shutter:
+                        truths = (before and before[1], truth, after and after[1])
+                        last = len(scene_object.parts[-1].rest) if config.gripper else 0
+                        rgb = blurred(render, camera, truths, config.shutter, last)
+                    else:
+                        rgb = render(truth)
                 if config.noise is not None:
                     with clock("noise"):
                         rng = streams.generator(Stream.NOISE, frame)
@@ -161,6 +170,8 @@ class SequenceMaker:
         parameters = {**settings_to_dict(scene_object.info), "look": appearance}
         if self._depth_camera is not None:
             parameters["depth_camera"] = settings_to_dict(self._depth_camera)
+        if self.config.shutter:
+            parameters["shutter"] = self.config.shutter
         return {
             "id": task.id,
             "tier": task.tier,
@@ -245,3 +256,12 @@ def _ahead(items: Iterator[T]) -> Iterator[T]:
         while (item := coming.result()) is not None:
             coming = pool.submit(next, items, None)
             yield item
+
+
+def _with_neighbours(items: Iterator[T]) -> Iterator[tuple[T | None, T, T | None]]:
+    """Yield each item with the one before and the one after it, None at the ends."""
+    before, now = None, next(items, None)
+    while now is not None:
+        after = next(items, None)
+        yield before, now, after
+        before, now = now, after

@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from pliant.generator.scene.scene_object import FloatArray, Pose, SceneObject
+from pliant.generator.scene.scene_object import GRIPPER, FloatArray, Pose, SceneObject
 from pliant.generator.settings.scene import CLEARANCE_M, MIN_MARGIN, CameraSettings
 from pliant.spec.errors import CallError
 
@@ -143,7 +143,12 @@ def sample_camera(
     """
     seen = poses or (scene_object.pose(0),)
     points = np.concatenate(
-        [pose.vertices[part.name] for pose in seen for part in scene_object.parts]
+        [
+            pose.vertices[part.name]
+            for pose in seen
+            for part in scene_object.parts
+            if part.name != GRIPPER
+        ]
     ).astype(np.float64)
     if scene_object.temporal and "workspace_m" in scene_object.info:
         points = np.concatenate([points, _workspace_corners(scene_object.info["workspace_m"])])

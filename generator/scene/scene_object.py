@@ -8,13 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 import numpy.typing as npt
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int32]
+
+GRIPPER: Final = "gripper"
+"""Name of the part that `generator.objects.gripper` adds."""
 
 Chart = Callable[[FloatArray], FloatArray]
 """Maps rest coordinates (N, 3) to material coordinates (N, 2)."""
@@ -25,8 +28,8 @@ class Part:
     """One object of a scene: topology and rest coordinates, which no frame changes.
 
     Attributes:
-        object_id: 1 for the rope or the cloth, 2 for the rope's ball.
-        name: `rope`, `ball` or `cloth`.
+        object_id: 1 for the rope or the cloth, 2 for the rope's ball, the next for a gripper.
+        name: `rope`, `ball`, `cloth` or `gripper`.
         faces: int32 (F, 3), vertex indices, outward winding where there is an outside.
         rest: float64 (V, 3), coordinates in the undeformed object. They are continuous over
             every triangle, so that interpolating them inside one is exact; the chart turns

@@ -20,6 +20,7 @@ from pliant.generator.truth.query_sampling import (
     draw_points,
     frame_pairs,
     point_classes,
+    skip_pairs,
     track_pairs,
 )
 from pliant.spec.io.checksums import sha256_file
@@ -55,7 +56,8 @@ def build_queries(
     that has several frames, else of another sequence of the same tier and split. Sequences of
     several frames ask half of their pairs from frame 0, towards targets spread over the sequence,
     two neighbouring frames at a time, and half between any two frames; with `settings.kind`
-    `track`, frame 0 is the source of every later frame. Query points are tabulated surface points
+    `track`, frame 0 is the source of every later frame; with `settings.skips`, sources are asked in
+    the frames so much later. Query points are tabulated surface points
     of the queried object that frame A sees, so their positions are exact. A target that does not
     show the object at all, or a source that shows none of its points, makes no pair.
 
@@ -67,8 +69,10 @@ def build_queries(
       over neighbouring targets.)
     - The material is divided at random into classes. A frame asks points of one class, and no
       pair has a source and a target of the same class. The query pixels of frame B are therefore
-      never answers to a pair whose target is B, nor symmetric to one. A track needs no classes:
-      its targets are never sources.
+      never answers to a pair whose target is B, nor symmetric to one. A track
+      and skips need no classes: their targets are never sources.
+    - With `settings.moving_share`, being asked says that a point is more likely than others to move
+      in the episode, and nothing about where to.
 
     Args:
         root: The dataset's folder, whose sequences are finished.
@@ -115,9 +119,12 @@ def _split_tables(
         for task in members:
             rng = RandomStreams(seed, task).generator(Stream.QUERY_PAIRS)
             frames, wanted = len(tracks(task).boxes_px), settings.pairs_per_sequence
+            targets_only = settings.kind == "track" or bool(settings.skips)
             if settings.kind == "track":
                 wanted = frames - 1
                 pairs = track_pairs(task, frames)
+            elif settings.skips:
+                pairs = skip_pairs(rng, task, frames, settings.skips)
             else:
                 pairs = frame_pairs(rng, task, members, frames, wanted)
             made = 0
@@ -126,7 +133,7 @@ def _split_tables(
                     break
                 if source not in drawn:
                     asked = askable
-                    if settings.kind != "track":
+                    if not targets_only:
                         classes = point_classes(seed, source, frames, partners)
                         asked = askable[classes[askable] == source.point_class(frames)]
                     drawn[source] = draw_points(
@@ -135,6 +142,8 @@ def _split_tables(
                         source.frame,
                         asked,
                         settings.queries_per_pair,
+                        [source.frame + skip for skip in settings.skips] or range(frames),
+                        settings.moving_share,
                     )
                 pair = Pair(len(queries), source, target)
                 rows = rng.permutation(drawn[source])

@@ -1,10 +1,12 @@
 """Drawing the benchmark's queries: pairs of frames, and the material points they ask.
 
-Nothing here sees a target's content: what a pair asks depends on its source frame alone.
+What a pair asks depends on its source frame alone; with `moving_share` also on which points move
+in the episode.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -16,6 +18,9 @@ import numpy.typing as npt
 from pliant.generator.seeding import RandomStreams, SequenceTask, Stream
 
 _CLASSES: Final = 4
+
+MOVING_PX: Final = 4.0
+"""A point that is nowhere farther than this from its place in the source does not move."""
 
 
 @dataclass(frozen=True)
@@ -95,6 +100,8 @@ def draw_points(
     frame: int,
     asked: npt.NDArray[np.int64],
     most: int,
+    targets: Sequence[int] = (),
+    moving_share: float = 0.0,
 ) -> npt.NDArray[np.int64]:
     """Draw the points that a source frame is asked at.
 
@@ -104,13 +111,22 @@ def draw_points(
         frame: The source frame.
         asked: Ids of the points that may be asked.
         most: Points wanted.
+        targets: Frames of the sequence that the source will be asked in.
+        moving_share: At least this share of the points moves by more than 4 px to one of them.
 
     Returns:
         int64 (N,), ids of points the frame sees, in random order; fewer than wanted where there
-        are no more.
+        are no more, or where too few move.
     """
-    visible = asked[source.visibility[frame, asked] == "visible"]
-    return rng.permutation(visible)[:most]
+    visible = rng.permutation(asked[source.visibility[frame, asked] == "visible"])
+    if not moving_share:
+        return visible[:most]
+    offsets = source.uv_px[np.array(targets)][:, visible] - source.uv_px[frame, visible]
+    moves = (np.hypot(offsets[..., 0], offsets[..., 1]) > MOVING_PX).any(axis=0)
+    first = visible[moves][: math.ceil(moving_share * most)]
+    others = visible[~np.isin(visible, first)]
+    total = min(most, math.floor(len(first) / moving_share))
+    return rng.permutation(np.concatenate([first, others[: total - len(first)]]))
 
 
 def track_pairs(target: SequenceTask, frames: int) -> Iterator[tuple[FrameRef, FrameRef]]:
@@ -122,6 +138,29 @@ def track_pairs(target: SequenceTask, frames: int) -> Iterator[tuple[FrameRef, F
     """
     for frame in range(1, frames):
         yield FrameRef(target, 0), FrameRef(target, frame)
+
+
+def skip_pairs(
+    rng: np.random.Generator, target: SequenceTask, frames: int, skips: Sequence[int]
+) -> Iterator[tuple[FrameRef, FrameRef]]:
+    """Yield frames of an episode with the frames that are `skips` later; no target is a source.
+
+    Args:
+        rng: Source of randomness.
+        target: The episode.
+        frames: Its frames, more than the longest skip.
+        skips: Frames between source and target.
+    """
+    sources: set[int] = set()
+    targets: set[int] = set()
+    for frame in rng.permutation(frames - max(skips)).tolist():
+        later = {frame + skip for skip in skips}
+        if frame in targets or later & sources:
+            continue
+        sources.add(frame)
+        targets |= later
+        for skip in skips:
+            yield FrameRef(target, frame), FrameRef(target, frame + skip)
 
 
 def frame_pairs(

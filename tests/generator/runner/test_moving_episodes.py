@@ -1,0 +1,151 @@
+"""Episodes with a gripper, motion blur and queries on points that move."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pliant.generator.config import GenerateConfig, QuerySettings
+from pliant.generator.runner.dataset_files import write_dataset_files
+from pliant.generator.runner.plan import plan_tasks
+from pliant.generator.runner.sequence import SequenceMaker
+from pliant.generator.settings import RopeSettings
+from pliant.spec.dataset import Dataset
+from pliant.spec.errors import CallError
+from pliant.spec.validation.validate import validate
+
+FRAMES = 24
+CONFIG = GenerateConfig(
+    tiers=("rope",),
+    splits={"test": 1},
+    episodes=True,
+    frames=FRAMES,
+    width=240,
+    height=180,
+    seed=3,
+    style="raster",
+    gripper=True,
+    shutter=0.5,
+    rope=RopeSettings(frame_rate_hz=15.0, substeps=96, hand_speed_m_s=(0.3, 0.6)),
+    queries=QuerySettings(pairs_per_sequence=9, skips=(1, 5, 15), moving_share=0.5),
+)
+
+
+def made(config: GenerateConfig, root: Path) -> Dataset:
+    scratch = root.with_name(root.name + "-scratch")
+    scratch.mkdir(parents=True)
+    maker, tasks = SequenceMaker(config, root, scratch, overlap=False), plan_tasks(config)
+    for task in tasks:
+        maker.make(task, lambda: None)
+    write_dataset_files(config, config.resolved(), tasks, root, scratch)
+    return Dataset.open(root)
+
+
+@pytest.fixture(scope="module")
+def episode(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
+    return made(CONFIG, tmp_path_factory.mktemp("moving") / "episode")
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
+    config = replace(CONFIG, gripper=False, shutter=0.0)
+    return made(config, tmp_path_factory.mktemp("moving") / "plain")
+
+
+def test_the_truth_of_an_episode_with_a_gripper_is_exact(episode: Dataset) -> None:
+    report = validate(episode.root)
+    assert (report.errors, list(report.issues)) == (0, [])
+
+
+def test_the_gripper_is_an_object_that_hides_points_and_is_never_asked(
+    episode: Dataset, plain: Dataset
+) -> None:
+    tier = episode.tiers["rope"]
+    assert [each.name for each in tier.objects] == ["rope", "ball", "gripper"]
+    with_it, without = episode.sequences[0], plain.sequences[0]
+    for frame, info in enumerate(with_it.info["frame_info"]):
+        held = info["hand_m"] is not None
+        shown = (with_it.surface(frame).object_id == 3).sum()
+        assert (shown > 50) == held, frame
+        here, there = (np.array(_states(each, frame)) for each in (with_it, without))
+        newly = here != there
+        # The only thing that changes is that the gripper hides points.
+        assert set(here[newly]) <= {"occluded"}
+        assert newly.any() <= held
+        np.testing.assert_array_equal(
+            with_it.correspondences(frame)["u_px"], without.correspondences(frame)["u_px"]
+        )
+    hidden = sum((np.array(_states(with_it, frame)) == "occluded").sum() for frame in range(FRAMES))
+    assert hidden > sum(
+        (np.array(_states(without, frame)) == "occluded").sum() for frame in range(FRAMES)
+    )
+    assert set(with_it.points()["object"].to_pylist()) == {1}
+
+
+def _states(sequence, frame: int) -> list[str]:
+    states: list[str] = sequence.correspondences(frame)["visibility"].to_pylist()
+    return states
+
+
+def test_motion_blur_changes_what_moves_and_nothing_else(tmp_path: Path, plain: Dataset) -> None:
+    blurred = made(replace(CONFIG, gripper=False), tmp_path / "blurred")
+    sharp, soft = plain.sequences[0], blurred.sequences[0]
+    assert soft.info["parameters"]["shutter"] == 0.5
+    moved = [
+        np.abs(np.asarray(sharp.correspondences(f)["u_px"]) - sharp.correspondences(f + 1)["u_px"])
+        for f in range(FRAMES - 1)
+    ]
+    still = [f for f in range(1, FRAMES - 1) if max(moved[f - 1].max(), moved[f].max()) < 1e-6]
+    fastest = max(range(1, FRAMES - 1), key=lambda f: moved[f].max())
+    for frame in still:
+        np.testing.assert_array_equal(sharp.rgb(frame), soft.rgb(frame))
+    change = np.abs(sharp.rgb(fastest).astype(int) - soft.rgb(fastest)).max(axis=2) > 20
+    assert change.sum() > 30
+    for frame in range(FRAMES):
+        np.testing.assert_array_equal(sharp.surface(frame).depth_m, soft.surface(frame).depth_m)
+
+
+def test_asked_points_move_and_targets_are_never_sources(episode: Dataset) -> None:
+    sequence, asked_pairs = episode.sequences[0], list(episode.pairs("test"))
+    pairs = [(pair.source.index, pair.target.index) for pair in asked_pairs]
+    assert {b - a for a, b in pairs} == {1, 5, 15}
+    assert not {a for a, _ in pairs} & {b for _, b in pairs}
+    uv = np.stack(
+        [
+            np.stack([sequence.correspondences(f)[name] for name in ("u_px", "v_px")], axis=1)
+            for f in range(FRAMES)
+        ]
+    )
+    for pair in asked_pairs:
+        a = pair.source.index
+        asked = [int(np.abs(uv[a] - each).sum(axis=1).argmin()) for each in pair.uv_a_px]
+        far = np.linalg.norm(uv[[a + 1, a + 5, a + 15]][:, asked] - uv[a, asked], axis=2) > 4
+        assert far.any(axis=0).mean() >= 0.5
+
+
+@pytest.mark.parametrize(
+    ("changes", "field"),
+    [
+        ({"episodes": False}, "gripper"),
+        ({"gripper": False, "episodes": False}, "shutter"),
+        ({"style": "real-depth"}, "shutter"),
+        ({"frames": 15}, "queries.skips"),
+        ({"queries": QuerySettings(kind="track", skips=(1,))}, "queries.skips"),
+        (
+            {
+                "gripper": False,
+                "shutter": 0.0,
+                "episodes": False,
+                "queries": QuerySettings(moving_share=0.5),
+            },
+            "queries.moving_share",
+        ),
+    ],
+)
+def test_what_needs_an_episode_says_so(changes: dict[str, object], field: str) -> None:
+    with pytest.raises(CallError) as refused:
+        replace(CONFIG, **changes)  # type: ignore[arg-type]
+    assert refused.value.where == field
