@@ -32,6 +32,7 @@ __all__ = [
     "read_settings",
     "settings_from",
     "settings_to_dict",
+    "unstored",
     "with_overrides",
 ]
 
@@ -93,6 +94,14 @@ else:
             return made
 
         return decorate
+
+
+def unstored(default: Any) -> Any:
+    """Return a field that stored settings leave out while it has its default.
+
+    For settings added later: what was made before, and is still made the same, is stored as before.
+    """
+    return dataclasses.field(default=default, metadata={"unstored": True})
 
 
 def settings_from(
@@ -216,6 +225,7 @@ def settings_to_dict(settings: Any) -> Any:
             each.name: settings_to_dict(getattr(settings, each.name))
             for each in dataclasses.fields(settings)
             if each.init
+            and not (each.metadata.get("unstored") and getattr(settings, each.name) == each.default)
         }
     if isinstance(settings, Mapping):
         return {str(key): settings_to_dict(value) for key, value in settings.items()}

@@ -1,17 +1,19 @@
 """Image noise, added after rendering; truth and tables never change.
 
-Four kinds, in this order: edge dropout, Poisson (shot) noise, Gaussian (read) noise, salt and
-pepper. The edge dropout is the kind that depth cameras show on thin objects: pixels near the
+In this order: edge dropout, blur, Poisson (shot) noise, Gaussian (read) noise, salt and pepper,
+JPEG. The edge dropout is the kind that depth cameras show on thin objects: pixels near the
 object's outline take the colour of the background beyond it, in patches chosen by Perlin noise.
 """
 
 from __future__ import annotations
 
+import io
 import math
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import binary_erosion
+from PIL import Image
+from scipy.ndimage import binary_erosion, gaussian_filter
 
 from pliant.generator.settings.scene import NoiseSettings
 from pliant.spec.io.images import Surface
@@ -44,6 +46,9 @@ def apply_noise(
             settings.dropout_scale_px,
         )  # fmt: skip
     values = image.astype(np.float32)
+    if settings.blur_px[1] > 0.0:
+        sigma = rng.uniform(*settings.blur_px)
+        values = gaussian_filter(values, (sigma, sigma, 0.0), mode="nearest")
     if photons > 0.0:
         values = rng.poisson(values * (photons / 255.0)).astype(np.float32) * (255.0 / photons)
     if gaussian > 0.0:
@@ -53,7 +58,17 @@ def apply_noise(
         chance = rng.random(noisy.shape[:2])
         noisy[chance < salt_pepper / 2] = 0
         noisy[chance > 1.0 - salt_pepper / 2] = 255
+    if settings.jpeg_quality is not None:
+        low, high = settings.jpeg_quality
+        noisy = _compressed(noisy, int(rng.integers(low, high + 1)))
     return noisy
+
+
+def _compressed(rgb: Rgb, quality: int) -> Rgb:
+    """Return an image as JPEG gives it back, with colours at half resolution."""
+    buffer = io.BytesIO()
+    Image.fromarray(rgb).save(buffer, "JPEG", quality=quality, subsampling="4:2:0")
+    return np.asarray(Image.open(buffer))
 
 
 def perlin_noise(

@@ -6,8 +6,16 @@ from collections.abc import Mapping
 from dataclasses import field
 from typing import Annotated, ClassVar, Final
 
-from pliant.spec.configuration import configuration
-from pliant.spec.constraints import Bounds, Natural, NonNegative, Range, Refused, Weights
+from pliant.spec.configuration import configuration, unstored
+from pliant.spec.constraints import (
+    Bounds,
+    Natural,
+    NonNegative,
+    Range,
+    Refused,
+    Weights,
+    WholeRange,
+)
 
 TABLES: Final = ("plain", "mottled", "wood")
 ROPE_COLOURINGS: Final = ("solid", "tracer", "two-tone")
@@ -135,6 +143,9 @@ class NoiseSettings:
         dropout: Share of the outline that is lost.
         dropout_px: How far from the outline pixels may be lost.
         dropout_scale_px: Size of the patches.
+        blur_px: Standard deviation of a Gaussian blur: the lens, before the noise of the sensor.
+        jpeg_quality: Quality that the noisy image is compressed with, 1 to 95; None does not
+            compress it.
     """
 
     gaussian: Annotated[Range, Bounds(0, 128, "of 255")] = (0.5, 3.0)
@@ -143,6 +154,8 @@ class NoiseSettings:
     dropout: Annotated[Range, Bounds(0, 1)] = (0.0, 0.25)
     dropout_px: Annotated[int, Bounds(0, 16)] = 2
     dropout_scale_px: Annotated[float, Bounds(1, 1000)] = 12.0
+    blur_px: Annotated[Range, Bounds(0, 32)] = unstored((0.0, 0.0))
+    jpeg_quality: Annotated[WholeRange, Bounds(1, 95)] | None = unstored(None)
 
 
 @configuration(frozen=True)

@@ -1,10 +1,15 @@
 from __future__ import annotations
 
+import io
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from PIL import Image
 
 from pliant.generator.scene.noise import apply_noise, perlin_noise
 from pliant.generator.settings.scene import NoiseSettings
+from pliant.spec.configuration import settings_to_dict
 from pliant.spec.errors import CallError
 from pliant.spec.io.images import Surface
 
@@ -67,6 +72,43 @@ def test_dropout_takes_patches_of_the_outline_and_nothing_else() -> None:
     assert (np.diff(top.astype(int)) != 0).sum() < 0.5 * max(top.sum(), 1) or top.sum() < 3
 
 
+def test_blur_spreads_a_point_with_the_deviation_asked_for() -> None:
+    rgb = np.zeros_like(RGB)
+    rgb[30, 40] = 255
+    out = noisy(rgb, blur_px=(1.5, 1.5))[..., 0].astype(float)
+    rows, columns = np.indices(out.shape)
+    assert out.sum() == pytest.approx(255, rel=0.1)  # rounding to bytes
+    for places, middle in ((rows, 30), (columns, 40)):
+        assert (out * (places - middle) ** 2).sum() / out.sum() == pytest.approx(1.5**2, rel=0.15)
+
+
+def test_jpeg_loses_more_at_a_lower_quality_and_keeps_the_size() -> None:
+    rng = np.random.default_rng(3)
+    rgb = np.repeat(rng.integers(0, 255, (H, W, 1)).astype(np.uint8), 3, axis=2)
+    error = {
+        quality: np.abs(noisy(rgb, jpeg_quality=(quality, quality)).astype(int) - rgb).mean()
+        for quality in (10, 50, 95)
+    }
+    assert error[10] > 1.5 * error[50]
+    assert error[50] > 1.5 * error[95] > 0
+    assert noisy(rgb, jpeg_quality=(10, 10)).shape == rgb.shape
+
+
+def test_what_is_not_asked_for_is_neither_drawn_nor_stored() -> None:
+    plain = NoiseSettings()
+    assert {"blur_px", "jpeg_quality"}.isdisjoint(settings_to_dict(plain))
+    blurred = NoiseSettings(jpeg_quality=(30, 60))
+    assert settings_to_dict(blurred)["jpeg_quality"] == [30, 60]
+    # JPEG comes last and draws last: the noise below it is that of the plain settings.
+    before = apply_noise(np.random.default_rng(5), RGB, SURFACE, plain)
+    buffer = io.BytesIO()
+    Image.fromarray(before).save(buffer, "JPEG", quality=40)
+    after = apply_noise(
+        np.random.default_rng(5), RGB, SURFACE, replace(plain, jpeg_quality=(40, 40))
+    )
+    np.testing.assert_array_equal(after, np.asarray(Image.open(buffer)))
+
+
 def test_an_image_without_an_object_has_no_outline() -> None:
     empty = Surface(SURFACE.depth_m, SURFACE.m0, SURFACE.m1, np.zeros((H, W), np.uint32))
     settings = NoiseSettings(**{**OFF, "dropout": (0.5, 0.5)})  # type: ignore[arg-type]
@@ -100,6 +142,9 @@ def test_perlin_noise_is_zero_on_its_lattice_and_smooth() -> None:
         ({"dropout": (0.4, 0.2)}, "noise.dropout"),
         ({"dropout_px": 99}, "noise.dropout_px"),
         ({"dropout_scale_px": 0.0}, "noise.dropout_scale_px"),
+        ({"blur_px": (-1.0, 2.0)}, "noise.blur_px"),
+        ({"jpeg_quality": (30, 100)}, "noise.jpeg_quality"),
+        ({"jpeg_quality": (60, 30)}, "noise.jpeg_quality"),
     ],
 )
 def test_impossible_strengths_are_refused_by_name(values: dict[str, object], field: str) -> None:
