@@ -68,7 +68,7 @@ def command(
     as_json: bool,
     **flags: Any,
 ) -> int:
-    """Render datasets of the given TIERs (rope, cloth-1, cloth-2, cloth-3) into a folder.
+    """Render datasets of the given TIERs (rope, cloth-1, cloth-2, cloth-3, towel) into a folder.
 
     The same command again goes on where it was interrupted, and says so if nothing is left to
     do. More --sequences or more TIERs may be added later; other settings on the same folder

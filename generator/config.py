@@ -23,6 +23,7 @@ TIER_KINDS: Final[dict[str, str]] = {
     "cloth-1": "cloth",
     "cloth-2": "cloth",
     "cloth-3": "cloth",
+    "towel": "cloth",
 }
 """Every tier that can be generated, in the order a dataset lists them, and its kind."""
 

@@ -20,6 +20,12 @@ Image = npt.NDArray[np.float32]
 WEAVE_THREADS = 96
 """Periods of the weave along a side of the cloth."""
 
+_STRIPE = (0.72, 0.84)
+"""Where a towel's stripe begins and ends, along u."""
+
+_HEM = 0.03
+"""Width of a towel's hem, in sides."""
+
 
 @njit(cache=True, nogil=True, inline="always")
 def _corner(x: int, y: int, z: int) -> float:
@@ -130,6 +136,11 @@ def cloth_images(appearance: Appearance, side_px: int = 768) -> tuple[Image, Ima
     elif appearance.pattern == "printed":
         _print(front, u, v, second, third, appearance.pattern_seed)
         back = 0.75 * np.asarray(appearance.back_colour) + 0.25 * front  # the print shines through
+    elif appearance.pattern == "towel":
+        stripe = (u > _STRIPE[0]) & (u < _STRIPE[1])
+        hem = np.maximum(np.abs(u - 0.5), np.abs(v - 0.5)) > 0.5 - _HEM
+        front[stripe], back[stripe] = second, ground
+        front[hem] = back[hem] = third
     # Even in u and in v and under their exchange, about the middle too.
     weave = np.cos(2 * np.pi * WEAVE_THREADS * u) * np.cos(2 * np.pi * WEAVE_THREADS * v)
     shade = (1.0 - appearance.weave_contrast * (0.5 - 0.5 * weave))[..., None]

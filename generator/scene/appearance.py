@@ -77,7 +77,7 @@ class Appearance:
         ball_colour: Colour of the rope's ball.
         cloth_colours: Cloth: the colours that its pattern is made of, the ground first.
         back_colour: Cloth: colour of the back's ground, the front's own where both are alike.
-        pattern: Cloth: `plain`, `two-sided`, `striped` or `printed`.
+        pattern: Cloth: `plain`, `two-sided`, `striped`, `printed` or `towel`.
         pattern_seed: The pattern's layout; it follows from the tier's name alone.
         weave_contrast: Cloth: strength of the weave.
         specular: Strength of the highlights, 0 to 1.
@@ -140,7 +140,7 @@ def sample_appearance(
         strands = tuple(_linear(second if k in odd else main) for k in range(count))
     else:
         cloth = (_linear(main), _linear(second), _linear(third))
-        back = second if scene_object.variant == "two-sided" else main
+        back = second if scene_object.variant in ("two-sided", "towel") else main
     return Appearance(
         light=light,
         table=table,

@@ -107,7 +107,7 @@ class SceneObject:
         thickness_m: Rope diameter or cloth thickness, metres.
         info: JSON-able parameters kept in `sequence.json` (control points, handles, actions …).
         variant: Appearance that the tier's symmetry depends on (`plain`, `two-sided`,
-            `striped`, `printed`; a rope: `plain`).
+            `striped`, `printed`, `towel`; a rope: `plain`).
     """
 
     tier: str

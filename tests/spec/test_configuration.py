@@ -241,7 +241,7 @@ def test_the_schemas_accept_the_shipped_files_and_refuse_a_misspelt_key(
         (
             ["benchmark", "BENCHMARK", "--out", "OUT", "--set", "sets.rope.tiers=[ropes]"],
             '--set, sets.rope.tiers.0: the setting is not possible; found "ropes"; '
-            "required: one of rope, cloth-1, cloth-2, cloth-3. Did you mean 'rope'?",
+            "required: one of rope, cloth-1, cloth-2, cloth-3, towel. Did you mean 'rope'?",
         ),
     ],
     ids=lambda each: each[0] if isinstance(each, list) else "",

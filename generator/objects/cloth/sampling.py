@@ -43,6 +43,8 @@ SYMMETRIES: Final[dict[Variant, tuple[Symmetry, ...]]] = {
     "striped": (_MIRROR_V,),
     # No map leaves the print as it is.
     "printed": (),
+    # The stripe tells the ends apart, the exchanged colours of the back the faces.
+    "towel": (),
 }
 """Variant -> the maps of (u, v) under which the cloth looks the same, without the identity."""
 

@@ -109,7 +109,7 @@ def test_points_and_partners_are_exact(variant: Variant) -> None:
     assert len(points.vertex) == 33 * 33
     assert part.double_sided
     np.testing.assert_array_equal(part.chart(part.rest[points.vertex]), points.material)
-    expected = {"plain": 7, "two-sided": 3, "striped": 1, "printed": 0}
+    expected = {"plain": 7, "two-sided": 3, "striped": 1, "printed": 0, "towel": 0}
     assert len(tier.symmetries) == expected[variant]
     assert points.partners.shape == (33 * 33, expected[variant])
     seen = {tuple(range(33 * 33))}

@@ -1,0 +1,65 @@
+"""The tier `towel`: no map of the square leaves its look unchanged, and it lies at any angle."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from pliant.generator.config import GenerateConfig
+from pliant.generator.objects.cloth.sampling import _MIRRORS, _ROTATIONS
+from pliant.generator.objects.tiers import describe_tier, sample_scene_object
+from pliant.generator.rendering.patterns import cloth_images
+from pliant.generator.runner.dataset_files import write_dataset_files
+from pliant.generator.runner.plan import plan_tasks
+from pliant.generator.runner.sequence import SequenceMaker
+from pliant.generator.scene.appearance import sample_appearance
+from pliant.generator.seeding import SequenceTask
+from pliant.generator.settings import AppearanceSettings, ClothSettings
+from pliant.spec.dataset import Dataset
+from pliant.spec.validation.validate import validate
+
+CONFIG = GenerateConfig(
+    tiers=("towel",),
+    splits={"test": 2},
+    width=160,
+    height=120,
+    style="raster",
+    cloth=ClothSettings(points_a_side=33, tracked_a_side=17),
+)
+
+
+def test_every_map_of_the_square_changes_the_look_by_a_tenth_of_the_area() -> None:
+    towel = sample_scene_object(CONFIG, SequenceTask("towel", "test", 0))
+    front, back = cloth_images(
+        sample_appearance(np.random.default_rng(0), towel, AppearanceSettings()), 240
+    )
+    centre = (np.arange(240) + 0.5) / 240
+    u, v = np.meshgrid(centre, centre)
+    for each in (*_ROTATIONS, *_MIRRORS):
+        mapped = each.apply(np.stack([u, v], axis=-1))
+        column, row = np.floor(mapped * 240).astype(int).transpose(2, 0, 1)
+        # A mirror shows the other face: the towel was turned over.
+        other = front if each in _ROTATIONS else back
+        changed = (np.abs(front - other[row, column]) > 0.05).any(axis=-1)
+        assert changed.mean() > 0.1, each.name
+
+
+def test_a_towel_has_one_answer_and_any_orientation() -> None:
+    tier = describe_tier(CONFIG, "towel")
+    assert (tier.kind, tier.variant, tier.symmetries) == ("cloth", "towel", ())
+    towels = [sample_scene_object(CONFIG, SequenceTask("towel", "test", k)) for k in range(4)]
+    assert towels[0].points.partners.shape == (17 * 17, 0)
+    yaw = [abs(float(each.pose(0).info["yaw_rad"])) for each in towels]
+    assert max(yaw) > ClothSettings().yaw_max_rad + 0.5
+
+
+def test_a_dataset_of_towels_is_valid(tmp_path: Path) -> None:
+    root, scratch = tmp_path / "towels", tmp_path / "scratch"
+    scratch.mkdir()
+    maker, tasks = SequenceMaker(CONFIG, root, scratch, overlap=False), plan_tasks(CONFIG)
+    for task in tasks:
+        maker.make(task, lambda: None)
+    write_dataset_files(CONFIG, CONFIG.resolved(), tasks, root, scratch)
+    assert validate(root).errors == 0
+    assert len(Dataset.open(root).queries("test")) > 50
