@@ -26,7 +26,8 @@ if TYPE_CHECKING:
     "--protocol",
     default=None,
     metavar="NAME",
-    help="paper, standard, tapvid, track or matches; default: standard, and matches for matches.",
+    help="paper, standard, tapvid, tapvid-first, tapvid-strided, track, auc, spair or matches; "
+    "default: standard, and matches for matches.",
 )
 @path_option("--out", "REPORT", "Report folder.")
 @click.option(

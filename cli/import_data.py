@@ -26,8 +26,9 @@ from pliant.cli.terminal import echo_result, progress_bar
 @click.option("--licence", default="LicenseRef-unknown", show_default=True, help="SPDX identifier.")
 @choice_option(
     "--queries",
-    ["first", "pairs"],
-    "Ask each point where it is first seen (TAP-Vid), or in drawn pairs of frames; "
+    ["first", "strided", "pairs"],
+    "Ask each point where it is first seen or in every fifth frame (TAP-Vid), or in drawn pairs "
+    "of frames; "
     "default: pairs for pictures, first for tracks.",
 )
 @click.option("--pairs", default=100, show_default=True, help="Pairs drawn, with --queries pairs.")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -12,9 +12,14 @@ import pyarrow as pa
 from pliant.converters.clip import Clip, Floats
 from pliant.spec.tables import QUERIES, TRUTH
 
-Scheme = Literal["first", "pairs"]
+Scheme = Literal["first", "strided", "pairs"]
 """`first`: each point is asked in the first frame that shows it, against every later one, as
-TAP-Vid's mode of this name does. `pairs`: drawn pairs of frames, every point the source shows."""
+TAP-Vid's mode of this name does. `strided`: every point that a fifth frame shows is asked there,
+against all other frames, as TAP-Vid's other mode does. `pairs`: drawn pairs of frames, every point
+the source shows."""
+
+STRIDE: Final = 5
+"""Frames between the source frames of scheme `strided`, as TAP-Vid samples them."""
 
 _FramePair = tuple[int, int, npt.NDArray[np.int64]]
 
@@ -90,6 +95,12 @@ def _frame_pairs(
         for a in sorted(set(first[shown].tolist())):
             points = np.flatnonzero(first == a)
             for b in range(a + 1, clip.frames):
+                yield a, b, points
+        return
+    if scheme == "strided":
+        for a in range(0, clip.frames, STRIDE):
+            points = np.flatnonzero(clip.visible[:, a])
+            for b in (*range(a), *range(a + 1, clip.frames)):
                 yield a, b, points
         return
     total = clip.frames * (clip.frames - 1)

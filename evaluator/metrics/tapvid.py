@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Annotated, Literal
 
 import numpy as np
@@ -49,26 +50,15 @@ class Tapvid(Metric[TapvidSettings]):
     @staticmethod
     def figures(settings: TapvidSettings) -> list[Figure]:
         """Return the averages over the thresholds, then the figures of each threshold."""
-        mean = "mean over image pairs (TAP-Vid: over videos)"
-
-        def higher(name: str, about: str, denominator: str, label: str = "") -> Ratio:
-            about = f"{about}, {mean}"
-            return Ratio(name, "higher", "", about, label, f"{name}_pair", denominator)
-
-        within = "share of visible points within the thresholds, averaged over them"
-        result: list[Figure] = [
-            higher("oa", "occlusion accuracy", "one", "OA"),
-            higher("delta_avg", within, "tapvid_pair", "δ avg"),
-            higher("aj", "average Jaccard over the thresholds", "jaccard_pair", "AJ"),
-        ]
-        for t in settings.thresholds:
-            about = f"share of visible points within {t:g} scaled px"
-            result.append(higher(f"delta_{t:g}", about, "tapvid_pair"))
-            result.append(higher(f"jaccard_{t:g}", f"Jaccard at {t:g} scaled px", "jaccard_pair"))
-        return result
+        return tapvid_figures(settings.thresholds, "mean over image pairs (TAP-Vid: over videos)")
 
     def update(self, block: Block) -> None:
         """Take in one block."""
+        for name, values in self.counts(block).columns(self.settings.thresholds).items():
+            self.table.put(name, block.pairs, values)
+
+    def counts(self, block: Block) -> TapvidPairs:
+        """Return what is counted in each pair of a block."""
         settings = self.settings
         scale = np.array(settings.scale) / self.context.queries.size
         offset = (block.answer_px - block.true_px) * scale
@@ -83,25 +73,10 @@ class Tapvid(Metric[TapvidSettings]):
             error = np.where(block.missing, np.inf, error)
             predicted_visible |= block.missing  # a false positive at every threshold
             right &= ~block.missing
-        found = tapvid_pairs(
+        return tapvid_pairs(
             error, block.counted, predicted_visible, right, block.pair, len(block.starts) - 1,
             settings.thresholds, settings.comparison,
         )  # fmt: skip
-        has_visible = found.visible > 0
-        has_jaccard = np.isfinite(found.jaccard).all(axis=1)
-        columns = {
-            "oa_pair": found.occlusion_accuracy,
-            "tapvid_pair": has_visible,
-            "jaccard_pair": has_jaccard,
-            "delta_avg_pair": np.where(has_visible, found.points_within.mean(axis=1), 0),
-            "aj_pair": np.where(has_jaccard, found.jaccard.mean(axis=1), 0),
-        }
-        for index, t in enumerate(settings.thresholds):
-            within, jaccard = found.points_within[:, index], found.jaccard[:, index]
-            columns[f"delta_{t:g}_pair"] = np.where(has_visible, within, 0)
-            columns[f"jaccard_{t:g}_pair"] = np.where(has_jaccard, jaccard, 0)
-        for name, values in columns.items():
-            self.table.put(name, block.pairs, np.nan_to_num(values))
 
     def finish(self, groups: Groups, summary: Summary) -> None:
         """Say what was assumed."""
@@ -111,25 +86,85 @@ class Tapvid(Metric[TapvidSettings]):
             )
 
 
-@dataclass(frozen=True)
-class TapvidPairs:
-    """TAP-Vid's figures of each pair; NaN where the pair does not define one.
+def tapvid_figures(thresholds: Sequence[float], mean: str, each: str = "one") -> list[Figure]:
+    """Return TAP-Vid's figures.
 
-    Attributes:
-        occlusion_accuracy: float64 (P,), share of queries whose visibility is predicted right.
-        points_within: float64 (P, T), share of the visible within each threshold.
-        jaccard: float64 (P, T), true positives over true positives, false positives and false
-            negatives at each threshold.
-        true_positives, false_positives: int64 (P, T).
-        visible: int64 (P,), queries truly visible.
+    Args:
+        thresholds: In scaled pixels.
+        mean: What the figures are averaged over, in words.
+        each: Column that is 1 where there is one of these.
     """
 
-    occlusion_accuracy: FloatArray
-    points_within: FloatArray
-    jaccard: FloatArray
+    def higher(name: str, about: str, denominator: str, label: str = "") -> Ratio:
+        about = f"{about}, {mean}"
+        return Ratio(name, "higher", "", about, label, f"{name}_pair", denominator)
+
+    within = "share of visible points within the thresholds, averaged over them"
+    result: list[Figure] = [
+        higher("oa", "occlusion accuracy", each, "OA"),
+        higher("delta_avg", within, "tapvid_pair", "δ avg"),
+        higher("aj", "average Jaccard over the thresholds", "jaccard_pair", "AJ"),
+    ]
+    for t in thresholds:
+        about = f"share of visible points within {t:g} scaled px"
+        result.append(higher(f"delta_{t:g}", about, "tapvid_pair"))
+        result.append(higher(f"jaccard_{t:g}", f"Jaccard at {t:g} scaled px", "jaccard_pair"))
+    return result
+
+
+@dataclass(frozen=True)
+class TapvidPairs:
+    """What TAP-Vid counts in each image pair, or in each video, and the figures that follow.
+
+    Attributes:
+        queries: int64 (P,).
+        right: int64 (P,), queries whose visibility is predicted right.
+        visible: int64 (P,), queries truly visible.
+        within: int64 (P, T), the visible within each threshold.
+        true_positives, false_positives: int64 (P, T).
+    """
+
+    queries: IntArray
+    right: IntArray
+    visible: IntArray
+    within: IntArray
     true_positives: IntArray
     false_positives: IntArray
-    visible: IntArray
+
+    @property
+    def occlusion_accuracy(self) -> FloatArray:
+        """float64 (P,), share of queries whose visibility is predicted right; NaN for none."""
+        return _quotient(self.right, self.queries)
+
+    @cached_property
+    def points_within(self) -> FloatArray:
+        """float64 (P, T), share of the visible within each threshold; NaN for none visible."""
+        return _quotient(self.within, self.visible[:, None])
+
+    @cached_property
+    def jaccard(self) -> FloatArray:
+        """float64 (P, T), true positives over themselves, false positives and false negatives."""
+        return _quotient(self.true_positives, self.visible[:, None] + self.false_positives)
+
+    def columns(self, thresholds: Sequence[float]) -> dict[str, FloatArray]:
+        """Return the columns of the pair table that `tapvid_figures` divides, 0 for NaN."""
+        has_jaccard = np.isfinite(self.jaccard).all(axis=1)
+        columns = {
+            "oa_pair": self.occlusion_accuracy,
+            "tapvid_pair": self.visible > 0,
+            "jaccard_pair": has_jaccard,
+            "delta_avg_pair": self.points_within.mean(axis=1),
+            "aj_pair": np.where(has_jaccard, self.jaccard.mean(axis=1), 0),
+        }
+        for index, t in enumerate(thresholds):
+            columns[f"delta_{t:g}_pair"] = self.points_within[:, index]
+            columns[f"jaccard_{t:g}_pair"] = np.where(has_jaccard, self.jaccard[:, index], 0)
+        return {name: np.nan_to_num(values.astype(np.float64)) for name, values in columns.items()}
+
+
+def _quotient(above: IntArray, below: IntArray) -> FloatArray:
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray(above / below, np.float64)
 
 
 def tapvid_pairs(
@@ -161,7 +196,7 @@ def tapvid_pairs(
         comparison: `<` in the published definition.
 
     Returns:
-        The figures of each pair.
+        What is counted in each pair.
     """
     count = len(thresholds)
     width = count + 1
@@ -173,13 +208,11 @@ def tapvid_pairs(
     is_visible = total[:, 1].sum(axis=1)
     true_positives = within[:, :, 1, 1]
     false_positives = total[:, :, 1].sum(axis=1)[:, None] - true_positives
-    queries = total.sum(axis=(1, 2))
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return TapvidPairs(
-            occlusion_accuracy=np.bincount(pair, right, pairs) / queries,
-            points_within=within[:, :, 1].sum(axis=2) / is_visible[:, None],
-            jaccard=true_positives / (is_visible[:, None] + false_positives),
-            true_positives=true_positives,
-            false_positives=false_positives,
-            visible=is_visible,
-        )
+    return TapvidPairs(
+        queries=total.sum(axis=(1, 2)),
+        right=np.bincount(pair[right], minlength=pairs),
+        visible=is_visible,
+        within=within[:, :, 1].sum(axis=2),
+        true_positives=true_positives,
+        false_positives=false_positives,
+    )

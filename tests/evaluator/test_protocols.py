@@ -27,6 +27,10 @@ FROZEN: dict[str, str] = {
     "standard": "d00d749c9322a766d7e57972bb90094547965c542ab004318f1a86d411457291",
     "tapvid": "d0a23a23d720c495b23e2fce33dc6614f1c4acfbd782b446ac001d06079d5043",
     "track": "12e751d66084dc3c57e4de27b26dbd581000765cbd6cf6838f4a3e19253df2f8",
+    "tapvid-first": "b910b2d8518eaa7054a8ef8e2031c7bb45c293c5a097fdffd8e56a56bc768cf5",
+    "tapvid-strided": "1576ec43bbd77f61d222008ed4ea650105258238f12ecb90f3595646b4e2156e",
+    "auc": "80e4162015204e0d17371aa82a8df0867cb48b3c03d912d3698e31669273f3c9",
+    "spair": "a9d14a6b8366df460de7dce8eae3ad0e55ab1d305b537c0b5ff7a774f47c1033",
     "matches": "3d36b95cd77a52c0a7835dc0456fdf7474f2b6abe625c428808b54e1b1feceda",
 }
 
@@ -51,7 +55,9 @@ def test_a_headline_is_of_metrics_that_the_protocol_gives(
 
 
 def test_an_unknown_protocol_is_a_wrong_call(scene: Any, tmp_path: Path) -> None:
-    with pytest.raises(CallError, match="no such protocol; found 'best'; required: matches, paper"):
+    with pytest.raises(
+        CallError, match="no such protocol; found 'best'; required: auc, matches, paper"
+    ):
         evaluate(scene.submit(tmp_path / "s.parquet"), scene.root, protocol="best")
 
 
@@ -92,7 +98,7 @@ def test_the_golden_score_is_what_its_offsets_say() -> None:
     assert golden["pck_16px"] == 1
 
 
-@pytest.mark.parametrize("name", ["paper", "standard", "tapvid"])
+@pytest.mark.parametrize("name", ["paper", "standard", "tapvid", "auc", "spair"])
 def test_the_truth_scores_perfectly_in_every_tier(name: str, scene: Any, tmp_path: Path) -> None:
     table = scene.table(
         visible=scene.visible.astype(np.float32), sigma=np.full(scene.rows, 0.5, np.float32)
@@ -102,7 +108,8 @@ def test_the_truth_scores_perfectly_in_every_tier(name: str, scene: Any, tmp_pat
     perfect = {
         **dict.fromkeys(("rmse_px", "rmse_px_mean_over_pairs", "mean_px", "p95_px"), 0),
         **dict.fromkeys(("symmetric_rmse_px", "jump_rate", "ece", "ause", "off_object_rate"), 0),
-        **dict.fromkeys(("pck_1px", "pck_0.05box", "aj", "oa", "delta_avg", "coverage_50"), 1),
+        **dict.fromkeys(("pck_1px", "pck_0.05box", "pck_0.1box", "auc_1px", "auc_5px_queries"), 1),
+        **dict.fromkeys(("aj", "oa", "delta_avg", "coverage_50"), 1),
     }
     for tier, found in [("overall", scores.overall), *scores.tiers.items()]:
         common = perfect.keys() & found.keys()

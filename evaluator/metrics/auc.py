@@ -1,0 +1,98 @@
+"""Area under the curve of recall over the error threshold.
+
+Source: Sarlin et al., SuperGlue, 2020, section 5, and the evaluation of glue-factory (Lindenberger
+et al., LightGlue, 2023): errors are sorted, recall rises by 1/n at each, the curve is integrated by
+the trapezoidal rule from 0 to the threshold and divided by it.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import numpy as np
+
+from pliant.evaluator.arrays import FloatArray
+from pliant.evaluator.metrics.base import Groups, Metric, Positives, ScoringContext, Summary
+from pliant.evaluator.statistics.ratios import Figure
+from pliant.evaluator.submission.blocks import Block
+from pliant.spec.configuration import configuration
+from pliant.spec.constraints import NotEmpty
+
+
+@configuration(frozen=True)
+class AucSettings:
+    """Settings of `auc`.
+
+    Attributes:
+        thresholds_px: Ends of the curve, px.
+    """
+
+    thresholds_px: Annotated[Positives, NotEmpty()]
+
+
+class Auc(Metric[AucSettings]):
+    """AUC over image pairs, each with its mean error, and over single queries.
+
+    Only queries visible in the target frame count, and pairs that have one.
+    """
+
+    Settings = AucSettings
+
+    @staticmethod
+    def figures(settings: AucSettings) -> list[Figure]:
+        """Return the area for each threshold, over pairs and over queries."""
+        return [
+            Figure(
+                f"auc_{t:g}px{suffix}", "higher", "",
+                f"area under the recall curve of {errors} up to {t:g} px, over {t:g} px",
+                f"AUC {t:g} px{words}",
+            )
+            for suffix, errors, words in (
+                ("", "the mean errors of image pairs", ""),
+                ("_queries", "the errors of queries", ", queries"),
+            )
+            for t in settings.thresholds_px
+        ]  # fmt: skip
+
+    def __init__(self, settings: AucSettings, context: ScoringContext) -> None:
+        super().__init__(settings, context)
+        self._errors = context.per_row()
+        self._means = np.full(context.queries.pairs, np.nan)
+
+    def update(self, block: Block) -> None:
+        """Take in one block."""
+        counted = block.counted
+        self._errors[block.rows] = np.where(counted, block.reach_px, np.nan)
+        number = block.sum_by_pair(counted)
+        total = block.sum_by_pair(np.where(counted, block.reach_px, 0.0))
+        with np.errstate(invalid="ignore"):
+            self._means[block.pairs] = total / np.where(number > 0, number, np.nan)
+
+    def finish(self, groups: Groups, summary: Summary) -> None:
+        """Add the areas of each group."""
+        for index, group in groups:
+            rows = groups.rows(index, self._errors)
+            kinds = {"": self._means[groups.masks[index]], "_queries": np.concatenate(rows)}
+            for suffix, errors in kinds.items():
+                known = errors[~np.isnan(errors)]
+                for t in self.settings.thresholds_px:
+                    summary.set(group, f"auc_{t:g}px{suffix}", area_under_recall(known, t))
+
+
+def area_under_recall(errors: FloatArray, threshold: float) -> float:
+    """Return the area under the recall curve up to a threshold, over the threshold.
+
+    Args:
+        errors: float64 (N,), >= 0; inf for a failure.
+        threshold: End of the curve, > 0.
+
+    Returns:
+        0 to 1; NaN without errors.
+    """
+    if not len(errors):
+        return float("nan")
+    within = np.sort(errors[errors < threshold])
+    recall = np.arange(len(within) + 1) / len(errors)
+    x = np.concatenate([[0.0], within, [threshold]])
+    y = np.concatenate([recall, recall[-1:]])
+    return float(((y[1:] + y[:-1]) / 2 * np.diff(x)).sum() / threshold)
