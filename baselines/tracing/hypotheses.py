@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from PIL import Image, ImageFilter
 
+from pliant.baselines.tracing.chain import Evidence, sampled_paths
 from pliant.baselines.tracing.depth_in_mask import FloatArray, Mask, depth_in_mask, steps_along
 from pliant.baselines.tracing.walk import walks
 
@@ -19,6 +21,11 @@ _STRAIGHTNESS: Final = (0.3, 0.6, 0.9, 1.3, 1.8, 2.6)
 _INERTIA: Final = (0.35, 0.55, 0.72)
 _WORKING_WIDTH: Final = 320
 _SHORTEST_STEPS: Final = 20
+_SAMPLES: Final = 24
+
+Likelihood = Callable[[FloatArray], FloatArray]
+"""float64 (N, 2), places in image pixels -> float64 (N, STEPS), > 0, the likelihood of what is
+seen there at each step along the rope; 1 where nothing is known."""
 
 
 @dataclass(frozen=True)
@@ -45,14 +52,18 @@ class Trace:
         return self.coverage - self.retraced - 0.004 * self.bending
 
 
-def rope_traces(mask: Mask, objects: Mask | None = None) -> list[Trace]:
+def rope_traces(
+    mask: Mask, objects: Mask | None = None, likelihood: Likelihood | None = None
+) -> list[Trace]:
     """Return the ways to read a mask as one rope.
 
-    They start at the rope's ball where there is one, and at both ends else.
+    They start at the rope's ball where there is one, and at both ends else. With a likelihood,
+    paths sampled from the model of `chain.py` are added: they need no start.
 
     Args:
         mask: bool (H, W), the rope.
         objects: bool (H, W), the rope and its ball; None or no more than the rope without a ball.
+        likelihood: What is seen at places of the image says of where along the rope they are.
 
     Returns:
         Traces, the most plausible first; empty where the mask shows no rope.
@@ -64,18 +75,25 @@ def rope_traces(mask: Mask, objects: Mask | None = None) -> list[Trace]:
     depth = depth_in_mask(small)
     inner = depth[depth > 1]
     half_px = 1.15 * float(np.median(inner)) if len(inner) else 1.0
-    ball = np.zeros_like(small)
+    other = np.zeros_like(small)
     if objects is not None:
-        ball = _opened(_shrunk(objects & ~mask, factor))
+        other = _shrunk(objects & ~mask, factor)
+    ball = _opened(other)
     starts = [_start_at_ball(small, ball)] if ball.any() else _starts_at_ends(small)
     settings = np.array(list(itertools.product(_STRAIGHTNESS, _INERTIA)))
-    found = []
+    paths = []
     for place, heading in starts:
         relative = np.minimum(depth, half_px) / half_px
-        for path in walks(relative, place, heading, settings[:, 0], settings[:, 1]):
-            if len(path) >= _SHORTEST_STEPS:
-                found.append(_measured(path, small, half_px, factor))
-    return sorted(found, key=lambda trace: -trace.score)
+        walked = walks(relative, place, heading, settings[:, 0], settings[:, 1])
+        paths += [path for path in walked if len(path) >= _SHORTEST_STEPS]
+    if likelihood is not None:
+        pixels = np.argwhere(small | other)
+        found = likelihood((pixels[:, ::-1] + 0.5) * factor)
+        evidence = Evidence(pixels, small[tuple(pixels.T)], found)
+        length_px = float(small.sum() / (2 * max(np.percentile(depth[small], 80), 0.8)))
+        paths += sampled_paths(evidence, length_px, _SAMPLES)
+    traces = [_measured(path, small, half_px, factor) for path in paths]
+    return sorted(traces, key=lambda trace: -trace.score)
 
 
 def _shrunk(mask: Mask, factor: int) -> Mask:

@@ -25,7 +25,7 @@ from pliant.evaluator.metrics.mixtures import (
 )
 from pliant.evaluator.protocols.protocol import read_protocol
 from pliant.models.don.certainty import Calibration
-from pliant.models.don.decoding import Widths, decode_position, mixture_of_modes
+from pliant.models.don.decoding import Widths, mixture_of_modes
 from pliant.models.don.matcher import DonMatcher
 from pliant.models.don.validation import ValidationPair
 
@@ -73,16 +73,16 @@ def calibrate(
     kept: list[_Pair] = []
     distances, hidden = [], []
     for pair in pairs:
-        log_p, uv, distance = matcher.log_probabilities(pair.source, pair.target, pair.uv_a_px)
+        found = matcher.search(pair.source, pair.target, pair.uv_a_px)
         seen = pair.visible[:, 0]
-        distances.append(distance)
+        distances.append(found.distance)
         hidden.append(~seen)
         if not seen.any():
             continue
-        log_p = log_p[torch.from_numpy(seen)]
-        answer = decode_position(log_p, uv, matcher.settings.decode).double().numpy() * scale
         own = np.array(full_size) / np.array(pair.target.rgb.shape[1::-1])
-        kept.append(_Pair(log_p, uv, answer, pair.uv_b_px[seen, 0].astype(np.float64) * own))
+        answer = matcher.decoded(found, pair.target)[seen] * own
+        truth = pair.uv_b_px[seen, 0].astype(np.float64) * own
+        kept.append(_Pair(found.log_p[torch.from_numpy(seen)], found.uv_px, answer, truth))
     modes = _Modes(kept)
 
     def cost(calibration: Calibration) -> float:
@@ -120,12 +120,12 @@ def fit_sharpness(matcher: DonMatcher, pairs: Sequence[ValidationPair]) -> float
     """
     kept = []
     for pair in pairs:
-        log_p, uv, _ = matcher.log_probabilities(pair.source, pair.target, pair.uv_a_px)
+        found = matcher.search(pair.source, pair.target, pair.uv_a_px)
         seen = torch.from_numpy(pair.visible[:, 0])
         factor = np.array(matcher.size) / np.array(pair.target.rgb.shape[1::-1])
         truth = torch.from_numpy((pair.uv_b_px[:, 0] * factor).astype(np.float32))
-        nearest = torch.cdist(truth, uv).argmin(dim=1)
-        kept.append((log_p[seen], nearest[seen, None]))
+        nearest = torch.cdist(truth, found.uv_px).argmin(dim=1)
+        kept.append((found.log_p[seen], nearest[seen, None]))
 
     def loss(sharpness: float) -> float:
         terms = [(log_p * sharpness).log_softmax(dim=1).gather(1, at) for log_p, at in kept]

@@ -19,7 +19,13 @@ from pliant.models.don.candidates import pixel_grid, widened
 from pliant.models.don.certainty import Calibration
 from pliant.models.don.decoding import decode_position, mixture_of_modes, spread_about
 from pliant.models.don.settings import DonSettings
-from pliant.models.don.tracing import TracedView, enlarged, traced_log_prior
+from pliant.models.don.tracing import (
+    TracedPlaces,
+    TracedView,
+    canonical_likelihood,
+    enlarged,
+    traced_places,
+)
 from pliant.models.losses.distributional import log_probabilities
 from pliant.models.networks.canonical import PREFIX, CanonicalHead
 from pliant.models.networks.descriptor_network import (
@@ -42,6 +48,23 @@ class _Described:
     maps: list[torch.Tensor]  # (D, h, w) or, turned an odd number of times, (D, w, h)
     mask: npt.NDArray[np.bool_] | None  # (h, w)
     objects: npt.NDArray[np.bool_] | None  # (h, w)
+
+
+@dataclass(frozen=True)
+class Search:
+    """What the matcher knows of N queries before it decides.
+
+    Attributes:
+        log_p: float (N, M), log probabilities over the candidates, before calibration.
+        uv_px: float (M, 2), the candidates, in pixels of the network.
+        distance: float64 (N,), squared descriptor distance to the best one times the scale.
+        traced: Where a rope's traces carry the queries, or None.
+    """
+
+    log_p: torch.Tensor
+    uv_px: torch.Tensor
+    distance: npt.NDArray[np.float64]
+    traced: TracedPlaces | None
 
 
 class DonMatcher:
@@ -89,18 +112,19 @@ class DonMatcher:
         """Answer query pixels; see `Matcher`."""
         if len(uv_a_px) == 0:
             return Answers(np.zeros((0, 2), dtype=np.float32))
-        log_p, uv, distance = self.log_probabilities(source, target, uv_a_px)
+        found = self.search(source, target, uv_a_px)
+        log_p, uv = found.log_p, found.uv_px
         scale = self._pixel_scale(target)
-        sharp = decode_position(log_p, uv, self.settings.decode)
-        position = (sharp.double().numpy() * scale).astype(np.float32)
+        position = self.decoded(found, target).astype(np.float32)
         calibration = self.calibration
         if calibration is None:
             return Answers(position)
-        visible = calibration.visible(distance) if calibration.visible_slope > 0 else None
+        visible = calibration.visible(found.distance) if calibration.visible_slope > 0 else None
         flat = calibration.flattened(log_p)
         width = float(np.sqrt(scale[0] * scale[1]))
         if self.settings.distribution == "sigma":
-            sigma = spread_about(flat, uv, sharp, calibration.widths)
+            about = torch.from_numpy(position / scale).float()
+            sigma = spread_about(flat, uv, about, calibration.widths)
             return Answers(position, visible, (sigma.numpy() * width).astype(np.float32))
         modes = None
         if self.settings.distribution == "modes":
@@ -114,8 +138,9 @@ class DonMatcher:
 
     def heat(self, source: View, target: View, uv_a_px: npt.NDArray[np.float32]) -> Heat:
         """Return p over the target for one query; see `HeatMatcher`."""
-        log_p, uv, _ = self.log_probabilities(source, target, np.asarray(uv_a_px)[None])
-        flat = (self.calibration or Calibration()).flattened(log_p)[0]
+        found = self.search(source, target, np.asarray(uv_a_px)[None])
+        uv = found.uv_px
+        flat = (self.calibration or Calibration()).flattened(found.log_p)[0]
         width, height = self.size
         grid = np.full((height, width), np.nan, dtype=np.float32)
         column, row = uv.long().numpy().T
@@ -128,19 +153,13 @@ class DonMatcher:
         mass = float(flat.exp()[near].sum())
         return Heat(heat, "log probability", min(1.0, mass), "probability of the peak")
 
-    def log_probabilities(
-        self, source: View, target: View, uv_a_px: npt.NDArray[np.float32]
-    ) -> tuple[torch.Tensor, torch.Tensor, npt.NDArray[np.float64]]:
-        """Return p over the target's candidates, before calibration.
+    def search(self, source: View, target: View, uv_a_px: npt.NDArray[np.float32]) -> Search:
+        """Compare queries with the target's candidates.
 
         Args:
             source: The image the queries are in.
             target: The image to find them in.
             uv_a_px: float32 (N, 2), in pixels of the source.
-
-        Returns:
-            log_p float (N, M); uv_px float (M, 2), candidates in network pixels; distance
-            float64 (N,), squared descriptor distance to the best one times the scale.
         """
         a, b = self._descriptors(source), self._descriptors(target)
         width, height = self.size
@@ -162,37 +181,36 @@ class DonMatcher:
                 gap = torch.cdist(query[0], rows).square().min(dim=1).values
                 distance += gap * scale
         turns = len(a.maps)
-        total *= self.sharpness / turns
+        log_p = (total * (self.sharpness / turns)).log_softmax(dim=1)
+        traced = None
         if self.settings.decode == "trace":
-            total = total.log_softmax(dim=1) + self._traced(source, target, uv_a_px, uv)
-        return (
-            total.log_softmax(dim=1),
-            uv,
-            (distance / turns).double().numpy(),
-        )
+            traced = traced_places(
+                TracedView(source, a.maps[0], self._traces_of(source)),
+                TracedView(target, b.maps[0], self._traces_of(target)),
+                scale * self.sharpness,
+                uv_a_px,
+            )
+        if traced is not None:
+            log_p = traced.weighed_in(log_p, uv.double().numpy() * self._pixel_scale(target))
+        return Search(log_p, uv, (distance / turns).double().numpy(), traced)
 
-    def _traced(
-        self, source: View, target: View, uv_a_px: npt.NDArray[np.float32], uv: torch.Tensor
-    ) -> torch.Tensor:
-        """Return what the rope's traces say of the candidates, float (N, M); 0 without a trace."""
-        a, b = (
-            TracedView(view, self._descriptors(view).maps[0], self._traces_of(view))
-            for view in (source, target)
-        )
-        if not a.traces or not b.traces:
-            return torch.zeros(len(uv_a_px), len(uv))
-        scale = self.network.scale.detach().cpu() * self.sharpness
-        places = uv.double().numpy() * self._pixel_scale(target)
-        return traced_log_prior(a, b, scale, uv_a_px, places)
+    def decoded(self, found: Search, target: View) -> npt.NDArray[np.float64]:
+        """Return the positions that a search ends at, float64 (N, 2) in pixels of the target."""
+        sharp = decode_position(found.log_p, found.uv_px, self.settings.decode)
+        position = sharp.double().numpy() * self._pixel_scale(target)
+        return position if found.traced is None else found.traced.refined(position)
 
     def _traces_of(self, view: View) -> list[Trace]:
         def traced() -> list[Trace]:
+            own, factor = self._descriptors(view), self._pixel_scale(view)
+            scale = self.network.scale.detach().cpu() * self.sharpness
+            says = canonical_likelihood(self.network, own.maps[0], scale)
             if view.mask is not None:
-                return rope_traces(view.mask, view.objects)
-            own = self._descriptors(view)
+                given = None if says is None else lambda uv_px: says(uv_px / factor)
+                return rope_traces(view.mask, view.objects, given)
             if own.mask is None:
                 return []
-            return enlarged(rope_traces(own.mask, own.objects), self._pixel_scale(view))
+            return enlarged(rope_traces(own.mask, own.objects, says), factor)
 
         return self._traces.get(view.key, traced)
 

@@ -4,9 +4,11 @@ A network says where a point may be, pixel by pixel, and confuses strands that l
 (`pliant.baselines.tracing`) counts along the rope, and goes wrong at crossings. Of all pairs of
 traces those count that are plausible, of one length, and along which the descriptors agree:
 
-    p'(y) ~ p(y) * ( sum_k w_k N(y; x_k, sigma^2) + epsilon ),
+    p'(y) ~ p(y)^b * ( sum_k w_k N(y; x_k, sigma^2) + epsilon ),
 
-with x_k where pair k of traces carries the query, and w_k the softmax of the pairs' scores.
+with x_k where pair k of traces carries the query, and w_k the softmax of the pairs' scores. The
+answer is the median of p', moved to the mean of the places x_k near it: they are finer than the
+network's pixels.
 """
 
 from __future__ import annotations
@@ -20,18 +22,23 @@ import numpy.typing as npt
 import torch
 
 from pliant.baselines.matcher import View
-from pliant.baselines.tracing import Trace, best_pairs, transferred
-from pliant.models.networks.descriptor_network import sample_descriptors
+from pliant.baselines.tracing import Likelihood, Trace, best_pairs, transferred
+from pliant.baselines.tracing.chain import STEPS
+from pliant.models.networks.descriptor_network import DescriptorNetwork, sample_descriptors
 
 SIGMA_SHARE: Final = 1 / 80
 """Standard deviation of a traced place, as a share of the image's width."""
 
 _EPSILON: Final = 0.02
-_PAIRS: Final = 6
+_PAIRS: Final = 24
 _SHARPNESS: Final = 8.0
 _EVERY: Final = 5
 _MOST: Final = 8.0
-_AGREEMENT: Final = 0.25
+_AGREEMENT: Final = 0.5
+_NETWORK_EXPONENT: Final = 0.5
+_LEAST_WEIGHT: Final = 0.02
+_FLOOR: Final = 0.05
+_EXPONENT: Final = 0.3
 
 
 @dataclass(frozen=True)
@@ -58,6 +65,40 @@ class TracedView:
         return found[0].view(*places.shape[:2], -1)
 
 
+def canonical_likelihood(
+    network: DescriptorNetwork, descriptors: torch.Tensor, scale: torch.Tensor
+) -> Likelihood | None:
+    """Return what an image's descriptors say of the places along a rope.
+
+    It is (p(s | descriptor) / p(s))^a of the canonical head, with a floor: neighbouring pixels err
+    together, so each counts for less than an independent observation.
+
+    Args:
+        network: The network; one without a canonical head says nothing: None.
+        descriptors: float (D, h, w), of the image.
+        scale: Scalar, inverse temperature.
+
+    Returns:
+        A function of places (N, 2) in pixels of the descriptors' map.
+    """
+    head = network.canonical
+    if head is None:
+        return None
+    step = (head.anchors[:, 0] * STEPS).long().clamp(0, STEPS - 1)
+    share = torch.bincount(step, minlength=STEPS).clamp_min(1) / len(step)
+
+    def likelihood(uv_px: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        places = torch.from_numpy(uv_px.astype(np.float32))
+        with torch.inference_mode():
+            seen = sample_descriptors(descriptors[None], places[None])[0]
+            p = head.log_probabilities(seen, scale).exp()
+            at_step = torch.zeros(len(p), STEPS).index_add_(1, step, p) / share
+        floored = (at_step.double().numpy() + _FLOOR) / (1 + _FLOOR)
+        return np.asarray(floored**_EXPONENT)
+
+    return likelihood
+
+
 def enlarged(traces: Sequence[Trace], factor: npt.NDArray[np.float64]) -> list[Trace]:
     """Return traces in an image with more pixels.
 
@@ -72,33 +113,71 @@ def enlarged(traces: Sequence[Trace], factor: npt.NDArray[np.float64]) -> list[T
     ]
 
 
-def traced_log_prior(
+@dataclass(frozen=True)
+class TracedPlaces:
+    """Where pairs of traces carry N queries.
+
+    Attributes:
+        uv_px: float64 (K, N, 2), in pixels of the target.
+        weight: float64 (K,), sums to 1.
+        sigma_px: Standard deviation of a place.
+    """
+
+    uv_px: npt.NDArray[np.float64]
+    weight: npt.NDArray[np.float64]
+    sigma_px: float
+
+    def weighed_in(
+        self, log_p: torch.Tensor, candidates_px: npt.NDArray[np.float64]
+    ) -> torch.Tensor:
+        """Return log p' of the module's formula, float32 (N, M), normalised.
+
+        Args:
+            log_p: float (N, M), the network's.
+            candidates_px: float64 (M, 2), in pixels of the target.
+        """
+        total = np.full(log_p.shape, _EPSILON)
+        for weight, place in zip(self.weight, self.uv_px, strict=True):
+            squared = ((place[:, None] - candidates_px[None]) ** 2).sum(axis=-1)
+            total += weight * np.exp(-squared / (2 * self.sigma_px**2))
+        prior = torch.from_numpy(np.log(total).astype(np.float32))
+        return (_NETWORK_EXPONENT * log_p + prior).log_softmax(dim=1)
+
+    def refined(self, uv_px: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Return positions moved to the mean of the places within one standard deviation.
+
+        Args:
+            uv_px: float64 (N, 2); those with hardly any place near them stay.
+        """
+        gap = np.linalg.norm(self.uv_px - uv_px, axis=-1)  # (K, N)
+        weight = self.weight[:, None] * (gap < self.sigma_px)
+        total = weight.sum(axis=0)[:, None]
+        mean = (weight[..., None] * self.uv_px).sum(axis=0) / np.maximum(total, 1e-12)
+        return np.where(total > _LEAST_WEIGHT, mean, uv_px)
+
+
+def traced_places(
     source: TracedView,
     target: TracedView,
     scale: torch.Tensor,
     uv_a_px: npt.NDArray[np.float32],
-    candidates_px: npt.NDArray[np.float64],
-) -> torch.Tensor:
-    """Return what the traces say of each candidate: float32 (N, M), the logarithm of a density.
+) -> TracedPlaces | None:
+    """Return where the traces carry queries, or None where a view has no trace.
 
     Args:
-        source: The queries' image, with at least one trace.
-        target: The other image, with at least one trace.
+        source: The queries' image.
+        target: The other image.
         scale: Scalar, inverse temperature.
         uv_a_px: float32 (N, 2), the queries.
-        candidates_px: float64 (M, 2), in pixels of the target.
     """
+    if not source.traces or not target.traces:
+        return None
     along = source.along()[:, None] - target.along()[None]  # (T, U, S, D)
     gap = along.square().sum(dim=-1)
     agreement = -_AGREEMENT * (scale * gap).clamp_max(_MOST).mean(dim=-1)
     pairs = best_pairs(source.traces, target.traces, lambda a, b: float(agreement[a, b]), _PAIRS)
     scores = np.array([score for score, _, _ in pairs])
-    weights = np.exp(_SHARPNESS * (scores - scores.max()))
-    weights /= weights.sum()
+    weight = np.exp(_SHARPNESS * (scores - scores.max()))
+    places = [transferred(source.traces[a], target.traces[b], uv_a_px) for _, a, b in pairs]
     sigma_px = SIGMA_SHARE * target.view.rgb.shape[1]
-    total = np.full((len(uv_a_px), len(candidates_px)), _EPSILON)
-    for weight, (_, a, b) in zip(weights, pairs, strict=True):
-        place = transferred(source.traces[a], target.traces[b], uv_a_px)
-        squared = ((place[:, None] - candidates_px[None]) ** 2).sum(axis=-1)
-        total += weight * np.exp(-squared / (2 * sigma_px**2))
-    return torch.from_numpy(np.log(total).astype(np.float32))
+    return TracedPlaces(np.stack(places), weight / weight.sum(), sigma_px)

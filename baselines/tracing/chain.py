@@ -1,0 +1,142 @@
+"""Paths along a mask, sampled from a hidden Markov model of a rope.
+
+The hidden state after t of S equal steps is a pixel of the mask and one of 16 headings. A step
+goes a fixed length ahead, keeps its heading or turns by one sixteenth, and is blurred by the
+pixel grid; steps that leave the mask are lost, so paths that stay in it gain. What speaks for a
+pixel at step t is the evidence of the caller: the likelihood of what is seen there if the pixel
+shows the share (t + 1/2) / S of the rope's length. Paths are drawn from the posterior by forward
+filtering and backward sampling (Fruehwirth-Schnatter 1994), for several step lengths in
+proportion to their marginal likelihoods.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+from scipy import sparse
+from scipy.ndimage import gaussian_filter1d
+
+from pliant.baselines.tracing.depth_in_mask import FloatArray
+
+STEPS: Final = 100
+"""Steps S from one end of a rope to the other."""
+
+_HEADINGS: Final = 16
+_TURNS: Final = {-1: 0.15, 0: 0.7, 1: 0.15}
+_BLUR_PX: Final = 0.6
+_LEAST_SHARE: Final = 0.02
+_LENGTHS: Final = (0.9, 1.05, 1.2, 1.4)
+_HIDDEN_SHARE: Final = 0.08
+_HIDDEN_LATER: Final = 0.02
+_SMOOTHING_STEPS: Final = 1.5
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What is known of the pixels of a region.
+
+    Attributes:
+        pixels: int64 (N, 2), (row, column) of each pixel of the region.
+        on_rope: bool (N,), False where another object hides the rope.
+        likelihood: float64 (N, STEPS), > 0, 1 where nothing is known.
+    """
+
+    pixels: npt.NDArray[np.int64]
+    on_rope: npt.NDArray[np.bool_]
+    likelihood: FloatArray
+
+
+def sampled_paths(evidence: Evidence, length_px: float, count: int) -> list[FloatArray]:
+    """Draw paths of a rope from the posterior.
+
+    Args:
+        evidence: The region, and what its pixels show.
+        length_px: Length of the rope if no part of it hides another, px.
+        count: How many paths.
+
+    Returns:
+        About `count` paths, float64 (STEPS, 2) each, (u, v) of the region's pixel grid; the
+        same in every call.
+    """
+    hidden = np.where((np.arange(STEPS) + 0.5) / STEPS < _HIDDEN_SHARE, 1.0, _HIDDEN_LATER)
+    likelihood = np.where(evidence.on_rope[:, None], evidence.likelihood, hidden)
+    filtered, log_evidence = [], []
+    for relative in _LENGTHS:
+        transition = _transition(evidence.pixels, relative * length_px / STEPS)
+        forward, value = _forward(transition, likelihood)
+        filtered.append((transition.tocsc(), forward))
+        log_evidence.append(value)
+    share = np.exp(np.array(log_evidence) - max(log_evidence))
+    drawn = np.rint(count * share / share.sum()).astype(np.int64)
+    rng = np.random.default_rng(0)
+    paths = []
+    for (transition, forward), number in zip(filtered, drawn, strict=True):
+        for _ in range(number):
+            states = _backward(transition, forward, rng)
+            centres = evidence.pixels[states // _HEADINGS, ::-1] + 0.5
+            paths.append(gaussian_filter1d(centres, _SMOOTHING_STEPS, axis=0, mode="nearest"))
+    return paths
+
+
+def _transition(pixels: npt.NDArray[np.int64], step_px: float) -> sparse.csr_array:
+    """Return p(next state | state) without the steps that leave the region, (N 16, N 16)."""
+    rows, columns = pixels.T
+    number = np.full(pixels.max(axis=0) + 1, -1)
+    number[rows, columns] = np.arange(len(pixels))
+    reach = int(np.ceil(step_px + 1.5))
+    down, right = (axis.ravel() for axis in np.mgrid[-reach : reach + 1, -reach : reach + 1])
+    origin, arrival, weight = [], [], []
+    for heading in range(_HEADINGS):
+        for turn, likely in _TURNS.items():
+            angle = 2 * np.pi * (heading + turn / 2) / _HEADINGS
+            gap = (right - step_px * np.cos(angle)) ** 2 + (down - step_px * np.sin(angle)) ** 2
+            share = np.exp(-gap / (2 * _BLUR_PX**2))
+            share /= share.sum()
+            for k in np.flatnonzero(share > _LEAST_SHARE):
+                row, column = rows + down[k], columns + right[k]
+                inside = (row >= 0) & (row < number.shape[0])
+                inside &= (column >= 0) & (column < number.shape[1])
+                start = np.flatnonzero(inside)
+                end = number[row[start], column[start]]
+                start, end = start[end >= 0], end[end >= 0]
+                origin.append(start * _HEADINGS + heading)
+                arrival.append(end * _HEADINGS + (heading + turn) % _HEADINGS)
+                weight.append(np.full(len(start), likely * share[k]))
+    size = len(pixels) * _HEADINGS
+    entries = (np.concatenate(weight), (np.concatenate(origin), np.concatenate(arrival)))
+    return sparse.csr_array(entries, shape=(size, size))
+
+
+def _forward(transition: sparse.csr_array, likelihood: FloatArray) -> tuple[FloatArray, float]:
+    """Return p(state at t | evidence up to t), float64 (STEPS, N 16), and log p(evidence)."""
+    onward = transition.T.tocsr()
+    forward = np.empty((STEPS, transition.shape[0]))
+    log_evidence = 0.0
+    for step in range(STEPS):
+        seen = np.repeat(likelihood[:, step], _HEADINGS)
+        state = onward @ forward[step - 1] * seen if step else seen / len(seen)
+        total = float(state.sum()) + 1e-300
+        log_evidence += float(np.log(total))
+        forward[step] = state / total
+    return forward, log_evidence
+
+
+def _backward(
+    transition: sparse.csc_array, forward: FloatArray, rng: np.random.Generator
+) -> npt.NDArray[np.int64]:
+    """Draw one sequence of states from the posterior, int64 (STEPS,)."""
+    states = np.empty(STEPS, dtype=np.int64)
+    states[-1] = _draw(forward[-1], rng)
+    for step in range(STEPS - 2, -1, -1):
+        span = slice(*transition.indptr[states[step + 1] : states[step + 1] + 2])
+        before = transition.indices[span]
+        states[step] = before[_draw(forward[step, before] * transition.data[span], rng)]
+    return states
+
+
+def _draw(weight: FloatArray, rng: np.random.Generator) -> int:
+    total = np.cumsum(weight)
+    return min(int(np.searchsorted(total, rng.random() * total[-1])), len(weight) - 1)
