@@ -1,4 +1,4 @@
-"""Runs a matcher over image pairs, in this process or in several, and checks its answers."""
+"""Runs a matcher over image pairs, in this process or in several."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from concurrent.futures import ProcessPoolExecutor
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from pliant.baselines.answers import check_answers
 from pliant.baselines.matcher import Answers, KeypointMatcher, Matcher, Matches, TrackMatcher
 from pliant.baselines.submission_file import Kind
 from pliant.baselines.tracks import answer_tracks, tasks_by_source
 from pliant.baselines.views import ViewReader
 from pliant.spec.dataset import Dataset
-from pliant.spec.errors import CallError, SubmissionError
+from pliant.spec.errors import CallError
 from pliant.spec.queries import QueryPair
 
 PAIRS_PER_TASK: Final = 8
@@ -45,10 +45,7 @@ class _Worker:
             and source.id == target.id
             and target.temporal
         ):
-            tracked = answer_tracks(self._matcher, self._reader, pairs)
-            for (answers, _), pair in zip(tracked, pairs, strict=True):
-                self._check(answers, pair)
-            return [*tracked]
+            return [*answer_tracks(self._matcher, self._reader, pairs)]
         return [self._one(pair) for pair in pairs]
 
     def _one(self, pair: QueryPair) -> Result:
@@ -58,11 +55,8 @@ class _Worker:
         if self._kind == "matches" and isinstance(self._matcher, KeypointMatcher):
             return self._matcher.match(source, target), masked
         answers = self._matcher.answer(source, target, pair.uv_a_px)
-        self._check(answers, pair)
-        return answers, masked
-
-    def _check(self, answers: Answers, pair: QueryPair) -> None:
         check_answers(answers, len(pair.uv_a_px), self._matcher.name, f"pair {pair.pair_id}")
+        return answers, masked
 
 
 _process_worker: _Worker | None = None  # set once in each worker process
@@ -129,79 +123,3 @@ def _tasks(matcher: Matcher, pairs: Sequence[QueryPair], most: int) -> list[rang
         return [range(at, min(at + most, len(pairs))) for at in range(0, len(pairs), most)]
     stops = np.cumsum([len(run) for run in tasks_by_source(pairs)]).tolist()
     return [range(start, stop) for start, stop in zip([0, *stops], stops, strict=False)]
-
-
-def check_answers(answers: object, count: int, method: str, where: str) -> None:
-    """Refuse answers that are not one finite position per query.
-
-    Args:
-        answers: The answers.
-        count: Number of queries.
-        method: The method's name, for messages.
-        where: Which pair or split, for messages.
-
-    Raises:
-        SubmissionError: Wrong shapes or values.
-    """
-    if not isinstance(answers, Answers):
-        raise SubmissionError(
-            f"the method {method!r} returned something else than answers",
-            where=where,
-            found=type(answers).__name__,
-            required="`Answers` of pliant.baselines",
-        )
-    fields: dict[str, tuple[npt.NDArray[np.float32], tuple[int, ...]]] = {
-        "uv_px": (answers.uv_px, (count, 2))
-    }
-    if answers.visible is not None:
-        fields["visible"] = (answers.visible, (count,))
-    if answers.sigma_px is not None:
-        fields["sigma_px"] = (answers.sigma_px, (count,))
-    for name, (values, shape) in fields.items():
-        if values.shape != shape:
-            raise SubmissionError(
-                f"the method {method!r} answered in the wrong shape",
-                where=f"{where}, {name}",
-                found=values.shape,
-                required=shape,
-            )
-        if not np.isfinite(values).all():
-            raise SubmissionError(
-                f"the method {method!r} gave a value that is not finite",
-                where=f"{where}, {name}",
-                found=f"{int((~np.isfinite(values)).sum())} of {values.size}",
-                required="one finite answer for every query",
-            )
-    if answers.modes is not None and len(answers.modes) != count:
-        raise SubmissionError(
-            f"the method {method!r} answered in the wrong shape",
-            where=f"{where}, modes",
-            found=len(answers.modes),
-            required=count,
-        )
-
-
-def joined(parts: Sequence[Answers], method: str) -> Answers:
-    """Join the answers of all pairs; an optional field must be there for all or for none."""
-    for name in ("visible", "sigma_px", "modes"):
-        if len({getattr(part, name) is None for part in parts}) > 1:
-            raise SubmissionError(
-                f"the method {method!r} gave {name} for some pairs and not for others"
-            )
-    first = parts[0] if parts else Answers(np.zeros((0, 2), dtype=np.float32))
-    return Answers(
-        uv_px=np.concatenate([part.uv_px for part in parts]) if parts else first.uv_px,
-        visible=(
-            None
-            if first.visible is None
-            else np.concatenate([part.visible for part in parts if part.visible is not None])
-        ),
-        sigma_px=(
-            None
-            if first.sigma_px is None
-            else np.concatenate([part.sigma_px for part in parts if part.sigma_px is not None])
-        ),
-        modes=(
-            None if first.modes is None else [row for part in parts for row in part.modes or []]
-        ),
-    )

@@ -48,6 +48,15 @@ class Answers:
     sigma_px: npt.NDArray[np.float32] | None = None
     modes: list[npt.NDArray[np.float32]] | None = None
 
+    def rows(self, rows: npt.NDArray[np.int64]) -> Answers:
+        """Return the answers to some of the queries, int64 (M,), in that order."""
+        return Answers(
+            self.uv_px[rows],
+            None if self.visible is None else self.visible[rows],
+            None if self.sigma_px is None else self.sigma_px[rows],
+            None if self.modes is None else [self.modes[row] for row in rows],
+        )
+
 
 @dataclass(frozen=True)
 class Matches:

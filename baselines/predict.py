@@ -11,7 +11,8 @@ import numpy as np
 import pyarrow as pa
 
 from pliant.baselines.adapters import as_matcher
-from pliant.baselines.answering import answer_pairs, check_answers, joined
+from pliant.baselines.answering import answer_pairs
+from pliant.baselines.answers import check_answers, joined
 from pliant.baselines.matcher import Answers, KeypointMatcher, Matcher, Matches, SplitMatcher
 from pliant.baselines.submission_file import (
     Keys,
@@ -203,7 +204,7 @@ def _check_call(
     if kind == "matches" and not isinstance(matcher, KeypointMatcher):
         raise CallError(
             f"the method {matcher.name!r} has no keypoint matches of its own",
-            fix="Ask for --kind answers, or for sift, surf or orb",
+            fix="Ask for --kind answers, or for a local feature such as sift or orb",
         )
     if workers < 1:
         raise CallError("the number of workers is wrong", found=workers, required=">= 1")

@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from itertools import groupby
 
+import numpy as np
+import numpy.typing as npt
+
+from pliant.baselines.answers import check_answers
 from pliant.baselines.matcher import Answers, TrackMatcher, View
 from pliant.baselines.views import ViewReader
 from pliant.spec.queries import QueryPair
-from pliant.spec.sequence import SequenceRecord
 
 
 def tasks_by_source(pairs: Sequence[QueryPair]) -> list[list[QueryPair]]:
@@ -26,7 +29,7 @@ def answer_tracks(
 ) -> list[tuple[Answers, bool]]:
     """Answer pairs of one source frame and one episode, each frame between looked at once.
 
-    Forward and backward in time are two tracks; so are pairs that ask other points.
+    The points of all pairs are carried together; forward and backward in time are two tracks.
 
     Args:
         matcher: The method.
@@ -37,33 +40,47 @@ def answer_tracks(
         For each pair its answers and whether the target's mask was given.
     """
     results: list[tuple[Answers, bool] | None] = [None] * len(pairs)
-    tracks: dict[tuple[int, bytes], dict[int, list[int]]] = {}
-    for number, pair in enumerate(pairs):
-        direction = 1 if pair.target.index >= pair.source.index else -1
-        wanted = tracks.setdefault((direction, pair.uv_a_px.tobytes()), {})
-        wanted.setdefault(pair.target.index, []).append(number)
-    for (direction, _), wanted in tracks.items():
-        any_pair = pairs[next(iter(wanted.values()))[0]]
-        sequence, start = any_pair.source.sequence, any_pair.source.index
+    sequence, start = pairs[0].source.sequence, pairs[0].source.index
+    for direction in (1, -1):
+        asked = {
+            number: pair
+            for number, pair in enumerate(pairs)
+            if (1 if pair.target.index >= start else -1) == direction
+        }
+        if not asked:
+            continue
+        uv_px, rows = _united([pair.uv_a_px for pair in asked.values()])
+        wanted: dict[int, list[tuple[int, npt.NDArray[np.int64]]]] = {}
+        for (number, pair), own in zip(asked.items(), rows, strict=True):
+            wanted.setdefault(pair.target.index, []).append((number, own))
         last = max(wanted, key=lambda frame: abs(frame - start))
         frames = range(start, last + direction, direction)
         masked: list[bool] = []
 
-        def views(
-            sequence: SequenceRecord = sequence,
-            frames: range = frames,
-            masked: list[bool] = masked,
-        ) -> Iterator[View]:
+        def views(frames: range = frames, masked: list[bool] = masked) -> Iterator[View]:
             for frame in frames:
                 view = reader.view(sequence[frame])
                 masked.append(view.mask is not None)
                 yield view
 
-        for number in wanted.get(start, ()):  # a frame paired with itself
+        for number, _ in wanted.get(start, ()):  # a frame paired with itself
             seen = reader.view(sequence[start]).mask is not None
-            results[number] = (Answers(any_pair.uv_a_px.copy()), seen)
-        tracked = matcher.track(views(), any_pair.uv_a_px)
-        for step, answers in enumerate(tracked, start=1):
-            for number in wanted.get(frames[step], ()):
-                results[number] = (answers, masked[step])
+            results[number] = (Answers(pairs[number].uv_a_px.copy()), seen)
+        for step, answers in enumerate(matcher.track(views(), uv_px), start=1):
+            check_answers(answers, len(uv_px), matcher.name, f"frame {sequence[frames[step]].key}")
+            for number, own in wanted.get(frames[step], ()):
+                results[number] = (answers.rows(own), masked[step])
     return [result for result in results if result is not None]
+
+
+def _united(
+    points: Sequence[npt.NDArray[np.float32]],
+) -> tuple[npt.NDArray[np.float32], list[npt.NDArray[np.int64]]]:
+    """Return all different points, (N, 2), and which of them each set consists of."""
+    number: dict[bytes, int] = {}
+    rows = [
+        np.array([number.setdefault(uv.tobytes(), len(number)) for uv in part], dtype=np.int64)
+        for part in points
+    ]
+    every = np.frombuffer(b"".join(number), dtype=np.float32).reshape(-1, 2)
+    return every, rows

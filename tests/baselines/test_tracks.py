@@ -14,6 +14,7 @@ from pliant.baselines.predict import predict
 from pliant.baselines.tracks import answer_tracks, tasks_by_source
 from pliant.baselines.views import ViewReader
 from pliant.spec.dataset import Dataset
+from pliant.spec.errors import SubmissionError
 from pliant.spec.io.parquet import read_table
 from pliant.spec.queries import QueryPair
 
@@ -25,20 +26,24 @@ class Counter:
 
     def __init__(self) -> None:
         self.shown: list[list[int]] = []
+        self.points: list[list[list[float]]] = []
 
     def describe(self) -> Mapping[str, Any]:
         return {}
 
     def answer(self, source: View, target: View, uv_a_px: Any) -> Answers:
-        return Answers(np.full((len(uv_a_px), 2), -1, dtype=np.float32))
+        nowhere = np.full((len(uv_a_px), 2), -1, dtype=np.float32)
+        return Answers(nowhere, visible=np.zeros(len(uv_a_px), dtype=np.float32))
 
     def track(self, views: Iterable[View], uv_px: Any) -> Iterator[Answers]:
         frames = iter(views)
+        self.points.append(uv_px.tolist())
         self.shown.append([int(next(frames).key.split("/")[1])])
         for view in frames:
             number = int(view.key.split("/")[1])
             self.shown[-1].append(number)
-            yield Answers(np.stack([uv_px[:, 0], np.full(len(uv_px), number)], axis=1))
+            at = np.stack([uv_px[:, 0], np.full(len(uv_px), number)], axis=1)
+            yield Answers(at.astype(np.float32), visible=uv_px[:, 0])
 
 
 AskPair = Callable[..., QueryPair]
@@ -63,11 +68,30 @@ def test_forward_and_backward_are_two_tracks_of_every_frame_between(pair: AskPai
     assert all(masked for _, masked in results)
 
 
-def test_other_points_are_another_track(pair: AskPair) -> None:
+def test_points_of_all_pairs_are_one_track(pair: AskPair) -> None:
+    """Each pair gets the answers of its own points, in its own order."""
+    episode = pair(0, 0, 1).source.sequence
+    asked = [
+        QueryPair(0, episode[0], episode[2], np.array([[1, 2], [3, 4]], dtype=np.float32)),
+        QueryPair(1, episode[0], episode[1], np.array([[3, 4], [7, 2]], dtype=np.float32)),
+    ]
     matcher = Counter()
-    results = answer_tracks(matcher, ViewReader(), [pair(0, 0, 2, u=1.0), pair(1, 0, 1, u=7.0)])
-    assert matcher.shown == [[0, 1, 2], [0, 1]]
-    assert [answers.uv_px[0].tolist() for answers, _ in results] == [[1, 2], [7, 1]]
+    results = answer_tracks(matcher, ViewReader(), asked)
+    assert matcher.shown == [[0, 1, 2]]
+    assert matcher.points == [[[1, 2], [3, 4], [7, 2]]]
+    assert results[0][0].uv_px.tolist() == [[1, 2], [3, 2]]
+    assert results[1][0].uv_px.tolist() == [[3, 1], [7, 1]]
+    assert results[1][0].visible is not None
+    assert results[1][0].visible.tolist() == [3, 7]
+
+
+def test_a_track_with_missing_answers_is_refused(pair: AskPair) -> None:
+    class Forgetful(Counter):
+        def track(self, views: Iterable[View], uv_px: Any) -> Iterator[Answers]:
+            return super().track(views, uv_px[:-1])
+
+    with pytest.raises(SubmissionError, match=r"frame rope-test-000000/.*found \(0, 2\)"):
+        answer_tracks(Forgetful(), ViewReader(), [pair(0, 0, 2)])
 
 
 def test_tasks_keep_the_order_and_part_at_every_new_source(pair: AskPair) -> None:

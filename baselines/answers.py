@@ -1,0 +1,87 @@
+"""Checking and joining what methods answer."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from pliant.baselines.matcher import Answers
+from pliant.spec.errors import SubmissionError
+
+
+def check_answers(answers: object, count: int, method: str, where: str) -> None:
+    """Refuse answers that are not one finite position per query.
+
+    Args:
+        answers: The answers.
+        count: Number of queries.
+        method: The method's name, for messages.
+        where: Which pair or split, for messages.
+
+    Raises:
+        SubmissionError: Wrong shapes or values.
+    """
+    if not isinstance(answers, Answers):
+        raise SubmissionError(
+            f"the method {method!r} returned something else than answers",
+            where=where,
+            found=type(answers).__name__,
+            required="`Answers` of pliant.baselines",
+        )
+    fields: dict[str, tuple[npt.NDArray[np.float32], tuple[int, ...]]] = {
+        "uv_px": (answers.uv_px, (count, 2))
+    }
+    if answers.visible is not None:
+        fields["visible"] = (answers.visible, (count,))
+    if answers.sigma_px is not None:
+        fields["sigma_px"] = (answers.sigma_px, (count,))
+    for name, (values, shape) in fields.items():
+        if values.shape != shape:
+            raise SubmissionError(
+                f"the method {method!r} answered in the wrong shape",
+                where=f"{where}, {name}",
+                found=values.shape,
+                required=shape,
+            )
+        if not np.isfinite(values).all():
+            raise SubmissionError(
+                f"the method {method!r} gave a value that is not finite",
+                where=f"{where}, {name}",
+                found=f"{int((~np.isfinite(values)).sum())} of {values.size}",
+                required="one finite answer for every query",
+            )
+    if answers.modes is not None and len(answers.modes) != count:
+        raise SubmissionError(
+            f"the method {method!r} answered in the wrong shape",
+            where=f"{where}, modes",
+            found=len(answers.modes),
+            required=count,
+        )
+
+
+def joined(parts: Sequence[Answers], method: str) -> Answers:
+    """Join the answers of all pairs; an optional field must be there for all or for none."""
+    for name in ("visible", "sigma_px", "modes"):
+        if len({getattr(part, name) is None for part in parts}) > 1:
+            raise SubmissionError(
+                f"the method {method!r} gave {name} for some pairs and not for others"
+            )
+    first = parts[0] if parts else Answers(np.zeros((0, 2), dtype=np.float32))
+    return Answers(
+        uv_px=np.concatenate([part.uv_px for part in parts]) if parts else first.uv_px,
+        visible=(
+            None
+            if first.visible is None
+            else np.concatenate([part.visible for part in parts if part.visible is not None])
+        ),
+        sigma_px=(
+            None
+            if first.sigma_px is None
+            else np.concatenate([part.sigma_px for part in parts if part.sigma_px is not None])
+        ),
+        modes=(
+            None if first.modes is None else [row for part in parts for row in part.modes or []]
+        ),
+    )
