@@ -3,23 +3,58 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 from pliant.baselines.controls import Identity, MaskCentroid, Oracle, RandomInMask
-from pliant.baselines.features.orb import orb
-from pliant.baselines.features.sift import sift
-from pliant.baselines.features.surf import surf
+from pliant.baselines.features.local_features import LocalFeatureMatcher
+from pliant.baselines.features.opencv_features import OpencvFeatures
+from pliant.baselines.features.surf import open_surf
 from pliant.baselines.matcher import Matcher, SplitMatcher
 from pliant.baselines.tracing import RopeTracer
 
-METHODS: dict[str, Callable[[], Matcher | SplitMatcher]] = {
-    "sift": sift,
-    "surf": surf,
-    "orb": orb,
+Make = Callable[[], Matcher | SplitMatcher]
+
+
+def local_feature(name: str) -> LocalFeatureMatcher:
+    """Return the method of a local feature.
+
+    Args:
+        name: A name of `features.opencv_features.RECIPES`.
+
+    Raises:
+        MissingExtraError: OpenCV is not installed, or lacks the contributed modules.
+    """
+    return LocalFeatureMatcher(open_surf() if name == "surf" else OpencvFeatures(name))
+
+
+def _named(make: Callable[[str], Matcher], about: dict[str, str]) -> dict[str, Make]:
+    """Return what makes each method, with its description as the docstring."""
+    made: dict[str, Make] = {}
+    for name, text in about.items():
+        of_name = partial(make, name)
+        of_name.__doc__ = text
+        made[name] = of_name
+    return made
+
+
+METHODS: dict[str, Make] = {
+    **_named(
+        local_feature,
+        {
+            "sift": "Local feature SIFT (Lowe, 2004), by OpenCV.",
+            "surf": "Local feature SURF (Bay et al., 2008), by OpenCV or mahotas.",
+            "orb": "Local feature ORB (Rublee et al., 2011), by OpenCV.",
+            "vgg": "Learned descriptor VGG-120 (Simonyan et al., 2014), by OpenCV.",
+            "boostdesc": "Learned descriptor BinBoost (Trzcinski et al., 2015), by OpenCV.",
+            "beblid": "Learned descriptor BEBLID (Suárez et al., 2020), by OpenCV.",
+            "teblid": "Learned descriptor TEBLID (Suárez et al., 2021), by OpenCV.",
+        },
+    ),
     "rope-tracer": RopeTracer,
     "identity": Identity,
     "random": RandomInMask,
     "centroid": MaskCentroid,
     "oracle": Oracle,
 }
-"""Name -> what makes the method. SIFT, SURF and ORB raise `MissingExtraError` when they are
-made without their libraries."""
+"""Name -> what makes the method. Those of OpenCV raise `MissingExtraError` when they are made
+without it."""

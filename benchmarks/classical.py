@@ -23,7 +23,7 @@ from record import Value, main
 
 from pliant.baselines import METHODS, Matcher
 from pliant.baselines.features.local_features import LocalFeatureMatcher
-from pliant.baselines.features.sift import Sift
+from pliant.baselines.features.opencv_features import OpencvFeatures
 from pliant.baselines.features.surf import MahotasSurf
 from pliant.baselines.views import ViewReader
 from pliant.generator.config import GenerateConfig
@@ -48,7 +48,8 @@ def measure(quick: bool) -> Mapping[str, Value]:
         for name in ("identity", "random", "centroid", "sift", "surf", "orb"):
             figures |= score(dataset, METHODS[name](), name)
         for octave in (1, 2):
-            figures |= score(dataset, LocalFeatureMatcher(Sift(octave)), f"sift_octave_{octave}")
+            sift = LocalFeatureMatcher(OpencvFeatures("sift", octave=octave))
+            figures |= score(dataset, sift, f"sift_octave_{octave}")
         for scale in (2, 4):
             surf = LocalFeatureMatcher(MahotasSurf(scale))
             figures |= score(dataset, surf, f"surf_scale_{scale}")

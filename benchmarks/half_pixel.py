@@ -20,8 +20,7 @@ from record import Value, main
 
 from pliant.baselines.features.local_features import Keypoints
 from pliant.baselines.features.nearest import ratio_test
-from pliant.baselines.features.orb import MAX_KEYPOINTS, Orb
-from pliant.baselines.features.sift import Sift
+from pliant.baselines.features.opencv_features import MAX_ORB_KEYPOINTS, OpencvFeatures
 from pliant.baselines.features.surf import (
     MAHOTAS_MAX_POINTS,
     MAHOTAS_OCTAVES,
@@ -39,13 +38,13 @@ def measure(quick: bool) -> Mapping[str, Value]:
     image, centres = blobs()
     detectors: dict[str, Any] = {
         "sift_by_default": cv2.SIFT_create(),
-        "orb_by_default": cv2.ORB_create(MAX_KEYPOINTS),
+        "orb_by_default": cv2.ORB_create(MAX_ORB_KEYPOINTS),
     }
     for name, detector in detectors.items():
         found = np.array([keypoint.pt for keypoint in detector.detect(image, None)]) + 0.5
         figures[f"offset_px_{name}"] = offset(found, centres)
-    figures["offset_px_sift"] = offset(Sift().detect(image).uv_px, centres)
-    figures["offset_px_orb"] = offset(Orb().detect(image).uv_px, centres)
+    for name in ("sift", "orb"):
+        figures[f"offset_px_{name}"] = offset(OpencvFeatures(name).detect(image).uv_px, centres)
     figures["offset_px_surf"] = offset(MahotasSurf().detect(image).uv_px, centres)
     grey = texture()
     for angle in (45, 180):

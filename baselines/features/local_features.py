@@ -24,7 +24,7 @@ LOWE_RATIO: Final = 0.8
 """Nearest over second-nearest distance below which a keypoint match is kept."""
 
 DENSE_LIMIT: Final = 20_000
-"""Descriptors computed over a target at most; the grid's stride follows from it."""
+"""Descriptors computed over a target at most, for features that take less than 0.1 ms each."""
 
 SMALLEST_SIDE_PX: Final = 32
 """An image with a shorter side has no keypoints: the detectors' pyramids do not fit into it."""
@@ -51,6 +51,8 @@ class LocalFeatures(Protocol):
 
     name: str
     metric: Metric
+    dense_limit: int
+    """Descriptors computed over a target at most; the grid's stride follows from it."""
 
     def facts(self) -> Mapping[str, Any]:
         """Return settings and versions for the submission's footer."""
@@ -86,7 +88,7 @@ class _Dense:
     stride: int
 
 
-def dense_stride(pixels: int, limit: int = DENSE_LIMIT) -> int:
+def dense_stride(pixels: int, limit: int) -> int:
     """Return the smallest grid stride that leaves at most `limit` of a mask's pixels.
 
     Args:
@@ -103,9 +105,9 @@ class LocalFeatureMatcher:
     """Answers queries, and matches keypoints, with a local feature.
 
     An answer is the place on the target's object whose descriptor is nearest to the query
-    pixel's, among all pixels (or, where the object has more than `DENSE_LIMIT`, a grid of
-    every second, third … row and column). A query that nothing distinguishes (a blank image,
-    an empty mask) is answered by the mask's centroid or the image's centre.
+    pixel's, among all pixels (or, where the object has more than the feature's `dense_limit`, a
+    grid of every second, third … row and column). A query that nothing distinguishes (a blank
+    image, an empty mask) is answered by the mask's centroid or the image's centre.
 
     Keypoint matches follow the method's own detector: keypoints on the object in both
     images, nearest neighbour, Lowe's ratio test; the score is 1 - ratio.
@@ -128,7 +130,7 @@ class LocalFeatureMatcher:
             "name": self.name,
             **self._features.facts(),
             "ratio": self._ratio,
-            "dense_limit": DENSE_LIMIT,
+            "dense_limit": self._features.dense_limit,
             "without_a_choice": "centroid of the mask, or the image's centre",
         }
 
@@ -205,7 +207,7 @@ class LocalFeatureMatcher:
     def _dense_of(self, view: View) -> _Dense:
         def make() -> _Dense:
             mask = searched_mask(view)
-            stride = dense_stride(int(mask.sum()))
+            stride = dense_stride(int(mask.sum()), self._features.dense_limit)
             uv_px = pixel_centres(mask, stride)
             return _Dense(uv_px, self._features.describe_at(luma(view.rgb), uv_px), stride)
 

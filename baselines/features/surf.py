@@ -19,17 +19,12 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from pliant.baselines.features.local_features import Keypoints, LocalFeatureMatcher, LocalFeatures
+from pliant.baselines.features.local_features import DENSE_LIMIT, Keypoints, LocalFeatures
 from pliant.baselines.features.nearest import Descriptors, Metric
-from pliant.baselines.features.opencv import described, keypoints_at, load_opencv, padded, positions
+from pliant.baselines.features.opencv import load_opencv, padded
+from pliant.baselines.features.opencv_features import SURF_SCALE_PX, OpencvFeatures
 from pliant.baselines.pixels import HALF_PIXEL
 from pliant.spec.errors import MissingExtraError
-
-QUERY_SCALE_PX: Final = 3.0
-"""Scale at which given pixels are described; the descriptor covers a square of 20 scales."""
-
-HESSIAN_THRESHOLD: Final = 100.0
-"""OpenCV's detector threshold (its default), on 8-bit images."""
 
 MAHOTAS_THRESHOLD: Final = 0.1
 MAHOTAS_OCTAVES: Final = 4
@@ -41,68 +36,6 @@ MAHOTAS_OFF_CENTRE_PX: Final = 1.0
 _Y, _X, _SCALE, _POINT_COLUMNS = 0, 1, 2, 5  # of mahotas' points: y, x, scale, score, sign
 
 
-class OpencvSurf:
-    """SURF of OpenCV's non-free module, 64 numbers a descriptor.
-
-    Args:
-        cv2: An OpenCV module that has it.
-        detector: Its `SURF_create()`.
-    """
-
-    name = "surf"
-    metric: Metric = "euclidean"
-
-    def __init__(self, cv2: Any, detector: Any) -> None:
-        self._cv2 = cv2
-        self._detector = detector
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return open_surf, ()
-
-    def facts(self) -> Mapping[str, Any]:
-        """Return settings and versions for the submission's footer."""
-        return {
-            "implementation": "opencv",
-            "version": str(self._cv2.__version__),
-            "hessian_threshold": HESSIAN_THRESHOLD,
-            "query_scale_px": QUERY_SCALE_PX,
-            "query_orientation": "the method's own",
-        }
-
-    def detect(self, grey: npt.NDArray[np.uint8]) -> Keypoints:
-        """Find and describe the image's own keypoints.
-
-        Args:
-            grey: uint8 (H, W).
-        """
-        keypoints, descriptors = self._detector.detectAndCompute(grey, None)
-        if not keypoints:
-            return Keypoints(np.zeros((0, 2), np.float32), np.zeros((0, 64), np.float32))
-        return Keypoints(positions(keypoints), descriptors)
-
-    def describe_at(
-        self, grey: npt.NDArray[np.uint8], uv_px: npt.NDArray[np.float32]
-    ) -> Descriptors:
-        """Describe the patches around given positions; SURF finds the orientation itself.
-
-        Args:
-            grey: uint8 (H, W).
-            uv_px: float32 (N, 2), inside the image.
-
-        Returns:
-            float32 (N, 64).
-        """
-        # A SURF keypoint's size is 9/1.2 times its scale (the 9 px filter stands for 1.2 px).
-        keypoints = keypoints_at(
-            self._cv2,
-            uv_px,
-            np.zeros(len(uv_px)),
-            size_px=QUERY_SCALE_PX * 9 / 1.2,
-            octave=0,
-        )
-        return described(self._detector, padded(grey), keypoints)
-
-
 class MahotasSurf:
     """SURF of mahotas, 64 numbers a descriptor.
 
@@ -112,8 +45,9 @@ class MahotasSurf:
 
     name = "surf"
     metric: Metric = "euclidean"
+    dense_limit = DENSE_LIMIT
 
-    def __init__(self, query_scale_px: float = QUERY_SCALE_PX) -> None:
+    def __init__(self, query_scale_px: float = SURF_SCALE_PX) -> None:
         self._query_scale_px = query_scale_px
         try:
             import mahotas
@@ -198,19 +132,10 @@ def open_surf() -> LocalFeatures:
         MissingExtraError: It has neither.
     """
     try:
-        cv2 = load_opencv("SURF")
-        detector = cv2.xfeatures2d.SURF_create(hessianThreshold=HESSIAN_THRESHOLD)
-    except (MissingExtraError, AttributeError):
+        cv2 = load_opencv("SURF", "xfeatures2d")
+    except MissingExtraError:
         return MahotasSurf()
-    except cv2.error:  # built with the module but without the non-free algorithms
+    try:
+        return OpencvFeatures("surf")
+    except (AttributeError, cv2.error):  # built without the non-free algorithms
         return MahotasSurf()
-    return OpencvSurf(cv2, detector)
-
-
-def surf() -> LocalFeatureMatcher:
-    """Return the local feature SURF (Bay et al., 2008), by OpenCV or mahotas.
-
-    Raises:
-        MissingExtraError: Neither implementation is installed.
-    """
-    return LocalFeatureMatcher(open_surf())

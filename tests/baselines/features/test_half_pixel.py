@@ -8,6 +8,7 @@ two equal shifts cancel, until one picture is turned by 180 degrees and they add
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,16 +17,15 @@ import pytest
 
 from pliant.baselines import METHODS, View
 from pliant.baselines.features.local_features import LocalFeatures
-from pliant.baselines.features.orb import Orb
+from pliant.baselines.features.opencv_features import OpencvFeatures
 from pliant.baselines.features.orientation import intensity_centroid_deg
-from pliant.baselines.features.sift import Sift
 from pliant.baselines.features.surf import MahotasSurf
 
 Floats = npt.NDArray[np.float64]
 
 FEATURES: dict[str, Callable[[], LocalFeatures]] = {
-    "sift": Sift,
-    "orb": Orb,
+    "sift": partial(OpencvFeatures, "sift"),
+    "orb": partial(OpencvFeatures, "orb"),
     "surf": MahotasSurf,
 }
 

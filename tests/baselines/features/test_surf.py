@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pliant.baselines.features.surf import MahotasSurf, OpencvSurf, open_surf, surf
+from pliant.baselines.features.opencv_features import OpencvFeatures
+from pliant.baselines.features.surf import MahotasSurf, open_surf
+from pliant.baselines.methods import local_feature
 from pliant.spec.errors import MissingExtraError
 
 
@@ -28,6 +30,9 @@ class FakeSurf:
         if image.max() == image.min():
             return [], None
         return self.compute(image, [FakeKeypoint(3.25, 4, 9, 0, 0, 0, 0)])
+
+    def descriptorSize(self) -> int:  # noqa: N802
+        return 64
 
     def compute(self, image: Any, keypoints: list[Any]) -> tuple[list[Any], Any]:
         back = keypoints[::-1]  # OpenCV may reorder
@@ -51,8 +56,8 @@ def opencv_with_surf(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("opencv_with_surf")
 def test_opencvs_surf_is_preferred_and_named() -> None:
     features = open_surf()
-    assert isinstance(features, OpencvSurf)
-    facts = surf().describe()
+    assert isinstance(features, OpencvFeatures)
+    facts = local_feature("surf").describe()
     assert (facts["name"], facts["implementation"]) == ("surf", "opencv")
     assert facts["version"] == "4.11.0-nonfree"
     image = np.arange(100, dtype=np.uint8).reshape(10, 10)
@@ -66,7 +71,7 @@ def test_opencvs_surf_is_preferred_and_named() -> None:
 
 def test_mahotas_runs_where_opencv_has_none() -> None:
     assert isinstance(open_surf(), MahotasSurf)
-    facts = surf().describe()
+    facts = local_feature("surf").describe()
     assert (facts["name"], facts["implementation"]) == ("surf", "mahotas")
     assert facts["version"]
 
@@ -89,7 +94,7 @@ def test_neither_is_said_in_one_sentence(monkeypatch: pytest.MonkeyPatch) -> Non
     for name in ("cv2", "mahotas", "mahotas.features"):
         monkeypatch.setitem(sys.modules, name, None)
     with pytest.raises(MissingExtraError, match=r"pip install 'pliant\[classical\]'") as caught:
-        surf()
+        local_feature("surf")
     assert caught.value.exit_code == 2
 
 
@@ -103,5 +108,5 @@ def test_points_near_the_edge_are_described() -> None:
 
 
 def test_travels_to_another_process() -> None:
-    matcher = pickle.loads(pickle.dumps(surf()))
-    assert matcher.describe() == surf().describe()
+    matcher = pickle.loads(pickle.dumps(local_feature("surf")))
+    assert matcher.describe() == local_feature("surf").describe()

@@ -1,0 +1,238 @@
+"""The local features of OpenCV, one recipe each.
+
+SIFT (Lowe, IJCV 2004), ORB (Rublee and others, ICCV 2011) and SURF (Bay and others, CVIU 2008), and
+four descriptors whose learned weights are compiled into OpenCV's contributed modules: VGG-120
+(Simonyan and others, PAMI 2014), BoostDesc (Trzcinski and others, PAMI 2015), BEBLID and TEBLID
+(Suarez and others, PRL 2020 and RA-L 2021). The learned ones describe SIFT's keypoints.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from pliant.baselines.features.local_features import DENSE_LIMIT, Keypoints
+from pliant.baselines.features.nearest import Descriptors, Metric
+from pliant.baselines.features.opencv import (
+    PADDING_PX,
+    described,
+    keypoints_at,
+    load_opencv,
+    padded,
+    positions,
+)
+from pliant.baselines.features.orientation import dominant_gradient_deg, intensity_centroid_deg
+from pliant.baselines.pixels import HALF_PIXEL
+
+SIFT_LAYER: Final = 1
+"""Layer of SIFT's octave in which given pixels are described: the first with keypoints."""
+
+MAX_ORB_KEYPOINTS: Final = 2000
+ORB_PATCH_PX: Final = 31
+ORB_PYRAMID_FACTOR: Final = 1.2
+
+SURF_SCALE_PX: Final = 3.0
+"""Scale at which SURF describes given pixels; the descriptor covers a square of 20 scales."""
+
+HESSIAN_THRESHOLD: Final = 100.0
+"""SURF's detector threshold in OpenCV (its default), on 8-bit images."""
+
+SIFT_WINDOW: Final = 6.75
+"""Side of a learned descriptor's window in sizes of a SIFT keypoint, as OpenCV recommends."""
+
+Image = npt.NDArray[np.uint8]
+Float32 = npt.NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """How OpenCV runs one local feature.
+
+    Attributes:
+        describer: OpenCV `Feature2D` that computes the descriptors.
+        metric: Distance between descriptors.
+        size_px: Size of a keypoint at a given pixel, in the convention of `describer`.
+        facts: Settings for the submission's footer.
+        octave: OpenCV's packed octave field of a keypoint at a given pixel.
+        orientation: (image, positions (N, 2)) -> degrees (N,) at given pixels; None leaves it to
+            `describer`.
+        detector: `Feature2D` whose keypoints are described; None takes `describer`.
+        positions: (keypoints, (H, W)) -> float32 (N, 2), in Pliant's pixel convention.
+        dense_limit: Descriptors computed over a target at most.
+    """
+
+    describer: Any
+    metric: Metric
+    size_px: float
+    facts: Mapping[str, Any]
+    octave: int = 0
+    orientation: Callable[[Image, Float32], npt.NDArray[np.float64]] | None = None
+    detector: Any = None
+    positions: Callable[[list[Any], tuple[int, ...]], Float32] = positions
+    dense_limit: int = DENSE_LIMIT
+
+
+def _sift(cv2: Any, octave: int = 0) -> Recipe:
+    """SIFT: a fixed scale and the dominant gradient direction at given pixels."""
+    scale_px = float(1.6 * 2 ** (octave + SIFT_LAYER / 3))
+    return Recipe(
+        # The default pyramid, doubled by plain resizing, puts keypoints 0.25 px too far to the
+        # right and down; the precise one does not.
+        describer=cv2.SIFT_create(enable_precise_upscale=True),
+        metric="euclidean",
+        size_px=2 * scale_px,
+        facts={"query_scale_px": round(scale_px, 3), "query_orientation": "dominant gradient"},
+        octave=octave | SIFT_LAYER << 8,
+        orientation=partial(dominant_gradient_deg, cv2, scale_px=scale_px),
+    )
+
+
+def _orb(cv2: Any) -> Recipe:
+    """ORB: full resolution and the intensity centroid of the patch at given pixels."""
+    return Recipe(
+        describer=cv2.ORB_create(
+            nfeatures=MAX_ORB_KEYPOINTS, scaleFactor=ORB_PYRAMID_FACTOR, patchSize=ORB_PATCH_PX
+        ),
+        metric="hamming",
+        size_px=ORB_PATCH_PX,
+        facts={
+            "max_keypoints": MAX_ORB_KEYPOINTS,
+            "query_patch_px": ORB_PATCH_PX,
+            "query_orientation": "intensity centroid",
+        },
+        orientation=partial(intensity_centroid_deg, radius_px=ORB_PATCH_PX // 2),
+        positions=_orb_positions,
+    )
+
+
+def _orb_positions(keypoints: list[Any], shape: tuple[int, ...]) -> Float32:
+    """Return where ORB's keypoints are.
+
+    A keypoint of level l is a whole pixel i of an image shrunk by 1.2^l, and OpenCV reports
+    i·1.2^l. Its centre is at (i + 0.5)·f in Pliant's convention, with f the true ratio of the two
+    images' sides, which are whole pixels too. On level 7 this is 1.8 px and more from what OpenCV
+    reports.
+    """
+    xy = np.array([keypoint.pt for keypoint in keypoints])  # (N, 2)
+    nominal = ORB_PYRAMID_FACTOR ** np.array([[keypoint.octave] for keypoint in keypoints])
+    side = np.array(shape[::-1])
+    factor = side / np.rint(side / nominal)  # (N, 2)
+    return ((np.rint(xy / nominal) + HALF_PIXEL) * factor).astype(np.float32)
+
+
+def _surf(cv2: Any) -> Recipe:
+    """SURF of a build with the non-free algorithms; it finds the orientation itself."""
+    return Recipe(
+        describer=cv2.xfeatures2d.SURF_create(hessianThreshold=HESSIAN_THRESHOLD),
+        metric="euclidean",
+        # A SURF keypoint's size is 9/1.2 times its scale (the 9 px filter stands for 1.2 px).
+        size_px=SURF_SCALE_PX * 9 / 1.2,
+        facts={
+            "hessian_threshold": HESSIAN_THRESHOLD,
+            "query_scale_px": SURF_SCALE_PX,
+            "query_orientation": "the method's own",
+        },
+    )
+
+
+def _learned(cv2: Any, describer: str, metric: Metric, dense_limit: int = DENSE_LIMIT) -> Recipe:
+    """Return a learned descriptor of SIFT's keypoints, or of given pixels turned as SIFT's are."""
+    sift = _sift(cv2)
+    create = getattr(cv2.xfeatures2d, f"{describer}_create")
+    return replace(
+        sift,
+        describer=create(scale_factor=SIFT_WINDOW),
+        metric=metric,
+        facts={**sift.facts, "keypoints": "sift", "window": SIFT_WINDOW},
+        detector=sift.describer,
+        dense_limit=dense_limit,
+    )
+
+
+RECIPES: Final[dict[str, Callable[..., Recipe]]] = {
+    "sift": _sift,
+    "surf": _surf,
+    "orb": _orb,
+    "vgg": partial(_learned, describer="VGG", metric="euclidean", dense_limit=2_500),
+    "boostdesc": partial(_learned, describer="BoostDesc", metric="hamming", dense_limit=10_000),
+    "beblid": partial(_learned, describer="BEBLID", metric="hamming"),
+    "teblid": partial(_learned, describer="TEBLID", metric="hamming"),
+}
+"""Name -> recipe, from the `cv2` module. A VGG descriptor takes 1.5 ms, BoostDesc 0.3 ms, the
+others less than 0.06 ms: hence their limits."""
+
+CONTRIBUTED: Final = frozenset({"surf", "vgg", "boostdesc", "beblid", "teblid"})
+"""Recipes that need OpenCV's contributed module xfeatures2d."""
+
+
+class OpencvFeatures:
+    """A local feature of OpenCV, at its own keypoints or at given pixels.
+
+    Args:
+        name: One of `RECIPES`.
+        settings: Arguments of the recipe (SIFT: `octave` in which given pixels are described).
+
+    Raises:
+        MissingExtraError: OpenCV is not installed, or lacks the contributed modules.
+    """
+
+    def __init__(self, name: str, **settings: Any) -> None:
+        self.name = name
+        self._settings = settings
+        self._cv2 = load_opencv(name.upper(), "xfeatures2d" if name in CONTRIBUTED else "")
+        self._recipe = RECIPES[name](self._cv2, **settings)
+        self.metric: Metric = self._recipe.metric
+        self.dense_limit = self._recipe.dense_limit
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # OpenCV's objects cannot be sent to another process
+        return partial(OpencvFeatures, self.name, **self._settings), ()
+
+    def facts(self) -> Mapping[str, Any]:
+        """Return settings and versions for the submission's footer."""
+        return {
+            "implementation": "opencv",
+            "version": str(self._cv2.__version__),
+            **self._recipe.facts,
+        }
+
+    def detect(self, grey: Image) -> Keypoints:
+        """Find and describe the image's own keypoints.
+
+        Args:
+            grey: uint8 (H, W).
+        """
+        recipe = self._recipe
+        if recipe.detector is None:
+            keypoints, descriptors = recipe.describer.detectAndCompute(grey, None)
+        else:
+            keypoints = recipe.detector.detect(grey, None)
+            keypoints, descriptors = recipe.describer.compute(grey, keypoints)
+        if not keypoints:
+            return Keypoints(np.zeros((0, 2), np.float32), described(recipe.describer, grey, []))
+        return Keypoints(recipe.positions(keypoints, grey.shape), descriptors)
+
+    def describe_at(self, grey: Image, uv_px: Float32) -> Descriptors:
+        """Describe the patches around given positions; ORB rounds them to whole pixels.
+
+        Args:
+            grey: uint8 (H, W).
+            uv_px: float32 (N, 2), inside the image.
+
+        Returns:
+            float32 (N, D), or uint8 (N, D) of packed bits.
+        """
+        recipe, image = self._recipe, padded(grey)
+        angle_deg = np.zeros(len(uv_px))
+        if recipe.orientation is not None:
+            angle_deg = recipe.orientation(image, uv_px + PADDING_PX)
+        keypoints = keypoints_at(
+            self._cv2, uv_px, angle_deg, size_px=recipe.size_px, octave=recipe.octave
+        )
+        found = described(recipe.describer, image, keypoints)
+        return found.astype(np.uint8, copy=False) if self.metric == "hamming" else found
