@@ -1,0 +1,147 @@
+"""Optical flow, chained through the frames of an episode with a forward-backward check.
+
+Lucas and Kanade (IJCAI 1981) in the pyramid of Bouguet (2000), dense inverse search (Kroeger and
+others, ECCV 2016) and robust local optical flow (Senst and others, IEEE TCSVT 2012), all by OpenCV.
+The check is that of Kalal and others (ICPR 2010): a point that is followed to the next frame and
+back must return to where it started.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from pliant.baselines.features.local_features import SMALLEST_SIDE_PX
+from pliant.baselines.features.opencv import load_opencv
+from pliant.baselines.matcher import Answers, View
+from pliant.baselines.pixels import HALF_PIXEL, luma
+
+Float32 = npt.NDArray[np.float32]
+Image = npt.NDArray[np.uint8]
+Bools = npt.NDArray[np.bool_]
+
+WINDOW_PX: Final = 15
+"""Side of the window that Lucas-Kanade compares."""
+
+PYRAMID_LEVELS: Final = 3
+"""Levels above the full resolution."""
+
+RETURN_PX: Final = 1.0
+"""A point that returns farther than this from where it started was lost."""
+
+MOST_RETURN_PX: Final = 16.0
+"""Farther returns count as this in sigma."""
+
+SIGMA_PX: Final = 0.3
+"""Sigma of a point that was not moved."""
+
+SIGMA_RETURN: Final = 2.0
+"""Sigma per distance at which a point returns."""
+
+SIGMA_FRAME_PX: Final = 0.05
+"""Sigma per frame."""
+
+
+def _lucas_kanade(cv2: Any, a: Image, b: Image, xy: Float32) -> tuple[Float32, Bools]:
+    found, status, _ = cv2.calcOpticalFlowPyrLK(
+        luma(a), luma(b), xy[:, None], None,
+        winSize=(WINDOW_PX, WINDOW_PX), maxLevel=PYRAMID_LEVELS,
+    )  # fmt: skip
+    return found[:, 0], status[:, 0] > 0
+
+
+def _robust_local(cv2: Any, a: Image, b: Image, xy: Float32) -> tuple[Float32, Bools]:
+    # Points are one row, (1, N, 2): as a column it returns memory that it never wrote.
+    found, status, _ = cv2.optflow.calcOpticalFlowSparseRLOF(a, b, xy[None], xy[None].copy())
+    return found.reshape(-1, 2), status.ravel() > 0
+
+
+def _inverse_search(cv2: Any, a: Image, b: Image, xy: Float32) -> tuple[Float32, Bools]:
+    dense = cv2.DISOpticalFlow_create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+    dense.setFinestScale(0)
+    flow = dense.calc(luma(a), luma(b), None)  # (H, W, 2)
+    moved = cv2.remap(
+        flow, xy[None, :, 0], xy[None, :, 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    )[0]
+    return xy + moved, np.ones(len(xy), dtype=np.bool_)
+
+
+FLOWS: Final[dict[str, Callable[[Any, Image, Image, Float32], tuple[Float32, Bools]]]] = {
+    "lk-chain": _lucas_kanade,
+    "dis-chain": _inverse_search,
+    "rlof-chain": _robust_local,
+}
+"""Name -> (cv2, image, next image, points (N, 2) in OpenCV's convention) -> where they are in the
+next image, float32 (N, 2), and which were followed, bool (N,)."""
+
+
+class FlowChain:
+    """Follows points from frame to frame by optical flow.
+
+    A point that fails the forward-backward check stays where it was last seen, is answered as
+    hidden, and is tried again in the next frame. Sigma² is the sum of the squares of three terms:
+    a floor, the distances at which the point returned, and the number of frames. A pair that is
+    not of one episode is one step.
+
+    Args:
+        name: One of `FLOWS`.
+
+    Raises:
+        MissingExtraError: OpenCV is not installed, or lacks the contributed module.
+    """
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self._flow = FLOWS[name]
+        self._opencv()
+
+    def _opencv(self) -> Any:
+        needed = "optflow" if self.name == "rlof-chain" else ""
+        return load_opencv(f"optical flow ({self.name})", needed)
+
+    def describe(self) -> Mapping[str, Any]:
+        """Return name, settings and version for the submission's footer."""
+        return {
+            "name": self.name,
+            "implementation": "opencv",
+            "version": str(self._opencv().__version__),
+            "return_px": RETURN_PX,
+        }
+
+    def answer(self, source: View, target: View, uv_a_px: Float32) -> Answers:
+        """Answer query pixels by a single step; see `Matcher`."""
+        return next(self.track([source, target], uv_a_px))
+
+    def track(self, views: Iterable[View], uv_px: Float32) -> Iterator[Answers]:
+        """Carry points through consecutive frames; see `TrackMatcher`."""
+        frames = iter(views)
+        before = next(frames).rgb
+        uv_px = np.array(uv_px, dtype=np.float32)
+        returned = np.zeros(len(uv_px))  # px²
+        for number, view in enumerate(frames, start=1):
+            moved_px, back_px = self._step(before, view.rgb, uv_px)
+            kept = back_px < RETURN_PX
+            uv_px = np.where(kept[:, None], moved_px, uv_px)
+            uv_px = uv_px.clip(0, view.rgb.shape[1::-1]).astype(np.float32)
+            returned += np.minimum(back_px, MOST_RETURN_PX) ** 2
+            variance = SIGMA_PX**2 + SIGMA_RETURN**2 * returned + (SIGMA_FRAME_PX * number) ** 2
+            yield Answers(uv_px, kept.astype(np.float32), np.sqrt(variance).astype(np.float32))
+            before = view.rgb
+
+    def _step(self, a: Image, b: Image, uv_px: Float32) -> tuple[Float32, Float32]:
+        """Return where points are in the next image, and how far off they return (inf: lost)."""
+        if len(uv_px) == 0 or min(a.shape[:2] + b.shape[:2]) < SMALLEST_SIDE_PX:
+            return uv_px, np.full(len(uv_px), np.inf, dtype=np.float32)
+        cv2 = self._opencv()
+        scale = np.array(b.shape[1::-1], dtype=np.float32) / a.shape[1::-1]
+        if a.shape != b.shape:
+            b = cv2.resize(b, a.shape[1::-1], interpolation=cv2.INTER_AREA)
+        start = uv_px - np.float32(HALF_PIXEL)
+        there, forward = self._flow(cv2, a, b, start)
+        back, backward = self._flow(cv2, b, a, there)
+        seen = forward & backward & np.isfinite(there).all(axis=1) & np.isfinite(back).all(axis=1)
+        apart = np.hypot(*np.where(seen[:, None], back - start, np.inf).T)
+        return (np.where(seen[:, None], there, start) + HALF_PIXEL) * scale, apart

@@ -1,0 +1,98 @@
+"""Points followed by optical flow through frames whose motion is known."""
+
+from __future__ import annotations
+
+import pickle
+import sys
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from pliant.baselines import METHODS, TrackMatcher, View
+from pliant.baselines.flow import FLOWS, FlowChain
+from pliant.spec.errors import MissingExtraError
+from tests.baselines.contributed import needs_contributed_opencv
+
+pytest.importorskip("cv2")
+
+CHAINS = [
+    pytest.param(name, marks=needs_contributed_opencv if name == "rlof-chain" else ())
+    for name in FLOWS
+]
+ViewOf = Callable[..., View]
+Floats = npt.NDArray[np.float64]
+
+
+def chain(name: str) -> FlowChain:
+    matcher = METHODS[name]()
+    assert isinstance(matcher, FlowChain)
+    assert isinstance(matcher, TrackMatcher)
+    return matcher
+
+
+@pytest.mark.parametrize("name", CHAINS)
+def test_points_follow_a_turn_of_72_degrees_in_small_steps(
+    name: str, pose: Any, view_of: ViewOf, card_queries: Floats
+) -> None:
+    poses = [pose(angle_deg=4 * step, centre=(120 + step, 100)) for step in range(19)]
+    start = poses[0].place(card_queries).astype(np.float32)
+    last = list(chain(name).track([view_of(each) for each in poses], start))[-1]
+    error_px = np.hypot(*(last.uv_px - poses[-1].place(card_queries)).T)
+    assert np.median(error_px) < 3  # windows do not turn, so each step drifts
+    assert last.visible is not None
+    assert last.visible.mean() > 0.95
+    at_once = chain(name).answer(view_of(poses[0]), view_of(poses[-1]), start)
+    assert np.median(np.hypot(*(at_once.uv_px - poses[-1].place(card_queries)).T)) > 10
+
+
+@pytest.mark.parametrize("name", CHAINS)
+def test_a_point_that_does_not_return_stays_and_is_hidden(
+    name: str, pose: Any, view_of: ViewOf
+) -> None:
+    """The left half of the next frame is another texture; the right half moves by (2.5, 0)."""
+    before, after = pose(), pose(centre=(122.5, 100))
+    target = view_of(after).rgb.copy()
+    other = np.random.default_rng(0).integers(0, 256, (*target[:, :120].shape[:2], 1))
+    target[:, :120] = other
+    card = np.stack(np.meshgrid(np.arange(-50, 51, 5), np.arange(-50, 51, 5)), -1).reshape(-1, 2)
+    start = before.place(card).astype(np.float32)
+    left, right = start[:, 0] < 95, start[:, 0] > 145
+    answers = chain(name).answer(view_of(before), View(target), start)
+    assert answers.visible is not None
+    assert answers.sigma_px is not None
+    assert answers.visible[left].mean() < 0.4
+    assert answers.visible[right].mean() > 0.95
+    lost = answers.visible == 0
+    np.testing.assert_array_equal(answers.uv_px[lost], start[lost])
+    assert answers.sigma_px[lost].min() > answers.sigma_px[right & ~lost].max()
+    moved = answers.uv_px[right] - start[right]
+    np.testing.assert_allclose(np.median(moved, axis=0), [2.5, 0], atol=0.1)
+
+
+@pytest.mark.parametrize("name", CHAINS)
+def test_small_blank_and_unequal_images_are_answered(name: str) -> None:
+    query = np.array([[0.5, 0.5]], dtype=np.float32)
+    speck = View(np.full((1, 1, 3), 90, dtype=np.uint8))
+    assert chain(name).answer(speck, speck, query).uv_px.tolist() == [[0.5, 0.5]]
+    noise = np.random.default_rng(1).integers(0, 256, (60, 80, 3)).astype(np.uint8)
+    twice = View(np.repeat(np.repeat(noise, 2, axis=0), 2, axis=1))
+    found = chain(name).answer(View(noise), twice, np.array([[40.5, 30.5]], dtype=np.float32))
+    np.testing.assert_allclose(found.uv_px, [[81, 61]], atol=0.3)
+    none = chain(name).answer(View(noise), View(noise), np.zeros((0, 2), dtype=np.float32))
+    assert none.uv_px.shape == (0, 2)
+
+
+def test_chains_travel_to_another_process() -> None:
+    assert pickle.loads(pickle.dumps(chain("lk-chain"))).describe() == chain("lk-chain").describe()
+
+
+def test_opencv_without_its_contributed_modules_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "cv2", SimpleNamespace(__version__="4"))
+    with pytest.raises(MissingExtraError, match=r"contributed module optflow.*'classical'"):
+        chain("rlof-chain")
+    with pytest.raises(MissingExtraError, match=r"contributed module xfeatures2d.*'classical'"):
+        METHODS["vgg"]()
