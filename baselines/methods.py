@@ -9,7 +9,9 @@ from pliant.baselines.controls import Identity, MaskCentroid, Oracle, RandomInMa
 from pliant.baselines.features.local_features import LocalFeatureMatcher
 from pliant.baselines.features.opencv_features import OpencvFeatures
 from pliant.baselines.features.surf import open_surf
+from pliant.baselines.flow import FlowChain
 from pliant.baselines.matcher import Matcher, SplitMatcher
+from pliant.baselines.outline import ClothOutline
 from pliant.baselines.tracing import RopeTracer
 
 Make = Callable[[], Matcher | SplitMatcher]
@@ -48,6 +50,21 @@ METHODS: dict[str, Make] = {
             "boostdesc": "Learned descriptor BinBoost (Trzcinski et al., 2015), by OpenCV.",
             "beblid": "Learned descriptor BEBLID (Suárez et al., 2020), by OpenCV.",
             "teblid": "Learned descriptor TEBLID (Suárez et al., 2021), by OpenCV.",
+        },
+    ),
+    **_named(
+        FlowChain,
+        {
+            "lk-chain": "Lucas-Kanade optical flow chained through the frames of an episode.",
+            "dis-chain": "Dense inverse search (Kroeger et al., 2016), chained likewise.",
+            "rlof-chain": "Robust local optical flow (Senst et al., 2012), chained likewise.",
+        },
+    ),
+    **_named(
+        ClothOutline,
+        {
+            "cloth-homography": "Homography of the four corners of a cloth's mask.",
+            "cloth-tps": "Thin-plate spline through the outline of a cloth's mask.",
         },
     ),
     "rope-tracer": RopeTracer,

@@ -70,7 +70,7 @@ def test_run_folder_is_a_method(
         (
             {"METHOD": "siftt"},
             2,
-            "no method 'siftt'; required: one of sift, surf, orb, rope-tracer",
+            "no method 'siftt'; required: one of sift, surf, orb, vgg",
         ),
         ({"METHOD": "siftt"}, 2, "Did you mean sift?"),
         ({"--data": "nowhere"}, 1, "nowhere: this is no Pliant dataset"),

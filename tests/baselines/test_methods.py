@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -179,6 +181,12 @@ def test_heat_peaks_at_the_answer(
     assert target.mask is not None
     np.testing.assert_array_equal(np.isfinite(heat.values), target.mask)
     assert 0.1 < heat.confidence <= 1
+
+
+def test_every_method_is_documented() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "methods-classical.md").read_text("utf-8")
+    named = set(re.findall(r"`([a-z0-9-]+)`", page)) | set(re.findall(r"SIFT|SURF|ORB", page))
+    assert {name for name in METHODS if not {name, name.upper()} & named} == set()
 
 
 def test_remembered_frames_change_nothing(pose: Any, view_of: ViewOf, card_queries: Floats) -> None:

@@ -1,0 +1,151 @@
+"""Baselines for cloth: its places by the four corners, or the whole outline, of its mask."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import RBFInterpolator
+
+from pliant.baselines.features.opencv import load_opencv
+from pliant.baselines.lru_cache import LRUCache
+from pliant.baselines.matcher import Answers, View
+from pliant.baselines.pixels import HALF_PIXEL, central_position
+
+Floats = npt.NDArray[np.float64]
+
+PLACES_PER_SIDE: Final = 12
+"""Places on each side of the outline that the thin-plate spline goes through."""
+
+UPRIGHT: Final = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+"""Directions of an upright cloth's corners from its middle, clockwise in the picture."""
+
+_KEPT_VIEWS: Final = 8
+
+
+def outline_sides(cv2: Any, mask: npt.NDArray[np.bool_]) -> Floats | None:
+    """Return the four sides of a mask's largest part, or None where it has no four corners.
+
+    The corners are those of the convex hull that are left when the corner with the smallest
+    triangle is taken away again and again. A blank cloth has no other mark of its orientation: of
+    the four ways to name the corners, the one closest to upright is taken, which is right for a
+    cloth turned by less than 45 degrees.
+
+    Args:
+        cv2: The OpenCV module.
+        mask: bool (H, W).
+
+    Returns:
+        float64 (4, `PLACES_PER_SIDE`, 2): top, right, bottom and left side, each from its corner at
+        equal distances along the outline; centre of the first pixel at (0.5, 0.5).
+    """
+    parts, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    if not parts:
+        return None
+    largest = max(parts, key=cv2.contourArea)[:, 0]  # (N, 2)
+    corners = _four_corners(np.sort(cv2.convexHull(largest, returnPoints=False)[:, 0]), largest)
+    if corners is None:
+        return None
+    contour = largest.astype(np.float64) + HALF_PIXEL
+    if _area(contour[corners]) < 0:
+        contour, corners = contour[::-1], np.sort(len(contour) - 1 - corners)
+    spread = contour[corners] - contour[corners].mean(axis=0)
+    fit = [(np.roll(spread, -first, axis=0) * UPRIGHT).sum() for first in range(4)]
+    first = int(np.argmax(fit))
+    contour = np.roll(contour, -corners[first], axis=0)
+    corners = np.sort((corners - corners[first]) % len(contour))
+    closed = np.concatenate([contour, contour[:1]])
+    length = np.concatenate([[0.0], np.hypot(*np.diff(closed, axis=0).T).cumsum()])
+    stops = length[[*corners, -1]]
+    share = np.arange(PLACES_PER_SIDE) / PLACES_PER_SIDE
+    at = stops[:-1, None] + share * np.diff(stops)[:, None]  # (4, PLACES_PER_SIDE)
+    return np.stack([np.interp(at, length, closed[:, axis]) for axis in (0, 1)], axis=-1)
+
+
+def _area(polygon: Floats) -> float:
+    """Return the signed area of a polygon, positive if clockwise in the picture."""
+    u, v = polygon.T
+    return float((u * np.roll(v, -1) - np.roll(u, -1) * v).sum() / 2)
+
+
+def _four_corners(
+    rows: npt.NDArray[Any], contour: npt.NDArray[Any]
+) -> npt.NDArray[np.int64] | None:
+    """Return the rows of the four corners among the rows of a contour's hull, ascending."""
+    rows = rows.astype(np.int64)
+    while len(rows) > 4:
+        at = contour[rows].astype(np.float64)
+        before, after = np.roll(at, 1, axis=0) - at, np.roll(at, -1, axis=0) - at
+        triangle = np.abs(before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0])
+        rows = np.delete(rows, triangle.argmin())
+    four = len(rows) == 4 and abs(_area(contour[rows].astype(np.float64))) >= 1
+    return rows if four else None
+
+
+def _homography(cv2: Any, source: Floats, target: Floats, uv_px: Floats) -> Floats:
+    """Carry places by the homography of the four corners."""
+    a, b = source[:, 0].astype(np.float32), target[:, 0].astype(np.float32)
+    matrix = cv2.getPerspectiveTransform(a, b)
+    moved: Floats = cv2.perspectiveTransform(uv_px[None], matrix)[0]
+    return moved
+
+
+def _thin_plate(cv2: Any, source: Floats, target: Floats, uv_px: Floats) -> Floats:
+    """Carry places by the thin-plate spline through the outline (Bookstein, PAMI 1989)."""
+    del cv2
+    spline = RBFInterpolator(
+        source.reshape(-1, 2), target.reshape(-1, 2), kernel="thin_plate_spline"
+    )
+    moved: Floats = spline(uv_px)
+    return moved
+
+
+WARPS: Final[dict[str, Callable[[Any, Floats, Floats, Floats], Floats]]] = {
+    "cloth-homography": _homography,
+    "cloth-tps": _thin_plate,
+}
+"""Name -> (cv2, sides in the source, sides in the target, places (N, 2)) -> places (N, 2)."""
+
+
+class ClothOutline:
+    """Carries places from one mask of a cloth to another by their outlines alone.
+
+    Where a mask is missing or has no four corners, the answer is the middle of the target.
+
+    Args:
+        name: One of `WARPS`.
+
+    Raises:
+        MissingExtraError: OpenCV is not installed.
+    """
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        load_opencv(name)
+        self._sides: LRUCache[Floats | None] = LRUCache(_KEPT_VIEWS)
+
+    def describe(self) -> Mapping[str, Any]:
+        """Return name and settings for the submission's footer."""
+        return {
+            "name": self.name,
+            "places_per_side": PLACES_PER_SIDE,
+            "orientation": "the one closest to upright",
+        }
+
+    def answer(self, source: View, target: View, uv_a_px: npt.NDArray[np.float32]) -> Answers:
+        """Answer query pixels; see `Matcher`."""
+        a, b = self._of(source), self._of(target)
+        uv_b_px = np.tile(central_position(target), (len(uv_a_px), 1))  # (N, 2)
+        if a is not None and b is not None and len(uv_a_px):
+            moved = WARPS[self.name](load_opencv(self.name), a, b, uv_a_px.astype(np.float64))
+            finite = np.isfinite(moved).all(axis=1)
+            uv_b_px[finite] = moved[finite].clip(0, target.rgb.shape[1::-1])
+        return Answers(uv_b_px)
+
+    def _of(self, view: View) -> Floats | None:
+        mask = view.mask
+        if mask is None:
+            return None
+        return self._sides.get(view.key, lambda: outline_sides(load_opencv(self.name), mask))

@@ -1,0 +1,114 @@
+"""Cloths whose corners and outline are known in closed form."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from pliant.baselines import METHODS, View
+from pliant.baselines.outline import WARPS, ClothOutline, outline_sides
+
+cv2: Any = pytest.importorskip("cv2")
+
+Floats = npt.NDArray[np.float64]
+Warp = Callable[[Floats], Floats]
+SIZE = (240, 200)
+
+
+def warp(name: str) -> ClothOutline:
+    made = METHODS[name]()
+    assert isinstance(made, ClothOutline)
+    return made
+
+
+def view_of(place: Warp) -> View:
+    """A unit square carried to the picture, its outline filled."""
+    t = np.linspace(-1, 1, 200)
+    top = np.stack([t, np.full_like(t, -1)], axis=1)
+    outline = np.concatenate([top, top[:, ::-1] * [-1, 1], -top, -top[:, ::-1] * [-1, 1]])
+    mask = np.zeros(SIZE[::-1], dtype=np.uint8)
+    cv2.fillPoly(mask, [np.rint(place(outline) - 0.5).astype(np.int32)], 1)
+    return View(np.zeros((*mask.shape, 3), dtype=np.uint8), mask=mask > 0)
+
+
+def turned(angle_deg: float, scale: float = 60.0, tilt: float = 0.0) -> Warp:
+    def place(uv: Floats) -> Floats:
+        angle = np.radians(angle_deg)
+        matrix = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+        return scale * (uv @ matrix.T) / (1 + tilt * uv[:, :1]) + [120.0, 100.0]
+
+    return place
+
+
+def bulged(uv: Floats) -> Floats:
+    """A cloth whose sides bend inwards by 12 px, its corners in place."""
+    inwards = np.stack([uv[:, 0] * (1 - uv[:, 1] ** 2), uv[:, 1] * (1 - uv[:, 0] ** 2)], axis=1)
+    return uv * 60 - 12 * inwards + [120.0, 100.0]
+
+
+INSIDE = np.random.default_rng(0).uniform(-0.8, 0.8, (50, 2))
+
+
+@pytest.mark.parametrize("name", WARPS)
+@pytest.mark.parametrize("angle_deg", [-40, 0, 17, 40])
+def test_a_flat_cloth_is_carried_through_a_turn(name: str, angle_deg: float) -> None:
+    a, b = turned(-35), turned(angle_deg, scale=50)
+    answers = warp(name).answer(view_of(a), view_of(b), a(INSIDE).astype(np.float32))
+    assert np.hypot(*(answers.uv_px - b(INSIDE)).T).max() < 2.5
+
+
+def test_the_homography_follows_a_perspective() -> None:
+    a, b = turned(0), turned(10, scale=45, tilt=0.3)
+    found = warp("cloth-homography").answer(view_of(a), view_of(b), a(INSIDE).astype(np.float32))
+    assert np.hypot(*(found.uv_px - b(INSIDE)).T).max() < 2.5
+
+
+def test_the_spline_follows_bent_sides_and_the_homography_does_not() -> None:
+    a = turned(0)
+    near_side = np.stack([np.linspace(-0.3, 0.3, 9), np.full(9, 0.9)], axis=1)
+    error_px = {}
+    for name in WARPS:
+        found = warp(name).answer(view_of(a), view_of(bulged), a(near_side).astype(np.float32))
+        error_px[name] = float(np.hypot(*(found.uv_px - bulged(near_side)).T).max())
+    assert error_px["cloth-tps"] < 3
+    assert error_px["cloth-homography"] > 6
+
+
+def test_beyond_45_degrees_a_blank_cloth_is_named_by_its_nearest_upright_corner() -> None:
+    """60 degrees look like -30: every corner is its neighbour's."""
+    a, b = turned(0), turned(60)
+    found = warp("cloth-homography").answer(view_of(a), view_of(b), a(INSIDE).astype(np.float32))
+    assert np.hypot(*(found.uv_px - turned(-30)(INSIDE)).T).max() < 2.5
+
+
+def test_sides_start_at_the_top_left_and_go_clockwise() -> None:
+    mask = np.zeros((40, 50), dtype=np.bool_)
+    mask[10:31, 5:46] = True
+    mask[0, 0] = True  # a speck elsewhere
+    sides = outline_sides(cv2, mask)
+    assert sides is not None
+    expected = [[5.5, 10.5], [45.5, 10.5], [45.5, 30.5], [5.5, 30.5]]
+    np.testing.assert_allclose(sides[:, 0], expected)
+    np.testing.assert_allclose(sides[0, 6], [25.5, 10.5])
+
+
+@pytest.mark.parametrize("name", WARPS)
+def test_masks_without_four_corners_are_answered_by_the_middle(name: str) -> None:
+    rgb = np.zeros((40, 50, 3), dtype=np.uint8)
+    full = view_of(turned(0))
+    query = np.array([[20, 20]], dtype=np.float32)
+    speck = np.zeros((40, 50), dtype=np.bool_)
+    speck[3, 7:9] = True
+    for mask, middle in ((None, [25, 20]), (speck & False, [25, 20]), (speck, [8, 3.5])):
+        answers = warp(name).answer(full, View(rgb, mask=mask), query)
+        assert answers.uv_px.tolist() == [middle]
+    assert warp(name).answer(full, full, query[:0]).uv_px.shape == (0, 2)
+
+
+def test_outlines_travel_to_another_process() -> None:
+    assert pickle.loads(pickle.dumps(warp("cloth-tps"))).name == "cloth-tps"
