@@ -26,7 +26,14 @@ _METRICS = {
         "nll",
         "ece",
     ),
-    "track": ("rmse_px_after_10", "rmse_px_after_20", "median_px", "jitter_px", "aj"),
+    "track": (
+        "rmse_px_after_10",
+        "rmse_px_after_20",
+        "rmse_px_moving",
+        "median_px",
+        "jitter_px",
+        "aj",
+    ),
 }
 
 

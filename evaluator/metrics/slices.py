@@ -13,6 +13,7 @@ import pyarrow as pa
 from pliant.evaluator.arrays import BoolArray, FloatArray, IntArray
 from pliant.evaluator.metrics.base import Groups, Metric, Positive, ScoringContext, Summary
 from pliant.evaluator.metrics.errors import endpoint_error_px
+from pliant.evaluator.statistics.ratios import Figure, Ratio
 from pliant.evaluator.submission.blocks import Block
 from pliant.spec.configuration import configuration
 from pliant.spec.conventions import VISIBILITY_STATES
@@ -26,15 +27,19 @@ class SlicesSettings:
 
     Attributes:
         displacement_px: Edges of the slices by the distance between query and true position.
-        silhouette_px: Edges of the slices by the distance to the object's silhouette.
+        silhouette_px: Edges of the slices by the distance to the object's silhouette; none leaves
+            out these slices, and the reading of surface images.
         coverage: Edges of the slices by the share of a cloth that is covered.
         within_px: Threshold of the share that is given for each slice.
+        moving_px: A point moves if its true position is farther than this from the query; None
+            gives no figures of moving points.
     """
 
     displacement_px: tuple[float, ...]
     silhouette_px: tuple[float, ...]
     coverage: tuple[float, ...]
     within_px: Positive
+    moving_px: Positive | None = None
 
 
 class _Tally:
@@ -71,6 +76,24 @@ class Slices(Metric[SlicesSettings]):
     truth_columns = ("point",)
     query_pixels = True
 
+    @staticmethod
+    def figures(settings: SlicesSettings) -> list[Figure]:
+        """Return the figures over the points that move."""
+        if settings.moving_px is None:
+            return []
+        over = f"over the points that move by more than {settings.moving_px:g} px"
+        within = f"{settings.within_px:g}"
+        return [
+            Ratio(
+                "rmse_px_moving", "lower", "px", f"root mean squared error, pooled {over}",
+                "RMSE, moving points", "moving_squared_px2", "moving_counted", root=True,
+            ),
+            Ratio(
+                f"pck_{within}px_moving", "higher", "", f"share within {within} px, {over}",
+                f"PCK {within} px, moving points", "moving_within", "moving_counted",
+            ),
+        ]  # fmt: skip
+
     def __init__(self, settings: SlicesSettings, context: ScoringContext) -> None:
         super().__init__(settings, context)
         self._state = _Tally(VISIBILITY_STATES)
@@ -83,11 +106,23 @@ class Slices(Metric[SlicesSettings]):
         finite = np.isfinite(block.error_px)  # a hidden point may have no position
         self._state.add(block.state[finite], block.error_px[finite], within[finite])
         counted = block.counted
-        self.add_sums(block, within_slice=within & counted)
+        self.add_sums(
+            block,
+            within_slice=within & counted,
+            slice_error_px=np.where(counted, block.error_px, 0.0),
+            slice_squared_px2=np.where(counted, block.squared_px2, 0.0),
+        )
         if block.uv_a_px is not None:
-            moved = endpoint_error_px(block.true_px[counted], block.uv_a_px[counted])
-            index = np.digitize(moved, self.settings.displacement_px)
+            moved = endpoint_error_px(block.true_px, block.uv_a_px)
+            index = np.digitize(moved[counted], self.settings.displacement_px)
             self._displacement.add(index, block.error_px[counted], within[counted])
+            if self.settings.moving_px is not None:
+                moving = counted & (moved > self.settings.moving_px)
+                squared = np.where(moving, block.squared_px2, 0.0)
+                self.add_sums(block, moving_counted=moving, moving_within=within & moving)
+                self.add_sums(block, moving_squared_px2=squared)
+        if not self.settings.silhouette_px:
+            return
         facts = self.context.surfaces.facts(block, self.context.queries)
         known = facts.known & counted
         index = np.digitize(facts.silhouette_px[known], self.settings.silhouette_px)
@@ -129,7 +164,7 @@ class Slices(Metric[SlicesSettings]):
 
     def _by_pair(self, label: npt.NDArray[np.str_]) -> _Tally:
         """Return the tally of pairs by their label; pairs without one are left out."""
-        names = ("counted", "sum_error_px", "sum_squared_px2", "within_slice")
+        names = ("counted", "slice_error_px", "slice_squared_px2", "within_slice")
         tally = _Tally([text for text in np.unique(label).tolist() if text])
         for row, text in enumerate(tally.labels):
             tally.sums[row] = [self.table.columns[name][label == text].sum() for name in names]
@@ -137,6 +172,8 @@ class Slices(Metric[SlicesSettings]):
 
 
 def _labels(edges: Sequence[float], unit: str) -> list[str]:
+    if not edges:
+        return [""]
     words = [f"{edge:g}" for edge in edges]
     inner = [f"{low} to {high} {unit}" for low, high in pairwise(words)]
     result = [f"below {words[0]} {unit}", *inner, f"{words[-1]} {unit} and more"]

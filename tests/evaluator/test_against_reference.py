@@ -409,7 +409,8 @@ def test_every_metric_agrees_with_its_reference(kind: str, episodes: Any, tmp_pa
     for name in ("paper", "tapvid"):
         small = evaluate(path, episodes.root, protocol=name, allow_missing=kind == "holes")
         for metric, value in small.overall.items():
-            assert value == scores.overall[metric], (name, metric)
+            if not metric.endswith("_moving"):  # of tapvid alone: test_protocols.py
+                assert value == scores.overall[metric], (name, metric)
 
 
 def test_geodesic_errors_agree_with_a_reference(scene: Any, tmp_path: Path) -> None:
