@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Iterator
+from importlib.util import find_spec
 from typing import Any
 
 import click
@@ -32,6 +33,7 @@ def command(as_json: bool) -> None:
 def _methods() -> Iterator[dict[str, Any]]:
     """Yield name, origin, first line of documentation, and what is missing, of each method."""
     from pliant.baselines import METHODS
+    from pliant.baselines.modern import MODERN
     from pliant.baselines.plugins import plugged_in
     from pliant.models.shipped import shipped_names
     from pliant.spec.errors import MissingExtraError
@@ -43,6 +45,10 @@ def _methods() -> Iterator[dict[str, Any]]:
         except MissingExtraError as error:
             missing = error.fix
         yield _row(name, "built in", inspect.getdoc(make) or "", missing)
+    for name, network in MODERN.items():
+        found = find_spec(network.library) is not None
+        about = (inspect.getdoc(network) or "").partition("\n")[0] + " Takes --set weights=..."
+        yield _row(name, "network", about, None if found else f"library {network.library}")
     for name in shipped_names():
         yield _row(name, "shipped model", "Trained model; its card is in the package.", None)
     for name, entry in plugged_in().items():

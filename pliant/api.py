@@ -46,9 +46,10 @@ def open_method(method: str, **options: Any) -> Matcher | SplitMatcher:
     """Return a method by its name.
 
     Args:
-        method: A key of `pliant.baselines.METHODS`, the name of a shipped model, the name that an
-            installed package gives in the entry-point group `pliant.matchers`,
-            `path/to/my.py:Matcher`, `package.module:Matcher`, or the folder of a training run.
+        method: A key of `pliant.baselines.METHODS` or `pliant.baselines.modern.MODERN`, the name
+            of a shipped model, the name that an installed package gives in the entry-point group
+            `pliant.matchers`, `path/to/my.py:Matcher`, `package.module:Matcher`, or the folder of
+            a training run.
         options: Keyword arguments of the method's class or function.
 
     Raises:
@@ -57,12 +58,14 @@ def open_method(method: str, **options: Any) -> Matcher | SplitMatcher:
         MissingExtraError: The method's libraries are not installed.
     """
     from pliant.baselines import METHODS
+    from pliant.baselines.modern import MODERN
     from pliant.baselines.plugins import is_reference, make, open_plugin, plugged_in
     from pliant.models import load_matcher
     from pliant.models.shipped import load_shipped, shipped_names
 
-    if method in METHODS:
-        made: Matcher | SplitMatcher = make(METHODS[method], method, options)
+    builders: dict[str, Callable[..., Matcher | SplitMatcher]] = {**METHODS, **MODERN}
+    if method in builders:
+        made: Matcher | SplitMatcher = make(builders[method], method, options)
         return made
     shipped, plugged = shipped_names(), plugged_in()
     if method not in shipped and (method in plugged or is_reference(method)):
@@ -80,7 +83,7 @@ def open_method(method: str, **options: Any) -> Matcher | SplitMatcher:
         return load_shipped(method)
     if Path(method).is_dir():
         return load_matcher(Path(method))
-    names = (*METHODS, *shipped, *plugged)
+    names = (*builders, *shipped, *plugged)
     close = difflib.get_close_matches(method, names, n=1)
     raise CallError(
         f"there is no method {method!r}",

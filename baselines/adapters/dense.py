@@ -52,9 +52,10 @@ class DenseMatcher:
             found, confidence = found
         grid = as_grid(found, 2, self.name)
         position = self._target_px(grid, source, target)
-        size = source.rgb.shape[1::-1]
-        moved = position - cell_centres(grid.shape, size)  # a border extrapolates as a shift
-        answer = uv_a_px + sample(moved, _in_cells(uv_a_px, grid, size))
+        size, target_size = source.rgb.shape[1::-1], target.rgb.shape[1::-1]
+        moved = position - cell_centres(grid.shape, target_size)  # a border extrapolates as a shift
+        scale = np.divide(target_size, size)
+        answer = uv_a_px * scale + sample(moved, _in_cells(uv_a_px, grid, size))
         visible = None
         if confidence is not None:
             certain = as_grid(confidence, 1, self.name)

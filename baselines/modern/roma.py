@@ -1,0 +1,58 @@
+"""The dense warp of RoMa (Edstedt et al. 2024), by the package `romatch`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+from PIL import Image
+
+from pliant.baselines.adapters.dense import DenseMatcher
+from pliant.baselines.adapters.images import Images
+from pliant.baselines.modern.loading import library, state_dict
+
+
+class Roma(DenseMatcher):
+    """RoMa's warp and certainty. It resizes images itself.
+
+    Args:
+        weights: The file `roma_outdoor.pth` or `roma_indoor.pth`; `default` takes the package's
+            own, from the web.
+        backbone: The file of DINOv2's weights; `default` takes them from the web.
+        device: A torch device.
+        indoor: Whether the weights are those for indoor scenes.
+    """
+
+    library: Final = "romatch"
+
+    def __init__(
+        self,
+        weights: str,
+        backbone: str = "default",
+        device: str = "cpu",
+        indoor: bool = False,
+    ) -> None:
+        package = library(self.library, "roma", "pip install romatch")
+        import torch
+
+        given = [
+            None if each == "default" else state_dict(each, device) for each in (weights, backbone)
+        ]
+        make = package.roma_indoor if indoor else package.roma_outdoor
+        precision = torch.float16 if device.startswith("cuda") else torch.float32
+        self._model = make(device, weights=given[0], dinov2_weights=given[1], amp_dtype=precision)
+        self._device = device
+        self._facts = {"weights": weights, "backbone": backbone, "indoor": indoor}
+        super().__init__(self._warp, "roma", Images(coordinates="normalised"), "warp")
+
+    def describe(self) -> Mapping[str, Any]:
+        """Return the facts for the submission's footer."""
+        return {**super().describe(), **self._facts}
+
+    def _warp(self, source: Any, target: Any) -> tuple[Any, Any]:
+        """Return the target position of each source pixel, -1 to 1, and the certainty."""
+        images = Image.fromarray(source), Image.fromarray(target)
+        warp, certainty = self._model.match(*images, device=self._device)
+        # (1, h, 2w, 4) where the model also gives the way back, in its right half.
+        width = warp.shape[2] // (2 if self._model.symmetric else 1)
+        return warp[0, :, :width, 2:], certainty[0, :, :width]
