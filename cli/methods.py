@@ -26,7 +26,7 @@ def command(as_json: bool) -> None:
         return
     width = max(len(row["name"]) for row in rows)
     for row in rows:
-        missing = f" Needs: {row['missing']}." if row["missing"] else ""
+        missing = f" Missing: {row['missing']}" if row["missing"] else ""
         echo(f"{row['name']:{width}}  {row['about']}{missing}")
 
 
@@ -43,7 +43,7 @@ def _methods() -> Iterator[dict[str, Any]]:
         try:
             make()
         except MissingExtraError as error:
-            missing = error.fix
+            missing = (error.fix or "").removeprefix("Install them with: ")
         yield _row(name, "built in", inspect.getdoc(make) or "", missing)
     for name, network in MODERN.items():
         found = find_spec(network.library) is not None

@@ -251,11 +251,11 @@ def test_missing_extra_is_listed(
     code, said, _ = call(capsys, "methods", "--json")
     rows = {row["name"]: row for row in json.loads(said)["methods"]}
     assert code == 0
-    assert rows["needy"]["missing"] == "Install them with: pip install 'pliant[classical]'"
+    assert rows["needy"]["missing"] == "pip install 'pliant[classical]'"
     assert rows["identity"]["missing"] is None
     assert rows["don-rope"]["origin"] == "shipped model"
     shown = " ".join(call(capsys, "methods")[1].split())
-    assert "needy Method of another library. Needs: Install" in shown
+    assert "needy Method of another library. Missing: pip install" in shown
 
 
 PYPROJECT = """
