@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -75,19 +75,27 @@ def export_run(
     partial = folder.with_name(f".{name}.partial")
     shutil.rmtree(partial, ignore_errors=True)
     partial.mkdir(parents=True)
-    for kept in (CONFIG, RUN_FACTS, CALIBRATION):
+    for kept in (RUN_FACTS, CALIBRATION):
         if (run / kept).is_file():
             shutil.copyfile(run / kept, partial / kept)
+    settings = read_yaml(run / CONFIG)
+    further = _further_data(settings)
+    (partial / CONFIG).write_text(yaml_text(portable(settings, further)), encoding="utf-8")
     save_weights(partial / BEST, halved(read_weights_file(run / BEST)))
     (partial / BEST).chmod(0o644)  # safetensors makes it the owner's alone
-    config = dataset.info["provenance"].get("config")
-    if config is not None:
-        (partial / DATA_CONFIG).write_text(yaml_text(config), encoding="utf-8")
+    for used, file in [
+        (dataset, DATA_CONFIG),
+        *((each, f"data-{each.id}.yaml") for each in further),
+    ]:
+        config = used.info["provenance"].get("config")
+        if config is not None:
+            (partial / file).write_text(yaml_text(config), encoding="utf-8")
     card = model_card(
         name=name,
-        settings=read_yaml(run / CONFIG),
+        settings=portable(settings, further),
         facts=facts,
         dataset=dataset.info,
+        further=[each.info for each in further],
         parameters=sum(p.numel() for p in matcher.network.parameters()),
         training_s=training_seconds(run),
         reports=[report.document for report in reports],
@@ -96,6 +104,32 @@ def export_run(
     shutil.rmtree(folder, ignore_errors=True)
     partial.rename(folder)
     return folder
+
+
+def portable(settings: Mapping[str, Any], further: Sequence[Dataset]) -> dict[str, Any]:
+    """Return a run's config without the paths of the machine that it ran on.
+
+    Args:
+        settings: The config.
+        further: The datasets that it names besides its own, in its order.
+
+    Returns:
+        The config with the datasets' ids and the name of the weights that it started from.
+    """
+    given = {**settings, "network": {**settings.get("network", {})}}
+    if source := given["network"].get("pretrained", ""):
+        given["network"]["pretrained"] = source if ":" in source else Path(source).name
+    if further:
+        tiers = [entry.partition("#")[2] for entry in given["also"]]
+        given["also"] = [
+            f"{each.id}#{tier}".rstrip("#") for each, tier in zip(further, tiers, strict=True)
+        ]
+    return given
+
+
+def _further_data(settings: Mapping[str, Any]) -> list[Dataset]:
+    entries = [entry.partition("#")[0] for entry in settings.get("also", [])]
+    return [Dataset.open(path) for path in entries if path]
 
 
 def halved(weights: Weights) -> Weights:

@@ -18,6 +18,7 @@ def model_card(
     parameters: int,
     training_s: float | None,
     reports: Sequence[Mapping[str, Any]] = (),
+    further: Sequence[Mapping[str, Any]] = (),
 ) -> str:
     """Return the card as Markdown.
 
@@ -29,6 +30,7 @@ def model_card(
         parameters: Number of weights.
         training_s: Wall time of the training, seconds, or None.
         reports: The documents of `scores.json` of its evaluations.
+        further: `dataset.json` of each other set that it was trained on.
     """
     return render_page(
         "model_card.md.j2",
@@ -43,6 +45,7 @@ def model_card(
         parameters=parameters,
         training_time="not recorded" if training_s is None else _duration(training_s),
         reports=reports,
+        further=further,
         inline=_inline,
         span=lambda values: f"{values[0]:g} to {values[1]:g}",
         heading=heading,

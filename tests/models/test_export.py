@@ -320,3 +320,27 @@ def test_models_of_the_package_answer(name: str, tmp_path: Path) -> None:
 def test_a_rope_and_a_cloth_are_shipped() -> None:
     """README, help texts and pages call them by these names."""
     assert {"don-rope", "don-cloth"} <= set(shipped_names())
+
+
+def test_further_data_and_first_weights_are_named_without_paths(
+    trained: Path, tiny_dataset: Path, tmp_path: Path
+) -> None:
+    """The card of a run on several sets names them all; its config has no path of this machine."""
+    settings = read_settings(DonSettings, trained / "config.yaml")
+    network = replace(settings.network, pretrained=str(trained))
+    changed = replace(settings, network=network, also=(f"{tiny_dataset}#rope",), steps=2)
+    train_don(Dataset.open(tiny_dataset), tmp_path / "run", changed)
+    dataset = Dataset.open(tiny_dataset)
+    folder = export_run(tmp_path / "run", "don-more", tmp_path / "out", dataset)
+    config = yaml.safe_load((folder / "config.yaml").read_text())
+    assert config["also"] == [f"{dataset.id}#rope"]
+    assert config["network"]["pretrained"] == trained.name
+    assert str(tmp_path) not in "".join(p.read_text() for p in folder.glob("*.yaml"))
+    assert (folder / f"data-{dataset.id}.yaml").read_text() == (folder / "data.yaml").read_text()
+    card = " ".join((folder / "CARD.md").read_text().split())
+    assert (
+        f"It was trained on these sets too, each with its config in `data-ID.yaml`: `{dataset.id}`"
+        in card
+    )
+    assert f"The weights started from those of `{trained.name}`." in card
+    load_matcher(folder)
