@@ -64,7 +64,7 @@ def command(
 ) -> int:
     """Make a reference benchmark: generate, train, answer, evaluate, and write the table.
 
-    CONFIG is benchmarks/pliant-v1.yaml, benchmarks/pliant-v1-mini.yaml or one like them. DIR gets
+    CONFIG is benchmarks/pliant-v2.yaml, benchmarks/pliant-v2-mini.yaml or one like them. DIR gets
     sets/, runs/, answers/, scores/, figures/, checksums.json, table.json and results.md. Every
     stage can be interrupted and goes on with --resume. Exit code 1 where the test queries are
     not the frozen ones.

@@ -8,15 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pliant.benchmarks.suite.config import BenchmarkConfig
+from pliant.benchmarks.suite.config import TEST_SPLIT, BenchmarkConfig
 from pliant.benchmarks.suite.work import Workspace
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
 from pliant.spec.io.checksums import sha256_file
 from pliant.spec.io.jsonfiles import write_json
 from pliant.spec.storage.layout import CORRESPONDENCES_TABLE, queries_path, truth_path
-
-SPLIT = "test"
 
 
 @dataclass(frozen=True)
@@ -46,11 +44,11 @@ def set_checksums(data: Path) -> dict[str, Any]:
     tables = {
         each.id: sha256_file(each.dir / CORRESPONDENCES_TABLE)
         for each in dataset.sequences
-        if each.split == SPLIT
+        if each.split == TEST_SPLIT
     }
     return {
-        "queries": sha256_file(queries_path(data, SPLIT)),
-        "truth": sha256_file(truth_path(data, SPLIT)),
+        "queries": sha256_file(queries_path(data, TEST_SPLIT)),
+        "truth": sha256_file(truth_path(data, TEST_SPLIT)),
         "tables": tables,
     }
 
@@ -65,7 +63,7 @@ def compare_checksums(config: BenchmarkConfig, work: Workspace) -> Differences:
     Raises:
         CallError: The file of checksums cannot be read.
     """
-    found = {name: set_checksums(work.set_path(name)) for name in config.sets}
+    found = {name: set_checksums(work.set_path(name)) for name in config.asked}
     document = {"name": config.name, "version": config.version, "sets": found}
     write_json(work.root / "checksums.json", document)
     frozen = read_frozen(config)

@@ -106,6 +106,10 @@ class Comparison:
     metric: str
 
 
+TEST_SPLIT: Final = "test"
+"""The split that is asked about."""
+
+
 @configuration(frozen=True)
 class BenchmarkConfig:
     """A named, frozen benchmark.
@@ -131,6 +135,11 @@ class BenchmarkConfig:
     comparisons: tuple[Comparison, ...] = ()
     checksums: Path | None = None
     validate: bool = False
+
+    @property
+    def asked(self) -> dict[str, GenerateConfig]:
+        """The sets with a test split, by name."""
+        return {name: made for name, made in self.sets.items() if made.counts.get(TEST_SPLIT)}
 
 
 def read_config(path: Path, overrides: Sequence[str] = ()) -> BenchmarkConfig:
@@ -197,7 +206,7 @@ def _check_references(config: BenchmarkConfig, path: Path) -> None:
             known(run.after, list(config.runs)[: list(config.runs).index(key)], f"runs.{key}.after")
     for key, test in config.tests.items():
         for variant, name in test.variants.items():
-            known(name, config.sets, f"tests.{key}.variants.{variant}")
+            known(name, config.asked, f"tests.{key}.variants.{variant}")
         for name in test.runs:
             known(name, config.runs, f"tests.{key}.runs")
         for name in test.methods:

@@ -14,8 +14,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from pliant.benchmarks.suite.checksums import SPLIT, set_checksums
-from pliant.benchmarks.suite.config import BenchmarkConfig
+from pliant.benchmarks.suite.checksums import set_checksums
+from pliant.benchmarks.suite.config import TEST_SPLIT, BenchmarkConfig
 from pliant.generator.config import GenerateConfig
 from pliant.generator.objects.tiers import describe_tier
 from pliant.generator.runner.plan import plan_tasks
@@ -53,11 +53,11 @@ def frozen_questions(
     out.mkdir(parents=True, exist_ok=True)
     first: dict[str, str] = {}  # geometry -> the set that was made for it
     sets: dict[str, dict[str, Any]] = {}
-    for name, whole in config.sets.items():
+    for name, whole in config.asked.items():
         wanted = _test_split(whole)
         source = first.setdefault(repr(_geometry(wanted)), name)
         if source == name:
-            tell(f"Making {name}: {wanted.counts[SPLIT]} sequences of {wanted.frames} frames")
+            tell(f"Making {name}: {wanted.counts[TEST_SPLIT]} sequences of {wanted.frames} frames")
             summary = generate(wanted, out / name, workers=workers)
             if summary.failed:
                 raise GenerationError(
@@ -72,7 +72,7 @@ def frozen_questions(
 
 def _test_split(config: GenerateConfig) -> GenerateConfig:
     """Return the config of a set's test split, drawn quickly; its questions are the set's own."""
-    splits = {SPLIT: config.counts[SPLIT]}
+    splits = {TEST_SPLIT: config.counts[TEST_SPLIT]}
     return replace(
         config, splits=splits, sequences=None, style="raster", depth_camera=None, shutter=0.0
     )
@@ -99,5 +99,5 @@ def _drawn_from(config: GenerateConfig, made: Path, folder: Path) -> dict[str, s
             queries_dir=queries,
             truth_dir=truth,
         )
-        name = f"{SPLIT}.parquet"
+        name = f"{TEST_SPLIT}.parquet"
         return {"queries": sha256_file(queries / name), "truth": sha256_file(truth / name)}

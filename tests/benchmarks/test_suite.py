@@ -119,7 +119,7 @@ def made(config_file: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[P
     return out, watcher
 
 
-@pytest.mark.parametrize("name", ["pliant-v1", "pliant-v1-mini"])
+@pytest.mark.parametrize("name", ["pliant-v1", "pliant-v1-mini", "pliant-v2", "pliant-v2-mini"])
 def test_the_shipped_benchmarks_can_be_read_and_trained(name: str) -> None:
     from pliant.models.don.settings import DonSettings
     from pliant.models.timecycle.settings import TimeCycleSettings
@@ -146,6 +146,43 @@ def test_the_full_benchmark_is_as_large_as_it_says() -> None:
     for name, least in (("rope-episodes", 50), ("cloth-1-episodes", 20)):
         assert config.sets[name].episodes
         assert sum(config.sets[name].counts.values()) >= least
+
+
+@pytest.mark.parametrize(("name", "ropes"), [("pliant-v2", 10_000), ("pliant-v2-mini", 3000)])
+def test_the_benchmark_keeps_what_training_must_not_show(name: str, ropes: int) -> None:
+    config = read_config(FOLDER / f"{name}.yaml")
+    assert config.sets["rope"].counts["train"] >= ropes
+    training = [made for made in config.sets.values() if made.counts.get("train")]
+    assert {tier for made in training for tier in made.tiers} >= {"rope", "cloth-3", "towel"}
+    for made in training:
+        assert made.look.materials == 0
+        assert made.look.object_hue[1] <= 0.5
+        assert "two-tone" not in made.look.rope_colourings
+        assert "wood" not in made.look.tables
+    for test in config.tests.values():
+        headline, *_ = test.variants  # unseen first, where there is more than one
+        assert headline.startswith("unseen")
+    unseen = {
+        variant["unseen"]
+        for test in config.tests.values()
+        if "unseen" in (variant := test.variants)
+    }
+    for name in unseen:
+        low, high = config.sets[name].look.object_hue
+        assert 0.5 <= low < high <= 0.75  # the training's hues begin at -0.25, which is 0.75
+    for made in config.asked.values():
+        if made.episodes:
+            assert made.gripper
+            assert made.queries.moving_share >= 0.5
+
+
+def test_variants_of_one_camera_ask_the_same_queries() -> None:
+    sets = read_config(FOLDER / "pliant-v2-mini.yaml").sets
+    for other in ("seen", "tables", "noisy", "blurred", "depth"):
+        for tier in ("rope", "cloth-1"):
+            same, each = sets[f"{tier}-unseen"], sets[f"{tier}-{other}"]
+            assert (same.seed, same.camera, same.counts) == (each.seed, each.camera, each.counts)
+            assert (same.rope, same.cloth) == (each.rope, each.cloth)
 
 
 @pytest.mark.parametrize(
