@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -63,25 +64,14 @@ def check_answers(answers: object, count: int, method: str, where: str) -> None:
 
 def joined(parts: Sequence[Answers], method: str) -> Answers:
     """Join the answers of all pairs; an optional field must be there for all or for none."""
-    for name in ("visible", "sigma_px", "modes"):
-        if len({getattr(part, name) is None for part in parts}) > 1:
+    found: dict[str, Any] = {"uv_px": np.zeros((0, 2), dtype=np.float32)}
+    for name in ("uv_px", "visible", "sigma_px", "modes", "familiarity"):
+        given = [value for part in parts if (value := getattr(part, name)) is not None]
+        if given and len(given) < len(parts):
             raise SubmissionError(
                 f"the method {method!r} gave {name} for some pairs and not for others"
             )
-    first = parts[0] if parts else Answers(np.zeros((0, 2), dtype=np.float32))
-    return Answers(
-        uv_px=np.concatenate([part.uv_px for part in parts]) if parts else first.uv_px,
-        visible=(
-            None
-            if first.visible is None
-            else np.concatenate([part.visible for part in parts if part.visible is not None])
-        ),
-        sigma_px=(
-            None
-            if first.sigma_px is None
-            else np.concatenate([part.sigma_px for part in parts if part.sigma_px is not None])
-        ),
-        modes=(
-            None if first.modes is None else [row for part in parts for row in part.modes or []]
-        ),
-    )
+        if given:
+            rows = [row for value in given for row in value] if name == "modes" else None
+            found[name] = np.concatenate(given) if rows is None else rows
+    return Answers(**found)

@@ -41,12 +41,15 @@ class Answers:
         visible: float32 (N,), probabilities, or None.
         sigma_px: float32 (N,), > 0, or None.
         modes: one float32 (M_i, 4) array a query of (u, v, sigma, weight), or None.
+        familiarity: float32 (N,), 0 to 1: the share of the queries of its training domain that
+            are at least as unusual as this one, or None. Not part of a submission's rows.
     """
 
     uv_px: npt.NDArray[np.float32]
     visible: npt.NDArray[np.float32] | None = None
     sigma_px: npt.NDArray[np.float32] | None = None
     modes: list[npt.NDArray[np.float32]] | None = None
+    familiarity: npt.NDArray[np.float32] | None = None
 
     def rows(self, rows: npt.NDArray[np.int64]) -> Answers:
         """Return the answers to some of the queries, int64 (M,), in that order."""
@@ -55,7 +58,20 @@ class Answers:
             None if self.visible is None else self.visible[rows],
             None if self.sigma_px is None else self.sigma_px[rows],
             None if self.modes is None else [self.modes[row] for row in rows],
+            None if self.familiarity is None else self.familiarity[rows],
         )
+
+
+UNFAMILIAR = 0.02
+"""An answer of lower familiarity is called unlike what its method was trained on."""
+
+
+def familiarity_summary(familiarity: npt.NDArray[np.float32]) -> dict[str, float]:
+    """Return the median and the share below `UNFAMILIAR`, for the footer of a submission."""
+    return {
+        "median": round(float(np.median(familiarity)), 4),
+        f"share_below_{UNFAMILIAR}": round(float(np.mean(familiarity < UNFAMILIAR)), 4),
+    }
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,14 @@ import pyarrow as pa
 from pliant.baselines.adapters import as_matcher
 from pliant.baselines.answering import answer_pairs
 from pliant.baselines.answers import check_answers, joined
-from pliant.baselines.matcher import Answers, KeypointMatcher, Matcher, Matches, SplitMatcher
+from pliant.baselines.matcher import (
+    Answers,
+    KeypointMatcher,
+    Matcher,
+    Matches,
+    SplitMatcher,
+    familiarity_summary,
+)
 from pliant.baselines.submission_file import (
     Keys,
     Kind,
@@ -122,6 +129,8 @@ def answer(
         return SplitAnswers(dataset, split, keys, answers, facts, len(np.unique(keys.pair_id)))
     results, facts["mask"] = _results(dataset, split, matcher, "answers", workers, progress)
     answers = joined([each for each in results if isinstance(each, Answers)], matcher.name)
+    if answers.familiarity is not None and len(answers.familiarity):
+        facts["familiarity"] = familiarity_summary(answers.familiarity)
     return SplitAnswers(dataset, split, keys, answers, facts, len(results))
 
 

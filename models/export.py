@@ -10,6 +10,7 @@ from typing import Any, Final
 
 from pliant.evaluator.scores import Scores
 from pliant.models import load_matcher
+from pliant.models.don.familiarity import FAMILIARITY
 from pliant.models.model_card import model_card
 from pliant.models.shipped import CARD
 from pliant.models.training.checkpoint import BEST, Weights, read_weights_file, save_weights
@@ -75,7 +76,7 @@ def export_run(
     partial = folder.with_name(f".{name}.partial")
     shutil.rmtree(partial, ignore_errors=True)
     partial.mkdir(parents=True)
-    for kept in (RUN_FACTS, CALIBRATION):
+    for kept in (RUN_FACTS, CALIBRATION, FAMILIARITY):
         if (run / kept).is_file():
             shutil.copyfile(run / kept, partial / kept)
     settings = read_yaml(run / CONFIG)

@@ -18,6 +18,7 @@ from pliant.loaders.views import resize_mask, resize_nearest, resize_rgb
 from pliant.models.don.candidates import pixel_grid, widened
 from pliant.models.don.certainty import Calibration
 from pliant.models.don.decoding import decode_position, mixture_of_modes, spread_about
+from pliant.models.don.familiarity import FAMILIARITY, Asked, Described, Familiarity
 from pliant.models.don.settings import DonSettings
 from pliant.models.don.tracing import (
     TracedPlaces,
@@ -93,6 +94,7 @@ class DonMatcher:
         self.calibration = calibration
         self.sharpness = 1.0 if calibration is None else calibration.sharpness
         self.facts = dict(facts or {})
+        self.familiarity: Familiarity | None = None
         self._described: LRUCache[_Described] = LRUCache(_KEPT_VIEWS)
         self._traces: LRUCache[list[Trace]] = LRUCache(_KEPT_VIEWS)
 
@@ -113,6 +115,13 @@ class DonMatcher:
         if len(uv_a_px) == 0:
             return Answers(np.zeros((0, 2), dtype=np.float32))
         found = self.search(source, target, uv_a_px)
+        answers = self._answers(found, target)
+        if self.familiarity is None:
+            return answers
+        asked = self.asked(source, target, uv_a_px, found.distance)
+        return replace(answers, familiarity=self.familiarity.score(asked))
+
+    def _answers(self, found: Search, target: View) -> Answers:
         log_p, uv = found.log_p, found.uv_px
         scale = self._pixel_scale(target)
         position = self.decoded(found, target).astype(np.float32)
@@ -213,6 +222,31 @@ class DonMatcher:
             return enlarged(rope_traces(own.mask, own.objects, says), factor)
 
         return self._traces.get(view.key, traced)
+
+    def asked(
+        self,
+        source: View,
+        target: View,
+        uv_a_px: npt.NDArray[np.float32],
+        distance: npt.NDArray[np.float64] | None = None,
+    ) -> Asked:
+        """Return what `Familiarity` looks at.
+
+        Args:
+            source: The image the queries are in.
+            target: The image to find them in.
+            uv_a_px: float32 (N, 2), in pixels of the source.
+            distance: float64 (N,), from `search`; None computes it.
+        """
+        if distance is None:
+            distance = self.search(source, target, uv_a_px).distance
+        a, b = self._descriptors(source), self._descriptors(target)
+        uv = torch.as_tensor(uv_a_px / self._pixel_scale(source), dtype=torch.float32)
+        query = sample_descriptors(a.maps[0][None], uv[None])[0].numpy()
+        source_described, target_described = (
+            Described(each.maps[0].numpy(), each.mask) for each in (a, b)
+        )
+        return Asked(source_described, target_described, query, distance)
 
     def descriptor_map(self, view: View) -> npt.NDArray[np.float32]:
         """Return a frame's descriptors at the network's size, float32 (h, w, D)."""
@@ -332,4 +366,7 @@ def load_matcher(run: Path | str) -> DonMatcher:
             raise TrainingError(
                 "the calibration is damaged", path=run / CALIBRATION, found=str(error)
             ) from error
-    return DonMatcher(network, settings, calibration, read_run_json(run / RUN_FACTS))
+    matcher = DonMatcher(network, settings, calibration, read_run_json(run / RUN_FACTS))
+    if values := read_run_json(run / FAMILIARITY):
+        matcher.familiarity = Familiarity.from_document(values, run / FAMILIARITY)
+    return matcher

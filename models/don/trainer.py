@@ -12,10 +12,11 @@ import torch
 from pliant.loaders import MixedPairs, PairDataset
 from pliant.loaders.frame_store import FrameStore, named_tier
 from pliant.models.don.calibration import calibrate, fit_sharpness
+from pliant.models.don.familiarity import FAMILIARITY, Familiarity, fit_familiarity
 from pliant.models.don.loss import don_loss
 from pliant.models.don.matcher import DonMatcher, don_network
 from pliant.models.don.settings import DonSettings
-from pliant.models.don.validation import draw_validation_pairs, validate
+from pliant.models.don.validation import ValidationPair, draw_validation_pairs, validate
 from pliant.models.networks.canonical import CanonicalHead
 from pliant.models.networks.descriptor_network import DescriptorNetwork
 from pliant.models.training.processes import Processes
@@ -152,10 +153,24 @@ class DonTask(Task[DonSettings]):
         facts["validation"] = validate(matcher, self.validation_pairs, size)
         write_json(run / RUN_FACTS, facts)
         write_json(run / CALIBRATION, asdict(calibration))
+        write_json(run / FAMILIARITY, familiarity_of(matcher, pairs).as_document())
         facts["calibration"] = dict(calibration.figures or {})
         from pliant.models.don.report import write_run_report
 
         write_run_report(run, matcher, self.validation_pairs, history, facts)
+
+
+def familiarity_of(matcher: DonMatcher, pairs: Sequence[ValidationPair]) -> Familiarity:
+    """Return the statistics of validation pairs, with and without their masks."""
+    asked = []
+    for pair in pairs:
+        bare = [
+            replace(view, mask=None, objects=None, key=f"{view.key} without masks")
+            for view in (pair.source, pair.target)
+        ]
+        asked.append(matcher.asked(pair.source, pair.target, pair.uv_a_px))
+        asked.append(matcher.asked(bare[0], bare[1], pair.uv_a_px))
+    return fit_familiarity(asked)
 
 
 def train_don(

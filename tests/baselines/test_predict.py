@@ -79,6 +79,18 @@ def test_optional_columns_round_trip(cards: Dataset, tmp_path: Path) -> None:
     assert len(table.column("modes")[0]) == 1
 
 
+def test_the_footer_has_the_familiarity(cards: Dataset, tmp_path: Path) -> None:
+    """20 queries in each of 3 pairs; one of 20 is strange."""
+    out = tmp_path / "known.parquet"
+
+    def familiarity(count: int) -> npt.NDArray[np.float32]:
+        return np.where(np.arange(count) == 0, 0.0, 0.5).astype(np.float32)
+
+    predict(cards, "test", Fixed(familiarity=familiarity), out)
+    facts = read_footer(out)["method"]["familiarity"]
+    assert facts == {"median": 0.5, "share_below_0.02": 0.05}
+
+
 @pytest.mark.parametrize("method", ["sift", "random"])
 def test_workers_change_no_byte(cards: Dataset, tmp_path: Path, method: str) -> None:
     files = [tmp_path / f"{workers}.parquet" for workers in (1, 2)]

@@ -92,8 +92,11 @@ def test_resumed_equals_uninterrupted(
         for name in left:
             assert torch.equal(left[name], right[name]), name
     assert (whole / "best.safetensors").read_bytes() == (parts / "best.safetensors").read_bytes()
-    calibrations = [(run / "calibration.json").read_text() for run in (whole, parts)]
-    assert calibrations[0] == calibrations[1]
+    for name in ("calibration.json", "familiarity.json"):
+        assert (whole / name).read_text() == (parts / name).read_text()
+    matcher = load_matcher(whole)
+    assert isinstance(matcher, DonMatcher)
+    assert matcher.familiarity is not None
 
 
 @pytest.mark.parametrize("keep", ["best", "last"])
