@@ -1,0 +1,251 @@
+"""Errors of methods on real pictures of an open rope with a ball at one end, without labels.
+
+    python benchmarks/real_rope.py FOLDER [METHOD...] [--masks FOLDER] [--quick] [--json FILE]
+
+The rope's mask and the geodesic distance inside it from the ball give every pixel's place along the
+rope: 0 at the ball, 1 at the free end. Queries are at fixed places of every picture; the truth is
+the same place of every other one. Ropes must not cross themselves.
+
+`arc_error_median`: |place answered - place asked|, of the rope pixel nearest to the answer, as a
+share of the rope's length. `share_within_20_px`, `share_within_3_percent`, `share_within_5_percent`
+(of the length): over the five places between the ends. `share_on_rope`: answers within 2 px of the
+rope. `ball_end_within_20_px`, `free_end_within_20_px`: of all pairs. With several methods each key
+ends in `_METHOD`. `length_spread`: standard deviation over mean of the ropes' lengths in pixels,
+which says how far the places can be trusted.
+
+The mask is what differs from the border of the picture by more than `--threshold` grey levels, its
+largest connected part; the ball is what a morphological opening leaves whose radius is between
+half the rope's width and the ball's radius.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from record import Value, machine
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import dijkstra
+
+from pliant.api import open_method
+from pliant.baselines.matcher import Matcher, View
+from pliant.spec.errors import PliantError
+from pliant.spec.io.photo import SUFFIXES, read_mask, read_photo
+
+Mask = npt.NDArray[np.bool_]
+Floats = npt.NDArray[np.float64]
+
+BETWEEN = (1 / 6, 2 / 6, 3 / 6, 4 / 6, 5 / 6)
+ENDS = (0.015, 0.985)  # the ball's side, the free end
+_BAND = 0.005
+_NEAR_PX = 20.0
+_ON_ROPE_PX = 2.0
+METHODS = ("random", "sift", "rope-tracer", "don-rope")
+
+
+@dataclass(frozen=True)
+class Rope:
+    """A picture and the places along its rope.
+
+    Attributes:
+        view: The picture with its mask.
+        place: float64 (H, W), 0 to 1, NaN off the rope.
+        length_px: Geodesic distance from the ball to the free end.
+        at_px: float32 (places, 2), the middle of the rope at each place asked about.
+    """
+
+    view: View
+    place: Floats
+    length_px: float
+    at_px: npt.NDArray[np.float32]
+
+
+def read_rope(path: Path, mask: Path | None, threshold: int) -> Rope:
+    """Read a picture and find its rope, its ball and the places along it.
+
+    Raises:
+        PliantError: There is no rope with a ball.
+    """
+    rgb = read_photo(path)
+    size = (rgb.shape[1], rgb.shape[0])
+    shown = _differs(rgb, threshold) if mask is None else read_mask(mask, size)
+    whole = _largest(shown)
+    ball = _ball(whole, path)
+    rope = _largest(whole & ~_grown(ball, 2))
+    rows, columns = np.nonzero(rope)
+    centre = np.argwhere(ball).mean(axis=0)
+    start = int(((rows - centre[0]) ** 2 + (columns - centre[1]) ** 2).argmin())
+    distance = geodesic(rope, start)
+    length = float(distance.max())
+    place = np.full(rope.shape, np.nan)
+    place[rows, columns] = distance / length
+    depth = cv2.distanceTransform(rope.astype(np.uint8), cv2.DIST_L2, 5)
+    at_px = [_middle(place, depth, where) for where in (*BETWEEN, *ENDS)]
+    view = View(rgb, rope, key=str(path), objects=rope | ball)
+    return Rope(view, place, length, np.array(at_px, np.float32))
+
+
+def geodesic(mask: Mask, start: int) -> Floats:
+    """Return the length of the shortest way inside a mask from one of its pixels to each other.
+
+    Args:
+        mask: bool (H, W), connected.
+        start: Number of a pixel among the mask's, row by row.
+
+    Returns:
+        float64 (N,), pixels, diagonal steps count as the square root of 2.
+    """
+    number = np.full(np.array(mask.shape) + 2, -1, np.int64)
+    inside = number[1:-1, 1:-1]
+    inside[mask] = np.arange(np.count_nonzero(mask))
+    sides: list[tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], float]] = []
+    for row, column in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        moved = number[1 + row : number.shape[0] - 1 + row, 1 + column :][:, : mask.shape[1]]
+        both = mask & (moved >= 0)
+        sides.append((inside[both], moved[both], float(np.hypot(row, column))))
+    first, second = (np.concatenate([side[k] for side in sides]) for k in (0, 1))
+    weight = np.concatenate([np.full(len(side[0]), side[2]) for side in sides])
+    count = int(np.count_nonzero(mask))
+    graph = csr_matrix((weight, (first, second)), shape=(count, count))
+    found: Floats = dijkstra(graph, directed=False, indices=start)
+    return np.where(np.isfinite(found), found, 0.0)
+
+
+def _differs(rgb: npt.NDArray[np.uint8], threshold: int) -> Mask:
+    border = np.concatenate([rgb[0], rgb[-1], rgb[:, 0], rgb[:, -1]])
+    background = np.median(border, axis=0)
+    mask: Mask = np.abs(rgb - background).max(axis=2) > threshold
+    return mask
+
+
+def _largest(mask: Mask) -> Mask:
+    _, labels, facts, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
+    if len(facts) < 2:
+        return np.zeros_like(mask)
+    found: Mask = labels == 1 + int(facts[1:, cv2.CC_STAT_AREA].argmax())
+    return found
+
+
+def _grown(mask: Mask, by_px: int) -> Mask:
+    shape = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * by_px + 1, 2 * by_px + 1))
+    found: Mask = cv2.dilate(mask.astype(np.uint8), shape) > 0
+    return found
+
+
+def _ball(whole: Mask, path: Path) -> Mask:
+    depth = cv2.distanceTransform(whole.astype(np.uint8), cv2.DIST_L2, 5)
+    ridge = depth[(depth == cv2.dilate(depth, np.ones((5, 5)))) & whole]
+    half_width = float(np.median(ridge)) if len(ridge) else 0.0
+    radius = float(depth.max())
+    if half_width == 0 or radius < 1.4 * half_width:
+        raise PliantError(
+            "the rope has no ball",
+            path=path,
+            found=f"half width {half_width:.1f} px, thickest place {radius:.1f} px",
+            required="a part at least 1.4 times as thick as the rope",
+            fix="Give masks with --masks, or leave the picture out.",
+        )
+    opened = round((half_width + radius) / 2)
+    shape = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * opened + 1, 2 * opened + 1))
+    return _largest(cv2.morphologyEx(whole.astype(np.uint8), cv2.MORPH_OPEN, shape) > 0)
+
+
+def _middle(place: Floats, depth: npt.NDArray[np.float32], where: float) -> tuple[float, float]:
+    """Return the pixel deepest inside the rope near a place along it."""
+    rows, columns = np.nonzero(np.abs(place - where) < _BAND)
+    best = int(depth[rows, columns].argmax())
+    return columns[best] + 0.5, rows[best] + 0.5
+
+
+def score(
+    ropes: Sequence[Rope], matcher: Matcher, pairs: Iterable[tuple[int, int]]
+) -> dict[str, Value]:
+    """Return the figures of a method over pairs of pictures."""
+    asked = np.array([*BETWEEN, *ENDS])
+    arc, px, on = [], [], []
+    for a, b in pairs:
+        source, target = ropes[a], ropes[b]
+        found = matcher.answer(source.view, target.view, source.at_px).uv_px.astype(np.float64)
+        rows, columns = np.nonzero(np.isfinite(target.place))
+        pixels = np.stack([columns, rows], axis=1) + 0.5
+        gaps = np.linalg.norm(found[:, None] - pixels[None], axis=2)
+        nearest = gaps.argmin(axis=1)
+        arc.append(np.abs(target.place[rows[nearest], columns[nearest]] - asked))
+        px.append(np.linalg.norm(found - target.at_px, axis=1))
+        on.append(gaps.min(axis=1) <= _ON_ROPE_PX)
+    between = slice(0, len(BETWEEN))
+    error, distance = np.array(arc)[:, between], np.array(px)
+    return {
+        "arc_error_median": float(np.median(error)),
+        "share_within_20_px": float((distance[:, between] <= _NEAR_PX).mean()),
+        "share_within_3_percent": float((error <= 0.03).mean()),
+        "share_within_5_percent": float((error <= 0.05).mean()),
+        "share_on_rope": float(np.mean(on)),
+        "ball_end_within_20_px": float((distance[:, -2] <= _NEAR_PX).mean()),
+        "free_end_within_20_px": float((distance[:, -1] <= _NEAR_PX).mean()),
+    }
+
+
+def measure(
+    folder: Path, methods: Sequence[str], masks: Path | None, threshold: int, quick: bool
+) -> dict[str, Value]:
+    """Return the figures of methods on a folder of pictures."""
+    files = sorted(p for p in folder.iterdir() if p.suffix.lower() in SUFFIXES)
+    ropes = []
+    for file in files:
+        try:
+            mask = None if masks is None else next(masks.glob(f"{file.stem}.*"))
+            ropes.append(read_rope(file, mask, threshold))
+        except PliantError as error:
+            print(f"left out: {error}")
+    if len(ropes) < 2:
+        raise PliantError("fewer than two pictures show a rope with a ball", path=folder)
+    lengths = np.array([rope.length_px for rope in ropes])
+    pairs = list(itertools.permutations(range(len(ropes)), 2))
+    if quick:
+        pairs = [(k, (k + 1) % len(ropes)) for k in range(len(ropes))]
+    figures: dict[str, Value] = {
+        "pictures": len(ropes),
+        "pairs": len(pairs),
+        "length_px": float(lengths.mean()),
+        "length_spread": float(lengths.std() / lengths.mean()),
+    }
+    for name in methods:
+        found = score(ropes, open_method(name), pairs)
+        ending = "" if len(methods) == 1 else f"_{Path(name).name}"
+        figures |= {key + ending: value for key, value in found.items()}
+    return figures
+
+
+def main() -> None:
+    """Run as a program."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("methods", nargs="*", default=METHODS, metavar="METHOD")
+    parser.add_argument("--masks", type=Path, help="masks of rope and ball, by the pictures' names")
+    parser.add_argument("--threshold", type=int, default=12, help="grey levels (default: 12)")
+    parser.add_argument("--quick", action="store_true", help="each picture with the next one alone")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the record there")
+    given = parser.parse_args()
+    try:
+        figures = measure(given.folder, given.methods, given.masks, given.threshold, given.quick)
+    except PliantError as error:
+        parser.exit(error.exit_code, f"Error: {error}\n")
+    record = {"benchmark": "real_rope", "quick": given.quick, **machine(), **figures}
+    for key, value in record.items():
+        print(f"{key:40} {value:.4g}" if isinstance(value, float) else f"{key:40} {value}")
+    if given.json:
+        given.json.write_text(json.dumps(record, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
