@@ -4,12 +4,18 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+from PIL import Image
+
 from pliant.baselines.matcher import View
 from pliant.spec.io.photo import read_depth, read_mask, read_photo
 
 
 def read_view(
-    picture: Path | str, mask: Path | str | None = None, depth: Path | str | None = None
+    picture: Path | str,
+    mask: Path | str | None = None,
+    depth: Path | str | None = None,
+    max_side: int | None = None,
 ) -> View:
     """Read a picture, with a mask of the object in it and its depth, as a view.
 
@@ -18,6 +24,7 @@ def read_view(
         mask: A picture of the same size that is black outside the object (a picture with a black
             background is its own mask), or None.
         depth: A depth image of the same size, as `read_depth` takes it, or None.
+        max_side: The longer side of a larger picture is reduced to so many pixels, None leaves it.
 
     Raises:
         CallError: A file is missing, the sizes differ, or the mask is black everywhere.
@@ -25,9 +32,14 @@ def read_view(
     """
     rgb = read_photo(picture)
     size = (rgb.shape[1], rgb.shape[0])
-    return View(
-        rgb=rgb,
-        mask=None if mask is None else read_mask(mask, size),
-        depth_m=None if depth is None else read_depth(depth, size),
-        key=str(picture),
-    )
+    on = None if mask is None else read_mask(mask, size)
+    depth_m = None if depth is None else read_depth(depth, size)
+    if max_side is not None and max(size) > max_side:
+        small = [max(1, round(side * max_side / max(size))) for side in size]
+        rgb = np.asarray(Image.fromarray(rgb).resize((small[0], small[1]), Image.Resampling.BOX))
+        rows, columns = (
+            ((np.arange(count) + 0.5) * whole / count).astype(int)
+            for count, whole in zip(small[::-1], size[::-1], strict=True)
+        )
+        on, depth_m = (None if each is None else each[rows][:, columns] for each in (on, depth_m))
+    return View(rgb=rgb, mask=on, depth_m=depth_m, key=str(picture))

@@ -1,36 +1,48 @@
-"""`pliant match`: one pixel of a picture found in another."""
+"""`pliant match`: points of a picture found in another."""
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Any
 
 import click
 
 from pliant.cli.options import json_option, method_options, out_option, path_option
-from pliant.cli.terminal import echo_result
+from pliant.cli.terminal import echo_result, progress_bar
 
 
-def _position(ctx: click.Context, param: click.Parameter, value: str) -> tuple[float, float]:
-    try:
-        u, v = (float(part) for part in value.split(","))
-    except ValueError as error:
-        raise click.BadParameter(
-            f"found {value!r}; required: two numbers, such as 320.5,240.5", ctx, param
-        ) from error
-    return u, v
+def _positions(
+    ctx: click.Context, param: click.Parameter, values: tuple[str, ...]
+) -> list[tuple[float, float]]:
+    found = []
+    for value in values:
+        try:
+            u, v = (float(part) for part in value.split(","))
+        except ValueError as error:
+            raise click.BadParameter(
+                f"found {value!r}; required: two numbers, such as 320.5,240.5", ctx, param
+            ) from error
+        found.append((u, v))
+    return found
 
 
 @click.command()
 @click.argument("method")
-@path_option("--source", "A.png", "Has the pixel.", required=True)
+@path_option("--source", "A.png", "Has the points.", required=True)
 @path_option("--target", "B.png", "Is searched.", required=True)
 @click.option(
     "--at",
-    required=True,
-    callback=_position,
+    multiple=True,
+    callback=_positions,
     metavar="U,V",
-    help="The pixel; the centre of the first one is 0.5,0.5.",
+    help="A pixel of the source; the centre of the first one is 0.5,0.5. May be repeated.",
+)
+@click.option(
+    "--grid",
+    type=click.IntRange(1, 2000),
+    metavar="N",
+    help="Match about N points of a regular grid on the source's object.",
 )
 @out_option("FIG.png", "The figure: png, pdf, svg or jpg.")
 @path_option(
@@ -39,42 +51,74 @@ def _position(ctx: click.Context, param: click.Parameter, value: str) -> tuple[f
     "Picture that is black outside the object; an object on black is its own mask.",
 )
 @path_option("--mask-target", "FILE", "The same for the target.")
+@path_option(
+    "--depth-source", "FILE", "Depth image: 16-bit millimetres (png, tif) or metres (npy)."
+)
+@path_option("--depth-target", "FILE", "The same for the target.")
+@click.option(
+    "--max-size",
+    type=click.IntRange(16, 8192),
+    default=1024,
+    show_default=True,
+    metavar="PX",
+    help="Reduce larger pictures to this longer side; positions are in pixels of the pictures.",
+)
 @method_options
 @json_option
 def command(
-    method: str,
-    source: Path,
-    target: Path,
-    at: tuple[float, float],
-    out: Path,
-    mask_source: Path | None,
-    mask_target: Path | None,
-    options: dict[str, Any],
-    as_json: bool,
+    method: str, source: Path, target: Path, out: Path, as_json: bool, **given: Any
 ) -> None:
-    """Find a pixel of one picture in another, and draw match, heat map and confidence.
+    """Find pixels of one picture in another, and draw matches, heat map and confidence.
 
     METHOD is a name that `pliant methods` lists (all but oracle), the folder of a training run,
     or a matcher of your own: path/to/my.py:Matcher or package.module:Matcher. Without
-    --mask-target the whole target is searched.
+    --mask-target the whole target is searched. The heat map is drawn for a single point.
     """
     from pliant.api import open_method
     from pliant.baselines.matcher import SplitMatcher
     from pliant.baselines.photo import read_view
     from pliant.spec.errors import CallError
-    from pliant.viewer.match_figure import check_figure_path, draw_match, match_photo
+    from pliant.spec.io.photo import photo_size
+    from pliant.viewer.match_figure import check_figure_path, draw_match
+    from pliant.viewer.photo_match import grid_points, match_photo
 
+    at = given["at"]
+    if bool(at) == (given["grid"] is not None):
+        found = "both" if at else "none"
+        raise CallError("name the points by --at U,V or by --grid N", found=found)
     check_figure_path(out)
-    matcher = open_method(method, **options)
+    matcher = open_method(method, **given["options"])
     if isinstance(matcher, SplitMatcher):
         raise CallError(f"the method {method!r} answers the queries of a dataset, not photographs")
-    view_a, view_b = read_view(source, mask_source), read_view(target, mask_target)
-    match = match_photo(matcher, view_a, view_b, at)
-    draw_match(match, view_a, view_b, out)
-    confidence = "" if match.heat is None else f", confidence {match.heat.confidence:.2f}"
-    text = (
-        f"{matcher.name}: ({at[0]:g}, {at[1]:g}) of {source} is at ({match.uv_b_px[0]:.1f}, "
-        f"{match.uv_b_px[1]:.1f}) of {target}{confidence}; drawn in {out}"
-    )
+    title, hidden = f"Matching with {matcher.name}", not sys.stderr.isatty()
+    with progress_bar(title, "steps", hidden=hidden) as bar:
+        bar(0, 3, title="Reading the pictures")
+        a, b = (
+            read_view(path, given[f"mask_{side}"], given[f"depth_{side}"], given["max_size"])
+            for side, path in (("source", source), ("target", target))
+        )
+        sizes = (photo_size(source), photo_size(target))
+        at = at or grid_points(a, given["grid"], sizes[0])
+        bar(1, 3, title=title)
+        match = match_photo(matcher, a, b, at, sizes=sizes)
+        bar(2, 3, title="Drawing")
+        draw_match(match, a, b, out)
+    document = match.as_dict()
     files = {"source": str(source), "target": str(target), "figure": str(out)}
-    echo_result({**match.as_dict(), **files}, text, as_json=as_json)
+    lines = [
+        f"{matcher.name}: {_point(point)} of {source} is at {_point(point, 'match_px')} of "
+        f"{target}{_certainty(point)}"
+        for point in document.get("points", [document])
+    ]
+    lines += [*(f"Warning: {warning}" for warning in match.warnings()), f"Drawn in {out}"]
+    echo_result({**document, **files}, "\n".join(lines), as_json=as_json)
+
+
+def _point(point: dict[str, Any], name: str = "query_px") -> str:
+    u, v = point[name]
+    return f"({u:.1f}, {v:.1f})"
+
+
+def _certainty(point: dict[str, Any]) -> str:
+    named = ("confidence", "familiarity")
+    return "".join(f", {name} {point[name]:.2f}" for name in named if point[name] is not None)

@@ -1,19 +1,18 @@
-"""One query matched between two pictures, and the figure that shows it."""
+"""The figure of a match between two pictures."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
-from pliant.baselines.matcher import Answers, Heat, HeatMatcher, Matcher, View
-from pliant.baselines.pixels import lies_on
+from pliant.baselines.matcher import Heat, View
 from pliant.spec.errors import CallError
 from pliant.spec.io.writing import replacing
 from pliant.viewer.drawing import Rgb, Window, check_ending, show
+from pliant.viewer.photo_match import PhotoMatch, PointMatch
 
 FORMATS: Final = (".png", ".pdf", ".svg", ".jpg")
 
@@ -23,91 +22,9 @@ _ROOM: Final = 0.08  # around the object, in its longer sides
 _LOWEST_SHOWN: Final = 0.05  # quantile of the heat at the lower end of the colours
 _LOG_RANGE: Final = 10.0  # e^-10 of the largest is as good as nothing
 _LEAST_WEIGHT: Final = 0.05  # of a mode whose ring is drawn
+_NUMBERED: Final = 40  # more points have colours alone
 _QUERY_COLOUR: Final = "#00c8ff"
 _MATCH_COLOUR: Final = "#ff2d78"
-
-
-@dataclass(frozen=True)
-class PhotoMatch:
-    """Where a method sees one pixel of a picture in another one.
-
-    Attributes:
-        method: Its name.
-        uv_a_px: float32 (2,), the query.
-        uv_b_px: float32 (2,), the match.
-        visible: Probability that the point is visible in the target, or None.
-        sigma_px: Standard deviation that the method gives its answer, or None.
-        modes: float32 (M, 4), the modes of the answer, or None.
-        heat: Its belief over the target, or None where the method has none to show.
-    """
-
-    method: str
-    uv_a_px: npt.NDArray[np.float32]
-    uv_b_px: npt.NDArray[np.float32]
-    visible: float | None
-    sigma_px: float | None
-    modes: npt.NDArray[np.float32] | None
-    heat: Heat | None
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the match as a JSON object."""
-        found: dict[str, Any] = {
-            "method": self.method,
-            "query_px": [round(float(x), 3) for x in self.uv_a_px],
-            "match_px": [round(float(x), 3) for x in self.uv_b_px],
-            "visible": self.visible,
-            "sigma_px": self.sigma_px,
-            "confidence": None if self.heat is None else self.heat.confidence,
-            "confidence_is": None if self.heat is None else self.heat.confidence_label,
-        }
-        if self.modes is not None:
-            names = ("u", "v", "sigma", "weight")
-            found["modes"] = [
-                dict(zip(names, map(float, mode), strict=True)) for mode in self.modes
-            ]
-        return found
-
-
-def match_photo(
-    matcher: Matcher, source: View, target: View, at_px: tuple[float, float]
-) -> PhotoMatch:
-    """Match one pixel.
-
-    Args:
-        matcher: The method.
-        source: The picture the pixel is in.
-        target: The picture to find it in.
-        at_px: (u, v), centre of the first pixel at (0.5, 0.5).
-
-    Raises:
-        CallError: The pixel lies outside the source picture, or beside its mask.
-    """
-    uv_a_px = np.array([at_px], dtype=np.float32)  # (1, 2)
-    height, width = source.rgb.shape[:2]
-    if not lies_on(uv_a_px, np.ones((height, width), dtype=np.bool_))[0]:
-        raise CallError(
-            "the query pixel lies outside the source picture",
-            where="--at",
-            found=f"{at_px[0]:g},{at_px[1]:g}",
-            required=f"0 <= U < {width}, 0 <= V < {height}",
-        )
-    if source.mask is not None and not lies_on(uv_a_px, source.mask)[0]:
-        raise CallError(
-            "the query pixel lies beside the object of the source mask",
-            where="--at",
-            found=f"{at_px[0]:g},{at_px[1]:g}",
-        )
-    answers: Answers = matcher.answer(source, target, uv_a_px)
-    heat = matcher.heat(source, target, uv_a_px[0]) if isinstance(matcher, HeatMatcher) else None
-    return PhotoMatch(
-        method=matcher.name,
-        uv_a_px=uv_a_px[0],
-        uv_b_px=answers.uv_px[0],
-        visible=None if answers.visible is None else float(answers.visible[0]),
-        sigma_px=None if answers.sigma_px is None else float(answers.sigma_px[0]),
-        modes=None if answers.modes is None else answers.modes[0],
-        heat=heat,
-    )
 
 
 def check_figure_path(path: Path) -> None:
@@ -131,12 +48,12 @@ def check_figure_path(path: Path) -> None:
 
 
 def draw_match(match: PhotoMatch, source: View, target: View, out: Path) -> None:
-    """Draw the query, the match and, where the method has one, its heat map.
+    """Draw the queries, their matches and, of a single one, the heat map where there is one.
 
     Args:
         match: From `match_photo`.
-        source: The picture with the query.
-        target: The picture with the match.
+        source: The picture with the queries.
+        target: The picture with the matches.
         out: The figure to write, png, pdf, svg or jpg; an earlier one is replaced.
 
     Raises:
@@ -145,51 +62,89 @@ def draw_match(match: PhotoMatch, source: View, target: View, out: Path) -> None
     check_figure_path(out)
     from matplotlib.figure import Figure
 
+    single = match.points[0] if len(match.points) == 1 else None
+    heat = None if single is None else single.heat
     cropped = source.mask is not None and target.mask is not None
     frame_a, frame_b = _window(source, cropped), _window(target, cropped)
-    frames = [frame_a, frame_b] if match.heat is None else [frame_a, frame_b, frame_b]
+    frames = [frame_a, frame_b] if heat is None else [frame_a, frame_b, frame_b]
     # All pictures get one height, so that pictures of unlike shapes stand in one row.
     shapes = [(right - left) / (bottom - top) for left, right, bottom, top in frames]
     tall = float(np.clip(_WIDTH_IN * len(frames) / sum(shapes), *_HEIGHT_IN))
-    below = 0.75 if match.heat is None else 1.35  # titles, and the colour bar, inches
+    warnings = match.warnings()
+    below = (0.75 if heat is None else 1.35) + 0.2 * len(warnings)  # texts and bar, inches
     figure = Figure(figsize=(tall * sum(shapes) + 0.3, tall + below), layout="constrained")
-    rows = [tall] if match.heat is None else [tall, 0.14]
+    rows = [tall] if heat is None else [tall, 0.14]
     grid = figure.add_gridspec(len(rows), len(frames), width_ratios=shapes, height_ratios=rows)
     axes = [figure.add_subplot(grid[0, column]) for column in range(len(frames))]
-    show(axes[0], source.rgb, f"source, query at ({_numbers(match.uv_a_px)})", frame_a)
-    _mark(axes[0], match.uv_a_px, _QUERY_COLOUR)
-    rings = ", rings: 2 std. dev." if _rings(axes[1], match) else ""
-    show(axes[1], target.rgb, f"target, match at ({_numbers(match.uv_b_px)}){rings}", frame_b)
-    _mark(axes[1], match.uv_b_px, _MATCH_COLOUR)
-    if match.heat is not None:
+    if single is None:
+        show(axes[0], source.rgb, f"source, {len(match.points)} queries", frame_a)
+        show(axes[1], target.rgb, "target, matches", frame_b)
+        _numbered(axes, match)
+    else:
+        at_a, at_b = single.uv_a_px * match.scale_a, single.uv_b_px * match.scale_b
+        show(axes[0], source.rgb, f"source, query at ({_numbers(at_a)})", frame_a)
+        _mark(axes[0], single.uv_a_px, _QUERY_COLOUR)
+        rings = ", rings: 2 std. dev." if _rings(axes[1], single) else ""
+        show(axes[1], target.rgb, f"target, match at ({_numbers(at_b)}){rings}", frame_b)
+        _mark(axes[1], single.uv_b_px, _MATCH_COLOUR)
+    if single is not None and heat is not None:
         show(axes[2], _dimmed(target.rgb), f"heat map of {match.method} over the target", frame_b)
-        shown = _heat(axes[2], match.heat)
+        shown = _heat(axes[2], heat)
         if shown is not None:
             bar = figure.colorbar(
                 shown, cax=figure.add_subplot(grid[1, 2]), orientation="horizontal"
             )
-            bar.set_label(match.heat.label, fontsize=9)
+            bar.set_label(heat.label, fontsize=9)
             bar.ax.tick_params(labelsize=8)
             if bar.solids is not None:
                 bar.solids.set_alpha(1.0)
-        _mark(axes[2], match.uv_b_px, _MATCH_COLOUR)
-    figure.suptitle(_headline(match), fontsize=12)
+        _mark(axes[2], single.uv_b_px, _MATCH_COLOUR)
+    figure.suptitle(_headline(match, single), fontsize=12)
+    if warnings:
+        figure.supxlabel("\n".join(warnings), fontsize=9, color="#b00020")
     with replacing(out) as partial:
         figure.savefig(partial, dpi=110)
 
 
-def _headline(match: PhotoMatch) -> str:
+def _numbered(axes: list[Any], match: PhotoMatch) -> None:
+    """Draw every query and its match in one colour and with one number."""
+    from matplotlib import colormaps
+
+    count = len(match.points)
+    for number, point in enumerate(match.points):
+        colour = colormaps["turbo"](0.05 + 0.9 * number / max(1, count - 1))
+        for axis, uv_px in ((axes[0], point.uv_a_px), (axes[1], point.uv_b_px)):
+            axis.plot(*uv_px, "o", ms=7, mfc=colour, mec="white", mew=1.2)
+            if count <= _NUMBERED:
+                axis.annotate(
+                    str(number + 1),
+                    tuple(map(float, uv_px)),
+                    xytext=(5, 5),
+                    textcoords="offset points",
+                    fontsize=8,
+                    color="white",
+                    bbox={"boxstyle": "round,pad=0.15", "fc": "#000000a0", "lw": 0},
+                )
+
+
+def _headline(match: PhotoMatch, single: PointMatch | None) -> str:
     parts = [match.method]
-    if match.heat is not None:
-        parts.append(f"confidence {match.heat.confidence:.2f} ({match.heat.confidence_label})")
-    if match.visible is not None:
-        parts.append(f"visible with probability {match.visible:.2f}")
-    if match.sigma_px is not None:
-        parts.append(f"standard deviation {match.sigma_px:.1f} px")
+    if single is None:
+        return f"{match.method}, {len(match.points)} points"
+    confidence = match.confidence(single)
+    if confidence is not None and single.heat is not None:
+        parts.append(f"confidence {confidence:.2f} ({single.heat.confidence_label})")
+    if single.visible is not None:
+        parts.append(f"visible with probability {single.visible:.2f}")
+    if single.sigma_px is not None:
+        width = float(np.sqrt(match.scale_b.prod()))
+        parts.append(f"standard deviation {single.sigma_px * width:.1f} px")
+    if single.familiarity is not None:
+        parts.append(f"familiarity {single.familiarity:.2f}")
     return ", ".join(parts)
 
 
-def _numbers(uv_px: npt.NDArray[np.float32]) -> str:
+def _numbers(uv_px: npt.NDArray[Any]) -> str:
     return f"{uv_px[0]:.1f}, {uv_px[1]:.1f}"
 
 
@@ -223,7 +178,7 @@ def _mark(axes: Any, uv_px: npt.NDArray[np.float32], colour: str) -> None:
     axes.plot(*uv_px, marker="o", markersize=2.4, markerfacecolor=colour, markeredgewidth=0)
 
 
-def _rings(axes: Any, match: PhotoMatch) -> int:
+def _rings(axes: Any, match: PointMatch) -> int:
     """Draw two standard deviations around the answer or its modes; return how many rings."""
     from matplotlib.patches import Circle
 

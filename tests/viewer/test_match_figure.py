@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -14,9 +15,11 @@ from PIL import Image
 from pliant.baselines import METHODS, Answers, Heat, View
 from pliant.baselines.controls import Identity
 from pliant.baselines.photo import read_view
+from pliant.cli.main import run
 from pliant.spec.errors import CallError, PliantError
 from pliant.spec.io.photo import read_photo
-from pliant.viewer.match_figure import _heat, _rings, draw_match, match_photo
+from pliant.viewer.match_figure import _heat, _rings, draw_match
+from pliant.viewer.photo_match import grid_points, match_photo
 
 
 class Unsure:
@@ -37,8 +40,9 @@ class Unsure:
 def test_turned_card_is_found(pose: Any, view_of: Any) -> None:
     before, after = pose(), pose(angle_deg=30)
     at = before.place(np.array([[20.0, -11.0]]))[0]
-    match = match_photo(METHODS["sift"](), view_of(before), view_of(after), tuple(at))  # type: ignore[arg-type]
-    assert np.hypot(*(match.uv_b_px - after.place(np.array([[20.0, -11.0]]))[0])) < 1.5
+    match = match_photo(METHODS["sift"](), view_of(before), view_of(after), [tuple(at)])  # type: ignore[arg-type]
+    found = match.points[0].uv_b_px
+    assert np.hypot(*(found - after.place(np.array([[20.0, -11.0]]))[0])) < 1.5
     document = match.as_dict()
     assert document["query_px"] == [140, 89]
     assert 0 < document["confidence"] <= 1
@@ -48,7 +52,7 @@ def test_turned_card_is_found(pose: Any, view_of: Any) -> None:
 
 def test_everything_a_method_says_is_told(pose: Any, view_of: Any, tmp_path: Path) -> None:
     view = view_of(pose())
-    match = match_photo(Unsure(), view, view, (100, 100))
+    match = match_photo(Unsure(), view, view, [(100, 100)])
     document = match.as_dict()
     assert document["visible"] == pytest.approx(0.9)
     assert document["confidence"] is None
@@ -69,7 +73,7 @@ def test_figure_has_a_heat_map_where_the_method_has_one(
     for name in ("orb", "identity"):
         out = tmp_path / f"{name}.png"
         draw_match(
-            match_photo(METHODS[name](), view, view, (100, 100)),  # type: ignore[arg-type]
+            match_photo(METHODS[name](), view, view, [(100, 100)]),  # type: ignore[arg-type]
             view,
             view,
             out,
@@ -85,7 +89,7 @@ def test_pictures_of_unlike_shapes_get_one_height(tmp_path: Path) -> None:
     tall = View(np.full((400, 100, 3), 90, np.uint8))
     for number, (source, target) in enumerate(((wide, tall), (tall, tall), (wide, wide))):
         out = tmp_path / f"{number}.png"
-        draw_match(match_photo(Identity(), source, target, (50, 50)), source, target, out)
+        draw_match(match_photo(Identity(), source, target, [(50, 50)]), source, target, out)
         with Image.open(out) as figure:
             rows = np.asarray(figure.convert("L"))
         grey = rows == 90
@@ -115,31 +119,32 @@ def test_modes_of_no_weight_are_not_drawn(pose: Any, view_of: Any) -> None:
     from matplotlib.figure import Figure
 
     view = view_of(pose())
-    match = match_photo(Unsure(), view, view, (100, 100))
-    assert match.modes is not None
-    assert _rings(Figure().subplots(), match) == 2
-    match.modes[1, 3] = 0.01
-    assert _rings(Figure().subplots(), match) == 1
+    match = match_photo(Unsure(), view, view, [(100, 100)])
+    (point,) = match.points
+    assert point.modes is not None
+    assert _rings(Figure().subplots(), point) == 2
+    point.modes[1, 3] = 0.01
+    assert _rings(Figure().subplots(), point) == 1
 
 
 def test_figure_of_a_blank_picture(tmp_path: Path) -> None:
     blank = View(np.zeros((20, 30, 3), dtype=np.uint8))
-    match = match_photo(METHODS["sift"](), blank, blank, (3, 3))  # type: ignore[arg-type]
+    match = match_photo(METHODS["sift"](), blank, blank, [(3, 3)])  # type: ignore[arg-type]
     draw_match(match, blank, blank, tmp_path / "blank.png")
-    assert match.uv_b_px.tolist() == [15, 10]
+    assert match.points[0].uv_b_px.tolist() == [15, 10]
 
 
 @pytest.mark.parametrize("at", [(-0.1, 5.0), (30.0, 5.0), (5.0, 20.0), (float("nan"), 1.0)])
 def test_query_outside_the_picture_is_refused(at: tuple[float, float]) -> None:
     blank = View(np.zeros((20, 30, 3), dtype=np.uint8))
     with pytest.raises(CallError, match="0 <= U < 30, 0 <= V < 20"):
-        match_photo(Identity(), blank, blank, at)
+        match_photo(Identity(), blank, blank, [at])
 
 
 def test_query_beside_the_object_is_refused(pose: Any, view_of: Any) -> None:
     view = view_of(pose())
-    with pytest.raises(CallError, match="beside the object"):
-        match_photo(Identity(), view, view, (3, 3))
+    with pytest.raises(CallError, match="not on the object"):
+        match_photo(Identity(), view, view, [(3, 3)])
 
 
 @pytest.mark.parametrize(
@@ -153,7 +158,7 @@ def test_query_beside_the_object_is_refused(pose: Any, view_of: Any) -> None:
 def test_bad_figure_paths_are_refused(name: str, message: str, tmp_path: Path) -> None:
     (tmp_path / "folder.png").mkdir()
     blank = View(np.zeros((20, 30, 3), dtype=np.uint8))
-    match = match_photo(Identity(), blank, blank, (3, 3))
+    match = match_photo(Identity(), blank, blank, [(3, 3)])
     with pytest.raises(CallError, match=message):
         draw_match(match, blank, blank, tmp_path / name)
 
@@ -219,3 +224,131 @@ def test_masks(tmp_path: Path) -> None:
     Image.new("L", (9, 6)).save(tmp_path / "black.png")
     with pytest.raises(CallError, match="black everywhere"):
         read_view(tmp_path / "picture.png", tmp_path / "black.png")
+
+
+def pair_of_cards(tmp_path: Path, pose: Any, view_of: Any, times: int = 1) -> list[str]:
+    """Write two enlarged pictures of a card and their masks; return the options naming them."""
+    options = []
+    for side, angle in (("source", 0), ("target", 30)):
+        view = view_of(pose(angle_deg=angle))
+        for name, values in (("", view.rgb), ("mask-", (view.mask * 255).astype(np.uint8))):
+            large = np.repeat(np.repeat(values, times, axis=0), times, axis=1)
+            path = tmp_path / f"{name}{side}.png"
+            Image.fromarray(large).save(path)
+            options += [f"--{name}{side}", str(path)]
+    return options
+
+
+def matched(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any]:
+    assert run(["match", *arguments, "--json"]) == 0
+    document: dict[str, Any] = json.loads(capsys.readouterr().out)
+    return document
+
+
+def test_a_reduced_picture_gives_positions_of_the_whole_one(
+    tmp_path: Path, pose: Any, view_of: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Four times as large and reduced by four: the same answer, times four."""
+    before, after = pose(), pose(angle_deg=30)
+    at, expected = (4 * each.place(np.array([[20.0, -11.0]]))[0] for each in (before, after))
+    options = pair_of_cards(tmp_path, pose, view_of, times=4)
+    side = str(max(view_of(before).rgb.shape[:2]))
+    point = f"{at[0]},{at[1]}"
+    out = str(tmp_path / "figure.png")
+    found = matched(capsys, "sift", *options, "--at", point, "--max-size", side, "--out", out)
+    assert found["query_px"] == pytest.approx(at, abs=1e-3)
+    assert np.hypot(*(np.array(found["match_px"]) - expected)) < 4 * 1.5
+    assert found["warnings"] == []
+
+
+def test_several_points_and_a_grid(
+    tmp_path: Path, pose: Any, view_of: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = pair_of_cards(tmp_path, pose, view_of)
+    out = str(tmp_path / "figure.png")
+    two = ["--at", "140.5,89.5", "--at", "100.5,80.5"]
+    found = matched(capsys, "sift", *options, *two, "--out", out)
+    assert [point["query_px"] for point in found["points"]] == [[140.5, 89.5], [100.5, 80.5]]
+    grid = matched(capsys, "identity", *options, "--grid", "30", "--out", out)
+    assert 20 <= len(grid["points"]) <= 40
+    mask = view_of(pose()).mask
+    assert all(mask[int(p["query_px"][1]), int(p["query_px"][0])] for p in grid["points"])
+    assert run(["match", "identity", *options, "--out", out]) == 2
+    assert run(["match", "identity", *options, *two, "--grid", "3", "--out", out]) == 2
+    assert "by --at U,V or by --grid N; found none" in capsys.readouterr().err
+
+
+def test_grid_points_cover_the_object() -> None:
+    mask = np.zeros((40, 60), np.bool_)
+    mask[10:30, 20:40] = True
+    points = grid_points(View(np.zeros((40, 60, 3), np.uint8), mask), 16, (120, 80))
+    assert set(points) == {
+        (u, v) for u in (45.0, 55.0, 65.0, 75.0) for v in (25.0, 35.0, 45.0, 55.0)
+    }
+
+
+@pytest.mark.parametrize("method", ["sift", "surf", "orb", "random"])
+@pytest.mark.parametrize("case", ["tiny", "black", "empty"])
+def test_pictures_that_show_nothing_get_no_confidence(
+    case: str, method: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    side = 3 if case == "tiny" else 64
+    rgb = np.random.default_rng(0).integers(0, 256, (side, side, 3)).astype(np.uint8)
+    if case != "tiny":
+        rgb[:] = 0 if case == "black" else 140
+        rgb[::2, ::3] += 1  # the noise of an empty table
+    path = tmp_path / "picture.png"
+    Image.fromarray(rgb).save(path)
+    pictures = ["--source", str(path), "--target", str(path)]
+    out = str(tmp_path / "figure.png")
+    found = matched(capsys, method, *pictures, "--at", "1.5,1.5", "--out", out)
+    assert found["confidence"] in (None, 0.0)
+    assert "nothing to compare" in found["warnings"][0]
+
+
+class Strange:
+    """Answers a query that is unlike its training data with full confidence."""
+
+    name = "strange"
+
+    def __init__(self, familiarity: float) -> None:
+        self.familiarity = familiarity
+
+    def describe(self) -> Mapping[str, Any]:
+        return {}
+
+    def answer(self, source: View, target: View, uv_a_px: npt.NDArray[np.float32]) -> Answers:
+        known = np.full(len(uv_a_px), self.familiarity, np.float32)
+        return Answers(uv_a_px.copy(), familiarity=known)
+
+    def heat(self, source: View, target: View, uv_a_px: npt.NDArray[np.float32]) -> Heat:
+        return Heat(np.zeros(target.rgb.shape[:2], np.float32), "log probability", 0.9, "peak")
+
+
+def test_an_unfamiliar_query_is_said(pose: Any, view_of: Any, tmp_path: Path) -> None:
+    view = view_of(pose())
+    usual = match_photo(Strange(0.4), view, view, [(100, 100)])
+    assert usual.warnings() == []
+    assert usual.as_dict()["confidence"] == 0.9
+    match = match_photo(Strange(0.01), view, view, [(100, 100)])
+    assert match.as_dict()["confidence"] == pytest.approx(0.009)
+    assert "unlike what strange was trained on" in match.warnings()[0]
+    draw_match(match, view, view, tmp_path / "figure.svg")
+    assert "do not trust the answer" in _svg_text(tmp_path / "figure.svg")
+
+
+def test_depth_reaches_the_method(tmp_path: Path) -> None:
+    Image.new("RGB", (40, 20), "red").save(tmp_path / "a.png")
+    depth_mm = np.full((20, 40), 1250, np.uint16)
+    depth_mm[0] = 0
+    Image.fromarray(depth_mm).save(tmp_path / "depth.png")
+    view = read_view(tmp_path / "a.png", depth=tmp_path / "depth.png", max_side=20)
+    assert view.rgb.shape == (10, 20, 3)
+    assert view.depth_m is not None
+    assert (view.depth_m == 1.25).all()  # every second row: the first one is left out
+    whole = read_view(tmp_path / "a.png", depth=tmp_path / "depth.png").depth_m
+    assert whole is not None
+    assert np.isinf(whole[0]).all()
+    Image.new("L", (40, 20), 3).save(tmp_path / "eight.png")
+    with pytest.raises(PliantError, match="depth of 8 bits has no unit"):
+        read_view(tmp_path / "a.png", depth=tmp_path / "eight.png")

@@ -1,0 +1,212 @@
+"""Points of one picture found in another, with what makes the answers doubtful."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from pliant.baselines.matcher import UNFAMILIAR, Answers, Heat, HeatMatcher, Matcher, View
+from pliant.baselines.pixels import lies_on
+from pliant.spec.errors import CallError
+
+Float64 = npt.NDArray[np.float64]
+
+_LEAST_SIDE_PX: Final = 16
+_LEAST_SPREAD: Final = 2.0  # standard deviation of grey levels, below which a picture is blank
+
+
+@dataclass(frozen=True)
+class PointMatch:
+    """Where a method sees one point.
+
+    Attributes:
+        uv_a_px: float32 (2,), the query, pixels of the view.
+        uv_b_px: float32 (2,), the match, pixels of the view.
+        visible: Probability that the point is visible in the target, or None.
+        sigma_px: Standard deviation that the method gives its answer, or None.
+        modes: float32 (M, 4), the modes of the answer, or None.
+        familiarity: How much the query is like the training data, 0 to 1, or None.
+        heat: The method's belief over the target, or None where it has none to show.
+    """
+
+    uv_a_px: npt.NDArray[np.float32]
+    uv_b_px: npt.NDArray[np.float32]
+    visible: float | None
+    sigma_px: float | None
+    modes: npt.NDArray[np.float32] | None
+    familiarity: float | None
+    heat: Heat | None
+
+
+@dataclass(frozen=True)
+class PhotoMatch:
+    """Where a method sees points of a picture in another one.
+
+    Attributes:
+        method: Its name.
+        points: The points.
+        scale_a: (u, v), pixels of the source picture per pixel of its view.
+        scale_b: Likewise of the target.
+        blank: What is wrong with the pictures, in words; empty if nothing is.
+    """
+
+    method: str
+    points: list[PointMatch]
+    scale_a: Float64
+    scale_b: Float64
+    blank: str = ""
+
+    def confidence(self, point: PointMatch) -> float | None:
+        """Return how sure an answer is, 0 to 1, or None where the method does not say.
+
+        It is the method's own confidence, 0 for a blank picture, and multiplied by the
+        familiarity of a point that is unlike the training data.
+        """
+        if point.heat is None:
+            return None
+        if self.blank:
+            return 0.0
+        strange = point.familiarity is not None and point.familiarity < UNFAMILIAR
+        return point.heat.confidence * (point.familiarity or 0.0 if strange else 1.0)
+
+    def warnings(self) -> list[str]:
+        """Return sentences on what makes the answers doubtful."""
+        found = [self.blank] if self.blank else []
+        strange = sum(
+            point.familiarity is not None and point.familiarity < UNFAMILIAR
+            for point in self.points
+        )
+        if strange:
+            count = len(self.points)
+            which = f"{strange} of {count} points" if count > 1 else "the point"
+            found.append(
+                f"The pictures or {which} are unlike what {self.method} was trained on "
+                f"(familiarity below {UNFAMILIAR}): do not trust the answer."
+            )
+        return found
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the match as a JSON object, positions in pixels of the pictures."""
+        points = [self._point(point) for point in self.points]
+        document: dict[str, Any] = {"method": self.method, "warnings": self.warnings()}
+        return {**document, **points[0]} if len(points) == 1 else {**document, "points": points}
+
+    def _point(self, point: PointMatch) -> dict[str, Any]:
+        width = float(np.sqrt(self.scale_b.prod()))
+        found: dict[str, Any] = {
+            "query_px": [round(float(x), 3) for x in point.uv_a_px * self.scale_a],
+            "match_px": [round(float(x), 3) for x in point.uv_b_px * self.scale_b],
+            "visible": point.visible,
+            "sigma_px": None if point.sigma_px is None else point.sigma_px * width,
+            "confidence": self.confidence(point),
+            "confidence_is": None if point.heat is None else point.heat.confidence_label,
+            "familiarity": point.familiarity,
+        }
+        if point.modes is not None:
+            names = ("u", "v", "sigma", "weight")
+            scaled = point.modes * [*self.scale_b, width, 1.0]
+            found["modes"] = [dict(zip(names, map(float, mode), strict=True)) for mode in scaled]
+        return found
+
+
+def match_photo(
+    matcher: Matcher,
+    source: View,
+    target: View,
+    at_px: Sequence[tuple[float, float]],
+    *,
+    sizes: tuple[tuple[int, int], tuple[int, int]] | None = None,
+) -> PhotoMatch:
+    """Match points.
+
+    Args:
+        matcher: The method.
+        source: The picture the points are in.
+        target: The picture to find them in.
+        at_px: (u, v) of each in the source picture, centre of the first pixel at (0.5, 0.5).
+        sizes: (width, height) of the two pictures, if the views are reduced.
+
+    Raises:
+        CallError: A pixel is outside the source picture or its mask.
+    """
+    views = [np.array(view.rgb.shape[1::-1], np.float64) for view in (source, target)]
+    whole = [np.array(size, np.float64) for size in sizes or views]
+    scale_a, scale_b = (size / view for size, view in zip(whole, views, strict=True))
+    uv_a_px = (np.array(at_px, np.float64).reshape(-1, 2) / scale_a).astype(np.float32)
+    _check_queries(source, uv_a_px, at_px, whole[0])
+    answers: Answers = matcher.answer(source, target, uv_a_px)
+    heat = None  # of a single point: a method may take seconds for each
+    if len(at_px) == 1 and isinstance(matcher, HeatMatcher):
+        heat = matcher.heat(source, target, uv_a_px[0])
+    points = [
+        PointMatch(
+            uv_a_px=uv_a_px[k],
+            uv_b_px=answers.uv_px[k],
+            visible=None if answers.visible is None else float(answers.visible[k]),
+            sigma_px=None if answers.sigma_px is None else float(answers.sigma_px[k]),
+            modes=None if answers.modes is None else answers.modes[k],
+            familiarity=None if answers.familiarity is None else float(answers.familiarity[k]),
+            heat=heat,
+        )
+        for k in range(len(at_px))
+    ]
+    return PhotoMatch(matcher.name, points, scale_a, scale_b, _blank(source, target))
+
+
+def grid_points(view: View, count: int, size: tuple[int, int]) -> list[tuple[float, float]]:
+    """Return points of a regular grid that lie on the object, or anywhere without a mask.
+
+    Args:
+        view: The source, perhaps reduced.
+        count: About how many points.
+        size: (width, height) of the picture.
+
+    Returns:
+        (u, v) in pixels of the picture.
+    """
+    height, width = view.rgb.shape[:2]
+    mask = np.ones((height, width), np.bool_) if view.mask is None else view.mask
+    step = max(1.0, float(np.sqrt(np.count_nonzero(mask) / count)))
+    rows, columns = (np.arange(step / 2, side, step) for side in (height, width))
+    places = [(u, v) for v in rows for u in columns if mask[int(v), int(u)]]
+    scale = (size[0] / width, size[1] / height)
+    return [(float(u * scale[0]), float(v * scale[1])) for u, v in places]
+
+
+def _check_queries(
+    source: View,
+    uv_px: npt.NDArray[np.float32],
+    at_px: Sequence[tuple[float, float]],
+    size: Float64,
+) -> None:
+    inside = lies_on(uv_px, np.ones(source.rgb.shape[:2], np.bool_))
+    on = inside if source.mask is None else lies_on(uv_px, source.mask)
+    for number, at in enumerate(at_px):
+        found = f"{at[0]:g},{at[1]:g}"
+        if not inside[number]:
+            raise CallError(
+                "the query pixel is outside the source picture",
+                where="--at",
+                found=found,
+                required=f"0 <= U < {size[0]:g}, 0 <= V < {size[1]:g}",
+            )
+        if not on[number]:
+            raise CallError(
+                "the query pixel is not on the object of the source mask", where="--at", found=found
+            )
+
+
+def _blank(source: View, target: View) -> str:
+    """Return what is wrong with pictures that show nothing, as a sentence."""
+    for name, view in (("source", source), ("target", target)):
+        height, width = view.rgb.shape[:2]
+        if min(height, width) < _LEAST_SIDE_PX:
+            return f"The {name} is only {width}x{height} px: there is nothing to compare."
+        shown = view.rgb if view.mask is None else view.rgb[view.mask]
+        if float(shown.mean(axis=-1).std()) < _LEAST_SPREAD:
+            return f"The {name} shows one colour only: there is nothing to compare."
+    return ""
