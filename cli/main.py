@@ -33,6 +33,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "leaderboard": ("pliant.cli.leaderboard", "One page from many reports."),
     "serve": ("pliant.cli.serve", "The leaderboard and its reports as a static site."),
     "benchmark": ("pliant.cli.benchmark", "Make a reference benchmark, from config to table."),
+    "annotate": ("pliant.cli.annotate", "Click the same points in several pictures."),
     "match": ("pliant.cli.match", "Match a pixel between any two pictures."),
     "spec": ("pliant.cli.spec", "Print or write the specification's schemas."),
     "migrate": ("pliant.cli.migrate", "Bring a dataset to the current specification version."),

@@ -46,13 +46,16 @@ class Collector:
 
     Args:
         path: The file or folder that is read, for messages.
+
+    Attributes:
+        marks: (picture, point) -> u, v and whether the point is seen.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self._pictures: dict[Path, None] = {}
         self._points: dict[str, None] = {}
-        self._marks: dict[tuple[Path, str], tuple[float, float, bool]] = {}
+        self.marks: dict[tuple[Path, str], tuple[float, float, bool]] = {}
 
     def add_picture(self, picture: Path) -> None:
         """Add a picture, marked or not."""
@@ -73,7 +76,7 @@ class Collector:
         Raises:
             SpecError: The point is marked there already.
         """
-        if (picture, point) in self._marks:
+        if (picture, point) in self.marks:
             raise SpecError(
                 f"the point {point!r} is marked twice in {picture.name}",
                 path=self.path,
@@ -82,7 +85,7 @@ class Collector:
             )
         self.add_picture(picture)
         self._points[point] = None
-        self._marks[picture, point] = (*uv_px, visible and bool(np.isfinite(uv_px).all()))
+        self.marks[picture, point] = (*uv_px, visible and bool(np.isfinite(uv_px).all()))
 
     def annotations(self) -> Annotations:
         """Return what was gathered; pictures are sorted by name.
@@ -101,13 +104,13 @@ class Collector:
             )
         uv_px = np.full((len(points), len(pictures), 2), np.nan)
         visible = np.zeros(uv_px.shape[:2], np.bool_)
-        for (picture, point), mark in self._marks.items():
+        for (picture, point), mark in self.marks.items():
             self._check_inside(picture, point, mark)
         frame = {picture: index for index, picture in enumerate(pictures)}
         for row, point in enumerate(points):
             for picture in pictures:
-                if (picture, point) in self._marks:
-                    u, v, seen = self._marks[picture, point]
+                if (picture, point) in self.marks:
+                    u, v, seen = self.marks[picture, point]
                     uv_px[row, frame[picture]] = u, v
                     visible[row, frame[picture]] = seen
         return Annotations(self.path, pictures, points, uv_px, visible)

@@ -20,6 +20,11 @@ _VISIBLE: Final = {"1": True, "true": True, "yes": True, "0": False, "false": Fa
 
 
 def read_marks(path: Path) -> Annotations:
+    """Return the marks of a CSV as annotated pictures; see `collect_marks`."""
+    return collect_marks(path).annotations()
+
+
+def collect_marks(path: Path) -> Collector:
     """Read a CSV of marks; its pictures are in the folder of the file, or in `images/` there.
 
     Args:
@@ -44,7 +49,7 @@ def read_marks(path: Path) -> Annotations:
             raise SpecError("the point has no name", path=path, where=where)
         u, v = (_number(row[axis], visible, path, f"{where}, {axis}") for axis in "xy")
         marks.add(picture, row["point"], (u, v), visible, where)
-    return marks.annotations()
+    return marks
 
 
 def _number(text: str, visible: bool, path: Path, where: str) -> float:

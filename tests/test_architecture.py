@@ -29,7 +29,7 @@ ARROWS: dict[str, set[str]] = {
     "converters": {"spec"},
     # A dataset card shows a contact sheet.
     "publishing": {"spec", "evaluator", "viewer"},
-    "viewer": {"spec", "baselines", "evaluator", "models"},
+    "viewer": {"spec", "baselines", "converters", "evaluator", "models"},
     "benchmarks": set(FOLDERS) - {"cli"},
     "cli": {*FOLDERS, "api"},
 }

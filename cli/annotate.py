@@ -1,0 +1,62 @@
+"""`pliant annotate`: click the same points in several pictures, on a local web page."""
+
+from __future__ import annotations
+
+import webbrowser
+from pathlib import Path
+from typing import Any
+
+import click
+
+from pliant.cli.options import PATH
+from pliant.cli.terminal import echo, plural
+
+
+@click.command()
+@click.argument("folder", metavar="DIR", type=PATH)
+@click.option("--points", default="", metavar="A,B,…", help="Names of points to begin with.")
+@click.option("--method", metavar="METHOD", help="Suggest marks with this method (such as sift).")
+@click.option(
+    "--port",
+    type=click.IntRange(0, 65535),
+    default=0,
+    help="Port on 127.0.0.1; default: any that is free.",
+)
+@click.option("--no-browser", is_flag=True, help="Print the address, do not open a browser.")
+def command(folder: Path, points: str, method: str | None, port: int, no_browser: bool) -> None:
+    """Click the same points in the pictures of DIR and write DIR/annotations.csv.
+
+    The page is served to this machine alone. Every change is saved at once; Ctrl-C ends. Run it
+    again to go on. `pliant import DIR --out DATA` then makes a dataset of pictures and marks.
+    """
+    from pliant.baselines.matcher import Matcher, SplitMatcher
+    from pliant.spec.errors import CallError
+    from pliant.viewer.annotate import Annotation, Suggester, make_server
+
+    annotation = Annotation(folder, [name.strip() for name in points.split(",") if name.strip()])
+    suggester = None
+    if method is not None:
+        from pliant.api import open_method
+
+        opened: Any = open_method(method)
+        if isinstance(opened, SplitMatcher):
+            raise CallError(
+                f"the method {method!r} answers the queries of a dataset, not photographs"
+            )
+        matcher: Matcher = opened
+        suggester = Suggester(annotation, lambda: matcher)
+    server = make_server(annotation, suggester, port)
+    address = f"http://127.0.0.1:{server.server_address[1]}/"
+    echo(f"{plural(len(annotation.pictures), 'picture')} at {address} (Ctrl-C ends)")
+    if not no_browser:
+        webbrowser.open(address)
+    try:
+        server.serve_forever()
+    except KeyboardInterrupt:
+        pass
+    finally:
+        server.server_close()
+    echo(
+        f"{plural(annotation.count(), 'mark')} in {annotation.path}\n"
+        f"Then: pliant import {folder} --out DATA"
+    )
