@@ -22,17 +22,12 @@ def command(name: str | None, out: Path | None, as_json: bool) -> None:
     """
     from pliant.spec.conventions import NEWEST_VERSION
     from pliant.spec.errors import CallError
-    from pliant.spec.export import (
-        JSON_SCHEMAS,
-        describe_table,
-        specification_files,
-        write_specification,
-    )
+    from pliant.spec.export import JSON_SCHEMAS, specification_files, write_specification
     from pliant.spec.io.jsonfiles import load_schema
-    from pliant.spec.tables import TABLES
+    from pliant.spec.tables import COLUMNS
     from pliant.spec.validation.issue_codes import ISSUE_CODES
 
-    groups = {"schemas": list(JSON_SCHEMAS), "tables": list(TABLES), "other": ["codes", "text"]}
+    groups = {"schemas": list(JSON_SCHEMAS), "tables": list(COLUMNS), "other": ["codes", "text"]}
     document: object
     if out is not None:
         written = write_specification(out)
@@ -51,8 +46,8 @@ def command(name: str | None, out: Path | None, as_json: bool) -> None:
             document = [vars(code) for code in ISSUE_CODES.values()]
         elif name in JSON_SCHEMAS:
             document = load_schema(name)
-        elif name in TABLES:
-            document = describe_table(name)
+        elif name in COLUMNS:
+            document = COLUMNS[name]
         else:
             raise CallError(
                 "there is no such schema",

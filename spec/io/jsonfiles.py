@@ -115,19 +115,23 @@ def json_bytes(document: Any, schema: str | None = None, name: Path | str = "doc
 
 
 @cache
-def load_schema(name: str, version: str = NEWEST_VERSION) -> dict[str, Any]:
-    """Return one of the specification's JSON Schemas.
+def read_shipped(name: str, version: str = NEWEST_VERSION) -> dict[str, Any]:
+    """Return a JSON file of the specification itself, such as `tables.json`.
 
     Args:
-        name: `dataset`, `sequence`, `cameras`, or `footer-TABLE`.
-        version: Specification version; 1.1.0 left most schemas as they are in 1.0.0.
+        name: The file.
+        version: Specification version; 1.1.0 left most files as they are in 1.0.0.
     """
-    path = SCHEMAS / version / f"{name}.schema.json"
+    path = SCHEMAS / version / name
     if not path.is_file():
-        path = SCHEMAS / SPEC_VERSION / path.name
-    text = path.read_text(encoding="utf-8")
-    schema: dict[str, Any] = json.loads(text)
-    return schema
+        path = SCHEMAS / SPEC_VERSION / name
+    document: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    return document
+
+
+def load_schema(name: str, version: str = NEWEST_VERSION) -> dict[str, Any]:
+    """Return a JSON Schema of the specification: `dataset`, `sequence`, `footer-TABLE` …."""
+    return read_shipped(f"{name}.schema.json", version)
 
 
 def _is_integer(_: object, value: object) -> bool:

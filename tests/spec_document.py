@@ -1,7 +1,7 @@
-"""Keeps SPEC.md and the exported schemas equal to what the code declares.
+"""Keeps SPEC.md and the Arrow schemas equal to the JSON Schemas and to `tables.json`.
 
-`python -m pliant.spec.document --check` fails if a generated part is stale; `--write` makes
-it anew. A generated part stands between `<!-- generated: WHAT -->` and `<!-- end -->`.
+`python -m tests.spec_document --check` fails if a generated part is stale; `--write` writes it
+again. A generated part is between `<!-- generated: WHAT -->` and `<!-- end -->`.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from pathlib import Path
 from typing import Any, Final
 
 from pliant.spec.conventions import SPEC_VERSION
-from pliant.spec.export import JSON_SCHEMAS, describe_table, generated_files
+from pliant.spec.export import JSON_SCHEMAS, arrow_files
 from pliant.spec.io import limits
 from pliant.spec.io.jsonfiles import load_schema
-from pliant.spec.tables import TABLES
+from pliant.spec.tables import COLUMNS
 from pliant.spec.validation.issue_codes import ISSUE_CODES
 
-HERE: Final = Path(__file__).resolve().parent
+HERE: Final = Path(__file__).resolve().parents[1] / "spec"
 TEXT: Final = HERE / "SPEC.md"
 SCHEMAS: Final = HERE / "schemas" / SPEC_VERSION
 
@@ -67,7 +67,7 @@ def render_part(what: str) -> str:
 
 
 def render(text: str) -> str:
-    """Return the text with every generated part made anew."""
+    """Return the text with every generated part written again."""
     return _PART.sub(lambda match: f"{match[1]}{render_part(match[2])}{match[3]}", text)
 
 
@@ -119,7 +119,7 @@ def _array(entry: dict[str, Any]) -> str:
 
 
 def _column_rows(name: str) -> Iterator[tuple[str, str, str, str, str]]:
-    for column in describe_table(name)["columns"]:
+    for column in COLUMNS[name]["columns"]:
         kind = column["type"] + (" or null" if column["nullable"] else "")
         if not column["required"]:
             kind += ", optional"
@@ -136,9 +136,9 @@ def stale() -> list[str]:
     """Return what differs from the code: parts of SPEC.md and schema files, by name."""
     text = TEXT.read_text(encoding="utf-8")
     names = [match[2] for match in _PART.finditer(text) if not match[0].endswith(_whole(match[2]))]
-    required = {f"schema {name}" for name in JSON_SCHEMAS} | {f"table {name}" for name in TABLES}
+    required = {f"schema {name}" for name in JSON_SCHEMAS} | {f"table {name}" for name in COLUMNS}
     names += sorted(required - {match[2] for match in _PART.finditer(text)})
-    for name, data in generated_files().items():
+    for name, data in arrow_files().items():
         path = SCHEMAS / name
         if not path.is_file() or path.read_bytes() != data:
             names.append(f"schemas/{SPEC_VERSION}/{name}")
@@ -154,14 +154,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     action = parser.add_mutually_exclusive_group(required=True)
     action.add_argument("--check", action="store_true", help="fail if a generated part is stale")
-    action.add_argument("--write", action="store_true", help="make the generated parts anew")
+    action.add_argument("--write", action="store_true", help="write the generated parts again")
     if parser.parse_args().write:
         TEXT.write_text(render(TEXT.read_text(encoding="utf-8")), encoding="utf-8")
-        for name, data in generated_files().items():
+        for name, data in arrow_files().items():
             (SCHEMAS / name).write_bytes(data)
     names = stale()
     if names:
-        sys.exit("Stale: " + ", ".join(names) + ". Run: python -m pliant.spec.document --write")
+        sys.exit("Stale: " + ", ".join(names) + ". Run: python -m tests.spec_document --write")
 
 
 if __name__ == "__main__":
