@@ -166,8 +166,10 @@ def run_all(
     started: Callable[[str], None],
     tell: Callable[[str, int, int], None],
     ended: Callable[[str, Outcome], None],
+    *,
+    fresh: bool = True,
 ) -> None:
-    """Run jobs in processes of their own, each as soon as those it needs have ended.
+    """Run jobs in other processes, each as soon as those it needs have ended.
 
     Args:
         jobs: Name -> function, its job, and the names of jobs that must have ended before.
@@ -175,20 +177,24 @@ def run_all(
         started: Told when a job starts.
         tell: Told how far a job is.
         ended: Told what became of a job. After one that failed, no other is started.
+        fresh: Start a new process for each job, so that its memory is returned.
     """
     import multiprocessing
     from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 
     context = multiprocessing.get_context("spawn")
+    news = context.SimpleQueue()
     waiting = dict(jobs)
     running: dict[Future[Outcome], str] = {}
     done: set[str] = set()
     failed = False
-    with (
-        context.Manager() as manager,
-        ProcessPoolExecutor(workers, mp_context=context, max_tasks_per_child=1) as pool,
-    ):
-        news = manager.Queue()
+    with ProcessPoolExecutor(
+        min(workers, max(1, len(jobs))),
+        context,
+        initializer=_connect,
+        initargs=(news,),
+        max_tasks_per_child=1 if fresh else None,
+    ) as pool:
         while running or (waiting and not failed):
             for name in list(waiting):
                 function, job, needs = waiting[name]
@@ -196,7 +202,7 @@ def run_all(
                     continue
                 del waiting[name]
                 started(name)
-                running[pool.submit(_reporting, function, job, name, news)] = name
+                running[pool.submit(_reporting, function, job, name)] = name
             finished, _ = wait(running, timeout=0.5, return_when=FIRST_COMPLETED)
             while not news.empty():
                 tell(*news.get())
@@ -208,13 +214,21 @@ def run_all(
                 failed = failed or bool(outcome.error)
 
 
-def _reporting(function: Callable[[Any, Tell], Outcome], job: Any, name: str, news: Any) -> Outcome:
+_NEWS: list[Any] = []
+"""In a process of the pool: the queue to report to."""
+
+
+def _connect(news: Any) -> None:
+    _NEWS.append(news)
+
+
+def _reporting(function: Callable[[Any, Tell], Outcome], job: Any, name: str) -> Outcome:
     last = [-1]
 
     def tell(done: int, total: int) -> None:
         share = done * 200 // max(total, 1)
         if share != last[0]:  # at most 200 messages a job
             last[0] = share
-            news.put((name, done, total))
+            _NEWS[0].put((name, done, total))
 
     return function(job, tell)

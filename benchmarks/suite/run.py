@@ -240,7 +240,8 @@ def _run(
         if outcome.error:
             failures.append(f"{name}: {outcome.error}")
 
-    run_all(jobs, workers, watcher.started, watcher.progress, ended)
+    fresh = kind == "run"  # a training takes much memory and its cost is published
+    run_all(jobs, workers, watcher.started, watcher.progress, ended, fresh=fresh)
     if failures:
         raise TrainingError(
             failures[0], path=work.root, fix="What was finished is kept; go on with --resume"

@@ -83,7 +83,9 @@ def half(published: dict[str, tuple[Path, Path]], name: str, tier: str) -> tuple
 
 
 @pytest.mark.parametrize(("name", "tier"), CASES)
-@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize(
+    "seed", [0, *(pytest.param(each, marks=pytest.mark.long) for each in (1, 2))]
+)
 def test_no_attack_beats_its_null(
     published: dict[str, tuple[Path, Path]], name: str, tier: str, seed: int
 ) -> None:

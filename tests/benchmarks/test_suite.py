@@ -31,11 +31,11 @@ common: {seed: 3, style: raster, width: 96, height: 72, look: {materials: 1}}
 sets:
   rope:
     tiers: [rope]
-    splits: {train: 4, val: 3, test: 4}
+    splits: {train: 2, val: 3, test: 3}
     queries: {pairs_per_sequence: 1, queries_per_pair: 12}
   rope-noisy:
     tiers: [rope]
-    splits: {test: 4}
+    splits: {test: 3}
     queries: {pairs_per_sequence: 1, queries_per_pair: 12}
     noise: {}
 runs:
@@ -63,7 +63,8 @@ tests:
     title: Rope
     tier: rope
     variants: {clean: rope, noisy: rope-noisy}
-    methods: [identity, random]
+    methods: [identity]
+    protocols: [paper]
     runs: [small, more]
     shipped: [don-rope]
     paper_rmse_px: {small: 28.5}
@@ -258,7 +259,7 @@ def test_an_interrupted_benchmark_goes_on_and_repeats_nothing(
 ) -> None:
     _, watcher = made
     assert watcher.begun[:2] == [("generate", 2, 0), ("train", 2, 0)]
-    assert watcher.begun[2:] == [("generate", 2, 2), ("train", 2, 1), ("answer", 10, 0)]
+    assert watcher.begun[2:] == [("generate", 2, 2), ("train", 2, 1), ("answer", 8, 0)]
     assert sorted(watcher.done) == sorted(set(watcher.done))
     assert ("small", 4, 4) in watcher.steps
 
@@ -279,7 +280,7 @@ def test_table_and_page(config_file: Path, made: tuple[Path, Recorder], tmp_path
     table = json.loads(result.stdout)
     assert before == {path: path.stat().st_mtime_ns for path in out.rglob("*.parquet")}
     rows = {(row["variant"], row["method"]): row for row in table["rows"]}
-    assert len(rows) == 10
+    assert len(rows) == 8
     # A row says what the report in scores/ says.
     report = json.loads((out / "scores/rope-noisy/more/paper/scores.json").read_text())
     values = rows["noisy", "more"]["scores"]["paper"]["values"]
