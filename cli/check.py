@@ -28,7 +28,7 @@ def command(submission: Path, data: Path, allow_missing: bool, as_json: bool) ->
         document = {
             "valid": not issues,
             "total": problems.total,
-            "counts": problems.totals,
+            "counts": problems.counts,
             "issues": [issue.as_dict() for issue in issues],
             "warnings": problems.hints,
         }
@@ -36,7 +36,7 @@ def command(submission: Path, data: Path, allow_missing: bool, as_json: bool) ->
     elif issues:
         for issue in issues:
             echo(str(issue))
-        counts = ", ".join(f"{code} {count:,}" for code, count in problems.totals.items())
+        counts = ", ".join(f"{code} {count:,}" for code, count in problems.counts.items())
         echo(f"{submission}: {plural(problems.total, 'problem')} ({counts}).")
     else:
         for hint in problems.hints:

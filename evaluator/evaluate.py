@@ -161,7 +161,7 @@ def _scored(
 
 def _refusal(problems: Problems) -> SubmissionError:
     issues = problems.issues()
-    codes = ", ".join(f"{code} {total:,}" for code, total in problems.totals.items())
+    codes = ", ".join(f"{code} {total:,}" for code, total in problems.counts.items())
     return SubmissionError(
         "the submission cannot be scored",
         issues=issues,

@@ -94,7 +94,7 @@ def read_answers(
         known_rows += len(row)
         store.put(batch, row, known)
     answers = store.answers()
-    if "FILE_UNREADABLE" in problems.totals:
+    if "FILE_UNREADABLE" in problems.counts:
         return answers  # which rows lie in the damaged part, nobody knows
     if known_rows > answers.answered:
         repeated = known_rows - answers.answered

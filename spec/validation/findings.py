@@ -110,17 +110,56 @@ class Findings:
         """How many problems there are."""
         return sum(self.counts.values())
 
-    @contextmanager
-    def refusals(self, path: str) -> Iterator[None]:
-        """Turn the refusal of a file inside the block into an issue; the block then ends.
+    def at(self, path: str) -> FileProblems:
+        """Return what adds problems of one file; its path is relative to the dataset."""
+        return FileProblems(self, path)
 
-        Args:
-            path: The file, relative to the dataset.
-        """
+
+@dataclass
+class FileProblems:
+    """Adds the problems of one file to the findings.
+
+    Attributes:
+        findings: Where they go.
+        path: The file's path in issues.
+    """
+
+    findings: Findings
+    path: str
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Code -> how many there are, of this file and all others."""
+        return self.findings.counts
+
+    @property
+    def total(self) -> int:
+        """How many there are, of this file and all others."""
+        return self.findings.total
+
+    def add(self, code: str, where: str, message: str) -> None:
+        """Add one problem: field, row or frame; found, required and what to do."""
+        self.findings.add(code, self.path, where, message)
+
+    def add_rows(self, code: str, bad: npt.NDArray[np.bool_], describe: RowDescription) -> None:
+        """Add a problem for every true element; see `Findings.add_rows`."""
+        self.findings.add_rows(code, self.path, bad, describe)
+
+    def diagnose(self, code: str, cause: str) -> None:
+        """Explain every problem of one code by one cause; see `Findings.diagnose`."""
+        self.findings.diagnose(code, self.path, cause)
+
+    def refuse(self, error: FileRefusedError) -> None:
+        """Add the refusal of the file."""
+        self.add(error.code, error.where or "", reason(error))
+
+    @contextmanager
+    def refusals(self) -> Iterator[None]:
+        """Turn the refusal of the file inside the block into an issue; the block then ends."""
         try:
             yield
         except FileRefusedError as error:
-            self.add(error.code, path, error.where or "", reason(error))
+            self.refuse(error)
 
 
 def reason(error: FileRefusedError) -> str:

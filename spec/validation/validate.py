@@ -163,19 +163,16 @@ def _read_context(root: Path, quick: bool, findings: Findings) -> Context | None
     path = root / layout.DATASET_JSON
     if path.is_symlink() or not path.is_file():
         return None
-    info = read_document(path, layout.DATASET_JSON, "dataset", findings)
+    problems = findings.at(layout.DATASET_JSON)
+    info = read_document(path, "dataset", problems)
     if info is None:
         return None
     if is_newer_minor(info["spec_version"]):
-        findings.add(
-            "SPEC_VERSION_NEWER",
-            layout.DATASET_JSON,
-            "spec_version",
-            f"found {info['spec_version']}; this validator knows {NEWEST_VERSION}",
-        )
+        text = f"found {info['spec_version']}; this validator knows {NEWEST_VERSION}"
+        problems.add("SPEC_VERSION_NEWER", "spec_version", text)
     before = findings.counts.get("TIER_INVALID", 0)
     tiers = [Tier.from_document(entry) for entry in info["tiers"]]
-    check_tiers(tiers, findings)
+    check_tiers(tiers, problems)
     if findings.counts.get("TIER_INVALID", 0) > before:
         return None
     return Context.of(root, info, tiers, quick)
@@ -228,12 +225,8 @@ def _compare_points(
         return
     digest, first = digests.setdefault(result.tier, (result.points_digest, result.id))
     if digest != result.points_digest:
-        findings.add(
-            "POINTS_DIFFER",
-            f"{layout.SEQUENCES_DIR}/{result.tier}/{result.id}/{layout.POINTS_TABLE}",
-            "",
-            f"other points than those of {first}",
-        )
+        path = f"{layout.sequence_name(result.tier, result.id)}/{layout.POINTS_TABLE}"
+        findings.add("POINTS_DIFFER", path, "", f"other points than those of {first}")
 
 
 def _report(

@@ -31,7 +31,7 @@ def test_unfilled_template_names_every_row(
     assert f"{len(queries):,} answers of" in said
     assert f"pliant check {out} --data {DATA}" in said
     problems = inspect(out, DATA)
-    assert problems.totals == {"VALUE_NOT_FINITE": 2 * len(queries)}  # u and v of every row
+    assert problems.counts == {"VALUE_NOT_FINITE": 2 * len(queries)}  # u and v of every row
     first = problems.issues()[0]
     assert "row 0 (pair 0, query 0)" in first.where
     assert "nan" in first.message

@@ -509,7 +509,7 @@ def test_a_hostile_file_gets_its_codes_and_no_traceback(
     path = tmp_path / "submission.parquet"
     build(scene, path)
     problems = inspect(path, scene.root)
-    assert expected is None or set(problems.totals) == expected
+    assert expected is None or set(problems.counts) == expected
     for issue in problems.issues():
         assert issue.message, issue
     arguments = [str(path), "--data", str(scene.root)]

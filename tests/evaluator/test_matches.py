@@ -151,7 +151,7 @@ def test_bad_rows_are_named(scene: Any, tmp_path: Path) -> None:
     uv = np.array([[1.0, 2.0], [np.nan, 2.0], [3.0, np.inf]])
     table = matches_table([0, 1, 99], uv, uv)
     problems = inspect(scene.submit(tmp_path / "m.parquet", table, kind="matches"), scene.root)
-    assert problems.totals == {"VALUE_NOT_FINITE": 4, "ROW_UNKNOWN": 1}
+    assert problems.counts == {"VALUE_NOT_FINITE": 4, "ROW_UNKNOWN": 1}
     assert any("row 2 (pair 99)" in issue.where for issue in problems.issues())
 
 

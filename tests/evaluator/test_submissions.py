@@ -58,12 +58,12 @@ def test_every_reason_is_given_at_once(scene: Any, tmp_path: Path) -> None:
     table = scene.table(sigma=np.full(scene.rows, -1, np.float32)).drop_columns(["v"])
     table = table.append_column("visible", pa.array(["yes"] * scene.rows))
     path = scene.submit(tmp_path / "s.parquet", table, split="val")
-    assert set(inspect(path, scene.root).totals) == {
+    assert set(inspect(path, scene.root).counts) == {
         "SPLIT_MISMATCH", "COLUMN_MISSING", "COLUMN_TYPE",
     }  # fmt: skip
     table = scene.table(sigma=np.full(scene.rows, -1, np.float32)).slice(1)
     rows = pa.concat_tables([table, table.slice(0, 2)])
-    assert inspect(scene.submit(path, rows), scene.root).totals == {
+    assert inspect(scene.submit(path, rows), scene.root).counts == {
         "VALUE_OUT_OF_RANGE": scene.rows + 1, "ROW_DUPLICATE": 2, "ROW_MISSING": 1,
     }  # fmt: skip
 

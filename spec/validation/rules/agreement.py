@@ -8,7 +8,7 @@ import numpy as np
 
 from pliant.spec.model import FloatArray, Tier
 from pliant.spec.storage.layout import DATASET_JSON
-from pliant.spec.validation.findings import Findings
+from pliant.spec.validation.findings import FileProblems
 from pliant.spec.validation.rules.alignment import Alignment, Measured, joined
 
 MIN_POINTS: Final = 12
@@ -31,7 +31,7 @@ SCALE_FACTOR: Final = 3.0
 
 
 def check_agreement(
-    tier: Tier, fitting: Alignment, others: Alignment, shown: str, findings: Findings
+    tier: Tier, fitting: Alignment, others: Alignment, problems: FileProblems
 ) -> bool:
     """Check the measured points of a sequence.
 
@@ -39,9 +39,9 @@ def check_agreement(
         tier: The sequence's tier.
         fitting: Points of frames whose surface image shows most of them.
         others: Points of the other frames, which have an issue of their own.
-        shown: The correspondence table's path in issues.
-        findings: Gets `OFFSET_DISAGREES`, `OFFSET_SCATTERS`, `DEPTH_IMAGE_DISAGREES`,
-            `DEPTH_IMAGE_SCATTERS` and `SCALE_DISAGREES`.
+        problems: Those of the correspondence table. Gets `OFFSET_DISAGREES`,
+            `OFFSET_SCATTERS`, `DEPTH_IMAGE_DISAGREES`, `DEPTH_IMAGE_SCATTERS` and
+            `SCALE_DISAGREES`.
 
     Returns:
         True if the images' depth is known not to be that of the tables.
@@ -49,14 +49,14 @@ def check_agreement(
     frames = fitting.frames()
     measured = joined(frames)
     enough = measured is not None and len(measured) >= MIN_POINTS
-    if measured is not None and enough and _check_shift(frames, measured, shown, findings):
+    if measured is not None and enough and _check_shift(frames, measured, problems):
         return False  # the other measurements would follow from this
     measured = joined([*frames, *(part for part in others.frames() if _in_place(part))])
     if measured is None or len(measured) < MIN_POINTS:
         return False
-    wrong_depth = _check_depth(measured, shown, findings)
+    wrong_depth = _check_depth(measured, problems)
     if not wrong_depth:
-        _check_scale(tier, measured, findings)
+        _check_scale(tier, measured, problems.findings.at(DATASET_JSON))
     return wrong_depth
 
 
@@ -71,7 +71,7 @@ def _doubt(values: FloatArray) -> float:
     return float(np.max(5 * 1.2533 * spread / np.sqrt(len(values))))
 
 
-def _check_shift(parts: list[Measured], measured: Measured, shown: str, findings: Findings) -> bool:
+def _check_shift(parts: list[Measured], measured: Measured, problems: FileProblems) -> bool:
     """Check where the points are; return True if that explains all that follows."""
     frames = []
     for part in parts:
@@ -81,18 +81,17 @@ def _check_shift(parts: list[Measured], measured: Measured, shown: str, findings
                 frames.append(int(part.frame[0]))
     shift = np.median(measured.offset_px, axis=0)
     if np.abs(shift).max() > SHIFT_PX + _doubt(measured.offset_px):
-        findings.diagnose("OFFSET_DISAGREES", shown, _shift_text(-shift))
+        problems.diagnose("OFFSET_DISAGREES", _shift_text(-shift))
         return True
     if frames:
         part = next(p for p in parts if p.frame[0] == frames[0])
         text = _shift_text(-np.median(part.offset_px, axis=0))
-        findings.add("OFFSET_DISAGREES", shown, f"frames {_few(frames)}", text)
+        problems.add("OFFSET_DISAGREES", f"frames {_few(frames)}", text)
     distance = np.abs(measured.offset_px - shift).max(axis=1)
     scatter = float(np.median(distance))
     if scatter > SCATTER_PX + float(np.median(measured.error_px)):
-        findings.add(
+        problems.add(
             "OFFSET_SCATTERS",
-            shown,
             "",
             f"half of the points are more than {scatter:.2f} px from where the surface layer "
             f"shows their material (the interpolation explains "
@@ -121,20 +120,19 @@ def _few(numbers: list[int]) -> str:
     return shown + (f" and {len(numbers) - 5} more" if len(numbers) > 5 else "")
 
 
-def _check_depth(measured: Measured, shown: str, findings: Findings) -> bool:
+def _check_depth(measured: Measured, problems: FileProblems) -> bool:
     residual = measured.shown_m - measured.depth_m
     relative = residual / measured.footprint_m
     explained = float(np.median(measured.error_px))
     middle = float(np.median(relative))
     if abs(middle) > DEPTH_SHIFT + 2.2 * explained + _doubt(relative[:, None]):
-        findings.diagnose("DEPTH_IMAGE_DISAGREES", shown, _depth_text(measured))
+        problems.diagnose("DEPTH_IMAGE_DISAGREES", _depth_text(measured))
         return True
     scatter = 2 * float(np.median(np.abs(relative - middle)))
     if scatter > DEPTH_SCATTER + 1.5 * explained:
         size = 1e3 * float(np.median(np.abs(residual - np.median(residual))))
-        findings.add(
+        problems.add(
             "DEPTH_IMAGE_SCATTERS",
-            shown,
             "",
             f"the depth images differ from depth_m by {size:.2f} mm (median) in both directions: "
             "noisy, rounded or compressed depth?",
@@ -162,7 +160,7 @@ def _depth_text(measured: Measured) -> str:
     return f"{text}: of another frame or another camera?"
 
 
-def _check_scale(tier: Tier, measured: Measured, findings: Findings) -> None:
+def _check_scale(tier: Tier, measured: Measured, problems: FileProblems) -> None:
     metres = measured.metres[np.isfinite(measured.metres).all(axis=1)]
     if len(metres) < MIN_POINTS:
         return
@@ -174,9 +172,8 @@ def _check_scale(tier: Tier, measured: Measured, findings: Findings) -> None:
             about = declared * 10.0 ** round(float(np.log10(ratio)))
             wrong.append(f"of {coordinate.name} is {declared:g}, the images show {about:.3g}")
     if wrong:
-        findings.add(
+        problems.add(
             "SCALE_DISAGREES",
-            DATASET_JSON,
             f"{tier.name}, {tier.queried.name}",
             f"metres_per_unit {'; '.join(wrong)}: a wrong power of ten, or positions in another "
             "unit than metres?",

@@ -10,7 +10,6 @@ import pyarrow as pa
 
 from pliant.spec.conventions import VISIBILITY_STATES
 from pliant.spec.tables import TRUTH
-from pliant.spec.validation.findings import Findings
 from pliant.spec.validation.rules.tables import CheckedTable, numbers
 from pliant.spec.validation.rules.tracks import Tracks
 
@@ -59,10 +58,9 @@ def compare_answers(
 class Aligned:
     """The truth's rows, handed out in the portions that the queries come in."""
 
-    def __init__(self, truth: CheckedTable, findings: Findings) -> None:
-        self._findings = findings
-        self._shown = truth.shown
-        self._batches = truth.batches(TRUTH.names, findings)
+    def __init__(self, truth: CheckedTable) -> None:
+        self._problems = truth.problems
+        self._batches = truth.batches(TRUTH.names)
         self._rest: pa.Table | None = None
 
     def take(self, count: int) -> dict[str, Any] | None:
@@ -81,9 +79,8 @@ class Aligned:
         rows = pa.concat_tables(parts)
         listed = sum(len(chunk.flatten()) for chunk in rows.column("alternatives").chunks)
         if listed > _MAX_ALTERNATIVES * count:
-            self._findings.add(
+            self._problems.add(
                 "VALUE_OUT_OF_RANGE",
-                self._shown,
                 "alternatives",
                 f"found {listed} in {count} rows; no tier has more than {_MAX_ALTERNATIVES}",
             )

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pliant.spec.validation.findings import Findings
+from pliant.spec.validation.findings import FileProblems
 from pliant.spec.validation.rules.context import Context
 
 ROTATION_TOLERANCE = 1e-6
@@ -50,7 +50,7 @@ class Cameras:
 
 
 def check_cameras(
-    context: Context, document: dict[str, Any], frames: int, shown: str, findings: Findings
+    context: Context, document: dict[str, Any], frames: int, problems: FileProblems
 ) -> Cameras | None:
     """Check the cameras of a sequence.
 
@@ -58,26 +58,23 @@ def check_cameras(
         context: The dataset.
         document: The cameras.json, valid by its schema.
         frames: Frames of the sequence.
-        shown: The file's path in issues.
-        findings: Gets `CAMERA_INVALID` and `IDENTITY_DIFFERS`.
+        problems: Gets `CAMERA_INVALID` and `IDENTITY_DIFFERS`.
 
     Returns:
         The cameras if all of them are good.
     """
-    before = findings.total
+    before = problems.total
     size = (document["width"], document["height"])
     if size != (context.width, context.height):
-        findings.add(
+        problems.add(
             "IDENTITY_DIFFERS",
-            shown,
             "width, height",
             f"found {size[0]} x {size[1]}; dataset.json has {context.width} x {context.height}",
         )
     numbers = [entry["frame"] for entry in document["frames"]]
     if numbers != list(range(frames)):
-        findings.add(
+        problems.add(
             "CAMERA_INVALID",
-            shown,
             "frames",
             f"required: frames 0 to {frames - 1}, each once, in order; found {len(numbers)} "
             f"entries from {numbers[0]} to {numbers[-1]}",
@@ -86,9 +83,8 @@ def check_cameras(
     K = np.array([entry["K"] for entry in document["frames"]], np.float64)
     poses = np.array([entry["world_to_camera"] for entry in document["frames"]], np.float64)
     fixed = K[:, [0, 1, 2, 2, 2], [1, 0, 0, 1, 2]] != np.array([0, 0, 0, 0, 1.0])
-    findings.add_rows(
+    problems.add_rows(
         "CAMERA_INVALID",
-        shown,
         np.any(fixed, axis=1) | (K[:, 0, 0] <= 0) | (K[:, 1, 1] <= 0),
         lambda i: (
             f"frames[{i}].K",
@@ -101,9 +97,8 @@ def check_cameras(
         determinant = np.linalg.det(R)
     turned = ~((gap <= ROTATION_TOLERANCE) & (determinant > 0))
     last = np.any(poses[:, 3] != np.array([0, 0, 0, 1.0]), axis=1)
-    findings.add_rows(
+    problems.add_rows(
         "CAMERA_INVALID",
-        shown,
         turned | last,
         lambda i: (
             f"frames[{i}].world_to_camera",
@@ -111,4 +106,4 @@ def check_cameras(
             "last row 0 0 0 1",
         ),
     )
-    return Cameras(K, poses) if findings.total == before else None
+    return Cameras(K, poses) if problems.total == before else None

@@ -7,7 +7,7 @@ from pliant.spec.io.checksums import sha256_file
 from pliant.spec.io.reading import FileRefusedError
 from pliant.spec.storage import layout
 from pliant.spec.storage.manifest import read_checksums
-from pliant.spec.validation.findings import Findings, reason
+from pliant.spec.validation.findings import Findings
 from pliant.spec.validation.rules.context import Context
 from pliant.spec.validation.rules.files import read_document
 from pliant.spec.validation.rules.structure import UNLISTED, WORKSHOPS, printable
@@ -27,33 +27,22 @@ def check_checksums(context: Context, findings: Findings) -> None:
     manifest = root / layout.MANIFEST_JSON
     if not manifest.is_file() or manifest.is_symlink():
         return
-    document = read_document(manifest, layout.MANIFEST_JSON, "manifest", findings)
+    problems = findings.at(layout.MANIFEST_JSON)
+    document = read_document(manifest, "manifest", problems)
     if document is None:
         return
     named = {"id": context.id, "version": context.version}
     if document["dataset"] != named or document["half"] != "public":
-        findings.add(
-            "IDENTITY_DIFFERS",
-            layout.MANIFEST_JSON,
-            "dataset, half",
-            f"found {document['dataset']}, {document['half']}; required: {named}, public",
-        )
+        text = f"found {document['dataset']}, {document['half']}; required: {named}, public"
+        problems.add("IDENTITY_DIFFERS", "dataset, half", text)
     if sorted(document["held_out"]) != sorted(context.held_out):
-        findings.add(
-            "IDENTITY_DIFFERS",
-            layout.MANIFEST_JSON,
-            "held_out",
-            f"found {document['held_out']}; dataset.json has {sorted(context.held_out)}",
-        )
+        text = f"found {document['held_out']}; dataset.json has {sorted(context.held_out)}"
+        problems.add("IDENTITY_DIFFERS", "held_out", text)
     if not sums.is_file():
         findings.add("FILE_MISSING", layout.CHECKSUMS, "", "manifest.json names its checksum")
     elif (found := sha256_file(sums)) != document["checksums_sha256"]:
-        findings.add(
-            "CHECKSUM_DIFFERS",
-            layout.CHECKSUMS,
-            "",
-            f"found sha256 {found}; manifest.json names {document['checksums_sha256']}",
-        )
+        text = f"found sha256 {found}; manifest.json names {document['checksums_sha256']}"
+        findings.add("CHECKSUM_DIFFERS", layout.CHECKSUMS, "", text)
 
 
 def _check_sums(context: Context, findings: Findings) -> None:
@@ -61,7 +50,7 @@ def _check_sums(context: Context, findings: Findings) -> None:
     try:
         listed = read_checksums(root / layout.CHECKSUMS)
     except FileRefusedError as error:
-        findings.add(error.code, layout.CHECKSUMS, error.where or "", reason(error))
+        findings.at(layout.CHECKSUMS).refuse(error)
         return
     present = {
         path.relative_to(root).as_posix()
@@ -82,9 +71,5 @@ def _check_sums(context: Context, findings: Findings) -> None:
             findings.add("FILE_UNREADABLE", name, "", str(error)[:300])
             continue
         if found != listed[name]:
-            findings.add(
-                "CHECKSUM_DIFFERS",
-                name,
-                "",
-                f"found sha256 {found}; SHA256SUMS lists {listed[name]}",
-            )
+            text = f"found sha256 {found}; SHA256SUMS lists {listed[name]}"
+            findings.add("CHECKSUM_DIFFERS", name, "", text)

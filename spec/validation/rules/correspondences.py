@@ -12,7 +12,7 @@ import pyarrow as pa
 
 from pliant.spec.conventions import VISIBILITY_STATES
 from pliant.spec.io import limits
-from pliant.spec.validation.findings import Findings
+from pliant.spec.validation.findings import FileProblems
 from pliant.spec.validation.rules.cameras import Cameras
 from pliant.spec.validation.rules.context import Context
 from pliant.spec.validation.rules.tables import (
@@ -65,30 +65,30 @@ class FrameRows:
         return f"frame {self.frame}, point {self.point[index]}"
 
 
-def open_correspondences(path: Path, shown: str, findings: Findings) -> CheckedTable | None:
+def open_correspondences(path: Path, problems: FileProblems) -> CheckedTable | None:
     """Open the table; None if it cannot be opened or lacks a column."""
-    table = check_table(
-        path, shown, "correspondences", findings, max_rows=limits.MAX_CORRESPONDENCE_ROWS
-    )
+    most = limits.MAX_CORRESPONDENCE_ROWS
+    table = check_table(path, "correspondences", problems, max_rows=most)
     return table if table is not None and table.whole else None
 
 
-def check_keys(table: CheckedTable, frames: int, points: int, findings: Findings) -> bool:
+def check_keys(table: CheckedTable, frames: int, points: int) -> bool:
     """Check that every point of every frame has one row, in order.
+
+    Reports `ROW_UNKNOWN`, `ROW_DUPLICATE`, `ROW_MISSING` and `ROW_ORDER`.
 
     Args:
         table: The correspondences.
         frames: Frames of the sequence.
         points: Points of the sequence.
-        findings: Gets `ROW_UNKNOWN`, `ROW_DUPLICATE`, `ROW_MISSING`, `ROW_ORDER`.
 
     Returns:
         True if the rows of a frame lie together, so that they can be read frame by frame.
     """
+    problems = table.problems
     if frames * points > limits.MAX_CORRESPONDENCE_ROWS:
-        findings.add(
+        problems.add(
             "FILE_TOO_LARGE",
-            table.shown,
             "",
             f"{frames} frames of {points} points; required: at most "
             f"{limits.MAX_CORRESPONDENCE_ROWS} rows",
@@ -97,13 +97,12 @@ def check_keys(table: CheckedTable, frames: int, points: int, findings: Findings
     seen = np.zeros(frames * points, np.uint8)
     grouped = ordered = True
     last_frame, last_key = -1, -1
-    for start, batch in table.batches(["frame", "point"], findings):
+    for start, batch in table.batches(["frame", "point"]):
         frame = numbers(batch, "frame").astype(np.int64)
         point = numbers(batch, "point").astype(np.int64)
         known = (frame >= 0) & (frame < frames) & (point >= 0) & (point < points)
-        findings.add_rows(
+        problems.add_rows(
             "ROW_UNKNOWN",
-            table.shown,
             ~known,
             lambda i, s=start, f=frame, p=point: (  # type: ignore[misc]
                 f"row {s + i}",
@@ -113,9 +112,8 @@ def check_keys(table: CheckedTable, frames: int, points: int, findings: Findings
         key = (frame * points + point)[known]
         unique, counts = np.unique(key, return_counts=True)
         twice = unique[(counts > 1) | (seen[unique] > 0)]
-        findings.add_rows(
+        problems.add_rows(
             "ROW_DUPLICATE",
-            table.shown,
             np.ones(len(twice), np.bool_),
             lambda i, t=twice: (  # type: ignore[misc]
                 f"frame {t[i] // points}, point {t[i] % points}",
@@ -130,31 +128,29 @@ def check_keys(table: CheckedTable, frames: int, points: int, findings: Findings
         if len(key):
             last_key, last_frame = int(key[-1]), int(frame[known][-1])
     missing = seen == 0
-    findings.add_rows(
+    problems.add_rows(
         "ROW_MISSING",
-        table.shown,
         missing,
         lambda i: (f"frame {i // points}, point {i % points}", "this point has no row"),
     )
-    if not ordered and not findings.counts.get("ROW_DUPLICATE"):
-        findings.add("ROW_ORDER", table.shown, "", "required: ascending by frame, then by point")
+    if not ordered and not problems.counts.get("ROW_DUPLICATE"):
+        problems.add("ROW_ORDER", "", "required: ascending by frame, then by point")
     return grouped
 
 
-def frame_rows(
-    table: CheckedTable, frames: int, points: int, grouped: bool, findings: Findings
-) -> Iterator[FrameRows]:
-    """Yield the rows of each frame, ascending by frame; broken values are reported.
+def frame_rows(table: CheckedTable, frames: int, points: int, grouped: bool) -> Iterator[FrameRows]:
+    """Yield the rows of each frame, ascending by frame.
+
+    Reports `VALUE_NOT_FINITE` and `VALUE_OUT_OF_RANGE`.
 
     Args:
         table: The correspondences.
         frames: Frames of the sequence.
         points: Points of the sequence.
         grouped: What `check_keys` returned.
-        findings: Gets `VALUE_NOT_FINITE` and `VALUE_OUT_OF_RANGE`.
     """
     columns = ["frame", "point", *_FLOATS, "visibility"]
-    batches = table.batches(columns, findings)
+    batches = table.batches(columns)
     if not grouped:
         if table.rows > _MAX_SORTED_ROWS:
             return
@@ -163,7 +159,7 @@ def frame_rows(
         batches = iter([(0, whole.take(pa.array(order)))])
     rest: list[FrameRows] = []
     for start, batch in batches:
-        for part in _split(batch, start, frames, points, table.shown, findings):
+        for part in _split(batch, start, frames, points, table.problems):
             if rest and rest[0].frame != part.frame:
                 yield _joined(rest)
                 rest = []
@@ -173,21 +169,20 @@ def frame_rows(
 
 
 def _split(
-    batch: pa.Table, start: int, frames: int, points: int, shown: str, findings: Findings
+    batch: pa.Table, start: int, frames: int, points: int, problems: FileProblems
 ) -> Iterator[FrameRows]:
     frame = numbers(batch, "frame")
     point = numbers(batch, "point")
     state = codes_of(batch, "visibility", VISIBILITY_STATES)
-    findings.add_rows(
+    problems.add_rows(
         "VALUE_OUT_OF_RANGE",
-        shown,
         state < 0,
         lambda i: (
             f"row {start + i}, visibility",
             f"required: {' | '.join(VISIBILITY_STATES)}",
         ),
     )
-    good = report_not_finite(batch, _FLOATS, start, shown, findings)
+    good = report_not_finite(batch, _FLOATS, start, problems)
     good &= (frame >= 0) & (frame < frames) & (point >= 0) & (point < points) & (state >= 0)
     values = np.stack([numbers(batch, name) for name in _FLOATS], axis=1).astype(np.float64)
     edges = np.flatnonzero(np.diff(frame)) + 1
@@ -220,7 +215,7 @@ def _joined(parts: list[FrameRows]) -> FrameRows:
 
 
 def check_projection(
-    context: Context, cameras: Cameras, rows: FrameRows, shown: str, findings: Findings
+    context: Context, cameras: Cameras, rows: FrameRows, problems: FileProblems
 ) -> npt.NDArray[np.bool_]:
     """Check that the rows of a frame project to where they say.
 
@@ -228,8 +223,7 @@ def check_projection(
         context: The dataset.
         cameras: The sequence's cameras.
         rows: The rows.
-        shown: The table's path in issues.
-        findings: Gets `REPROJECTION_DISAGREES`, `DEPTH_DISAGREES`, `OUT_OF_FRAME_DISAGREES`.
+        problems: Gets `REPROJECTION_DISAGREES`, `DEPTH_DISAGREES`, `OUT_OF_FRAME_DISAGREES`.
 
     Returns:
         bool (N,), True for rows that do.
@@ -237,9 +231,8 @@ def check_projection(
     uv, z = cameras.project(rows.frame, rows.xyz_m)
     size = np.abs(rows.xyz_m).max(axis=1)
     deep = np.abs(rows.depth_m - z) > DEPTH_TOLERANCE_M + 1e-6 * (size + np.abs(z))
-    findings.add_rows(
+    problems.add_rows(
         "DEPTH_DISAGREES",
-        shown,
         deep,
         lambda i: (
             rows.where(i),
@@ -254,9 +247,8 @@ def check_projection(
         rounding = 3e-7 * (focal * tilt * size / z + np.abs(uv).max(axis=1))
         gap = np.abs(rows.uv_px - uv).max(axis=1)
         off = front & ~(gap <= PIXEL_TOLERANCE + rounding)
-    findings.add_rows(
+    problems.add_rows(
         "REPROJECTION_DISAGREES",
-        shown,
         off,
         lambda i: (
             rows.where(i),
@@ -276,9 +268,8 @@ def check_projection(
     wrong = ~off & (
         (outside & (margin > BORDER_TOLERANCE)) | (~outside & (margin < -BORDER_TOLERANCE))
     )
-    findings.add_rows(
+    problems.add_rows(
         "OUT_OF_FRAME_DISAGREES",
-        shown,
         wrong,
         lambda i: (
             rows.where(i),

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from pliant.spec.validation.findings import Findings
+from pliant.spec.validation.findings import FileProblems
 from pliant.spec.validation.rules.cameras import Cameras
 from pliant.spec.validation.rules.correspondences import FrameRows
 
@@ -74,7 +74,7 @@ class _Compared:
 
 
 def diagnose_rows(
-    sample: RowSample, cameras: Cameras, size: tuple[int, int], shown: str, findings: Findings
+    sample: RowSample, cameras: Cameras, size: tuple[int, int], problems: FileProblems
 ) -> None:
     """Replace the issues of rows that share one cause by one issue that names it.
 
@@ -82,18 +82,17 @@ def diagnose_rows(
         sample: Rows of the sequence.
         cameras: Its cameras.
         size: (width, height) of the images.
-        shown: The table's path in issues.
-        findings: The sequence's; its row issues may be replaced.
+        problems: The table's; its row issues may be replaced.
     """
-    wrong_uv = findings.counts.get("REPROJECTION_DISAGREES", 0)
-    wrong_depth = findings.counts.get("DEPTH_DISAGREES", 0)
+    wrong_uv = problems.counts.get("REPROJECTION_DISAGREES", 0)
+    wrong_depth = problems.counts.get("DEPTH_DISAGREES", 0)
     if max(wrong_uv, wrong_depth) < 0.9 * sample.checked or not sample.rows:
         return
     cause = _camera_cause(sample, cameras)
     if cause is not None:
         for code in ("REPROJECTION_DISAGREES", "DEPTH_DISAGREES", "OUT_OF_FRAME_DISAGREES"):
-            if findings.counts.get(code):
-                findings.diagnose(code, shown, cause)
+            if problems.counts.get(code):
+                problems.diagnose(code, cause)
         return
     compared = _compare(sample, cameras)
     if not compared.uv.size:
@@ -103,7 +102,7 @@ def diagnose_rows(
         ("DEPTH_DISAGREES", wrong_depth, _depth_cause(compared)),
     ):
         if found is not None and rows >= 0.9 * sample.checked:
-            findings.diagnose(code, shown, found)
+            problems.diagnose(code, found)
 
 
 def _compare(sample: RowSample, cameras: Cameras) -> _Compared:

@@ -9,7 +9,7 @@ import numpy as np
 
 from pliant.spec.model import Tier
 from pliant.spec.storage import layout
-from pliant.spec.validation.findings import Findings
+from pliant.spec.validation.findings import FileProblems
 from pliant.spec.validation.rules.agreement import check_agreement
 from pliant.spec.validation.rules.alignment import Alignment
 from pliant.spec.validation.rules.cameras import Cameras
@@ -17,6 +17,7 @@ from pliant.spec.validation.rules.colour import MAX_FRAMES, Colours, Rgb, is_bla
 from pliant.spec.validation.rules.correspondences import FrameRows
 from pliant.spec.validation.rules.diagnosis import RowSample, diagnose_rows
 from pliant.spec.validation.rules.duplicates import FrameKeys, digest_of, shape_key
+from pliant.spec.validation.rules.files import SequenceFiles
 from pliant.spec.validation.rules.frames import FrameView
 from pliant.spec.validation.rules.surfaces import ShownSurface
 
@@ -93,8 +94,7 @@ class Evidence:
         info: dict[str, Any],
         cameras: Cameras | None,
         size: tuple[int, int],
-        folder: str,
-        findings: Findings,
+        files: SequenceFiles,
     ) -> None:
         """Report what the frames say together.
 
@@ -103,40 +103,38 @@ class Evidence:
             info: Its sequence.json.
             cameras: Its cameras, if sound.
             size: (width, height) of the images.
-            folder: Its path in issues.
-            findings: Gets the problems.
+            files: Its folder.
         """
-        shown = f"{folder}/{layout.CORRESPONDENCES_TABLE}"
+        table, pictures = files.at(layout.CORRESPONDENCES_TABLE), files.at("rgb")
         if cameras is not None:
-            diagnose_rows(self.rows, cameras, size, shown, findings)
-            if check_agreement(tier, self.fitting, self.others, shown, findings):
+            diagnose_rows(self.rows, cameras, size, table)
+            if check_agreement(tier, self.fitting, self.others, table):
                 for code in _VISIBILITY:
-                    if findings.counts.get(code, 0) > 1:
-                        findings.diagnose(code, shown, "follow from DEPTH_IMAGE_DISAGREES")
-        self._check_blank(info, f"{folder}/rgb", findings)
+                    if table.counts.get(code, 0) > 1:
+                        table.diagnose(code, "follow from DEPTH_IMAGE_DISAGREES")
+        self._check_blank(info, pictures)
         explained = self.colours.explain()
         # A surface image that is shifted against the points is also shifted against the colours.
-        if explained is not None and "OFFSET_DISAGREES" not in findings.counts:
+        if explained is not None and "OFFSET_DISAGREES" not in table.counts:
             certain, text = explained
             # Noise, a depth camera's faults and foreign pictures leave doubt about an outline.
             clean = info["noise"] is None and info["style"] in ("photo", "fast", "raster")
             code = "COLOUR_DISAGREES" if certain and clean else "COLOUR_DOUBTFUL"
-            findings.diagnose(code, f"{folder}/rgb", text)
+            pictures.diagnose(code, text)
         if cameras is not None:
-            self._check_repeated(cameras, f"{folder}/rgb", findings)
+            self._check_repeated(cameras, pictures)
 
-    def _check_blank(self, info: dict[str, Any], shown: str, findings: Findings) -> None:
+    def _check_blank(self, info: dict[str, Any], problems: FileProblems) -> None:
         if self.blank:
             known = bool(self.keys.shapes) and info["style"] != "external"
-            findings.add(
+            problems.add(
                 "COLOUR_DISAGREES" if known else "COLOUR_DOUBTFUL",
-                shown,
                 f"frame {self.blank[0]}",
                 f"{len(self.blank)} of {self.frames} pictures are one colour, black for example: "
                 "rendering failed?",
             )
 
-    def _check_repeated(self, cameras: Cameras, shown: str, findings: Findings) -> None:
+    def _check_repeated(self, cameras: Cameras, problems: FileProblems) -> None:
         """A picture that is repeated although the points moved shows one of the frames wrongly."""
         first: dict[int, int] = {}
         moved = []
@@ -149,9 +147,8 @@ class Evidence:
             if np.abs(a - b).max() * focal / max(float(a[2]), 1e-6) > MOVED_PX:
                 moved.append((earlier, frame))
         if moved:
-            findings.add(
+            problems.add(
                 "COLOUR_DISAGREES",
-                shown,
                 f"frame {moved[0][1]}",
                 f"{len(moved)} pictures repeat that of an earlier frame, here {moved[0][0]}, "
                 "though the points moved",

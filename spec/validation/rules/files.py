@@ -13,7 +13,7 @@ from pliant.spec.io import limits
 from pliant.spec.io.jsonfiles import has_additions, parse_json, schema_errors
 from pliant.spec.io.reading import AnyFile, Blob, FileRefusedError, check_regular, read_bytes
 from pliant.spec.storage import layout
-from pliant.spec.validation.findings import Findings, reason
+from pliant.spec.validation.findings import FileProblems, Findings
 from pliant.spec.validation.rules.structure import list_folder, printable, report_extra
 
 _BLOCK = 2**20
@@ -26,6 +26,7 @@ class SequenceFiles:
     Attributes:
         folder: The sequence's folder.
         shown: Its path in issues.
+        findings: Gets its problems.
         present: Paths of the regular files, relative to the folder.
         sound: Those whose size and checksum are as listed; only they are looked into.
         hashes: Path -> listed sha256.
@@ -33,20 +34,26 @@ class SequenceFiles:
 
     folder: Path
     shown: str
+    findings: Findings
     present: set[str]
     sound: set[str] = field(default_factory=set)
     hashes: dict[str, tuple[str, int]] = field(default_factory=dict)
 
-    def verified(self, name: str, findings: Findings) -> bool:
-        """Return whether a file is there and has its checksum, reporting where not.
+    def at(self, name: str) -> FileProblems:
+        """Return what adds problems of one of the files."""
+        return self.findings.at(f"{self.shown}/{name}")
+
+    def verified(self, name: str) -> bool:
+        """Return whether a file is there and has its checksum.
+
+        Reports `CHECKSUM_DIFFERS`, `FILE_TOO_LARGE` and `FILE_UNREADABLE`.
 
         Args:
             name: Path relative to the folder.
-            findings: Gets `CHECKSUM_DIFFERS`, `FILE_TOO_LARGE`, `FILE_UNREADABLE`.
         """
-        return self._checked(name, findings, _sha256)
+        return self._checked(name, _sha256)
 
-    def contents(self, name: str, findings: Findings) -> AnyFile | None:
+    def contents(self, name: str) -> AnyFile | None:
         """Return a small file that `verified` accepts, read once for its checksum and decoding."""
         path = self.folder / name
         loaded: list[AnyFile] = []
@@ -55,16 +62,15 @@ class SequenceFiles:
             loaded.append(Blob(str(path), path.read_bytes()))
             return hashlib.sha256(loaded[0].data).hexdigest()  # type: ignore[union-attr]
 
-        if not self._checked(name, findings, digest):
+        if not self._checked(name, digest):
             return None
         return loaded[0] if loaded else path
 
-    def _checked(self, name: str, findings: Findings, digest: Callable[[Path], str]) -> bool:
+    def _checked(self, name: str, digest: Callable[[Path], str]) -> bool:
         if name not in self.present:
             return False
         if name not in self.hashes:
             return True
-        shown = f"{self.shown}/{name}"
         limit = limits.MAX_TABLE_BYTES if name.endswith(".parquet") else limits.MAX_IMAGE_FILE_BYTES
         try:
             size = check_regular(self.folder / name, limit)
@@ -72,14 +78,13 @@ class SequenceFiles:
             found = digest(self.folder / name) if size == listed_size else None
         except (FileRefusedError, OSError) as error:
             code = error.code if isinstance(error, FileRefusedError) else "FILE_UNREADABLE"
-            findings.add(code, shown, "", str(error)[:300])
+            self.at(name).add(code, "", str(error)[:300])
             return False
         if found == listed:
             self.sound.add(name)
             return True
-        findings.add(
+        self.at(name).add(
             "CHECKSUM_DIFFERS",
-            shown,
             "",
             f"found {size} bytes; sequence.json lists {listed_size}"
             if found is None
@@ -96,14 +101,13 @@ def _sha256(path: Path) -> str:
     return digest.hexdigest()
 
 
-def read_document(path: Path, shown: str, schema: str, findings: Findings) -> Any:
+def read_document(path: Path, schema: str, problems: FileProblems) -> Any:
     """Read a JSON file of the dataset; return it, or None if it breaks a rule.
 
     Args:
         path: The file.
-        shown: Its path in issues.
         schema: Name of its schema.
-        findings: Gets the problems.
+        problems: Gets the problems.
     """
     try:
         document = parse_json(read_bytes(path, limits.MAX_JSON_BYTES), path)
@@ -111,11 +115,11 @@ def read_document(path: Path, shown: str, schema: str, findings: Findings) -> An
         if isinstance(version, str):
             check_version(version, path)
     except FileRefusedError as error:
-        findings.add(error.code, shown, error.where or "", reason(error))
+        problems.refuse(error)
         return None
     good = True
     for where, message in schema_errors(document, schema):
-        findings.add("SCHEMA_INVALID", shown, where, message)
+        problems.add("SCHEMA_INVALID", where, message)
         good = False
     return document if good else None
 
@@ -136,70 +140,53 @@ def list_sequence(folder: Path, shown: str, findings: Findings) -> SequenceFiles
         inside, deeper = list_folder(folder / name, f"{shown}/{name}", findings)
         report_extra(findings, f"{shown}/{name}", deeper, "images alone do")
         present |= {f"{name}/{entry}" for entry in inside}
-    return SequenceFiles(folder, shown, present)
+    return SequenceFiles(folder, shown, findings, present)
 
 
-def check_files(
-    files: SequenceFiles, info: dict[str, Any], findings: Findings, *, held_out: bool
-) -> None:
+def check_files(files: SequenceFiles, info: dict[str, Any], *, held_out: bool) -> None:
     """Compare the files listed in sequence.json, those required, and those there.
 
     Args:
         files: The folder; gets the listed checksums.
         info: The sequence.json, valid by its schema.
-        findings: Gets the problems.
         held_out: True if the sequence's split is published without its truth.
     """
     pictures = {layout.rgb_name(frame) for frame in range(info["frames"])}
     telling = {layout.POINTS_TABLE, layout.CORRESPONDENCES_TABLE}
     telling |= {layout.depth_name(frame) for frame in range(info["frames"])}
     required = pictures if held_out else pictures | telling | {layout.CAMERAS_JSON}
-    document = f"{files.shown}/{layout.SEQUENCE_JSON}"
+    document = files.at(layout.SEQUENCE_JSON)
     for index, entry in enumerate(info["files"]):
         name = entry["path"]
         where = f"files[{index}]"
         if not _is_safe(name):
-            findings.add(
-                "PATH_UNSAFE", document, where, f"{name[:120]!r} does not stay in the folder"
-            )
+            document.add("PATH_UNSAFE", where, f"{name[:120]!r} does not stay in the folder")
         elif name in files.hashes:
-            findings.add("FILE_UNLISTED", document, where, f"{name[:120]} is listed twice")
+            document.add("FILE_UNLISTED", where, f"{name[:120]} is listed twice")
         elif name not in required and name not in files.present:
-            findings.add(
-                "FILE_MISSING", f"{files.shown}/{printable(name)[:200]}", "", "listed, not there"
-            )
+            files.at(printable(name)[:200]).add("FILE_MISSING", "", "listed, not there")
         else:
             files.hashes[name] = (entry["sha256"], entry["bytes"])
-    unsafe = {issue.path for issue in findings.issues if issue.code == "PATH_UNSAFE"}
+    unsafe = {issue.path for issue in files.findings.issues if issue.code == "PATH_UNSAFE"}
     for name in sorted(required):
         if name not in files.present:
             if f"{files.shown}/{name}" not in unsafe:
-                findings.add(
-                    "FILE_MISSING",
-                    f"{files.shown}/{name}",
-                    "",
-                    f"a sequence of {info['frames']} frames must hold this file",
-                )
+                text = f"a sequence of {info['frames']} frames must hold this file"
+                files.at(name).add("FILE_MISSING", "", text)
         elif name not in files.hashes:
-            findings.add("FILE_UNLISTED", document, "files", f"{name} is not listed")
+            document.add("FILE_UNLISTED", "files", f"{name} is not listed")
     extra = files.present - required - {layout.SEQUENCE_JSON}
     if held_out:
         for name in sorted(extra & telling):
-            findings.add(
-                "HELD_OUT_LEAKS",
-                f"{files.shown}/{name}",
-                "",
-                f"the split {info['split']} is held out, and this file tells its truth",
-            )
+            text = f"the split {info['split']} is held out, and this file tells its truth"
+            files.at(name).add("HELD_OUT_LEAKS", "", text)
         extra -= telling | {layout.CAMERAS_JSON}
         if has_additions(info["spec_version"]):
-            extra -= _recorded(files, info, extra, findings)
-    report_extra(findings, files.shown, extra, f"{info['frames']} frames need no such file")
+            extra -= _recorded(files, info, extra)
+    report_extra(files.findings, files.shown, extra, f"{info['frames']} frames need no such file")
 
 
-def _recorded(
-    files: SequenceFiles, info: dict[str, Any], extra: set[str], findings: Findings
-) -> set[str]:
+def _recorded(files: SequenceFiles, info: dict[str, Any], extra: set[str]) -> set[str]:
     """Return the masks and depth images: a sequence has them of all frames or of none."""
     found: set[str] = set()
     for name_of in (layout.mask_name, layout.camera_depth_name):
@@ -207,10 +194,10 @@ def _recorded(
         present = names & extra
         for name in sorted(names - present) if present else ():
             text = "other frames of the sequence have such a file"
-            findings.add("FILE_MISSING", f"{files.shown}/{name}", "", text)
+            files.at(name).add("FILE_MISSING", "", text)
         for name in sorted(present - set(files.hashes)):
-            document = f"{files.shown}/{layout.SEQUENCE_JSON}"
-            findings.add("FILE_UNLISTED", document, "files", f"{name} is not listed")
+            text = f"{name} is not listed"
+            files.at(layout.SEQUENCE_JSON).add("FILE_UNLISTED", "files", text)
         found |= present
     return found
 

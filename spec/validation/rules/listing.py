@@ -10,7 +10,7 @@ from pliant.spec.io import limits
 from pliant.spec.io.jsonfiles import has_additions
 from pliant.spec.storage.layout import SEQUENCES_DIR, SEQUENCES_TABLE
 from pliant.spec.tables import SEQUENCES
-from pliant.spec.validation.findings import Findings
+from pliant.spec.validation.findings import FileProblems, Findings
 from pliant.spec.validation.rules.context import Context
 from pliant.spec.validation.rules.tables import CheckedTable, check_table
 
@@ -30,71 +30,45 @@ def check_listing(
     Returns:
         Sequence id -> its row, for the rows that name a sequence once.
     """
-    path = context.root / SEQUENCES_TABLE
-    table = check_table(path, SEQUENCES_TABLE, "sequences", findings, max_rows=limits.MAX_SEQUENCES)
+    path, problems = context.root / SEQUENCES_TABLE, findings.at(SEQUENCES_TABLE)
+    table = check_table(path, "sequences", problems, max_rows=limits.MAX_SEQUENCES)
     if table is None or not table.whole:
         return {}
-    check_identity(context, table, findings)
+    check_identity(context, table)
     rows: dict[str, dict[str, Any]] = {}
-    for start, batch in table.batches(SEQUENCES.names, findings):
+    for start, batch in table.batches(SEQUENCES.names):
         for number, row in enumerate(batch.to_pylist(), start):
             where = f"row {number}"
             name = row["id"]
             if not is_name(name):
-                findings.add(
-                    "PATH_UNSAFE", SEQUENCES_TABLE, where, f"{name[:80]!r} is no sequence name"
-                )
+                problems.add("PATH_UNSAFE", where, f"{name[:80]!r} is no sequence name")
                 continue
             if name in rows:
                 other = rows[name]["split"]
                 code = "ROW_DUPLICATE" if other == row["split"] else "SPLIT_SHARED"
-                findings.add(
-                    code,
-                    SEQUENCES_TABLE,
-                    where,
-                    f"{name} is listed a second time ({other} and {row['split']})",
-                )
+                text = f"{name} is listed a second time ({other} and {row['split']})"
+                problems.add(code, where, text)
                 continue
             rows[name] = row
-            _check_row(context, row, where, findings)
+            _check_row(context, row, where, problems)
     _compare_folders(context, rows, folders, findings)
     return rows
 
 
-def check_identity(context: Context, table: CheckedTable, findings: Findings) -> None:
-    """Check that a footer's `dataset`, where it has one, names this dataset.
-
-    Args:
-        context: The dataset.
-        table: A table of it.
-        findings: Gets `IDENTITY_DIFFERS`.
-    """
+def check_identity(context: Context, table: CheckedTable) -> None:
+    """Check that a footer's `dataset`, where it has one, names this dataset."""
     named = table.footer.get("dataset")
     required = {"id": context.id, "version": context.version}
     if named is not None and named != required:
-        findings.add(
-            "IDENTITY_DIFFERS",
-            table.shown,
-            "footer dataset",
-            f"found {named}; dataset.json has {required}",
-        )
+        text = f"found {named}; dataset.json has {required}"
+        table.problems.add("IDENTITY_DIFFERS", "footer dataset", text)
 
 
-def _check_row(context: Context, row: dict[str, Any], where: str, findings: Findings) -> None:
-    if row["tier"] not in context.tiers:
-        findings.add(
-            "TIER_UNKNOWN",
-            SEQUENCES_TABLE,
-            f"{where}, tier",
-            f"{row['tier'][:80]!r} is none of {list(context.tiers)}",
-        )
-    if row["split"] not in context.splits:
-        findings.add(
-            "SPLIT_UNKNOWN",
-            SEQUENCES_TABLE,
-            f"{where}, split",
-            f"{row['split'][:80]!r} is none of {list(context.splits)}",
-        )
+def _check_row(context: Context, row: dict[str, Any], where: str, problems: FileProblems) -> None:
+    for name, known in (("tier", context.tiers), ("split", context.splits)):
+        if row[name] not in known:
+            text = f"{row[name][:80]!r} is none of {list(known)}"
+            problems.add(f"{name.upper()}_UNKNOWN", f"{where}, {name}", text)
     additions = has_additions(context.spec_version)
     open_styles, others = additions and is_name(row["style"]), " | a name" if additions else ""
     ranges: list[tuple[str, bool, str]] = [
@@ -107,17 +81,13 @@ def _check_row(context: Context, row: dict[str, Any], where: str, findings: Find
         if value is None:
             continue
         if not math.isfinite(value):
-            findings.add("VALUE_NOT_FINITE", SEQUENCES_TABLE, f"{where}, {name}", f"found {value}")
+            problems.add("VALUE_NOT_FINITE", f"{where}, {name}", f"found {value}")
         else:
             ranges.append((name, 0 <= value <= highest, f"0 to {highest}"))
     for name, good, allowed in ranges:
         if not good:
-            findings.add(
-                "VALUE_OUT_OF_RANGE",
-                SEQUENCES_TABLE,
-                f"{where}, {name}",
-                f"found {row[name]!r:.80}; required: {allowed}",
-            )
+            text = f"found {row[name]!r:.80}; required: {allowed}"
+            problems.add("VALUE_OUT_OF_RANGE", f"{where}, {name}", text)
 
 
 def _compare_folders(
@@ -129,16 +99,8 @@ def _compare_folders(
     listed = {(row["tier"], name) for name, row in rows.items() if row["tier"] in context.tiers}
     present = {(tier, name) for tier, names in folders.items() for name in names}
     for tier, name in sorted(listed - present):
-        findings.add(
-            "FILE_MISSING",
-            f"{SEQUENCES_DIR}/{tier}/{name}",
-            "",
-            "sequences.parquet lists this sequence, and it has no folder",
-        )
+        text = "sequences.parquet lists this sequence, and it has no folder"
+        findings.add("FILE_MISSING", f"{SEQUENCES_DIR}/{tier}/{name}", "", text)
     for tier, name in sorted(present - listed):
-        findings.add(
-            "ROW_MISSING",
-            SEQUENCES_TABLE,
-            "",
-            f"the folder {SEQUENCES_DIR}/{tier}/{name} is not listed"[:200],
-        )
+        text = f"the folder {SEQUENCES_DIR}/{tier}/{name} is not listed"[:200]
+        findings.add("ROW_MISSING", SEQUENCES_TABLE, "", text)

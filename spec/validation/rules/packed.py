@@ -15,7 +15,7 @@ from pliant.spec.io.reading import FileRefusedError
 from pliant.spec.storage import layout
 from pliant.spec.storage.files import LocalFiles
 from pliant.spec.storage.packed import Member, members_of
-from pliant.spec.validation.findings import Findings, reason
+from pliant.spec.validation.findings import FileProblems, Findings
 from pliant.spec.validation.rules.context import Context
 from pliant.spec.validation.rules.listing import check_identity
 from pliant.spec.validation.rules.sequences import SequenceResult, check_sequence
@@ -36,15 +36,15 @@ def check_index(context: Context, findings: Findings) -> dict[tuple[str, str], M
         (tier, id) -> the sequence's files, of every sequence; None if nothing can be found by
         this index.
     """
-    path, shown = context.root / layout.INDEX_TABLE, layout.INDEX_TABLE
-    table = check_table(path, shown, "index", findings, max_rows=limits.MAX_SEQUENCES)
+    path, problems = context.root / layout.INDEX_TABLE, findings.at(layout.INDEX_TABLE)
+    table = check_table(path, "index", problems, max_rows=limits.MAX_SEQUENCES)
     if table is None or not table.whole:
         return None
-    check_identity(context, table, findings)
+    check_identity(context, table)
     try:
         rows = read_table(path, "index", max_rows=limits.MAX_SEQUENCES).to_pylist()
     except FileRefusedError as error:
-        findings.add(error.code, shown, error.where or "", reason(error))
+        problems.refuse(error)
         return None
     try:
         listing = read_table(context.root / layout.SEQUENCES_TABLE, "sequences", ["id", "tier"])
@@ -52,9 +52,8 @@ def check_index(context: Context, findings: Findings) -> dict[tuple[str, str], M
         return {}  # its own rules report it
     listed = listing.to_pylist()
     if [row["id"] for row in rows] != [row["id"] for row in listed]:
-        findings.add(
+        problems.add(
             "INDEX_INVALID",
-            shown,
             "id",
             f"found {len(rows)} rows; required: the ids of sequences.parquet, {len(listed)}, in "
             "that order",
@@ -65,7 +64,7 @@ def check_index(context: Context, findings: Findings) -> dict[tuple[str, str], M
         if is_name(row["id"]) and is_name(row["tier"]):
             found[row["tier"], row["id"]] = members_of(entry)
             if len(found[row["tier"], row["id"]]) != len(entry["files"]):
-                findings.add("INDEX_INVALID", shown, row["id"], "a file is listed twice")
+                problems.add("INDEX_INVALID", row["id"], "a file is listed twice")
     return found
 
 
@@ -94,7 +93,8 @@ def check_any_sequence(
         result = SequenceResult(name, tier)
         folder = layout.sequence_dir(Path(scratch), tier, name)
         folder.mkdir(parents=True)
-        if not _unpack(context.root, members, folder, name, result.findings):
+        problems = result.findings.at(layout.INDEX_TABLE)
+        if not _unpack(context.root, members, folder, name, problems):
             return result
         return check_sequence(
             replace(context, root=Path(scratch), files=LocalFiles(Path(scratch))), tier, name, row
@@ -102,7 +102,7 @@ def check_any_sequence(
 
 
 def _unpack(
-    root: Path, members: Mapping[str, Member], folder: Path, name: str, findings: Findings
+    root: Path, members: Mapping[str, Member], folder: Path, name: str, problems: FileProblems
 ) -> bool:
     """Write a sequence's files into a folder; return whether the index is right about all."""
     storage = LocalFiles(root)
@@ -113,7 +113,7 @@ def _unpack(
         pure = PurePosixPath(path)
         safe = str(pure) == path and not pure.is_absolute() and len(pure.parts) <= 2
         if not safe or ".." in pure.parts or "\\" in path or "\0" in path:
-            findings.add("PATH_UNSAFE", layout.INDEX_TABLE, where, "it does not stay in the folder")
+            problems.add("PATH_UNSAFE", where, "it does not stay in the folder")
             sound = False
             continue
         problem = None
@@ -127,7 +127,7 @@ def _unpack(
             except FileRefusedError as error:
                 problem = f"{shard}: {error.message}; found {error.found}"
         if problem is not None:
-            findings.add("INDEX_INVALID", layout.INDEX_TABLE, where, problem)
+            problems.add("INDEX_INVALID", where, problem)
             sound = False
             continue
         (folder / path).parent.mkdir(exist_ok=True)

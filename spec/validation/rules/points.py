@@ -15,7 +15,7 @@ from pliant.spec.conventions import POINT_KINDS
 from pliant.spec.io import limits
 from pliant.spec.model import Tier
 from pliant.spec.tables import POINTS
-from pliant.spec.validation.findings import Findings
+from pliant.spec.validation.findings import FileProblems
 from pliant.spec.validation.rules.tables import check_table, codes_of, numbers, report_not_finite
 
 MATERIAL_TOLERANCE = 1e-5
@@ -44,65 +44,60 @@ class PointSet:
         return len(self.object_id)
 
 
-def check_points(path: Path, shown: str, tier: Tier, findings: Findings) -> PointSet | None:
+def check_points(path: Path, tier: Tier, problems: FileProblems) -> PointSet | None:
     """Check a point table.
 
     Args:
         path: The file.
-        shown: Its path in issues.
         tier: Its tier.
-        findings: Gets the problems.
+        problems: Gets the problems.
 
     Returns:
         The points, or None where a problem leaves nothing to build on.
     """
-    table = check_table(path, shown, "points", findings, max_rows=limits.MAX_POINTS)
+    table = check_table(path, "points", problems, max_rows=limits.MAX_POINTS)
     if table is None or not table.whole:
         return None
     if table.rows == 0:
-        findings.add("ROW_MISSING", shown, "", "a sequence must have at least one point")
+        problems.add("ROW_MISSING", "", "a sequence must have at least one point")
         return None
-    before = findings.total
-    parts = [batch for _, batch in table.batches(POINTS.names, findings)]
-    if findings.total != before:
+    before = problems.total
+    parts = [batch for _, batch in table.batches(POINTS.names)]
+    if problems.total != before:
         return None
     rows = pa.concat_tables(parts)
     ids = numbers(rows, "point")
-    findings.add_rows(
+    problems.add_rows(
         "ROW_ORDER",
-        shown,
         ids != np.arange(len(ids)),
         lambda i: (f"row {i}, point", f"found {ids[i]}; required: the row's number"),
     )
     object_id = numbers(rows, "object")
     known = np.isin(object_id, [each.id for each in tier.objects])
-    findings.add_rows(
+    problems.add_rows(
         "VALUE_OUT_OF_RANGE",
-        shown,
         ~known,
         lambda i: (f"row {i}, object", f"found {object_id[i]}, no object of {tier.name}"),
     )
     kind = codes_of(rows, "kind", POINT_KINDS)
-    findings.add_rows(
+    problems.add_rows(
         "VALUE_OUT_OF_RANGE",
-        shown,
         kind < 0,
         lambda i: (f"row {i}, kind", f"required: {' | '.join(POINT_KINDS)}"),
     )
-    finite = report_not_finite(rows, ["m0", "m1"], 0, shown, findings)
+    finite = report_not_finite(rows, ["m0", "m1"], 0, problems)
     material = np.stack([numbers(rows, "m0"), numbers(rows, "m1")], axis=1).astype(np.float64)
     inside = material_inside(material, object_id, tier)
-    findings.add_rows(
+    problems.add_rows(
         "VALUE_OUT_OF_RANGE",
-        shown,
         known & finite & ~inside,
         lambda i: (f"row {i}, m0, m1", f"found {material[i].tolist()}, outside the object"),
     )
-    partners = _partners(rows, len(tier.symmetries), shown, findings)
-    if partners is None or findings.total != before:
+    partners = _partners(rows, len(tier.symmetries), problems)
+    if partners is None or problems.total != before:
         return None
     points = PointSet(object_id, kind == 1, material, partners, _digest(rows))
-    _check_partners(points, tier, shown, findings)
+    _check_partners(points, tier, problems)
     return points
 
 
@@ -135,14 +130,13 @@ def material_inside(
 
 
 def _partners(
-    rows: pa.Table, symmetries: int, shown: str, findings: Findings
+    rows: pa.Table, symmetries: int, problems: FileProblems
 ) -> npt.NDArray[np.int32] | None:
     column = rows.column("partners").combine_chunks()
     column = column.chunk(0) if isinstance(column, pa.ChunkedArray) else column
     lengths = np.diff(column.offsets.to_numpy())
-    findings.add_rows(
+    problems.add_rows(
         "VALUE_OUT_OF_RANGE",
-        shown,
         lengths != symmetries,
         lambda i: (
             f"row {i}, partners",
@@ -153,16 +147,15 @@ def _partners(
         return None
     partners = column.flatten().to_numpy().reshape(len(lengths), symmetries)
     outside = np.any((partners < 0) | (partners >= len(lengths)), axis=1)
-    findings.add_rows(
+    problems.add_rows(
         "VALUE_OUT_OF_RANGE",
-        shown,
         outside,
         lambda i: (f"row {i}, partners", f"found {partners[i].tolist()}, no points"),
     )
     return None if outside.any() else partners
 
 
-def _check_partners(points: PointSet, tier: Tier, shown: str, findings: Findings) -> None:
+def _check_partners(points: PointSet, tier: Tier, problems: FileProblems) -> None:
     """Check that every partner is the point that the symmetry maps a point to."""
     queried = tier.queried
     tolerance = MATERIAL_TOLERANCE * np.array([each.span for each in queried.material])
@@ -177,9 +170,8 @@ def _check_partners(points: PointSet, tier: Tier, shown: str, findings: Findings
         far = np.abs(gap) > tolerance
         far[points.centreline, 1] = False
         wrong |= mine & far.any(axis=1)
-        findings.add_rows(
+        problems.add_rows(
             "PARTNER_DISAGREES",
-            shown,
             wrong,
             lambda i, n=number, p=partner: (  # type: ignore[misc]
                 f"row {i}, partners[{n}]",

@@ -12,7 +12,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from pliant.spec.validation.findings import Findings
+from pliant.spec.validation.findings import FileProblems
 from pliant.spec.validation.rules.surfaces import ShownSurface
 
 SAMPLES: Final = 2048
@@ -26,13 +26,12 @@ PIXELS_PER_LEVEL: Final = 4
 _STEPS_M = ((1e-2, "whole centimetres"), (1e-3, "whole millimetres"), (1e-4, "0.1 mm"))
 
 
-def check_precision(surface: ShownSurface, path: str, findings: Findings) -> None:
+def check_precision(surface: ShownSurface, problems: FileProblems) -> None:
     """Check the values of a frame's depth and surface image.
 
     Args:
         surface: A valid surface image.
-        path: The file's path in issues.
-        findings: Gets `PRECISION_LOST`, at most once for each channel.
+        problems: Gets `PRECISION_LOST`, at most once for each channel.
     """
     if surface.count < MIN_SAMPLES:
         return
@@ -41,12 +40,8 @@ def check_precision(surface: ShownSurface, path: str, findings: Findings) -> Non
     for name, channel in (("Z", image.depth_m), ("surface.m0", image.m0), ("surface.m1", image.m1)):
         coarse = _coarse(channel.ravel()[chosen], name)
         if coarse is not None:
-            findings.add(
-                "PRECISION_LOST",
-                path,
-                name,
-                f"{coarse}; required: float32, computed in float64 and rounded once",
-            )
+            text = f"{coarse}; required: float32, computed in float64 and rounded once"
+            problems.add("PRECISION_LOST", name, text)
 
 
 def _coarse(values: npt.NDArray[Any], name: str) -> str | None:

@@ -14,7 +14,7 @@ from pliant.spec.io import limits
 from pliant.spec.io.checksums import sha256_file
 from pliant.spec.storage import layout
 from pliant.spec.tables import QUERIES
-from pliant.spec.validation.findings import Findings
+from pliant.spec.validation.findings import FileProblems, Findings
 from pliant.spec.validation.rules.answers import Aligned, compare_answers
 from pliant.spec.validation.rules.context import Context
 from pliant.spec.validation.rules.correspondences import VISIBLE
@@ -41,46 +41,40 @@ def check_split_queries(
     """
     findings = Findings()
     path = layout.queries_path(context.root, split)
-    shown = f"{layout.QUERIES_DIR}/{split}.parquet"
     truth_path = layout.truth_path(context.root, split)
-    truth_shown = f"{layout.TRUTH_DIR}/{split}.parquet"
+    of_queries = findings.at(layout.queries_name(split))
+    of_truth = findings.at(layout.truth_name(split))
     if split not in context.splits:
-        findings.add("SPLIT_UNKNOWN", shown, "", f"dataset.json declares {list(context.splits)}")
+        of_queries.add("SPLIT_UNKNOWN", "", f"dataset.json declares {list(context.splits)}")
     table = None
     if path.is_file() and not path.is_symlink():
-        table = check_table(path, shown, "queries", findings, max_rows=limits.MAX_TABLE_ROWS)
+        table = check_table(path, "queries", of_queries, max_rows=limits.MAX_TABLE_ROWS)
     elif not path.is_symlink():
-        findings.add("FILE_MISSING", shown, "", f"{truth_shown} answers queries that are not there")
+        text = f"{of_truth.path} answers queries that are not there"
+        of_queries.add("FILE_MISSING", "", text)
     truth = None
     if split in context.held_out and truth_path.is_file():
-        findings.add("HELD_OUT_LEAKS", truth_shown, "", f"the split {split} is held out")
+        of_truth.add("HELD_OUT_LEAKS", "", f"the split {split} is held out")
     elif truth_path.is_file() and not truth_path.is_symlink():
-        truth = check_table(
-            truth_path, truth_shown, "truth", findings, max_rows=limits.MAX_TABLE_ROWS
-        )
+        truth = check_table(truth_path, "truth", of_truth, max_rows=limits.MAX_TABLE_ROWS)
     for part in (table, truth):
         if part is not None:
-            check_identity(context, part, findings)
+            check_identity(context, part)
             named = part.footer.get("split", split)
             if named != split:
-                findings.add(
-                    "IDENTITY_DIFFERS",
-                    part.shown,
-                    "footer split",
-                    f"found {named}; the file's name says {split}",
-                )
+                text = f"found {named}; the file's name says {split}"
+                part.problems.add("IDENTITY_DIFFERS", "footer split", text)
     if table is None or not table.whole:
         return findings
     if truth is not None and "queries_sha256" in truth.footer:
         found = sha256_file(path)
         if truth.footer["queries_sha256"] != found:
-            findings.add(
+            of_truth.add(
                 "QUERIES_MISMATCH",
-                truth_shown,
                 "footer queries_sha256",
                 f"found {truth.footer['queries_sha256']}; the queries file has {found}",
             )
-    _SplitCheck(context, split, sequences, findings).run(
+    _SplitCheck(context, split, sequences, of_queries, of_truth).run(
         table, truth if truth is not None and truth.whole else None
     )
     return findings
@@ -94,12 +88,13 @@ class _SplitCheck:
         context: Context,
         split: str,
         sequences: Mapping[str, SequenceResult],
-        findings: Findings,
+        of_queries: FileProblems,
+        of_truth: FileProblems,
     ) -> None:
         self.context = context
         self.split = split
         self.sequences = sequences
-        self.findings = findings
+        self.of_queries, self.of_truth = of_queries, of_truth
         self._tracks_of = lru_cache(_TABLES_IN_MEMORY)(
             lambda name: read_tracks(context, sequences[name])
         )
@@ -108,17 +103,16 @@ class _SplitCheck:
 
     def run(self, table: CheckedTable, truth: CheckedTable | None) -> None:
         """Check the rows, pair by pair."""
-        answers = Aligned(truth, self.findings) if truth is not None else None
+        answers = Aligned(truth) if truth is not None else None
         if truth is not None and truth.rows != table.rows:
             code = "ROW_MISSING" if truth.rows < table.rows else "ROW_UNKNOWN"
-            self.findings.add(
+            self.of_truth.add(
                 code,
-                truth.shown,
                 "",
                 f"{truth.rows} answers to {table.rows} queries; required: one each, in order",
             )
             answers = None
-        for start, batch in table.batches(QUERIES.names, self.findings):
+        for start, batch in table.batches(QUERIES.names):
             rows = {
                 name: batch.column(name).to_pylist()
                 if pa.types.is_string(QUERIES.field(name).type)
@@ -130,30 +124,26 @@ class _SplitCheck:
                 answers = None
             edges = np.flatnonzero(np.diff(rows["pair_id"])) + 1
             for low, high in zip([0, *edges], [*edges, batch.num_rows], strict=True):
-                self._check_pair(table.shown, start, rows, beside, int(low), int(high), truth)
+                self._check_pair(start, rows, beside, int(low), int(high))
 
     def _check_pair(
         self,
-        shown: str,
         start: int,
         rows: dict[str, Any],
         beside: dict[str, Any] | None,
         low: int,
         high: int,
-        truth: CheckedTable | None,
     ) -> None:
         if high <= low:
             return
-        findings = self.findings
         pair_id = int(rows["pair_id"][low])
         query_ids = rows["query_id"][low:high]
         last_pair, next_query = self._last_key
         first = 0 if pair_id == last_pair + 1 else next_query if pair_id == last_pair else None
         expected = None if first is None else np.arange(first, first + high - low)
         if expected is None or not np.array_equal(query_ids, expected):
-            findings.add(
+            self.of_queries.add(
                 "ROW_ORDER",
-                shown,
                 f"row {start + low}",
                 f"pair_id {pair_id} with query_id {query_ids[:3].tolist()} …; required: pairs "
                 "from 0 and queries of a pair from 0, consecutive and ascending",
@@ -164,21 +154,20 @@ class _SplitCheck:
         pair = {name: rows[name][low] for name in names}
         mixed = any(value != pair[name] for name in names for value in rows[name][low:high])
         if mixed or (again and pair != self._last_pair):
-            findings.add(
-                "QUERY_INVALID", shown, f"pair {pair_id}", "its rows name different frames"
-            )
+            text = "its rows name different frames"
+            self.of_queries.add("QUERY_INVALID", f"pair {pair_id}", text)
             return
         self._last_pair = pair
-        if not self._check_frames(shown, pair_id, pair):
+        if not self._check_frames(pair_id, pair):
             return
         uv_a = np.stack([rows["u_a"][low:high], rows["v_a"][low:high]], axis=1)
         answers = None if beside is None else {k: v[low:high] for k, v in beside.items()}
-        point = self._check_sources(shown, pair_id, query_ids, pair, uv_a, answers)
-        if answers is not None and truth is not None:
+        point = self._check_sources(pair_id, query_ids, pair, uv_a, answers)
+        if answers is not None:
             keys = {"pair_id": np.full(high - low, pair_id), "query_id": query_ids}
-            self._check_answers(truth.shown, pair, keys, answers, point)
+            self._check_answers(pair, keys, answers, point)
 
-    def _check_frames(self, shown: str, pair_id: int, pair: dict[str, Any]) -> bool:
+    def _check_frames(self, pair_id: int, pair: dict[str, Any]) -> bool:
         problems = []
         for side in ("a", "b"):
             name, frame = pair[f"sequence_{side}"], int(pair[f"frame_{side}"])
@@ -198,12 +187,11 @@ class _SplitCheck:
         ):
             problems.append("source and target are one frame")
         for problem in problems:
-            self.findings.add("QUERY_INVALID", shown, f"pair {pair_id}", problem)
+            self.of_queries.add("QUERY_INVALID", f"pair {pair_id}", problem)
         return not problems
 
     def _check_sources(
         self,
-        shown: str,
         pair_id: int,
         query_ids: npt.NDArray[np.int32],
         pair: dict[str, Any],
@@ -212,18 +200,16 @@ class _SplitCheck:
     ) -> npt.NDArray[np.int64] | None:
         """Check that each query is a visible point; return which, -1 where it is none."""
         bad_value = ~np.isfinite(uv_a).all(axis=1)
-        self.findings.add_rows(
+        self.of_queries.add_rows(
             "VALUE_NOT_FINITE",
-            shown,
             bad_value,
             lambda i: (f"pair {pair_id}, query {query_ids[i]}", f"found {uv_a[i].tolist()}"),
         )
         tracks = self._tracks_of(pair["sequence_a"])
         if tracks is None:
             size = np.array([self.context.width, self.context.height])
-            self.findings.add_rows(
+            self.of_queries.add_rows(
                 "VALUE_OUT_OF_RANGE",
-                shown,
                 ~bad_value & np.any((uv_a < 0) | (uv_a >= size), axis=1),
                 lambda i: (
                     f"pair {pair_id}, query {query_ids[i]}",
@@ -247,9 +233,8 @@ class _SplitCheck:
             table = dict(zip(places, seen.tolist(), strict=True))
             for index in np.flatnonzero(point < 0):
                 point[index] = table.get(tuple(uv_a[index].tolist()), -1)
-        self.findings.add_rows(
+        self.of_queries.add_rows(
             "QUERY_NOT_VISIBLE",
-            shown,
             (point < 0) & ~bad_value,
             lambda i: (
                 f"pair {pair_id}, query {query_ids[i]}",
@@ -261,7 +246,6 @@ class _SplitCheck:
 
     def _check_answers(
         self,
-        shown: str,
         pair: dict[str, Any],
         keys: dict[str, Any],
         answers: dict[str, Any],
@@ -272,9 +256,8 @@ class _SplitCheck:
             answers["query_id"] != keys["query_id"]
         )
         where = [f"pair {p}, query {q}" for p, q in zip(*keys.values(), strict=True)]
-        self.findings.add_rows(
+        self.of_truth.add_rows(
             "ROW_ORDER",
-            shown,
             wrong_key,
             lambda i: (
                 where[i],
@@ -295,9 +278,8 @@ class _SplitCheck:
         if tracks is not None and point is not None:
             frame = int(pair["frame_b"])
             compare_answers(tracks, frame, answers, point, problems)
-        self.findings.add_rows(
+        self.of_truth.add_rows(
             "TRUTH_DISAGREES",
-            shown,
             ~wrong_key & np.array([bool(problem) for problem in problems]),
             lambda i: (where[i], "; ".join(problems[i])),
         )

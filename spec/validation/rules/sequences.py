@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from pliant.spec.model import Tier
 from pliant.spec.storage import layout
-from pliant.spec.validation.findings import Findings
+from pliant.spec.validation.findings import FileProblems, Findings
 from pliant.spec.validation.rules.cameras import Cameras, check_cameras
 from pliant.spec.validation.rules.context import Context
 from pliant.spec.validation.rules.correspondences import (
@@ -88,32 +88,31 @@ def check_sequence(
     shown = f"{layout.SEQUENCES_DIR}/{tier_name}/{name}"
     folder = layout.sequence_dir(context.root, tier_name, name)
     files = list_sequence(folder, shown, findings)
-    info = _read_info(context, files, tier_name, name, row, findings)
+    info = _read_info(context, files, tier_name, name, row)
     if info is None:
         return result
     result.split, result.frames = info["split"], info["frames"]
     result.temporal = info["temporal"]
     held_out = info["split"] in context.held_out
-    check_files(files, info, findings, held_out=held_out)
+    check_files(files, info, held_out=held_out)
     tier = context.tiers.get(info["tier"])
     if tier is None:
         return result
-    cameras = _cameras(context, files, info, findings)
+    cameras = _cameras(context, files, info)
     if held_out:
-        _check_held_out(info, f"{shown}/{layout.SEQUENCE_JSON}", findings)
+        _check_held_out(info, files.at(layout.SEQUENCE_JSON))
         evidence = Evidence(info["frames"])
         for frame in range(info["frames"]):
-            rgb = check_rgb(context, files, frame, findings)
+            rgb = check_rgb(context, files, frame)
             if rgb is not None:
                 evidence.add_picture(frame, rgb)
-            check_recorded(context, tier, files, frame, findings)
-        evidence.conclude(tier, info, None, (context.width, context.height), shown, findings)
+            check_recorded(context, tier, files, frame)
+        evidence.conclude(tier, info, None, (context.width, context.height), files)
         result.keys = evidence.keys
         return result
     points = None
-    if files.verified(layout.POINTS_TABLE, findings):
-        path = f"{shown}/{layout.POINTS_TABLE}"
-        points = check_points(folder / layout.POINTS_TABLE, path, tier, findings)
+    if files.verified(layout.POINTS_TABLE):
+        points = check_points(folder / layout.POINTS_TABLE, tier, files.at(layout.POINTS_TABLE))
         result.points_digest = None if points is None else points.digest
     _check_frames(context, tier, files, info, cameras, points, row, result)
     broken = any(
@@ -150,18 +149,15 @@ def _read_info(
     tier_name: str,
     name: str,
     row: dict[str, Any] | None,
-    findings: Findings,
 ) -> dict[str, Any] | None:
-    path = f"{files.shown}/{layout.SEQUENCE_JSON}"
+    problems = files.at(layout.SEQUENCE_JSON)
     if layout.SEQUENCE_JSON not in files.present:
-        if not any(issue.path == path for issue in findings.issues):
-            findings.add(
-                "FILE_MISSING", path, "", "without it the folder is an unfinished sequence"
-            )
+        if not any(issue.path == problems.path for issue in files.findings.issues):
+            text = "without it the folder is an unfinished sequence"
+            problems.add("FILE_MISSING", "", text)
         return None
-    info: dict[str, Any] | None = read_document(
-        files.folder / layout.SEQUENCE_JSON, path, "sequence", findings
-    )
+    path = files.folder / layout.SEQUENCE_JSON
+    info: dict[str, Any] | None = read_document(path, "sequence", problems)
     if info is None:
         return None
     expected = {"id": name, "tier": tier_name}
@@ -170,32 +166,25 @@ def _read_info(
     for key, value in expected.items():
         if info[key] != value:
             source = "its folder" if key in ("id", "tier") else "sequences.parquet"
-            findings.add(
-                "IDENTITY_DIFFERS", path, key, f"found {info[key]!r:.80}; {source} has {value!r}"
-            )
+            text = f"found {info[key]!r:.80}; {source} has {value!r}"
+            problems.add("IDENTITY_DIFFERS", key, text)
     if len(info["frame_info"]) != info["frames"]:
-        findings.add(
+        problems.add(
             "SCHEMA_INVALID",
-            path,
             "frame_info",
             f"found {len(info['frame_info'])} entries; required: one for each of the "
             f"{info['frames']} frames",
         )
     if row is None and info["split"] not in context.splits:
-        findings.add(
-            "SPLIT_UNKNOWN", path, "split", f"{info['split']} is none of {list(context.splits)}"
-        )
+        text = f"{info['split']} is none of {list(context.splits)}"
+        problems.add("SPLIT_UNKNOWN", "split", text)
     if info["tier"] not in context.tiers and tier_name not in context.tiers and row is None:
-        findings.add(
-            "TIER_UNKNOWN",
-            path,
-            "tier",
-            f"{info['tier'][:80]!r} is none of {list(context.tiers)}",
-        )
+        text = f"{info['tier'][:80]!r} is none of {list(context.tiers)}"
+        problems.add("TIER_UNKNOWN", "tier", text)
     return info
 
 
-def _check_held_out(info: dict[str, Any], path: str, findings: Findings) -> None:
+def _check_held_out(info: dict[str, Any], problems: FileProblems) -> None:
     """Check that a held-out sequence.json says nothing from which its truth could be made."""
     telling = {
         "parameters": info["parameters"] != {},
@@ -203,25 +192,20 @@ def _check_held_out(info: dict[str, Any], path: str, findings: Findings) -> None
         "seed": info["seed"] != 0,
     }
     for field_name in (name for name, tells in telling.items() if tells):
-        findings.add(
+        problems.add(
             "HELD_OUT_LEAKS",
-            path,
             field_name,
             f"the split {info['split']} is held out; required: seed 0, parameters {{}} and an "
             "empty object for each frame",
         )
 
 
-def _cameras(
-    context: Context, files: SequenceFiles, info: dict[str, Any], findings: Findings
-) -> Cameras | None:
-    if not files.verified(layout.CAMERAS_JSON, findings):
+def _cameras(context: Context, files: SequenceFiles, info: dict[str, Any]) -> Cameras | None:
+    if not files.verified(layout.CAMERAS_JSON):
         return None
-    shown = f"{files.shown}/{layout.CAMERAS_JSON}"
-    document = read_document(files.folder / layout.CAMERAS_JSON, shown, "cameras", findings)
-    if document is None:
-        return None
-    return check_cameras(context, document, info["frames"], shown, findings)
+    problems = files.at(layout.CAMERAS_JSON)
+    document = read_document(files.folder / layout.CAMERAS_JSON, "cameras", problems)
+    return None if document is None else check_cameras(context, document, info["frames"], problems)
 
 
 def _check_frames(
@@ -235,15 +219,14 @@ def _check_frames(
     result: SequenceResult,
 ) -> None:
     """Go through the frames once: images, rows, and how they agree."""
-    findings, frames = result.findings, info["frames"]
-    shown = f"{files.shown}/{layout.CORRESPONDENCES_TABLE}"
+    frames, problems = info["frames"], files.at(layout.CORRESPONDENCES_TABLE)
     stream: Iterator[FrameRows] = iter(())
-    if files.verified(layout.CORRESPONDENCES_TABLE, findings):
-        table = open_correspondences(files.folder / layout.CORRESPONDENCES_TABLE, shown, findings)
+    if files.verified(layout.CORRESPONDENCES_TABLE):
+        table = open_correspondences(files.folder / layout.CORRESPONDENCES_TABLE, problems)
         if table is not None and points is not None:
-            grouped = check_keys(table, frames, len(points), findings)
+            grouped = check_keys(table, frames, len(points))
             if not context.quick:
-                stream = frame_rows(table, frames, len(points), grouped, findings)
+                stream = frame_rows(table, frames, len(points), grouped)
     result.boxes_px = np.full(frames, np.nan, np.float32)
     shares = np.full(frames, np.nan)
     count = 0
@@ -255,43 +238,38 @@ def _check_frames(
             evidence.keys.depths[frame] = int(files.hashes[name][0][:15], 16)
     rows = next(stream, None)
     for frame in range(frames):
-        rgb = check_rgb(context, files, frame, findings)
+        rgb = check_rgb(context, files, frame)
         if rgb is not None:
             evidence.add_picture(frame, rgb)
-        surface = check_surface(context, tier, files, frame, findings)
+        surface = check_surface(context, tier, files, frame)
         if surface is not None:
             result.boxes_px[frame] = surface.box_px(tier.queried_object)
             evidence.add_shown(frame, surface)
             if frame < PRECISION_FRAMES:
-                path = f"{files.shown}/{layout.depth_name(frame)}"
-                check_precision(surface, path, findings)
+                check_precision(surface, files.at(layout.depth_name(frame)))
         if rows is None or rows.frame != frame or points is None:
             continue
         count += len(rows.point)
         outer = ~points.centreline[rows.point]
         shares[frame] = np.mean((rows.state == SELF_OCCLUDED)[outer]) if outer.any() else np.nan
         if cameras is not None:
-            good = check_projection(context, cameras, rows, shown, findings)
+            good = check_projection(context, cameras, rows, problems)
             evidence.add_rows(cameras, rows)
             if surface is not None:
                 view = FrameView(tier, cameras, points, rows, good, surface)
-                fits = check_visibility(view, shown, findings)
+                fits = check_visibility(view, problems)
                 evidence.add_surface(view, rgb, fits)
         rows = next(stream, None)
     size = (context.width, context.height)
     while rows is not None:  # so that broken values after the last frame are reported too
         rows = next(stream, None)
-    evidence.conclude(tier, info, cameras, size, files.shown, findings)
+    evidence.conclude(tier, info, cameras, size, files)
     whole = points is not None and count == frames * len(points)
     if row is not None and whole and np.isfinite(shares).all() and np.isfinite(row[_SHARE]):
-        _check_summary(row, float(np.mean(shares)), findings)
+        _check_summary(row, float(np.mean(shares)), files.findings.at(layout.SEQUENCES_TABLE))
 
 
-def _check_summary(row: dict[str, Any], share: float, findings: Findings) -> None:
+def _check_summary(row: dict[str, Any], share: float, problems: FileProblems) -> None:
     if abs(row[_SHARE] - share) > 1e-5:
-        findings.add(
-            "SUMMARY_DISAGREES",
-            layout.SEQUENCES_TABLE,
-            f"{row['id']}, {_SHARE}",
-            f"found {row[_SHARE]:.6f}; its correspondences give {share:.6f}",
-        )
+        text = f"found {row[_SHARE]:.6f}; its correspondences give {share:.6f}"
+        problems.add("SUMMARY_DISAGREES", f"{row['id']}, {_SHARE}", text)

@@ -13,7 +13,7 @@ from pliant.spec.io.exr import Surface, read_camera_depth, read_surface
 from pliant.spec.io.png import read_mask, read_rgb
 from pliant.spec.model import Tier
 from pliant.spec.storage import layout
-from pliant.spec.validation.findings import Findings
+from pliant.spec.validation.findings import FileProblems
 from pliant.spec.validation.rules.context import Context
 from pliant.spec.validation.rules.files import SequenceFiles
 from pliant.spec.validation.rules.points import MATERIAL_TOLERANCE
@@ -64,52 +64,47 @@ class ShownSurface:
         return float(max(rows[-1] - rows[0], columns[-1] - columns[0]) + 1)
 
 
-def check_rgb(
-    context: Context, files: SequenceFiles, frame: int, findings: Findings
-) -> npt.NDArray[np.uint8] | None:
+def check_rgb(context: Context, files: SequenceFiles, frame: int) -> npt.NDArray[np.uint8] | None:
     """Check a frame's colour image: its checksum, and (full run) that it decodes.
 
     Args:
         context: The dataset.
         files: The sequence's folder.
         frame: The frame.
-        findings: Gets the problems.
 
     Returns:
         uint8 (H, W, 3) if it breaks no rule and this is a full run.
     """
     name = layout.rgb_name(frame)
-    file = files.contents(name, findings)
+    file = files.contents(name)
     if file is not None and not context.quick:
-        with findings.refusals(f"{files.shown}/{name}"):
+        with files.at(name).refusals():
             return read_rgb(file, size=(context.width, context.height))
     return None
 
 
-def check_recorded(
-    context: Context, tier: Tier, files: SequenceFiles, frame: int, findings: Findings
-) -> None:
+def check_recorded(context: Context, tier: Tier, files: SequenceFiles, frame: int) -> None:
     """Check a frame's mask and camera depth, where it has them; arguments as `check_surface`."""
     size = (context.width, context.height)
     name = layout.mask_name(frame)
-    if files.verified(name, findings) and not context.quick:
-        with findings.refusals(f"{files.shown}/{name}"):
+    if files.verified(name) and not context.quick:
+        with files.at(name).refusals():
             ids = set(np.unique(read_mask(files.folder / name, size=size)).tolist())
             known = {0, *(each.id for each in tier.objects)}
             if not ids <= known:
                 text = f"found object ids {sorted(ids - known)[:8]}; the tier has {sorted(known)}"
-                findings.add("SURFACE_INVALID", f"{files.shown}/{name}", "", text)
+                files.at(name).add("SURFACE_INVALID", "", text)
     name = layout.camera_depth_name(frame)
-    if files.verified(name, findings) and not context.quick:
-        with findings.refusals(f"{files.shown}/{name}"):
+    if files.verified(name) and not context.quick:
+        with files.at(name).refusals():
             depth_m = read_camera_depth(files.folder / name, size=size)
             if not (depth_m > 0).all():
                 text = "found depth <= 0 or NaN; required: > 0, or +inf where it is not known"
-                findings.add("DEPTH_INVALID", f"{files.shown}/{name}", "", text)
+                files.at(name).add("DEPTH_INVALID", "", text)
 
 
 def check_surface(
-    context: Context, tier: Tier, files: SequenceFiles, frame: int, findings: Findings
+    context: Context, tier: Tier, files: SequenceFiles, frame: int
 ) -> ShownSurface | None:
     """Check a frame's depth and surface image.
 
@@ -118,28 +113,27 @@ def check_surface(
         tier: The sequence's tier.
         files: The sequence's folder.
         frame: The frame.
-        findings: Gets the problems.
 
     Returns:
         The surface if it breaks no rule and this is a full run.
     """
     name = layout.depth_name(frame)
-    file = files.contents(name, findings)
+    file = files.contents(name)
     if file is None or context.quick:
         return None
-    path = f"{files.shown}/{name}"
-    with findings.refusals(path):
+    problems = files.at(name)
+    with problems.refusals():
         surface = ShownSurface.of(
             read_surface(file, size=(context.width, context.height), writable=False)
         )
-        before = findings.total
-        _check_values(surface, tier, path, findings)
-        if findings.total == before:
+        before = problems.total
+        _check_values(surface, tier, problems)
+        if problems.total == before:
             return surface
     return None
 
 
-def _check_values(shown: ShownSurface, tier: Tier, path: str, findings: Findings) -> None:
+def _check_values(shown: ShownSurface, tier: Tier, problems: FileProblems) -> None:
     """Check every pixel; the usual case costs a few passes over the image."""
     image, mask = shown.image, shown.mask
     depth, object_id = image.depth_m, image.object_id
@@ -148,9 +142,8 @@ def _check_values(shown: ShownSurface, tier: Tier, path: str, findings: Findings
         with np.errstate(invalid="ignore"):
             bad = np.where(mask, ~((depth > 0) & (depth < np.inf)), depth != np.inf)
         _report(
-            findings,
+            problems,
             "DEPTH_INVALID",
-            path,
             bad,
             lambda at: (
                 f"Z is {depth[at]} where the object id is {object_id[at]}; required: "
@@ -167,9 +160,8 @@ def _check_values(shown: ShownSurface, tier: Tier, path: str, findings: Findings
                 outside = ~coordinate.contains(channel, MATERIAL_TOLERANCE)
                 bad |= outside & shown.of_object(each.id)
         _report(
-            findings,
+            problems,
             "SURFACE_INVALID",
-            path,
             bad,
             lambda at: (
                 f"object id {object_id[at]}, material ({image.m0[at]}, {image.m1[at]}); required: "
@@ -198,9 +190,8 @@ def _in_range(shown: ShownSurface, tier: Tier) -> bool:
 
 
 def _report(
-    findings: Findings,
+    problems: FileProblems,
     code: str,
-    path: str,
     bad: npt.NDArray[np.bool_],
     describe: Callable[[tuple[int, int]], str],
 ) -> None:
@@ -208,6 +199,5 @@ def _report(
     count = int(np.count_nonzero(bad))
     if count:
         row, column = divmod(int(np.flatnonzero(bad)[0]), bad.shape[1])
-        findings.add(
-            code, path, f"row {row}, column {column}", f"{describe((row, column))} ({count} pixels)"
-        )
+        text = f"{describe((row, column))} ({count} pixels)"
+        problems.add(code, f"row {row}, column {column}", text)

@@ -19,7 +19,7 @@ from pliant.spec.io.parquet import footer_of, open_table
 from pliant.spec.io.parquet_columns import column_problem, load_batches
 from pliant.spec.io.reading import FileRefusedError
 from pliant.spec.tables import TABLES
-from pliant.spec.validation.findings import Findings, reason
+from pliant.spec.validation.findings import FileProblems
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class CheckedTable:
     Attributes:
         file: The open file.
         path: Where it is.
-        shown: Its path in issues.
+        problems: Gets its problems.
         name: Name of the table.
         columns: The declared columns that are there with their types.
         footer: Its `pliant` footer, empty if it has none that is valid.
@@ -37,7 +37,7 @@ class CheckedTable:
 
     file: pq.ParquetFile
     path: Path
-    shown: str
+    problems: FileProblems
     name: str
     columns: frozenset[str]
     footer: Mapping[str, Any]
@@ -52,31 +52,31 @@ class CheckedTable:
         """True if every declared column is there."""
         return len(self.columns) == len(TABLES[self.name])
 
-    def batches(self, columns: list[str], findings: Findings) -> Iterator[tuple[int, pa.Table]]:
-        """Yield (first row, rows) of some columns, strings as dictionaries, little at a time.
+    def batches(self, columns: list[str]) -> Iterator[tuple[int, pa.Table]]:
+        """Yield (first row, rows) of some columns, a few at a time.
+
+        `FILE_UNREADABLE` and `VALUE_NULL` are reported; the rows end there.
 
         Args:
             columns: Names, all in `self.columns`.
-            findings: Gets `FILE_UNREADABLE` and `VALUE_NULL`; the rows end there.
         """
         start = 0
         schema = pa.schema([TABLES[self.name].field(name) for name in columns])
-        with findings.refusals(self.shown):
+        with self.problems.refusals():
             for batch in load_batches(self.file, self.path, schema):
                 yield start, batch
                 start += batch.num_rows
 
 
 def check_table(
-    path: Path, shown: str, name: str, findings: Findings, *, max_rows: int
+    path: Path, name: str, problems: FileProblems, *, max_rows: int
 ) -> CheckedTable | None:
     """Open a table and check footer and columns.
 
     Args:
         path: The file.
-        shown: Its path in issues.
         name: A key of `TABLES`.
-        findings: Gets the problems.
+        problems: Gets the problems.
         max_rows: The most rows allowed.
 
     Returns:
@@ -85,9 +85,9 @@ def check_table(
     try:
         file = open_table(path, max_rows=max_rows)
     except FileRefusedError as error:
-        findings.add(error.code, shown, error.where or "", reason(error))
+        problems.refuse(error)
         return None
-    footer = _footer(file, path, shown, name, findings)
+    footer = _footer(file, path, name, problems)
     found = file.schema_arrow
     good = set()
     for field in TABLES[name]:
@@ -95,24 +95,22 @@ def check_table(
         if problem is None:
             good.add(field.name)
         else:
-            findings.add(problem[0], shown, field.name, problem[1])
+            problems.add(problem[0], field.name, problem[1])
     unknown = () if is_newer_minor(footer.get("spec_version")) else set(found.names)
     for extra in sorted(set(unknown) - set(TABLES[name].names)):
-        findings.add("COLUMN_EXTRA", shown, extra[:80], "the specification has no such column")
-    return CheckedTable(file, path, shown, name, frozenset(good), footer)
+        problems.add("COLUMN_EXTRA", extra[:80], "the specification has no such column")
+    return CheckedTable(file, path, problems, name, frozenset(good), footer)
 
 
-def _footer(
-    file: pq.ParquetFile, path: Path, shown: str, name: str, findings: Findings
-) -> dict[str, Any]:
-    with findings.refusals(shown):
+def _footer(file: pq.ParquetFile, path: Path, name: str, problems: FileProblems) -> dict[str, Any]:
+    with problems.refusals():
         footer = footer_of(file, path)
         if isinstance(footer.get("spec_version"), str):
             check_version(footer["spec_version"], path)
-        problems = list(schema_errors(footer, f"footer-{name}"))
-        for where, message in problems:
-            findings.add("FOOTER_INVALID", shown, f"footer {where}".strip(), message)
-        if not problems:
+        errors = list(schema_errors(footer, f"footer-{name}"))
+        for where, message in errors:
+            problems.add("FOOTER_INVALID", f"footer {where}".strip(), message)
+        if not errors:
             return footer
     return {}
 
@@ -142,7 +140,7 @@ def codes_of(
 
 
 def report_not_finite(
-    table: pa.Table, columns: list[str], start: int, shown: str, findings: Findings
+    table: pa.Table, columns: list[str], start: int, problems: FileProblems
 ) -> npt.NDArray[np.bool_]:
     """Report NaN and infinities; return which rows hold none.
 
@@ -150,8 +148,7 @@ def report_not_finite(
         table: The rows.
         columns: Float columns.
         start: Number of the first row.
-        shown: The file's path in issues.
-        findings: Gets `VALUE_NOT_FINITE`.
+        problems: Gets `VALUE_NOT_FINITE`.
 
     Returns:
         bool (N,), True for rows without any.
@@ -162,9 +159,8 @@ def report_not_finite(
         bad = ~np.isfinite(values)
         if bad.any():
             good &= ~bad
-            findings.add_rows(
+            problems.add_rows(
                 "VALUE_NOT_FINITE",
-                shown,
                 bad,
                 lambda i, c=column, v=values: (f"row {start + i}, {c}", f"found {v[i]}"),  # type: ignore[misc]
             )

@@ -8,32 +8,29 @@ from itertools import product
 import numpy as np
 
 from pliant.spec.model import FloatArray, MaterialObject, Symmetry, Tier
-from pliant.spec.storage.layout import DATASET_JSON
-from pliant.spec.validation.findings import Findings
+from pliant.spec.validation.findings import FileProblems
 
 _TOLERANCE = 1e-6
 
 
-def check_tiers(tiers: Sequence[Tier], findings: Findings) -> None:
+def check_tiers(tiers: Sequence[Tier], problems: FileProblems) -> None:
     """Check the tiers of a dataset.json that satisfies its schema.
 
     Args:
         tiers: The tiers.
-        findings: Gets `TIER_INVALID` and `SYMMETRY_INVALID`.
+        problems: Gets `TIER_INVALID` and `SYMMETRY_INVALID`.
     """
     names = [tier.name for tier in tiers]
     for name in sorted({name for name in names if names.count(name) > 1}):
-        findings.add("TIER_INVALID", DATASET_JSON, "tiers", f"two tiers are named {name!r}")
+        problems.add("TIER_INVALID", "tiers", f"two tiers are named {name!r}")
     for index, tier in enumerate(tiers):
         where = f"tiers[{index}]"
-        problems = _tier_problems(tier)
-        for message in problems:
-            findings.add("TIER_INVALID", DATASET_JSON, where, message)
-        if not problems:
+        messages = _tier_problems(tier)
+        for message in messages:
+            problems.add("TIER_INVALID", where, message)
+        if not messages:
             for number, message in _symmetry_problems(tier):
-                findings.add(
-                    "SYMMETRY_INVALID", DATASET_JSON, f"{where}.symmetries[{number}]", message
-                )
+                problems.add("SYMMETRY_INVALID", f"{where}.symmetries[{number}]", message)
 
 
 def _tier_problems(tier: Tier) -> list[str]:

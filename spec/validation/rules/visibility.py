@@ -31,7 +31,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pliant.spec.model import FloatArray
-from pliant.spec.validation.findings import Findings
+from pliant.spec.validation.findings import FileProblems
 from pliant.spec.validation.rules.correspondences import (
     OCCLUDED,
     OUT_OF_FRAME,
@@ -56,13 +56,12 @@ CENTRELINE_REACH = 1.25
 _CHUNK = 8192
 
 
-def check_visibility(view: FrameView, shown: str, findings: Findings) -> bool:
+def check_visibility(view: FrameView, problems: FileProblems) -> bool:
     """Check the states of a frame's points against its surface image.
 
     Args:
         view: The frame.
-        shown: The table's path in issues.
-        findings: Gets `VISIBLE_DISAGREES`, `MATERIAL_DISAGREES`, `OCCLUDED_DISAGREES`.
+        problems: Gets `VISIBLE_DISAGREES`, `MATERIAL_DISAGREES`, `OCCLUDED_DISAGREES`.
 
     Returns:
         True if the frame's points are those that the image shows, as far as it can be said.
@@ -78,8 +77,8 @@ def check_visibility(view: FrameView, shown: str, findings: Findings) -> bool:
         doubtful = part[_in_doubt(view, part, pixel[part])]
         if doubtful.size:
             windows = Windows.around(view, doubtful, pixel[doubtful])
-            missed.append(_check_visible(windows, shown, findings))
-            _report_hidden(windows, shown, findings)
+            missed.append(_check_visible(windows, problems))
+            _report_hidden(windows, problems)
     places = np.concatenate(missed)
     if not len(places):
         return True
@@ -94,18 +93,16 @@ def check_visibility(view: FrameView, shown: str, findings: Findings) -> bool:
     where = f"frame {rows.frame}"
     # Where depth fits, it is not the depth image's Z that is wrong.
     if 2 * int(places[:, 1].sum()) >= len(places):
-        findings.add(
+        problems.add(
             "MATERIAL_DISAGREES",
-            shown,
             where,
             f"{len(places)} of {count} visible points fit in depth, but the surface layer shows "
             "other material there: m0 and m1 exchanged or mirrored, points renumbered, or a "
             "metres_per_unit that is wrong?",
         )
     else:
-        findings.add(
+        problems.add(
             "VISIBLE_DISAGREES",
-            shown,
             where,
             f"{len(places)} of {count} visible points are on no surface that the depth image shows "
             "around them: the image of another frame, or depth in another unit?",
@@ -151,7 +148,7 @@ def _in_doubt(
     return doubtful
 
 
-def _check_visible(windows: Windows, shown: str, findings: Findings) -> npt.NDArray[np.int64]:
+def _check_visible(windows: Windows, problems: FileProblems) -> npt.NDArray[np.int64]:
     """Check visible points; return (object, 1 where depth fits) of those that no pixel matches."""
     view, rows = windows.view, windows.view.rows
     own, depth, near = windows.own, windows.point_depth_m, windows.near_m
@@ -170,9 +167,8 @@ def _check_visible(windows: Windows, shown: str, findings: Findings) -> npt.NDAr
     doubted = missed & windows.smooth
     in_front = doubted & ~windows.behind(doubted)
     bad = doubted & ~windows.seen_nearby(in_front)
-    findings.add_rows(
+    problems.add_rows(
         "VISIBLE_DISAGREES",
-        shown,
         bad & ~deep,
         lambda i: (
             rows.where(windows.chosen[i]),
@@ -180,9 +176,8 @@ def _check_visible(windows: Windows, shown: str, findings: Findings) -> npt.NDAr
             f"at {near[i].min():.4f} to {near[i].max():.4f} m, or not seen",
         ),
     )
-    findings.add_rows(
+    problems.add_rows(
         "MATERIAL_DISAGREES",
-        shown,
         bad & deep,
         lambda i: (
             rows.where(windows.chosen[i]),
@@ -194,7 +189,7 @@ def _check_visible(windows: Windows, shown: str, findings: Findings) -> npt.NDAr
     return np.stack([own[missed], deep[missed]], axis=1).astype(np.int64)
 
 
-def _report_hidden(windows: Windows, shown: str, findings: Findings) -> None:
+def _report_hidden(windows: Windows, problems: FileProblems) -> None:
     rows = windows.view.rows
     state, depth, own = rows.state[windows.chosen], windows.point_depth_m, windows.own
     near, centre = windows.near_m, windows.object_id[:, 2, 2]
@@ -220,9 +215,8 @@ def _report_hidden(windows: Windows, shown: str, findings: Findings) -> None:
             (windows.away_m <= close) & (np.abs(near - depth[:, None, None]) <= close),
             axis=(1, 2),
         )
-    findings.add_rows(
+    problems.add_rows(
         "OCCLUDED_DISAGREES",
-        shown,
         hidden & (nearer | (windows.smooth & surely) | misnamed | nobody),
         lambda i: (
             rows.where(windows.chosen[i]),

@@ -1,6 +1,6 @@
 """Random corruptions: each is reported or harmless; none raises, hangs or takes much memory.
 
-`PLIANT_SWEEP=2000 pytest -m long tests/spec/validation/test_mutation_sweep.py` draws as many as that.
+`PLIANT_SWEEP=2000 pytest -m long FILE` draws as many as that.
 """
 
 from __future__ import annotations

@@ -46,7 +46,7 @@ def symmetry_issues(material: list[dict[str, Any]], *maps: tuple[Any, Any]) -> i
         ],
     }
     findings = Findings()
-    check_tiers([Tier.from_document(tier)], findings)
+    check_tiers([Tier.from_document(tier)], findings.at("dataset.json"))
     assert set(findings.counts) <= {"SYMMETRY_INVALID"}
     return findings.total
 
@@ -108,7 +108,7 @@ def test_the_square_has_eight_symmetries() -> None:
     assert symmetry_issues([OPEN, OPEN], *maps[:2]) > 0
     for tier in TIERS.values():
         findings = Findings()
-        check_tiers([Tier.from_document(tier)], findings)
+        check_tiers([Tier.from_document(tier)], findings.at("dataset.json"))
         assert findings.total == 0
 
 
