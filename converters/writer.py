@@ -24,7 +24,7 @@ from pliant.spec.conventions import CONVENTIONS, NEWEST_VERSION
 from pliant.spec.dataset import is_name
 from pliant.spec.errors import CallError, SpecError
 from pliant.spec.io import limits
-from pliant.spec.io.checksums import sha256_file
+from pliant.spec.io.checksums import file_entry, sha256_file
 from pliant.spec.io.exr import write_camera_depth
 from pliant.spec.io.jsonfiles import write_json
 from pliant.spec.io.parquet import write_table
@@ -248,14 +248,7 @@ def _sequence(
         "parameters": {},
         "frame_info": [{} for _ in range(clip.frames)],
         "tools": {"pliant": version("pliant")},
-        "files": [
-            {
-                "path": f"{file.parent.name}/{file.name}",
-                "sha256": sha256_file(file),
-                "bytes": file.stat().st_size,
-            }
-            for file in files
-        ],
+        "files": [file_entry(file.parents[1], f"{file.parent.name}/{file.name}") for file in files],
     }
 
 

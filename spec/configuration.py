@@ -56,7 +56,12 @@ _TYPES: Final = {
 class SettingsError(CallError):
     """Settings are refused; the text has one sentence per problem."""
 
-    problems: tuple[CallError, ...] = ()
+    def __init__(self, problems: Sequence[CallError]) -> None:
+        first = problems[0]
+        details = ("path", "where", "found", "required", "fix")
+        super().__init__(first.message, **{name: getattr(first, name) for name in details})
+        self.problems = tuple(problems)
+        self.args = ("\n".join(map(str, problems)),)
 
 
 if TYPE_CHECKING:
@@ -254,19 +259,9 @@ def _fill(
     try:
         cls.__pydantic_validator__.validate_json(document, self_instance=settings)
     except pydantic.ValidationError as error:
-        problems = tuple(
-            _problem(cls, each, where, path, overridden) for each in error.errors(include_url=False)
-        )
-    else:
-        return
-    first = problems[0]
-    refusal = SettingsError(
-        first.message, path=first.path, where=first.where, found=first.found,
-        required=first.required, fix=first.fix,
-    )  # fmt: skip
-    refusal.problems = problems
-    refusal.args = ("\n".join(map(str, problems)),)
-    raise refusal
+        found = error.errors(include_url=False)
+        problems = [_problem(cls, each, where, path, overridden) for each in found]
+        raise SettingsError(problems) from None
 
 
 def _jsonable(value: Any) -> Any:
@@ -345,11 +340,8 @@ def _hint_at(cls: type[Any], place: Sequence[Any]) -> Any:
 
 def _default(cls: type[Any], place: Sequence[Any]) -> Any:
     """Return the default of the field at a place, None where it has none."""
-    hint = _hint_at(cls, place[:-1])
-    for each in dataclasses.fields(hint) if dataclasses.is_dataclass(hint) else ():
-        if each.name == place[-1] and each.default is not dataclasses.MISSING:
-            return settings_to_dict(each.default)
-    return None
+    default = getattr(_hint_at(cls, place[:-1]), str(place[-1]), None)
+    return settings_to_dict(default)
 
 
 def _document(text: str, schema: dict[str, Any]) -> None:

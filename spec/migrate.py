@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,7 +11,7 @@ from typing import Any, Final
 from pliant.spec.conventions import NEWEST_VERSION
 from pliant.spec.dataset import check_version, is_name
 from pliant.spec.errors import SpecError
-from pliant.spec.io.checksums import sha256_file
+from pliant.spec.io.checksums import file_entry
 from pliant.spec.io.jsonfiles import is_newer_minor, read_json, write_json
 from pliant.spec.storage import layout
 
@@ -130,7 +129,7 @@ def migrate(
     for folder in sorted((root / layout.SEQUENCES_DIR).glob("*/*")):
         if folder.is_dir() and is_name(folder.name) and not folder.is_symlink():
             files += _migrate_sequence(root, folder, steps, current)
-    _replace(path, migrate_document("dataset", info, steps, current))
+    write_json(path, migrate_document("dataset", info, steps, current))
     return Migration(found, current, [*files, layout.DATASET_JSON])
 
 
@@ -143,13 +142,9 @@ def _migrate_sequence(root: Path, folder: Path, steps: Sequence[Step], current: 
     if cameras_path.is_file():  # a held-out or recorded sequence may have none
         cameras = _object(read_json(cameras_path), cameras_path)
         if cameras.get("spec_version") != current:
-            _replace(cameras_path, migrate_document("cameras", cameras, steps, current))
+            write_json(cameras_path, migrate_document("cameras", cameras, steps, current))
             changed.append(cameras_path)
-        listed = {
-            "path": layout.CAMERAS_JSON,
-            "sha256": sha256_file(cameras_path),
-            "bytes": cameras_path.stat().st_size,
-        }
+        listed = file_entry(folder, layout.CAMERAS_JSON)
     unlisted = listed and listed not in info.get("files", [])
     if info.get("spec_version") != current or unlisted:
         document = migrate_document("sequence", info, steps, current)
@@ -157,7 +152,7 @@ def _migrate_sequence(root: Path, folder: Path, steps: Sequence[Step], current: 
             listed if entry.get("path") == layout.CAMERAS_JSON else entry
             for entry in document["files"]
         ]
-        _replace(path, document)
+        write_json(path, document)
         changed.append(path)
     return [item.relative_to(root).as_posix() for item in changed]
 
@@ -166,9 +161,3 @@ def _object(document: Any, path: Path) -> Document:
     if not isinstance(document, dict):
         raise SpecError("the document is no JSON object", path=path)
     return document
-
-
-def _replace(path: Path, document: Document) -> None:
-    scratch = path.with_name(f".{path.name}.new")
-    write_json(scratch, document)
-    os.replace(scratch, path)

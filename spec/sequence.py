@@ -17,7 +17,7 @@ from pliant.spec.frame import Frame
 from pliant.spec.io.exr import Surface, read_camera_depth, read_surface
 from pliant.spec.io.jsonfiles import read_json
 from pliant.spec.io.parquet import open_table, read_table
-from pliant.spec.io.parquet_columns import load_columns
+from pliant.spec.io.parquet_columns import load_columns, load_rows
 from pliant.spec.io.png import read_mask, read_rgb
 from pliant.spec.io.reading import AnyFile
 from pliant.spec.model import Tier
@@ -156,18 +156,7 @@ class SequenceRecord:
                 "the table does not hold every point of every frame", path=path, found=rows
             )
         count = rows // self.frames
-        wanted = range(frame * count, (frame + 1) * count)
-        groups: list[int] = []
-        start = first = 0
-        for index in range(file.metadata.num_row_groups):
-            stop = start + file.metadata.row_group(index).num_rows
-            if start < wanted.stop and stop > wanted.start:
-                if not groups:
-                    first = start
-                groups.append(index)
-            start = stop
-        table = load_columns(file, path, CORRESPONDENCES, groups)
-        return table.slice(wanted.start - first, count)
+        return load_rows(file, path, CORRESPONDENCES, frame * count, (frame + 1) * count)
 
     def _check(self, frame: int) -> None:
         if not 0 <= frame < self.frames:

@@ -10,6 +10,7 @@ from pliant.benchmarks.suite.checksums import Differences
 from pliant.benchmarks.suite.config import BenchmarkConfig, Comparison
 from pliant.benchmarks.suite.table import Row, best_classical, blocks
 from pliant.benchmarks.suite.work import Cost, Workspace
+from pliant.evaluator.protocols.protocol import read_protocol
 from pliant.evaluator.report.cells import heading
 from pliant.evaluator.report.pages import render_page
 from pliant.evaluator.scores import read_scores
@@ -82,8 +83,9 @@ def _block(
     error = "paper" if "paper" in test.protocols else main
     metrics = [
         name
-        for name in _METRICS[main]
-        if any(row.value(main, name) is not None for row in members)
+        for name in _METRICS.get(main, read_protocol(main).headline)
+        if name != "rmse_px"
+        and any(row.value(main, name) is not None for row in members)
         and (name != _SYMMETRIC or any(_symmetric(row, main) for row in members))
     ]
     paper = any(row.paper_rmse_px is not None for row in members)

@@ -13,7 +13,8 @@ from pliant.evaluator.arrays import BoolArray, FloatArray
 from pliant.evaluator.submission.answers import Answers
 from pliant.evaluator.submission.matches import Matches
 from pliant.evaluator.submission.queries import Queries
-from pliant.evaluator.submission.stream import numbers, read_rows
+from pliant.evaluator.submission.stream import numbers
+from pliant.spec.io.parquet import read_rows
 
 _MOST_QUERIES: Final = 16
 
@@ -79,8 +80,8 @@ def _example(
     rank: str, pair: int, rmse_px: float, answers: Answers, queries: Queries, truth: Path
 ) -> Example:
     begin, end = int(queries.starts[pair]), int(queries.starts[pair + 1])
-    table = read_rows(truth, begin, end, ["u_b", "v_b", "visibility_b"])
-    asked = read_rows(queries.path, begin, end, ["u_a", "v_a"])
+    table = read_rows(truth, "truth", begin, end, ["u_b", "v_b", "visibility_b"])
+    asked = read_rows(queries.path, "queries", begin, end, ["u_a", "v_a"])
     true_px = np.stack([numbers(table[n], np.float64) for n in ("u_b", "v_b")], axis=1)
     uv_a = np.stack([numbers(asked[n], np.float64) for n in ("u_a", "v_a")], axis=1)
     answer = answers.uv_px[begin:end].astype(np.float64)

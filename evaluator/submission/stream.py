@@ -99,29 +99,6 @@ class ColumnStream:
         )
 
 
-def read_rows(path: Path, begin: int, end: int, columns: Sequence[str]) -> pa.Table:
-    """Return rows [begin, end) of some columns; only their row groups are decoded.
-
-    Args:
-        path: The file.
-        begin: First row.
-        end: The row after the last.
-        columns: The columns.
-    """
-    file = open_table(path)
-    groups: list[int] = []
-    first = start = 0
-    for index in range(file.metadata.num_row_groups):
-        stop = start + file.metadata.row_group(index).num_rows
-        if start < end and stop > begin:
-            if not groups:
-                first = start
-            groups.append(index)
-        start = stop
-    table = file.read_row_groups(groups, columns=list(columns), use_threads=False)
-    return table.slice(begin - first, end - begin)
-
-
 def numbers(column: pa.ChunkedArray, dtype: npt.DTypeLike) -> npt.NDArray[Any]:
     """Return a numeric column without nulls as one array of `dtype`."""
     result = np.empty(len(column), dtype)

@@ -18,7 +18,7 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from pliant.spec.conventions import POINT_KINDS, SPEC_VERSION
-from pliant.spec.io.checksums import sha256_file
+from pliant.spec.io.checksums import file_entry
 from pliant.spec.io.images import Surface, write_rgb, write_surface
 from pliant.spec.io.jsonfiles import write_json
 from pliant.spec.io.parquet import TableWriter, write_table
@@ -134,7 +134,7 @@ class SequenceWriter:
             "cameras",
         )
         names = (CAMERAS_JSON, CORRESPONDENCES_TABLE, POINTS_TABLE)
-        files = [*map(self._entry, names), *self._images]
+        files = [*(file_entry(self._partial, name) for name in names), *self._images]
         files.sort(key=lambda file: str(file["path"]))
         document = {"spec_version": SPEC_VERSION, **info, "files": files}
         write_json(self._partial / SEQUENCE_JSON, document, "sequence")
@@ -144,11 +144,6 @@ class SequenceWriter:
         json_bytes = (self.folder / SEQUENCE_JSON).stat().st_size
         total: int = json_bytes + sum(file["bytes"] for file in files)
         return total
-
-    def _entry(self, name: str) -> dict[str, Any]:
-        """Return a file's entry in `sequence.json`."""
-        path = self._partial / name
-        return {"path": name, "sha256": sha256_file(path), "bytes": path.stat().st_size}
 
     def _write_rows(self) -> None:
         if self._rows:
@@ -174,7 +169,7 @@ class SequenceWriter:
             raise
         for name in (rgb_name(frame), depth_name(frame)):
             _sync(self._partial / name)  # here, beside the rendering, and not all at the end
-            self._images.append(self._entry(name))
+            self._images.append(file_entry(self._partial, name))
         return time.thread_time() - start
 
     def _move_into_place(self) -> None:

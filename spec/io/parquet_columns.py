@@ -47,6 +47,21 @@ def load_columns(
     return pa.concat_tables(tables)
 
 
+def load_rows(
+    file: pq.ParquetFile, path: AnyFile, schema: pa.Schema, begin: int, end: int
+) -> pa.Table:
+    """Decode rows [begin, end) of some columns, of the row groups that contain them alone.
+
+    Other arguments and errors as `load_columns`.
+    """
+    counts = [file.metadata.row_group(index).num_rows for index in range(file.num_row_groups)]
+    stops = np.cumsum(counts)
+    starts = stops - counts
+    groups = np.flatnonzero((starts < end) & (stops > begin)).tolist()
+    table = load_columns(file, path, schema, groups)
+    return table.slice(begin - int(starts[groups[0]]) if groups else 0, end - begin)
+
+
 def load_batches(
     file: pq.ParquetFile, path: AnyFile, schema: pa.Schema, *, batch_rows: int = _BATCH_ROWS
 ) -> Iterator[pa.Table]:

@@ -7,6 +7,7 @@ import os
 import stat
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from pliant.spec.errors import SpecError
 
@@ -41,19 +42,9 @@ class FileRefusedError(SpecError):
         message: What is wrong; the other arguments are those of `PliantError`.
     """
 
-    def __init__(
-        self,
-        code: str,
-        message: str,
-        *,
-        path: AnyFile | None = None,
-        where: str | None = None,
-        found: object | None = None,
-        required: object | None = None,
-        fix: str | None = None,
-    ) -> None:
+    def __init__(self, code: str, message: str, **details: Any) -> None:
         self.code = code
-        super().__init__(message, path=path, where=where, found=found, required=required, fix=fix)
+        super().__init__(message, **details)
 
 
 def check_regular(path: AnyFile, max_bytes: int) -> int:

@@ -94,7 +94,7 @@ def test_an_interrupted_migration_goes_on(
 ) -> None:
     from pliant.spec import migrate as module
 
-    replace = module._replace
+    replace = module.write_json
 
     def interrupted(path: Path, document: Mapping[str, Any]) -> None:
         if path.name == stop_at:
@@ -103,7 +103,7 @@ def test_an_interrupted_migration_goes_on(
 
     whole = Path(shutil.copytree(stored, stored.parent / "whole"))
     migrate(whole, ROAD, "1.2.0")
-    monkeypatch.setattr(module, "_replace", interrupted)
+    monkeypatch.setattr(module, "write_json", interrupted)
     with pytest.raises(KeyboardInterrupt):
         migrate(stored, ROAD, "1.2.0")
     monkeypatch.undo()
