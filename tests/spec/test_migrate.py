@@ -16,6 +16,7 @@ from pliant.spec.conventions import NEWEST_VERSION
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import SpecError
 from pliant.spec.io.checksums import sha256_file
+from pliant.spec.io.jsonfiles import write_json
 from pliant.spec.migrate import STEPS, Step, migrate, migrate_document
 from pliant.spec.validation.validate import validate
 
@@ -94,12 +95,10 @@ def test_an_interrupted_migration_goes_on(
 ) -> None:
     from pliant.spec import migrate as module
 
-    replace = module.write_json
-
     def interrupted(path: Path, document: Mapping[str, Any]) -> None:
         if path.name == stop_at:
             raise KeyboardInterrupt
-        replace(path, dict(document))
+        write_json(path, dict(document))
 
     whole = Path(shutil.copytree(stored, stored.parent / "whole"))
     migrate(whole, ROAD, "1.2.0")
