@@ -24,14 +24,12 @@ from pliant.evaluator.protocols.protocol import Protocol, read_protocol
 from pliant.evaluator.report.examples import choose_examples
 from pliant.evaluator.scores import SCORES_VERSION, Scores, pair_table, tool_versions
 from pliant.evaluator.statistics.bootstrap import Clusters, intervals
-from pliant.evaluator.submission.answers import Answers
+from pliant.evaluator.submission.answers import MEMORY_LIMIT_BYTES, Answers, Scratch
 from pliant.evaluator.submission.blocks import check_truth, read_blocks
 from pliant.evaluator.submission.hints import TruthHints, hints_without_truth
-from pliant.evaluator.submission.in_memory import Given
-from pliant.evaluator.submission.loading import Loaded, load, load_in_memory
+from pliant.evaluator.submission.loading import Given, Loaded, load, load_in_memory
 from pliant.evaluator.submission.matches import Matches
 from pliant.evaluator.submission.problems import Problems
-from pliant.evaluator.submission.scratch import MEMORY_LIMIT_BYTES, Scratch
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, SubmissionError
 from pliant.spec.io.checksums import sha256_file

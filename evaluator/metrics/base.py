@@ -12,10 +12,9 @@ import numpy.typing as npt
 from pliant.evaluator.arrays import BoolArray, FloatArray, IntArray
 from pliant.evaluator.metrics.surfaces import Surfaces
 from pliant.evaluator.statistics.ratios import Figure
-from pliant.evaluator.submission.answers import Answers
+from pliant.evaluator.submission.answers import Answers, Scratch
 from pliant.evaluator.submission.blocks import Block
 from pliant.evaluator.submission.queries import Queries
-from pliant.evaluator.submission.scratch import Scratch
 from pliant.spec.configuration import configuration
 from pliant.spec.constraints import Bounds
 from pliant.spec.dataset import Dataset

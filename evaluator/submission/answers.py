@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -14,11 +15,43 @@ from pliant.evaluator.submission import limits
 from pliant.evaluator.submission.batches import Batch, read_batches
 from pliant.evaluator.submission.problems import Problems
 from pliant.evaluator.submission.queries import Queries
-from pliant.evaluator.submission.scratch import Scratch
 from pliant.evaluator.submission.submission_file import Submission
 from pliant.spec.validation.findings import LISTED_PER_CODE
 
 _MODE_WIDTH: Final = 4
+
+MEMORY_LIMIT_BYTES: Final = 640 * 2**20
+"""What all arrays of one evaluation may take in memory together (10 million answers scored by
+`standard` take about 300 MB); further ones are mapped from temporary files."""
+
+
+class Scratch:
+    """Allocates long arrays.
+
+    Args:
+        memory_limit_bytes: Arrays beyond this sum are mapped from temporary files, which the
+            system removes with the arrays.
+
+    Attributes:
+        on_disk: Whether an array had to go to disk.
+    """
+
+    def __init__(self, memory_limit_bytes: int = MEMORY_LIMIT_BYTES) -> None:
+        self._left = memory_limit_bytes
+        self.on_disk = False
+
+    def full(self, rows: int, dtype: npt.DTypeLike, fill: float | complex) -> npt.NDArray[Any]:
+        """Return an array of `rows` values, each `fill`."""
+        kind = np.dtype(dtype)
+        size = rows * kind.itemsize
+        if size <= self._left:
+            self._left -= size
+            return np.full(rows, fill, kind)
+        self.on_disk = True
+        with tempfile.TemporaryFile(prefix="pliant-") as file:  # the mapping outlives its name
+            array = np.memmap(file, kind, "w+", shape=(max(rows, 1),))[:rows]
+        array[:] = fill
+        return array
 
 
 @dataclass(frozen=True)

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pliant.evaluator.submission.answers import Answers
+from pliant.evaluator.submission.answers import Answers, Scratch
 from pliant.evaluator.submission.hints import hints_without_truth
 from pliant.evaluator.submission.loading import load
 from pliant.evaluator.submission.problems import Problems
-from pliant.evaluator.submission.scratch import Scratch
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import Issue
 

@@ -9,7 +9,7 @@ two shards of a kind unless it is larger than one.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -110,49 +110,33 @@ class FolderToPack:
         return self.sizes[name] if name in self.sizes else len(self.files[name])
 
 
-@dataclass
-class _Pending:
-    """Rows that wait for their row group: their values, and whose blobs they hold."""
-
-    rows: list[dict[str, Any]] = field(default_factory=list)
-    size: int = 0
-
-
 class _Shards:
     """The shards of one kind and split, one after another."""
 
-    def __init__(
-        self,
-        root: Path,
-        folder: str,
-        split: str,
-        dataset: Mapping[str, str],
-        shard_bytes: int,
-        places: dict[str, list[dict[str, Any]]],
-    ) -> None:
-        self._root, self._folder, self._split = root, folder, split
-        self._dataset, self._shard_bytes = dict(dataset), shard_bytes
-        self._places = places
+    def __init__(self, packer: Packer, folder: str, split: str) -> None:
+        self._packer, self._folder, self._split = packer, folder, split
         self._number = 0
         self._writer: ShardWriter | None = None
-        self._pending = _Pending()
+        # What waits for its row group: rows, their files, and tables of rows without files.
+        self._rows: list[dict[str, Any]] = []
         self._blobs: list[tuple[str, str, str, bytes]] = []  # column, sequence, path, bytes
         self._tables: list[pa.Table] = []
+        self._waiting = 0  # bytes of the files
         self.schema = {"frames": FRAMES, "folders": FOLDERS, "correspondences": ROWS}[folder]
 
     def make_room(self, size: int) -> None:
         """Begin a new shard if this many bytes more would make the present one too large."""
-        written = 0 if self._writer is None else self._writer.size
-        if written + self._pending.size and written + self._pending.size + size > self._shard_bytes:
+        written = self._waiting + (0 if self._writer is None else self._writer.size)
+        if written and written + size > self._packer.shard_bytes:
             self._roll()
 
     def add(self, row: dict[str, Any], blobs: list[tuple[str, str, str, bytes]]) -> None:
         """Append a row; `blobs` are its files as (column, sequence, path, bytes)."""
         size = sum(len(blob[3]) for blob in blobs)
-        if self._pending.rows and self._pending.size + size > GROUP_BYTES:
+        if self._rows and self._waiting + size > GROUP_BYTES:
             self.flush()
-        self._pending.rows.append(row)
-        self._pending.size += size
+        self._rows.append(row)
+        self._waiting += size
         self._blobs += blobs
 
     def add_table(self, table: pa.Table) -> None:
@@ -160,7 +144,7 @@ class _Shards:
         self._tables.append(table)
         if sum(each.num_rows for each in self._tables) >= _GROUP_ROWS:
             self.flush()
-            if self._open().size > self._shard_bytes:
+            if self._open().size > self._packer.shard_bytes:
                 self._roll()
 
     def flush(self) -> None:
@@ -168,19 +152,17 @@ class _Shards:
         if self._tables:
             self._open().write(pa.concat_tables(self._tables).combine_chunks())
             self._tables = []
-        if not self._pending.rows:
+        if not self._rows:
             return
         columns = ("image", "depth_exr", "content")
         ordered = [blob for name in columns for blob in self._blobs if blob[0] == name]
-        table = pa.Table.from_pylist(self._pending.rows, schema=self.schema)
-        writer = self._open()
-        offsets = writer.write(table, [blob[3] for blob in ordered])
+        table = pa.Table.from_pylist(self._rows, schema=self.schema)
+        offsets = self._open().write(table, [blob[3] for blob in ordered])
         shard = layout.shard_name(self._folder, self._split, self._number)
         for (_, sequence, path, data), offset in zip(ordered, offsets, strict=True):
-            self._places[sequence].append(
-                {"path": path, "shard": shard, "offset": offset, "bytes": len(data)}
-            )
-        self._pending, self._blobs = _Pending(), []
+            place = {"path": path, "shard": shard, "offset": offset, "bytes": len(data)}
+            self._packer.places[sequence].append(place)
+        self._rows, self._blobs, self._waiting = [], [], 0
 
     def _roll(self) -> None:
         self.close()
@@ -200,17 +182,16 @@ class _Shards:
 
     def _open(self) -> ShardWriter:
         if self._writer is None:
-            path = self._root / layout.shard_name(self._folder, self._split, self._number)
-            blobs: Mapping[str, Sequence[str]]
+            path = self._packer.root / layout.shard_name(self._folder, self._split, self._number)
             blobs = {"frames": ("image.bytes", "depth_exr"), "folders": ("content",)}
-            metadata = None
-            if self._folder == "frames":
-                metadata = {
-                    "huggingface": json.dumps({"info": {"features": FEATURES}}, sort_keys=True)
-                }
-            footer = {"table": self._folder, "dataset": self._dataset, "split": self._split}
+            features = json.dumps({"info": {"features": FEATURES}}, sort_keys=True)
+            footer = {"table": self._folder, "dataset": self._packer.dataset, "split": self._split}
             self._writer = ShardWriter(
-                path, self.schema, blobs.get(self._folder, ()), footer, metadata
+                path,
+                self.schema,
+                blobs.get(self._folder, ()),
+                footer,
+                {"huggingface": features} if self._folder == "frames" else None,
             )
         return self._writer
 
@@ -233,9 +214,9 @@ class Packer:
         shard_bytes: int = SHARD_BYTES,
         rows: bool = True,
     ) -> None:
-        self._root, self._dataset = root, dict(dataset)
-        self._shard_bytes, self._rows = shard_bytes, rows
-        self._places: dict[str, list[dict[str, Any]]] = {}
+        self.root, self.dataset, self.shard_bytes = root, dict(dataset), shard_bytes
+        self.places: dict[str, list[dict[str, Any]]] = {}
+        self._rows = rows
         self._shards: dict[tuple[str, str], _Shards] = {}
 
     def __enter__(self) -> Packer:
@@ -250,7 +231,7 @@ class Packer:
 
     def add(self, folder: FolderToPack) -> None:
         """Pack one sequence."""
-        self._places[folder.id] = []
+        self.places[folder.id] = []
         images = {layout.rgb_name(frame): frame for frame in range(folder.frames)}
         depths = {layout.depth_name(frame): frame for frame in range(folder.frames)}
         others = sorted(set(folder.files) - set(images) - set(depths))
@@ -287,24 +268,21 @@ class Packer:
         """Finish the shards and write the index."""
         for shards in self._shards.values():
             shards.close()
-        with TableWriter(
-            self._root / layout.INDEX_TABLE, "index", {"dataset": self._dataset}
-        ) as writer:
+        path = self.root / layout.INDEX_TABLE
+        with TableWriter(path, "index", {"dataset": self.dataset}) as writer:
             rows: list[dict[str, Any]] = []
-            for name, places in self._places.items():
+            for name, places in self.places.items():
                 rows.append({"id": name, "files": sorted(places, key=lambda f: f["path"])})
                 if sum(len(row["files"]) for row in rows) >= _INDEX_GROUP_FILES:
                     writer.write(pa.Table.from_pylist(rows, schema=INDEX))
                     rows = []
-            if rows or not self._places:
+            if rows or not self.places:
                 writer.write(pa.Table.from_pylist(rows, schema=INDEX))
 
     def _of(self, folder: str, split: str) -> _Shards:
         key = (folder, split)
         if key not in self._shards:
-            self._shards[key] = _Shards(
-                self._root, folder, split, self._dataset, self._shard_bytes, self._places
-            )
+            self._shards[key] = _Shards(self, folder, split)
         return self._shards[key]
 
 

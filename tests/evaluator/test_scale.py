@@ -13,7 +13,7 @@ import pytest
 from pliant.evaluator import evaluate
 from pliant.evaluator.statistics.bootstrap import Bootstrap, Clusters, expanded_tail, intervals
 from pliant.evaluator.statistics.ratios import Ratio
-from pliant.evaluator.submission.scratch import Scratch
+from pliant.evaluator.submission.answers import Scratch
 
 
 @pytest.fixture(scope="module")
