@@ -96,16 +96,7 @@ class CyclesRenderer:
             self._objects.append(made)
 
     def render(self, pose: Pose, truth: FrameTruth, rng: np.random.Generator | None = None) -> Rgb:
-        """Render one frame.
-
-        Args:
-            pose: The frame's geometry; the truth holds its vertices.
-            truth: The frame's truth.
-            rng: Not used.
-
-        Returns:
-            uint8 (H, W, 3), sRGB.
-        """
+        """Render one frame as `Renderer` says; `rng` is not used."""
         if CyclesRenderer._owner is not self:
             raise GenerationError("another renderer has taken Blender's scene; call begin again")
         for made, (_, _, rows) in zip(self._objects, self._mesh.parts, strict=False):

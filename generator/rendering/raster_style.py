@@ -58,16 +58,7 @@ class RasterRenderer:
         self._table = TableView(camera, appearance)
 
     def render(self, pose: Pose, truth: FrameTruth, rng: np.random.Generator | None = None) -> Rgb:
-        """Render one frame.
-
-        Args:
-            pose: The frame's geometry; the truth holds its vertices.
-            truth: The frame's truth.
-            rng: Not used.
-
-        Returns:
-            uint8 (H, W, 3), sRGB.
-        """
+        """Render one frame as `Renderer` says; `rng` is not used."""
         world, faces, light = truth.world_vertices, self._mesh.faces, self._light
         normals = vertex_normals(world, faces)
         shadow, sky = shadow_map(world, faces, light), sky_maps(world)
