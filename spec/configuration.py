@@ -63,6 +63,9 @@ class SettingsError(CallError):
         self.problems = tuple(problems)
         self.args = ("\n".join(map(str, problems)),)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return SettingsError, (self.problems,)
+
 
 if TYPE_CHECKING:
     from dataclasses import dataclass as configuration

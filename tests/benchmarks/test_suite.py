@@ -64,7 +64,7 @@ tests:
     tier: rope
     variants: {clean: rope, noisy: rope-noisy}
     methods: [identity]
-    protocols: [paper]
+    protocols: [standard]
     runs: [small, more]
     shipped: [don-rope]
     paper_rmse_px: {small: 28.5}
@@ -282,15 +282,15 @@ def test_table_and_page(config_file: Path, made: tuple[Path, Recorder], tmp_path
     rows = {(row["variant"], row["method"]): row for row in table["rows"]}
     assert len(rows) == 8
     # A row says what the report in scores/ says.
-    report = json.loads((out / "scores/rope-noisy/more/paper/scores.json").read_text())
-    values = rows["noisy", "more"]["scores"]["paper"]["values"]
+    report = json.loads((out / "scores/rope-noisy/more/standard/scores.json").read_text())
+    values = rows["noisy", "more"]["scores"]["standard"]["values"]
     assert values["rmse_px"] == report["overall"]["rmse_px"]
     # What a run started from is part of its cost.
     assert rows["clean", "more"]["train_cpu_s"] > rows["clean", "small"]["train_cpu_s"]
     shipped = rows["clean", "don-rope"]
     assert shipped["label"] == "don-rope, as shipped"
     assert shipped["train_cpu_s"] is None
-    assert shipped["scores"]["paper"]["values"]["rmse_px"] > 0
+    assert shipped["scores"]["standard"]["values"]["rmse_px"] > 0
     text = page.read_text()
     assert "| DON + Lipschitz | " in text
     assert "| don-rope, as shipped | " in text
@@ -395,7 +395,7 @@ def test_folders_that_cannot_be_taken(
 def test_a_failed_training_is_told_and_the_rest_is_kept(config_file: Path, tmp_path: Path) -> None:
     config = read_config(config_file)
     wrong = replace(config.runs["small"], settings={**config.runs["small"].settings, "tier": "x"})
-    few = {"rope": replace(config.sets["rope"], splits={"train": 1})}
+    few = {"rope": replace(config.sets["rope"], splits={"train": 1, "test": 1})}
     config = replace(config, sets=few, runs={"small": wrong}, tests={}, comparisons=())
     out = tmp_path / "out"
     watcher = Recorder()
