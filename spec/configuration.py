@@ -23,19 +23,6 @@ from pliant.spec.constraints import Refused, did_you_mean, unit_of
 from pliant.spec.errors import CallError
 from pliant.spec.io.yamlfiles import parse_yaml, read_yaml
 
-__all__ = [
-    "SettingsError",
-    "configuration",
-    "json_schema",
-    "merged",
-    "read_mapping",
-    "read_settings",
-    "settings_from",
-    "settings_to_dict",
-    "unstored",
-    "with_overrides",
-]
-
 S = TypeVar("S")
 
 _TYPES: Final = {
