@@ -260,7 +260,15 @@ def test_a_table_of_pairs_with_other_columns_is_one_sentence(
 
 
 @pytest.mark.parametrize(
-    "name", ["check a submission", "info", "validate", "compare", "match the source", "generate"]
+    "name",
+    [
+        "check a submission",
+        "validate",
+        *(
+            pytest.param(name, marks=pytest.mark.long)
+            for name in ("info", "compare", "match the source", "generate")
+        ),
+    ],
 )
 def test_input_without_read_permission_is_one_sentence(
     name: str, good: dict[str, Path], tmp_path: Path
