@@ -23,6 +23,11 @@ from pliant.spec.constraints import Refused, did_you_mean, unit_of
 from pliant.spec.errors import CallError
 from pliant.spec.io.yamlfiles import parse_yaml, read_yaml
 
+__all__ = [
+    "SettingsError", "configuration", "json_schema", "merged", "read_mapping", "read_settings",
+    "settings_from", "settings_to_dict", "unstored", "with_overrides",
+]  # fmt: skip
+
 S = TypeVar("S")
 
 _TYPES: Final = {
@@ -44,9 +49,7 @@ class SettingsError(CallError):
     """Settings are refused; the text has one sentence per problem."""
 
     def __init__(self, problems: Sequence[CallError]) -> None:
-        first = problems[0]
-        details = ("path", "where", "found", "required", "fix")
-        super().__init__(first.message, **{name: getattr(first, name) for name in details})
+        super().__init__(**vars(problems[0]))
         self.problems = tuple(problems)
         self.args = ("\n".join(map(str, problems)),)
 
