@@ -395,7 +395,7 @@ def test_folders_that_cannot_be_taken(
 def test_a_failed_training_is_told_and_the_rest_is_kept(config_file: Path, tmp_path: Path) -> None:
     config = read_config(config_file)
     wrong = replace(config.runs["small"], settings={**config.runs["small"].settings, "tier": "x"})
-    few = {"rope": replace(config.sets["rope"], splits={"train": 1, "test": 1})}
+    few = {"rope": replace(config.sets["rope"], splits={"train": 1, "test": 2})}
     config = replace(config, sets=few, runs={"small": wrong}, tests={}, comparisons=())
     out = tmp_path / "out"
     watcher = Recorder()
