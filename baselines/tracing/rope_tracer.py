@@ -14,7 +14,7 @@ from pliant.baselines.pixels import central_position
 from pliant.baselines.tracing.hypotheses import Trace, rope_traces
 from pliant.baselines.tracing.transfer import best_pairs, transferred
 
-_KEPT_VIEWS: Final = 8
+_KEPT_TRACES: Final = 128
 
 
 class RopeTracer:
@@ -27,7 +27,7 @@ class RopeTracer:
     name = "rope-tracer"
 
     def __init__(self) -> None:
-        self._traces: LRUCache[list[Trace]] = LRUCache(_KEPT_VIEWS)
+        self._traces: LRUCache[list[Trace]] = LRUCache(_KEPT_TRACES)
 
     def describe(self) -> Mapping[str, Any]:
         """Return the method's name."""

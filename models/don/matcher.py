@@ -40,6 +40,7 @@ from pliant.spec.configuration import read_settings
 from pliant.spec.errors import CallError, TrainingError
 
 _KEPT_VIEWS = 8
+_KEPT_TRACES = 128
 
 
 @dataclass(frozen=True)
@@ -96,7 +97,7 @@ class DonMatcher:
         self.facts = dict(facts or {})
         self.familiarity: Familiarity | None = None
         self._described: LRUCache[_Described] = LRUCache(_KEPT_VIEWS)
-        self._traces: LRUCache[list[Trace]] = LRUCache(_KEPT_VIEWS)
+        self._traces: LRUCache[list[Trace]] = LRUCache(_KEPT_TRACES)
 
     def describe(self) -> Mapping[str, Any]:
         """Return what the footer of a submission says about the method."""
