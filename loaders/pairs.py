@@ -72,6 +72,8 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
     * `visible` bool (V, Q, 1 + S);
     * `material` float32 (Q, 1 + S, 2), where matches come from the points: their material
       coordinates and those of their symmetry partners;
+    * `distance_m` float32 (Q, Q), where matches come from the points: how far they are from each
+      other on the material;
     * `orientation` float32 (V, Q, 3), where it was asked for: how the material lies at the point,
       see `Orientation`; NaN where unknown;
     * `frames` int64 (V,), numbers in `store.frames`;
@@ -135,7 +137,10 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
                 found = [self._orientation.of(view.uv_px, drawn) for view in views]
                 extra["orientation"] = torch.from_numpy(np.stack(found))
             orbit = np.column_stack([drawn, self.store.partners[drawn]])  # (Q, 1 + S)
-            extra["material"] = torch.from_numpy(self.store.material[orbit].astype(np.float32))
+            material = self.store.material[orbit].astype(np.float32)  # (Q, 1 + S, 2)
+            apart_m = self.store.tier.queried.distance_m(material[:, None, 0], material[None, :, 0])
+            extra["material"] = torch.from_numpy(material)
+            extra["distance_m"] = torch.from_numpy(apart_m)
             views = [
                 replace(view, uv_px=view.uv_px[orbit.ravel()], visible=view.visible[orbit.ravel()])
                 for view in views

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import torch
 from torch.nn import functional
@@ -44,8 +45,8 @@ def don_loss(
         out: What the network puts out for the B V views, in the batch's order.
         scale: Scalar, inverse temperature.
         batch: A batch of `PairDataset`: mask (B, V, h, w), uv_px (B, V, Q, R, 2), visible
-            (B, V, Q, R), action_px (B, V, V); orientation (B, V, Q, 3), material (B, Q, R, 2)
-            and objects (B, V, h, w) for the losses that need them.
+            (B, V, Q, R), action_px (B, V, V); orientation (B, V, Q, 3), material (B, Q, R, 2),
+            distance_m (B, Q, Q) and objects (B, V, h, w) for the losses that need them.
         settings: What to minimise.
         canonical: The canonical head, for its loss.
         progress: Share of the training done, 0 to 1 (for growing penalties).
@@ -95,7 +96,8 @@ def don_loss(
         )
     mu = penalty_weight(progress, *settings.space_mu)
     if settings.space_weight > 0:
-        parts["lipschitz_space"] = _space(descriptors, mask, V, scale, mu, settings, generator)
+        pixels = _space_pixels(batch, settings, generator)
+        parts["lipschitz_space"] = _space(descriptors, mask, V, scale, pixels, settings, mu)
     if settings.time_weight > 0:
         pool = _competitors(descriptors, mask, settings, generator)
         log_p = log_probabilities(sources, pool.descriptors, scale)
@@ -178,18 +180,48 @@ def _competitors(
     return object_and_background(descriptors, mask, settings.background, generator)
 
 
+@dataclass(frozen=True)
+class _SpacePixels:
+    """Pixels of each view for the Lipschitz condition in space.
+
+    Attributes:
+        uv_px: float (B V, P, 2).
+        valid: bool (B V, P).
+        near: bool (B V, P, P), which pairs count; None for all.
+    """
+
+    uv_px: torch.Tensor
+    valid: torch.Tensor
+    near: torch.Tensor | None
+
+
+def _space_pixels(
+    batch: Mapping[str, torch.Tensor], settings: LossSettings, generator: torch.Generator | None
+) -> _SpacePixels:
+    if settings.space_pairs == "disc":
+        mask = batch["mask"].flatten(0, 1)
+        uv, valid = draw_patch(mask, settings.space_radius_px, settings.space_pixels, generator)
+        return _SpacePixels(uv, valid, None)
+    seen = batch["visible"][..., 0]
+    views = seen.shape[1]
+    both = seen & seen.roll(-1, 1)  # here and in the view that it is predicted into
+    near = (batch["distance_m"] <= settings.space_reach_m)[:, None].expand(-1, views, -1, -1)
+    return _SpacePixels(
+        batch["uv_px"][:, :, :, 0].flatten(0, 1), both.flatten(0, 1), near.flatten(0, 1)
+    )
+
+
 def _space(
     descriptors: torch.Tensor,
     mask: torch.Tensor,
     views: int,
     scale: torch.Tensor,
-    mu: float,
+    pixels: _SpacePixels,
     settings: LossSettings,
-    generator: torch.Generator | None,
+    mu: float,
 ) -> torch.Tensor:
-    """Return the Lipschitz loss of one patch of each view, predicted into the next view."""
-    patch_uv, valid = draw_patch(mask, settings.space_radius_px, settings.space_pixels, generator)
-    query = sample_descriptors(descriptors, patch_uv)
+    """Return the Lipschitz loss of some pixels of each view, predicted into the next view."""
+    query = sample_descriptors(descriptors, pixels.uv_px)
     following = torch.arange(len(mask), device=mask.device).view(-1, views).roll(-1, 1).flatten()
     target = all_bins(descriptors[following], mask[following])
     seen = target.on_object.any(dim=1, keepdim=True)
@@ -197,8 +229,9 @@ def _space(
     log_p = log_probabilities(query, target.descriptors, scale, usable)
     return lipschitz_space_loss(
         soft_argmax(log_p, target.uv_px),
-        patch_uv,
-        valid & seen,
+        pixels.uv_px,
+        pixels.valid & seen,
+        pixels.near,
         lipschitz=settings.space_constant,
         mu=mu,
     )

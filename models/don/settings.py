@@ -61,8 +61,11 @@ class LossSettings:
         space_weight: Weight of the Lipschitz condition in space, 0 for none.
         space_constant: Its constant.
         space_mu: (first, last) value of mu, growing geometrically.
-        space_radius_px: Radius of the sampled patch.
-        space_pixels: Pixels of the patch.
+        space_pairs: Between which pixels: those of a `disc` in the image, or the points of the
+            sample that are near on the material (`geodesic`; it needs matches from the points).
+        space_reach_m: Geodesic: largest distance on the material, metres.
+        space_radius_px: Disc: its radius.
+        space_pixels: Disc: how many of its pixels.
         time_weight: Weight of the Lipschitz condition in time, 0 for none; it needs pairs of
             one episode (`pairs.pairing` sequence or next).
         time_constant: Its constant.
@@ -95,6 +98,8 @@ class LossSettings:
     space_weight: NonNegative = 0.0
     space_constant: Positive = 2.0
     space_mu: Annotated[Range, Bounds(0, above=True)] = (0.01, 1.0)
+    space_pairs: Literal["disc", "geodesic"] = "disc"
+    space_reach_m: Positive = 0.04
     space_radius_px: float = 6.0
     space_pixels: Annotated[int, Bounds(2)] = 12
     time_weight: NonNegative = 0.0
@@ -190,6 +195,12 @@ class DonSettings(RunSettings):
                 "pairs.pairing",
                 "Add --set pairs.pairing=next",
             )
-        for name in ("orientation_weight", "canonical_weight"):
-            if getattr(self.loss, name) > 0 and self.pairs.matches != "points":
-                raise Refused(f"'points' for loss.{name} above 0", "pairs.matches")
+        need_points = [
+            f"loss.{name} above 0"
+            for name in ("orientation_weight", "canonical_weight")
+            if getattr(self.loss, name) > 0
+        ]
+        if self.loss.space_weight > 0 and self.loss.space_pairs == "geodesic":
+            need_points.append("loss.space_pairs geodesic")
+        if need_points and self.pairs.matches != "points":
+            raise Refused(f"'points' for {need_points[0]}", "pairs.matches")

@@ -1,9 +1,11 @@
 """A Lipschitz condition in space: neighbouring pixels must not map far apart.
 
-With x_b the pixels of a patch and x̂_a the positions predicted for them (soft-argmax),
+With x_b some pixels and x̂_a the positions predicted for them (soft-argmax),
 
     L = mean over pairs (i, j)  max(0, mu ( ||x̂_a,i - x̂_a,j|| - lipschitz ||x_b,i - x_b,j|| )).
 
+The pixels are those of a small disc, or material points that are near each other on the material:
+a disc of the image may show two strands, between which the truth itself violates the condition.
 The penalty weight mu grows on a schedule, as in a penalty method.
 """
 
@@ -31,21 +33,23 @@ def lipschitz_space_loss(
     predicted_uv_px: torch.Tensor,
     pixel_uv_px: torch.Tensor,
     valid: torch.Tensor,
+    near: torch.Tensor | None = None,
     *,
     lipschitz: float,
     mu: float,
 ) -> torch.Tensor:
-    """Return the mean violation over all pairs of a patch.
+    """Return the mean violation over the pairs of pixels of each image.
 
     Args:
-        predicted_uv_px: float (N, P, 2), where the patch's pixels are predicted to be.
+        predicted_uv_px: float (N, P, 2), where the pixels are predicted to be.
         pixel_uv_px: float (N, P, 2), the pixels themselves.
         valid: bool (N, P).
+        near: bool (N, P, P), symmetric: the pairs that count; None for all.
         lipschitz: The constant, > 0: how far neighbours may be stretched.
         mu: Penalty weight, >= 0.
 
     Returns:
-        A scalar; 0 if no patch has two valid pixels.
+        A scalar; 0 if no image has a pair of valid pixels.
     """
     first, second = torch.triu_indices(
         pixel_uv_px.shape[1], pixel_uv_px.shape[1], offset=1, device=pixel_uv_px.device
@@ -54,6 +58,8 @@ def lipschitz_space_loss(
     apart = (pixel_uv_px[:, first] - pixel_uv_px[:, second]).norm(dim=-1)
     stretched = ((moved**2).sum(dim=-1) + _TINY).sqrt()
     both = valid[:, first] & valid[:, second]
+    if near is not None:
+        both = both & near[:, first, second]
     violation = (mu * (stretched - lipschitz * apart)).clamp_min(0)
     return (violation * both).sum() / both.sum().clamp_min(1)
 

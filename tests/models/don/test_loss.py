@@ -1,14 +1,16 @@
 from __future__ import annotations
 
 import math
+from typing import Literal
 
 import pytest
 import torch
 from torch.utils.data import default_collate
 
 from pliant.loaders import FrameStore, PairDataset, PairSettings
-from pliant.models.don.loss import don_loss
+from pliant.models.don.loss import _space_pixels, don_loss
 from pliant.models.don.settings import LossSettings
+from pliant.models.losses import lipschitz_space_loss
 from pliant.models.networks.descriptor_network import NetworkOutput
 from pliant.spec.dataset import Dataset
 
@@ -91,15 +93,72 @@ def test_chunks_and_bins(batch: Batch) -> None:
     assert run(batch, truth, bin_px=2) < 0.5 * run(batch, truth.flip(0), bin_px=2)
 
 
-def test_lipschitz_terms_are_added_and_fall_silent_for_the_truth(batch: Batch) -> None:
+@pytest.mark.parametrize("pairs", ["disc", "geodesic"])
+def test_lipschitz_terms_are_added_and_fall_silent_for_the_truth(
+    batch: Batch, pairs: Literal["disc", "geodesic"]
+) -> None:
     truth = material_map(batch, sharpness=2.0)
-    settings = LossSettings(space_weight=1.0, space_mu=(1.0, 1.0))
+    settings = LossSettings(
+        space_weight=1.0, space_mu=(1.0, 1.0), space_pairs=pairs, space_reach_m=0.3
+    )
     generator = torch.Generator().manual_seed(0)
     _, figures = don_loss(output(truth), torch.tensor(1.0), batch, settings, generator=generator)
-    wrong = torch.randn(truth.shape, generator=torch.Generator().manual_seed(1)) * 3
+    wrong = torch.randn(truth.shape, generator=torch.Generator().manual_seed(1)) * 20
     _, other = don_loss(output(wrong), torch.tensor(1.0), batch, settings, generator=generator)
     assert float(figures["lipschitz_space"]) < 0.01
     assert float(other["lipschitz_space"]) > 0.1
+
+
+def crossing_rope() -> Batch:
+    """A rope of 1.2 m and 144 px: a figure of eight in the first view, an arc in the second.
+
+    Both are the curves themselves, by arc length; 120 points, 1 cm apart.
+    """
+    t = torch.linspace(-3.1, 3.1, 4001, dtype=torch.float64)
+    eight = torch.stack([t.cos(), t.sin() * t.cos()], dim=1) / (1 + t.sin() ** 2)[:, None]
+    length = torch.cat([torch.zeros(1), eight.diff(dim=0).norm(dim=1).cumsum(0)])
+    place = torch.linspace(0, 0.99, 120, dtype=torch.float64)  # share of the rope
+    row = torch.searchsorted(length, place * length[-1])
+    radius = 144 / 4.5
+    arc = radius * torch.stack([(4.5 * place).cos(), (4.5 * place).sin()], dim=1)
+    uv = torch.stack([eight[row] * 144 / length[-1], arc])[None, :, :, None] + 40
+    apart = 1.2 * (place[:, None] - place[None]).abs()
+    return {
+        "uv_px": uv.float(),
+        "visible": torch.ones(1, 2, 120, 1, dtype=torch.bool),
+        "mask": torch.ones(1, 2, 80, 80, dtype=torch.bool),
+        "distance_m": apart[None].float(),
+    }
+
+
+def test_the_truth_fulfils_the_condition_between_points_that_are_near_on_the_material() -> None:
+    """Between points within 6 px in the figure of eight it does not, where the strands cross."""
+    crossing = crossing_rope()
+    settings = LossSettings(space_weight=1.0, space_pairs="geodesic")
+    pixels = _space_pixels(crossing, settings, None)
+    assert pixels.near is not None
+    true = pixels.uv_px.roll(-1, 0)  # the prediction is the truth
+    apart = torch.cdist(pixels.uv_px, pixels.uv_px)[0].triu(1)
+    violated = torch.cdist(true, true)[0] > settings.space_constant * apart
+    near, disc = (apart > 0) & pixels.near[0], (apart > 0) & (apart < 6)
+    assert int(near.sum()) in range(117 * 3, 117 * 4 + 3)  # 1 to 4 cm
+    assert float((violated & near).sum() / near.sum()) < 0.01
+    assert float((violated & disc).sum() / disc.sum()) > 0.05
+
+    def cost(pairs: torch.Tensor | None) -> float:
+        uv, seen = pixels.uv_px, pixels.valid
+        return float(lipschitz_space_loss(true, uv, seen, pairs, lipschitz=2.0, mu=1.0))
+
+    assert cost(pixels.near) < 0.001
+    assert cost((torch.cdist(pixels.uv_px, pixels.uv_px) < 6)[:1].expand(2, -1, -1)) > 1
+
+
+def test_points_hidden_in_the_next_view_are_left_out() -> None:
+    crossing = crossing_rope()
+    crossing["visible"][0, 1, 3] = False
+    settings = LossSettings(space_weight=1.0, space_pairs="geodesic")
+    assert _space_pixels(crossing, settings, None).valid[:, 3].tolist() == [False, False]
+    assert int(_space_pixels(crossing, settings, None).valid.sum()) == 2 * 119
 
 
 def test_time_term_knows_which_views_an_action_connects(batch: Batch) -> None:

@@ -24,6 +24,17 @@ def test_space_by_hand() -> None:
     assert float(loss) == pytest.approx(0.5)  # one pair is left: 0.5 * (5 - 4)
 
 
+def test_only_near_pairs_count() -> None:
+    """Of the pairs (0, 1), (0, 2) and (1, 2), which violate by 2, 1 and 0 px, the second alone."""
+    pixels = torch.tensor([[[0.0, 0], [1, 0], [2, 0]]], dtype=D)
+    predicted = torch.tensor([[[0.0, 0], [4, 0], [5, 0]]], dtype=D)
+    near = torch.eye(3, dtype=torch.bool)[None].clone()
+    near[0, 0, 2] = near[0, 2, 0] = True
+    valid = torch.ones(1, 3, dtype=torch.bool)
+    loss = lipschitz_space_loss(predicted, pixels, valid, near, lipschitz=2.0, mu=0.5)
+    assert float(loss) == pytest.approx(0.5)
+
+
 def test_time_by_hand() -> None:
     pixels = torch.tensor([[[10.0, 10], [20, 10]], [[0, 0], [0, 0]]], dtype=D)
     predicted = torch.tensor([[[13.0, 14], [20, 11]], [[90, 0], [90, 0]]], dtype=D)
