@@ -19,6 +19,7 @@ from pliant.evaluator.metrics.base import (
 )
 from pliant.evaluator.metrics.mixtures import Mixtures
 from pliant.evaluator.statistics.ratios import Figure, Ratio
+from pliant.evaluator.submission.answers import Answers
 from pliant.evaluator.submission.blocks import Block
 from pliant.spec.configuration import configuration
 from pliant.spec.constraints import Bounds
@@ -121,7 +122,7 @@ class Distribution(Metric[DistributionSettings]):
         """Take in some answered rows of a block."""
         settings, queries = self.settings, self.context.queries
         at, true_px = block.first_row + chosen, block.true_px[chosen]
-        found = self._mixtures(block, chosen)
+        found = answered_mixtures(self.context.answers, block, chosen, settings.sigma_floor_px)
         self._spread[at] = mixtures.spread_px(found)
         self._squared[at] = block.squared_px2[chosen]
         rows["sum_nll"][chosen] = mixtures.negative_log_likelihood(
@@ -139,7 +140,7 @@ class Distribution(Metric[DistributionSettings]):
             self._reliability[code, :-1] += calibration.reliability_bins(
                 confidence[tier == code], happened[tier == code], settings.ece_bins
             )
-        positions = _recall_positions(block, chosen)
+        positions = equivalent_positions(block, chosen)
         if positions is not None:
             at_px, asked = positions
             near = mixtures.modes_near(
@@ -157,23 +158,9 @@ class Distribution(Metric[DistributionSettings]):
         self._reliability[:, -1, :2] += missing[:, None]
         self._spread[block.first_row + lost] = 0.0
         self._squared[block.first_row + lost] = block.squared_px2[lost]
-        positions = _recall_positions(block, lost)
+        positions = equivalent_positions(block, lost)
         if positions is not None:
             rows["recallable"][lost] = positions[1].sum(axis=1)
-
-    def _mixtures(self, block: Block, chosen: IntArray) -> Mixtures:
-        """Return the distributions of some rows of a block, their sigma floored."""
-        answers, floor = self.context.answers, self.settings.sigma_floor_px
-        at = block.first_row + chosen
-        if answers.sigma_px is not None:
-            sigma = answers.sigma_px[at].astype(np.float64)
-            own = block.answer_px[chosen].astype(np.float64)
-            row = np.arange(len(chosen))
-            return Mixtures(row, own, np.maximum(sigma, floor), np.ones(len(row)), len(row))
-        count, modes = answers.modes_of(at)
-        row = np.repeat(np.arange(len(chosen)), count)
-        weight = modes[:, 3] / np.bincount(row, modes[:, 3], len(chosen))[row]
-        return Mixtures(row, modes[:, :2], np.maximum(modes[:, 2], floor), weight, len(chosen))
 
     def finish(self, groups: Groups, summary: Summary) -> None:
         """Add what is pooled over answers."""
@@ -218,7 +205,31 @@ class Distribution(Metric[DistributionSettings]):
         summary.add_curve(name, "sparsification", {**curve, "best_rmse_px": best.tolist()})
 
 
-def _recall_positions(block: Block, chosen: IntArray) -> tuple[FloatArray, BoolArray] | None:
+def answered_mixtures(
+    answers: Answers, block: Block, chosen: IntArray, sigma_floor_px: float
+) -> Mixtures:
+    """Return the distributions of some rows of a block, their sigma floored.
+
+    Args:
+        answers: Answers with `sigma` or `modes`.
+        block: A block of them.
+        chosen: int64 (n,), rows of the block with an answer.
+        sigma_floor_px: Smaller standard deviations are raised to this.
+    """
+    at = block.first_row + chosen
+    if answers.sigma_px is not None:
+        sigma = answers.sigma_px[at].astype(np.float64)
+        own = block.answer_px[chosen].astype(np.float64)
+        row = np.arange(len(chosen))
+        return Mixtures(row, own, np.maximum(sigma, sigma_floor_px), np.ones(len(row)), len(row))
+    count, modes = answers.modes_of(at)
+    row = np.repeat(np.arange(len(chosen)), count)
+    weight = modes[:, 3] / np.bincount(row, modes[:, 3], len(chosen))[row]
+    sigma = np.maximum(modes[:, 2], sigma_floor_px)
+    return Mixtures(row, modes[:, :2], sigma, weight, len(chosen))
+
+
+def equivalent_positions(block: Block, chosen: IntArray) -> tuple[FloatArray, BoolArray] | None:
     """Return the equivalent positions of some rows, or None where the block has no partners.
 
     Returns:

@@ -1,0 +1,135 @@
+"""Answers to points that have an equal partner elsewhere: the two ends of a rope without its ball.
+
+No picture tells such a point from its partner, so that an error in pixels says little: a matcher
+that finds both and tosses a coin has a large RMSE. These figures look at the discs around the point
+and its visible partners, of queries whose discs do not overlap.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pliant.evaluator.arrays import BoolArray, FloatArray, IntArray
+from pliant.evaluator.metrics import mixtures
+from pliant.evaluator.metrics.base import Groups, Metric, Positive, Summary
+from pliant.evaluator.metrics.distribution import answered_mixtures, equivalent_positions
+from pliant.evaluator.statistics.ratios import Figure, Ratio
+from pliant.evaluator.submission.blocks import Block
+from pliant.spec.configuration import configuration
+
+
+@configuration(frozen=True)
+class OrbitSettings:
+    """Settings of `orbit`.
+
+    Attributes:
+        radius_px: Radius of the discs around a point and its partners.
+        sigma_floor_px: Smaller standard deviations are raised to this.
+    """
+
+    radius_px: Positive
+    sigma_floor_px: Positive
+
+
+class Orbit(Metric[OrbitSettings]):
+    """How often answers are at a partner, and how much probability is at each."""
+
+    Settings = OrbitSettings
+    truth_columns = ("alternatives",)
+
+    @staticmethod
+    def figures(settings: OrbitSettings) -> list[Figure]:
+        """Return the hits, the flips among them, and the probability masses."""
+        within = f"within {settings.radius_px:g} px"
+        at = f"{settings.radius_px:g}px"
+        return [
+            Ratio(
+                f"orbit_pck_{at}", "higher", "",
+                f"share of points with a partner answered {within} of themselves or a partner", "",
+                "orbit_hits", "orbit_points",
+            ),
+            Ratio(
+                f"flip_rate_{at}", "lower", "",
+                "share of these that are nearer to a partner; 0.5 by the toss of a coin", "",
+                "orbit_flips", "orbit_decided",
+            ),
+            Ratio(
+                f"mass_{at}", "higher", "",
+                f"mean probability {within} of the point itself", "",
+                "orbit_own_mass", "orbit_distributions",
+            ),
+            Ratio(
+                f"partner_mass_{at}", "neither", "",
+                f"mean probability {within} of each visible partner", "",
+                "orbit_partner_mass", "orbit_distributions",
+            ),
+            Ratio(
+                f"least_mass_{at}", "higher", "",
+                "mean of the smallest of these; 0.5 where two places share all probability", "",
+                "orbit_least_mass", "orbit_distributions",
+            ),
+        ]  # fmt: skip
+
+    def update(self, block: Block) -> None:
+        """Take in one block."""
+        size = len(block.pair)
+        names = ("hits", "flips", "points", "decided")
+        masses = ("own_mass", "partner_mass", "least_mass", "distributions")
+        rows = {f"orbit_{name}": np.zeros(size) for name in (*names, *masses)}
+        chosen = np.flatnonzero(block.counted)
+        positions = equivalent_positions(block, chosen)
+        if positions is not None:
+            at_px, exists = positions
+            asked = self._apart(at_px, exists)
+            self._add(block, chosen[asked], at_px[asked], exists[asked], rows)
+        self.add_sums(block, **rows)
+
+    def _apart(self, at_px: FloatArray, exists: BoolArray) -> BoolArray:
+        """Return which points have a visible partner and discs that do not overlap, bool (n,)."""
+        gap = np.linalg.norm(at_px[:, :, None] - at_px[:, None], axis=-1)  # (n, S + 1, S + 1)
+        both = exists[:, :, None] & exists[:, None] & ~np.eye(exists.shape[1], dtype=bool)
+        overlapping = both & ~(gap > 2 * self.settings.radius_px)
+        return exists[:, 0] & ~overlapping.any(axis=(1, 2))
+
+    def _add(
+        self,
+        block: Block,
+        chosen: IntArray,
+        at_px: FloatArray,
+        exists: BoolArray,
+        rows: dict[str, FloatArray],
+    ) -> None:
+        """Take in some rows of a block; a missing answer is a flip without probability."""
+        answers, radius = self.context.answers, self.settings.radius_px
+        lost = np.zeros(len(chosen), bool) if block.missing is None else block.missing[chosen]
+        gap = np.linalg.norm(block.answer_px[chosen][:, None] - at_px, axis=-1)  # (n, S + 1)
+        gap = np.where(exists & ~lost[:, None], gap, np.inf)
+        hit = gap.min(axis=1) <= radius
+        rows["orbit_points"][chosen] = 1
+        rows["orbit_hits"][chosen] = hit
+        rows["orbit_decided"][chosen] = hit | lost
+        rows["orbit_flips"][chosen] = (hit & (gap.argmin(axis=1) > 0)) | lost
+        if not answers.has_distribution:
+            return
+        rows["orbit_distributions"][chosen] = 1
+        kept = np.flatnonzero(~lost)
+        found = answered_mixtures(answers, block, chosen[kept], self.settings.sigma_floor_px)
+        mass = np.stack(
+            [
+                mixtures.probability_within(found, at_px[kept, slot], radius)
+                for slot in range(at_px.shape[1])
+            ],
+            axis=1,
+        )  # (k, S + 1)
+        seen = exists[kept]
+        partners = np.where(seen, mass, 0)[:, 1:].sum(axis=1) / seen[:, 1:].sum(axis=1)
+        rows["orbit_own_mass"][chosen[kept]] = mass[:, 0]
+        rows["orbit_partner_mass"][chosen[kept]] = partners
+        rows["orbit_least_mass"][chosen[kept]] = np.where(seen, mass, 1).min(axis=1)
+
+    def finish(self, groups: Groups, summary: Summary) -> None:
+        """Say why there are no masses."""
+        del groups
+        if not self.context.answers.has_distribution:
+            at = f"{self.settings.radius_px:g}px"
+            summary.notes[f"mass_{at}"] = "the submission has neither `sigma` nor `modes`"
