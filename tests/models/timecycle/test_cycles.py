@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from importlib.resources import files
+from pathlib import Path
 
 import pytest
 import torch
@@ -99,6 +101,27 @@ def test_the_paper_weights_are_the_defaults_and_sum_as_named() -> None:
     tensors = {name: torch.tensor(value) for name, value in parts.items()}
     total = weighted_sum(tensors, CycleLossSettings(self_cycle=0.0))
     assert float(total) == pytest.approx(0.02 * 10 + 0.1 * 3 - 0.5)
+
+
+def test_cycles_are_averaged_and_the_paper_recipe_weighs_their_sum() -> None:
+    """In a still clip each cycle has the same error, so that a sum would grow with the frames."""
+    network = TimeCycleNetwork(replace(SETTINGS, encoder=replace(SETTINGS.encoder, dim=96)))
+    network.temperature = 0.02
+    frame = torch.eye(96).reshape(96, 8, 12)
+    patch = frame[:, 2:6, 3:7].flatten(1).T[None]
+    start = torch.tensor([[6.0, 4.0, 0.0]])  # one cell beside the patch's place, 4 cells wide
+    weight = torch.full((1, 16), 1 / 16)
+    for length in (3, 4, 6):
+        frames = frame.expand(1, length, 96, 8, 12)
+        parts = cycle_losses(network, frames, patch, start, weight, CycleLossSettings())
+        assert float(parts["long"]) == pytest.approx(1 / 4**2, abs=1e-4)
+        assert float(parts["skip"]) == pytest.approx(1 / 4**2, abs=1e-4)
+        assert float(parts["similarity"]) == pytest.approx(-1, abs=1e-4)
+    config = Path(str(files("pliant.models") / "configs" / "timecycle-paper.yaml"))
+    recipe = read_settings(TimeCycleSettings, config)
+    cycles, losses = recipe.clips.length - 1, recipe.losses
+    weights = (losses.similarity, losses.long, losses.skip)
+    assert weights == pytest.approx((1 * cycles, 0.02 * cycles, 0.1 * (cycles - 1)))
 
 
 def test_patches_lie_on_the_object_where_the_mask_may_be_seen() -> None:
