@@ -28,8 +28,9 @@ _METRICS = {
         "ece",
     ),
     "track": (
-        "rmse_px_after_10",
-        "rmse_px_after_20",
+        "rmse_px_after_1",
+        "rmse_px_after_5",
+        "rmse_px_after_15",
         "rmse_px_moving",
         "median_px",
         "jitter_px",
