@@ -118,11 +118,27 @@ class CycleLossSettings:
     self_cycle: NonNegative = 1.0
     freeze: Annotated[float, Bounds(0, 1, below=True)] = 0.0
 
-    def __post_init__(self) -> None:
-        if not any((self.similarity, self.skip, self.long, self.self_cycle)):
-            raise Refused(
-                "one weight above 0 of similarity, skip, long and self_cycle", "similarity"
-            )
+    @property
+    def any(self) -> bool:
+        """Whether a part has a weight."""
+        return any((self.similarity, self.skip, self.long, self.self_cycle))
+
+
+@configuration(frozen=True)
+class WalkSettings:
+    """The contrastive random walk, alone or in addition to the cycles.
+
+    Attributes:
+        weight: Weight of its loss; 0 leaves it out.
+        nodes: Side of a node, cells.
+        temperature: Of the softmax over a step's edges.
+        dropout: Share of edges that are dropped.
+    """
+
+    weight: NonNegative = 0.0
+    nodes: Count = 2
+    temperature: Positive = 0.07
+    dropout: Annotated[float, Bounds(0, 1, below=True)] = 0.1
 
 
 @configuration(frozen=True)
@@ -183,7 +199,8 @@ class TimeCycleSettings(RunSettings):
         augment: What happens to a clip, the same to all its frames.
         encoder: The encoder.
         localiser: The localiser.
-        losses: The losses.
+        losses: The losses of cycles.
+        walk: The loss of the random walk.
         validation: How the run is watched.
         propagation: How the result answers.
     """
@@ -199,10 +216,18 @@ class TimeCycleSettings(RunSettings):
     encoder: EncoderSettings = field(default_factory=EncoderSettings)
     localiser: LocaliserSettings = field(default_factory=LocaliserSettings)
     losses: CycleLossSettings = field(default_factory=CycleLossSettings)
+    walk: WalkSettings = field(default_factory=WalkSettings)
     validation: TrackValidationSettings = field(default_factory=TrackValidationSettings)
     propagation: PropagationSettings = field(default_factory=PropagationSettings)
 
     def __post_init__(self) -> None:
+        if not self.losses.any and self.walk.weight == 0:
+            raise Refused(
+                "one weight above 0 of similarity, skip, long, self_cycle and walk.weight",
+                "losses.similarity",
+            )
+        if self.walk.weight and self.walk.nodes > min(self.width, self.height) // 16:
+            raise Refused(f"<= {min(self.width, self.height) // 16}: two nodes", "walk.nodes")
         if self.losses.freeze and self.localiser.kind == "moments":
             raise Refused("0 for localiser.kind moments, which has no weights", "losses.freeze")
 

@@ -15,7 +15,7 @@ from pliant.models.timecycle.cycles import cycle_losses, weighted_sum
 from pliant.models.timecycle.guard import Guard, compare_with_trivial
 from pliant.models.timecycle.matcher import TimeCycleMatcher
 from pliant.models.timecycle.network import TimeCycleNetwork
-from pliant.models.timecycle.patches import draw_patches
+from pliant.models.timecycle.patches import draw_patches, interest
 from pliant.models.timecycle.settings import TimeCycleSettings
 from pliant.models.timecycle.validation import (
     draw_stretches,
@@ -23,6 +23,7 @@ from pliant.models.timecycle.validation import (
     figures,
     track_with,
 )
+from pliant.models.timecycle.walk import walk_loss
 from pliant.models.training.processes import Processes
 from pliant.models.training.run import RunOptions, train_task
 from pliant.models.training.run_folder import RUN_FACTS, write_json
@@ -57,20 +58,28 @@ class TimeCycleTask(Task[TimeCycleSettings]):
     ) -> tuple[torch.Tensor, Mapping[str, torch.Tensor]]:
         """Return the loss of a batch and its named parts; see `Task`."""
         settings, images = self.settings, batch["image"]
-        patches = draw_patches(images, batch["mask"], self.network.cells, settings.clips, generator)
-        frozen = progress < settings.losses.freeze
-        with torch.no_grad() if frozen else nullcontext():
+        frozen = nullcontext if progress >= settings.losses.freeze else torch.no_grad
+        with frozen():
             frames = self.encode(images.flatten(0, 1)).unflatten(0, images.shape[:2])
-            cut = self.encode(patches.images).flatten(2).transpose(1, 2)
-        parts = cycle_losses(
-            self.network,
-            frames[patches.clip],
-            cut,
-            patches.placement,
-            patches.weight,
-            settings.losses,
-        )
-        loss = weighted_sum(parts, settings.losses)
+        loss, parts = frames.new_zeros(()), {}
+        if settings.losses.any:
+            clips, cells = settings.clips, self.network.cells
+            patches = draw_patches(images, batch["mask"], cells, clips, generator)
+            with frozen():
+                cut = self.encode(patches.images).flatten(2).transpose(1, 2)
+            parts = cycle_losses(
+                self.network,
+                frames[patches.clip],
+                cut,
+                patches.placement,
+                patches.weight,
+                settings.losses,
+            )
+            loss = weighted_sum(parts, settings.losses)
+        if settings.walk.weight > 0:
+            counts = interest(images, batch["mask"], settings.clips.choose)
+            walked = walk_loss(frames, counts, settings.walk, generator)
+            loss, parts = loss + settings.walk.weight * walked["walk"], {**parts, **walked}
         return loss, {name: part.detach() for name, part in parts.items()}
 
     def encode(self, images: torch.Tensor) -> torch.Tensor:
