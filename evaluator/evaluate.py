@@ -8,6 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from pliant.evaluator.controls import Controls
 from pliant.evaluator.metrics.base import (
     Groups,
     Metric,
@@ -188,7 +189,7 @@ def _score(
     context = ScoringContext(dataset, queries, answers, table, scratch, surfaces)
     metrics: list[Metric[Any]] = [Counts(NoSettings(), context)]
     metrics += [metric_class(family)(values, context) for family, values in settings.items()]
-    hints = None
+    hints = controls = None
     if matches is not None:
         coverage = float((np.diff(matches.starts) > 0).mean())
         blocks = match_blocks(matches, context, settings["matches"].visible_within_footprints)
@@ -199,17 +200,20 @@ def _score(
             truth,
             answers,
             truth_columns=sorted({column for each in metrics for column in each.truth_columns}),
-            query_pixels=any(each.query_pixels for each in metrics),
+            query_pixels=not hide_truth or any(each.query_pixels for each in metrics),
             # Where surface images are read too, they take the time: shorter blocks show progress.
             block_rows=_ROWS_WITH_IMAGES if _has_images(dataset) else None,
             cap_errors=hide_truth,
         )
-        hints = None if hide_truth else TruthHints(answers, queries)
+        if not hide_truth:
+            hints, controls = TruthHints(answers, queries), Controls(queries.rows)
     for block in blocks:
         for each in metrics:
             each.update(block)
         if hints is not None:
             hints.update(block)
+        if controls is not None:
+            controls.update(block)
         if progress is not None:
             progress(block.pairs.stop, queries.pairs)
     summary = Summary()
@@ -229,6 +233,9 @@ def _score(
         {figure: values[figure] for figure in protocol.figures if figure in values}
         for values in (summary.values.get(name, {}) for name in groups.names)
     )
+    method = str(loaded.submission.footer["method"]["name"])
+    if controls is not None and (said := controls.sentence(method)) is not None:
+        summary.notes["controls"] = said
     document = {
         **_provenance(loaded, dataset, truth, protocol),
         "coverage": coverage,

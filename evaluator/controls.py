@@ -1,0 +1,86 @@
+"""Whether an answer that needs no method would have done better: said beside the table.
+
+Three controls are computed from the queries and the truth alone: `identity` answers the query's
+own pixel; `centroid` the middle of the true positions of the pair's other visible queries; `random`
+the true position of one of them. The last two approximate the controls of these names, which
+answer the middle of the object's mask and any pixel of it, without reading an image.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from pliant.evaluator.arrays import FloatArray
+from pliant.evaluator.submission.blocks import Block
+
+REASONS: Final = {
+    "identity": "frames that change little make standing still a strong answer",
+    "centroid": "the middle of the object is nearer than the answers are",
+    "random": "any place on the object is as near as the answers are",
+}
+"""Control -> what it says about a method that it beats."""
+
+_MOST_KEPT: Final = 400_000
+_MARGIN: Final = 0.999  # a control that is scored itself does not beat itself
+
+
+class Controls:
+    """Compares a submission's errors with those of controls.
+
+    Args:
+        rows: Queries of the split.
+    """
+
+    def __init__(self, rows: int) -> None:
+        self._step = max(1, rows // _MOST_KEPT)
+        self._errors: dict[str, list[FloatArray]] = {name: [] for name in ("method", *REASONS)}
+
+    def update(self, block: Block) -> None:
+        """Add the rows of a block whose point is visible in the target."""
+        if block.uv_a_px is None:
+            return
+        chosen = np.flatnonzero(block.counted)
+        pair = block.pair[chosen]
+        true = block.true_px[chosen]
+        count = np.bincount(pair, minlength=len(block.starts) - 1)
+        total = np.stack([np.bincount(pair, axis, len(count)) for axis in true.T], axis=1)
+        others = (count[pair] - 1)[:, None]
+        first = (np.cumsum(count) - count)[pair]
+        place = np.arange(len(pair)) - first
+        other = first + (place + np.maximum(count[pair] // 2, 1)) % count[pair]
+        answers = {
+            "identity": block.uv_a_px[chosen],
+            "centroid": (total[pair] - true) / np.maximum(others, 1),
+            "random": true[other],
+        }
+        kept = slice(None, None, self._step)
+        own = block.error_px[chosen]
+        self._errors["method"].append(own[kept])
+        for name, answer in answers.items():
+            error = np.hypot(*(answer - true).T)
+            if name != "identity":  # a pair's only point has no others
+                error = np.where(others[:, 0] > 0, error, own)
+            self._errors[name].append(error[kept])
+
+    def sentence(self, method: str) -> str | None:
+        """Return which controls beat the submission, and what follows; None for none.
+
+        Args:
+            method: Name of the method; a control is not compared with itself.
+        """
+        errors = {name: np.concatenate(parts) for name, parts in self._errors.items() if parts}
+        if not len(errors.get("method", ())):
+            return None
+        measures = {"RMSE": lambda e: np.sqrt(np.mean(e**2)), "median error": np.median}
+        found = []
+        for name, reason in REASONS.items():
+            better = [
+                f"{what} {value:.3g} px against {own:.3g} px"
+                for what, measure in measures.items()
+                if (value := measure(errors[name])) < _MARGIN * (own := measure(errors["method"]))
+            ]
+            if better and name != method:
+                found.append(f"the control `{name}` is better ({', '.join(better)}): {reason}")
+        return "; ".join(found) or None
