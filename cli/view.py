@@ -22,9 +22,10 @@ from pliant.spec.errors import CallError
 )
 @choice_option(
     "--figure",
-    ["sheet", "index", "depth", "anatomy", "tracks"],
+    ["sheet", "index", "depth", "anatomy", "tracks", "points"],
     "sheet: frames over index colours and depth; index, depth: one layer; "
-    "anatomy: curve, mesh, image, depth, index colours of a frame; tracks: a strip with points.",
+    "anatomy: curve, mesh, image, depth, index colours of a frame; tracks: a strip with points; "
+    "points: the points that are asked about, with their names where they were imported.",
     "sheet",
 )
 @click.option("--sequence", metavar="ID", help="A sequence; all, or the first that fits.")
@@ -43,6 +44,11 @@ from pliant.spec.errors import CallError
     "--frames",
     metavar="F,F,...",
     help="Frames of --tracks; default: 0, 22 and 87 where the episode has them.",
+)
+@path_option(
+    "--truth",
+    "FILE",
+    "Truth for --figure points; default: the dataset's, or DIR-truth/SPLIT.parquet.",
 )
 @json_option
 def command(

@@ -20,13 +20,14 @@ from pliant.spec.io.writing import replacing
 from pliant.spec.model import Tier
 from pliant.spec.sequence import SequenceRecord
 from pliant.viewer.anatomy import draw_anatomy
+from pliant.viewer.annotated_points import draw_annotated_points
 from pliant.viewer.colours import depth_image, index_image
 from pliant.viewer.drawing import DRAWINGS, PICTURES, Rgb, check_ending, evenly
 from pliant.viewer.point_tracks import draw_point_tracks
 from pliant.viewer.tracks import ANIMATIONS, draw_tracks, read_predicted_tracks
 
 _SHEETS: Final = ("sheet", "index", "depth")
-FIGURES: Final = (*_SHEETS, "anatomy", "tracks")
+FIGURES: Final = (*_SHEETS, "anatomy", "tracks", "points")
 
 _TILE_PX: Final = 240
 _GAP_PX: Final = 6
@@ -41,6 +42,7 @@ def draw_figure(
     sequence: str | None = None,
     frame: int = 0,
     count: int = 24,
+    truth: Path | None = None,
 ) -> Path:
     """Draw a figure of a dataset.
 
@@ -51,7 +53,8 @@ def draw_figure(
         figure: One of `FIGURES`.
         sequence: Id of a sequence; None takes all (sheets) or the first that fits (the others).
         frame: Frame of `anatomy`.
-        count: Images on a sheet, or steps of `tracks`.
+        count: Images on a sheet, or of `tracks` or `points`.
+        truth: Of `points`, the truth where the dataset does not contain it.
 
     Returns:
         `out`.
@@ -80,6 +83,8 @@ def draw_figure(
                 sheet.save(partial)
         elif figure == "anatomy":
             draw_anatomy(chosen[0], frame, partial)
+        elif figure == "points":
+            draw_annotated_points(dataset, chosen[0], truth, count, partial)
         else:
             episode = next((s for s in chosen if s.temporal), chosen[0])
             draw_point_tracks(episode, count, partial)
