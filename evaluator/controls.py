@@ -8,6 +8,7 @@ answer the middle of the object's mask and any pixel of it, without reading an i
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Final
 
 import numpy as np
@@ -73,7 +74,10 @@ class Controls:
         errors = {name: np.concatenate(parts) for name, parts in self._errors.items() if parts}
         if not len(errors.get("method", ())):
             return None
-        measures = {"RMSE": lambda e: np.sqrt(np.mean(e**2)), "median error": np.median}
+        measures: dict[str, Callable[[FloatArray], float]] = {
+            "RMSE": lambda error: float(np.sqrt(np.mean(error**2))),
+            "median error": lambda error: float(np.median(error)),
+        }
         found = []
         for name, reason in REASONS.items():
             better = [
