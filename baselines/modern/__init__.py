@@ -12,8 +12,9 @@ from pliant.baselines.modern.dino import Dino
 from pliant.baselines.modern.keypoints import KeypointMatching
 from pliant.baselines.modern.raft import Raft
 from pliant.baselines.modern.roma import Roma
+from pliant.baselines.modern.tapir import Tapir
 
-Network = type[KeypointMatching | Dino | Raft | Roma | CoTracker]
+Network = type[KeypointMatching | Dino | Raft | Roma | CoTracker | Tapir]
 
 MODERN: Final[dict[str, Network]] = {
     "keypoint-matching": KeypointMatching,
@@ -21,5 +22,6 @@ MODERN: Final[dict[str, Network]] = {
     "raft": Raft,
     "roma": Roma,
     "cotracker": CoTracker,
+    "tapir": Tapir,
 }
 """Name -> class. All take `weights`; `library` is what each imports."""

@@ -131,6 +131,49 @@ def test_cotracker_counts_from_pixel_indices(
     assert [each.tolist() for each in asked] == [[[[0, 0, 2]]], [[[0, 3.5, 3.5]]]]
 
 
+def test_tapir_of_random_weights(tmp_path: Path) -> None:
+    package = pytest.importorskip("tapnet.torch.tapir_model")
+    torch.manual_seed(0)
+    torch.save(package.TAPIR(pyramid_level=1).state_dict(), tmp_path / "tapir.pt")
+    method = pliant.open_method("tapir", weights=str(tmp_path / "tapir.pt"), size=64)
+    queries = np.array([[10, 10], [30.25, 25], [7, 40]], np.float32)
+    found = list(method.track([View(noise(48, 64))] * 3, queries))  # type: ignore[union-attr]
+    assert len(found) == 2
+    assert all(each.uv_px.shape == (3, 2) and each.visible is not None for each in found)
+
+
+def test_tapir_counts_from_the_corner(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A package with TAPIR's interface that moves every point by 4 px a frame to the right."""
+    asked = []
+
+    class Network(torch.nn.Linear):  # type: ignore[name-defined]
+        def __init__(self, pyramid_level: int) -> None:
+            super().__init__(1, pyramid_level)
+
+        def forward(self, video: Any, points: Any) -> Any:
+            assert (video.shape, float(video.min())) == ((1, 3, 64, 64, 3), -1)
+            asked.append(points)
+            walked = torch.arange(3)[:, None] * torch.tensor([4.0, 0.0])  # (T, 2)
+            tracks = points[:, :, None, [2, 1]] + walked
+            odds = torch.zeros(tracks.shape[:3])
+            return {"tracks": tracks, "occlusion": odds, "expected_dist": odds}
+
+    package = ModuleType("tapnet.torch.tapir_model")
+    package.TAPIR = Network  # type: ignore[attr-defined]
+    for name in ("tapnet", "tapnet.torch"):
+        monkeypatch.setitem(sys.modules, name, ModuleType(name))
+    monkeypatch.setitem(sys.modules, "tapnet.torch.tapir_model", package)
+    torch.save(torch.nn.Linear(1, 1).state_dict(), tmp_path / "w.pt")
+    method = pliant.open_method("tapir", weights=str(tmp_path / "w.pt"), size=64)
+    points = np.array([[32, 4], [80, 16]], np.float32)
+    view = View(np.zeros((32, 128, 3), np.uint8))
+    found = list(method.track([view] * 3, points))  # type: ignore[union-attr]
+    assert asked[0].tolist() == [[[0, 8, 16], [0, 32, 40]]]  # (t, y, x) of 64x64 px
+    np.testing.assert_allclose(found[1].uv_px, points + np.array([16, 0]), atol=1e-4)
+    assert found[1].visible is not None
+    assert found[1].visible.tolist() == [0.25, 0.25]
+
+
 def test_missing_library_and_weights_are_one_sentence(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
