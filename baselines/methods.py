@@ -11,6 +11,7 @@ from pliant.baselines.features.opencv_features import OpencvFeatures
 from pliant.baselines.features.surf import open_surf
 from pliant.baselines.flow import FlowChain
 from pliant.baselines.matcher import Matcher, SplitMatcher
+from pliant.baselines.modern.efficientnet import ImageNetFeatures
 from pliant.baselines.outline import ClothOutline
 from pliant.baselines.tracing import RopeTracer
 
@@ -67,6 +68,7 @@ METHODS: dict[str, Make] = {
             "cloth-tps": "Thin-plate spline through the outline of a cloth's mask.",
         },
     ),
+    "imagenet": ImageNetFeatures,
     "rope-tracer": RopeTracer,
     "identity": Identity,
     "random": RandomInMask,
