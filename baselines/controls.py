@@ -84,7 +84,7 @@ class RandomInMask:
 
 
 class MaskCentroid:
-    """Answers with the centroid of the target's object, which may lie beside the object."""
+    """Answers with the centroid of the target's object, which may be off the object."""
 
     name = "centroid"
 

@@ -28,7 +28,7 @@ def read_view(
 
     Raises:
         CallError: A file is missing, the sizes differ, or the mask is black everywhere.
-        PliantError: A file is no picture that can be read.
+        PliantError: A file is not a picture that can be read.
     """
     rgb = read_photo(picture)
     size = (rgb.shape[1], rgb.shape[0])

@@ -1,4 +1,4 @@
-"""Pixels of a view: where their centres are, which lie on the object, and how bright they are."""
+"""Pixels of a view: where their centres are, which are on the object, and how bright they are."""
 
 from __future__ import annotations
 

@@ -157,7 +157,7 @@ def predict(
         out: The Parquet file to write; an earlier submission there is replaced.
         kind: `answers` to the queries, or the method's own keypoint `matches`.
         workers: Processes, >= 1; more than one needs a matcher that can be pickled.
-        progress: Told after every few pairs.
+        progress: Called after every few pairs.
 
     Returns:
         What was written.
@@ -202,7 +202,7 @@ def _results(
             found.append(result)
         if progress is not None:
             progress(len(found), total)
-    # Whether a method was told where the object is changes what its score means.
+    # Whether a method was given where the object is changes what its score means.
     return found, {0: "none", len(found): "given"}.get(with_mask, "partly given")
 
 

@@ -41,7 +41,7 @@ def query_keys(dataset: Dataset, split: str) -> Keys:
 
 
 def submission_footer(dataset: Dataset, split: str, method: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what a submission's footer says besides its spec version and table.
+    """Return what a submission's footer says in addition to its spec version and table.
 
     Args:
         dataset: The dataset whose queries are answered.
@@ -150,7 +150,7 @@ def write_template(
     """Write a submission that lacks nothing but its answers.
 
     Keys and footer are right; every position is NaN, which no check passes, so that a row
-    forgotten is a row reported. Of kind `matches` there is one row a pair, to be replaced by
+    forgotten is a row reported. Of kind `matches` there is one row per pair, to be replaced by
     as many as the method finds.
 
     Args:
@@ -204,8 +204,8 @@ def check_writable(path: Path | str) -> None:
         path: The submission to be written.
 
     Raises:
-        CallError: Its folder is missing or cannot be written to, or something that is no
-            submission stands there.
+        CallError: Its folder is missing or cannot be written to, or the path exists and is
+            not a submission.
     """
     path = Path(path)
     folder = path.parent
@@ -217,7 +217,7 @@ def check_writable(path: Path | str) -> None:
         raise CallError("the output folder cannot be written to", path=folder)
     if path.exists() and not _is_submission(path):
         raise CallError(
-            "something that is no submission stands here and is not replaced",
+            "the file exists, is not a submission, and is not replaced",
             path=path,
             fix="Choose another file",
         )

@@ -1,8 +1,8 @@
 """Scenes in the JSON form of CS 184's cloth project: read, checked, ready to run.
 
-A file holds a `cloth` (size, points, pinned masses, and the parameters that the course's
+A file contains a `cloth` (size, points, pinned masses, and the parameters that the course's
 window sets) and any of `sphere` and `plane`. As there, y points up, a horizontal sheet starts
-at y = 1 over the xz plane, and a vertical one stands in the xy plane with a random offset of
+at y = 1 over the xz plane, and a vertical one is in the xy plane with a random offset of
 up to a millimetre along z.
 """
 

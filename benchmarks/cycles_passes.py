@@ -53,7 +53,7 @@ class PassRenderer:
         cycles = self._scene.cycles
         cycles.samples = 1
         cycles.max_bounces = 0
-        # Sample 0 lies at the pixel's centre; the BOX filter would ignore the width.
+        # Sample 0 is at the pixel's centre; the BOX filter would ignore the width.
         cycles.pixel_filter_type = "BLACKMAN_HARRIS"
         cycles.filter_width = 0.01
         layer = self._scene.view_layers[0]

@@ -23,7 +23,7 @@ from __future__ import annotations
 
 import os
 
-# Waiting threads sleep: CPU time is then work, also where other programs run beside this one.
+# Waiting threads sleep: CPU time is then work, also where other programs run as well.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 import statistics

@@ -6,7 +6,7 @@ only reads the submission and the truth with pyarrow, and the median is kept. CP
 all threads, without imports.
 
 `ratio_to_reading` and `peak_gib` are the `paper` protocol's on the largest N.
-`ratio_to_reading_needed_columns` holds it against reading only the columns the protocol uses.
+`ratio_to_reading_needed_columns` compares it with reading only the columns the protocol uses.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ image are steadier than rates: take those on a machine that does other things.
 `scaling_2_workers*` is two workers, a core each, against one worker on one core.
 `gain_of_2nd_worker*` is the same two against one worker that has both cores to itself: its second
 core already encodes images and works out the next frame's truth, so a second worker gains less,
-and least where rendering is short beside the rest (`raster`).
+and least where rendering is short compared with the rest (`raster`).
 """
 
 from __future__ import annotations
@@ -278,7 +278,7 @@ def _loss(path: Path, surface: Any) -> float:
         for name, channel in image.channels().items():
             wanted = _channels(surface)[name].astype(np.float64)
             found = channel.pixels.astype(np.float64)
-            # The background's infinite depth must stay infinite: as a difference it is no number.
+            # The background's infinite depth must stay infinite: as a difference it is NaN.
             finite = np.isfinite(wanted)
             lost = not np.array_equal(finite, np.isfinite(found))
             off = np.abs(wanted[finite] - found[finite]).max(initial=0.0)

@@ -51,7 +51,7 @@ def measure(quick: bool) -> Mapping[str, Value]:
         turned, matrix = turn(grey, angle)
         pairs = {
             "as_it_comes": (plain_surf(grey), plain_surf(turned)),
-            "mended": (MahotasSurf().detect(grey), MahotasSurf().detect(turned)),
+            "corrected": (MahotasSurf().detect(grey), MahotasSurf().detect(turned)),
         }
         for name, (a, b) in pairs.items():
             row_a, row_b, _ = ratio_test(a.descriptors, b.descriptors, "euclidean", 0.8)
@@ -74,7 +74,7 @@ def blobs() -> tuple[Image, npt.NDArray[np.float64]]:
 
 
 def offset(found: npt.NDArray[Any], centres: npt.NDArray[np.float64]) -> float:
-    """Return the mean offset of what lies within 3 px of a centre."""
+    """Return the mean offset of what is within 3 px of a centre."""
     difference = found[:, None] - centres[None]  # (N, M, 2)
     nearest = difference[np.arange(len(found)), (difference**2).sum(axis=2).argmin(axis=1)]
     near = nearest[np.hypot(*nearest.T) < 3]

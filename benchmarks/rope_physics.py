@@ -44,7 +44,7 @@ def closest_stretches(points: FloatArray, length_m: float, diameter_m: float) ->
     p, q = points[a], points[b]
     u, v = points[a + 1] - p, points[b + 1] - q
     best = np.full(len(a), np.inf)
-    # Nearest points lie inside both segments, or one is an end of a segment.
+    # Nearest points are inside both segments, or one is an end of a segment.
     uu, vv, uv = (u * u).sum(1), (v * v).sum(1), (u * v).sum(1)
     r = p - q
     det = uu * vv - uv * uv

@@ -1,9 +1,9 @@
 """Where on a rope answers go wrong: along it, or across it; and what no answer could know.
 
 Splits the error of answers on pairs of unseen ropes into the part along the centre line at the true
-place and the part across it. Beside them stand two oracles that know the true place along the
+place and the part across it. For comparison, two oracles that know the true place along the
 rope: `centre` answers the middle of the rope there, `side` keeps as far to the left or right of the
-middle as the query lies in the source. What `side` misses is how the rope is rolled in each frame,
+middle as the query is in the source. What `side` misses is how the rope is rolled in each frame,
 and perspective.
 
 PLIANT_DON_DATA names a dataset with a rope tier (such as DIR/sets/rope of `pliant benchmark`;

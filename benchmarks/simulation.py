@@ -3,7 +3,7 @@
     python benchmarks/simulation.py [--quick] [--json FILE]
 
 `cloth_ms_per_step_N`: the course's cloth of N x N points held by two corners, without
-self-contact; `…_self`: with position-based contact; `…_cs184`: with the course's own. Besides
+self-contact; `…_self`: with position-based contact; `…_cs184`: with the course's own. Next to
 the hanging cloth, which touches itself little, `…_heap_…` times a cloth that falls in folds on a
 table. `cloth_cpu_s_tier_N`: a finished cloth of a tier, refused tries and the calm phase
 included. `rope_frames_per_s`: rope episodes.

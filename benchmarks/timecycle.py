@@ -1,7 +1,7 @@
 """TimeCycle on rope episodes: what a step costs beyond encoder and affinity, and how well it does.
 
 Makes rope episodes of 320x240, trains with the shipped CPU recipe, and tracks points through
-validation episodes beside staying put (identity), the middle of the mask (centroid) and the same
+validation episodes next to staying put (identity), the middle of the mask (centroid) and the same
 network untrained, all with the same propagation. `--quick` trains far too little to be good: its
 errors show that the pieces fit, not what the method can do. Errors are in pixels of a picture
 640 wide.
@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import os
 
-# Waiting threads sleep: CPU time is then work, also where other programs run beside this one.
+# Waiting threads sleep: CPU time is then work, also where other programs run as well.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 import statistics
@@ -121,7 +121,7 @@ def measure(quick: bool) -> dict[str, Value]:
         trained_s = time.process_time() - started
         matcher = load_matcher(run)
         if not isinstance(matcher, TimeCycleMatcher):
-            raise SystemExit(f"{run} is no run of TimeCycle")
+            raise SystemExit(f"{run} is not a run of TimeCycle")
         task = TimeCycleTask(dataset, matcher.settings, scratch / "watch", alone)
         curves = task.guard(matcher).curves
         record: dict[str, Value] = {"overhead_ratio": ratio, "train_cpu_s": trained_s}

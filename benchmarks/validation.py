@@ -1,9 +1,9 @@
-"""How fast a dataset is validated, beside merely decoding the same files.
+"""How fast a dataset is validated, next to merely decoding the same files.
 
 Generates a set in style `raster` (640x480, rope and cloth), then measures, on the same files,
 with the same libraries and the same number of processes: full validation, and decoding every
 PNG, EXR, Parquet and JSON file and throwing the contents away. The ratio of the two is taken
-in CPU time, which other work on the machine does not disturb; wall times stand beside it.
+in CPU time, which other work on the machine does not disturb; wall times stand next to it.
 """
 
 from __future__ import annotations

@@ -116,7 +116,7 @@ def _print(document: dict[str, Any]) -> None:
         f"{document['licence']}, {size['width']}x{size['height']} px\n"
         f"{document['sequences']:,} sequences, {document['frames']:,} frames; made by "
         f"{document['generator']}, "
-        f"{'no seed told' if document['seed'] is None else 'seed ' + str(document['seed'])}"
+        f"{'no seed given' if document['seed'] is None else 'seed ' + str(document['seed'])}"
     )
     table = Table()
     heads = ("tier", "sequences", "frames", "shapes", "coverage", "self-\noccluded", "symmetries")

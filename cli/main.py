@@ -15,18 +15,21 @@ CALL_WRONG = 2
 # name -> (module, one-line help). The module is imported only when the command is called,
 # so that `pliant --help` needs none of them.
 COMMANDS: dict[str, tuple[str, str]] = {
-    "demo": ("pliant.cli.demo", "Make, validate, answer, score and report a small benchmark."),
+    "demo": ("pliant.cli.demo", "Generate and score a small benchmark, with a report."),
     "generate": ("pliant.cli.generate", "Render datasets; run again to resume."),
     "import": ("pliant.cli.import_data", "Import images and point annotations of other tools."),
     "validate": ("pliant.cli.validate", "Check a dataset against the specification."),
     "info": ("pliant.cli.info", "Show a summary of a dataset."),
     "view": ("pliant.cli.view", "Draw contact sheets, index colours, tracks and figures."),
-    "publish": ("pliant.cli.publish", "Package a dataset for release; hold answers out."),
-    "predict": ("pliant.cli.predict", "Answer a split's queries with a method."),
+    "publish": (
+        "pliant.cli.publish",
+        "Package a dataset for release, optionally without test labels.",
+    ),
+    "predict": ("pliant.cli.predict", "Run a method on the queries of a split."),
     "methods": ("pliant.cli.methods", "List the methods that are installed."),
     "train": ("pliant.cli.train", "Train a learned method."),
     "export": ("pliant.cli.export", "Export a trained model with its model card."),
-    "submit-template": ("pliant.cli.submit_template", "Write a submission to be filled in."),
+    "submit-template": ("pliant.cli.submit_template", "Write an empty submission to fill in."),
     "check": ("pliant.cli.check", "List a submission's problems without scoring it."),
     "evaluate": ("pliant.cli.evaluate", "Score a submission by a named protocol."),
     "compare": ("pliant.cli.compare", "Paired differences between reports, with intervals."),
@@ -69,7 +72,7 @@ class LazyGroup(click.Group):
 def cli() -> None:
     """Pliant: dense pixel correspondence on deformable objects.
 
-    Exit codes: 0 fine, 1 the data is wrong, 2 the call is wrong.
+    Exit codes: 0 success, 1 invalid data, 2 invalid command line.
     """
 
 

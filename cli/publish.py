@@ -43,7 +43,7 @@ _UNITS = {"": 1, "B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9}
 def command(
     folder: Path, out: Path, private: Path | None, bundle: bool, as_json: bool, **given: Any
 ) -> int:
-    """Package the dataset DIR for release: shards, description, checksums, answers held out.
+    """Package the dataset DIR for release: shards, description, checksums.
 
     DIR2 becomes the public half: upload it as it is. With --hold-out the truth of those splits,
     and all it could be read from, goes into a folder of its own, DIR2-private: keep it. The same
@@ -84,7 +84,7 @@ def parse_size(text: str) -> int:
     """Return a size in bytes, of a text such as `500MB`.
 
     Raises:
-        CallError: It is no size.
+        CallError: It is not a size.
     """
     match = re.fullmatch(r"\s*([0-9]+(?:\.[0-9]+)?)\s*([KMG]?B|)\s*", text.upper())
     if match is None:

@@ -34,7 +34,7 @@ def read_coco(path: Path) -> Annotations:
     `CATEGORY/KEYPOINT`.
 
     Args:
-        path: The JSON file; its pictures are in its folder, in `images/` there, or beside it.
+        path: The JSON file; its pictures are in its folder, in `images/` there, or next to it.
 
     Raises:
         SpecError: It is damaged, or a picture is not there or of another size.

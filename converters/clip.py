@@ -50,7 +50,7 @@ class Clip:
         object.__setattr__(self, "visible", self.visible & self.within())
 
     def within(self) -> npt.NDArray[np.bool_]:
-        """Return where positions are known and lie in the image, bool (N, T)."""
+        """Return where positions are known and are in the image, bool (N, T)."""
         u, v = self.uv_px[..., 0], self.uv_px[..., 1]
         # As float32, in which they are stored: a position just below the border may round up.
         low = (u >= 0) & (v >= 0)

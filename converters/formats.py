@@ -1,4 +1,4 @@
-"""The foreign formats that can be imported, told apart by what the source is."""
+"""The foreign formats that can be imported, distinguished by what the source is."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Source:
 
     Attributes:
         clips: What was read.
-        kind: What its points usually lie on.
+        kind: What its points usually are on.
         queries: Which pairs of frames its own benchmark asks about.
         facts: Where it comes from and how it was read, for the dataset's provenance.
     """

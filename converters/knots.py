@@ -79,7 +79,7 @@ def _annotations(document: Any, path: Path) -> dict[int, Any]:
         document = dict(enumerate(document))
     if not isinstance(document, dict) or not document:
         raise SpecError(
-            "these are no annotations", path=path, required="an object, frame -> points"
+            "these are not annotations", path=path, required="an object, frame -> points"
         )
     frames: dict[int, Any] = {}
     for key, points in document.items():
@@ -113,7 +113,7 @@ def _positions(points: Any, where: str, path: Path) -> Floats:
             values = np.zeros(0)
         if values.ndim != 2 or values.shape[1] != 2:
             raise SpecError(
-                "a point is no list of pixels",
+                "a point is not a list of pixels",
                 path=path,
                 where=f"{where}, point {index}",
                 found=f"{pixels!r:.60}",

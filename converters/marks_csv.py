@@ -61,7 +61,7 @@ def _number(text: str, visible: bool, path: Path, where: str) -> float:
         value = math.nan
     if not math.isfinite(value):
         raise SpecError(
-            "this is no number",
+            "this is not a number",
             path=path,
             where=where,
             found=repr(text)[:40],

@@ -34,7 +34,7 @@ def make_queries(
 ) -> tuple[pa.Table, pa.Table]:
     """Return the queries and the truth of some clips.
 
-    A target in which the point is hidden is asked about only where a position stands in the
+    A target in which the point is hidden is asked about only where a position is in the
     source: that answer cannot be held against a method, but its visibility can. Where the source
     lists pairs of frames, these are asked about, whatever the scheme.
 

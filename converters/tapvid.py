@@ -1,6 +1,6 @@
 """Reads point tracks in the form of TAP-Vid: `video`, `points` and `occluded`.
 
-A pickle holds one such record, or many, in a dict by name or in a list; an npz file holds one.
+A pickle contains one such record, or many, in a dict by name or in a list; an npz file has one.
 TAP-Vid's positions are x and y over the width and height of the frame, from the corner of the
 image, so that the centre of the first pixel is at (0.5 / width, 0.5 / height).
 """
@@ -47,7 +47,7 @@ def read_tapvid(path: Path, *, coordinates: Coordinates = "auto") -> list[Clip]:
     if isinstance(records, list):
         records = {f"{path.stem}-{index:04d}": record for index, record in enumerate(records)}
     if not isinstance(records, dict) or not records:
-        raise SpecError("the file holds no point tracks", path=path, required=", ".join(FIELDS))
+        raise SpecError("the file contains no point tracks", path=path, required=", ".join(FIELDS))
     return [_clip(str(name), record, path, coordinates) for name, record in records.items()]
 
 
@@ -110,7 +110,7 @@ def _numbers(value: Any, field: str, name: str, path: Path) -> np.ndarray[Any, A
     try:
         return np.asarray(value, np.float64)
     except (TypeError, ValueError) as error:
-        raise SpecError("these are no numbers", path=path, where=f"{name}, {field}") from error
+        raise SpecError("these are not numbers", path=path, where=f"{name}, {field}") from error
 
 
 def _frame(video: Any, frame: int, name: str, path: Path) -> Image:
@@ -126,7 +126,7 @@ def _frame(video: Any, frame: int, name: str, path: Path) -> Image:
         ) from error
     if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
         raise SpecError(
-            "a frame is no colour image",
+            "a frame is not a colour image",
             path=path,
             where=f"{name}, frame {frame}",
             found=f"{image.dtype} {image.shape}",

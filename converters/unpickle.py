@@ -32,7 +32,7 @@ _BYTES_PER_FILE_BYTE: Final = 4
 
 
 def read_pickle(path: Path) -> Any:
-    """Return what a pickle holds: dicts, lists, text, bytes, numbers and numeric arrays.
+    """Return what a pickle contains: dicts, lists, text, bytes, numbers and numeric arrays.
 
     Args:
         path: The file. Pickles of numpy 1 and 2, protocols 0 to 5, are read.
@@ -51,7 +51,7 @@ def read_pickle(path: Path) -> Any:
             return reader.finished(reader.load(), 0)
     except _RefusedError as error:
         raise SpecError(
-            "the pickle asks for something that is no plain data, and was not run",
+            "the pickle asks for something that is not plain data, and was not run",
             path=path,
             found=str(error),
             required="dicts, lists, text, bytes, numbers and numeric numpy arrays",
@@ -64,7 +64,7 @@ def read_pickle(path: Path) -> Any:
 
 
 class _RefusedError(Exception):
-    """The pickle asks for a name that is not in the table, or for an array that is no array."""
+    """The pickle asks for a name that is not in the table, or for an array that is not an array."""
 
 
 class _Dtype:

@@ -1,4 +1,4 @@
-"""Writes imported data as a dataset: images and queries, and the answers beside it.
+"""Writes imported data as a dataset: images and queries, and the answers next to it.
 
 The specification lets a split stand without depth, cameras, points and correspondences: that is
 what a held-out split looks like. Data whose geometry nobody knows is written in that form, so
@@ -33,7 +33,7 @@ from pliant.spec.storage import layout
 from pliant.spec.tables import SEQUENCES
 
 UNKNOWN: Final = ("cameras", "surface", "material coordinates", "scale", "symmetries")
-"""What imported data does not say; it stands in the dataset's provenance."""
+"""What imported data does not say; it is in the dataset's provenance."""
 
 Progress = Callable[[int, int], None]
 """Called with the frames written and the frames in all."""
@@ -97,7 +97,7 @@ def write_imported(
         out: The dataset's folder; must not be there yet.
         settings: How.
         source: JSON-able facts of where the data comes from, for the provenance.
-        progress: Told after every frame.
+        progress: Called after every frame.
 
     Raises:
         CallError: A folder is there already, or the settings do not fit the data.

@@ -96,7 +96,7 @@ def evaluate_answers(
     allow_missing: bool = False,
     progress: Progress | None = None,
 ) -> Scores:
-    """Score answers that are in memory, as `evaluate` scores the file that holds them.
+    """Score answers that are in memory, as `evaluate` scores the file that contains them.
 
     Args:
         data: The dataset, or its folder.

@@ -34,7 +34,7 @@ class Scores:
     """Everything an evaluation found.
 
     Attributes:
-        document: What `scores.json` holds; see `schemas/scores.schema.json`.
+        document: What `scores.json` contains; see `schemas/scores.schema.json`.
         per_pair: One row an image pair: ids, frames, and the sums every metric is made of.
         examples: Worst and median pairs with their queries, truth and answers, for pictures;
             empty for scores that were read back from files.
@@ -156,7 +156,7 @@ def read_scores(folder: Path) -> Scores:
         folder: A folder that `write_report` wrote.
 
     Raises:
-        SubmissionError: It is no report, or a file of it is damaged.
+        SubmissionError: It is not a report, or a file of it is damaged.
     """
     path = folder / SCORES_JSON
     try:
@@ -178,10 +178,10 @@ def read_scores(folder: Path) -> Scores:
 
 def _no_report(path: Path, reason: object) -> SubmissionError:
     return SubmissionError(
-        "this is no report of pliant evaluate",
+        "this is not a report of pliant evaluate",
         path=path,
         found=" ".join(str(reason).split())[:200],
-        fix=f"Give a folder that holds {SCORES_JSON} and {PER_PAIR_TABLE}.",
+        fix=f"Give a folder that contains {SCORES_JSON} and {PER_PAIR_TABLE}.",
     )
 
 

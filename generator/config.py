@@ -64,7 +64,7 @@ class QuerySettings:
     """How many queries the frozen benchmark asks.
 
     Attributes:
-        pairs_per_sequence: Image pairs whose target lies in one sequence, >= 1.
+        pairs_per_sequence: Image pairs whose target is in one sequence, >= 1.
         queries_per_pair: Query points of a pair, >= 1 (fewer where fewer points are visible).
         splits: Splits that get queries.
         kind: `pairs`, or for episodes `track`: the points of frame 0 in every later frame;

@@ -3,7 +3,7 @@
 Decoding a PNG and an EXR costs more than a training step can hide on a small machine. The
 store keeps each frame at the working size in one fixed-size record of a sparse file, so a
 second look costs a page read. Memory stays flat: the pages belong to the file, and the
-system drops them when it likes.
+system may evict them under memory pressure.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""How a material lies in an image, point by point: which way it runs, and which side is seen.
+"""How a material is oriented in an image, per point: which way it runs, and which side is seen.
 
 Its first coordinate runs along a rope away from one end, or along a cloth's first edge; where it
 has an angle about the rope, the angle's sine tells left from right of the centre line.
@@ -24,7 +24,7 @@ class Orientation:
     """Directions of the first material coordinate in an image, and sines of an angular one.
 
     The direction at a point is the slope of the weighted least-squares plane through its nearest
-    neighbours on the material, so that points need not lie on a grid.
+    neighbours on the material, so that points need not be on a grid.
 
     Args:
         queried: The object whose material it is.

@@ -74,7 +74,7 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
       coordinates and those of their symmetry partners;
     * `distance_m` float32 (Q, Q), where matches come from the points: how far they are from each
       other on the material;
-    * `orientation` float32 (V, Q, 3), where it was asked for: how the material lies at the point,
+    * `orientation` float32 (V, Q, 3), where it was asked for: how the material is oriented,
       see `Orientation`; NaN where unknown;
     * `frames` int64 (V,), numbers in `store.frames`;
     * `action_px` float32 (V, V), the largest distance in the image that any surface point
@@ -87,7 +87,7 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
         settings: What a sample holds.
         seed: Seed of the draws.
         augmentation: Random changes, or None.
-        orientation: Samples say how the material lies; it needs matches from the points.
+        orientation: Samples give the orientation; it needs matches from the points.
 
     Raises:
         CallError: The split has too few frames for the pairing.

@@ -1,10 +1,10 @@
 """Matches from the dense surface images: the pixel of B with the nearest material coordinate.
 
 The surface image names the material point under each pixel's centre. A query's coordinate
-lies between those of B's pixels, so the nearest pixel is only the start: with the local
+is between those of B's pixels, so the nearest pixel is only the start: with the local
 Jacobian J = d material / d pixel (differences of neighbouring pixels on the same piece of
 surface, in metres), the match is p + J^-1 (m - m_p). If that step is longer than a pixel,
-the point is not on visible surface in B: it is hidden there, or lies in an occlusion's gap.
+the point is not on visible surface in B: it is hidden there, or is in an occlusion's gap.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ def _jacobian(
 ) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
     """Return d material (metres) / d (u, v) per pixel (H, W, 2, 2) and where it is known.
 
-    Central differences where both neighbours lie on the same fold, one-sided where one does.
+    Central differences where both neighbours are on the same fold, one-sided where one does.
     """
     height, width = on.shape
     J = np.zeros((height, width, 2, 2))

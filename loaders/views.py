@@ -41,7 +41,7 @@ class FrameView:
 def resize_rgb(rgb: npt.NDArray[np.uint8], size: tuple[int, int]) -> npt.NDArray[np.uint8]:
     """Return an image at another size, each pixel the mean of the area it covers.
 
-    A position (u, v) of the old image lies at (u w / W, v h / H) of the new one.
+    A position (u, v) of the old image is at (u w / W, v h / H) of the new one.
 
     Args:
         rgb: uint8 (H, W, 3).

@@ -19,7 +19,7 @@ def load_matcher(run: Path | str) -> DonMatcher | TimeCycleMatcher:
         run: The run's folder.
 
     Raises:
-        CallError: It is no run's folder.
+        CallError: It is not a run's folder.
         MissingExtraError: torch is not installed.
         TrainingError: The run has no validated weights yet, or is damaged.
     """

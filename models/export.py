@@ -45,8 +45,8 @@ def export_run(
         run has them `calibration.json`, and `data.yaml`, and `CARD.md`.
 
     Raises:
-        CallError: The name cannot be used, the run is no run or was trained on other data, a
-            report is of another run, or something else stands in the way.
+        CallError: The name cannot be used, the run is not a run or was trained on other data, a
+            report is of another run, or something else is in the way.
         TrainingError: The run is not finished or damaged.
     """
     if not _NAME.fullmatch(name):
@@ -112,7 +112,7 @@ def portable(settings: Mapping[str, Any], further: Sequence[Dataset]) -> dict[st
 
     Args:
         settings: The config.
-        further: The datasets that it names besides its own, in its order.
+        further: The datasets that it names in addition to its own, in its order.
 
     Returns:
         The config with the datasets' ids and the name of the weights that it started from.

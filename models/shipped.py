@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from pliant.models.timecycle.matcher import TimeCycleMatcher
 
 FOLDER: Final = Path(__file__).parent / "shipped"
-"""Where the models lie."""
+"""Folder of the models."""
 
 CARD: Final = "CARD.md"
 """A shipped model's card; a folder without one is none."""
@@ -26,7 +26,7 @@ def shipped_names(folder: Path | None = None) -> tuple[str, ...]:
     """Return the names of the shipped models, sorted.
 
     Args:
-        folder: Where they lie; None is `FOLDER`.
+        folder: Their folder; None is `FOLDER`.
     """
     return tuple(sorted(path.parent.name for path in (folder or FOLDER).glob(f"*/{CARD}")))
 
@@ -36,7 +36,7 @@ def load_shipped(name: str, folder: Path | None = None) -> DonMatcher | TimeCycl
 
     Args:
         name: One of `shipped_names`.
-        folder: Where they lie; None is `FOLDER`.
+        folder: Their folder; None is `FOLDER`.
 
     Raises:
         CallError: There is no such model.

@@ -232,7 +232,7 @@ def croissant_problems(root: Path) -> Iterator[str]:
             yield from _field_problems(field, objects, fields)
         for key in records.get("key", []):
             if key.get("@id") not in fields:
-                yield f"{records.get('@id')}: the key {key.get('@id')} is no field"
+                yield f"{records.get('@id')}: the key {key.get('@id')} is not a field"
 
 
 def _field_problems(
@@ -247,7 +247,7 @@ def _field_problems(
         yield f"{own}: {path.name} has no column {column!r}"
     target = field.get("references", {}).get("field", {}).get("@id")
     if target is not None and target not in fields:
-        yield f"{own}: it refers to {target}, which is no field"
+        yield f"{own}: it refers to {target}, which is not a field"
 
 
 @cache

@@ -42,7 +42,7 @@ def public_info(info: Mapping[str, Any], hold_out: Collection[str]) -> dict[str,
     """Return `dataset.json` as published with splits held out.
 
     The seed goes, of the settings too: with it anybody could generate the held-out answers
-    again. What the settings say besides is how, not what.
+    again. What the settings say in addition is how, not what.
 
     Args:
         info: The dataset's own.
@@ -101,10 +101,10 @@ def picture_alone(data: bytes, name: str) -> bytes:
         name: The file, for messages.
 
     Raises:
-        SpecError: It is no PNG, or ends in the middle.
+        SpecError: It is not a PNG, or ends in the middle.
     """
     if data[:8] != _SIGNATURE:
-        raise SpecError("this is no PNG file", path=name)
+        raise SpecError("this is not a PNG file", path=name)
     kept, at = [_SIGNATURE], 8
     while at + 12 <= len(data):
         (length,) = struct.unpack_from(">I", data, at)

@@ -1,6 +1,6 @@
-"""`pliant publish`: pack a dataset, take out what is held out, write its papers, tie the halves.
+"""`pliant publish`: pack a dataset, withhold the test labels, write its documents, link the halves.
 
-Both halves are made in temporary folders beside their places and renamed at the end.
+Both halves are made in temporary folders next to their places and renamed at the end.
 """
 
 from __future__ import annotations
@@ -156,7 +156,7 @@ def _check_place(place: Path, source: Path) -> None:
         )
     inside = source.resolve()
     if place.resolve() == inside or inside in place.resolve().parents:
-        raise CallError("the output lies inside the dataset", path=place, fix="Name another place.")
+        raise CallError("the output is inside the dataset", path=place, fix="Name another place.")
 
 
 def _warnings(dataset: Dataset, settings: PublishSettings) -> list[str]:
@@ -180,7 +180,7 @@ def _warnings(dataset: Dataset, settings: PublishSettings) -> list[str]:
 
 
 def _workplace(place: Path) -> tempfile.TemporaryDirectory[str]:
-    """Return a temporary folder beside a place, to be renamed to it."""
+    """Return a temporary folder next to a place, to be renamed to it."""
     try:
         place.parent.mkdir(parents=True, exist_ok=True)
         return tempfile.TemporaryDirectory(

@@ -161,7 +161,7 @@ def read_mapping(path: Path) -> dict[str, Any]:
     """Read the mapping of a YAML or JSON file of settings; an empty file has none.
 
     Raises:
-        CallError: The file cannot be read or is no mapping.
+        CallError: The file cannot be read or is not a mapping.
     """
     values = read_yaml(path)
     if values is not None and not isinstance(values, dict):

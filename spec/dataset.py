@@ -61,7 +61,7 @@ def check_version(version: object, path: AnyFile) -> None:
 
 @dataclass(frozen=True, repr=False)
 class Dataset:
-    """A dataset: a folder, loose or packed, or one that is read from afar.
+    """A dataset: a folder, loose or packed, or one that is read over the network.
 
     Attributes:
         root: Its folder; of a remote one, its URL for messages.
@@ -85,10 +85,10 @@ class Dataset:
         takes the same time however many frames there are.
 
         Args:
-            root: The folder that holds `dataset.json`; with `://` in it, a URL for fsspec.
+            root: The folder that contains `dataset.json`; with `://` in it, a URL for fsspec.
 
         Raises:
-            SpecError: It is no dataset, of another major version, or its two top files are
+            SpecError: It is not a dataset, of another major version, or its two top files are
                 damaged. (`pliant validate` lists everything that is wrong.)
             MissingExtraError: A URL, and fsspec is not installed.
         """
@@ -96,7 +96,7 @@ class Dataset:
         files = storage = storage_of(root)
         if not storage.has(layout.DATASET_JSON):
             raise SpecError(
-                "this is no Pliant dataset",
+                "this is not a Pliant dataset",
                 path=storage.address,
                 required=f"a folder with a {layout.DATASET_JSON}",
             )

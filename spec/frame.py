@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Frame:
-    """One frame of a sequence. Every attribute reads its file anew and keeps nothing.
+    """One frame of a sequence. Every attribute reads its file again and keeps nothing.
 
     Attributes:
         sequence: The sequence it belongs to.

@@ -107,7 +107,7 @@ def migrate(
         What was done; no files if there was nothing to do.
 
     Raises:
-        SpecError: It is no dataset, its version is newer or unknown, or a file is damaged.
+        SpecError: It is not a dataset, its version is newer or unknown, or a file is damaged.
     """
     root = Path(root)
     path = root / layout.DATASET_JSON
@@ -159,5 +159,5 @@ def _migrate_sequence(root: Path, folder: Path, steps: Sequence[Step], current: 
 
 def _object(document: Any, path: Path) -> Document:
     if not isinstance(document, dict):
-        raise SpecError("the document is no JSON object", path=path)
+        raise SpecError("the document is not a JSON object", path=path)
     return document

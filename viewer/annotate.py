@@ -47,7 +47,7 @@ class Annotation:
         points: Names of points to begin with; those of an earlier `annotations.csv` are kept.
 
     Raises:
-        CallError: It is no folder, or has fewer than two pictures.
+        CallError: It is not a folder, or has fewer than two pictures.
         PliantError: A picture or an earlier `annotations.csv` cannot be read.
     """
 

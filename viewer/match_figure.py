@@ -67,7 +67,7 @@ def draw_match(match: PhotoMatch, source: View, target: View, out: Path) -> None
     cropped = source.mask is not None and target.mask is not None
     frame_a, frame_b = _window(source, cropped), _window(target, cropped)
     frames = [frame_a, frame_b] if heat is None else [frame_a, frame_b, frame_b]
-    # All pictures get one height, so that pictures of unlike shapes stand in one row.
+    # All pictures get one height, so that pictures of unlike shapes are in one row.
     shapes = [(right - left) / (bottom - top) for left, right, bottom, top in frames]
     tall = float(np.clip(_WIDTH_IN * len(frames) / sum(shapes), *_HEIGHT_IN))
     warnings = match.warnings()

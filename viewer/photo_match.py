@@ -158,7 +158,7 @@ def match_photo(
 
 
 def grid_points(view: View, count: int, size: tuple[int, int]) -> list[tuple[float, float]]:
-    """Return points of a regular grid that lie on the object, or anywhere without a mask.
+    """Return points of a regular grid that are on the object, or anywhere without a mask.
 
     Args:
         view: The source, perhaps reduced.

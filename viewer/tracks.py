@@ -137,7 +137,7 @@ def _most_asked(
     ]
     if not own:
         raise CallError(
-            "no pair of the submission lies in one episode",
+            "no pair of the submission is in one episode",
             path=submission,
             where=sequence,
             fix="Ask for tracks when generating: --episodes --set queries.kind=track",

@@ -68,7 +68,7 @@ def keypoints_at(
         octave: OpenCV's packed octave field (pyramid level for ORB).
 
     Returns:
-        N keypoints; `class_id` holds the row.
+        N keypoints; `class_id` contains the row.
     """
     xy = uv_px.astype(np.float64) - HALF_PIXEL + PADDING_PX
     return [
@@ -82,7 +82,7 @@ def described(detector: Any, image: npt.NDArray[np.uint8], keypoints: list[Any])
 
     Args:
         detector: An OpenCV `Feature2D`.
-        image: uint8 (H, W), in which the keypoints lie well inside.
+        image: uint8 (H, W), in which the keypoints are well inside.
         keypoints: Keypoints whose `class_id` is their row.
 
     Returns:

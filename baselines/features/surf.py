@@ -4,7 +4,7 @@ OpenCV's wheels have no SURF; only builds with the non-free contributed modules 
 is another implementation with other thresholds and another orientation: its figures are not
 those of the SURF that papers usually report. Every submission names the one that ran.
 
-Two faults of mahotas 1.4 are mended here. It centres a descriptor 1 px up and to the left of
+Two faults of mahotas 1.4 are corrected here. It centres a descriptor 1 px up and to the left of
 its point, and at scales that are not whole it samples the cells unevenly. Its descriptors are
 therefore taken 1 px further and at the nearest whole scale: of the matches of a picture with
 itself turned by 180 degrees, 96 % are then right, and 42 % as it comes

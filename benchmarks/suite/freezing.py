@@ -40,14 +40,14 @@ def frozen_questions(
         config: The benchmark.
         out: Folder of the test splits: new, or one that was begun.
         workers: Sequences in work at a time.
-        tell: Told what happens, a sentence at a time.
+        tell: Called with each progress message.
 
     Returns:
         `name`, `version` and `sets`: name -> `queries`, `truth` and `tables`, as `read_frozen`
         reads them.
 
     Raises:
-        CallError: The folder holds something else.
+        CallError: The folder contains something else.
         GenerationError: A sequence could not be made.
     """
     out.mkdir(parents=True, exist_ok=True)
@@ -86,7 +86,7 @@ def _geometry(config: GenerateConfig) -> GenerateConfig:
 
 
 def _drawn_from(config: GenerateConfig, made: Path, folder: Path) -> dict[str, str]:
-    """Return `queries` and `truth` of a set whose tables another set's folder holds."""
+    """Return `queries` and `truth` of a set whose tables another set's folder contains."""
     with tempfile.TemporaryDirectory(dir=folder) as scratch:
         queries, truth = Path(scratch) / QUERIES_DIR, Path(scratch) / TRUTH_DIR
         build_queries(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 
-# Waiting threads sleep: CPU time is then work, also where other processes run beside this one.
+# Waiting threads sleep: CPU time is then work, also where other processes run as well.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 import shutil
@@ -19,7 +19,7 @@ from pliant.spec.dataset import Dataset
 from pliant.spec.errors import PliantError
 
 Tell = Callable[[int, int], None]
-"""Told how much is done, of how much."""
+"""Called with the work done and the total work."""
 
 
 @dataclass(frozen=True)
@@ -174,9 +174,9 @@ def run_all(
     Args:
         jobs: Name -> function, its job, and the names of jobs that must have ended before.
         workers: Processes at a time.
-        started: Told when a job starts.
-        tell: Told how far a job is.
-        ended: Told what became of a job. After one that failed, no other is started.
+        started: Called when a job starts.
+        tell: Called with the progress of a job.
+        ended: Called with the result of a job. After one that failed, no other is started.
         fresh: Start a new process for each job, so that its memory is returned.
     """
     import multiprocessing

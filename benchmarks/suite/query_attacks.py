@@ -255,7 +255,7 @@ def row_correlation(
     Pairs of one source ask the same points, so they are not independent.
 
     The columns are the row order (the ids) and the fractions of the query pixel. Whole pixel
-    positions are left out: that the picture of an object says where its points are is no leak.
+    positions are left out: that the picture of an object says where its points are is not a leak.
     """
     columns = np.column_stack([np.arange(len(queries.pair)), queries.uv_px % 1])
     told = np.column_stack([answers.uv_px, answers.visible, answers.point])

@@ -30,7 +30,7 @@ def write_results(
         out: Its folder.
         differing: How its test queries differ from the frozen ones.
         command: What was called, for the page.
-        page: A second place for the page; its figures go to `pictures/NAME/` beside it.
+        page: A second place for the page; its figures go to `pictures/NAME/` next to it.
 
     Returns:
         The table, as in `table.json`.

@@ -21,7 +21,7 @@ from pliant.spec.validation.validate import validate
 
 
 class Watcher(Protocol):
-    """Who is told what happens."""
+    """Receives progress messages."""
 
     def begin(self, stage: str, jobs: int, finished: int) -> None:
         """Take note that a stage begins, with so many jobs, some finished by an earlier call."""
@@ -53,7 +53,7 @@ def run_benchmark(
         resume: Go on.
         workers: Processes at a time; each training takes its share of the cores.
         until: Last stage to do: `generate`, `train` or `answer`.
-        watcher: Told what happens.
+        watcher: Receives progress messages.
 
     Returns:
         How the test queries differ from the frozen ones.
@@ -146,7 +146,7 @@ def _train(config: BenchmarkConfig, work: Workspace, workers: int, watcher: Watc
             raise CallError(
                 "this training was made with other settings",
                 path=work.run_path(name),
-                fix="Remove it and its note in stages/ to train it anew, or give another folder",
+                fix="Remove it and its note in stages/ to train it again, or give another folder",
             )
     watcher.begin("train", len(config.runs), len(config.runs) - len(jobs))
     identities = {f"run/{name}": run_digest(config, name) for name in jobs}

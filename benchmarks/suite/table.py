@@ -1,4 +1,4 @@
-"""The table of a benchmark: what each method scored and cost, beside the paper's figures."""
+"""The table of a benchmark: what each method scored and cost, next to the paper's figures."""
 
 from __future__ import annotations
 

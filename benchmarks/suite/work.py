@@ -68,7 +68,7 @@ class Workspace:
         """Take a new or empty folder, or with `resume` one that was begun.
 
         Raises:
-            CallError: It holds something else, or another benchmark.
+            CallError: It contains something else, or another benchmark.
         """
         begun = self.root / _IDENTITY
         if self.root.exists() and not self.root.is_dir():
@@ -77,7 +77,7 @@ class Workspace:
             found = json.loads(begun.read_text())
             if (found.get("name"), found.get("version")) != (name, version):
                 raise CallError(
-                    "the folder holds another benchmark",
+                    "the folder contains another benchmark",
                     path=self.root,
                     found=f"{found.get('name')} {found.get('version')}",
                     required=f"{name} {version}",

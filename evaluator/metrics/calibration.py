@@ -47,7 +47,7 @@ def expected_calibration_error(table: FloatArray) -> float:
 def sparsification(squared_error_px2: FloatArray, order_by: FloatArray, steps: int) -> FloatArray:
     """Return the RMSE that is left when the most uncertain share is removed.
 
-    Answers of equal uncertainty are removed in equal parts, so that their order is no matter.
+    Answers of equal uncertainty are removed in equal parts, so that their order does not matter.
 
     Args:
         squared_error_px2: float64 (N,), N >= 1.

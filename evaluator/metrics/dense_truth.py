@@ -18,7 +18,7 @@ from pliant.spec.model import MaterialObject
 
 _CHUNK_CELLS: Final = 1 << 21
 _TORN: Final = 8.0
-"""Neighbouring pixels further apart than so many median footprints lie on different folds."""
+"""Neighbouring pixels further apart than so many median footprints are on different folds."""
 
 
 @dataclass(frozen=True)

@@ -38,7 +38,7 @@ class Geodesic(Metric[GeodesicSettings]):
         return [
             Ratio(
                 "geodesic_mean_m", "lower", "m",
-                "mean distance on the material between the right point and what lies under the "
+                "mean distance on the material between the right point and what is under the "
                 "answer", "", "sum_geodesic_m", "geodesic_points",
             ),
             Ratio(
@@ -47,7 +47,7 @@ class Geodesic(Metric[GeodesicSettings]):
             ),
             Ratio(
                 "off_object_rate", "lower", "",
-                "share of answers that do not lie on the queried object", "",
+                "share of answers that are not on the queried object", "",
                 "off_object", "geodesic_asked",
             ),
         ]  # fmt: skip

@@ -65,7 +65,7 @@ class Matches(Metric[MatchesSettings]):
             ),
             rate(
                 "on_object_rate",
-                "share of matches whose source keypoint lies on the queried object",
+                "share of matches whose source keypoint is on the queried object",
                 ("on_object", "matches"),
             ),
             rate(
@@ -75,7 +75,7 @@ class Matches(Metric[MatchesSettings]):
             ),
             rate(
                 "target_on_object_rate",
-                "share of those whose target keypoint lies on the queried object",
+                "share of those whose target keypoint is on the queried object",
                 ("target_on_object", "on_object"),
             ),
         ]  # fmt: skip

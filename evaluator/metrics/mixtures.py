@@ -25,7 +25,7 @@ _CHUNK_DENSITIES: Final = 1 << 20
 _RING_EDGES: Final = (
     0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.85, 0.89, 0.92, 0.94, 0.96, 0.98, 1.0,
 )  # fmt: skip
-"""Probability inside the rings between which a mode's points lie, finer towards its tail."""
+"""Probability inside the rings between which a mode's points are, finer towards its tail."""
 _MOST_SPOKES: Final = 8
 _MODES_OF_MOST_SPOKES: Final = 8
 """A mixture of more modes takes fewer points per mode, so that all its modes together take at most
@@ -217,7 +217,7 @@ def _densities_at(p: FloatArray, mass: FloatArray, levels: Sequence[float]) -> I
     order = np.argsort(-p, axis=1, kind="stable")
     p = np.take_along_axis(p, order, axis=1)
     mass = np.take_along_axis(mass, order, axis=1)
-    held = np.cumsum(mass, axis=1) - mass / 2  # a point stands in the middle of its mass
+    held = np.cumsum(mass, axis=1) - mass / 2  # a point is in the middle of its mass
     for level in levels:
         after = np.clip((held < level).sum(axis=1), 1, p.shape[1] - 1)[:, None]
         low, high = (np.take_along_axis(held, index, axis=1) for index in (after - 1, after))

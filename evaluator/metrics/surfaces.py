@@ -46,7 +46,7 @@ class SurfaceFacts:
 
     Attributes:
         known: bool (N,), queries whose target frame has a surface image.
-        on_object: bool (N,), answers that lie on the queried object.
+        on_object: bool (N,), answers that are on the queried object.
         geodesic_m: float64 (N,), distance on the material; NaN off the object.
         silhouette_px: float64 (N,), of the true position to the silhouette; NaN if not known.
     """

@@ -181,7 +181,7 @@ def tapvid_pairs(
 
     A visible prediction of a visible point within the threshold is a true positive. A visible
     prediction is a false positive if the point is hidden or the distance is not within. A
-    visible point that is no true positive is a false negative; true positives and false
+    visible point that is not a true positive is a false negative; true positives and false
     negatives together are the visible points.
 
     Args:

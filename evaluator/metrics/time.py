@@ -68,7 +68,7 @@ class Time(Metric[TimeSettings]):
         columns = self.table.columns
         longest = int(self._elapsed.max(initial=0))
         if longest == 0:
-            summary.notes["rmse_over_time"] = "no pair lies in one episode"
+            summary.notes["rmse_over_time"] = "no pair is in one episode"
             return
         for index, name in groups:
             wanted = groups.masks[index] & (self._elapsed > 0)

@@ -41,7 +41,7 @@ class VideosSettings:
 class Videos(Metric[VideosSettings]):
     """Occlusion accuracy, delta_avg and average Jaccard of each video.
 
-    A video is an episode; what its pairs count is summed and stands in the first of them.
+    A video is an episode; what its pairs count is summed and is in the first of them.
     """
 
     Settings = VideosSettings

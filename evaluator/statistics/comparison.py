@@ -96,7 +96,7 @@ def check_comparable(reports: Sequence[Scores]) -> None:
 
 
 def method_names(reports: Sequence[Scores]) -> list[str]:
-    """Return the methods' names, told apart by their files where they are equal."""
+    """Return the methods' names, distinguished by their files where they are equal."""
     names = [report.method for report in reports]
     result: list[str] = []
     for report, name in zip(reports, names, strict=True):
@@ -120,7 +120,7 @@ def differences(
         metrics: Names of averaged metrics; None takes the averaged ones of the headline.
 
     Raises:
-        CallError: The reports are not comparable, or a metric is no averaged one.
+        CallError: The reports are not comparable, or a metric is not an averaged one.
     """
     check_comparable(reports)
     protocol = read_protocol(str(reports[0].document["protocol"]))

@@ -106,7 +106,7 @@ def read_answers(
         queries: The split's queries.
         problems: Receives whatever is wrong with a row.
         scratch: Where the arrays live.
-        allow_missing: A query without a row is no problem.
+        allow_missing: A query without a row is not a problem.
 
     Returns:
         The answers; to be used only if `problems` stays empty.
@@ -128,7 +128,7 @@ def read_answers(
         store.put(batch, row, known)
     answers = store.answers()
     if "FILE_UNREADABLE" in problems.counts:
-        return answers  # which rows lie in the damaged part, nobody knows
+        return answers  # which rows are in the damaged part, nobody knows
     if known_rows > answers.answered:
         repeated = known_rows - answers.answered
         _note_duplicates(submission, queries, problems, repeated)
@@ -270,7 +270,7 @@ def _note_duplicates(
             pair, query = queries.key(int(row[index]))
             place = f"row {number[index]} (pair {pair}, query {query})"
             before = f"the query was answered before, in row {first[row[index]]}"
-            described.append((place, f"{before}; required: one row a query"))
+            described.append((place, f"{before}; required: one row per query"))
         if len(described) >= LISTED_PER_CODE:
             break
     problems.add_many("ROW_DUPLICATE", count, described[:count])
@@ -281,7 +281,7 @@ def _note_missing(uv_px: RealArray, queries: Queries, problems: Problems) -> Non
         pair, query = queries.key(row)
         return (
             f"pair {pair}, query {query}",
-            "the query has no answer; required: one row a query (--allow-missing scores what is "
+            "the query has no answer; required: one row per query (--allow-missing scores what is "
             "there and counts the rest as failures)",
         )
 

@@ -139,7 +139,7 @@ def read_blocks(
         queries: The split's queries.
         truth: The truth file; its keys must be those of the queries, row by row.
         answers: The answers in the order of the queries.
-        truth_columns: Any of `point`, `box_px`, `alternatives`, besides the position and state.
+        truth_columns: Any of `point`, `box_px`, `alternatives`, read with position and state.
         query_pixels: Whether `uv_a_px` is wanted.
         block_rows: About so many queries a block; None takes `BLOCK_ROWS`.
         cap_errors: Move answers to visible points that are further off than the image diagonal
@@ -222,7 +222,7 @@ def check_truth(truth: Path, dataset_id: str, dataset_version: str, split: str, 
         sha: sha256 of the split's queries file.
 
     Raises:
-        SpecError: It belongs to something else, or is no truth.
+        SpecError: It belongs to something else, or is not a truth.
     """
     if not truth.is_file():
         raise SpecError(

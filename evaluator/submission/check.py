@@ -27,7 +27,7 @@ def check(
         submission: The submission's file.
         data: The dataset, or its folder; its queries suffice.
         truth: Not needed for a check; accepted so that calls look alike.
-        allow_missing: Whether a query without an answer is no problem.
+        allow_missing: Whether a query without an answer is not a problem.
 
     Raises:
         SpecError: The dataset is at fault, not the submission.

@@ -28,4 +28,4 @@ MAX_MATCHES_PER_PAIR: Final = 100_000
 
 MAX_VALUE_BYTES: Final = 64
 """Largest uncompressed size of one value of a numeric column, from the file's own metadata,
-on average; what passes it is no column of numbers."""
+on average; what passes it is not a column of numbers."""

@@ -53,7 +53,7 @@ def load(
         dataset: The dataset it answers.
         problems: Receives everything that is wrong.
         scratch: Where long arrays live.
-        allow_missing: Whether a query without an answer is no problem.
+        allow_missing: Whether a query without an answer is not a problem.
 
     Returns:
         The submission, or None if there is a problem.
@@ -117,7 +117,7 @@ def _open_answers(
         problems: Receives missing columns and columns of a wrong type.
 
     Raises:
-        CallError: The answers are no table, or rows without keys are not one per query.
+        CallError: The answers are not a table, or rows without keys are not one per query.
     """
     table = _table(answers)
     if not {"pair_id", "query_id"} & set(table.column_names):

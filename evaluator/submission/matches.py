@@ -80,7 +80,7 @@ def read_matches(submission: Submission, queries: Queries, problems: Problems) -
 
 
 def _best_of_each_pixel(pair: IntArray, rows: FloatArray) -> IntArray:
-    """Return the rows to use, sorted by pair, int64 (K,); the order of the file is no matter.
+    """Return the rows to use, sorted by pair, int64 (K,); the order of the file does not matter.
 
     Args:
         pair: int64 (M,).

@@ -2,10 +2,10 @@
 
 The camera modelled throws a pattern from its left and looks from its right (structured light, or
 stereo with a projector). Three things follow, all along image rows. Ground that falls away to
-the right steeper than the pattern comes in lies in its shadow and has no depth: slits between
+the right steeper than the pattern comes in is in its shadow and has no depth: slits between
 strands that run down the picture, none between those that run across. The right rim of everything
 is lost in patches, each row by a length of its own, which frays it; the left rim hardly. And
-single pixels fail: pinholes on the object, specks beside it.
+single pixels fail: pinholes on the object, specks next to it.
 
 Depth becomes grey by a fixed scale, nearer is darker, and is rounded to whole steps. The
 table is taken away: black. No renderer has a part in it, and the truth stays as it is.
@@ -61,7 +61,7 @@ class DepthCameraRenderer:
             rng: Source of the faults.
 
         Returns:
-            uint8 (H, W, 3), three times the same grey; 0 is no depth.
+            uint8 (H, W, 3), three times the same grey; 0 means no depth.
 
         Raises:
             ValueError: There is no `rng`.
@@ -93,7 +93,7 @@ def depth_picture(
 
     Args:
         rng: Source of every random number.
-        depth_m: float32 (H, W), planar depth of the objects, +inf beside them.
+        depth_m: float32 (H, W), planar depth of the objects, +inf elsewhere.
         focal_px: Horizontal focal length.
         table_m: Depth that shows as `table_grey`.
         settings: The faults.
@@ -133,13 +133,13 @@ def slope_to_the_right(depth_m: FloatImage, on: Mask, focal_px: float) -> FloatI
     """Return how steeply the surface falls away to the right, metres of depth a metre across.
 
     Args:
-        depth_m: float64 (H, W), anything finite beside the objects.
+        depth_m: float64 (H, W), anything finite off the objects.
         on: bool (H, W), where there is a surface.
         focal_px: Horizontal focal length.
 
     Returns:
         float64 (H, W): the mean of the differences to both neighbours on the object, that to
-        the one where there is one alone, 0 where there is none and beside the objects.
+        the one where there is one alone, 0 where there is none and off the objects.
     """
     step = np.zeros_like(depth_m)  # from a pixel to its right neighbour
     both = np.zeros_like(on)
@@ -160,7 +160,7 @@ def pixels_to_the_rim(on: Mask) -> npt.NDArray[np.int64]:
         on: bool (H, W).
 
     Returns:
-        int64 (H, W): 0 for a row's last pixel and beside the object.
+        int64 (H, W): 0 for a row's last pixel and off the object.
     """
     width = on.shape[1]
     column = np.arange(width)
@@ -176,7 +176,7 @@ def _add_specks(
     table_grey: float,
     count: int,
 ) -> None:
-    """Put specks of one to five pixels beside the object, in place."""
+    """Put specks of one to five pixels near the object, in place."""
     height, width = grey.shape
     for _ in range(count):
         row, column = int(rng.integers(height)), int(rng.integers(width))

@@ -2,7 +2,7 @@
 
 The sky is uniform, so what it gives changes slowly. Each of 16 directions gets a map of 96 x 96
 cells into which the object's vertices are dropped; a place counts a direction as open where no
-vertex lies above it. The share is worked out at vertices and on a coarse grid of the table, and
+vertex is above it. The share is worked out at vertices and on a coarse grid of the table, and
 interpolated between.
 """
 

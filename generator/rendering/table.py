@@ -1,4 +1,4 @@
-"""The table as one camera sees it: shaded once per sequence, shadowed anew in each frame.
+"""The table as one camera sees it: shaded once per sequence, shadowed again in each frame.
 
 Under a sun and a uniform sky an open matt plane is bright by a formula, without noise; the
 object takes away a share of each light. No renderer is needed for either.

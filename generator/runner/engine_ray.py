@@ -36,7 +36,7 @@ _AHEAD: Final = 2
 class RayEngine:
     """Runs tasks on the Ray cluster this process is connected to, or a local one.
 
-    The dataset's folder must lie on a file system that every node shares. `ray.init` is called
+    The dataset's folder must be on a file system that every node shares. `ray.init` is called
     if nobody has: it joins the cluster of `RAY_ADDRESS`, or starts a local one.
 
     Attributes:

@@ -41,7 +41,7 @@ class Failure:
 
 
 class RunFolder:
-    """`DATASET/.pliant`: what a run must remember beside the dataset itself."""
+    """`DATASET/.pliant`: what a run must remember next to the dataset itself."""
 
     def __init__(self, root: Path) -> None:
         self.root = root
@@ -52,10 +52,10 @@ class RunFolder:
         self._failures = self.path / "failures.json"
 
     def check(self) -> None:
-        """Refuse a folder that holds anything but a dataset of ours; write nothing.
+        """Refuse a folder that contains anything but a dataset of ours; write nothing.
 
         Raises:
-            CallError: The folder holds something else, or is no folder.
+            CallError: The folder contains something else, or is not a folder.
         """
         if self.root.exists() and not self.root.is_dir():
             raise CallError("the output is a file, not a folder", path=self.root)
@@ -63,7 +63,7 @@ class RunFolder:
             others = sorted(p.name for p in self.root.iterdir() if p.name != RUN_DIR)
             if others:
                 raise CallError(
-                    "the output folder holds something else",
+                    "the output folder contains something else",
                     path=self.root,
                     found=", ".join(others[:3]) + (" …" if len(others) > 3 else ""),
                     fix="Name a new or empty folder",
@@ -187,7 +187,7 @@ def refuse_changes(stored: Mapping[str, Any], wanted: Mapping[str, Any], root: P
         differences.append(f"tiers ({', '.join(missing)} there, not in this call)")
     if differences:
         raise CallError(
-            "the folder holds a set made with other settings",
+            "the folder contains a set made with other settings",
             path=root,
             found="; ".join(differences),
             fix="Call it with the same settings (sequences and tiers may be added, not taken "

@@ -36,7 +36,7 @@ class Plan:
     def missing(self) -> list[SequenceTask]:
         """The sequences still to be made, in an order that brings every tier along.
 
-        An interrupted run thus holds some of each tier and split.
+        An interrupted run thus contains some of each tier and split.
         """
         tasks = [task for task in self.tasks if task.id not in self.finished]
         return sorted(tasks, key=lambda task: task.index)  # stable: tiers and splits alternate

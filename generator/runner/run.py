@@ -120,10 +120,10 @@ def generate(
         open_maker: What makes the sequences in a worker, picklable; None renders them.
 
     Returns:
-        What was done. Sequences that failed are listed, and the set holds the others.
+        What was done. Sequences that failed are listed, and the set contains the others.
 
     Raises:
-        CallError: The folder holds something else, or a set made with other settings.
+        CallError: The folder contains something else, or a set made with other settings.
         GenerationError: The disk is full or the folder cannot be written: nothing more can be
             done, and nothing that was finished is lost.
     """
@@ -245,7 +245,7 @@ def _require_here(root: Path, event: Finished) -> None:
         raise GenerationError(
             "a worker finished this sequence, but it is not here",
             path=folder,
-            fix="With --engine ray the output must lie on a file system that all nodes share",
+            fix="With --engine ray the output must be on a file system that all nodes share",
         )
 
 
@@ -288,7 +288,7 @@ def _kept(finished: int, wanted: int) -> str:
 def _open_engine(engine: str | Engine, workers: int, log: Path, style: str) -> Engine:
     if not isinstance(engine, str):
         return engine
-    # Imported here: a finished set is told so without them.
+    # Imported here: a finished set gets an error that says so without them.
     if engine == "local":
         from pliant.generator.runner.engine_local import LocalEngine, count_gpus
 

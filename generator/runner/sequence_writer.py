@@ -168,7 +168,7 @@ class SequenceWriter:
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)) from error
             raise
         for name in (rgb_name(frame), depth_name(frame)):
-            _sync(self._partial / name)  # here, beside the rendering, and not all at the end
+            _sync(self._partial / name)  # here, next to the rendering, and not all at the end
             self._images.append(file_entry(self._partial, name))
         return time.thread_time() - start
 

@@ -5,7 +5,7 @@ styles render the same appearance. Colours are linear RGB reflectances.
 
 An appearance never breaks a symmetry that its tier declares: a rope's odd strand is strand 0, on
 which the reversal lands again; a plain cloth is woven alike under the eight maps of the
-square; stripes depend on u alone. Patterns lie on the material in the same place in every
+square; stripes depend on u alone. Patterns are on the material in the same place in every
 sequence of a tier; only their colours change.
 """
 
@@ -37,7 +37,7 @@ class TableAppearance:
         contrast: Strength of the texture, 0 to 1.
         scale_m: Size of its largest features, metres.
         angle_rad: Direction of the grain.
-        seed: Which piece of the texture lies there.
+        seed: Which piece of the texture is there.
     """
 
     kind: str

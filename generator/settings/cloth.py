@@ -47,7 +47,7 @@ class ClothSettings:
             surface is laid through it, 0 to 1; it takes out the dimples of the contact.
         tracked_a_side: Named material points along a side; its steps must divide the
             rendered grid's.
-        thickness_m: Thickness of the cloth; a cloth on the table lies at half of it.
+        thickness_m: Thickness of the cloth; a cloth on the table is at half of it.
         contact_spacings: Distance at which two layers touch, in spacings of the masses.
         density: kg/m².
         ks: Stiffness of structural and shear springs, N/m.

@@ -55,7 +55,7 @@ class AppearanceSettings:
         brightness: What a white table would reflect: the exposure.
         least_contrast: Smallest distance between object and table, in sRGB units of 0 to 1.
         materials: How many materials (object, ball and table as they are without light) a tier
-            has in all its splits; 0 gives every sequence its own. The light is always drawn anew.
+            has in all its splits; 0 gives every sequence its own. The light is always drawn again.
         first_material: Number of the first of them: a set that starts beyond another's shows
             the same configurations in materials that the other has never shown.
     """
@@ -104,13 +104,13 @@ class CameraSettings:
         fov_deg: Horizontal field of view, degrees.
         fill: Share of the frame's width or height, whichever is tighter, that the object's
             box takes at the start.
-        shift: Share of the free margin by which the object may lie off the centre.
+        shift: Share of the free margin by which the object may be off the centre.
         top_tilt_deg: Angle of the top view against the vertical, degrees.
         top_roll_deg: Roll of the top view about its axis, degrees.
         oblique_elevation_deg: Height of the oblique camera above the table, degrees.
         oblique_azimuth_deg: Where around the object it stands, degrees; 0 is the side -y. None is
             anywhere about a rope, and within 20 degrees for a cloth: a blank square looks the same
-            from four sides, and only how it lies in the image says which corner is which.
+            from four sides, and only how it is in the image says which corner is which.
         oblique_roll_deg: Roll of the oblique view, degrees.
         distance_m: Distance from the object's middle in place of `fill`, or None.
     """
@@ -138,7 +138,7 @@ class NoiseSettings:
 
     Attributes:
         gaussian: Standard deviation, in 8-bit steps.
-        photons: Photons that make a pixel white; fewer is noisier; 0 is no Poisson noise.
+        photons: Photons that make a pixel white; fewer is noisier; 0 turns off Poisson noise.
         salt_pepper: Share of the pixels that turn white or black.
         dropout: Share of the outline that is lost.
         dropout_px: How far from the outline pixels may be lost.
@@ -170,7 +170,7 @@ class DepthCameraSettings:
         frayed_px: Mean length that a row loses of the right rim, inside the patches.
         patch_px: Size of the patches.
         pinholes: Share of the object's pixels that fail.
-        specks: Specks beside the object.
+        specks: Specks next to the object.
     """
 
     table_grey: Annotated[Range, Bounds(1, 200, "of 255")] = (142.0, 154.0)

@@ -150,7 +150,7 @@ def _states(
     same = hidden & (object_id == points.object_id[rows])
     states[hidden & ~same] = _OCCLUDED
     states[same] = _SELF_OCCLUDED
-    # A point of the centre line lies under the surface and is never seen itself. It counts as
+    # A point of the centre line is under the surface and is never seen itself. It counts as
     # visible where the surface seen in its place is the rope's own, within one diameter of it.
     line = np.flatnonzero(same & points.centreline[rows])
     for part, faces, _ in mesh.parts:

@@ -1,4 +1,4 @@
-"""An exact rasteriser: which triangle lies under a pixel's centre, where in it, and how deep.
+"""An exact rasteriser: which triangle is under a pixel's centre, where in it, and how deep.
 
 A pixel's centre is a ray d = ((u - cx) / fx, (v - cy) / fy, 1) from the camera. A triangle
 with camera-space corners a, b, c is hit where z d = w0 a + w1 b + w2 c, sum w = 1, w >= 0. With
@@ -100,7 +100,7 @@ def covered_cells(
         uv: float64 (V, 2), their projections, px.
         corners: The triangle's vertices.
         cell_px: Side of a cell.
-        reach: 0.5 asks for cells whose centre lies in the box, 1 for cells that overlap it.
+        reach: 0.5 asks for cells whose centre is in the box, 1 for cells that overlap it.
         size: Columns and rows of cells.
 
     Returns:
@@ -209,7 +209,7 @@ def rasterise_into(
 
 @njit(cache=True, inline="always")
 def owns_edge(nx: float, ny: float) -> bool:
-    """Return whether a triangle owns the rays that lie exactly in its edge plane (nx, ny, .)."""
+    """Return whether a triangle owns the rays that are exactly in its edge plane (nx, ny, .)."""
     return nx > 0.0 or (nx == 0.0 and ny > 0.0)
 
 

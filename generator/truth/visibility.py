@@ -32,7 +32,7 @@ _CELL_PX: Final = 4
 
 
 def inside_frame(camera: Camera, uvz: FloatArray) -> npt.NDArray[np.bool_]:
-    """Return which projected points lie in the image, as the float32 of the files sees them.
+    """Return which projected points are in the image, as the float32 of the files sees them.
 
     Args:
         camera: The camera.

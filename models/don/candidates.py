@@ -29,7 +29,7 @@ def all_bins(descriptors: torch.Tensor, mask: torch.Tensor, bin_px: int = 1) -> 
     Args:
         descriptors: float (N, D, h, w).
         mask: bool (N, h, w).
-        bin_px: Side of a bin; its descriptor is the mean of its pixels', and it lies on the
+        bin_px: Side of a bin; its descriptor is the mean of its pixels', and it is on the
             object if any of them does. Pixels beyond the last whole bin are left out.
     """
     if bin_px > 1:

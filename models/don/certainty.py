@@ -23,7 +23,7 @@ class Calibration:
         blur_px: Taken off the spread of a mode in squares before, network pixels.
         power: Exponent of what remains of it.
         stray: Probability that the answer is anywhere on the object.
-        mode_radius_px: What lies this near to a peak is one mode with it, network pixels.
+        mode_radius_px: What is this near to a peak is one mode with it, network pixels.
         visible_at: Squared descriptor distance to the best candidate at which a point is as
             likely visible as hidden, in units of the network's scale.
         visible_slope: Slope of that logistic curve, per unit of log distance; 0 gives no

@@ -345,12 +345,12 @@ def load_matcher(run: Path | str) -> DonMatcher:
         run: The run's folder.
 
     Raises:
-        CallError: It is no run's folder.
+        CallError: It is not a run's folder.
         TrainingError: The run has no validated weights yet, or a file of it is damaged.
     """
     run = Path(run)
     if not (run / CONFIG).is_file():
-        raise CallError("this is no training run", path=run, required=f"a folder with {CONFIG}")
+        raise CallError("this is not a training run", path=run, required=f"a folder with {CONFIG}")
     settings = read_settings(DonSettings, run / CONFIG)
     settings = replace(settings, network=replace(settings.network, pretrained=""))
     canonical = None

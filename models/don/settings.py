@@ -47,15 +47,15 @@ class LossSettings:
             being non-matches).
         initial_scale: First inverse temperature.
         learn_scale: Whether it is learned.
-        background: Distributional: pixels off the object, drawn anew each step, that compete
-            besides all pixels on it; -1 for all pixels.
+        background: Distributional: pixels off the object, drawn again each step, that compete
+            in addition to all pixels on it; -1 for all pixels.
         mask_margin_px: Distributional: pixels beyond the mask that count as on the object: the side
             of a thin rope covers less than half of its pixels.
         bin_px: Distributional: side of the bins (means of descriptors) that compete, >= 1.
         chunk: Queries at a time (memory for time); 0 for all.
         margin: Contrastive: M.
         non_matches: Contrastive: pixels a query, half on the object.
-        guard_px: Contrastive: no non-match lies this near to a match.
+        guard_px: Contrastive: no non-match is this near to a match.
         squared: Contrastive: squared hinge.
         hard_scaling: Contrastive: divide by the non-matches inside the margin.
         space_weight: Weight of the Lipschitz condition in space, 0 for none.

@@ -114,7 +114,7 @@ def log_probabilities(
 
 
 def _logit_bias(candidates: torch.Tensor, scale: torch.Tensor) -> torch.Tensor:
-    """Return what a candidate's logit has besides 2 scale f g: float (N, M).
+    """Return what a candidate's logit has in addition to 2 scale f g: float (N, M).
 
     ||f||^2 is the same for every candidate and drops out of the softmax.
     """

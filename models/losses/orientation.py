@@ -1,4 +1,4 @@
-"""Orientation loss: how the material lies at each point, as a task beside matching.
+"""Orientation loss: how the material is oriented, as a task in addition to matching.
 
     L = mean |t'(x) - t(x)|^2 + 4 mean (s'(x) - s(x))^2
 
@@ -6,7 +6,7 @@ over the points seen, with t the unit vector in the image along which the first 
 grows, s the sine of the angle about a rope, and t', s' the network's (Pliant's own; see
 `pliant.loaders.orientation`).
 
-On a rope, left and right of the centre line are told apart only by the way along it: a product of
+On a rope, left and right of the centre line differ only by the direction along it: a product of
 two things, neither of which helps alone, so that matching by itself does not begin to learn them
 and answers with the middle of the rope. Asked for both outright, a network learns them early.
 """

@@ -103,7 +103,7 @@ class DescriptorNetwork(nn.Module):
         channels_in: Channels of the input.
         initial_scale: First value of the scale (inverse temperature), > 0.
         learn_scale: False keeps it there.
-        orientation: Also put out how the material lies at every pixel.
+        orientation: Also output the orientation of the material at every pixel.
         foreground: Also put out where the queried object and where any object is.
         canonical: The head that maps descriptors to material coordinates, or None.
     """
@@ -165,7 +165,7 @@ def build_network(
         seen: Its input.
         initial_scale: First value of the scale (inverse temperature).
         learn_scale: False keeps it there.
-        orientation: Also put out how the material lies at every pixel.
+        orientation: Also output the orientation of the material at every pixel.
         foreground: Also put out where the queried object and where any object is.
         canonical: The head that maps descriptors to material coordinates, or None.
 

@@ -22,7 +22,7 @@ def affinity(patch: torch.Tensor, frame: torch.Tensor, temperature: float) -> to
 def soft_inlier(
     affinities: torch.Tensor, xy: torch.Tensor, width: int, spread: float
 ) -> torch.Tensor:
-    """Return how much of each cell's affinity lies where the cell belongs.
+    """Return how much of each cell's affinity is where the cell belongs.
 
     The soft inlier count of Rocco et al. (2018): the mass within a Gaussian window about the
     place that a transformation gives the cell, the window 1 at its centre.

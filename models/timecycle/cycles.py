@@ -1,7 +1,7 @@
 """The losses: long cycles, skip cycles, similarity, and the self-cycle.
 
 A patch of a clip's last frame is sought one frame back, what is found there another frame back,
-and so on; then forward again to the last frame, where it should lie where it was cut (Wang,
+and so on; then forward again to the last frame, where it should be where it was cut (Wang,
 Jabri and Efros 2019, section 3.3). A skip cycle goes to an earlier frame and back in one step
 each. Similarity is the product of the patch with what is found in an earlier frame. The
 self-cycle seeks a turned and recoloured patch in the very frame it comes from, where the

@@ -2,7 +2,7 @@
 
 A network can satisfy a cycle without following anything: by staying where it is (identity) or
 by always answering the middle of the object (centroid). An untrained encoder tells what the
-propagation does by itself. A run states all three beside its own errors.
+propagation does by itself. A run states all three next to its own errors.
 """
 
 from __future__ import annotations

@@ -34,7 +34,7 @@ class TimeCycleMatcher:
     Args:
         network: The trained network.
         settings: The run's settings.
-        facts: What the footer says besides (dataset, steps …).
+        facts: What the footer says in addition (dataset, steps …).
     """
 
     name = "timecycle"

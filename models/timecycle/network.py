@@ -43,7 +43,7 @@ class TimeCycleNetwork(nn.Module):
             frame: float (B, D, h, w), unit descriptors of the frame.
 
         Returns:
-            Placements (B, 3); what lies there, unit descriptors (B, n n, D); the affinities
+            Placements (B, 3); what is there, unit descriptors (B, n n, D); the affinities
             (B, n n, h w).
         """
         affinities = affinity(patch, frame, self.temperature)

@@ -116,7 +116,7 @@ def draw_patches(
         noise = settings.recolour * noise
         gain, offset = 1 + noise[:, 0], noise[:, 1]
         cut = cut * gain[..., None, None] + offset[..., None, None]
-    # Cells outside the frame count nothing, those beside the object little where it is known.
+    # Cells outside the frame count nothing, those next to the object little where it is known.
     xy = place(placement, cell_grid(cells, device))
     weight = ((xy >= 0) & (xy <= size)).all(dim=2).float()
     if choose == "mask":

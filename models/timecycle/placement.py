@@ -1,4 +1,4 @@
-"""Where a patch lies in a frame: centre and angle, its cells, and what is under them.
+"""Where a patch is in a frame: centre and angle, its cells, and what is under them.
 
 Positions are in cells, with the centre of the top-left cell at (0.5, 0.5): the house's pixel
 convention, divided by the stride. A placement is (x, y, angle); a positive angle turns u
@@ -30,7 +30,7 @@ def cell_grid(cells: int, device: torch.device, points: int | None = None) -> to
 
 
 def place(placement: torch.Tensor, grid: torch.Tensor) -> torch.Tensor:
-    """Return where a patch's positions lie in the frame.
+    """Return where a patch's positions are in the frame.
 
     Args:
         placement: float (B, 3), centre and angle.

@@ -1,6 +1,6 @@
 """Carrying points through the frames of an episode.
 
-For every new frame, the descriptor of a point is the mean of what lay under it in the first
+For every new frame, the descriptor of a point is the mean of what was under it in the first
 frame and in the last few frames; the cells that look most like it compete in a softmax; the
 mean of their positions is where the point is now. The same reading in the first frame, where
 the place is known, gives the part of the error that comes of reading between cells, and is

@@ -98,7 +98,7 @@ class CycleLossSettings:
     Attributes:
         temperature: Of the affinity's softmax; 0 takes the paper's D^-0.5.
         cycle: How a cycle's end is judged: `grid`, the squared distance of the two placements
-            on an aligned grid, or `inlier`, how little of the affinity lies where it belongs.
+            on an aligned grid, or `inlier`, how little of the affinity is where it belongs.
         grid: Points of the aligned grid along a side.
         inlier_cells: Spread of the soft inlier count, cells.
         similarity: Weight of -<patch, what was found>.
@@ -148,7 +148,7 @@ class PropagationSettings:
     Attributes:
         temperature: Of the softmax over the cells that compete; 0 takes the training one.
         top_k: So many best cells compete (times refine squared finer ones).
-        context: Frames before this one that tell what the point looks like, besides the first.
+        context: Earlier frames that show the point's appearance, in addition to the first.
         first_weight: Weight of the first frame among them, 0 to 1.
         radius: Cells this far from the last place may be the next one, a share of the frame's
             longer side; 0 for all.

@@ -1,4 +1,4 @@
-"""Checkpoints: weights as safetensors, the optimiser's state beside them, swapped in whole.
+"""Checkpoints: weights as safetensors, the optimiser's state next to them, swapped in whole.
 
 `RUN/checkpoints/000500/` holds `weights.safetensors`, `average.safetensors` (the running
 average that answers), `optimiser.safetensors` and `state.json`. Nothing is pickled. The

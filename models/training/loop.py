@@ -53,7 +53,7 @@ def train(
         task: What is trained.
         run: The run's folder, which exists.
         resume: Go on from the newest checkpoint.
-        progress: Told after each step.
+        progress: Called after each step.
         stop_at: Stop after this many steps with a checkpoint, as an interruption would.
 
     Returns:

@@ -1,4 +1,4 @@
-"""Muon: a step that changes a layer equally in every direction, beside AdamW for the rest.
+"""Muon: a step that changes a layer equally in every direction, with AdamW for the rest.
 
 The mean gradient G of a weight matrix is replaced by the nearest matrix with orthonormal rows or
 columns, U Vᵀ of its singular value decomposition, so that weak directions of the gradient move as

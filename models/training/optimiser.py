@@ -33,7 +33,7 @@ def learning_rate(settings: OptimiserSettings, step: int, steps: int) -> float:
 def make_optimiser(network: nn.Module, settings: OptimiserSettings) -> torch.optim.Optimizer:
     """Return the optimiser of a network's trainable parameters.
 
-    Weights decay, biases and norms do not. Each group holds `ratio`, its rate over
+    Weights decay, biases and norms do not. Each group contains `ratio`, its rate over
     `settings.learning_rate`.
 
     Args:

@@ -126,5 +126,5 @@ def read_run_json(path: Path) -> dict[str, Any]:
     except (OSError, ValueError) as error:
         raise TrainingError("the file cannot be read", path=path, found=str(error)) from error
     if not isinstance(document, dict):
-        raise TrainingError("the file holds no JSON object", path=path)
+        raise TrainingError("the file contains no JSON object", path=path)
     return document

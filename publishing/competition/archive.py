@@ -12,7 +12,7 @@ from typing import BinaryIO, Final
 _FIRST_DAY: Final = (1980, 1, 1, 0, 0, 0)
 
 Members = Mapping[str, bytes | Path]
-"""Name inside the archive -> its bytes, or the file that holds them."""
+"""Name inside the archive -> its bytes, or the file that contains them."""
 
 
 def write_archive(target: Path | BinaryIO, members: Members) -> None:
@@ -22,7 +22,7 @@ def write_archive(target: Path | BinaryIO, members: Members) -> None:
 
     Args:
         target: The archive to write, or an open file.
-        members: What it holds.
+        members: What it contains.
     """
     with zipfile.ZipFile(target, "w", zipfile.ZIP_STORED) as archive:
         for name in sorted(members):

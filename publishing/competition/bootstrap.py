@@ -1,4 +1,4 @@
-"""Makes Pliant importable from the wheel beside this file.
+"""Makes Pliant importable from the wheel next to this file.
 
 It is copied into the programs that platforms run, where nothing of ours is installed: it uses
 the standard library alone, and says in one line what is missing. A pure wheel is a zip archive
@@ -37,7 +37,7 @@ def load_pliant(folder: Path) -> None:
         raise SystemExit(f"Scoring needs Python 3.11 or newer; found {version}.")
     wheels = sorted(folder.glob("pliant-*.whl"))
     if len(wheels) != 1:
-        raise SystemExit(f"The program needs one pliant wheel beside it; found {len(wheels)}.")
+        raise SystemExit(f"The program needs one pliant wheel next to it; found {len(wheels)}.")
     missing = [name for name in MODULES if importlib.util.find_spec(name) is None]
     if missing:
         _install(folder / "requirements.txt", missing)

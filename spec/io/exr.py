@@ -178,15 +178,15 @@ def read_header(path: AnyFile) -> ExrHeader:
         path: The EXR file.
 
     Raises:
-        FileRefusedError: It is no single-part scan-line EXR, or its header is damaged.
+        FileRefusedError: It is not a single-part scan-line EXR, or its header is damaged.
     """
     with open_binary(path) as stream:
         head = stream.read(_HEAD_BYTES)
     if len(head) < 8:
-        raise FileRefusedError("FILE_UNREADABLE", "this is no EXR file", path=path)
+        raise FileRefusedError("FILE_UNREADABLE", "this is not an EXR file", path=path)
     magic, version = struct.unpack_from("<II", head)
     if magic != _MAGIC:
-        raise FileRefusedError("FILE_UNREADABLE", "this is no EXR file", path=path)
+        raise FileRefusedError("FILE_UNREADABLE", "this is not an EXR file", path=path)
     if version & 0xFF != 2 or version & ~0x4FF:
         raise FileRefusedError(
             "IMAGE_FORMAT",

@@ -69,7 +69,7 @@ def parse_json(data: bytes, path: AnyFile) -> Any:
         raise _too_deep(path) from error
     except ValueError as error:
         raise FileRefusedError(
-            "FILE_UNREADABLE", "this is no strict JSON", path=path, found=str(error)
+            "FILE_UNREADABLE", "this is not strict JSON", path=path, found=str(error)
         ) from error
     level: list[Any] = [parsed]
     for _ in range(limits.MAX_JSON_DEPTH):
@@ -153,7 +153,7 @@ def _validator(name: str, version: str) -> Any:
 def schema_errors(document: Any, name: str) -> Iterator[tuple[str, str]]:
     """Yield (place, message) for everything in which a document breaks a schema.
 
-    Unknown fields are no fault of a document whose minor version is newer than this code's.
+    Unknown fields are not an error in a document whose minor version is newer than this code's.
 
     Args:
         document: Parsed JSON.
@@ -205,7 +205,7 @@ def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def _refuse_constant(name: str) -> NoReturn:
-    raise ValueError(f"{name} is no JSON number")
+    raise ValueError(f"{name} is not a JSON number")
 
 
 def _finite(text: str) -> float:

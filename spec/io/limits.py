@@ -1,7 +1,7 @@
 """How large a file may be, checked before its contents are read.
 
 The limits hold for every conforming dataset, so that a reader can refuse a hostile file
-before it takes any memory. They stand in SPEC.md.
+before it takes any memory. They are in SPEC.md.
 """
 
 from __future__ import annotations

@@ -42,7 +42,7 @@ def write_table(
         table: Columns of `TABLES[name]` (a submission may have more), in any order and of
             types that cast to the declared ones without loss.
         name: A key of `TABLES`.
-        footer: What the `pliant` footer object holds besides `spec_version` and `table`.
+        footer: What the `pliant` footer object contains other than `spec_version` and `table`.
 
     Raises:
         ValueError: A column is missing, of another type, or holds a null it must not.
@@ -62,7 +62,7 @@ class TableWriter:
     Args:
         path: Where to; replaced if it exists.
         name: A key of `TABLES`.
-        footer: What the `pliant` footer object holds besides `spec_version` and `table`.
+        footer: What the `pliant` footer object contains other than `spec_version` and `table`.
     """
 
     def __init__(
@@ -251,5 +251,7 @@ def footer_of(file: pq.ParquetFile, path: AnyFile) -> dict[str, Any]:
             fix=error.fix,
         ) from error
     if not isinstance(footer, dict):
-        raise FileRefusedError("FOOTER_INVALID", "the `pliant` footer is no JSON object", path=path)
+        raise FileRefusedError(
+            "FOOTER_INVALID", "the `pliant` footer is not a JSON object", path=path
+        )
     return footer

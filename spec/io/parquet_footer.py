@@ -85,7 +85,7 @@ def read_column_chunks(path: AnyFile) -> list[ColumnChunk]:
     try:
         return list(_column_chunks(footer))
     except (ValueError, LookupError, TypeError, AttributeError) as error:
-        raise unreadable(path, f"a footer that is no Thrift structure: {error}") from error
+        raise unreadable(path, f"a footer that is not a Thrift structure: {error}") from error
 
 
 # Field number -> how to read it: None keeps the value, a mapping keeps a structure's fields.

@@ -36,7 +36,7 @@ def read_photo(path: Path | str) -> npt.NDArray[np.uint8]:
 
     Raises:
         CallError: There is no such file.
-        PliantError: It is no picture that can be read, or too large.
+        PliantError: It is not a picture that can be read, or too large.
     """
     path = _existing(path)
     try:
@@ -64,7 +64,7 @@ def photo_size(path: Path | str) -> tuple[int, int]:
 
     Raises:
         CallError: There is no such file.
-        PliantError: It is no picture that can be read, or too large.
+        PliantError: It is not a picture that can be read, or too large.
     """
     path = _existing(path)
     try:
@@ -92,7 +92,7 @@ def read_mask(path: Path | str, size: tuple[int, int]) -> npt.NDArray[np.bool_]:
 
     Raises:
         CallError: It is missing, of another size, or black everywhere.
-        PliantError: It is no picture that can be read.
+        PliantError: It is not a picture that can be read.
     """
     mask: npt.NDArray[np.bool_] = (read_photo(path) > BLACK).any(axis=2)
     _check_shape("mask", path, mask.shape, size)
@@ -128,7 +128,7 @@ def read_depth(path: Path | str, size: tuple[int, int]) -> npt.NDArray[np.float3
     metres = np.issubdtype(values.dtype, np.floating)
     if values.ndim != 2 or not (metres or np.issubdtype(values.dtype, np.integer)):
         raise PliantError(
-            "this is no depth image",
+            "this is not a depth image",
             path=path,
             found=f"{values.dtype} {values.shape}",
             required="one channel: 16-bit millimetres (.png, .tif) or metres (.npy)",

@@ -87,7 +87,7 @@ def png_size(head: bytes, path: AnyFile, colour_type: int = _RGB) -> tuple[int, 
         FileRefusedError: No PNG, or not 8-bit of this type without interlacing, or too large.
     """
     if len(head) < _HEADER_BYTES or head[:8] != _SIGNATURE or head[12:16] != b"IHDR":
-        raise FileRefusedError("FILE_UNREADABLE", "this is no PNG file", path=path)
+        raise FileRefusedError("FILE_UNREADABLE", "this is not a PNG file", path=path)
     width, height, depth, colour, _, _, interlace = struct.unpack(">IIBBBBB", head[16:29])
     if (depth, colour, interlace) != (8, colour_type, 0):
         raise FileRefusedError(

@@ -14,7 +14,7 @@ from pliant.spec.errors import SpecError
 
 @dataclass(frozen=True)
 class Blob:
-    """A file whose bytes are at hand already: a member of a shard, or one fetched from afar.
+    """A file whose bytes are at hand already: a member of a shard, or one fetched over the network.
 
     Every reader of this package takes one where it takes a path.
 
@@ -67,7 +67,7 @@ def check_regular(path: AnyFile, max_bytes: int) -> int:
     if not stat.S_ISREG(status.st_mode):
         raise FileRefusedError(
             "PATH_UNSAFE",
-            "a dataset holds regular files only",
+            "a dataset contains regular files only",
             path=path,
             found="a link" if stat.S_ISLNK(status.st_mode) else "a folder or a special file",
             fix="Put the file itself there.",

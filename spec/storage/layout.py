@@ -1,4 +1,4 @@
-"""Where each file of a dataset lies (relative to its root)."""
+"""Where each file of a dataset is (relative to its root)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ QUERIES_DIR: Final = "queries"
 TRUTH_DIR: Final = "truth"
 
 INDEX_TABLE: Final = "index.parquet"
-"""Of a packed dataset: where in which shard each file of a sequence lies."""
+"""Of a packed dataset: where in which shard each file of a sequence is."""
 
 SHARD_DIRS: Final = ("frames", "folders", "correspondences")
 """Folders of a packed dataset's Parquet shards."""

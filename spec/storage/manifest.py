@@ -61,14 +61,14 @@ def read_checksums(path: AnyFile) -> dict[str, str]:
     try:
         text = read_bytes(path, MAX_CHECKSUMS_BYTES).decode("utf-8")
     except UnicodeDecodeError as error:
-        raise FileRefusedError("FILE_UNREADABLE", "this is no UTF-8 text", path=path) from error
+        raise FileRefusedError("FILE_UNREADABLE", "this is not UTF-8 text", path=path) from error
     found: dict[str, str] = {}
     for number, line in enumerate(text.splitlines(), 1):
         match = _LINE.fullmatch(line)
         if match is None or match[2] in found:
             raise FileRefusedError(
                 "FILE_UNREADABLE",
-                "a line is no checksum, or repeats a file",
+                "a line is not a checksum, or repeats a file",
                 path=path,
                 where=f"line {number}",
                 found=repr(line[:100]),
@@ -120,12 +120,12 @@ def check_halves(public: _Place, private: _Place) -> None:
         private: The private half.
 
     Raises:
-        SpecError: It is no private half, or another dataset's.
+        SpecError: It is not a private half, or another dataset's.
     """
     path = private.get(layout.MANIFEST_JSON)
     if not private.has(layout.MANIFEST_JSON):
         raise SpecError(
-            "this is no private half of a published dataset",
+            "this is not a private half of a published dataset",
             path=path,
             required=f"a folder with a {layout.MANIFEST_JSON}, made by `pliant publish`",
         )

@@ -25,10 +25,10 @@ _ROWS_IN_MEMORY = 1024
 
 
 class PackedFiles:
-    """A dataset whose sequences lie in shards; `index.parquet` says where.
+    """A dataset whose sequences are in shards; `index.parquet` says where.
 
     Args:
-        storage: Where the dataset lies.
+        storage: Where the dataset is.
         sequence_ids: The ids of sequences.parquet, in order: row i of the index is row i of it.
     """
 
@@ -119,7 +119,7 @@ class PackedFiles:
 
 
 Member = tuple[str, int, int]
-"""Where a packed file lies: shard, offset, bytes."""
+"""Where a packed file is: shard, offset, bytes."""
 
 
 def members_of(row: Mapping[str, Any]) -> dict[str, Member]:

@@ -1,6 +1,6 @@
 """Packs the sequences of a dataset into Parquet shards, and writes the index that finds them.
 
-Three kinds of shard, each of one split: `frames` (a row a frame, the images as files within),
+Three kinds of shard, each of one split: `frames` (one row per frame, the images as files within),
 `folders` (a row for every other file of a sequence's folder) and `correspondences` (rows for
 people and query engines; Pliant reads the files in `folders`). A sequence is never divided between
 two shards of a kind unless it is larger than one.
@@ -46,7 +46,7 @@ FRAMES: Final = pa.schema(
         pa.field("world_to_camera", pa.list_(pa.field("element", pa.float64()))),
     ]
 )
-"""A row a frame; what a held-out sequence does not tell is null."""
+"""One row per frame; what a held-out sequence does not tell is null."""
 
 FOLDERS: Final = pa.schema(
     [
@@ -55,7 +55,7 @@ FOLDERS: Final = pa.schema(
         pa.field("content", pa.binary(), nullable=False),
     ]
 )
-"""A row for every file of a sequence's folder that is no image."""
+"""A row for every file of a sequence's folder that is not an image."""
 
 ROWS: Final = pa.schema(
     [
@@ -303,7 +303,7 @@ def _cameras(folder: FolderToPack) -> list[dict[str, Any]]:
 
 
 def correspondence_rows(folder: FolderToPack) -> pa.Table:
-    """Return a sequence's correspondences as rows that stand on their own.
+    """Return a sequence's correspondences as self-contained rows.
 
     Args:
         folder: The sequence, with its two tables.

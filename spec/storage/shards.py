@@ -1,7 +1,7 @@
-"""One Parquet shard: rows written group by group, and where in the file each blob came to lie.
+"""One Parquet shard: rows written group by group, and where in the file each blob came to be.
 
 A blob column is stored plainly (no compression, no dictionary, no statistics), so the bytes of
-each value stand in the file as they are. Its reader needs no Parquet: an offset and a length do.
+each value are in the file as they are. Its reader needs no Parquet: an offset and a length do.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class ShardWriter:
         path: Where to; its folder is made.
         schema: Its columns.
         blobs: Leaves that hold files, as paths such as `image.bytes`, in the schema's order.
-        footer: What the `pliant` footer object holds besides `spec_version`.
+        footer: What the `pliant` footer object contains other than `spec_version`.
         metadata: Further footer entries, texts.
     """
 

@@ -211,7 +211,7 @@ def _crashed(tier: str, name: str) -> SequenceResult:
         "FILE_UNREADABLE",
         f"{layout.SEQUENCES_DIR}/{tier}/{name}",
         "",
-        "a process that read this sequence, or one beside it, was ended by the system; run again "
+        "a process that read this sequence, or another one, was killed by the system; run again "
         "with --workers 1",
     )
     return result

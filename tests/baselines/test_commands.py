@@ -73,7 +73,7 @@ def test_run_folder_is_a_method(
             "no method 'siftt'; required: one of sift, surf, orb, vgg",
         ),
         ({"METHOD": "siftt"}, 2, "Did you mean sift?"),
-        ({"--data": "nowhere"}, 1, "nowhere: this is no Pliant dataset"),
+        ({"--data": "nowhere"}, 1, "nowhere: this is not a Pliant dataset"),
         ({"--split": "train"}, 2, "no queries for split 'train'"),
         ({"--out": "missing/out.parquet"}, 2, "output folder does not exist"),
         ({"--kind": "matches"}, 2, "no keypoint matches of its own"),

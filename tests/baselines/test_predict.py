@@ -169,7 +169,7 @@ def test_template_lacks_only_the_answers(cards: Dataset, tmp_path: Path) -> None
 def test_only_a_submission_is_replaced(cards: Dataset, tmp_path: Path) -> None:
     out = tmp_path / "out.parquet"
     out.write_text("my notes")
-    with pytest.raises(CallError, match="is no submission"):
+    with pytest.raises(CallError, match="is not a submission"):
         predict(cards, "test", Fixed(), out)
     assert out.read_text() == "my notes"
     out.unlink()

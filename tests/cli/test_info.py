@@ -53,7 +53,7 @@ def test_info_of_a_public_half(tiny_dataset, tmp_path, capsys):
     assert spread["mean"] == pytest.approx(sum(shown) / 3, abs=1e-4)
     assert run(["info", str(tmp_path)]) == 0
     text = capsys.readouterr().out
-    assert "no seed told" in text
+    assert "no seed given" in text
     assert "None" not in text
     assert all(word in text for word in ("occluded", "symmetries"))  # on 80 columns, whole
     assert max(len(line) for line in text.splitlines() if "━" in line) <= 80
@@ -61,4 +61,4 @@ def test_info_of_a_public_half(tiny_dataset, tmp_path, capsys):
 
 def test_no_dataset(tmp_path, capsys):
     assert run(["info", str(tmp_path)]) == 1
-    assert "no Pliant dataset" in capsys.readouterr().err
+    assert "not a Pliant dataset" in capsys.readouterr().err

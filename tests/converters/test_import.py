@@ -253,8 +253,8 @@ def test_same_source_gives_the_same_bytes(tmp_path: Path) -> None:
 BROKEN_KNOTS: dict[str, tuple[Any, str]] = {
     "frame missing": ({k: KNOTS[k] for k in "01"}, "frame 2 has only one of them"),
     "points differ": ({**KNOTS, "1": KNOTS["1"][:2]}, "do not list the same points"),
-    "no pixels": ({**KNOTS, "1": [[7], [[1, 2]], []]}, "frame 1, point 0: a point is no list"),
-    "no frames": ({}, "these are no annotations"),
+    "no pixels": ({**KNOTS, "1": [[7], [[1, 2]], []]}, "frame 1, point 0: a point is not a list"),
+    "no frames": ({}, "these are not annotations"),
     "no number": ({**KNOTS, "x": KNOTS["1"]}, "a frame has no number"),
 }
 
@@ -275,10 +275,10 @@ def test_broken_tracks_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[s
     cases: list[tuple[Any, str]] = [
         ({**record, "points": record["points"][:, :2]}, "do not belong together"),
         ({"video": record["video"]}, "no points, occluded"),
-        ({**record, "video": record["video"].astype(float)}, "a frame is no colour image"),
+        ({**record, "video": record["video"].astype(float)}, "a frame is not a colour image"),
         ({**record, "video": [b"no picture"] * 3}, "a frame cannot be read"),
         ({**record, "points": record["points"] * np.nan}, "a visible point has no position"),
-        ([], "holds no point tracks"),
+        ([], "contains no point tracks"),
     ]
     for held, said in cases:
         path = tmp_path / "tracks.pkl"

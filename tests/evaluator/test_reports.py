@@ -153,9 +153,9 @@ def test_a_damaged_report_is_no_report(reports: Path, tmp_path: Path) -> None:
         folder = tmp_path / name
         shutil.copytree(reports / "near", folder)
         (folder / name).write_bytes(damage)
-        with pytest.raises(SubmissionError, match="no report of pliant evaluate"):
+        with pytest.raises(SubmissionError, match="not a report of pliant evaluate"):
             read_scores(folder)
-    with pytest.raises(SubmissionError, match="no report"):
+    with pytest.raises(SubmissionError, match="not a report"):
         read_scores(tmp_path)
 
 

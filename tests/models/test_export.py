@@ -236,7 +236,7 @@ def test_what_cannot_be_shipped_is_refused(
         export_run(trained, "Don/Rope", tmp_path, dataset)
     with pytest.raises(CallError, match="trained on another dataset"):
         export_run(trained, "don", tmp_path, sheet_dataset)
-    with pytest.raises(CallError, match="no training run"):
+    with pytest.raises(CallError, match="not a training run"):
         export_run(tmp_path, "don", tmp_path, dataset)
     (tmp_path / "mine").mkdir()
     with pytest.raises(CallError, match="something other than a shipped model"):

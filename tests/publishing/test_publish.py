@@ -162,7 +162,7 @@ def test_calls_that_make_no_sense_are_refused(
         ([whole, "--out", str(tmp_path / "o"), "--shard-size", "5XB"], 2, "size cannot be read"),
         ([whole, "--out", str(tmp_path / "o"), "--date", "1 May"], 2, "date cannot be read"),
         ([str(halves.public), "--out", str(tmp_path / "o")], 2, "packed"),
-        ([str(tmp_path), "--out", str(tmp_path / "o")], 1, "no Pliant dataset"),
+        ([str(tmp_path), "--out", str(tmp_path / "o")], 1, "not a Pliant dataset"),
     ):
         assert run(["publish", *arguments]) == code, arguments
         assert words in capsys.readouterr().err

@@ -64,7 +64,7 @@ def test_cameras_are_copies() -> None:
 
 
 def test_what_is_not_there_says_so(tmp_path: Path) -> None:
-    with pytest.raises(SpecError, match="no Pliant dataset"):
+    with pytest.raises(SpecError, match="not a Pliant dataset"):
         Dataset.open(tmp_path)
     dataset = Dataset.open(DATASETS / "full")
     with pytest.raises(SpecError, match="no such sequence"):

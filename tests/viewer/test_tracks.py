@@ -102,5 +102,5 @@ def test_a_submission_for_something_else_is_refused(
 ) -> None:
     with pytest.raises(CallError, match="answers other queries"):
         read_predicted_tracks(Dataset.open(tiny_dataset), submission)
-    with pytest.raises(CallError, match="no pair of the submission lies in one episode"):
+    with pytest.raises(CallError, match="no pair of the submission is in one episode"):
         read_predicted_tracks(Dataset.open(tiny_episode), submission, "rope-train-000000")

@@ -27,7 +27,7 @@ class Configuration:
 
     Attributes:
         handling: The cloth, calm, with the record of what was done to it.
-        placement: Where it stands in the world.
+        placement: Where it is in the world.
         vertices: float64 (render_a_side², 3), the rendered surface in the world, metres.
         info: JSON-able facts: coverage, hidden material, actions, tries.
     """
@@ -59,7 +59,7 @@ class Configurations:
 def make_configuration(
     settings: ClothSettings, level: int, rng: np.random.Generator
 ) -> Configuration:
-    """Simulate one configuration whose coverage lies in the level's band.
+    """Simulate one configuration whose coverage is in the level's band.
 
     Args:
         settings: The tier's settings.

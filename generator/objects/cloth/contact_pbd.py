@@ -2,7 +2,7 @@
 
 All pairs nearer than the contact distance plus a margin are listed. No two masses can meet
 that are not on the list until one of them has moved half the margin, and then the list is
-made anew. In each step every listed pair that is nearer than its target is parted to it at
+created again. In each step every listed pair that is nearer than its target is parted to it at
 once (position-based dynamics: Müller et al. 2007), with Coulomb friction between layers.
 
 The target of a pair is min(d, 0.98 x its rest distance in the sheet): masses that are

@@ -46,7 +46,7 @@ class _Moment:
 
 
 class Episode:
-    """The poses of one episode. Frames are simulated in order; going back starts anew."""
+    """The poses of one episode. Frames are simulated in order; going back starts again."""
 
     def __init__(self, settings: ClothSettings, level: int, streams: RandomStreams) -> None:
         self._settings = settings

@@ -30,7 +30,7 @@ def shape_cloth(handling: Handling, level: int, band: tuple[float, float]) -> bo
         band: Accepted silhouette coverage.
 
     Returns:
-        Whether its coverage, quickly counted, lies in the band.
+        Whether its coverage, quickly counted, is in the band.
     """
     begin, more = _LEVELS[level]
     begin(handling)

@@ -116,7 +116,7 @@ def covered_from_above(
         vertices: float64 (V, 3).
         faces: int32 (F, 3).
         points: float64 (P, 3), on the mesh.
-        own_face: int32 (P,), the triangle a point lies in, which cannot cover it; -1 for none.
+        own_face: int32 (P,), the triangle a point is in, which cannot cover it; -1 for none.
         own_vertex: int32 (P,), the vertex a point is; its triangles cannot cover it; -1 for none.
 
     Returns:

@@ -16,7 +16,7 @@ COURSE_LIMIT = 1.1
 
 
 class Motion(NamedTuple):
-    """What moves the free masses besides the springs.
+    """What moves the free masses in addition to the springs.
 
     Attributes:
         gravity: float64 (3,), m/s².

@@ -29,7 +29,7 @@ _TRIES = 6
 
 @dataclass(frozen=True)
 class Placement:
-    """Where a simulated cloth stands in the world: turned about the vertical, then shifted.
+    """Where a simulated cloth is in the world: turned about the vertical, then shifted.
 
     Attributes:
         yaw_rad: Angle of the turn.

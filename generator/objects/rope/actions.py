@@ -111,7 +111,7 @@ class Action:
 
 
 def outside_by(flat: FloatArray, settings: RopeSettings) -> FloatArray:
-    """Return how far particles lie outside the workspace.
+    """Return how far particles are outside the workspace.
 
     Args:
         flat: float64 (n, 2), metres.
@@ -127,7 +127,7 @@ def outside_by(flat: FloatArray, settings: RopeSettings) -> FloatArray:
 def next_action(
     number: int, chain: FloatArray, settings: RopeSettings, rng: np.random.Generator
 ) -> Action:
-    """Draw the next action from where the rope lies.
+    """Draw the next action from where the rope is.
 
     Args:
         number: Its number.

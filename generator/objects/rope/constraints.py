@@ -160,7 +160,7 @@ def touch(
 
 @njit(cache=True)
 def touch_ball(now: FloatArray, n: int, first: int, ball_radius: float, contact: float) -> None:
-    """Push the ball and the stretches that lie on it apart."""
+    """Push the ball and the stretches that are on it apart."""
     reach = ball_radius + 0.5 * contact
     for a in range(first, n - 1):
         along = 0.0

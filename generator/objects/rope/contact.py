@@ -14,7 +14,7 @@ from pliant.generator.scene.scene_object import FloatArray
 
 NEIGHBOUR_DIAMETERS: Final = 2.5
 """Two stretches of rope are neighbours, and may be nearer than a diameter, if less than this
-many diameters of arc length lie between them: a half turn of the tightest bend."""
+many diameters of arc length are between them: a half turn of the tightest bend."""
 
 STATIC_RULE: Final = 0.98
 """Least distance of two centre-line stretches of a sampled shape, in diameters."""

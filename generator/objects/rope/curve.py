@@ -22,7 +22,7 @@ def automatic_handles(nodes: FloatArray) -> FloatArray:
         nodes: float64 (n, d), control points, n >= 2.
 
     Returns:
-        float64 (n, 2, d): left and right handle. At an end the handles lie on the chord.
+        float64 (n, 2, d): left and right handle. At an end the handles are on the chord.
     """
     steps = np.diff(nodes, axis=0)  # (n - 1, d)
     lengths = np.sqrt((steps**2).sum(axis=1))[:, None]

@@ -36,7 +36,7 @@ def _close_pairs(
     """List (upper, lower, height needed) of the pairs nearer than `reach` in the plane.
 
     A pair belongs to the crossing nearest to it along both strands; the count is -1 if one has
-    no crossing within `far` samples, which means that two strands lie in each other.
+    no crossing within `far` samples, which means that two strands are in each other.
     """
     n = xy.shape[0]
     pairs = np.empty((64 * n, 2), dtype=np.int64)
@@ -145,7 +145,7 @@ def lift(
         diameter_m: Diameter of the rope, metres.
 
     Returns:
-        float64 (n,), metres; None where two strands lie in each other without crossing, or
+        float64 (n,), metres; None where two strands are in each other without crossing, or
         the crossings would pile up too high.
     """
     step = float(np.sqrt(((xy[1] - xy[0]) ** 2).sum()))

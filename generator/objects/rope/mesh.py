@@ -1,7 +1,7 @@
 """The surfaces of rope and ball: strands in the straight rope, and the same along a curve.
 
 A vertex is known by its rest coordinates (s * L, a, b) in metres: how far along the rope, and
-where in its cross section. Every cross section of the mesh lies in one plane of constant s, so
+where in its cross section. Every cross section of the mesh is in one plane of constant s, so
 that bending the rope never interpolates between samples of its centre line.
 """
 
@@ -18,7 +18,7 @@ from pliant.generator.scene.scene_object import Chart, FloatArray, IntArray, qua
 from pliant.generator.settings.rope import RopeSettings
 
 BALL_DEPTH: Final = 0.8
-"""The rope's end lies this share of the ball's radius away from the ball's centre."""
+"""The rope's end is this share of the ball's radius away from the ball's centre."""
 
 _RINGS: Final = 24
 
@@ -33,7 +33,7 @@ class RopeMesh:
         strand: int32 (V,).
         row: int32 (V,), cross section of the vertex.
         mirror: int32 (V,), the vertex on which the reversal (s, a, b) -> (L - s, a, -b) lands.
-        outer: bool (V,), no other strand lies outside the vertex in its cross section.
+        outer: bool (V,), no other strand is outside the vertex in its cross section.
     """
 
     rest: FloatArray
@@ -198,7 +198,7 @@ def _outer(sections: FloatArray) -> npt.NDArray[np.bool_]:
             met = a[None] + share[..., None] * (b - a)[None]
             distance = (met * ray[:, None]).sum(axis=-1)
         beyond = crosses & (distance > reach[:, None] * (1.0 + 1e-6))
-        # The edges that meet in the vertex itself touch the ray but do not lie beyond it.
+        # The edges that meet in the vertex itself touch the ray but are not beyond it.
         outer[row] = ~beyond.any(axis=1)
     return outer.reshape(rows, strands, ring).transpose(1, 0, 2)
 

@@ -1,4 +1,4 @@
-"""The truth of queries: its rows beside those of the queries, and what they must say."""
+"""The truth of queries: its rows next to those of the queries, and what they must say."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def compare_answers(
             continue
         if answers["point"][index] != asked:
             problems[index].append(
-                f"point is {answers['point'][index]}; the query lies on point {asked}"
+                f"point is {answers['point'][index]}; the query is on point {asked}"
             )
             continue
         found = (answers["u_b"][index], answers["v_b"][index])

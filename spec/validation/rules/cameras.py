@@ -1,4 +1,4 @@
-"""Rules of cameras.json: one camera a frame, each a camera indeed."""
+"""Rules of cameras.json: one camera per frame, each a camera indeed."""
 
 from __future__ import annotations
 

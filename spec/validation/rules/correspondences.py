@@ -83,7 +83,7 @@ def check_keys(table: CheckedTable, frames: int, points: int) -> bool:
         points: Points of the sequence.
 
     Returns:
-        True if the rows of a frame lie together, so that they can be read frame by frame.
+        True if the rows of a frame are together, so that they can be read frame by frame.
     """
     problems = table.problems
     if frames * points > limits.MAX_CORRESPONDENCE_ROWS:
@@ -236,7 +236,7 @@ def check_projection(
         deep,
         lambda i: (
             rows.where(i),
-            f"depth_m is {rows.depth_m[i]:.6f}; its position lies at z = {z[i]:.6f} m",
+            f"depth_m is {rows.depth_m[i]:.6f}; its position is at z = {z[i]:.6f} m",
         ),
     )
     front = z > 1e-6

@@ -64,7 +64,7 @@ class RowSample:
 
 @dataclass(frozen=True)
 class _Compared:
-    """The sampled rows beside their projection; (N, 2) pixels and (N,) metres."""
+    """The sampled rows next to their projection; (N, 2) pixels and (N,) metres."""
 
     uv: FloatArray
     depth: FloatArray
@@ -150,10 +150,10 @@ def _pixel_cause(rows: _Compared, size: tuple[int, int]) -> str | None:
         ("have u leftwards: count u from the left of the image", (width - u, v)),
         ("are turned by 180 degrees", (width - u, height - v)),
         ("have u and v exchanged: swapped axes", (v, u)),
-        ("lie in [0, 1]: divided by the image size; multiply by it", (u / width, v / height)),
-        ("lie in [-1, 1]: normalised device coordinates", (2 * u / width - 1, 2 * v / height - 1)),
+        ("are in [0, 1]: divided by the image size; multiply by it", (u / width, v / height)),
+        ("are in [-1, 1]: normalised device coordinates", (2 * u / width - 1, 2 * v / height - 1)),
     ):
-        small = 1e-3 if "lie in" in text else _PIXELS
+        small = 1e-3 if "are in" in text else _PIXELS
         if _near(rows.uv, np.stack(predicted, axis=1), small):
             return text
     nearest = np.abs(2 * rows.uv - np.rint(2 * rows.uv)).max(axis=1) < 1e-4
@@ -242,7 +242,7 @@ def _cameras(
     for axes in _AXES:
         text = "".join("xyz"[axis] for axis in axes)
         turned: _Placed = [(rows.frame, rows.xyz_m[:, list(axes)]) for rows in sample.rows]
-        yield f"have their world axes swapped: x, y, z stand in {text}", K, poses, turned
+        yield f"have their world axes swapped: x, y, z are written as {text}", K, poses, turned
     for axes in ((0, 2, 1), (0, 1, 2)):
         for sign in ((1, -1, 1), (1, 1, -1), (-1, 1, 1)):
             signed: _Placed = [

@@ -21,7 +21,7 @@ _BLOCK = 2**20
 
 @dataclass
 class SequenceFiles:
-    """The files of a sequence as its sequence.json lists them and as they lie there.
+    """The files of a sequence as its sequence.json lists them and as they are there.
 
     Attributes:
         folder: The sequence's folder.

@@ -1,4 +1,4 @@
-"""One frame's points beside its surface image: what the rules on both of them share."""
+"""One frame's points next to its surface image: what the rules on both of them share."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class FrameView:
         return self.points.object_id[self.rows.point[chosen]]
 
     def diameter_m(self, object_id: npt.NDArray[np.int32]) -> FloatArray:
-        """Return the diameters of objects, float64 (n,); 0 for those that are no tubes."""
+        """Return the diameters of objects, float64 (n,); 0 for those that are not tubes."""
         found = np.zeros(len(object_id))
         for each in self.tier.objects:
             found[object_id == each.id] = each.diameter_m

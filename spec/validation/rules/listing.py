@@ -41,7 +41,7 @@ def check_listing(
             where = f"row {number}"
             name = row["id"]
             if not is_name(name):
-                problems.add("PATH_UNSAFE", where, f"{name[:80]!r} is no sequence name")
+                problems.add("PATH_UNSAFE", where, f"{name[:80]!r} is not a sequence name")
                 continue
             if name in rows:
                 other = rows[name]["split"]

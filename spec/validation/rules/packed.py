@@ -82,7 +82,7 @@ def check_any_sequence(
         tier: The folder of its tier.
         name: The sequence.
         row: Its row of sequences.parquet, None if it has none.
-        members: Where its files lie, None for a folder of its own.
+        members: Where its files are, None for a folder of its own.
 
     Returns:
         As `check_sequence`.
@@ -118,7 +118,7 @@ def _unpack(
             continue
         problem = None
         if not layout.is_shard_name(shard) or (root / shard).is_symlink():
-            problem = f"{shard[:80]!r} is no shard"
+            problem = f"{shard[:80]!r} is not a shard"
         elif offset < 0 or not 0 <= count <= limit:
             problem = f"{count} bytes from {offset}"
         else:

@@ -106,7 +106,7 @@ def material_inside(
     object_id: npt.NDArray[Any],
     tier: Tier,
 ) -> npt.NDArray[np.bool_]:
-    """Return which material coordinates lie in the range of their object.
+    """Return which material coordinates are in the range of their object.
 
     Args:
         material: float64 (N, 2).

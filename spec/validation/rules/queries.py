@@ -81,7 +81,7 @@ def check_split_queries(
 
 
 class _SplitCheck:
-    """One pass over the queries of a split and, beside them, their truth."""
+    """One pass over the queries of a split and, next to them, their truth."""
 
     def __init__(
         self,

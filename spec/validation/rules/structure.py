@@ -1,4 +1,4 @@
-"""What may lie where in a dataset: names, kinds of file, nothing extra, no links."""
+"""What may be where in a dataset: names, kinds of file, nothing extra, no links."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pliant.spec.validation.findings import Findings
 PAPERS: Final = frozenset(
     {"README.md", "LICENSE", "CITATION.cff", "croissant.json", ".gitattributes"}
 )
-"""Files for people and catalogues that may lie in the root; their contents have no rules."""
+"""Files for people and catalogues that may be in the root; their contents have no rules."""
 
 WORKSHOPS: Final = frozenset({".pliant", ".cache", ".git"})
 """Working folders in the root, of a generator, of a download, of git; not part of the dataset,
@@ -50,7 +50,7 @@ def list_folder(folder: Path, shown: str, findings: Findings) -> tuple[set[str],
                         "PATH_UNSAFE",
                         printable(f"{shown}/{entry.name}" if shown else entry.name),
                         "",
-                        f"a dataset holds regular files and folders only; found {kind}",
+                        f"a dataset contains regular files and folders only; found {kind}",
                     )
     except OSError as error:
         findings.add("FILE_UNREADABLE", shown or ".", "", f"cannot be listed: {error.strerror}")
@@ -69,7 +69,7 @@ def report_extra(findings: Findings, shown: str, extra: set[str], allowed: str) 
         findings: Gets `FILE_EXTRA`.
         shown: The folder's path in issues; empty for the root.
         extra: Names.
-        allowed: What may lie there, in words.
+        allowed: What may be there, in words.
     """
     for name in sorted(extra):
         path = printable(f"{shown}/{name}" if shown else name)

@@ -52,7 +52,7 @@ def _tier_problems(tier: Tier) -> list[str]:
 
 
 def _symmetry_problems(tier: Tier) -> list[tuple[int, str]]:
-    """Return (index, sentence) for every symmetry that is no symmetry.
+    """Return (index, sentence) for every symmetry that is not a symmetry.
 
     Maps are compared by the places to which they send three points in general position.
     """
@@ -71,7 +71,7 @@ def _symmetry_problems(tier: Tier) -> list[tuple[int, str]]:
         if names.index(candidate.name) != index:
             problems.append((index, f"a second symmetry named {candidate.name!r}"))
         if not _is_bijection(candidate, queried):
-            problems.append((index, "the map is no bijection of the object's material"))
+            problems.append((index, "the map is not a bijection of the object's material"))
         elif known(group[index + 1], group[:1]):
             problems.append((index, "the identity is never listed"))
         elif known(group[index + 1], group[1 : index + 1]):

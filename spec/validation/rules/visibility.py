@@ -5,7 +5,7 @@ image samples that surface at pixel centres only. Between two centres there can 
 an edge or a sharp tip that no pixel shows, so no rule on pixels can hold everywhere. The
 rules here are strict where the image leaves no doubt, and count where it does.
 
-*Smooth* is a point whose 5x5 pixels lie in the image, have one object id and, unless that
+*Smooth* is a point whose 5x5 pixels are in the image, have one object id and, unless that
 is the background, change from pixel to neighbour by at most `SLOPE` pixel footprints in
 depth and on the material. A continuous surface hides what is behind it there, but says
 nothing of what is in front: a part thinner than a pixel can pass between the centres. Its
@@ -17,7 +17,7 @@ object must then be seen nearby, and a tube thinner than `THIN` footprints is no
 - A hidden point is not nearer than its 3x3 by more than `MATCH` footprints, unless a pixel
   of what hides it is within `NEARBY` pixels; behind one object, the state names it
   (`self_occluded` its own, `occluded` another); and on a cloth, whose material coordinates
-  are those of one surface point, it is no match.
+  are those of one surface point, it is not a match.
 
 Elsewhere a frame's visible points may miss, but not half of them. A point counts as matched
 if it is no farther from its object's pixels than these are from each other, as on a grazing
@@ -154,7 +154,7 @@ def _check_visible(windows: Windows, problems: FileProblems) -> npt.NDArray[np.i
     own, depth, near = windows.own, windows.point_depth_m, windows.near_m
     line = view.points.centreline[rows.point[windows.chosen]]
     reach = MATCH * windows.footprint_m
-    # A surface point lies on the surface shown; a centre-line point up to a diameter below.
+    # A surface point is on the surface shown; a centre-line point up to a diameter below.
     limit = reach + np.where(line, CENTRELINE_REACH * view.diameter_m(own), 0.0)
     same = windows.near_id == own[:, None, None]
     lower = depth[:, None, None] - near

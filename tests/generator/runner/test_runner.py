@@ -98,7 +98,7 @@ def test_foreign_folders_and_files_are_refused(make, tmp_path):
     (tmp_path / "photos").mkdir()
     (tmp_path / "photos" / "cat.png").touch()
     (tmp_path / "file").touch()
-    with pytest.raises(CallError, match=r"photos: the output folder holds something else.*cat"):
+    with pytest.raises(CallError, match=r"photos: the output folder contains something else.*cat"):
         make(tmp_path / "photos")
     with pytest.raises(CallError, match="not a folder"):
         make(tmp_path / "file")

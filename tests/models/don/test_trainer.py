@@ -206,7 +206,7 @@ def test_calls_that_are_refused(sheet_dataset: Dataset, tmp_path: Path) -> None:
         train_don(sheet_dataset, run, tiny("steps=2"))
     with pytest.raises(TrainingError, match="settings it began with"):
         train_don(sheet_dataset, run, tiny("steps=9"), resume=True)
-    with pytest.raises(CallError, match="no training run"):
+    with pytest.raises(CallError, match="not a training run"):
         load_matcher(tmp_path / "nothing")
 
 

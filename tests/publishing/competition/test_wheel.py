@@ -94,7 +94,7 @@ def test_bootstrap_can_be_read_by_an_old_python() -> None:
 
 
 def test_bootstrap_says_what_is_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(SystemExit, match="needs one pliant wheel beside it; found 0"):
+    with pytest.raises(SystemExit, match="needs one pliant wheel next to it; found 0"):
         bootstrap.load_pliant(tmp_path)
     (tmp_path / "pliant-1.whl").touch()
     (tmp_path / "requirements.txt").write_text("no-such-library @ file:///nowhere/at.whl\n")
