@@ -16,8 +16,6 @@ from pliant.benchmarks.suite.work import processor_name
 
 Value = float | int | str | bool | None
 
-# numba imports the package `coverage` where there is one; benchmarks/coverage.py is not it.
-sys.modules.setdefault("coverage", None)  # type: ignore[arg-type]
 sys.path.append(str(Path(__file__).resolve().parents[1]))  # for benchmarks.course_cloth
 
 

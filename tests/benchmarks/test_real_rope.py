@@ -19,7 +19,7 @@ BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 
 @pytest.fixture(scope="module")
 def benchmark_module() -> Any:
-    """`benchmarks/real_rope.py`, without leaving its folder on the path: it has a coverage.py."""
+    """`benchmarks/real_rope.py`, without leaving its folder on the path."""
     for name in ("record", "real_rope"):
         spec = importlib.util.spec_from_file_location(name, BENCHMARKS / f"{name}.py")
         assert spec is not None

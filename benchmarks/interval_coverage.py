@@ -1,6 +1,6 @@
 """How often `pliant compare` calls equal methods different, and what it finds when they differ.
 
-    python benchmarks/coverage.py [--quick] [--json FILE]
+    python benchmarks/interval_coverage.py [--quick] [--json FILE]
 
 Simulates two methods on n sequences of 20 queries. A sequence has a difficulty that both methods
 share and an effect of each method; both effects are normal or log-normal, so errors have a few or
