@@ -1,4 +1,5 @@
 # make demo: a small benchmark, rendered, answered, scored and reported in ./demo
+# make docs: the documentation site, without network access, in build/site
 # make test: lint, types, tests
 # make test-all: the same with the tests that take minutes (marker `long`)
 # Both make .venv from constraints.txt when it is missing; Python 3.11 is all they need.
@@ -8,7 +9,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 OUT ?= demo
 
-.PHONY: demo test test-all lint types unit unit-all venv clean
+.PHONY: demo docs test test-all lint types unit unit-all venv clean
 
 venv: $(VENV)/.installed
 
@@ -19,6 +20,9 @@ $(VENV)/.installed: pyproject.toml constraints.txt
 
 demo: venv
 	$(BIN)/pliant demo --out $(OUT)
+
+docs: venv
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 test: venv lint types unit
 

@@ -1,0 +1,186 @@
+"""The site's generated pages, and the links of pages to files of the repository (mkdocs hook)."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from latex2mathml.converter import convert
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.structure.files import File, Files
+from mkdocs.structure.pages import Page
+
+from pliant.benchmarks.suite.config import BenchmarkConfig
+from pliant.evaluator.protocols.protocol import PROTOCOL_NAMES, read_protocol
+from pliant.evaluator.statistics.ratios import Figure
+from pliant.generator.config import GenerateConfig
+from pliant.models.don.settings import DonSettings
+from pliant.models.timecycle.settings import TimeCycleSettings
+from pliant.publishing.settings import PublishSettings
+from pliant.spec.configuration import json_schema
+
+ROOT: Final = Path(__file__).resolve().parents[1]
+
+COPIED: Final = {
+    "spec/SPEC.md": "reference/format.md",
+    "spec/CHANGES.md": "reference/format-changes.md",
+    "spec/conformance/README.md": "reference/conformance.md",
+    "CHANGELOG.md": "reference/changelog.md",
+}
+"""File of the repository -> page of the site."""
+
+SETTINGS: Final = {
+    "pliant generate": GenerateConfig,
+    "pliant train don": DonSettings,
+    "pliant train timecycle": TimeCycleSettings,
+    "pliant publish": PublishSettings,
+    "pliant benchmark": BenchmarkConfig,
+}
+
+CLI: Final = """# Command line
+
+::: mkdocs-click
+    :module: pliant.cli.main
+    :command: cli
+    :prog_name: pliant
+    :depth: 1
+    :style: table
+    :list_subcommands: true
+"""
+
+API: Final = {
+    "Load, predict, evaluate": (
+        "pliant.api.load",
+        "pliant.api.predict",
+        "pliant.api.evaluate",
+        "pliant.api.validate",
+        "pliant.api.open_method",
+    ),
+    "Datasets": ("pliant.spec.dataset.Dataset", "pliant.spec.frame.Frame"),
+    "Methods": ("pliant.baselines.matcher", "pliant.baselines.views", "pliant.baselines.answers"),
+    "Scores": ("pliant.evaluator.scores.Scores",),
+    "Training data": ("pliant.loaders.pairs", "pliant.loaders.single_frames"),
+}
+
+_LINK = re.compile(r"(!?)\[([^\[\]]*)\]\(([^)\s#]+)(#[^)\s]*)?\)")
+_CODE = re.compile(r"(^```.*?^```|`[^`\n]*`)", re.DOTALL | re.MULTILINE)
+_MATHS = re.compile(r"\$\$(.+?)\$\$|\$([^$\n]+(?:\n[^$\n]+)?)\$", re.DOTALL)
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """Add the pages that are copied from the repository or generated from the code."""
+    pages = {target: (ROOT / source).read_text() for source, target in COPIED.items()}
+    pages |= {
+        "reference/cli.md": CLI,
+        "reference/api.md": _api(),
+        "reference/configuration.md": _configuration(),
+        "reference/metrics.md": _metrics(),
+    }
+    for path, text in pages.items():
+        files.append(File.generated(config, path, content=text))
+    return files
+
+
+def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """Lead links to repository files to their pages, and write formulas as MathML."""
+    target = page.file.src_uri
+    source = next((each for each, page_of in COPIED.items() if page_of == target), f"docs/{target}")
+
+    def adapted(link: re.Match[str]) -> str:
+        mark, text, path, anchor = link[1], link[2], link[3], link[4] or ""
+        if "://" in path or path.startswith("mailto:") or not (ROOT / source).exists():
+            return link[0]
+        file = os.path.normpath(os.path.join(os.path.dirname(source), path))
+        place = COPIED.get(file, file.removeprefix("docs/") if file.startswith("docs/") else "")
+        if not place or (files.get_file_from_path(place) is None):
+            return text  # a file of the repository that the site does not show
+        return f"{mark}[{text}]({os.path.relpath(place, os.path.dirname(target) or '.')}{anchor})"
+
+    markdown = re.sub(r"^(```\w+) .*$", r"\1", markdown, flags=re.MULTILINE)  # `json example`
+    parts = _CODE.split(markdown)
+    parts[::2] = [_MATHS.sub(_mathml, part) for part in parts[::2]]
+    # Link texts may contain code, so links are replaced in the whole page, outside code blocks.
+    blocks = re.split(r"(^```.*?^```)", "".join(parts), flags=re.DOTALL | re.MULTILINE)
+    blocks[::2] = [_LINK.sub(adapted, block) for block in blocks[::2]]
+    return "".join(blocks)
+
+
+def _mathml(found: re.Match[str]) -> str:
+    text = convert(found[1] or found[2], display="block" if found[1] else "inline")
+    return " ".join(text.split())
+
+
+def _api() -> str:
+    parts = ["# Python API\n"]
+    for title, names in API.items():
+        parts += [f"## {title}\n", *(f"::: {name}\n" for name in names)]
+    return "\n".join(parts)
+
+
+def _configuration() -> str:
+    parts = [
+        "# Configuration\n\nFields of the YAML files, and keys of `--set`. "
+        "Nested fields are written with a dot.\n"
+    ]
+    for command, cls in SETTINGS.items():
+        schema = json_schema(cls)
+        rows = [
+            f"| `{name}` | {_kind(field)} | {_default(field)} | {_cell(field.get('description'))} |"
+            for name, field in _fields(schema, schema.get("$defs", {}))
+        ]
+        parts += [f"## `{command}`\n", "| field | type | default | meaning |\n|---|---|---|---|"]
+        parts += ["\n".join(rows) + "\n"]
+    return "\n".join(parts)
+
+
+def _fields(
+    schema: Mapping[str, Any], classes: Mapping[str, Any], prefix: str = ""
+) -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """Yield (dotted name, schema) of every setting that is not itself a group of settings."""
+    for name, field in schema.get("properties", {}).items():
+        options = [field, *field.get("anyOf", ()), *field.get("allOf", ())]
+        inner = next((each["$ref"] for each in options if "$ref" in each), None)
+        group = classes.get(inner.rpartition("/")[2], {}) if inner else {}
+        if "properties" in group:
+            yield from _fields(group, classes, f"{prefix}{name}.")
+        else:
+            yield prefix + name, {**group, **field}
+
+
+def _kind(field: Mapping[str, Any]) -> str:
+    if "enum" in field:
+        return ", ".join(f"`{value}`" for value in field["enum"])
+    if "anyOf" in field:
+        return " or ".join(dict.fromkeys(_kind(each) for each in field["anyOf"]))
+    unit = f", {field['unit']}" if "unit" in field else ""
+    return f"{field.get('type', 'value')}{unit}"
+
+
+def _default(field: Mapping[str, Any]) -> str:
+    if "default" not in field:
+        return ""
+    value = field["default"]
+    return f"`{value}`" if value not in (None, "", [], {}) else "none"
+
+
+def _metrics() -> str:
+    parts = ["# Metrics\n\nThe metrics of each protocol, in the order of a report.\n"]
+    for name in PROTOCOL_NAMES:
+        protocol = read_protocol(name)
+        parts += [
+            f"## Protocol `{name}`\n\n{protocol.summary}\n",
+            "| metric | unit | better | meaning |\n|---|---|---|---|",
+            "\n".join(_metric(each) for each in protocol.figures.values()) + "\n",
+        ]
+    return "\n".join(parts)
+
+
+def _metric(figure: Figure) -> str:
+    return f"| `{figure.name}` | {figure.unit} | {figure.better} | {_cell(figure.about)} |"
+
+
+def _cell(text: str | None) -> str:
+    return " ".join((text or "").split()).replace("|", "\\|")
