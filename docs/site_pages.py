@@ -100,6 +100,7 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
         return f"{mark}[{text}]({os.path.relpath(place, os.path.dirname(target) or '.')}{anchor})"
 
     markdown = re.sub(r"^(```\w+) .*$", r"\1", markdown, flags=re.MULTILINE)  # `json example`
+    markdown = re.sub(r"^```math\n(.*?)^```", r"$$\1$$", markdown, flags=re.DOTALL | re.MULTILINE)
     parts = _CODE.split(markdown)
     parts[::2] = [_MATHS.sub(_mathml, part) for part in parts[::2]]
     # Link texts may contain code, so links are replaced in the whole page, outside code blocks.
