@@ -26,14 +26,14 @@ def load_matcher(run: Path | str) -> DonMatcher | TimeCycleMatcher:
     from pliant.spec.errors import MissingExtraError
 
     try:
-        from pliant.models.don import matcher
+        from pliant.models.don.loading import load_matcher as load_don
         from pliant.models.timecycle.matcher import load_timecycle
         from pliant.models.training.run_folder import CONFIG
     except ImportError as error:
         raise MissingExtraError("answering with a trained network", "train") from error
     if _kind(Path(run) / CONFIG) == "timecycle":
         return load_timecycle(Path(run))
-    return matcher.load_matcher(run)
+    return load_don(run)
 
 
 def _kind(config: Path) -> str:

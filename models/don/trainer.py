@@ -13,8 +13,9 @@ from pliant.loaders import MixedPairs, PairDataset
 from pliant.loaders.frame_store import FrameStore, named_tier
 from pliant.models.don.calibration import calibrate, fit_sharpness
 from pliant.models.don.familiarity import FAMILIARITY, Familiarity, fit_familiarity
+from pliant.models.don.loading import don_network
 from pliant.models.don.loss import don_loss
-from pliant.models.don.matcher import DonMatcher, don_network
+from pliant.models.don.matcher import DonMatcher
 from pliant.models.don.settings import DonSettings
 from pliant.models.don.validation import ValidationPair, draw_validation_pairs, validate
 from pliant.models.networks.canonical import CanonicalHead

@@ -1,0 +1,74 @@
+"""Networks and matchers of runs: from a config, and from a run's folder."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from pliant.models.don.certainty import Calibration
+from pliant.models.don.familiarity import FAMILIARITY, Familiarity
+from pliant.models.don.matcher import DonMatcher
+from pliant.models.don.settings import DonSettings
+from pliant.models.networks.canonical import PREFIX, CanonicalHead
+from pliant.models.networks.descriptor_network import DescriptorNetwork, build_network
+from pliant.models.training.checkpoint import BEST, load_best, read_weights_file
+from pliant.models.training.run_folder import CALIBRATION, CONFIG, RUN_FACTS, read_run_json
+from pliant.spec.configuration import read_settings
+from pliant.spec.errors import CallError, TrainingError
+
+
+def don_network(settings: DonSettings, canonical: CanonicalHead | None) -> DescriptorNetwork:
+    """Return the network of a run with its starting weights.
+
+    Args:
+        settings: The run's settings.
+        canonical: Its canonical head, or None.
+
+    Raises:
+        CallError: The pretrained weights cannot be found or do not fit.
+    """
+    loss = settings.loss
+    return build_network(
+        settings.network,
+        settings.pairs.network_input,
+        initial_scale=loss.initial_scale,
+        learn_scale=loss.learn_scale,
+        orientation=loss.orientation_weight > 0,
+        foreground=loss.foreground_weight > 0,
+        canonical=canonical,
+    )
+
+
+def load_matcher(run: Path | str) -> DonMatcher:
+    """Return the matcher of a finished (or running) training run.
+
+    Args:
+        run: The run's folder.
+
+    Raises:
+        CallError: It is not a run's folder.
+        TrainingError: The run has no validated weights yet, or a file of it is damaged.
+    """
+    run = Path(run)
+    if not (run / CONFIG).is_file():
+        raise CallError("this is not a training run", path=run, required=f"a folder with {CONFIG}")
+    settings = read_settings(DonSettings, run / CONFIG)
+    settings = replace(settings, network=replace(settings.network, pretrained=""))
+    canonical = None
+    if settings.loss.canonical_weight > 0:
+        anchors = read_weights_file(run / BEST)[PREFIX + "anchors"]
+        canonical = CanonicalHead(settings.network.descriptor_dim, len(anchors))
+    network = don_network(settings, canonical)
+    load_best(network, run)
+    calibration = None
+    if values := read_run_json(run / CALIBRATION):
+        try:
+            calibration = Calibration(**values)
+        except TypeError as error:
+            raise TrainingError(
+                "the calibration is damaged", path=run / CALIBRATION, found=str(error)
+            ) from error
+    matcher = DonMatcher(network, settings, calibration, read_run_json(run / RUN_FACTS))
+    if values := read_run_json(run / FAMILIARITY):
+        matcher.familiarity = Familiarity.from_document(values, run / FAMILIARITY)
+    return matcher
