@@ -128,7 +128,7 @@ FOLDERS: dict[str, tuple[str, ...]] = {
 
 
 def test_every_command_that_reads_something_is_here() -> None:
-    """`annotate` serves a page until it is stopped: `tests/viewer/test_annotate.py` has its inputs."""
+    """`annotate` serves a page until it is stopped; `test_annotate.py` has its inputs."""
     assert {call[0] for _, call in INPUTS.values()} == set(COMMANDS) - {
         "demo",
         "methods",
