@@ -112,7 +112,7 @@ def _required(function: Callable[..., Any]) -> int:
 
 
 def _module(place: str, reference: str) -> ModuleType:
-    """Import a file, whose folder then is on the path as for `python FILE`, or a module."""
+    """Import a file or a module; its folder is then the last on the path, for its neighbours."""
     if not place.endswith(".py"):
         if str(Path.cwd()) not in sys.path:
             sys.path.append(str(Path.cwd()))
@@ -121,7 +121,7 @@ def _module(place: str, reference: str) -> ModuleType:
     if not path.is_file():
         raise CallError("there is no such file", path=place)
     if str(path.parent) not in sys.path:
-        sys.path.insert(0, str(path.parent))
+        sys.path.append(str(path.parent))  # not first: it would hide the standard library
     module = _imported(path.stem, reference)
     if Path(str(module.__file__)).resolve() != path:
         raise CallError(

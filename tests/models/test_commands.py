@@ -42,7 +42,7 @@ def test_train_predict_and_check(
     assert run(["check", str(submission), "--data", str(tiny_dataset)]) == 0
     method = read_footer(submission)["method"]
     assert method["name"] == "don"
-    assert method["answer"]["decode"] == "median"
+    assert method["answer"]["decode"] == "trace"
     assert method["answer"]["search"] == "mask"
     assert method["mask"] == "given"
     assert method["steps"] == 2
