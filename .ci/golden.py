@@ -18,6 +18,12 @@ def differences(found: object, golden: object, place: str = "") -> list[str]:
             for key, value in golden.items()
             for line in differences(found.get(key), value, f"{place}/{key}")
         ]
+    if isinstance(golden, list) and isinstance(found, list) and len(golden) == len(found):
+        return [
+            line
+            for index, values in enumerate(zip(found, golden, strict=True))
+            for line in differences(*values, f"{place}/{index}")
+        ]
     if isinstance(golden, float) and isinstance(found, int | float):
         close = math.isclose(found, golden, rel_tol=1e-9, abs_tol=1e-9)
         return [] if close else [f"{place}: found {found!r}, golden {golden!r}"]
