@@ -16,6 +16,7 @@ venv: $(VENV)/.installed
 $(VENV)/.installed: pyproject.toml constraints.txt
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[all,dev]'
+	if command -v npm >/dev/null; then npm ci --silent --prefix spec/examples; fi # a writer in JavaScript
 	touch $@
 
 demo: venv

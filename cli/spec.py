@@ -12,7 +12,7 @@ from pliant.cli.terminal import echo, echo_json
 
 @click.command()
 @click.argument("name", required=False)
-@path_option("--out", "PATH", "Write SPEC.md and all schemas there.")
+@path_option("--out", "PATH", "Write the specification and all schemas into this folder.")
 @json_option
 def command(name: str | None, out: Path | None, as_json: bool) -> None:
     """Print or write the specification's schemas.
@@ -50,7 +50,7 @@ def command(name: str | None, out: Path | None, as_json: bool) -> None:
             document = COLUMNS[name]
         else:
             raise CallError(
-                "there is no such schema",
+                "unknown schema",
                 found=name,
                 required=", ".join(each for names in groups.values() for each in names),
             )

@@ -26,6 +26,10 @@ ROOT: Final = Path(__file__).resolve().parents[1]
 
 COPIED: Final = {
     "spec/SPEC.md": "reference/format.md",
+    **{
+        f"spec/annexes/{name}.md": f"reference/format-{name}.md"
+        for name in ("fields", "splits", "validation", "packing", "publication")
+    },
     "spec/CHANGES.md": "reference/format-changes.md",
     "spec/conformance/README.md": "reference/conformance.md",
     "CHANGELOG.md": "reference/changelog.md",

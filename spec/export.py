@@ -28,20 +28,25 @@ def arrow_files() -> dict[str, bytes]:
 
 
 def specification_files() -> dict[str, bytes]:
-    """Return name -> bytes of all schema files and of SPEC.md, as they are shipped."""
+    """Return name -> bytes of SPEC.md, its annexes and all schema files."""
     shipped = {
         f"schemas/{folder.name}/{entry.name}": entry.read_bytes()
         for folder in sorted(SCHEMAS.iterdir(), key=lambda folder: folder.name)
         for entry in sorted(folder.iterdir(), key=lambda entry: entry.name)
     }
-    return {"SPEC.md": (files("pliant.spec") / "SPEC.md").read_bytes(), **shipped}
+    package = files("pliant.spec")
+    annexes = {
+        f"annexes/{entry.name}": entry.read_bytes()
+        for entry in sorted((package / "annexes").iterdir(), key=lambda entry: entry.name)
+    }
+    return {"SPEC.md": (package / "SPEC.md").read_bytes(), **annexes, **shipped}
 
 
 def write_specification(out: Path) -> list[Path]:
-    """Write SPEC.md and all schemas into a folder; return the files written.
+    """Write SPEC.md, its annexes and all schemas into a folder; return the files written.
 
     Args:
-        out: The folder; made if it is not there.
+        out: The folder; created if it does not exist.
 
     Raises:
         CallError: It cannot be written.

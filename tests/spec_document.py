@@ -1,4 +1,4 @@
-"""Keeps SPEC.md and the Arrow schemas equal to the JSON Schemas and to `tables.json`.
+"""Keeps SPEC.md, its annexes and the Arrow schemas equal to the JSON Schemas and to `tables.json`.
 
 `python -m tests.spec_document --check` fails if a generated part is stale; `--write` writes it
 again. A generated part is between `<!-- generated: WHAT -->` and `<!-- end -->`.
@@ -19,9 +19,10 @@ from pliant.spec.io import limits
 from pliant.spec.io.jsonfiles import load_schema
 from pliant.spec.tables import COLUMNS
 from pliant.spec.validation.issue_codes import ISSUE_CODES
+from tests import spec_walkthrough as walkthrough
 
 HERE: Final = Path(__file__).resolve().parents[1] / "spec"
-TEXT: Final = HERE / "SPEC.md"
+TEXTS: Final = (HERE / "SPEC.md", *sorted((HERE / "annexes").glob("*.md")))
 SCHEMAS: Final = HERE / "schemas" / SPEC_VERSION
 
 _PART = re.compile(r"(<!-- generated: ([a-z -]+) -->\n).*?(<!-- end -->)", re.DOTALL)
@@ -49,9 +50,16 @@ def render_part(what: str) -> str:
     """Return the text of a generated part.
 
     Args:
-        what: `schema NAME`, `table NAME`, `codes dataset`, `codes submission` or `limits`.
+        what: `schema NAME`, `table NAME`, `types NAME`, `rows NAME`, `document NAME`,
+            `codes dataset`, `codes submission` or `limits`.
     """
     kind, _, name = what.partition(" ")
+    if kind == "types":
+        return walkthrough.types(name)
+    if kind == "rows":
+        return _table(*walkthrough.rows(name))
+    if kind == "document":
+        return walkthrough.document(name)
     if kind == "schema":
         return _table(("field", "type", "unit", "meaning"), _schema_rows(load_schema(name)))
     if kind == "table":
@@ -72,7 +80,7 @@ def render(text: str) -> str:
 
 
 def _table(head: tuple[str, ...], rows: Iterable[Sequence[str]]) -> str:
-    lines = ["| " + " | ".join(head) + " |", "|" + " --- |" * len(head)]
+    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
     lines += ["| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in rows]
     return "\n".join(lines) + "\n"
 
@@ -133,8 +141,8 @@ def _column_rows(name: str) -> Iterator[tuple[str, str, str, str, str]]:
 
 
 def stale() -> list[str]:
-    """Return what differs from the code: parts of SPEC.md and schema files, by name."""
-    text = TEXT.read_text(encoding="utf-8")
+    """Return what differs from the code: parts of the texts and schema files, by name."""
+    text = "\n".join(path.read_text(encoding="utf-8") for path in TEXTS)
     names = [match[2] for match in _PART.finditer(text) if not match[0].endswith(_whole(match[2]))]
     required = {f"schema {name}" for name in JSON_SCHEMAS} | {f"table {name}" for name in COLUMNS}
     names += sorted(required - {match[2] for match in _PART.finditer(text)})
@@ -156,7 +164,8 @@ def main() -> None:
     action.add_argument("--check", action="store_true", help="fail if a generated part is stale")
     action.add_argument("--write", action="store_true", help="write the generated parts again")
     if parser.parse_args().write:
-        TEXT.write_text(render(TEXT.read_text(encoding="utf-8")), encoding="utf-8")
+        for path in TEXTS:
+            path.write_text(render(path.read_text(encoding="utf-8")), encoding="utf-8")
         for name, data in arrow_files().items():
             (SCHEMAS / name).write_bytes(data)
     names = stale()

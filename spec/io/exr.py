@@ -24,8 +24,8 @@ CHANNELS: Final[dict[str, tuple[str, int]]] = {
 }
 """Channel name -> its pixel type by name and by EXR's number."""
 
-LOSSLESS: Final = {0: "NONE", 1: "RLE", 2: "ZIPS", 3: "ZIP", 4: "PIZ"}
-"""The compressions allowed: those that keep every bit (and that every reader knows)."""
+COMPRESSIONS: Final = {0: "NONE", 2: "ZIPS", 3: "ZIP"}
+"""The compressions allowed: they keep every bit and need nothing but zlib to read."""
 
 _MAGIC = 20000630
 _HEAD_BYTES = 65536
@@ -253,13 +253,13 @@ def _require_kind(header: ExrHeader, path: AnyFile, channels: dict[str, tuple[st
             found=sorted(header.channels),
             required=", ".join(f"{name} ({kind})" for name, (kind, _) in channels.items()),
         )
-    if header.compression not in LOSSLESS:
+    if header.compression not in COMPRESSIONS:
         raise FileRefusedError(
             "IMAGE_FORMAT",
-            "the EXR's compression loses bits or is not widely read",
+            "the EXR file has a compression that the format does not allow",
             path=path,
             found=f"compression {header.compression}",
-            required=", ".join(LOSSLESS.values()),
+            required=", ".join(COMPRESSIONS.values()),
         )
     if header.origin != (0, 0) or not header.same_windows:
         raise FileRefusedError(

@@ -125,11 +125,11 @@ CASES = [
         listed(_other_png),
     ),
     Case(
-        "exr-piz",
+        "exr-zips",
         "full",
-        "a depth image is compressed by PIZ",
+        "a depth image is compressed by ZIPS",
         (),
-        listed(change_exr(_EXR, _nothing, "PIZ_COMPRESSION")),
+        listed(change_exr(_EXR, _nothing, "ZIPS_COMPRESSION")),
     ),
     Case(
         "exr-uncompressed",

@@ -128,7 +128,7 @@ def _copied(names: tuple[str, ...]) -> Edit:
             (root / ROPE_TEST / name).write_bytes((root / ROPE_TRAIN / name).read_bytes())
         for frame in (0, 1):
             exr = f"{ROPE_TEST}/depth/{frame:06d}.exr"
-            change_exr(exr, lambda channels: None, "PIZ_COMPRESSION")(root)
+            change_exr(exr, lambda channels: None, "NO_COMPRESSION")(root)
             path = root / f"{ROPE_TEST}/rgb/{frame:06d}.png"
             write_rgb(path, read_rgb(path), level=9)
 

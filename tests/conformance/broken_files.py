@@ -450,6 +450,20 @@ CASES = [
         listed(change_exr(_EXR, _nothing, "DWAA_COMPRESSION")),
     ),
     Case(
+        "exr-piz",
+        "full",
+        "a depth image is compressed by PIZ",
+        ("IMAGE_FORMAT",),
+        listed(change_exr(_EXR, _nothing, "PIZ_COMPRESSION")),
+    ),
+    Case(
+        "exr-rle",
+        "full",
+        "a depth image is compressed by RLE",
+        ("IMAGE_FORMAT",),
+        listed(change_exr(_EXR, _nothing, "RLE_COMPRESSION")),
+    ),
+    Case(
         "exr-other-size",
         "full",
         "a depth image lacks its last column",

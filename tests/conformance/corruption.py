@@ -2,7 +2,7 @@
 
 The mutation sweep draws thousands of them. A corruption that the validator does not report
 must be harmless: what the files say, as decoded here, is what they said before, up to the
-tolerances of SPEC.md and to the fields that no rule can see (its section 11).
+tolerances of the annex on validation and to what it does not check.
 """
 
 from __future__ import annotations

@@ -16,7 +16,7 @@ ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted(
     page
     for page in (*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("spec/**/*.md"))
-    if "pliant " in page.read_text()
+    if "node_modules" not in page.parts and "pliant " in page.read_text()
 )
 STOPS = {"|", ";", "&&", ">", ">>", "<", "2>"}
 PLACEHOLDERS = ("…", "...")

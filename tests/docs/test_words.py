@@ -11,7 +11,10 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = "spec generator baselines loaders models evaluator publishing converters viewer cli"
-PAGES = ("*.md", "docs/**/*.md", "spec/*.md", "spec/conformance/*.md", "models/shipped/*/*.md")
+PAGES = (
+    *("*.md", "docs/**/*.md", "spec/*.md", "spec/annexes/*.md"),
+    *("spec/conformance/*.md", "models/shipped/*/*.md"),
+)
 TEMPLATES = ("evaluator/report/templates/*.j2", "publishing/competition/files/*.j2")
 # Text of released files, and the page that `pliant benchmark` writes.
 UNCHANGEABLE = {"conventions.py", "tables.py", "results.md"}

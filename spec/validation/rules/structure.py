@@ -98,7 +98,7 @@ def check_root(root: Path, findings: Findings) -> dict[str, set[str]]:
     known |= {*WORKSHOPS, *(layout.SHARD_DIRS if packed else (layout.SEQUENCES_DIR,))}
     free = PAPERS | {layout.INDEX_TABLE, layout.CHECKSUMS, layout.MANIFEST_JSON}
     report_extra(
-        findings, "", (files - required - free) | (folders - known), "see SPEC.md, Directory"
+        findings, "", (files - required - free) | (folders - known), "see SPEC.md, Files"
     )
     for name in layout.SHARD_DIRS:
         if packed and name in folders:

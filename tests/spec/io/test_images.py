@@ -147,10 +147,10 @@ def test_truncated_images_are_refused(tmp_path: Path, keep: int) -> None:
 
 @pytest.mark.parametrize(
     ("compression", "code"),
-    [("PIZ_COMPRESSION", None), ("NO_COMPRESSION", None), ("ZIPS_COMPRESSION", None)]
-    + [(f"{name}_COMPRESSION", "IMAGE_FORMAT") for name in ("DWAA", "B44", "PXR24")],
+    [(f"{name}_COMPRESSION", None) for name in ("NO", "ZIP", "ZIPS")]
+    + [(f"{name}_COMPRESSION", "IMAGE_FORMAT") for name in ("RLE", "PIZ", "DWAA", "B44", "PXR24")],
 )
-def test_only_lossless_compressions(tmp_path: Path, compression: str, code: str | None) -> None:
+def test_compressions(tmp_path: Path, compression: str, code: str | None) -> None:
     s = surface(40, 40)
     channels = {
         "Z": s.depth_m,
