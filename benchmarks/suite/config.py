@@ -20,7 +20,7 @@ from pliant.spec.configuration import (
     settings_from,
     with_overrides,
 )
-from pliant.spec.constraints import did_you_mean
+from pliant.spec.constraints import Count, did_you_mean
 from pliant.spec.errors import CallError
 from pliant.spec.io.yamlfiles import parse_yaml
 
@@ -39,6 +39,9 @@ class Training:
         recipe: Shipped file of settings under the run's own, or empty.
         settings: The trainer's settings, complete but for defaults.
         after: Run whose finished weights it starts from, or empty.
+        seeds: How many runs, with random seeds from that of the settings upwards. With several,
+            a run is named `NAME-0`, `NAME-1` and so on, and NAME stands for all of them.
+        arm: NAME, of a run that is one of several seeds; otherwise empty.
     """
 
     label: str
@@ -47,11 +50,8 @@ class Training:
     recipe: str = ""
     settings: Mapping[str, Any] = field(default_factory=dict)
     after: str = ""
-
-    @property
-    def input(self) -> str:
-        """What the network sees: `rgb`, `depth` or `rgbd`."""
-        return str(self.settings.get("pairs", {}).get("input", "rgb"))
+    seeds: Count = 1
+    arm: str = ""
 
 
 @configuration(frozen=True)
@@ -141,6 +141,10 @@ class BenchmarkConfig:
         """The sets with a test split, by name."""
         return {name: made for name, made in self.sets.items() if made.counts.get(TEST_SPLIT)}
 
+    def members(self, name: str) -> tuple[str, ...]:
+        """Return the runs that a name stands for, one per random seed; any other name alone."""
+        return tuple(key for key, run in self.runs.items() if run.arm == name) or (name,)
+
 
 def read_config(path: Path, overrides: Sequence[str] = ()) -> BenchmarkConfig:
     """Read a benchmark's YAML file.
@@ -164,7 +168,30 @@ def read_config(path: Path, overrides: Sequence[str] = ()) -> BenchmarkConfig:
     if config.checksums is not None:
         config = replace(config, checksums=path.parent / config.checksums)
     _check_references(config, path)
-    return config
+    return _with_seeds(config)
+
+
+def _with_seeds(config: BenchmarkConfig) -> BenchmarkConfig:
+    """Return the config with a run for every random seed, also in the tests."""
+    runs = {}
+    for key, run in config.runs.items():
+        first = int(run.settings.get("seed", 0))
+        for index in range(run.seeds):
+            several = bool(run.after) and config.runs[run.after].seeds > 1
+            one = replace(
+                run,
+                settings={**run.settings, "seed": first + index},
+                after=f"{run.after}-{index}" if several else run.after,
+                seeds=1,
+                arm=key,
+            )
+            runs |= {f"{key}-{index}": one} if run.seeds > 1 else {key: run}
+    expanded = replace(config, runs=runs)
+    tests = {
+        key: replace(test, runs=tuple(one for name in test.runs for one in expanded.members(name)))
+        for key, test in config.tests.items()
+    }
+    return replace(expanded, tests=tests)
 
 
 def digest(*parts: Any) -> str:
@@ -204,6 +231,12 @@ def _check_references(config: BenchmarkConfig, path: Path) -> None:
         known(run.set, config.sets, f"runs.{key}.set")
         if run.after:
             known(run.after, list(config.runs)[: list(config.runs).index(key)], f"runs.{key}.after")
+            if config.runs[run.after].seeds not in (1, run.seeds):
+                raise CallError(
+                    "a run and the run it starts from have different numbers of seeds",
+                    path=path, where=f"runs.{key}.seeds", found=run.seeds,
+                    required=config.runs[run.after].seeds,
+                )  # fmt: skip
     for key, test in config.tests.items():
         for variant, name in test.variants.items():
             known(name, config.asked, f"tests.{key}.variants.{variant}")

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from pliant.benchmarks.suite.config import BenchmarkConfig
-from pliant.benchmarks.suite.table import Row, blocks
+from pliant.benchmarks.suite.table import Row, arms, blocks
 from pliant.evaluator.report.plots import Bar, bars_png
 
 
@@ -51,7 +51,7 @@ def _bars(members: Sequence[Row], protocol: str, metric: str, title: str, path: 
             row.interval(protocol, metric),
             row.paper_rmse_px if metric == "rmse_px" else None,
         )
-        for _, _, rows in blocks(list(members))
+        for _, _, rows in blocks(arms(members))
         for row in rows
         if (value := row.value(protocol, metric)) is not None
     ]

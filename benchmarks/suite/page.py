@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from itertools import zip_longest
 from typing import Any
 
+import pyarrow as pa
+
 from pliant.benchmarks.suite.checksums import Differences
 from pliant.benchmarks.suite.config import BenchmarkConfig, Comparison
-from pliant.benchmarks.suite.table import Row, best_classical, blocks
+from pliant.benchmarks.suite.table import Row, arms, best_untrained, blocks
 from pliant.benchmarks.suite.work import Cost, Workspace
 from pliant.evaluator.protocols.protocol import read_protocol
 from pliant.evaluator.report.cells import heading
 from pliant.evaluator.report.pages import render_page
-from pliant.evaluator.scores import read_scores
-from pliant.evaluator.statistics.comparison import differences
+from pliant.evaluator.scores import Scores, read_scores
+from pliant.evaluator.statistics.comparison import Difference, differences
 
 _SYMMETRIC = "symmetric_rmse_px"
 _METRICS = {
@@ -69,7 +72,8 @@ def results_page(
         sizes=" and ".join({f"{made.width}x{made.height}": 0 for made in config.sets.values()}),
         figures=figures,
         blocks=[
-            _block(config, key, variant, members) for key, variant, members in blocks(list(rows))
+            _block(config, key, variant, arms(members))
+            for key, variant, members in blocks(list(rows))
         ],
         comparisons=_comparisons(config, work, rows),
         **_costs(work, config),
@@ -99,7 +103,12 @@ def _block(
         cells.append("" if row.train is None else f"{row.train.cpu_s / 60:.1f}")
         cells.append(f"{row.predict_cpu_s / max(row.pairs, 1):.2f}")
         lines.append(cells)
-    learned = [(row.value(error, "rmse_px"), row.label) for row in members if row.learned]
+    learned = [
+        (value, row.label)
+        for row in members
+        if row.learned and (value := row.value(error, "rmse_px")) is not None
+    ]
+    untrained = best_untrained(members, error)
     return {
         "title": test.title if len(test.variants) == 1 else f"{test.title}: {variant}",
         "heads": [
@@ -109,8 +118,8 @@ def _block(
             *("Train, CPU min", "Answer, CPU s per pair"),
         ],
         "rows": lines,
-        "best": best_classical(list(members), error),
-        "learned": min((pair for pair in learned if pair[0] is not None), default=None),
+        "untrained": untrained and (untrained.value(error, "rmse_px"), untrained.label),
+        "learned": min(learned, default=None),
     }
 
 
@@ -137,7 +146,7 @@ def _written(value: float | None, metric: str) -> str:
 def _comparisons(
     config: BenchmarkConfig, work: Workspace, rows: Sequence[Row]
 ) -> list[Sequence[str]]:
-    scored = {(row.set, row.method): row for row in rows}
+    scored = {(row.set, row.arm): row for row in arms(rows)}
     pairs = [
         (each, scored.get((each.set, each.method)), scored.get((each.set, each.against)))
         for each in config.comparisons
@@ -153,33 +162,52 @@ def _comparison(
     config: BenchmarkConfig, work: Workspace, asked: Comparison, first: Row, second: Row
 ) -> Sequence[str]:
     protocol = config.tests[first.test].protocols[0]
-    reports = [
-        read_scores(work.scores_path(asked.set, name, protocol))
-        for name in (asked.against, asked.method)
-    ]
-    found = next(
-        (
-            each
-            for each in differences(reports, [asked.metric])
-            if each.group == "overall" and each.method == asked.method
-        ),
-        None,
+    metric = asked.metric
+    seeds = max(first.seeds, second.seeds)
+    judged, against = (
+        _reports(config, work, asked.set, name, protocol, seeds)
+        for name in (asked.method, asked.against)
     )
-    before, after = second.value(protocol, asked.metric), first.value(protocol, asked.metric)
+    found = _difference(_pooled(against), _pooled(judged), metric)
+    before, after = second.value(protocol, metric), first.value(protocol, metric)
     if found is None or before is None or after is None:
-        return (asked.question, first.label, second.label, asked.metric, "", "none")
-    digits = 1 if asked.metric.endswith("px") else 3
+        return (asked.question, first.label, second.label, metric, "", "none")
+    digits = 1 if metric.endswith("px") else 3
     difference = f"{found.value:+.{digits}f}"
     if found.verdict != "too few sequences":
         difference += f" [{found.low:+.{digits}f}, {found.high:+.{digits}f}]"
+    verdict: str = found.verdict
+    if verdict in ("better", "worse") and seeds > 1:
+        single = [_difference(b, a, metric) for a, b in zip(judged, against, strict=True)]
+        if any(each is None or each.value * found.value <= 0 for each in single):
+            verdict = "no clear difference: the seeds disagree"
     return (
         asked.question,
         f"{first.label}: {after:.{digits}f}",
         f"{second.label}: {before:.{digits}f}",
-        f"{heading(asked.metric, protocol).label}, {asked.set}",
+        f"{heading(metric, protocol).label}, {asked.set}",
         difference,
-        found.verdict,
+        verdict,
     )
+
+
+def _reports(
+    config: BenchmarkConfig, work: Workspace, asked: str, name: str, protocol: str, seeds: int
+) -> list[Scores]:
+    """Return the reports of an arm, one per seed; that of a method without seeds is repeated."""
+    found = [read_scores(work.scores_path(asked, each, protocol)) for each in config.members(name)]
+    return found * seeds if len(found) == 1 else found
+
+
+def _pooled(reports: Sequence[Scores]) -> Scores:
+    """Return the answers of all seeds as one report: a sequence stays one cluster."""
+    return replace(reports[0], per_pair=pa.concat_tables([each.per_pair for each in reports]))
+
+
+def _difference(against: Scores, judged: Scores, metric: str) -> Difference | None:
+    """Return the paired difference over all tiers, None where the metric is not defined."""
+    found = differences([against, judged], [metric])
+    return next((each for each in found if each.group == "overall"), None)
 
 
 def _costs(work: Workspace, config: BenchmarkConfig) -> dict[str, Any]:

@@ -2,17 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
-from pliant.baselines import METHODS
 from pliant.benchmarks.suite.config import BenchmarkConfig, Test
 from pliant.benchmarks.suite.work import Cost, Workspace
 from pliant.evaluator.scores import read_scores
 
 CLASSICAL = ("sift", "surf", "orb")
-CONTROLS = tuple(name for name in METHODS if name not in CLASSICAL)
+CONTROLS = ("identity", "random", "centroid")
+"""What answers without looking at the images: rows to compare with, never ranked."""
+_LABELS: Final = {
+    "vgg": "VGG-120",
+    "boostdesc": "BoostDesc",
+    "beblid": "BEBLID",
+    "teblid": "TEBLID",
+    "lk-chain": "LK chain",
+    "dis-chain": "DIS chain",
+    "rlof-chain": "RLOF chain",
+    "imagenet": "ImageNet features",
+    "cloth-tps": "Outline, thin plate",
+    "cloth-homography": "Outline, homography",
+}
 _NO_SCORES: Final[dict[str, Any]] = {"values": {}, "intervals": {}}
 
 
@@ -32,6 +44,8 @@ class Row:
         train: What training here took, what it started from included; None where there is none.
         predict_cpu_s: CPU seconds of answering.
         pairs: Pairs answered.
+        arm: What its runs with other random seeds have in common with it; otherwise `method`.
+        seeds: How many of them it is the mean of.
     """
 
     test: str
@@ -45,6 +59,8 @@ class Row:
     train: Cost | None
     predict_cpu_s: float
     pairs: int
+    arm: str
+    seeds: int = 1
 
     def value(self, protocol: str, metric: str) -> float | None:
         """Return a score, None where the method has none."""
@@ -91,6 +107,7 @@ def _row(
             intervals = found["intervals"]["tiers"].get(test.tier, {})
             scores[protocol] = {"values": found["tiers"][test.tier], "intervals": intervals}
     trained = method in config.runs
+    arm = (config.runs[method].arm if trained else "") or method
     return Row(
         key,
         variant,
@@ -98,11 +115,12 @@ def _row(
         method,
         _label(config, test, method),
         trained or method in test.shipped,
-        test.paper_rmse_px.get(method) if variant == "clean" else None,
+        test.paper_rmse_px.get(arm) if variant == next(iter(test.variants)) else None,
         scores,
         training_cost(config, work, method) if trained else None,
         float(note["facts"]["predict_cpu_s"]),
         int(note["facts"]["pairs"]),
+        arm,
     )
 
 
@@ -111,7 +129,8 @@ def _label(config: BenchmarkConfig, test: Test, method: str) -> str:
         return config.runs[method].label
     if method in test.shipped:
         return f"{method}, as shipped"
-    return method.upper() if method in CLASSICAL else method.capitalize()
+    name = method.replace("-", " ").capitalize()
+    return _LABELS.get(method, method.upper() if method in CLASSICAL else name)
 
 
 def training_cost(config: BenchmarkConfig, work: Workspace, run: str) -> Cost:
@@ -130,11 +149,50 @@ def blocks(rows: list[Row]) -> Iterator[tuple[str, str, list[Row]]]:
         yield test, variant, members
 
 
-def best_classical(rows: list[Row], protocol: str, metric: str = "rmse_px") -> float | None:
-    """Return the lowest error among SIFT, SURF and ORB, None where none was asked."""
-    found = [row.value(protocol, metric) for row in rows if row.method in CLASSICAL]
-    known = [value for value in found if value is not None]
-    return min(known) if known else None
+def arms(rows: Sequence[Row]) -> list[Row]:
+    """Return one row for each arm of a block: figures are means over its random seeds.
+
+    Where there are several seeds, the interval of a figure is its lowest and its highest value.
+    """
+    grouped: dict[tuple[str, str, str], list[Row]] = {}
+    for row in rows:
+        grouped.setdefault((row.test, row.variant, row.arm), []).append(row)
+    return [_mean(members) if len(members) > 1 else members[0] for members in grouped.values()]
+
+
+def _mean(rows: Sequence[Row]) -> Row:
+    scores: dict[str, Any] = {}
+    for protocol, first in rows[0].scores.items():
+        values, intervals = {}, {}
+        for metric in first["values"]:
+            found = [row.value(protocol, metric) for row in rows]
+            known = [value for value in found if value is not None]
+            values[metric] = sum(known) / len(known) if len(known) == len(rows) else None
+            if len(known) == len(rows):
+                intervals[metric] = (min(known), max(known))
+        scores[protocol] = {"values": values, "intervals": intervals}
+    costs = [row.train for row in rows if row.train is not None]
+    return replace(
+        rows[0],
+        label=f"{rows[0].label} ({len(rows)} seeds)",
+        scores=scores,
+        train=Cost(
+            sum(cost.wall_s for cost in costs) / len(costs),
+            sum(cost.cpu_s for cost in costs) / len(costs),
+        ),
+        predict_cpu_s=sum(row.predict_cpu_s for row in rows) / len(rows),
+        seeds=len(rows),
+    )
+
+
+def best_untrained(rows: Sequence[Row], protocol: str, metric: str = "rmse_px") -> Row | None:
+    """Return the method without training that has the lowest error, None where none was asked.
+
+    Controls, which do not look at the images, are no methods.
+    """
+    found = [row for row in rows if not row.learned and row.method not in CONTROLS]
+    known = [(value, row) for row in found if (value := row.value(protocol, metric)) is not None]
+    return min(known, key=lambda each: each[0])[1] if known else None
 
 
 def table_document(config: BenchmarkConfig, work: Workspace, rows: list[Row]) -> dict[str, Any]:
