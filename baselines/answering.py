@@ -29,11 +29,13 @@ Result = tuple[Answers | Matches, bool]
 class _Worker:
     """Answers the pairs of one split with one matcher."""
 
-    def __init__(self, pairs: Sequence[QueryPair], matcher: Matcher, kind: Kind) -> None:
+    def __init__(
+        self, pairs: Sequence[QueryPair], matcher: Matcher, kind: Kind, masks: bool
+    ) -> None:
         self._pairs = pairs
         self._matcher = matcher
         self._kind = kind
-        self._reader = ViewReader()
+        self._reader = ViewReader(masks=masks)
 
     def run(self, task: range) -> list[Result]:
         """Answer pairs; a `TrackMatcher` gets those of one source frame together."""
@@ -62,10 +64,10 @@ class _Worker:
 _process_worker: _Worker | None = None  # set once in each worker process
 
 
-def _start_process(address: str, split: str, pickled: bytes, kind: Kind) -> None:
+def _start_process(address: str, split: str, pickled: bytes, kind: Kind, masks: bool) -> None:
     global _process_worker
     pairs = Dataset.open(address).pairs(split)
-    _process_worker = _Worker(pairs, pickle.loads(pickled), kind)
+    _process_worker = _Worker(pairs, pickle.loads(pickled), kind, masks)
 
 
 def _run_in_process(task: range) -> list[Result]:
@@ -75,7 +77,7 @@ def _run_in_process(task: range) -> list[Result]:
 
 
 def answer_pairs(
-    dataset: Dataset, split: str, matcher: Matcher, kind: Kind, workers: int
+    dataset: Dataset, split: str, matcher: Matcher, kind: Kind, workers: int, *, masks: bool = True
 ) -> Iterator[list[Result]]:
     """Yield the results of a split's pairs in order, a few pairs at a time.
 
@@ -85,6 +87,7 @@ def answer_pairs(
         matcher: The method.
         kind: `answers` to the queries, or the method's own keypoint `matches`.
         workers: Number of processes; more than one needs a matcher that can be pickled.
+        masks: Whether the matcher is given masks.
 
     Raises:
         CallError: The matcher cannot be pickled.
@@ -94,7 +97,7 @@ def answer_pairs(
     pairs = dataset.pairs(split)
     tasks = _tasks(matcher, pairs, 1 if workers == 1 else PAIRS_PER_TASK)
     if workers == 1:
-        worker = _Worker(pairs, matcher, kind)
+        worker = _Worker(pairs, matcher, kind, masks)
         for task in tasks:
             yield worker.run(task)
         return
@@ -109,7 +112,7 @@ def answer_pairs(
         workers,
         mp_context=multiprocessing.get_context("spawn"),
         initializer=_start_process,
-        initargs=(dataset.address, split, pickled, kind),
+        initargs=(dataset.address, split, pickled, kind, masks),
     )
     try:
         yield from executor.map(_run_in_process, tasks)

@@ -116,6 +116,7 @@ def answer(
     matcher: Matcher | SplitMatcher,
     *,
     workers: int = 1,
+    masks: bool = True,
     progress: Progress | None = None,
 ) -> SplitAnswers:
     """Answer a split's queries with a matcher, in memory; see `predict`."""
@@ -127,7 +128,9 @@ def answer(
         answers = matcher.answer_split(dataset, split)
         check_answers(answers, len(keys.pair_id), matcher.name, f"split {split}")
         return SplitAnswers(dataset, split, keys, answers, facts, len(np.unique(keys.pair_id)))
-    results, facts["mask"] = _results(dataset, split, matcher, "answers", workers, progress)
+    results, facts["mask"] = _results(
+        dataset, split, matcher, "answers", workers, progress, masks=masks
+    )
     answers = joined([each for each in results if isinstance(each, Answers)], matcher.name)
     if answers.familiarity is not None and len(answers.familiarity):
         facts["familiarity"] = familiarity_summary(answers.familiarity)
@@ -142,6 +145,7 @@ def predict(
     kind: Kind = "answers",
     *,
     workers: int = 1,
+    masks: bool = True,
     progress: Progress | None = None,
 ) -> Prediction:
     """Answer a split's queries with a matcher and write the submission.
@@ -157,6 +161,8 @@ def predict(
         out: The Parquet file to write; an earlier submission there is replaced.
         kind: `answers` to the queries, or the method's own keypoint `matches`.
         workers: Processes, >= 1; more than one needs a matcher that can be pickled.
+        masks: Whether the method is given the masks of the dataset; a `SplitMatcher` reads for
+            itself. The footer says `mask: none` where it was given none.
         progress: Called after every few pairs.
 
     Returns:
@@ -173,11 +179,11 @@ def predict(
     out = Path(out)
     check_writable(out)
     if kind == "answers":
-        found = answer(dataset, split, matcher, workers=workers, progress=progress)
+        found = answer(dataset, split, matcher, workers=workers, masks=masks, progress=progress)
         return Prediction(found.write(out), kind, found.method, found.pairs, len(found))
     assert not isinstance(matcher, SplitMatcher)  # _check_call refuses it for matches
     facts: dict[str, Any] = {**matcher.describe(), "name": matcher.name}
-    results, facts["mask"] = _results(dataset, split, matcher, kind, workers, progress)
+    results, facts["mask"] = _results(dataset, split, matcher, kind, workers, progress, masks=masks)
     matches = [each for each in results if isinstance(each, Matches)]
     numbers = np.unique(query_keys(dataset, split).pair_id).tolist()
     write_matches(out, dataset, split, list(zip(numbers, matches, strict=True)), facts)
@@ -191,12 +197,14 @@ def _results(
     kind: Kind,
     workers: int,
     progress: Progress | None,
+    *,
+    masks: bool,
 ) -> tuple[list[Answers | Matches], str]:
     """Return what a method found for every pair, and whether it was given masks."""
     total = len(np.unique(query_keys(dataset, split).pair_id))
     found: list[Answers | Matches] = []
     with_mask = 0
-    for results in answer_pairs(dataset, split, matcher, kind, workers):
+    for results in answer_pairs(dataset, split, matcher, kind, workers, masks=masks):
         for result, masked in results:
             with_mask += masked
             found.append(result)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from pliant.baselines.lru_cache import LRUCache
 from pliant.baselines.matcher import View
 from pliant.spec.frame import Frame
@@ -14,10 +16,12 @@ class ViewReader:
 
     Args:
         capacity: Number of frames kept.
+        masks: Whether the views have masks; without, a method sees the image and the depth alone.
     """
 
-    def __init__(self, capacity: int = 4) -> None:
+    def __init__(self, capacity: int = 4, *, masks: bool = True) -> None:
         self._views: LRUCache[View] = LRUCache(capacity)
+        self._masks = masks
 
     def view(self, frame: Frame) -> View:
         """Return a frame's view.
@@ -26,7 +30,11 @@ class ViewReader:
             SpecError: One of the frame's files is damaged.
             CallError: The sequence has no such frame.
         """
-        return self._views.get(frame.key, lambda: read_view_of(frame))
+        return self._views.get(frame.key, lambda: self._read(frame))
+
+    def _read(self, frame: Frame) -> View:
+        view = read_view_of(frame)
+        return view if self._masks else replace(view, mask=None, objects=None)
 
 
 def read_view_of(frame: Frame) -> View:

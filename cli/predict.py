@@ -33,6 +33,11 @@ from pliant.cli.terminal import echo_result, progress_bar
     metavar="N",
     help="Number of worker processes; does not change the output.",
 )
+@click.option(
+    "--no-masks",
+    is_flag=True,
+    help="Do not give the method the masks of the objects.",
+)
 @method_options
 @json_option
 def command(
@@ -42,6 +47,7 @@ def command(
     out: Path,
     kind: Literal["answers", "matches"],
     workers: int,
+    no_masks: bool,
     options: dict[str, Any],
     as_json: bool,
 ) -> None:
@@ -62,7 +68,9 @@ def command(
         def show(done: int, total: int) -> None:
             bar(done, total, facts=f"{done / (time.perf_counter() - started):.1f} pairs/s")
 
-        prediction = predict(dataset, split, matcher, out, kind, workers=workers, progress=show)
+        prediction = predict(
+            dataset, split, matcher, out, kind, workers=workers, masks=not no_masks, progress=show
+        )
     seconds = time.perf_counter() - started
     ran = f"{prediction.method.get('implementation', '')} {prediction.method.get('version', '')}"
     text = (

@@ -10,15 +10,16 @@ import numpy.typing as npt
 
 from pliant.spec.errors import CallError
 
-InputKind = Literal["rgb", "grey", "depth", "rgbd"]
+InputKind = Literal["rgb", "grey", "depth", "rgbd", "silhouette"]
 
 IMAGE_CHANNELS: Final[dict[str, tuple[str, ...]]] = {
     "rgb": ("red", "green", "blue"),
     "grey": ("grey",),
     "depth": ("depth",),
     "rgbd": ("red", "green", "blue", "depth"),
+    "silhouette": (),
 }
-"""The image channels of each kind of input, in order."""
+"""The image channels of each kind of input, in order; a silhouette is the masks alone."""
 
 MASK_CHANNELS: Final = ("mask", "objects")
 """The two channels of `masks`: the queried object, and all objects."""
@@ -43,6 +44,16 @@ class NetworkInput:
     kind: InputKind = "rgb"
     masks: bool = False
 
+    def __post_init__(self) -> None:
+        if not self.names:
+            raise CallError(
+                "a network that sees silhouettes needs the masks",
+                where="pairs.masks",
+                found=False,
+                required=True,
+                fix="Add --set pairs.masks=true",
+            )
+
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the channels, in order."""
@@ -56,7 +67,7 @@ class NetworkInput:
     @property
     def colour(self) -> bool:
         """Whether the input is computed from the colour image."""
-        return self.kind != "depth"
+        return self.kind in ("rgb", "grey", "rgbd")
 
     @property
     def depth(self) -> bool:
@@ -86,7 +97,7 @@ class NetworkInput:
             float32 (C, h, w).
 
         Raises:
-            CallError: The image that the kind needs is None.
+            CallError: The image that the kind needs is None, or there is neither image nor mask.
         """
         planes = []
         if self.colour:
@@ -102,7 +113,11 @@ class NetworkInput:
                 )
             planes.append(_depth_plane(depth_m)[None])
         if self.masks:
-            shape = planes[0].shape[1:]
+            shape = next(
+                (each.shape[-2:] for each in (*planes, mask, objects) if each is not None), None
+            )
+            if shape is None:
+                raise CallError("this network sees masks alone, and there is none", where="mask")
             planes += [_mask_plane(given, shape)[None] for given in (mask, objects)]
         return np.concatenate(planes)
 

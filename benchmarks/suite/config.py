@@ -67,6 +67,7 @@ class Test:
         shipped: Names of models that come with the package: the whole recipes, trained once.
         protocols: Protocols to score by, the table's first; `matches` applies to the methods
             with keypoint matches.
+        masks: Whether methods are given the masks of the objects.
         paper_rmse_px: Label of a method -> RMSE in the paper.
     """
 
@@ -79,12 +80,17 @@ class Test:
     runs: tuple[str, ...] = ()
     shipped: tuple[str, ...] = ()
     protocols: tuple[str, ...] = ("standard", "paper")
+    masks: bool = True
     paper_rmse_px: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def answering(self) -> tuple[str, ...]:
         """Everything that answers, in the table's order."""
         return (*self.methods, *self.runs, *self.shipped)
+
+    def stored(self, method: str) -> str:
+        """Return the name of a method's answers: those without masks have their own."""
+        return method if self.masks else f"{method}-no-masks"
 
 
 @configuration(frozen=True)

@@ -33,6 +33,7 @@ class TrainingJob:
         run: The run's folder.
         after: Weights to start from, or None.
         threads: CPU threads, 0 for torch's own choice.
+        cache: Folder of decoded frames, which trainings on the same set share.
     """
 
     trainer: str
@@ -41,6 +42,7 @@ class TrainingJob:
     run: Path
     after: Path | None
     threads: int
+    cache: Path
 
 
 @dataclass(frozen=True)
@@ -54,6 +56,7 @@ class AnswerJob:
         answers: Kind (`answers`, `matches`) -> submission to write.
         scores: Protocol -> folder of the report.
         threads: CPU threads.
+        masks: Whether the method is given masks.
     """
 
     method: str
@@ -62,6 +65,7 @@ class AnswerJob:
     answers: Mapping[Kind, Path]
     scores: Mapping[str, Path]
     threads: int
+    masks: bool = True
 
 
 @dataclass(frozen=True)
@@ -94,7 +98,7 @@ def _trained(job: TrainingJob, tell: Tell) -> dict[str, Any]:
     if job.run.exists() and not resume:
         shutil.rmtree(job.run)  # stopped before its first checkpoint
     dataset = Dataset.open(job.data)
-    values = {**job.settings, "threads": job.threads}
+    values = {**job.settings, "threads": job.threads, "cache_dir": str(job.cache)}
 
     def telling(steps: int) -> Callable[[int, Mapping[str, float]], None]:
         return lambda step, figures: tell(step, steps)
@@ -145,7 +149,9 @@ def answer(job: AnswerJob, tell: Tell) -> Outcome:
                 continue
             out.parent.mkdir(parents=True, exist_ok=True)
             before_s = meter.cost.cpu_s
-            prediction = predict(dataset, "test", matcher, out, kind, progress=tell)
+            prediction = predict(
+                dataset, "test", matcher, out, kind, masks=job.masks, progress=tell
+            )
             cpu_s = meter.cost.cpu_s - before_s
             if kind == "answers":
                 facts = {"pairs": prediction.pairs, "rows": prediction.rows, "predict_cpu_s": cpu_s}

@@ -146,7 +146,8 @@ def _written(value: float | None, metric: str) -> str:
 def _comparisons(
     config: BenchmarkConfig, work: Workspace, rows: Sequence[Row]
 ) -> list[Sequence[str]]:
-    scored = {(row.set, row.arm): row for row in arms(rows)}
+    given = [row for row in rows if config.tests[row.test].masks]
+    scored = {(row.set, row.arm): row for row in arms(given)}
     pairs = [
         (each, scored.get((each.set, each.method)), scored.get((each.set, each.against)))
         for each in config.comparisons
@@ -213,7 +214,7 @@ def _difference(against: Scores, judged: Scores, metric: str) -> Difference | No
 def _costs(work: Workspace, config: BenchmarkConfig) -> dict[str, Any]:
     """Return CPU minutes of the stages, and of each set and training."""
     answers = {
-        f"answer/{set_name}--{method}": None
+        f"answer/{set_name}--{test.stored(method)}": None
         for test in config.tests.values()
         for set_name in test.variants.values()
         for method in test.answering

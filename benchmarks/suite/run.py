@@ -157,8 +157,9 @@ def _training_job(work: Workspace, name: str, run: Training, threads: int) -> Tr
     from pliant.models.training.checkpoint import BEST
 
     after = work.run_path(run.after) / BEST if run.after else None
-    data = work.set_path(run.set)
-    return TrainingJob(run.trainer, run.settings, data, work.run_path(name), after, threads)
+    data, folder = work.set_path(run.set), work.run_path(name)
+    cache = (work.root / "cache").resolve()
+    return TrainingJob(run.trainer, run.settings, data, folder, after, threads, cache)
 
 
 def _answer(config: BenchmarkConfig, work: Workspace, workers: int, watcher: Watcher) -> None:
@@ -168,20 +169,21 @@ def _answer(config: BenchmarkConfig, work: Workspace, workers: int, watcher: Wat
     for test, set_name in _asked(config):
         for method in test.answering:
             run = _run_folder(work, test, method)
-            stage = f"answer/{set_name}--{method}"
+            stored = test.stored(method)
+            stage = f"answer/{set_name}--{stored}"
             identities[stage] = digest(
                 set_digest(config, set_name),
                 _method_digest(config, test, method),
                 test.protocols,
             )
-            scores = {p: work.scores_path(set_name, method, p) for p in test.protocols}
+            scores = {p: work.scores_path(set_name, stored, p) for p in test.protocols}
             answers = {
-                kind: work.answers_path(set_name, method, kind)
+                kind: work.answers_path(set_name, stored, kind)
                 for kind in get_args(Kind)
                 if any(read_protocol(protocol).kind == kind for protocol in test.protocols)
             }
             data = work.set_path(set_name)
-            every[stage] = AnswerJob(method, run, data, answers, scores, threads)
+            every[stage] = AnswerJob(method, run, data, answers, scores, threads, test.masks)
     jobs: dict[str, Any] = {
         stage.removeprefix("answer/"): (answer, job, [])
         for stage, job in every.items()

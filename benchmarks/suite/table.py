@@ -79,7 +79,7 @@ def finished_rows(config: BenchmarkConfig, work: Workspace) -> list[Row]:
     for key, test in config.tests.items():
         for variant, set_name in test.variants.items():
             for method in test.answering:
-                note = work.finished(f"answer/{set_name}--{method}")
+                note = work.finished(f"answer/{set_name}--{test.stored(method)}")
                 if note is None:
                     continue
                 rows.append(_row(config, work, key, test, variant, set_name, method, note))
@@ -98,7 +98,7 @@ def _row(
 ) -> Row:
     scores = {}
     for protocol in test.protocols:
-        folder = work.scores_path(set_name, method, protocol)
+        folder = work.scores_path(set_name, test.stored(method), protocol)
         if not folder.exists():  # protocol `matches` of a method without keypoints
             continue
         found = read_scores(folder).document

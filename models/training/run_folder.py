@@ -20,7 +20,7 @@ CONFIG: Final = "config.yaml"
 RUN_FACTS: Final = "run.json"
 CALIBRATION: Final = "calibration.json"
 
-RESUMABLE: Final = ("threads", "workers", "cache", "checkpoint_every")
+RESUMABLE: Final = ("threads", "workers", "cache", "cache_dir", "checkpoint_every")
 """Settings that may differ when a run goes on: they change no step."""
 
 

@@ -78,7 +78,8 @@ class RunSettings:
         precision: `float32` or `bfloat16` (forward and backward of the network).
         threads: CPU threads of torch; 0 leaves torch's own choice.
         workers: Loader processes; 0 loads in the training process.
-        cache: Keep decoded frames in RUN/cache.
+        cache: Keep decoded frames in a folder.
+        cache_dir: That folder; several runs may share one. Empty for RUN/cache.
         checkpoint_every: Steps between checkpoints.
         optimiser: The optimiser.
         validation: How the run is watched.
@@ -96,6 +97,7 @@ class RunSettings:
     threads: Natural = 0
     workers: Natural = 0
     cache: bool = True
+    cache_dir: str = ""
     checkpoint_every: Count = 250
     optimiser: OptimiserSettings = field(default_factory=OptimiserSettings)
     validation: ValidationSettings = field(default_factory=ValidationSettings)

@@ -45,7 +45,8 @@ class Task(ABC, Generic[Settings]):
     ) -> None:
         self.dataset, self.settings, self.processes = dataset, settings, processes
         self.size = (settings.width, settings.height)
-        self._cache = run / "cache" if settings.cache else None
+        folder = Path(settings.cache_dir) if settings.cache_dir else run / "cache"
+        self._cache = folder if settings.cache else None
         split = settings.validation.split
         self.held_out = FrameStore(dataset, settings.tier, split, self.size, cache=self._cache)
 

@@ -6,6 +6,7 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 from click.testing import CliRunner
@@ -14,12 +15,14 @@ from pliant.benchmarks.suite.checksums import compare_checksums, read_frozen, se
 from pliant.benchmarks.suite.config import BenchmarkConfig, read_config
 from pliant.benchmarks.suite.freezing import frozen_questions
 from pliant.benchmarks.suite.run import run_benchmark, run_digest
+from pliant.benchmarks.suite.table import arms, finished_rows
 from pliant.benchmarks.suite.work import Cost, Workspace
 from pliant.cli.main import cli, run
 from pliant.generator.runner.run import generate
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, TrainingError
 from pliant.spec.io.checksums import sha256_file
+from pliant.spec.io.parquet import read_footer
 
 FOLDER = Path(__file__).parents[2] / "benchmarks"
 
@@ -58,6 +61,11 @@ runs:
     settings:
       <<: *small
       loss: {space_weight: 0.1}
+  twice:
+    label: DON again
+    set: rope
+    seeds: 2
+    settings: *small
 tests:
   rope:
     title: Rope
@@ -68,8 +76,23 @@ tests:
     runs: [small, more]
     shipped: [don-rope]
     paper_rmse_px: {small: 28.5}
+  rope-no-masks:
+    title: Rope, masks not given
+    tier: rope
+    variants: {clean: rope}
+    methods: [centroid]
+    protocols: [standard]
+    runs: [twice]
+    masks: false
+  rope-seeds:
+    title: Rope, two seeds
+    tier: rope
+    variants: {noisy: rope-noisy}
+    protocols: [standard]
+    runs: [twice]
 comparisons:
   - {question: Does it help, set: rope-noisy, method: more, against: small, metric: jump_rate}
+  - {question: Is it chance, set: rope-noisy, method: twice, against: small, metric: rmse_px}
   - {question: Or hurt, set: rope, method: more, against: small, metric: rmse_px}
 """
 
@@ -155,8 +178,10 @@ def test_the_benchmark_keeps_what_training_must_not_show(name: str, ropes: int) 
     assert config.sets["rope"].counts["train"] >= ropes
     training = [made for made in config.sets.values() if made.counts.get("train")]
     assert {tier for made in training for tier in made.tiers} >= {"rope", "cloth-3", "towel"}
-    for made in training:
-        assert made.look.materials == 0
+    for key, made in config.sets.items():
+        if made not in training:
+            continue
+        assert made.look.materials == (int(key.split("-")[1]) if "material" in key else 0)
         assert made.look.object_hue[1] <= 0.5
         assert "two-tone" not in made.look.rope_colourings
         assert "wood" not in made.look.tables
@@ -193,6 +218,9 @@ def test_variants_of_one_camera_ask_the_same_queries() -> None:
         pytest.param("pliant-v1-mini", "rope-noisy", marks=pytest.mark.long),
         pytest.param("pliant-v1-mini", "rope-unseen", marks=pytest.mark.long),
         ("pliant-v1-mini", "cloth-1"),
+        ("pliant-v2-mini", "rope-oblique"),
+        ("pliant-v2-mini", "cloth-3-unseen"),
+        pytest.param("pliant-v2-mini", "rope-episodes-unseen", marks=pytest.mark.long),
         pytest.param("pliant-v1", "rope", marks=pytest.mark.blender),
     ],
 )
@@ -210,7 +238,7 @@ def test_a_regenerated_sequence_is_the_frozen_one(name: str, variant: str, tmp_p
 
 @pytest.mark.parametrize("name", ["pliant-v1", "pliant-v1-mini"])
 def test_frozen_queries_are_superseded_but_tables_are_not(name: str) -> None:
-    """Remove the mark with the next freeze. The tables are compared above."""
+    """Their order gave answers away; pliant-v2 asks its own. The tables are compared above."""
     frozen = read_frozen(read_config(FOLDER / f"{name}.yaml"))
     assert frozen is not None
     assert frozen["superseded"] == ["queries", "truth"]
@@ -258,8 +286,8 @@ def test_an_interrupted_benchmark_goes_on_and_repeats_nothing(
     made: tuple[Path, Recorder],
 ) -> None:
     _, watcher = made
-    assert watcher.begun[:2] == [("generate", 2, 0), ("train", 2, 0)]
-    assert watcher.begun[2:] == [("generate", 2, 2), ("train", 2, 1), ("answer", 8, 0)]
+    assert watcher.begun[:2] == [("generate", 2, 0), ("train", 4, 0)]
+    assert watcher.begun[2:] == [("generate", 2, 2), ("train", 4, 1), ("answer", 13, 0)]
     assert sorted(watcher.done) == sorted(set(watcher.done))
     assert ("small", 4, 4) in watcher.steps
 
@@ -279,7 +307,7 @@ def test_table_and_page(config_file: Path, made: tuple[Path, Recorder], tmp_path
     assert result.exit_code == 0, result.output
     table = json.loads(result.stdout)
     assert before == {path: path.stat().st_mtime_ns for path in out.rglob("*.parquet")}
-    rows = {(row["variant"], row["method"]): row for row in table["rows"]}
+    rows = {(row["variant"], row["method"]): row for row in table["rows"] if row["test"] == "rope"}
     assert len(rows) == 8
     # A row says what the report in scores/ says.
     report = json.loads((out / "scores/rope-noisy/more/standard/scores.json").read_text())
@@ -299,6 +327,39 @@ def test_table_and_page(config_file: Path, made: tuple[Path, Recorder], tmp_path
     assert "Does it help" in text
     assert (tmp_path / "pictures/thumb/rmse-rope.png").is_file()
     assert "(pictures/thumb/rmse-rope.png)" in text
+
+
+def test_seeds_are_trained_each_and_reported_as_their_mean(
+    config_file: Path, made: tuple[Path, Recorder]
+) -> None:
+    out, _ = made
+    config = read_config(config_file)
+    assert config.members("twice") == ("twice-0", "twice-1")
+    assert [config.runs[name].settings["seed"] for name in config.members("twice")] == [0, 1]
+    rows = finished_rows(config, Workspace(out))
+    single = [row for row in rows if row.test == "rope-seeds"]
+    (row,) = arms(single)
+    errors = [each.value("standard", "rmse_px") for each in single]
+    assert errors[0] != errors[1]
+    assert row.value("standard", "rmse_px") == pytest.approx(np.mean(errors))
+    assert row.interval("standard", "rmse_px") == (min(errors), max(errors))
+    text = (out / "results.md").read_text()
+    (line,) = [each for each in text.splitlines() if each.startswith("| Is it chance")]
+    # The pooled RMSE over both seeds minus that of the run without seeds.
+    pooled = np.sqrt(np.mean(np.square(errors)))
+    against = next(
+        each.value("standard", "rmse_px")
+        for each in rows
+        if (each.method, each.variant) == ("small", "noisy")
+    )
+    assert f"{pooled - against:+.1f}" in line
+
+
+def test_masks_are_withheld_where_a_test_says_so(made: tuple[Path, Recorder]) -> None:
+    out, _ = made
+    footer = read_footer(out / "answers/rope/twice-0-no-masks.parquet")
+    assert footer["method"]["mask"] == "none"
+    assert read_footer(out / "answers/rope/small.parquet")["method"]["mask"] == "given"
 
 
 def test_frozen_checksums(
