@@ -179,7 +179,7 @@ def read_config(path: Path, overrides: Sequence[str] = ()) -> BenchmarkConfig:
 
 def _with_seeds(config: BenchmarkConfig) -> BenchmarkConfig:
     """Return the config with a run for every random seed, also in the tests."""
-    runs = {}
+    runs: dict[str, Training] = {}
     for key, run in config.runs.items():
         first = int(run.settings.get("seed", 0))
         for index in range(run.seeds):

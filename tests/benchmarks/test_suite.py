@@ -339,7 +339,7 @@ def test_seeds_are_trained_each_and_reported_as_their_mean(
     rows = finished_rows(config, Workspace(out))
     single = [row for row in rows if row.test == "rope-seeds"]
     (row,) = arms(single)
-    errors = [each.value("standard", "rmse_px") for each in single]
+    errors = [each.value("standard", "rmse_px") or 0.0 for each in single]
     assert errors[0] != errors[1]
     assert row.value("standard", "rmse_px") == pytest.approx(np.mean(errors))
     assert row.interval("standard", "rmse_px") == (min(errors), max(errors))
@@ -348,7 +348,7 @@ def test_seeds_are_trained_each_and_reported_as_their_mean(
     # The pooled RMSE over both seeds minus that of the run without seeds.
     pooled = np.sqrt(np.mean(np.square(errors)))
     against = next(
-        each.value("standard", "rmse_px")
+        each.value("standard", "rmse_px") or 0.0
         for each in rows
         if (each.method, each.variant) == ("small", "noisy")
     )
