@@ -9,6 +9,7 @@ from PIL import Image
 
 from pliant.baselines.matcher import View
 from pliant.spec.io.photo import read_depth, read_mask, read_photo
+from pliant.spec.io.resizing import resize_nearest
 
 
 def read_view(
@@ -35,11 +36,9 @@ def read_view(
     on = None if mask is None else read_mask(mask, size)
     depth_m = None if depth is None else read_depth(depth, size)
     if max_side is not None and max(size) > max_side:
-        small = [max(1, round(side * max_side / max(size))) for side in size]
-        rgb = np.asarray(Image.fromarray(rgb).resize((small[0], small[1]), Image.Resampling.BOX))
-        rows, columns = (
-            ((np.arange(count) + 0.5) * whole / count).astype(int)
-            for count, whole in zip(small[::-1], size[::-1], strict=True)
-        )
-        on, depth_m = (None if each is None else each[rows][:, columns] for each in (on, depth_m))
+        width, height = (max(1, round(side * max_side / max(size))) for side in size)
+        small = width, height
+        rgb = np.asarray(Image.fromarray(rgb).resize(small, Image.Resampling.BOX))
+        on = None if on is None else resize_nearest(on, small)
+        depth_m = None if depth_m is None else resize_nearest(depth_m, small)
     return View(rgb=rgb, mask=on, depth_m=depth_m, key=str(picture))

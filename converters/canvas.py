@@ -21,6 +21,7 @@ from pliant.converters.clip import Clip, Floats, Image
 from pliant.spec.errors import CallError, SpecError
 from pliant.spec.io import limits
 from pliant.spec.io.photo import photo_size, read_depth, read_mask, read_photo
+from pliant.spec.io.resizing import resize_nearest
 
 Pixels = Literal["rounded", "index"]
 """What a number is: `rounded`, a position from the corner, perhaps rounded to the nearest pixel
@@ -91,10 +92,7 @@ class Canvas:
 
     def _nearest(self, values: npt.NDArray[Any], frame: int) -> npt.NDArray[Any]:
         """Return values of a picture at its size on the canvas, never mixing two of them."""
-        width, height = self.placed(frame)
-        rows = ((np.arange(height) + 0.5) * values.shape[0] / height).astype(int)
-        columns = ((np.arange(width) + 0.5) * values.shape[1] / width).astype(int)
-        return values[rows][:, columns]
+        return resize_nearest(values, self.placed(frame))
 
     def _filled(self, values: npt.NDArray[Any], empty: float) -> npt.NDArray[Any]:
         shape = (self.size[1], self.size[0], *values.shape[2:])

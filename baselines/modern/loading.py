@@ -5,10 +5,13 @@ from __future__ import annotations
 import importlib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from pliant.baselines.adapters import Images
 from pliant.spec.errors import CallError
+
+_MEAN: Final = (0.485, 0.456, 0.406)
+_STD: Final = (0.229, 0.224, 0.225)
 
 
 def library(name: str, feature: str, install: str) -> Any:
@@ -69,6 +72,15 @@ def pretrained(auto_class: Any, weights: str) -> Any:
             found=" ".join(str(error).split())[:200],
             required="a folder, or an id on the Hugging Face Hub",
         ) from error
+
+
+def normalised(image: Any) -> Any:
+    """Return an image (1, 3, H, W), 0 to 1, as networks trained on ImageNet expect it.
+
+    The channels' mean and standard deviation over ImageNet become 0 and 1.
+    """
+    mean, std = (image.new_tensor(each)[:, None, None] for each in (_MEAN, _STD))
+    return (image - mean) / std
 
 
 def images_for(device: str, size: Sequence[int] | None, multiple: int) -> Images:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
+from scipy import ndimage
 
 FloatArray = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -12,7 +13,7 @@ Mask = npt.NDArray[np.bool_]
 def depth_in_mask(mask: Mask, reach_px: int = 16) -> FloatArray:
     """Return each pixel's distance to the nearest pixel off the mask, px.
 
-    Exact Euclidean distances, separable in rows and columns.
+    Exact Euclidean distances.
 
     Args:
         mask: bool (H, W).
@@ -21,20 +22,10 @@ def depth_in_mask(mask: Mask, reach_px: int = 16) -> FloatArray:
     Returns:
         float64 (H, W); 0 off the mask.
     """
-    squared = np.where(mask, float(reach_px**2), 0.0)
-    for axis in (0, 1):
-        nearest = squared.copy()
-        for step in range(1, reach_px + 1):
-            for ahead in (True, False):
-                moved = np.full_like(squared, float(reach_px**2))
-                there, here = [slice(None)] * 2, [slice(None)] * 2
-                there[axis], here[axis] = slice(step, None), slice(None, -step)
-                if not ahead:
-                    there, here = here, there
-                moved[tuple(here)] = squared[tuple(there)] + step**2
-                np.minimum(nearest, moved, out=nearest)
-        squared = nearest
-    return np.sqrt(squared)
+    if mask.all():  # no pixel to be far from
+        return np.full(mask.shape, float(reach_px))
+    distance: FloatArray = ndimage.distance_transform_edt(mask)
+    return np.minimum(distance, reach_px)
 
 
 def steps_along(mask: Mask, start: tuple[int, int]) -> npt.NDArray[np.int64]:

@@ -13,7 +13,7 @@ import torch
 from pliant.baselines.lru_cache import LRUCache
 from pliant.baselines.matcher import Answers, Heat, View
 from pliant.baselines.tracing import Trace, rope_traces
-from pliant.loaders.views import resize_mask, resize_nearest, resize_rgb
+from pliant.loaders.views import resize_mask, resize_rgb
 from pliant.models.don.candidates import pixel_grid, widened
 from pliant.models.don.certainty import Calibration
 from pliant.models.don.decoding import decode_position, mixture_of_modes, spread_about
@@ -31,6 +31,7 @@ from pliant.models.networks.descriptor_network import (
     DescriptorNetwork,
     sample_descriptors,
 )
+from pliant.spec.io.resizing import resize_nearest
 
 _KEPT_VIEWS = 8
 _KEPT_TRACES = 128
@@ -46,19 +47,30 @@ class _Described:
 
 
 @dataclass(frozen=True)
-class Search:
-    """What the matcher knows of N queries before it decides.
+class Comparison:
+    """The descriptors of N queries against those of the target's candidates.
 
     Attributes:
         log_p: float (N, M), log probabilities over the candidates, before calibration.
         uv_px: float (M, 2), the candidates, in pixels of the network.
         distance: float64 (N,), squared descriptor distance to the best one times the scale.
-        traced: Where a rope's traces carry the queries, or None.
+        query: float (N, D), the queries' descriptors in the upright source.
     """
 
     log_p: torch.Tensor
     uv_px: torch.Tensor
     distance: npt.NDArray[np.float64]
+    query: torch.Tensor
+
+
+@dataclass(frozen=True)
+class Search(Comparison):
+    """What the matcher knows of N queries before it decides.
+
+    Attributes:
+        traced: Where a rope's traces carry the queries, or None. They are weighed into `log_p`.
+    """
+
     traced: TracedPlaces | None
 
 
@@ -112,7 +124,7 @@ class DonMatcher:
         answers = self._answers(found, target)
         if self.familiarity is None:
             return answers
-        asked = self.asked(source, target, uv_a_px, found.distance)
+        asked = self.asked(source, target, found)
         return replace(answers, familiarity=self.familiarity.score(asked))
 
     def _answers(self, found: Search, target: View) -> Answers:
@@ -157,7 +169,30 @@ class DonMatcher:
         return Heat(heat, "log probability", min(1.0, mass), "probability of the peak")
 
     def search(self, source: View, target: View, uv_a_px: npt.NDArray[np.float32]) -> Search:
-        """Compare queries with the target's candidates.
+        """Compare queries with the target's candidates, and follow traces where they decide.
+
+        Args:
+            source: The image the queries are in.
+            target: The image to find them in.
+            uv_a_px: float32 (N, 2), in pixels of the source.
+        """
+        compared = self.compare(source, target, uv_a_px)
+        traced = None
+        if self.settings.decode == "trace":
+            scale = self.network.scale.detach().cpu()
+            traced = traced_places(
+                TracedView(source, self._descriptors(source).maps[0], self._traces_of(source)),
+                TracedView(target, self._descriptors(target).maps[0], self._traces_of(target)),
+                scale * self.sharpness,
+                uv_a_px,
+            )
+        log_p, uv = compared.log_p, compared.uv_px
+        if traced is not None:
+            log_p = traced.weighed_in(log_p, uv.double().numpy() * self._pixel_scale(target))
+        return Search(log_p, uv, compared.distance, compared.query, traced)
+
+    def compare(self, source: View, target: View, uv_a_px: npt.NDArray[np.float32]) -> Comparison:
+        """Compare the queries' descriptors with those of the target's candidates.
 
         Args:
             source: The image the queries are in.
@@ -173,11 +208,13 @@ class DonMatcher:
         uv = pixel_grid(height, width, 1, torch.device("cpu"))[chosen]
         total = torch.zeros(len(query_uv), len(uv))
         distance = torch.zeros(len(query_uv))
+        queries = []
         with torch.inference_mode():
             scale = self.network.scale.detach().cpu()
             for turn, map_a, map_b in zip(self._turns, a.maps, b.maps, strict=True):
                 turned = _turned_uv(query_uv, turn, width, height)
                 query = sample_descriptors(map_a[None], turned[None])  # (1, N, D)
+                queries.append(query[0])
                 upright = torch.rot90(map_b, turn, (1, 2))
                 rows = upright.flatten(1).T[chosen]  # (M, D)
                 total += log_probabilities(query, rows[None], scale)[0]
@@ -185,17 +222,7 @@ class DonMatcher:
                 distance += gap * scale
         turns = len(a.maps)
         log_p = (total * (self.sharpness / turns)).log_softmax(dim=1)
-        traced = None
-        if self.settings.decode == "trace":
-            traced = traced_places(
-                TracedView(source, a.maps[0], self._traces_of(source)),
-                TracedView(target, b.maps[0], self._traces_of(target)),
-                scale * self.sharpness,
-                uv_a_px,
-            )
-        if traced is not None:
-            log_p = traced.weighed_in(log_p, uv.double().numpy() * self._pixel_scale(target))
-        return Search(log_p, uv, (distance / turns).double().numpy(), traced)
+        return Comparison(log_p, uv, (distance / turns).double().numpy(), queries[0])
 
     def decoded(self, found: Search, target: View) -> npt.NDArray[np.float64]:
         """Return the positions that a search ends at, float64 (N, 2) in pixels of the target."""
@@ -217,30 +244,19 @@ class DonMatcher:
 
         return self._traces.get(view.key, traced)
 
-    def asked(
-        self,
-        source: View,
-        target: View,
-        uv_a_px: npt.NDArray[np.float32],
-        distance: npt.NDArray[np.float64] | None = None,
-    ) -> Asked:
+    def asked(self, source: View, target: View, compared: Comparison) -> Asked:
         """Return what `Familiarity` looks at.
 
         Args:
             source: The image the queries are in.
             target: The image to find them in.
-            uv_a_px: float32 (N, 2), in pixels of the source.
-            distance: float64 (N,), from `search`; None computes it.
+            compared: From `compare` or `search` of both.
         """
-        if distance is None:
-            distance = self.search(source, target, uv_a_px).distance
-        a, b = self._descriptors(source), self._descriptors(target)
-        uv = torch.as_tensor(uv_a_px / self._pixel_scale(source), dtype=torch.float32)
-        query = sample_descriptors(a.maps[0][None], uv[None])[0].numpy()
         source_described, target_described = (
-            Described(each.maps[0].numpy(), each.mask) for each in (a, b)
+            Described(each.maps[0].numpy(), each.mask)
+            for each in (self._descriptors(source), self._descriptors(target))
         )
-        return Asked(source_described, target_described, query, distance)
+        return Asked(source_described, target_described, compared.query.numpy(), compared.distance)
 
     def descriptor_map(self, view: View) -> npt.NDArray[np.float32]:
         """Return a frame's descriptors at the network's size, float32 (h, w, D)."""

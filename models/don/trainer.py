@@ -169,8 +169,8 @@ def familiarity_of(matcher: DonMatcher, pairs: Sequence[ValidationPair]) -> Fami
             replace(view, mask=None, objects=None, key=f"{view.key} without masks")
             for view in (pair.source, pair.target)
         ]
-        asked.append(matcher.asked(pair.source, pair.target, pair.uv_a_px))
-        asked.append(matcher.asked(bare[0], bare[1], pair.uv_a_px))
+        for views in ((pair.source, pair.target), (bare[0], bare[1])):
+            asked.append(matcher.asked(*views, matcher.compare(*views, pair.uv_a_px)))
     return fit_familiarity(asked)
 
 

@@ -14,7 +14,7 @@ import torch
 from pliant.baselines.lru_cache import LRUCache
 from pliant.baselines.matcher import Answers, Heat, View
 from pliant.loaders.inputs import NetworkInput
-from pliant.loaders.views import resize_mask, resize_nearest, resize_rgb
+from pliant.loaders.views import resize_mask, resize_rgb
 from pliant.models.timecycle.encoder import STRIDE
 from pliant.models.timecycle.network import TimeCycleNetwork
 from pliant.models.timecycle.propagation import Propagator
@@ -22,6 +22,7 @@ from pliant.models.timecycle.settings import PropagationSettings, TimeCycleSetti
 from pliant.models.training.checkpoint import load_best
 from pliant.models.training.run_folder import CONFIG, RUN_FACTS, read_run_json
 from pliant.spec.configuration import read_settings
+from pliant.spec.io.resizing import resize_nearest
 
 Float32 = npt.NDArray[np.float32]
 

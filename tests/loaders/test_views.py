@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from pliant.loaders.frame_store import FrameStore
-from pliant.loaders.views import resize_mask, resize_nearest, resize_rgb
+from pliant.loaders.views import resize_mask, resize_rgb
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
+from pliant.spec.io.resizing import resize_nearest
 
 
 def test_resizing_keeps_positions() -> None:
