@@ -17,11 +17,12 @@ from pliant.loaders.inputs import InputKind, NetworkInput
 from pliant.loaders.masks import given_masks
 from pliant.loaders.order import sample_generator
 from pliant.loaders.orientation import Orientation
-from pliant.loaders.surface_matches import draw_surface_pixels, find_on_surface
+from pliant.loaders.surface_matches import draw_surface_pixels
 from pliant.loaders.views import FrameView
 from pliant.spec.configuration import configuration
 from pliant.spec.constraints import Bounds, Count
 from pliant.spec.errors import CallError
+from pliant.spec.surface_search import SurfaceSearch
 
 Pairing = Literal["any", "sequence", "next"]
 MatchSource = Literal["points", "surface"]
@@ -208,7 +209,7 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
         scale = np.array(self.store.size) / np.array(self.store.full_size)
         matched = []
         for view, surface in zip(views, surfaces, strict=True):
-            uv, found = find_on_surface(tier.queried, surface, orbit)
+            uv, found = SurfaceSearch(tier.queried, surface).find(orbit)
             missing = count * (1 + len(tier.symmetries)) - len(uv)
             uv = np.concatenate([uv * scale, np.full((missing, 2), np.nan)])
             found = np.concatenate([found, np.zeros(missing, dtype=np.bool_)])

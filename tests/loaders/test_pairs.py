@@ -87,12 +87,12 @@ def test_both_sources_of_matches_agree(sheet_dataset: Dataset) -> None:
     """The tables and the surface images are two tellings of one truth."""
     pairs = PairDataset(FrameStore(sheet_dataset, "sheet", "train", sheet_dataset.size))
     store = pairs.store
-    from pliant.loaders.surface_matches import find_on_surface
+    from pliant.spec.surface_search import SurfaceSearch
 
     view = store.view(1)
     material = store.material[view.visible].astype(np.float64)
     surface = store.frames[1].sequence.surface(0)
-    uv, found = find_on_surface(store.tier.queried, surface, material)
+    uv, found = SurfaceSearch(store.tier.queried, surface).find(material)
     assert found.mean() > 0.9
     np.testing.assert_allclose(uv[found], view.uv_px[view.visible][found], atol=2e-3)
 

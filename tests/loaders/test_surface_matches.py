@@ -5,10 +5,11 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from pliant.loaders.surface_matches import draw_surface_pixels, find_on_surface
+from pliant.loaders.surface_matches import draw_surface_pixels
 from pliant.spec.dataset import Dataset
 from pliant.spec.io.images import Surface
 from pliant.spec.model import MaterialCoordinate, MaterialObject, Symmetry, Tier
+from pliant.spec.surface_search import SurfaceSearch
 
 
 def test_matches_are_exact_to_a_fraction_of_a_pixel(
@@ -17,7 +18,7 @@ def test_matches_are_exact_to_a_fraction_of_a_pixel(
     sheet = sheet_dataset.tiers["sheet"].queried
     a, b = sheet_dataset.sequences[0], sheet_dataset.sequences[1]
     uv_a, material = draw_surface_pixels(np.random.default_rng(0), a.surface(0), 1, 400)
-    uv_b, found = find_on_surface(sheet, b.surface(0), material)
+    uv_b, found = SurfaceSearch(sheet, b.surface(0)).find(material)
     to_a = sheets.sheet_map(1000 * 0, 0, a.size, 0.0)
     to_b = sheets.sheet_map(1000 * 0 + 1, 0, b.size, 0.0)
     # The drawn pixels' own material is exact, and so is the way to B: an affine map.
@@ -32,7 +33,7 @@ def test_hidden_points_are_not_found(sheet_dataset: Dataset) -> None:
     sequence = sheet_dataset.sequences[1]
     hidden = np.array([[0.95, 0.25], [0.96, 0.4]])
     sheet = sheet_dataset.tiers["sheet"].queried
-    uv, found = find_on_surface(sheet, sequence.surface(0), hidden)
+    uv, found = SurfaceSearch(sheet, sequence.surface(0)).find(hidden)
     assert not found.any()
     assert np.isnan(uv).all()
 
@@ -46,7 +47,7 @@ def test_an_unseen_object_gives_nothing() -> None:
     )
     uv, material = draw_surface_pixels(np.random.default_rng(0), empty, 1, 5)
     assert uv.shape == material.shape == (0, 2)
-    _, found = find_on_surface(SHEET, empty, np.array([[0.5, 0.5]]))
+    _, found = SurfaceSearch(SHEET, empty).find(np.array([[0.5, 0.5]]))
     assert found.tolist() == [False]
 
 
@@ -89,7 +90,7 @@ def test_a_fold_is_not_bridged() -> None:
     m1 = np.tile(np.linspace(0.2, 0.29, 10)[:, None], (1, 40)).astype(np.float32)
     surface = Surface(np.ones((10, 40), np.float32), m0, m1, np.ones((10, 40), np.uint32))
     wanted = np.array([[0.193, 0.25], [0.4, 0.25], [0.605, 0.2551]])
-    uv, found = find_on_surface(SHEET, surface, wanted)
+    uv, found = SurfaceSearch(SHEET, surface).find(wanted)
     assert found.tolist() == [True, False, True]
     np.testing.assert_allclose(uv[[0, 2]], [[19.8, 5.5], [21.0, 6.01]], atol=0.02)
 
