@@ -35,6 +35,7 @@ from pliant.spec.io.resizing import resize_nearest
 
 _KEPT_VIEWS = 8
 _KEPT_TRACES = 128
+_PIXELS_AT_ONCE = 4096
 
 
 @dataclass(frozen=True)
@@ -261,6 +262,26 @@ class DonMatcher:
     def descriptor_map(self, view: View) -> npt.NDArray[np.float32]:
         """Return a frame's descriptors at the network's size, float32 (h, w, D)."""
         return self._descriptors(view).maps[0].permute(1, 2, 0).numpy()
+
+    def canonical_map(self, view: View) -> npt.NDArray[np.float32] | None:
+        """Return the material coordinates that the canonical head reads off each pixel.
+
+        Args:
+            view: A frame.
+
+        Returns:
+            float32 (h, w, 2), those of the most probable anchor, at the network's size; None for
+            a network without a canonical head.
+        """
+        head = self.network.canonical
+        if head is None:
+            return None
+        descriptors = self._descriptors(view).maps[0]
+        with torch.inference_mode():
+            rows = descriptors.flatten(1).T.split(_PIXELS_AT_ONCE)
+            scale = self.network.scale.detach().cpu()
+            best = torch.cat([head.log_probabilities(part, scale).argmax(dim=1) for part in rows])
+            return head.anchors[best].view(*descriptors.shape[1:], 2).cpu().numpy()
 
     def working_mask(self, view: View) -> npt.NDArray[np.bool_] | None:
         """Return a frame's mask at the network's size, bool (h, w), or None."""
