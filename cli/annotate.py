@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from pliant.cli.options import PATH
+from pliant.cli.options import PATH, port_options
 from pliant.cli.terminal import echo, plural
 
 
@@ -16,13 +16,7 @@ from pliant.cli.terminal import echo, plural
 @click.argument("folder", metavar="DIR", type=PATH)
 @click.option("--points", default="", metavar="A,B,…", help="Names of points to begin with.")
 @click.option("--method", metavar="METHOD", help="Suggest marks with this method (such as sift).")
-@click.option(
-    "--port",
-    type=click.IntRange(0, 65535),
-    default=0,
-    help="Port on 127.0.0.1; default: any that is free.",
-)
-@click.option("--no-browser", is_flag=True, help="Print the address, do not open a browser.")
+@port_options
 def command(folder: Path, points: str, method: str | None, port: int, no_browser: bool) -> None:
     """Click the same points in the pictures of DIR and write DIR/annotations.csv.
 

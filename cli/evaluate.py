@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     "--hide-truth",
     is_flag=True,
     help="Cap every error at the image diagonal, for results shown to participants "
-    "(see: pliant serve --hide-truth).",
+    "(see: pliant site --hide-truth).",
 )
 @json_option
 def command(

@@ -82,6 +82,20 @@ def path_option(
     )
 
 
+def port_options(function: F) -> F:
+    """Add `--port` and `--no-browser`, the options of a local web page."""
+    port = click.option(
+        "--port",
+        type=click.IntRange(0, 65535),
+        default=0,
+        help="Port on 127.0.0.1; default: any that is free.",
+    )
+    quiet = click.option(
+        "--no-browser", is_flag=True, help="Print the address, do not open a browser."
+    )
+    return port(quiet(function))
+
+
 def out_option(metavar: str, text: str, kind: click.Path = PATH) -> Callable[[F], F]:
     """Return `--out`, the required path of what a command writes."""
     return path_option("--out", metavar, text, kind=kind, required=True)

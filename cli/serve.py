@@ -1,37 +1,41 @@
-"""`pliant serve`: the leaderboard and its reports as a static site."""
+"""`pliant serve`: a static site, served to this machine."""
 
 from __future__ import annotations
 
+import webbrowser
 from pathlib import Path
 
 import click
 
-from pliant.cli.options import json_option, out_option, reports_argument
-from pliant.cli.terminal import echo_result
+from pliant.cli.options import PATH, port_options
+from pliant.cli.terminal import echo
 
 
 @click.command("serve")
-@reports_argument
-@out_option("SITE", "The site's folder: new, or an earlier site, which is replaced.")
-@click.option("--title", metavar="TEXT", help="The site's name; default: the dataset's title.")
-@click.option(
-    "--hide-truth",
-    is_flag=True,
-    help="Show only rounded headline metrics, so that no answer of a held-out split can be read "
-    "off; needs reports of pliant evaluate --hide-truth.",
-)
-@json_option
-def command(
-    reports: tuple[Path, ...], out: Path, title: str | None, hide_truth: bool, as_json: bool
-) -> int:
-    """Write a site from REPORTS: report folders, or folders that contain them.
+@click.argument("places", metavar="SITE", nargs=-1, required=True, type=PATH)
+@click.option("--out", hidden=True, type=PATH)
+@port_options
+def command(places: tuple[Path, ...], out: Path | None, port: int, no_browser: bool) -> None:
+    """Serve SITE, a folder that `pliant site` wrote, to this machine alone; Ctrl-C ends.
 
-    SITE is plain files: open index.html, copy it to any web server, or upload it as a
-    Hugging Face Space (its README.md says `sdk: static`).
+    Any folder with an index.html can be served, such as the documentation or a demo's report.
     """
-    from pliant.evaluator.report.site import write_site
+    from pliant.spec.errors import CallError
+    from pliant.viewer.site_server import make_site_server
 
-    names = write_site(reports, out, title=title, hide_truth=hide_truth)
-    text = f"{len(names)} reports: {out / 'index.html'}"
-    echo_result({"site": str(out), "reports": names}, text, as_json=as_json)
-    return 0
+    if out is not None or len(places) != 1:
+        raise CallError(
+            "pliant serve shows one site and writes none",
+            fix="Write a site with: pliant site REPORTS --out SITE",
+        )
+    server = make_site_server(places[0], port)
+    address = f"http://127.0.0.1:{server.server_address[1]}/"
+    echo(f"{places[0]} at {address} (Ctrl-C ends)")
+    if not no_browser:
+        webbrowser.open(address)
+    try:
+        server.serve_forever()
+    except KeyboardInterrupt:
+        pass
+    finally:
+        server.server_close()

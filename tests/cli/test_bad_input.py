@@ -47,7 +47,7 @@ INPUTS: dict[str, tuple[str, list[str]]] = {
     "train timecycle": ("DATA", ["train", "timecycle", "--data", "DATA", "--out", "OUT"]),
     "compare": ("REPORT", ["compare", "REPORT", "REPORT"]),
     "leaderboard": ("REPORT", ["leaderboard", "REPORT", "--out", "OUT.html"]),
-    "serve": ("REPORT", ["serve", "REPORT", "--out", "OUT"]),
+    "site": ("REPORT", ["site", "REPORT", "--out", "OUT"]),
     "import knots": ("KNOTS", ["import", "KNOTS", "--out", "OUT"]),
     "import a pickle": ("TRACKS.pkl", ["import", "TRACKS.pkl", "--out", "OUT"]),
     "import an npz file": ("TRACKS.npz", ["import", "TRACKS.npz", "--out", "OUT"]),
@@ -128,11 +128,13 @@ FOLDERS: dict[str, tuple[str, ...]] = {
 
 
 def test_every_command_that_reads_something_is_here() -> None:
-    """`annotate` serves a page until it is stopped; `test_annotate.py` has its inputs."""
+    """Those that serve pages until they are stopped have their inputs in `tests/viewer`."""
     assert {call[0] for _, call in INPUTS.values()} == set(COMMANDS) - {
         "demo",
         "methods",
         "annotate",
+        "explore",
+        "serve",
     }
 
 
@@ -261,7 +263,7 @@ def test_a_table_of_pairs_with_other_columns_is_one_sentence(
 ) -> None:
     shutil.copytree(good["REPORT"], tmp_path / "bad")
     shutil.copy(good["DATA"] / "sequences.parquet", tmp_path / "bad" / "per_pair.parquet")
-    _fails_in_one_sentence(_call("serve", tmp_path / "bad", good, tmp_path), capfd)
+    _fails_in_one_sentence(_call("site", tmp_path / "bad", good, tmp_path), capfd)
 
 
 @pytest.mark.parametrize(
