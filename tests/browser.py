@@ -71,6 +71,37 @@ class Browser:
             body = {"cmd": command, "params": given}
             _call("POST", f"{self._session}/goog/cdp/execute", body)
 
+    def hover(self, x: float, y: float) -> None:
+        """Move the mouse to a place of the window, CSS pixels."""
+        place = {"type": "pointerMove", "duration": 0, "x": round(x), "y": round(y)}
+        self._act({"type": "pointer", "id": "mouse", "actions": [place]})
+
+    def touch(self, x: float, y: float) -> None:
+        """Tap a place of the window with a finger, CSS pixels."""
+        place = {"type": "pointerMove", "duration": 0, "x": round(x), "y": round(y)}
+        press = [{"type": kind, "button": 0} for kind in ("pointerDown", "pointerUp")]
+        kind = {"pointerType": "touch"}
+        self._act(
+            {"type": "pointer", "id": "finger", "parameters": kind, "actions": [place, *press]}
+        )
+
+    def errors(self) -> list[str]:
+        """Return what the console has reported as errors since the last call."""
+        return [entry["message"] for entry in self._log("browser") if entry["level"] == "SEVERE"]
+
+    def requests(self) -> list[str]:
+        """Return the addresses that the browser has asked for since the last call."""
+        events = (json.loads(entry["message"])["message"] for entry in self._log("performance"))
+        return [
+            event["params"]["request"]["url"]
+            for event in events
+            if event["method"] == "Network.requestWillBeSent"
+        ]
+
+    def _log(self, kind: str) -> list[dict[str, Any]]:
+        entries: list[dict[str, Any]] = _call("POST", f"{self._session}/se/log", {"type": kind})
+        return entries
+
     def screenshot(self, out: Path) -> None:
         """Write what the window shows as a PNG."""
         out.write_bytes(base64.b64decode(_call("GET", f"{self._session}/screenshot")))
@@ -86,7 +117,9 @@ def chromium() -> Iterator[Browser]:
     with tempfile.TemporaryDirectory() as profile, _driver() as root:
         arguments = ["--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"]
         options = {"binary": CHROMIUM, "args": [*arguments, f"--user-data-dir={profile}"]}
-        wanted = {"capabilities": {"alwaysMatch": {"goog:chromeOptions": options}}}
+        logs = {"browser": "ALL", "performance": "ALL"}
+        always = {"goog:chromeOptions": options, "goog:loggingPrefs": logs}
+        wanted = {"capabilities": {"alwaysMatch": always}}
         session = f"{root}/{_call('POST', root, wanted)['sessionId']}"
         try:
             yield Browser(session)

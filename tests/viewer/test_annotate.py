@@ -18,7 +18,7 @@ from PIL import Image
 from pliant.baselines.controls import Identity
 from pliant.spec.errors import CallError, SpecError
 from pliant.viewer.annotate import Annotation, Suggester, make_server
-from tests.browser import CHROMIUM, DRIVER, Browser, chromium
+from tests.browser import Browser
 
 SIZES = {"one.jpg": (400, 300), "two.png": (300, 400), "three.webp": (200, 150)}
 
@@ -137,14 +137,6 @@ def test_suggestions_are_in_pixels_of_the_pictures(folder: Path) -> None:
     suggester = Suggester(annotation, Identity)
     assert suggester.suggest(0, 2)["marks"] == {"ball": [100.0, 50.0]}
     assert "no visible marks" in suggester.suggest(2, 0)["warnings"][0]
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    if CHROMIUM is None or DRIVER is None:
-        pytest.skip("chromium and chromedriver are not installed")
-    with chromium() as window:
-        yield window
 
 
 def marks_of(folder: Path) -> list[str]:

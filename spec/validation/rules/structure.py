@@ -97,9 +97,7 @@ def check_root(root: Path, findings: Findings) -> dict[str, set[str]]:
     known = {layout.QUERIES_DIR, layout.TRUTH_DIR, layout.PICTURES_DIR, layout.WEBDATASET_DIR}
     known |= {*WORKSHOPS, *(layout.SHARD_DIRS if packed else (layout.SEQUENCES_DIR,))}
     free = PAPERS | {layout.INDEX_TABLE, layout.CHECKSUMS, layout.MANIFEST_JSON}
-    report_extra(
-        findings, "", (files - required - free) | (folders - known), "see SPEC.md, Files"
-    )
+    report_extra(findings, "", (files - required - free) | (folders - known), "see SPEC.md, Files")
     for name in layout.SHARD_DIRS:
         if packed and name in folders:
             inside, deeper = list_folder(root / name, name, findings)

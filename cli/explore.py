@@ -1,0 +1,59 @@
+"""`pliant explore`: move over a picture; see truth, answers and heat maps on a local web page."""
+
+from __future__ import annotations
+
+import webbrowser
+from pathlib import Path
+
+import click
+
+from pliant.cli.options import PATH, port_options
+from pliant.cli.terminal import echo, plural
+
+
+@click.command()
+@click.argument("data", metavar="DATA", type=PATH)
+@click.argument("answers", metavar="[REPORT|SUB.parquet|METHOD]…", nargs=-1)
+@click.option(
+    "--truth",
+    metavar="DIR",
+    type=PATH,
+    help="The private half of a published dataset, which brings the withheld truth.",
+)
+@port_options
+def command(
+    data: Path, answers: tuple[str, ...], truth: Path | None, port: int, no_browser: bool
+) -> None:
+    """Explore DATA: point at one picture and see where the point is in the other.
+
+    Each METHOD (a name that `pliant methods` lists, the folder of a training run or FILE.py:CLASS)
+    answers while the pointer moves. A submission, or a REPORT of `pliant evaluate` with its
+    submission in the same folder or the one above, shows its recorded answers. Default: the
+    shipped models for the objects of DATA, where torch is installed. The page is served to this
+    machine alone; Ctrl-C ends.
+    """
+    from pliant.api import load
+    from pliant.spec.errors import MissingExtraError
+
+    try:
+        from pliant.viewer.explorer.opening import open_explorer
+        from pliant.viewer.explorer.server import ExplorerServer
+    except ModuleNotFoundError as error:
+        if error.name not in ("starlette", "uvicorn"):
+            raise
+        raise MissingExtraError("pliant explore", "explore") from error
+    from pliant.api import open_method
+
+    dataset = load(data)
+    if truth is not None:
+        dataset = dataset.with_private(truth)
+    explorer = open_explorer(dataset, answers, open_method)
+    server = ExplorerServer(explorer, port)
+    names = ", ".join(method.name for method in explorer.methods) or "no methods"
+    echo(
+        f"{dataset.id}: {plural(len(dataset.sequences), 'sequence')}, {names}\n"
+        f"{server.address} (Ctrl-C ends)"
+    )
+    if not no_browser:
+        webbrowser.open(server.address)
+    server.run()

@@ -1,0 +1,112 @@
+"""An explorer of the tiny dataset, with a method whose answers and heat maps are known."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+import pytest
+
+from pliant.baselines.matcher import Answers, Heat, View
+from pliant.spec.dataset import Dataset
+from pliant.spec.io.parquet import write_table
+
+pytest.importorskip("starlette", reason="the explorer needs the extra 'explore'")
+pytest.importorskip("uvicorn", reason="the explorer needs the extra 'explore'")
+
+from pliant.viewer.explorer.app import Explorer
+from pliant.viewer.explorer.frames import FrameStore
+from pliant.viewer.explorer.live import LiveMethod
+from pliant.viewer.explorer.recorded import RecordedQueries
+from pliant.viewer.explorer.server import ExplorerServer
+from pliant.viewer.explorer.submissions import read_submission
+
+SHIFT_PX = 6.0
+
+
+class Shifted:
+    """Answers the query's own pixel, a little to the right; its heat is a hill there."""
+
+    name = "shifted"
+
+    def describe(self) -> Mapping[str, Any]:
+        return {"name": self.name}
+
+    def answer(self, source: View, target: View, uv_a_px: npt.NDArray[np.float32]) -> Answers:
+        sigma = np.full(len(uv_a_px), 2.0, np.float32)
+        return Answers(uv_a_px + np.array([SHIFT_PX, 0], np.float32), sigma_px=sigma)
+
+    def heat(self, source: View, target: View, uv_a_px: npt.NDArray[np.float32]) -> Heat:
+        height, width = target.rgb.shape[:2]
+        v, u = np.mgrid[:height, :width] + 0.5
+        squared = (u - uv_a_px[0] - SHIFT_PX) ** 2 + (v - uv_a_px[1]) ** 2
+        hill = (-squared / 8).astype(np.float32)
+        return Heat(hill, "log probability", 0.75, "probability of the peak")
+
+
+@pytest.fixture(scope="session")
+def submit(tmp_path_factory: pytest.TempPathFactory) -> Callable[[Path, float], Path]:
+    """A function: dataset folder, shift in pixels -> a submission of the moved truth."""
+
+    def write(root: Path, shift_px: float) -> Path:
+        dataset = Dataset.open(root)
+        queries, truth = dataset.queries("test"), dataset.truth("test")
+        table = pa.table(
+            {
+                "pair_id": queries["pair_id"],
+                "query_id": queries["query_id"],
+                "u": pa.array(truth["u_b"].to_numpy() + np.float32(shift_px)),
+                "v": truth["v_b"],
+            }
+        )
+        footer = {
+            "dataset": {"id": dataset.id, "version": dataset.version},
+            "split": "test",
+            "queries_sha256": dataset.queries_sha256("test"),
+            "method": {"name": f"moved {shift_px:g} px"},
+        }
+        path = tmp_path_factory.mktemp("submission") / "answers.parquet"
+        write_table(path, table, "answers", footer)
+        return path
+
+    return write
+
+
+@pytest.fixture(scope="session")
+def explorer(tiny_dataset: Path, submit: Callable[[Path, float], Path]) -> Explorer:
+    """An explorer with a live method and a recorded one that is 5 px off."""
+    return make_explorer(tiny_dataset, submit(tiny_dataset, 5.0))
+
+
+def make_explorer(root: Path, submission: Path) -> Explorer:
+    """Return an explorer of a dataset with `Shifted` and the answers of a submission."""
+    dataset = Dataset.open(root)
+    frames, queries = FrameStore(dataset), RecordedQueries(dataset)
+    recorded = read_submission(submission, dataset, queries)
+    return Explorer(frames, queries, [LiveMethod(Shifted(), frames), recorded])
+
+
+@contextmanager
+def served(explorer: Explorer) -> Iterator[str]:
+    """Serve an explorer; yield its address, which ends with a slash."""
+    server = ExplorerServer(explorer)
+    thread = threading.Thread(target=server.run, daemon=True)
+    thread.start()
+    try:
+        yield server.address
+    finally:
+        server.stop()
+        thread.join(timeout=10)
+
+
+@pytest.fixture(scope="session")
+def address(explorer: Explorer) -> Iterator[str]:
+    """The address of the explorer's page."""
+    with ExitStack() as stack:
+        yield stack.enter_context(served(explorer))

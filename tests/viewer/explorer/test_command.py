@@ -1,0 +1,60 @@
+"""`pliant explore` from the command line: one address, one sentence for what is wrong."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import urllib.request
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from pliant.cli.main import run
+
+Submit = Callable[[Path, float], Path]
+
+
+def test_it_serves_until_it_is_stopped(tiny_episode: Path, submit: Submit) -> None:
+    submission = str(submit(tiny_episode, 4.0))
+    call = [str(tiny_episode), submission, "identity", "--no-browser"]
+    code = "from pliant.cli.main import main; main()"
+    with subprocess.Popen(
+        [sys.executable, "-c", code, "explore", *call],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONUNBUFFERED": "1"},
+    ) as process:
+        assert process.stdout is not None
+        about, address = process.stdout.readline(), process.stdout.readline().split()[0]
+        assert about == "tiny-episode: 2 sequences, moved 4 px, identity\n"
+        assert address.startswith("http://127.0.0.1:")
+        with urllib.request.urlopen(address) as answer:
+            assert b"Explore" in answer.read()
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=30)
+        assert "Traceback" not in said
+        assert process.returncode == 0
+
+
+def test_what_is_wrong_is_one_sentence(
+    tiny_dataset: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "bad.parquet").write_bytes(b"PAR1")
+    data = str(tiny_dataset)
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        for call, code in (
+            ([str(tmp_path)], 1),
+            ([data, "sifd"], 2),
+            ([data, "oracle"], 2),
+            ([data, str(tmp_path / "bad.parquet")], 1),
+            ([data, "identity", "--port", str(taken.getsockname()[1])], 2),
+        ):
+            assert run(["explore", *call, "--no-browser"]) == code
+            assert len(capfd.readouterr().err.strip().splitlines()) == 1

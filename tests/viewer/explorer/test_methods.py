@@ -1,0 +1,147 @@
+"""Live and recorded methods, reports, and the layers that they make."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from pliant.api import open_method
+from pliant.baselines.matcher import Heat
+from pliant.evaluator import evaluate, write_report
+from pliant.spec.dataset import Dataset
+from pliant.spec.errors import CallError, SubmissionError
+from pliant.viewer.explorer.app import Explorer
+from pliant.viewer.explorer.frames import FramePair
+from pliant.viewer.explorer.heat import heat_png
+from pliant.viewer.explorer.layers import error_colours, frame_layer, method_layer
+from pliant.viewer.explorer.opening import open_explorer
+from pliant.viewer.explorer.submissions import RecordedMethod, ReportMethod
+
+Submit = Callable[[Path, float], Path]
+
+
+def pair_of(explorer: Explorer, number: int = 0) -> tuple[FramePair, Any]:
+    pair = explorer.queries.splits["test"].pairs[number]
+    return FramePair(pair.source, pair.target), pair.uv_a_px
+
+
+def test_a_recorded_answer_is_that_of_the_nearest_query(explorer: Explorer) -> None:
+    frames, uv_a = pair_of(explorer)
+    truth = explorer.dataset.truth("test")
+    found = explorer.methods[1].answer(frames, uv_a[4] + np.array([0.02, -0.02]))
+    assert found is not None
+    np.testing.assert_allclose(found.uv_a_px, uv_a[4], atol=1e-5)
+    expected = [truth["u_b"][4].as_py() + 5, truth["v_b"][4].as_py()]
+    np.testing.assert_allclose(found.uv_b_px, expected, atol=1e-3)
+    assert explorer.methods[1].answer(frames, np.array([-90.0, 0.0])) is None
+
+
+def test_pairs_have_the_error_of_their_answers(explorer: Explorer, submit: Submit) -> None:
+    """Every answer is 5 px off, and so is every pair; the report says the same."""
+    for errors in explorer.methods[1].errors.values():
+        assert {round(each, 3) for each in errors if each is not None} == {5.0}
+    root = explorer.dataset.root
+    scores = evaluate(submit(root, 3.0), root)
+    assert {round(each, 3) for each in ReportMethod(scores).errors["test"] if each} == {3.0}
+
+
+def test_a_report_finds_its_submission(tiny_dataset: Path, submit: Submit, tmp_path: Path) -> None:
+    submission = submit(tiny_dataset, 2.0)
+    write_report(evaluate(submission, tiny_dataset), tmp_path / "report")
+    dataset = Dataset.open(tiny_dataset)
+    alone = open_explorer(dataset, [str(tmp_path / "report")], open_method).methods[0]
+    assert isinstance(alone, ReportMethod)
+    assert alone.name == "moved 2 px"
+    (tmp_path / "answers.parquet").write_bytes(submission.read_bytes())
+    found = open_explorer(dataset, [str(tmp_path / "report")], open_method).methods[0]
+    assert isinstance(found, RecordedMethod)
+    (tmp_path / "answers.parquet").write_bytes(submit(tiny_dataset, 1.0).read_bytes())
+    other = open_explorer(dataset, [str(tmp_path / "report")], open_method).methods[0]
+    assert isinstance(other, ReportMethod)  # another file of the same name
+
+
+def test_what_answers_no_pixel_is_refused(
+    tiny_dataset: Path, tiny_episode: Path, submit: Submit
+) -> None:
+    dataset = Dataset.open(tiny_dataset)
+    with pytest.raises(CallError, match="pliant predict oracle"):
+        open_explorer(dataset, ["oracle"], open_method)
+    with pytest.raises(CallError, match="there is no method"):
+        open_explorer(dataset, ["sifd"], open_method)
+    with pytest.raises(SubmissionError, match="pliant check"):
+        open_explorer(dataset, [str(submit(tiny_episode, 1.0))], open_method)
+
+
+def test_the_error_map_has_the_colour_of_the_error(explorer: Explorer) -> None:
+    """A frame against itself: the live method is 6 px off everywhere."""
+    frame = explorer.dataset.frames("test", "cloth-1")[0]
+    rgb = method_layer(
+        explorer.frames,
+        explorer.truth,
+        explorer.methods[0],
+        FramePair(frame, frame),
+        "error",
+        of_target=False,
+    )
+    assert rgb is not None
+    assert frame.mask is not None
+    colours, counts = np.unique(rgb[frame.mask], axis=0, return_counts=True)
+    np.testing.assert_array_equal(colours[counts.argmax()], error_colours(np.array([6.0]))[0])
+    assert counts.max() > 0.98 * counts.sum()  # the rest is not found in its own frame: grey
+
+
+def test_layers_show_the_object(explorer: Explorer) -> None:
+    frame = explorer.dataset.frames("test", "rope")[0]
+    assert frame.mask is not None
+    for layer in ("depth", "index", "mask"):
+        rgb = frame_layer(explorer.frames, frame, layer)
+        assert rgb is not None
+        assert rgb.shape == (120, 160, 3)
+        assert rgb[frame.mask].mean() > 3 * rgb[frame.object_ids == 0].mean()
+    rgb = frame_layer(explorer.frames, frame, "rgb")
+    assert rgb is not None
+    np.testing.assert_array_equal(rgb, frame.rgb)
+
+
+def test_a_heat_map_is_opaque_at_its_peak_and_clear_elsewhere() -> None:
+    values = np.full((60, 80), np.nan, np.float32)
+    values[20:40, 20:60] = -30.0
+    values[30, 33] = -0.5
+    picture = Image.open(io.BytesIO(heat_png(Heat(values, "log probability", 1.0, ""))))
+    alpha = np.asarray(picture.convert("RGBA"))[..., 3]
+    assert alpha.argmax() == 30 * 80 + 33
+    assert alpha[30, 33] > 230
+    assert (alpha[np.isnan(values)] == 0).all()
+    assert alpha[25, 25] < 100
+
+
+def test_the_shipped_network_shows_all_it_has(tiny_dataset: Path) -> None:
+    pytest.importorskip("torch")
+    explorer = open_explorer(Dataset.open(tiny_dataset), ["don-rope"], open_method)
+    frames, uv_a = pair_of(explorer, _pair_of_tier(explorer, "rope"))
+    answer = explorer.methods[0].answer(frames, uv_a[0].astype(np.float64))
+    assert answer is not None
+    assert answer.heat is not None
+    assert answer.heat.values.shape == (120, 160)
+    assert answer.material is not None
+    assert list(answer.material) == ["s", "theta"]
+    assert 0 <= answer.material["s"] <= 1
+    for layer in ("descriptors", "canonical"):
+        rgb = method_layer(
+            explorer.frames, explorer.truth, explorer.methods[0], frames, layer, of_target=True
+        )
+        assert rgb is not None
+        mask = frames.target.mask
+        assert mask is not None
+        assert len(np.unique(rgb[mask], axis=0)) > 20
+
+
+def _pair_of_tier(explorer: Explorer, tier: str) -> int:
+    pairs = explorer.queries.splits["test"].pairs
+    return next(k for k, pair in enumerate(pairs) if pair.source.sequence.tier == tier)

@@ -1,0 +1,258 @@
+"""The explorer's page in a real browser: point, layers, browse, keys, links, dark, phone, 3D."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from urllib.parse import parse_qsl, urlsplit
+
+import pytest
+
+from pliant.viewer.explorer.app import Explorer
+from tests.browser import Browser
+from tests.viewer.explorer.conftest import SHIFT_PX, make_explorer, served
+
+PLACES = """
+const frame = document.querySelector('#picture-a .frame').getBoundingClientRect();
+return [frame.left, frame.top, frame.width / arguments[0]];
+"""
+CELLS = "document.querySelectorAll('#answers tbody tr')"
+HEAT = "document.querySelector('#picture-b .heat').getAttribute('src')"
+LOADED = "[...document.querySelectorAll('img.layer')].every(each => each.complete)"
+
+
+class Page:
+    """The page of an explorer in a browser."""
+
+    def __init__(self, browser: Browser, explorer: Explorer, address: str) -> None:
+        self.browser, self.explorer, self.address = browser, explorer, address
+
+    def open(self, link: str = "", *, width: int = 1200, dark: bool = False) -> None:
+        self.browser.open("about:blank")
+        self.browser.size(width, 800, dark=dark)
+        self.browser.open(self.address + link)
+        self.browser.wait("document.body.dataset.ready")
+
+    def at(self, u: float, v: float) -> tuple[float, float]:
+        """Return where a place of the source is in the window."""
+        left, top, zoom = self.browser.run(PLACES, self.explorer.dataset.size[0])
+        return left + u * zoom, top + v * zoom
+
+    def answered(self, place: str = "") -> None:
+        """Wait until the live method's place is written, and is the given one."""
+        said = f"{CELLS}[1].children[2].textContent"
+        self.browser.wait(f"{said} === '{place}'" if place else f"{said} !== '–'", 20)
+
+    def cell(self, row: int, column: int) -> str:
+        text: str = self.browser.run(f"return {CELLS}[{row}].children[{column}].textContent")
+        return text
+
+    def place(self) -> tuple[float, float]:
+        """Return the pixel that is asked about, by the address."""
+        given = dict(parse_qsl(self.link().lstrip("#")))
+        return float(given["u"]), float(given["v"])
+
+    def link(self) -> str:
+        """Return the address, which follows what is shown with a delay."""
+        return str(
+            self.browser.run(
+                "return new Promise(done => setTimeout(() => done(location.hash), 150))"
+            )
+        )
+
+
+@pytest.fixture(scope="module")
+def page(browser: Browser, explorer: Explorer, address: str) -> Page:
+    return Page(browser, explorer, address)
+
+
+@pytest.fixture(autouse=True)
+def silent(browser: Browser, address: str) -> Iterator[None]:
+    """Every test: no error in the console, and no request to another machine."""
+    browser.errors()
+    browser.requests()
+    yield
+    assert browser.errors() == []
+    hosts = {urlsplit(each).hostname for each in browser.requests() if each.startswith("http")}
+    assert hosts == {"127.0.0.1"}
+
+
+def link_of(explorer: Explorer, pair: int = 0) -> str:
+    """Return the link to a pair of the test split."""
+    shown = explorer.queries.splits["test"].pairs[pair]
+    return f"#a={shown.source.key}&b={shown.target.key}"
+
+
+def first_query(explorer: Explorer, pair: int = 0) -> tuple[float, float]:
+    u, v = explorer.queries.splits["test"].pairs[pair].uv_a_px[0].tolist()
+    return u, v
+
+
+def test_moving_the_pointer_shows_truth_answers_and_heat(page: Page) -> None:
+    page.open(link_of(page.explorer))
+    u, v = first_query(page.explorer)
+    page.browser.hover(*page.at(u, v))
+    page.answered()
+    asked, _ = page.place()
+    assert asked % 1 == 0.5  # the centre of a pixel
+    answer = float(page.cell(1, 2).split(",")[0])
+    assert answer == pytest.approx(asked + SHIFT_PX, abs=0.06)
+    assert page.cell(1, 5) == "75 %"
+    page.browser.wait(f"{CELLS}[2].children[3].textContent === '5.0'")  # recorded: 5 px off
+    assert page.cell(0, 2) != "–"
+    page.browser.wait(HEAT)
+    before = page.browser.run(f"return {HEAT}")
+    other = page.explorer.queries.splits["test"].pairs[0].uv_a_px[7].tolist()
+    page.browser.hover(*page.at(*other))
+    page.browser.wait(f"{HEAT} && {HEAT} !== arguments[0]".replace("arguments[0]", f"'{before}'"))
+    page.browser.keys("h")
+    page.browser.wait(f"!{HEAT}")
+
+
+def test_the_background_has_no_answer(page: Page) -> None:
+    page.open(link_of(page.explorer))
+    page.browser.hover(*page.at(1, 1))
+    page.browser.wait("document.getElementById('status').textContent.includes('No object here')")
+    assert page.cell(0, 2) == "–"
+
+
+def test_a_click_pins_and_arrow_keys_move(page: Page) -> None:
+    page.open(link_of(page.explorer))
+    u, v = first_query(page.explorer)
+    page.browser.click(*page.at(u, v))
+    page.browser.wait("document.getElementById('status').textContent.includes('Pinned')")
+    before = page.place()
+    x, y = page.at(u, v)
+    page.browser.hover(x + 40, y)  # pinned: it stays
+    page.browser.keys("\ue014")  # arrow right
+    page.browser.keys("\ue008", "\ue015")  # Shift and arrow down
+    assert page.place() == (before[0] + 1, before[1] + 10)
+    assert "pinned=1" in page.link()
+
+
+def test_a_link_shows_the_same_again(page: Page) -> None:
+    u, v = first_query(page.explorer, 2)
+    place = f"{link_of(page.explorer, 2)}&u={int(u) + 0.5:g}&v={int(v) + 0.5:g}"
+    page.open(f"{place}&layer=index&heat=0")
+    page.answered(f"{int(u) + 0.5 + SHIFT_PX:.1f}, {int(v) + 0.5:.1f}")
+    page.browser.wait(LOADED)
+    source = page.browser.run("return document.querySelector('#picture-a .layer').src")
+    assert "layer=index" in source
+    assert page.browser.run("return document.querySelector('#picture-b .heat').src") == ""
+    current = "document.querySelector('#pairs [aria-current=true]').dataset.pair"
+    assert page.browser.run(f"return {current}") == str(_number(page.explorer, 2))
+    page.browser.run("location.hash = '#a=nobody/0&b=nobody/0'")  # an address of another dataset
+    page.browser.wait(
+        "document.querySelector('#picture-a figcaption').textContent.includes('rope')"
+    )
+
+
+def _number(explorer: Explorer, pair: int) -> int:
+    """Return the number of a pair of the test split among those of all splits."""
+    before = 0
+    for split, queries in explorer.queries.splits.items():
+        if split == "test":
+            return before + pair
+        before += len(queries.pairs)
+    raise AssertionError("no test split")
+
+
+def test_pairs_are_filtered_and_sorted(page: Page) -> None:
+    page.open()
+    total = len(
+        page.browser.run("return [...document.querySelectorAll('#pairs button')].length") * " "
+    )
+    choose = "const s = document.getElementById(arguments[0]); s.value = arguments[1]; s.onchange()"
+    page.browser.run(choose, "tier", "cloth-1")
+    names = page.browser.run(
+        "return [...document.querySelectorAll('#pairs b')].map(e => e.textContent)"
+    )
+    assert 0 < len(names) < total
+    assert all(name.startswith("cloth-1") for name in names)
+    page.browser.run(choose, "tier", "")
+    page.browser.run("document.getElementById('measure').click()")  # the live method, pair by pair
+    page.browser.wait(
+        "!document.getElementById('measure').dataset.running && "
+        "document.getElementById('sort').value === 'worst:0'"
+    )
+    shown = page.browser.run(
+        "return [...document.querySelectorAll('#pairs span')].map(e => parseFloat(e.textContent))"
+    )
+    errors = [each for each in shown if each == each and each is not None]
+    assert len(errors) > 4
+    assert errors == sorted(errors, reverse=True)
+    assert errors[0] > errors[-1]
+    page.browser.run(choose, "sort", "best:0")
+    rows = "document.querySelectorAll('#pairs li button')"
+    page.browser.run(f"{rows}[0].click()")
+    page.browser.keys("n")
+    page.browser.wait(f"{rows}[1].getAttribute('aria-current') === 'true'")
+    page.browser.keys("p")
+    page.browser.wait(f"{rows}[0].getAttribute('aria-current') === 'true'")
+
+
+def test_every_layer_can_be_seen(page: Page) -> None:
+    page.open()
+    buttons = "document.querySelectorAll('#layers button')"
+    names = page.browser.run(
+        f"return [...{buttons}].filter(e => !e.disabled).map(e => e.dataset.layer)"
+    )
+    assert names == ["rgb", "depth", "index", "mask", "error"]  # no descriptors here
+    for number, name in enumerate(names):
+        page.browser.keys(str(1 + number + 2 * (name == "error")))
+        page.browser.wait(
+            f"document.querySelector('#picture-a .layer').src.includes('layer={name}')"
+        )
+        page.browser.wait(
+            "[...document.querySelectorAll('img.layer')].every(e => e.naturalWidth === 160)"
+        )
+    assert page.browser.run("return !document.getElementById('legend').hidden")
+
+
+@pytest.mark.parametrize("tab", ["compare", "scene"])
+@pytest.mark.parametrize("dark", [False, True])
+def test_the_page_fits_a_phone(page: Page, tab: str, dark: bool) -> None:
+    page.open(f"#tab={tab}", width=400, dark=dark)
+    page.browser.run("localStorage.clear()")
+    page.open(f"#tab={tab}", width=400, dark=dark)
+    assert page.browser.run("return document.documentElement.scrollWidth") <= 400
+    back, ink = page.browser.run(
+        "const s = getComputedStyle(document.body); return [s.backgroundColor, s.color]"
+    )
+    levels = [sum(map(int, each.strip("rgb()").split(","))) for each in (back, ink)]
+    assert (levels[0] < levels[1]) == dark
+    assert abs(levels[0] - levels[1]) > 400
+    page.browser.keys("t")
+    switched = page.browser.run("return getComputedStyle(document.body).backgroundColor")
+    assert switched != back
+    page.browser.run("localStorage.clear()")
+
+
+def test_a_finger_points_too(page: Page) -> None:
+    page.open(link_of(page.explorer), width=400)
+    page.browser.run("document.querySelector('#picture-a').scrollIntoView()")
+    u, v = first_query(page.explorer)
+    page.browser.touch(*page.at(u, v))
+    page.answered()
+    assert "u=" in page.link()
+
+
+def test_an_episode_plays_in_3d(
+    browser: Browser, tiny_episode: Path, submit: Callable[[Path, float], Path]
+) -> None:
+    explorer = make_explorer(tiny_episode, submit(tiny_episode, 1.0))
+    with served(explorer) as address:
+        page = Page(browser, explorer, address)
+        page.open("#tab=scene&frame=3")
+        stage = "document.getElementById('stage').dataset"
+        browser.wait(f"{stage}.frame === '3' && Number({stage}.parts) > 10", 30)  # tracks too
+        note = browser.run("return document.getElementById('scene-note').textContent")
+        assert "24 frames, an episode" in note
+        assert "no mesh" in note
+        browser.keys("\ue014")
+        browser.wait(f"{stage}.frame === '4'")
+        browser.keys(" ")
+        browser.wait(f"Number({stage}.frame) > 6")
+        browser.keys(" ")
+        assert browser.run("return document.getElementById('play').textContent") == "▶ Play"
+        browser.open("about:blank")  # before the server ends: nothing asks for more

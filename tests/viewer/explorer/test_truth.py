@@ -1,0 +1,92 @@
+"""Live truth, against the truth of the dataset's own queries and by hand."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pliant.spec.dataset import Dataset
+from pliant.viewer.explorer.app import Explorer
+from pliant.viewer.explorer.frames import FramePair, FrameStore
+from pliant.viewer.explorer.recorded import RecordedQueries
+from pliant.viewer.explorer.truth import TruthFinder
+
+
+@pytest.mark.parametrize("tier", ["rope", "cloth-3"])
+def test_a_frame_is_its_own_truth(explorer: Explorer, tier: str) -> None:
+    frame = explorer.dataset.frames("test", tier)[0]
+    mask = frame.mask
+    assert mask is not None
+    rows, columns = np.nonzero(mask)
+    exact = 0
+    for k in np.linspace(0, len(rows) - 1, 25).astype(int):
+        found = explorer.truth.find(FramePair(frame, frame), np.array([columns[k], rows[k]]) + 0.2)
+        assert found is not None
+        assert found.uv_b_px is not None
+        np.testing.assert_array_equal(found.uv_a_px, [columns[k] + 0.5, rows[k] + 0.5])
+        # By the mesh where a pixel has no neighbours on its piece of surface.
+        atol = 1e-3 if found.origin == "surface" else 1.0
+        np.testing.assert_allclose(found.uv_b_px, found.uv_a_px, atol=atol)
+        assert found.visibility == "visible"
+        assert found.xyz_a_m is not None
+        assert found.xyz_b_m is not None
+        np.testing.assert_allclose(found.xyz_a_m, found.xyz_b_m)
+        exact += found.origin == "surface"
+    assert exact >= 22
+
+
+def test_it_agrees_with_the_queries(explorer: Explorer) -> None:
+    """A query is within its pixel, so the truth of the pixel's centre is near the query's truth."""
+    errors, agreed, hidden = [], [], 0
+    queries = explorer.queries.splits["test"]
+    assert queries.uv_b_px is not None
+    assert queries.visibility is not None
+    for number, pair in enumerate(queries.pairs):
+        for row in range(queries.starts[number], queries.starts[number + 1]):
+            found = explorer.truth.find(FramePair(pair.source, pair.target), queries.uv_a_px[row])
+            if found is None:  # the centre of the query's pixel is beyond the silhouette
+                continue
+            seen = queries.visibility[row] == "visible"
+            agreed.append((found.visibility == "visible") == seen)
+            hidden += not seen
+            if found.uv_b_px is not None:
+                errors.append(np.linalg.norm(found.uv_b_px - queries.uv_b_px[row]))
+    assert len(errors) > 100
+    assert hidden > 10
+    assert np.median(errors) < 1.0
+    assert np.quantile(errors, 0.95) < 6.0
+    assert np.mean(agreed) > 0.85
+
+
+def test_the_background_has_no_truth(explorer: Explorer) -> None:
+    frame = explorer.dataset.frames("test", "rope")[0]
+    pair = FramePair(frame, frame)
+    assert frame.mask is not None
+    row, column = np.argwhere(~frame.mask)[0]
+    for place in ((column + 0.5, row + 0.5), (-5.0, 3.0), (3.0, 1e6)):
+        assert explorer.truth.find(pair, np.array(place)) is None
+
+
+def test_without_surfaces_the_nearest_query_counts(tiny_dataset: Path, tmp_path: Path) -> None:
+    root = tmp_path / "data"
+    shutil.copytree(tiny_dataset, root)
+    for depth in root.glob("sequences/*/*/depth"):
+        shutil.rmtree(depth)
+    dataset = Dataset.open(root)
+    truth = TruthFinder(FrameStore(dataset), RecordedQueries(dataset))
+    pair = dataset.pairs("test")[0]
+    known = dataset.truth("test").slice(0, len(pair))
+    u, v = (known[name].to_numpy() for name in ("u_b", "v_b"))
+    frames = FramePair(pair.source, pair.target)
+    for k in (0, 5):
+        found = truth.find(frames, pair.uv_a_px[k] + 0.01)
+        assert found is not None
+        assert found.origin == "query"
+        np.testing.assert_allclose(found.uv_a_px, pair.uv_a_px[k], atol=1e-5)
+        assert found.uv_b_px is not None
+        np.testing.assert_allclose(found.uv_b_px, [u[k], v[k]], atol=1e-5)
+    assert truth.find(frames, np.array([-100.0, -100.0])) is None
+    assert truth.find(FramePair(pair.target, pair.source), pair.uv_a_px[0]) is None

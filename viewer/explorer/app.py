@@ -1,0 +1,242 @@
+"""The explorer as a web application: addresses, parameters and answers; no state of its own."""
+
+from __future__ import annotations
+
+import base64
+import math
+from collections.abc import Callable, Sequence
+from functools import wraps
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import FileResponse, JSONResponse, RedirectResponse, Response
+from starlette.routing import Mount, Route
+from starlette.staticfiles import StaticFiles
+from starlette.types import ASGIApp
+
+from pliant.spec.dataset import Dataset
+from pliant.spec.errors import CallError, PliantError
+from pliant.viewer.explorer.answers import MethodAnswer
+from pliant.viewer.explorer.catalogue import catalogue
+from pliant.viewer.explorer.frames import FramePair, FrameStore
+from pliant.viewer.explorer.guard import Guard
+from pliant.viewer.explorer.heat import heat_png
+from pliant.viewer.explorer.layers import (
+    FRAME_LAYERS,
+    METHOD_LAYERS,
+    frame_layer,
+    method_layer,
+    png,
+)
+from pliant.viewer.explorer.methods import Method
+from pliant.viewer.explorer.recorded import RecordedQueries
+from pliant.viewer.explorer.scene import depth_bytes, pose_bytes, scene_document
+from pliant.viewer.explorer.truth import TruthFinder, rounded
+
+STATIC: Final = Path(__file__).parent / "static"
+
+Handler = Callable[["Explorer", Request], Response]
+
+
+class Explorer:
+    """Answers the page's requests.
+
+    Args:
+        frames: The dataset's frames.
+        queries: Its queries.
+        methods: The methods that are compared.
+    """
+
+    def __init__(
+        self, frames: FrameStore, queries: RecordedQueries, methods: Sequence[Method]
+    ) -> None:
+        self.frames, self.queries, self.methods = frames, queries, list(methods)
+        self.truth = TruthFinder(frames, queries)
+
+    @property
+    def dataset(self) -> Dataset:
+        """The dataset."""
+        return self.frames.dataset
+
+    def application(self, token: str) -> ASGIApp:
+        """Return the application, everything below `/TOKEN/`.
+
+        Args:
+            token: What nobody else knows.
+        """
+        pages = [
+            Route("/", lambda request: FileResponse(STATIC / "index.html")),
+            Route("/api/dataset", self._bound(_dataset)),
+            Route("/api/layer", self._bound(_layer)),
+            Route("/api/truth", self._bound(_truth)),
+            Route("/api/answer", self._bound(_answer)),
+            Route("/api/warm", self._bound(_warm)),
+            Route("/api/queries", self._bound(_queries)),
+            Route("/api/error", self._bound(_error)),
+            Route("/api/scene", self._bound(_scene)),
+            Route("/api/pose", self._bound(_pose)),
+            Route("/api/depth", self._bound(_depth)),
+            Mount("/static", StaticFiles(directory=STATIC)),
+        ]
+        slash = Route(f"/{token}", lambda request: RedirectResponse(f"/{token}/"))
+        return Guard(Starlette(routes=[slash, Mount(f"/{token}", routes=pages)]), token)
+
+    def _bound(self, handler: Handler) -> Callable[[Request], Response]:
+        """Return an endpoint that reports what is wrong as JSON."""
+
+        @wraps(handler)
+        def endpoint(request: Request) -> Response:
+            try:
+                return handler(self, request)
+            except CallError as error:
+                return JSONResponse({"error": str(error)}, 400)
+            except (PliantError, OSError) as error:
+                return JSONResponse({"error": str(error)}, 422)
+
+        return endpoint
+
+    def pair(self, request: Request) -> FramePair:
+        """Return the frames that a request names as `a` and `b`."""
+        source, target = (self.frames.frame(request.query_params.get(x, "")) for x in "ab")
+        if source.sequence.tier != target.sequence.tier:
+            raise CallError("the two frames show objects of different tiers", where="a, b")
+        return FramePair(source, target)
+
+    def method(self, request: Request) -> Method:
+        """Return the method that a request names by its number."""
+        given = request.query_params.get("method", "")
+        if not given.isdecimal() or int(given) >= len(self.methods):
+            raise CallError("there is no such method", where="method", found=repr(given)[:40])
+        return self.methods[int(given)]
+
+
+def _dataset(explorer: Explorer, request: Request) -> Response:
+    del request
+    return JSONResponse(catalogue(explorer.dataset, explorer.queries, explorer.methods))
+
+
+def _layer(explorer: Explorer, request: Request) -> Response:
+    layer = request.query_params.get("layer", "")
+    if layer in FRAME_LAYERS:
+        frame = explorer.frames.frame(request.query_params.get("frame", ""))
+        found = frame_layer(explorer.frames, frame, layer)
+    elif layer in METHOD_LAYERS:
+        pair, of_target = explorer.pair(request), request.query_params.get("of") == "b"
+        method = explorer.method(request)
+        found = method_layer(
+            explorer.frames, explorer.truth, method, pair, layer, of_target=of_target
+        )
+    else:
+        raise CallError("there is no such layer", where="layer", found=repr(layer)[:40])
+    if found is None:
+        return Response(status_code=204)
+    cached = {"Cache-Control": "private, max-age=86400"}
+    return Response(png(found), media_type="image/png", headers=cached)
+
+
+def _truth(explorer: Explorer, request: Request) -> Response:
+    pair, uv_a = explorer.pair(request), _place(request)
+    found = explorer.truth.find(pair, uv_a)
+    return JSONResponse(None if found is None else found.as_document())
+
+
+def _answer(explorer: Explorer, request: Request) -> Response:
+    pair, uv_a, method = explorer.pair(request), _place(request), explorer.method(request)
+    answer = method.answer(pair, uv_a)
+    if answer is None:
+        return JSONResponse(None)
+    true_px = answer.true_px
+    if true_px is None and (truth := explorer.truth.find(pair, answer.uv_a_px)) is not None:
+        true_px = truth.uv_b_px
+    error = None if true_px is None else float(np.linalg.norm(answer.uv_b_px - true_px))
+    return JSONResponse(_document(answer, error))
+
+
+def _document(answer: MethodAnswer, error_px: float | None) -> dict[str, Any]:
+    """Return an answer as JSON values; the heat map is a PNG in base64."""
+    heat = None if answer.heat is None else base64.b64encode(heat_png(answer.heat)).decode("ascii")
+    return {
+        "query": rounded(answer.uv_a_px),
+        "place": rounded(answer.uv_b_px),
+        "error_px": _number(error_px),
+        "visible": _number(answer.visible),
+        "sigma_px": _number(answer.sigma_px),
+        "confidence": _number(answer.confidence),
+        "confidence_is": answer.confidence_is,
+        "familiarity": _number(answer.familiarity),
+        "material": answer.material,
+        "warnings": list(answer.warnings),
+        "heat": heat,
+        "ms": round(1000 * answer.seconds, 1),
+    }
+
+
+def _warm(explorer: Explorer, request: Request) -> Response:
+    """Let a live method see a pair before the pointer moves: its features are kept."""
+    pair, method = explorer.pair(request), explorer.method(request)
+    mask = explorer.frames.view(pair.source).mask
+    if mask is not None and mask.any() and method.kind == "live":
+        row, column = (int(axis[0]) for axis in np.nonzero(mask))
+        method.answer(pair, np.array([column + 0.5, row + 0.5]))
+    return JSONResponse(True)
+
+
+def _queries(explorer: Explorer, request: Request) -> Response:
+    known = explorer.queries.of_pair(explorer.pair(request))
+    if known is None:
+        return JSONResponse([])
+    places = explorer.queries.splits[known[0]].uv_a_px[known[1]]
+    return JSONResponse([rounded(each) for each in places])
+
+
+def _error(explorer: Explorer, request: Request) -> Response:
+    """Measure a method on the queries of one pair."""
+    pair, method = explorer.pair(request), explorer.method(request)
+    known = explorer.queries.of_pair(pair)
+    if known is None:
+        raise CallError("the dataset has no queries for this pair", where="a, b")
+    queries, rows = explorer.queries.splits[known[0]], known[1]
+    found = method.answers(pair, queries.uv_a_px[rows])
+    if found is None:
+        return JSONResponse(None)
+    answers = np.full(queries.uv_a_px.shape, np.nan)
+    answers[rows] = found
+    values = (value for value in queries.rmse_px(answers) if value is not None)
+    return JSONResponse(_number(next(values, None)))
+
+
+def _scene(explorer: Explorer, request: Request) -> Response:
+    frame = explorer.frames.frame(request.query_params.get("frame", ""))
+    return JSONResponse(scene_document(explorer.frames, frame.sequence))
+
+
+def _pose(explorer: Explorer, request: Request) -> Response:
+    frame = explorer.frames.frame(request.query_params.get("frame", ""))
+    return Response(pose_bytes(explorer.frames, frame), media_type="application/octet-stream")
+
+
+def _depth(explorer: Explorer, request: Request) -> Response:
+    frame = explorer.frames.frame(request.query_params.get("frame", ""))
+    found = depth_bytes(explorer.frames, frame)
+    if found is None:
+        return Response(status_code=204)
+    return Response(found, media_type="application/octet-stream")
+
+
+def _place(request: Request) -> Any:
+    """Return the place that a request names as `u` and `v`, float64 (2,)."""
+    try:
+        uv = np.array([float(request.query_params.get(name, "")) for name in "uv"])
+    except ValueError:
+        uv = np.full(2, np.nan)
+    if not np.isfinite(uv).all():
+        raise CallError("a place is two numbers", where="u, v", required="pixels of the source")
+    return uv
+
+
+def _number(value: float | None) -> float | None:
+    """Return a number that JSON can say."""
+    return None if value is None or not math.isfinite(value) else round(value, 4)

@@ -1,0 +1,182 @@
+"""The layers of a picture: colour, depth, index colours, mask, and what a method makes of it."""
+
+from __future__ import annotations
+
+import io
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+from PIL import Image
+
+from pliant.baselines.matcher import View
+from pliant.spec.frame import Frame
+from pliant.spec.model import FloatArray
+from pliant.viewer.colours import Rgb, depth_image, index_image, material_colours
+from pliant.viewer.explorer.frames import FramePair, FrameStore
+from pliant.viewer.explorer.live import LiveMethod
+from pliant.viewer.explorer.methods import Method
+from pliant.viewer.explorer.truth import TruthFinder
+
+FRAME_LAYERS: Final = ("rgb", "depth", "index", "mask")
+"""Layers of a frame alone."""
+
+METHOD_LAYERS: Final = ("descriptors", "canonical", "error")
+"""Layers that a method makes; `error` is of a pair and is drawn on the source."""
+
+ERROR_SCALE_PX: Final = (1.0, 100.0)
+"""Errors at the two ends of the colours, which are logarithmic."""
+
+_ERROR_POINTS: Final = 500
+_DARK: Final = 18
+_HIDDEN_GREY: Final = 165
+
+
+def frame_layer(frames: FrameStore, frame: Frame, layer: str) -> Rgb | None:
+    """Return a layer of a frame, uint8 (H, W, 3), or None where the dataset does not have it.
+
+    Args:
+        frames: The dataset's frames.
+        frame: The frame.
+        layer: One of `FRAME_LAYERS`.
+    """
+    if layer == "rgb":
+        return frames.view(frame).rgb
+    if layer == "mask":
+        view = frames.view(frame)
+        if view.mask is None:
+            return None
+        out = np.full((*view.mask.shape, 3), _DARK, np.uint8)
+        if view.objects is not None:
+            out[view.objects] = 110
+        out[view.mask] = 235
+        return out
+    surface = frames.surface(frame)
+    if surface is None:
+        return None
+    if layer == "depth":
+        return depth_image(surface)
+    return index_image(surface, frame.sequence.described)
+
+
+def method_layer(
+    frames: FrameStore,
+    truth: TruthFinder,
+    method: Method,
+    pair: FramePair,
+    layer: str,
+    *,
+    of_target: bool,
+) -> Rgb | None:
+    """Return a layer that a method makes, uint8 (H, W, 3), or None where it has none.
+
+    Args:
+        frames: The dataset's frames.
+        truth: The truth of any pixel.
+        method: The method.
+        pair: The frames; the colours of descriptors are those of both.
+        layer: One of `METHOD_LAYERS`.
+        of_target: Whether the target is shown; `error` is of the source alone.
+    """
+    if layer == "error":
+        return None if of_target else _error_map(frames, truth, method, pair)
+    if not isinstance(method, LiveMethod):
+        return None
+    views = [frames.view(each) for each in (pair.source, pair.target)]
+    frame = pair.target if of_target else pair.source
+    if layer == "descriptors":
+        return _descriptor_colours(method, views, int(of_target))
+    return _canonical_colours(method, views[int(of_target)], frame)
+
+
+def _descriptor_colours(method: LiveMethod, views: list[View], shown: int) -> Rgb | None:
+    """Return the first three principal components of both views' descriptors as colours."""
+    found = [described for view in views if (described := method.descriptors(view)) is not None]
+    if len(found) < 2:
+        return None
+    on = np.concatenate([made[mask] for made, mask in found])
+    if len(on) < 4:
+        return None
+    mean = on.mean(axis=0)
+    _, _, axes = np.linalg.svd(on[:: max(1, len(on) // 4000)] - mean, full_matrices=False)
+    low, high = np.quantile((on - mean) @ axes[:3].T, [0.02, 0.98], axis=0)
+    made, mask = found[shown]
+    share = ((made[mask] - mean) @ axes[:3].T - low) / np.maximum(high - low, 1e-12)
+    rgb = np.full((*mask.shape, 3), _DARK, np.uint8)
+    rgb[mask, : share.shape[1]] = np.rint(255 * share.clip(0, 1))
+    return _enlarged(rgb, views[shown])
+
+
+def _canonical_colours(method: LiveMethod, view: View, frame: Frame) -> Rgb | None:
+    """Return what the method's canonical head reads off each pixel, in index colours."""
+    found = method.canonical(view)
+    if found is None:
+        return None
+    material, mask = found
+    rgb = np.full((*mask.shape, 3), _DARK, np.uint8)
+    m = material[mask]
+    colours = material_colours(m[:, 0], m[:, 1], frame.sequence.described)
+    rgb[mask] = np.rint(255 * colours)
+    return _enlarged(rgb, view)
+
+
+def _enlarged(rgb: Rgb, view: View) -> Rgb:
+    size = (view.rgb.shape[1], view.rgb.shape[0])
+    return np.asarray(Image.fromarray(rgb).resize(size, Image.Resampling.NEAREST))
+
+
+def _error_map(
+    frames: FrameStore, truth: TruthFinder, method: Method, pair: FramePair
+) -> Rgb | None:
+    """Return the source in grey, with the error of points that the target shows as colours.
+
+    Points that the target hides are light grey.
+    """
+    view = frames.view(pair.source)
+    if view.mask is None:
+        return None
+    uv = _grid(view.mask, _ERROR_POINTS)
+    true_px = truth.places(pair, uv)
+    keep = np.isfinite(true_px[:, 0])
+    if not keep.any():
+        return None
+    answers = method.answers(pair, uv[keep])
+    if answers is None:
+        return None
+    error = np.full(len(uv), np.nan)
+    error[keep] = np.linalg.norm(answers - true_px[keep], axis=1)
+    grey = (view.rgb.mean(axis=2, keepdims=True) * 0.45).astype(np.uint8)
+    out = np.repeat(grey, 3, axis=2)
+    rows, columns = np.nonzero(view.mask)
+    from scipy.spatial import cKDTree
+
+    _, nearest = cKDTree(uv).query(np.stack([columns, rows], axis=1) + 0.5)
+    shown = error[nearest]
+    known = np.isfinite(shown)
+    out[rows, columns] = _HIDDEN_GREY
+    out[rows[known], columns[known]] = error_colours(shown[known])
+    return out
+
+
+def error_colours(error_px: FloatArray) -> Rgb:
+    """Return the colours of errors, uint8 (N, 3): logarithmic between the ends of the scale."""
+    from matplotlib import colormaps
+
+    low, high = np.log(ERROR_SCALE_PX)
+    share = (np.log(np.maximum(error_px, 1e-6)) - low) / (high - low)
+    return np.rint(255 * colormaps["turbo"](0.06 + 0.9 * share.clip(0, 1))[:, :3]).astype(np.uint8)
+
+
+def _grid(mask: npt.NDArray[np.bool_], count: int) -> FloatArray:
+    """Return about `count` pixel centres spread over a mask, float64 (N, 2)."""
+    step = max(1, round(float(np.sqrt(np.count_nonzero(mask) / count))))
+    rows, columns = np.nonzero(mask)
+    on = (rows % step == 0) & (columns % step == 0)
+    return np.stack([columns[on], rows[on]], axis=1) + 0.5
+
+
+def png(rgb: Rgb) -> bytes:
+    """Return a picture as a PNG."""
+    buffer = io.BytesIO()
+    Image.fromarray(rgb).save(buffer, "PNG", compress_level=1)
+    return buffer.getvalue()

@@ -1,0 +1,169 @@
+"""Methods that answer while the pointer moves, with what they can show of themselves."""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+from typing import Final, Protocol, runtime_checkable
+
+import numpy as np
+import numpy.typing as npt
+
+from pliant.baselines.lru_cache import LRUCache
+from pliant.baselines.matcher import HeatMatcher, Matcher, View
+from pliant.baselines.pixels import lies_on
+from pliant.spec.model import FloatArray
+from pliant.viewer.explorer.answers import Kind, MethodAnswer, PairErrors
+from pliant.viewer.explorer.frames import FramePair, FrameStore
+from pliant.viewer.photo_match import match_photo
+
+Mask = npt.NDArray[np.bool_]
+
+_KEPT_MAPS: Final = 16
+
+
+@runtime_checkable
+class DescriptorMatcher(Protocol):
+    """A method with a descriptor at every pixel; it keeps those of the last few views."""
+
+    def descriptor_map(self, view: View) -> npt.NDArray[np.float32]:
+        """Return a view's descriptors, float32 (h, w, D)."""
+        ...
+
+    def working_mask(self, view: View) -> Mask | None:
+        """Return a view's mask, bool (h, w), or None."""
+        ...
+
+
+@runtime_checkable
+class CanonicalMatcher(Protocol):
+    """A method that reads material coordinates off single pixels."""
+
+    def canonical_map(self, view: View) -> npt.NDArray[np.float32] | None:
+        """Return a view's material coordinates, float32 (h, w, 2), or None."""
+        ...
+
+
+class LiveMethod:
+    """A method that runs while the pointer moves.
+
+    Args:
+        matcher: The method.
+        frames: The dataset's frames.
+
+    Attributes:
+        name: Its name.
+        errors: Empty: nothing is recorded.
+    """
+
+    kind: Kind = "live"
+
+    def __init__(self, matcher: Matcher, frames: FrameStore) -> None:
+        self.matcher, self.name = matcher, matcher.name
+        self.errors: PairErrors = {}
+        self._frames = frames
+        self._canonical: LRUCache[npt.NDArray[np.float32] | None] = LRUCache(_KEPT_MAPS)
+        self.lock = threading.RLock()
+
+    def answer(self, pair: FramePair, uv_a_px: FloatArray) -> MethodAnswer | None:
+        """Return the answer to a place, float64 (2,), or None off the queried object."""
+        source, target = (self._frames.view(each) for each in (pair.source, pair.target))
+        whole = np.ones(source.rgb.shape[:2], np.bool_)
+        if not lies_on(
+            uv_a_px[None].astype(np.float32), whole if source.mask is None else source.mask
+        )[0]:
+            return None
+        with self.lock:
+            begun = time.perf_counter()
+            _one_thread()
+            match = match_photo(self.matcher, source, target, [(uv_a_px[0], uv_a_px[1])])
+            seconds = time.perf_counter() - begun
+            material = self._material(pair, source, uv_a_px)
+        point = match.points[0]
+        return MethodAnswer(
+            uv_a_px=uv_a_px,
+            uv_b_px=point.uv_b_px.astype(np.float64),
+            visible=point.visible,
+            sigma_px=point.sigma_px,
+            confidence=match.confidence(point),
+            confidence_is="" if point.heat is None else point.heat.confidence_label,
+            familiarity=point.familiarity,
+            heat=point.heat,
+            material=material,
+            warnings=match.warnings(),
+            seconds=seconds,
+        )
+
+    def answers(self, pair: FramePair, uv_a_px: FloatArray) -> FloatArray | None:
+        """Return the answers to pixels, float64 (N, 2)."""
+        source, target = (self._frames.view(each) for each in (pair.source, pair.target))
+        with self.lock:
+            found = self.matcher.answer(source, target, uv_a_px.astype(np.float32))
+        return found.uv_px.astype(np.float64)
+
+    def descriptors(self, view: View) -> tuple[FloatArray, Mask] | None:
+        """Return a view's descriptors (h, w, D) and the mask at their size, or None.
+
+        Of a method without masks, every pixel is in the mask.
+        """
+        if not isinstance(self.matcher, DescriptorMatcher):
+            return None
+        with self.lock:
+            made = self.matcher.descriptor_map(view).astype(np.float64)
+            return made, self._mask(view, made.shape[0], made.shape[1])
+
+    def canonical(self, view: View) -> tuple[FloatArray, Mask] | None:
+        """Return the material coordinates read off each pixel (h, w, 2) and the mask, or None."""
+        matcher = self.matcher
+        if not isinstance(matcher, CanonicalMatcher):
+            return None
+        with self.lock:
+            read = self._canonical.get(view.key, lambda: matcher.canonical_map(view))
+            if read is None:
+                return None
+            return read.astype(np.float64), self._mask(view, read.shape[0], read.shape[1])
+
+    @property
+    def has_heat(self) -> bool:
+        """Whether the method has heat maps."""
+        return isinstance(self.matcher, HeatMatcher)
+
+    @property
+    def has_descriptors(self) -> bool:
+        """Whether the method has a descriptor at every pixel."""
+        return isinstance(self.matcher, DescriptorMatcher)
+
+    @property
+    def has_canonical(self) -> bool:
+        """Whether the method reads material coordinates off single pixels."""
+        network = getattr(self.matcher, "network", None)
+        return getattr(network, "canonical", None) is not None
+
+    def _mask(self, view: View, height: int, width: int) -> Mask:
+        mask = None
+        if isinstance(self.matcher, DescriptorMatcher):
+            mask = self.matcher.working_mask(view)
+        return np.ones((height, width), np.bool_) if mask is None else mask
+
+    def _material(
+        self, pair: FramePair, source: View, uv_a_px: FloatArray
+    ) -> dict[str, float] | None:
+        found = self.canonical(source)
+        if found is None:
+            return None
+        read, _ = found
+        height, width = source.rgb.shape[:2]
+        row = int(uv_a_px[1] * read.shape[0] / height)
+        column = int(uv_a_px[0] * read.shape[1] / width)
+        names = (each.name for each in pair.source.sequence.described.queried.material)
+        return {name: float(m) for name, m in zip(names, read[row, column], strict=True)}
+
+
+def _one_thread() -> None:
+    """Let torch use one thread: on small arrays several wait for each other."""
+    if "torch" in sys.modules:
+        import torch
+
+        if torch.get_num_threads() > 1:
+            torch.set_num_threads(1)

@@ -1,0 +1,151 @@
+"""A mesh of the tracked points: triangles from their material coordinates, positions per frame.
+
+The files contain no mesh. Tracked points cover the whole material, also where no camera sees it, so
+the Delaunay triangulation of their material coordinates (in metres) is a mesh of the object that
+needs no rendering. Where a coordinate is periodic, the points are repeated one period to each side.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from pliant.spec.frame import Frame
+from pliant.spec.model import FloatArray, MaterialObject
+from pliant.spec.sequence import SequenceRecord
+
+VISIBILITY = ("visible", "self_occluded", "occluded", "out_of_frame")
+"""States in the order of their numbers."""
+
+
+@dataclass(frozen=True)
+class PosedMesh:
+    """The triangles of a sequence's tracked surface points.
+
+    Attributes:
+        queried: The object that the points are on.
+        rows: int64 (N,), the points' rows in the tables of the sequence.
+        material: float64 (N, 2), their material coordinates.
+        faces: int32 (F, 3), numbers of points; empty where there are too few points.
+    """
+
+    queried: MaterialObject
+    rows: npt.NDArray[np.int64]
+    material: FloatArray
+    faces: npt.NDArray[np.int32]
+
+    @classmethod
+    def of(cls, sequence: SequenceRecord) -> PosedMesh:
+        """Read the points of a sequence and triangulate them.
+
+        Raises:
+            SpecError: The table of points is missing or damaged.
+        """
+        table = sequence.points()
+        queried = sequence.described.queried
+        of_object = table["object"].to_numpy() == queried.id
+        on_surface = np.array([kind == "surface" for kind in table["kind"].to_pylist()], bool)
+        rows = np.flatnonzero(of_object & on_surface)
+        columns = [table[name].to_numpy()[rows] for name in ("m0", "m1")]
+        material = np.stack(columns, axis=1).astype(np.float64)
+        return cls(queried, rows, material, triangulate(queried, material))
+
+    def barycentric(self, material: FloatArray) -> tuple[npt.NDArray[np.int64], FloatArray]:
+        """Return which points surround a material point, and their weights.
+
+        Args:
+            material: float64 (2,).
+
+        Returns:
+            int64 (K,) and float64 (K,): the three nearest points with weights that reproduce the
+            coordinate where they are a triangle around it, else the nearest one.
+        """
+        steps = self.queried.steps_m(self.material - material)  # (N, 2), metres
+        corners = steps[self.faces]  # (F, 3, 2)
+        a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+        areas = np.stack([_cross(b, c), _cross(c, a), _cross(a, b)], axis=1)  # (F, 3)
+        total = areas.sum(axis=1, keepdims=True)
+        weights = areas / np.where(np.abs(total) > 1e-15, total, np.inf)
+        contains = (weights.min(axis=1, initial=1.0) >= -1e-6) & (weights.sum(axis=1) > 0.5)
+        if contains.any():
+            # A triangle on the far side of a closed coordinate is torn apart, so not the smallest.
+            reach = np.linalg.norm(corners, axis=2).max(axis=1)
+            best = int(np.where(contains, reach, np.inf).argmin())
+            return self.faces[best].astype(np.int64), weights[best]
+        nearest = int((steps**2).sum(axis=1).argmin())
+        return np.array([nearest]), np.ones(1)
+
+
+@dataclass(frozen=True)
+class PosedPoints:
+    """Where the points of a mesh are in one frame.
+
+    Attributes:
+        xyz_m: float32 (N, 3), world positions, metres.
+        uv_px: float32 (N, 2).
+        state: uint8 (N,), numbers of `VISIBILITY`.
+    """
+
+    xyz_m: npt.NDArray[np.float32]
+    uv_px: npt.NDArray[np.float32]
+    state: npt.NDArray[np.uint8]
+
+    @classmethod
+    def of(cls, frame: Frame, mesh: PosedMesh) -> PosedPoints:
+        """Read the positions of a mesh's points in a frame.
+
+        Raises:
+            SpecError: The table of correspondences is missing or damaged.
+        """
+        table = frame.correspondences
+        xyz, uv = (
+            np.stack([table[name].to_numpy()[mesh.rows] for name in names], axis=1)
+            for names in (("x_m", "y_m", "z_m"), ("u_px", "v_px"))
+        )
+        states = np.array([VISIBILITY.index(s) for s in table["visibility"].to_pylist()], np.uint8)
+        return cls(xyz.astype(np.float32), uv.astype(np.float32), states[mesh.rows])
+
+
+def triangulate(queried: MaterialObject, material: FloatArray) -> npt.NDArray[np.int32]:
+    """Return the Delaunay triangles of material points.
+
+    Args:
+        queried: Their object; its periods close the surface.
+        material: float64 (N, 2).
+
+    Returns:
+        int32 (F, 3); F = 0 for fewer than three points, or points on one line.
+    """
+    from scipy.spatial import Delaunay, QhullError
+
+    units = np.array([each.metres_per_unit for each in queried.material])
+    copies = [material]
+    for axis, coordinate in enumerate(queried.material):
+        if coordinate.period is not None:
+            step = np.eye(2)[axis] * coordinate.period
+            copies = [moved for each in copies for moved in (each, each - step, each + step)]
+    points = np.concatenate(copies) * units
+    try:
+        found = Delaunay(points).simplices
+    except (QhullError, ValueError):
+        return np.zeros((0, 3), np.int32)
+    count = len(material)
+    # Of the copies of one triangle, that whose centre is in the original period is kept.
+    centre = points[found].mean(axis=1)
+    keep = np.ones(len(found), bool)
+    for axis, coordinate in enumerate(queried.material):
+        if coordinate.period is not None:
+            low = coordinate.min * units[axis]
+            keep &= (centre[:, axis] >= low) & (
+                centre[:, axis] < low + coordinate.period * units[axis]
+            )
+    faces = (found[keep] % count).astype(np.int32)
+    distinct = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
+    return np.ascontiguousarray(faces[distinct])
+
+
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    crossed: FloatArray = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+    return crossed

@@ -1,0 +1,62 @@
+"""Opens what the command line names: a dataset, and methods, reports or submissions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from importlib.util import find_spec
+from pathlib import Path
+
+from pliant.baselines.matcher import Matcher, SplitMatcher
+from pliant.evaluator.scores import SCORES_JSON
+from pliant.models.shipped import shipped_names
+from pliant.spec.dataset import Dataset
+from pliant.spec.errors import CallError
+from pliant.viewer.explorer.app import Explorer
+from pliant.viewer.explorer.frames import FrameStore
+from pliant.viewer.explorer.live import LiveMethod
+from pliant.viewer.explorer.methods import Method
+from pliant.viewer.explorer.recorded import RecordedQueries
+from pliant.viewer.explorer.submissions import read_report, read_submission
+
+OpenMethod = Callable[[str], Matcher | SplitMatcher]
+
+
+def open_explorer(dataset: Dataset, answers: Sequence[str], open_method: OpenMethod) -> Explorer:
+    """Return the explorer of a dataset.
+
+    Args:
+        dataset: The dataset.
+        answers: Report folders, submissions and names of methods; none takes the shipped models
+            for the dataset's objects, if torch is installed.
+        open_method: Opens a method by its name.
+
+    Raises:
+        CallError: There is no such method, or it answers whole splits alone.
+        SubmissionError: A report or a submission is damaged.
+    """
+    frames, queries = FrameStore(dataset), RecordedQueries(dataset)
+    methods: list[Method] = []
+    for name in answers or _default_methods(dataset):
+        path = Path(name)
+        if (path / SCORES_JSON).is_file():
+            methods.append(read_report(path, dataset, queries))
+        elif path.suffix == ".parquet":
+            methods.append(read_submission(path, dataset, queries))
+        else:
+            matcher = open_method(name)
+            if isinstance(matcher, SplitMatcher):
+                raise CallError(
+                    f"the method {name!r} answers the queries of a dataset, not single pixels",
+                    fix=f"Write its answers with: pliant predict {name} --data DATA --out "
+                    "SUB.parquet; then give SUB.parquet.",
+                )
+            methods.append(LiveMethod(matcher, frames))
+    return Explorer(frames, queries, methods)
+
+
+def _default_methods(dataset: Dataset) -> list[str]:
+    """Return the shipped models whose name says that they are for the dataset's objects."""
+    if not all(find_spec(name) for name in ("torch", "safetensors")):
+        return []
+    kinds = {tier.kind for tier in dataset.tiers.values()}
+    return [name for name in shipped_names() if any(name.endswith(f"-{kind}") for kind in kinds)]

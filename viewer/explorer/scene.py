@@ -1,0 +1,85 @@
+"""A sequence in three dimensions, as binary blocks for the page: mesh, positions, tracks, cameras.
+
+The mesh is that of the tracked points (`pliant.viewer.explorer.mesh`); the points that a camera
+measured come from the depth image.
+"""
+
+from __future__ import annotations
+
+import base64
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from pliant.spec.frame import Frame
+from pliant.spec.sequence import SequenceRecord
+from pliant.viewer.colours import material_colours
+from pliant.viewer.explorer.frames import FrameStore
+
+_TRACKS: Final = 24
+_DEPTH_POINTS: Final = 20000
+
+
+def scene_document(frames: FrameStore, sequence: SequenceRecord) -> dict[str, Any]:
+    """Return what all frames of a sequence share, as JSON values.
+
+    `faces` int32 (F, 3), `colours` uint8 (N, 3) index colours and `tracks` int32 (K,), numbers of
+    points spread over the object, are little-endian in base64; `cameras` has per frame K, pixels,
+    and world_to_camera, metres.
+
+    Raises:
+        SpecError: The sequence has no tracked points or cameras, or they are damaged.
+    """
+    mesh = frames.mesh(Frame(sequence, 0))
+    colours = material_colours(mesh.material[:, 0], mesh.material[:, 1], sequence.described)
+    cameras = [sequence.camera(index) for index in range(sequence.frames)]
+    return {
+        "sequence": sequence.id,
+        "frames": sequence.frames,
+        "temporal": sequence.temporal,
+        "size": list(sequence.size),
+        "points": len(mesh.rows),
+        "faces": _packed(mesh.faces, np.int32),
+        "colours": _packed(np.rint(255 * colours), np.uint8),
+        "tracks": _packed(_spread(len(mesh.rows)), np.int32),
+        "cameras": [{"K": K.tolist(), "world_to_camera": pose.tolist()} for K, pose in cameras],
+    }
+
+
+def pose_bytes(frames: FrameStore, frame: Frame) -> bytes:
+    """Return a frame's points: float32 (N, 3) positions in metres, then uint8 (N,) states."""
+    points = frames.points(frame)
+    return points.xyz_m.astype("<f4").tobytes() + points.state.tobytes()
+
+
+def depth_bytes(frames: FrameStore, frame: Frame) -> bytes | None:
+    """Return what the camera measured: float32 (M, 3) world positions, then uint8 (M, 3) colours.
+
+    At most 20,000 pixels, evenly chosen; None where the frame has no depth.
+    """
+    view = frames.view(frame)
+    if view.depth_m is None:
+        return None
+    on = np.isfinite(view.depth_m) & (view.depth_m > 0)
+    step = max(1, int(np.ceil(np.sqrt(np.count_nonzero(on) / _DEPTH_POINTS))))
+    rows, columns = np.nonzero(on[::step, ::step])
+    rows, columns = rows * step, columns * step
+    z = view.depth_m[rows, columns].astype(np.float64)
+    K, world_to_camera = frame.camera
+    rays = np.linalg.inv(K) @ np.stack([columns + 0.5, rows + 0.5, np.ones(len(rows))])
+    local = rays * z
+    world = np.linalg.inv(world_to_camera) @ np.vstack([local, np.ones(len(rows))])
+    return world[:3].T.astype("<f4").tobytes() + view.rgb[rows, columns].tobytes()
+
+
+def _spread(count: int) -> npt.NDArray[np.int32]:
+    """Return numbers of points spread over a table that is in the order of the material."""
+    return np.unique(np.linspace(0, max(count - 1, 0), min(_TRACKS, count)).round()).astype(
+        np.int32
+    )
+
+
+def _packed(values: npt.NDArray[Any], kind: type[np.generic]) -> str:
+    array = np.ascontiguousarray(values, np.dtype(kind).newbyteorder("<"))
+    return base64.b64encode(array.tobytes()).decode("ascii")

@@ -1,0 +1,38 @@
+// Requests to the server that sent this page, and to no other.
+
+export function address(name, parameters = {}) {
+  const given = Object.entries(parameters).filter(([, value]) => value !== null && value !== undefined);
+  return `api/${name}?${new URLSearchParams(given)}`;
+}
+
+export async function get(name, parameters) {
+  const answer = await fetch(address(name, parameters));
+  const document = await answer.json();
+  if (!answer.ok) throw new Error(document.error ?? answer.statusText);
+  return document;
+}
+
+/** Bytes, or null where the dataset has none. */
+export async function bytes(name, parameters) {
+  const answer = await fetch(address(name, parameters));
+  if (answer.status === 204) return null;
+  if (!answer.ok) throw new Error((await answer.json()).error ?? answer.statusText);
+  return answer.arrayBuffer();
+}
+
+/** Calls `work` for the last thing asked; what is asked in between is skipped. */
+export class Latest {
+  constructor(work) { this.work = work; this.busy = false; this.waiting = null; }
+  async ask(...what) {
+    this.waiting = what;
+    if (this.busy) return;
+    this.busy = true;
+    try {
+      while (this.waiting) {
+        const next = this.waiting;
+        this.waiting = null;
+        await this.work(...next);
+      }
+    } finally { this.busy = false; }
+  }
+}

@@ -1,0 +1,137 @@
+// Starts the page: reads the dataset, opens what the address names, and listens to keys.
+
+import { get } from "./api.js";
+import * as browse from "./browse.js";
+import * as pictures from "./pictures.js";
+import * as readout from "./readout.js";
+import { onChange, read, set, state } from "./state.js";
+
+const $ = id => document.getElementById(id);
+const KEYS = [
+  ["n  p", "next and previous pair"], ["x", "swap source and target"], ["← ↑ → ↓", "move the point by 1 px, with Shift by 10"],
+  ["Enter", "pin or release the point"], ["1 to 7", "layers"], ["h", "heat map on or off"], ["m", "next method"], ["z", "magnifier on or off"],
+  ["v", "pictures or 3D"], ["space", "play, in 3D"], ["t", "light or dark"], ["?", "this help"],
+];
+let data, scene = null;
+
+async function main() {
+  theme(localStorage.getItem("theme") ?? (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light"));
+  data = await get("dataset");
+  $("title").textContent = data.title;
+  document.title = `${data.title} · Pliant`;
+  set(given());
+  browse.start(data); pictures.start(data); readout.start(data);
+  wire();
+  tab();
+  document.body.dataset.ready = "yes";
+}
+
+/** What an empty address shows: the first pair, or the first sequence with itself. */
+function first() {
+  if (data.pairs.length) {
+    const [, , a, frameA, b, frameB] = data.pairs[0];
+    return { a: `${data.sequences[a][0]}/${frameA}`, b: `${data.sequences[b][0]}/${frameB}` };
+  }
+  const [name, , , , frames] = data.sequences[0];
+  return { a: `${name}/0`, b: `${name}/${Math.min(1, frames - 1)}` };
+}
+
+/** What the address names, without what the dataset does not have. */
+function given() {
+  const next = read(first());
+  const known = frame => {
+    const [name, index] = browse.split(frame);
+    return data.sequences.some(each => each[0] === name && index >= 0 && index < each[4]);
+  };
+  if (!known(next.a) || !known(next.b)) Object.assign(next, first(), { u: null, v: null });
+  if (!data.methods[next.method] || data.methods[next.method].kind === "report") {
+    next.method = Math.max(data.methods.findIndex(method => method.kind !== "report"), 0);
+  }
+  return next;
+}
+
+function theme(name) {
+  document.documentElement.dataset.theme = name;
+  $("theme").textContent = name === "dark" ? "Light" : "Dark";
+  localStorage.setItem("theme", name);
+  scene?.recolour();
+}
+
+async function tab() {
+  for (const name of ["compare", "scene"]) {
+    $(name).hidden = state.tab !== name;
+    $(`tab-${name}`).setAttribute("aria-selected", String(state.tab === name));
+  }
+  if (state.tab !== "scene") { scene?.pause(); return; }
+  if (!scene) {
+    scene = await import("./scene.js"); // three.js is read when it is needed
+    scene.start(data, readout.positions);
+  }
+  scene.wake();
+}
+
+function nextMethod() {
+  const usable = [...data.methods.keys()].filter(k => data.methods[k].kind !== "report");
+  if (usable.length) set({ method: usable[(usable.indexOf(state.method) + 1) % usable.length] });
+}
+
+function wire() {
+  $("tab-compare").onclick = () => set({ tab: "compare" });
+  $("tab-scene").onclick = () => set({ tab: "scene" });
+  $("theme").onclick = () => theme(document.documentElement.dataset.theme === "dark" ? "light" : "dark");
+  $("previous").onclick = () => browse.step(-1);
+  $("next").onclick = () => browse.step(1);
+  $("swap").onclick = swap;
+  $("help-open").onclick = () => $("help").showModal();
+  for (const [key, text] of KEYS) {
+    const name = document.createElement("dt"), about = document.createElement("dd");
+    for (const each of key.split(/\s+/)) {
+      if (each === "to") { name.append(" to "); continue; }
+      name.append(Object.assign(document.createElement("kbd"), { textContent: each }), " ");
+    }
+    about.textContent = text;
+    $("keys").append(name, about);
+  }
+  if (matchMedia("(max-width: 56rem)").matches) $("browse").open = false;
+  onChange(changed => { if (changed.has("tab")) tab(); });
+  window.addEventListener("hashchange", () => set(given()));
+  document.addEventListener("keydown", keydown);
+}
+
+/** Exchange the pictures; the true place becomes the point. */
+function swap() {
+  set({ a: state.b, b: state.a, u: null, v: null, pinned: false });
+}
+
+function keydown(event) {
+  if (event.ctrlKey || event.metaKey || event.altKey || $("help").open) return;
+  const field = event.target.closest?.("input, select, textarea");
+  if (field && (event.key.startsWith("Arrow") || field.tagName === "SELECT" || event.key === " ")) return;
+  const by = event.shiftKey ? 10 : 1;
+  const moves = { ArrowLeft: [-by, 0], ArrowRight: [by, 0], ArrowUp: [0, -by], ArrowDown: [0, by] };
+  const layers = [...$("layers").children];
+  const actions = {
+    n: () => browse.step(1), p: () => browse.step(-1), x: swap,
+    h: () => set({ heat: !state.heat }), z: () => set({ lens: !state.lens }), m: nextMethod, t: () => $("theme").click(),
+    v: () => set({ tab: state.tab === "scene" ? "compare" : "scene" }),
+    "?": () => $("help").showModal(),
+  };
+  if (state.tab === "scene") {
+    actions[" "] = () => scene?.toggle();
+    if (moves[event.key] && !event.target.closest?.("button")) actions[event.key] = () => scene?.step(moves[event.key][0]);
+  } else if (moves[event.key] && state.u !== null) {
+    actions[event.key] = () => pictures.move(state.u + moves[event.key][0], state.v + moves[event.key][1]);
+  } else if (event.key === "Enter" && event.target.closest?.(".frame")) {
+    actions.Enter = () => set({ pinned: !state.pinned });
+  } else if (layers[Number(event.key) - 1] && !layers[Number(event.key) - 1].disabled) {
+    actions[event.key] = () => set({ layer: layers[Number(event.key) - 1].dataset.layer });
+  }
+  if (!actions[event.key] || (event.key === " " && event.target.closest?.("button"))) return;
+  event.preventDefault();
+  actions[event.key]();
+}
+
+main().catch(error => {
+  $("title").textContent = `The page could not be loaded: ${error.message}`;
+  document.body.dataset.ready = "failed";
+});
