@@ -30,7 +30,8 @@ def load(source: Path | str) -> Dataset:
 
     Args:
         source: Its folder, a URL that fsspec knows (`s3://`, `https://`), or the id of a dataset
-            on the Hugging Face Hub (`USER/NAME`) where no such folder exists.
+            on the Hugging Face Hub (`USER/NAME`) where no such folder exists. `sample` is the
+            small dataset of ropes that the package contains.
 
     Raises:
         SpecError: It is not a dataset, or its version cannot be read.

@@ -27,6 +27,10 @@ from pliant.spec.storage.files import Files, LayeredFiles, LocalFiles, storage_o
 from pliant.spec.storage.manifest import check_halves
 from pliant.spec.storage.packed import PackedFiles
 
+SAMPLE_NAME: Final = "sample"
+SAMPLE: Final = Path(__file__).parent / "sample"
+"""The small dataset of the package: 12 ropes in two frames each, packed."""
+
 NAME: Final = re.compile(r"[A-Za-z0-9](?:[A-Za-z0-9._-]{0,126}[A-Za-z0-9])?")
 """What names of tiers and sequences look like; they are folder names too."""
 
@@ -85,13 +89,16 @@ class Dataset:
         takes the same time however many frames there are.
 
         Args:
-            root: The folder that contains `dataset.json`; with `://` in it, a URL for fsspec.
+            root: The folder that contains `dataset.json`; with `://` in it, a URL for fsspec;
+                `sample`, where no such folder exists, is the small dataset of the package.
 
         Raises:
             SpecError: It is not a dataset, of another major version, or its two top files are
                 damaged. (`pliant validate` lists everything that is wrong.)
             MissingExtraError: A URL, and fsspec is not installed.
         """
+        if str(root) == SAMPLE_NAME and not Path(root).exists():
+            root = SAMPLE
         files: Files
         files = storage = storage_of(root)
         if not storage.has(layout.DATASET_JSON):

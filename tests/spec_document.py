@@ -19,10 +19,13 @@ from pliant.spec.io import limits
 from pliant.spec.io.jsonfiles import load_schema
 from pliant.spec.tables import COLUMNS
 from pliant.spec.validation.issue_codes import ISSUE_CODES
+from pliant.spec.validation.remedies import REMEDIES
 from tests import spec_walkthrough as walkthrough
 
 HERE: Final = Path(__file__).resolve().parents[1] / "spec"
 TEXTS: Final = (HERE / "SPEC.md", *sorted((HERE / "annexes").glob("*.md")))
+PAGES: Final = (HERE.parent / "docs" / "errors.md",)
+"""Other pages with generated parts."""
 SCHEMAS: Final = HERE / "schemas" / SPEC_VERSION
 
 _PART = re.compile(r"(<!-- generated: ([a-z -]+) -->\n).*?(<!-- end -->)", re.DOTALL)
@@ -51,7 +54,7 @@ def render_part(what: str) -> str:
 
     Args:
         what: `schema NAME`, `table NAME`, `types NAME`, `rows NAME`, `document NAME`,
-            `codes dataset`, `codes submission` or `limits`.
+            `codes SUBJECT`, `remedies SUBJECT` or `limits`.
     """
     kind, _, name = what.partition(" ")
     if kind == "types":
@@ -70,6 +73,15 @@ def render_part(what: str) -> str:
             (f"`{code.code}`", code.severity, code.meaning) for code in codes
         ]
         return _table(("code", "severity", "reported when"), lines)
+    if kind == "remedies":
+        return _table(
+            ("code", "severity", "reported when", "usual cause", "remedy"),
+            [
+                (f"`{code.code}`", code.severity, code.meaning, *REMEDIES[code.code])
+                for code in ISSUE_CODES.values()
+                if code.subject in (name, "both")
+            ],
+        )
     lines = [(f"{getattr(limits, key):,}", text) for key, text in _LIMITS.items()]
     return _table(("at most", "of what"), lines)
 
@@ -142,7 +154,7 @@ def _column_rows(name: str) -> Iterator[tuple[str, str, str, str, str]]:
 
 def stale() -> list[str]:
     """Return what differs from the code: parts of the texts and schema files, by name."""
-    text = "\n".join(path.read_text(encoding="utf-8") for path in TEXTS)
+    text = "\n".join(path.read_text(encoding="utf-8") for path in (*TEXTS, *PAGES))
     names = [match[2] for match in _PART.finditer(text) if not match[0].endswith(_whole(match[2]))]
     required = {f"schema {name}" for name in JSON_SCHEMAS} | {f"table {name}" for name in COLUMNS}
     names += sorted(required - {match[2] for match in _PART.finditer(text)})
@@ -164,7 +176,7 @@ def main() -> None:
     action.add_argument("--check", action="store_true", help="fail if a generated part is stale")
     action.add_argument("--write", action="store_true", help="write the generated parts again")
     if parser.parse_args().write:
-        for path in TEXTS:
+        for path in (*TEXTS, *PAGES):
             path.write_text(render(path.read_text(encoding="utf-8")), encoding="utf-8")
         for name, data in arrow_files().items():
             (SCHEMAS / name).write_bytes(data)

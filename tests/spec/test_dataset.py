@@ -106,3 +106,15 @@ def test_missing_files_are_named(copy_of: Copy) -> None:
     remove(f"{ROPE_TEST}/cameras.json")(root)
     with pytest.raises(SpecError, match=r"cameras\.json: the file is not there"):
         Dataset.open(root).sequence("rope-test-000000").camera(0)
+
+
+def test_the_sample_of_the_package_opens_by_its_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    sample = Dataset.open("sample")
+    assert (len(sample), sample.root.is_dir()) == (12, True)
+    assert sample.queries("test").num_rows == 768
+    (tmp_path / "sample").mkdir()  # a folder of that name comes first
+    with pytest.raises(SpecError, match="this is not a Pliant dataset"):
+        Dataset.open("sample")

@@ -19,6 +19,7 @@ from pliant.spec.export import JSON_SCHEMAS
 from pliant.spec.io.jsonfiles import load_schema, parse_json, schema_errors
 from pliant.spec.tables import TABLES
 from pliant.spec.validation.issue_codes import ISSUE_CODES
+from pliant.spec.validation.remedies import REMEDIES
 from tests import spec_document as document
 
 TEXTS = {path: path.read_text(encoding="utf-8") for path in document.TEXTS}
@@ -68,6 +69,10 @@ def test_json_examples_satisfy_their_schemas(language: str, name: str, text: str
 def test_python_examples_run(text: str) -> None:
     done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+def test_every_code_has_a_remedy() -> None:
+    assert set(REMEDIES) == set(ISSUE_CODES)
 
 
 def test_codes_in_the_text_are_in_the_catalogue() -> None:
