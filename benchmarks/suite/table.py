@@ -188,7 +188,7 @@ def _mean(rows: Sequence[Row]) -> Row:
 def best_untrained(rows: Sequence[Row], protocol: str, metric: str = "rmse_px") -> Row | None:
     """Return the method without training that has the lowest error, None where none was asked.
 
-    Controls, which do not look at the images, are no methods.
+    Controls, which do not look at the images, are not methods.
     """
     found = [row for row in rows if not row.learned and row.method not in CONTROLS]
     known = [(value, row) for row in found if (value := row.value(protocol, metric)) is not None]
