@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from pliant.cli.options import json_option, reports_argument
 from pliant.cli.terminal import echo, echo_json, plural
+
+if TYPE_CHECKING:
+    from pliant.evaluator.scores import Scores
 
 
 @click.command("compare")
@@ -17,7 +22,8 @@ from pliant.cli.terminal import echo, echo_json, plural
     "metrics",
     multiple=True,
     metavar="NAME",
-    help="An averaged metric of the protocol; may be repeated. Default: those of its headline.",
+    help="An averaged metric of the protocol, or a part of the error by cause, such as flip_px2; "
+    "may be repeated. Default: those of its headline.",
 )
 @json_option
 def command(reports: tuple[Path, ...], metrics: tuple[str, ...], as_json: bool) -> int:
@@ -25,7 +31,8 @@ def command(reports: tuple[Path, ...], metrics: tuple[str, ...], as_json: bool) 
 
     Methods are compared sequence by sequence with a sign-flip test. A verdict needs an interval
     that excludes zero and at least 6 sequences. Each line ends with the number of sequences
-    that would separate two methods so far apart.
+    that would separate two methods so far apart. The last lines show the causes of each method's
+    squared error, where the reports have them.
     """
     from pliant.evaluator.protocols.protocol import read_protocol
     from pliant.evaluator.report.cells import heading
@@ -43,7 +50,7 @@ def command(reports: tuple[Path, ...], metrics: tuple[str, ...], as_json: bool) 
     protocol = str(scores[0].document["protocol"])
     fewest = fewest_sequences(float(read_protocol(protocol).bootstrap.level))
     if as_json:
-        document = {
+        document: dict[str, Any] = {
             "protocol": protocol,
             "fewest_sequences": fewest,
             "methods": names,
@@ -53,6 +60,8 @@ def command(reports: tuple[Path, ...], metrics: tuple[str, ...], as_json: bool) 
                 for (group, metric), places in standing.items()
             ],
         }
+        if (causes := _causes(scores, names)) is not None:
+            document["causes"] = causes
         echo_json(document)
         return 0
     last = ("", "")
@@ -79,7 +88,36 @@ def command(reports: tuple[Path, ...], metrics: tuple[str, ...], as_json: bool) 
             order = sorted(zip(places, names, strict=True))
             text = ", ".join(f"{place}. {name}" for place, name in order)
             echo(f"Ranks by {heading(metric, protocol).label}: {text}")
+    if (causes := _causes(scores, names)) is not None:
+        _print_causes(causes)
     return 0
+
+
+def _causes(scores: Sequence[Scores], names: Sequence[str]) -> dict[str, Any] | None:
+    """Return each method's causes of errors over the split, or None where a report has none."""
+    if any("causes" not in each.document for each in scores):
+        return None
+    return {
+        name: each.document["causes"]["overall"] for name, each in zip(names, scores, strict=True)
+    }
+
+
+def _print_causes(causes: Mapping[str, Any]) -> None:
+    """Print the share of each cause in the squared error of each method."""
+    from pliant.evaluator.metrics.causes import CAUSES
+
+    echo("Share of the squared error by cause, in %")
+    widths = [max(len(name), 6) for name in causes]
+    titles = "  ".join(f"{name:>{width}}" for name, width in zip(causes, widths, strict=True))
+    echo(f"  {'':29}{titles}")
+    for cause in CAUSES:
+        shares = [found[cause.name]["squared_error_share"] for found in causes.values()]
+        if any(shares):
+            cells = (
+                f"{'–' if share is None else f'{100 * share:.1f}':>{width}}"
+                for share, width in zip(shares, widths, strict=True)
+            )
+            echo(f"  {cause.label:29}{'  '.join(cells)}")
 
 
 def _sequences(count: int, needed: int | None) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 
 from pliant.evaluator.controls import Controls
 from pliant.evaluator.metrics.base import (
+    OVERALL,
     Groups,
     Metric,
     NoSettings,
@@ -17,6 +18,7 @@ from pliant.evaluator.metrics.base import (
     ScoringContext,
     Summary,
 )
+from pliant.evaluator.metrics.causes import CAUSES_VERSION, Causes, CausesSettings
 from pliant.evaluator.metrics.families import metric_class
 from pliant.evaluator.metrics.localisation import Counts
 from pliant.evaluator.metrics.matches import match_blocks
@@ -185,10 +187,15 @@ def _score(
     answers = loaded.answers if isinstance(loaded.answers, Answers) else loaded.answers.answers
     table = PairTable(queries.pairs, [x for r in ratios for x in (r.numerator, r.denominator)])
     search_px = settings["geodesic"].search_px if "geodesic" in settings else 1
-    surfaces = Surfaces(dataset, search_px)
+    explained = CausesSettings()
+    surfaces = Surfaces(dataset, search_px, explained.precise * max(queries.size))
     context = ScoringContext(dataset, queries, answers, table, scratch, surfaces)
     metrics: list[Metric[Any]] = [Counts(NoSettings(), context)]
     metrics += [metric_class(family)(values, context) for family, values in settings.items()]
+    causes = None
+    if matches is None and not hide_truth and _has_images(dataset):
+        causes = Causes(explained, context)
+        metrics.append(causes)
     hints = controls = None
     if matches is not None:
         coverage = float((np.diff(matches.starts) > 0).mean())
@@ -259,6 +266,12 @@ def _score(
     }
     if hide_truth:
         document["hide_truth"] = True
+    if summary.causes:
+        document["causes"] = {
+            "version": CAUSES_VERSION,
+            "overall": summary.causes.pop(OVERALL),
+            "tiers": summary.causes,
+        }
     examples = () if hide_truth else choose_examples(loaded.answers, queries, table.columns, truth)
     sentences = [] if matches is not None else hints_without_truth(answers, queries)
     sentences += [] if hints is None else hints.found()

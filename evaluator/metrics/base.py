@@ -87,12 +87,14 @@ class Summary:
         curves: Group -> curve -> JSON-able lists.
         slices: Slice -> its JSON-able rows.
         notes: Metric or family -> why it has no value, or what was assumed.
+        causes: Group -> cause of errors -> its JSON-able figures.
     """
 
     values: dict[str, dict[str, float | None]] = field(default_factory=dict)
     curves: dict[str, dict[str, Any]] = field(default_factory=dict)
     slices: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
     notes: dict[str, str] = field(default_factory=dict)
+    causes: dict[str, dict[str, dict[str, Any]]] = field(default_factory=dict)
 
     def set(self, group: str, metric: str, value: float | None) -> None:
         """Set a metric; NaN becomes None."""

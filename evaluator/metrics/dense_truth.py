@@ -13,7 +13,12 @@ from typing import Final
 import numpy as np
 
 from pliant.evaluator.arrays import BoolArray, FloatArray
-from pliant.evaluator.metrics.surfaces import ObjectSurface, nearest_object_pixel
+from pliant.evaluator.metrics.surfaces import (
+    ObjectSurface,
+    nearest_object_pixel,
+    pixel_steps_m,
+    typical_step_m,
+)
 from pliant.spec.model import MaterialObject
 
 _CHUNK_CELLS: Final = 1 << 21
@@ -79,13 +84,9 @@ def dense_truth(
 
 def _footprint_m(surface: ObjectSurface, queried: MaterialObject) -> FloatArray:
     """Return how much material one pixel spans, float64 (H, W), metres; 0 off the object."""
-    field = np.stack([surface.m0, surface.m1], axis=-1).astype(np.float64)
-    on = surface.on_object
-    across = np.where(on[:, 1:] & on[:, :-1], queried.distance_m(field[:, 1:], field[:, :-1]), 0)
-    down = np.where(on[1:] & on[:-1], queried.distance_m(field[1:], field[:-1]), 0)
-    steps = np.concatenate([across[across > 0], down[down > 0]])
-    typical = float(np.median(steps)) if len(steps) else 0.0
-    result = np.where(on, typical, 0.0)
+    across, down = pixel_steps_m(surface, queried)
+    typical = typical_step_m(surface, queried)
+    result = np.where(surface.on_object, typical, 0.0)
     for span, first, second in (
         (across, np.s_[:, 1:], np.s_[:, :-1]),
         (down, np.s_[1:], np.s_[:-1]),

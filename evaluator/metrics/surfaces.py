@@ -49,12 +49,19 @@ class SurfaceFacts:
         on_object: bool (N,), answers that are on the queried object.
         geodesic_m: float64 (N,), distance on the material; NaN off the object.
         silhouette_px: float64 (N,), of the true position to the silhouette; NaN if not known.
+        steps_m: float64 (N, 2), from the right material point to the one under the answer or, off
+            the object, nearest to it, along both coordinates; NaN where none is within
+            `reach_px`.
+        pixel_m: float64 (N,), what one pixel of the target frame typically spans on the material;
+            NaN if not known.
     """
 
     known: BoolArray
     on_object: BoolArray
     geodesic_m: FloatArray
     silhouette_px: FloatArray
+    steps_m: FloatArray
+    pixel_m: FloatArray
 
 
 class Surfaces:
@@ -64,11 +71,13 @@ class Surfaces:
         dataset: The dataset.
         search_px: Number of rows and columns around an answer's pixel that are searched for the
             object.
+        reach_px: Answers so near the object have `steps_m`, too.
     """
 
-    def __init__(self, dataset: Dataset, search_px: int = 1) -> None:
+    def __init__(self, dataset: Dataset, search_px: int = 1, reach_px: float = 0) -> None:
         self._dataset = dataset
         self._search_px = search_px
+        self._reach_px = reach_px
         self._points: dict[str, FloatArray] = {}
         self.frame = functools.lru_cache(_CACHED_FRAMES)(self._read)
         self.facts = functools.lru_cache(1)(self._look_up_block)
@@ -106,7 +115,7 @@ class Surfaces:
         count = len(block.state)
         facts = SurfaceFacts(
             np.zeros(count, bool), np.zeros(count, bool), np.full(count, np.nan),
-            np.full(count, np.nan),
+            np.full(count, np.nan), np.full((count, 2), np.nan), np.full(count, np.nan),
         )  # fmt: skip
         for index in range(len(block.starts) - 1):
             pair = block.first_pair + index
@@ -151,6 +160,45 @@ class Surfaces:
         facts.on_object[answered] = found
         under = surface.material(row[found], column[found])
         facts.geodesic_m[answered[found]] = queried.distance_m(under, material[points[found]])
+        facts.steps_m[answered[found]] = queried.steps_m(under - material[points[found]])
+        facts.pixel_m[rows] = typical_step_m(surface, queried)
+        off = np.flatnonzero(~found)
+        if not self._reach_px or not len(off):
+            return
+        row, column, near = nearest_object_pixel(surface.on_object, at[off], int(self._reach_px))
+        centre_px = np.stack([column, row], axis=1) + 0.5
+        near &= np.hypot(*(centre_px - at[off]).T) <= self._reach_px
+        off = off[near]
+        under = surface.material(row[near], column[near])
+        facts.steps_m[answered[off]] = queried.steps_m(under - material[points[off]])
+
+
+def pixel_steps_m(surface: ObjectSurface, queried: MaterialObject) -> tuple[FloatArray, FloatArray]:
+    """Return the material distance of neighbouring pixels of the object, 0 where one is off it.
+
+    Returns:
+        across: float64 (H, W - 1), metres, from each pixel to the next one in its row.
+        down: float64 (H - 1, W), metres, to the next one in its column.
+    """
+    field = np.stack([surface.m0, surface.m1], axis=-1).astype(np.float64)
+    on = surface.on_object
+    across = np.where(on[:, 1:] & on[:, :-1], queried.distance_m(field[:, 1:], field[:, :-1]), 0)
+    down = np.where(on[1:] & on[:-1], queried.distance_m(field[1:], field[:-1]), 0)
+    return across, down
+
+
+def typical_step_m(surface: ObjectSurface, queried: MaterialObject) -> float:
+    """Return the median material distance of neighbouring pixels of the object, metres; 0 for none.
+
+    Folds and crossings, where neighbours are far apart on the material, do not move the median.
+    """
+    rows, columns = (np.flatnonzero(surface.on_object.any(axis=axis)) for axis in (1, 0))
+    if not len(rows):
+        return 0.0
+    box = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
+    part = ObjectSurface(surface.on_object[box], surface.m0[box], surface.m1[box])
+    steps = np.concatenate([each[each > 0] for each in pixel_steps_m(part, queried)])
+    return float(np.median(steps)) if len(steps) else 0.0
 
 
 def farthest_material_m(described: MaterialObject) -> float:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from pliant.evaluator.metrics.base import OVERALL
+from pliant.evaluator.metrics.causes import Causes, CausesSettings
 from pliant.evaluator.protocols.protocol import read_protocol
 from pliant.evaluator.statistics.ratios import Figure
 
@@ -35,11 +36,13 @@ class Heading:
         return "mm" if self.stored_unit == "m" else self.stored_unit
 
     def written(self, value: float | None) -> str:
-        """Return a value for people: px with two decimals, mm with one, others with three."""
+        """Return a value for people: px with two decimals, mm and px² with one, else three."""
         if value is None:
             return "–"
         if self.stored_unit == "m":
             return f"{value * 1000:.1f}"
+        if self.stored_unit == "px²":
+            return f"{value:.1f}"
         return f"{value:.2f}" if self.stored_unit == "px" else f"{value:.3f}"
 
     @property
@@ -76,8 +79,10 @@ class Cell:
 
 
 def heading(metric: str, protocol: str) -> Heading:
-    """Return the heading of a metric under a protocol."""
-    figure = read_protocol(protocol).figures.get(metric, Figure(metric, "neither", "", metric))
+    """Return the heading of a metric under a protocol, or of a part of the error by cause."""
+    causes = {each.name: each for each in Causes.figures(CausesSettings())}
+    unknown = causes.get(metric, Figure(metric, "neither", "", metric))
+    figure = read_protocol(protocol).figures.get(metric, unknown)
     return Heading(figure.title, figure.about, figure.unit, figure.better)
 
 
