@@ -73,6 +73,7 @@ class Continuity(Metric[ContinuitySettings]):
             Figure(
                 f"stretch_p{percent}", "lower", "",
                 f"{percent} % quantile of the stretch between neighbours, target over source",
+                f"Stretch of neighbours, {percent} % quantile",
             ),
         ]  # fmt: skip
 

@@ -66,7 +66,8 @@ class Distribution(Metric[DistributionSettings]):
         coverage = [
             Ratio(
                 f"coverage_{level * 100:g}", "neither", "",
-                f"share of truths inside the smallest region that contains {level * 100:g} %", "",
+                f"share of truths inside the smallest region that contains {level * 100:g} %",
+                f"Truths in the {level * 100:g} % region",
                 f"in_region_{level * 100:g}", "distributions",
             )
             for level in settings.regions

@@ -39,15 +39,16 @@ class Geodesic(Metric[GeodesicSettings]):
             Ratio(
                 "geodesic_mean_m", "lower", "m",
                 "mean distance on the material between the right point and what is under the "
-                "answer", "", "sum_geodesic_m", "geodesic_points",
+                "answer", "Distance on the material", "sum_geodesic_m", "geodesic_points",
             ),
             Ratio(
-                "geodesic_rmse_m", "lower", "m", "root mean squared distance on the material", "",
+                "geodesic_rmse_m", "lower", "m", "root mean squared distance on the material",
+                "Distance on the material, root mean square",
                 "sum_squared_geodesic_m2", "geodesic_points", root=True,
             ),
             Ratio(
                 "off_object_rate", "lower", "",
-                "share of answers that are not on the queried object", "",
+                "share of answers that are not on the queried object", "Answers off the object",
                 "off_object", "geodesic_asked",
             ),
         ]  # fmt: skip

@@ -64,6 +64,7 @@ class Localisation(Metric[LocalisationSettings]):
             *(_quantile(level) for level in settings.quantiles),
             Ratio(
                 "outside_image_rate", "neither", "", "share of answers outside the target image",
+                "Answers outside the image",
                 numerator="outside_image", denominator="answered",
             ),
         ]  # fmt: skip
@@ -102,4 +103,5 @@ def _quantile(level: float) -> Figure:
     if level == 0.5:
         return Figure("median_px", "lower", "px", "median error", "Median error")
     percent = f"{level * 100:g}"
-    return Figure(f"p{percent}_px", "lower", "px", f"{percent} % quantile of the error")
+    about = f"{percent} % quantile of the error"
+    return Figure(f"p{percent}_px", "lower", "px", about, f"Error, {percent} % quantile")

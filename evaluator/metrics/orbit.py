@@ -45,27 +45,32 @@ class Orbit(Metric[OrbitSettings]):
         return [
             Ratio(
                 f"orbit_pck_{at}", "higher", "",
-                f"share of points with a partner answered {within} of themselves or a partner", "",
+                f"share of points with a partner answered {within} of themselves or a partner",
+                f"PCK {settings.radius_px:g} px, point or partner",
                 "orbit_hits", "orbit_points",
             ),
             Ratio(
                 f"flip_rate_{at}", "lower", "",
-                "share of these that are nearer to a partner; 0.5 by the toss of a coin", "",
+                "share of these that are nearer to a partner; 0.5 by the toss of a coin",
+                f"Flip rate {within}",
                 "orbit_flips", "orbit_decided",
             ),
             Ratio(
                 f"mass_{at}", "higher", "",
-                f"mean probability {within} of the point itself", "",
+                f"mean probability {within} of the point itself",
+                "Probability at the point",
                 "orbit_own_mass", "orbit_distributions",
             ),
             Ratio(
                 f"partner_mass_{at}", "neither", "",
-                f"mean probability {within} of each visible partner", "",
+                f"mean probability {within} of each visible partner",
+                "Probability at each partner",
                 "orbit_partner_mass", "orbit_distributions",
             ),
             Ratio(
                 f"least_mass_{at}", "higher", "",
-                "mean of the smallest of these; 0.5 where two places share all probability", "",
+                "mean of the smallest of these; 0.5 where two places share all probability",
+                "Smallest of these probabilities",
                 "orbit_least_mass", "orbit_distributions",
             ),
         ]  # fmt: skip

@@ -32,17 +32,20 @@ class Symmetry(Metric[NoSettings]):
             rmse.mean_over_pairs("mean over image pairs of the same"),
             Ratio(
                 "point_symmetric_rmse_px", "lower", "px",
-                "RMSE where each point may be taken for a visible partner", "",
+                "RMSE where each point may be taken for a visible partner",
+                "RMSE, symmetry-aware by point",
                 "point_symmetric_squared_px2", "counted", root=True,
             ),
             Ratio(
                 "flip_rate", "lower", "",
-                "share of pairs that a symmetry other than the identity explains best", "",
+                "share of pairs that a symmetry other than the identity explains best",
+                "Flip rate of pairs",
                 "flipped_pairs", "symmetric_pairs",
             ),
             Ratio(
                 "point_flip_rate", "lower", "",
-                "share of points whose answer is nearer to a visible partner", "",
+                "share of points whose answer is nearer to a visible partner",
+                "Flip rate of points",
                 "flipped_points", "symmetric_points",
             ),
         ]  # fmt: skip

@@ -107,8 +107,11 @@ def tapvid_figures(thresholds: Sequence[float], mean: str, each: str = "one") ->
     ]
     for t in thresholds:
         about = f"share of visible points within {t:g} scaled px"
-        result.append(higher(f"delta_{t:g}", about, "tapvid_pair"))
-        result.append(higher(f"jaccard_{t:g}", f"Jaccard at {t:g} scaled px", "jaccard_pair"))
+        jaccard = f"Jaccard within {t:g} scaled px"
+        result.append(
+            higher(f"delta_{t:g}", about, "tapvid_pair", f"Points within {t:g} scaled px")
+        )
+        result.append(higher(f"jaccard_{t:g}", jaccard, "jaccard_pair", jaccard))
     return result
 
 
