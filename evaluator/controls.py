@@ -16,6 +16,14 @@ import numpy as np
 from pliant.evaluator.arrays import FloatArray
 from pliant.evaluator.submission.blocks import Block
 
+CONTROLS: Final = {
+    "identity": "answering with the query's own pixel",
+    "random": "answering with a random place on the object",
+    "centroid": "answering with the middle of the object",
+    "oracle": "answering with the truth",
+}
+"""Control -> what it does. Controls are not methods: pages show them apart and never rank them."""
+
 REASONS: Final = {
     "identity": "frames that change little make standing still a strong answer",
     "centroid": "the middle of the object is nearer than the answers are",

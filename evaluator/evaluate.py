@@ -24,7 +24,7 @@ from pliant.evaluator.metrics.localisation import Counts
 from pliant.evaluator.metrics.matches import match_blocks
 from pliant.evaluator.metrics.surfaces import Surfaces
 from pliant.evaluator.protocols.protocol import Protocol, read_protocol
-from pliant.evaluator.report.examples import choose_examples
+from pliant.evaluator.report.examples import Example, choose_examples
 from pliant.evaluator.scores import SCORES_VERSION, Scores, pair_table, tool_versions
 from pliant.evaluator.statistics.bootstrap import Clusters, intervals
 from pliant.evaluator.submission.answers import MEMORY_LIMIT_BYTES, Answers, Scratch
@@ -272,7 +272,10 @@ def _score(
             "overall": summary.causes.pop(OVERALL),
             "tiers": summary.causes,
         }
-    examples = () if hide_truth else choose_examples(loaded.answers, queries, table.columns, truth)
+    examples: tuple[Example, ...] = ()
+    if not hide_truth:
+        codes = None if causes is None else causes.codes
+        examples = choose_examples(loaded.answers, queries, table.columns, truth, codes)
     sentences = [] if matches is not None else hints_without_truth(answers, queries)
     sentences += [] if hints is None else hints.found()
     return Scores(document, pair_table(queries, table.columns), examples, tuple(sentences))

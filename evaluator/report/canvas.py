@@ -85,8 +85,8 @@ def figure_png(figure: Figure) -> bytes:
 
 def chart_svg(draw: Callable[[Axes], None], labels: Labels, *, height_in: float = 2.9) -> str:
     """Return a chart as an SVG element that scales with its container."""
-    with mpl.rc_context({**_STYLE, "svg.hashsalt": labels.title}):
-        figure = Figure(figsize=(4.6, height_in), layout="constrained")
+    with mpl.rc_context({**_STYLE, "svg.hashsalt": labels.title, "axes.facecolor": "none"}):
+        figure = Figure(figsize=(4.6, height_in), layout="constrained", facecolor="none")
         axes = figure.add_subplot()
         draw(axes)
         axes.set(title=labels.title, xlabel=labels.x, ylabel=labels.y)

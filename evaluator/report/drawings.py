@@ -18,6 +18,7 @@ from pliant.spec.dataset import Dataset
 from pliant.spec.errors import SpecError
 from pliant.spec.storage import layout
 
+_PAGE_WIDTH: Final = 480  # px of the frames that a page stores
 _GAP: Final = 12  # between the two images, in units of the image width over 160
 
 
@@ -72,13 +73,43 @@ def side_by_side(
     width, height = size
     left = Symbols(width).target_px
     return (
-        f'<svg class="pair" role="img" aria-label="{html.escape(label)}" '
+        f'<svg class="pair" role="img" aria-label="{html.escape(label)}" data-left="{left:g}" '
         f'viewBox="0 0 {left + width:g} {height:g}" xmlns="http://www.w3.org/2000/svg">{source}'
         f'<svg x="{left:g}" y="0" width="{width}" height="{height}">{target}</svg>{over}</svg>'
     )
 
 
-def pair_svg(example: Example, dataset: Dataset | None, size: tuple[int, int]) -> str:
+class FramePictures:
+    """The frames of a page as SVG images, each stored once however many pairs show it.
+
+    Args:
+        dataset: Where the images are; None, or one without images, gives plain panels.
+        size: (width, height) of the images, px.
+    """
+
+    def __init__(self, dataset: Dataset | None, size: tuple[int, int]) -> None:
+        self.size = size
+        self._dataset = dataset
+        self._ids: dict[tuple[str, int], str] = {}
+        self._images: list[str] = []
+
+    def use(self, sequence: str, frame: int) -> str:
+        """Return an SVG element that shows a frame."""
+        key = sequence, frame
+        if key not in self._ids:
+            name = f"frame-{len(self._ids)}"
+            panel = panel_svg(self._dataset, sequence, frame, self.size, most_px=_PAGE_WIDTH)
+            self._ids[key] = name
+            self._images.append(f'<g id="{name}">{panel}</g>')
+        return f'<use href="#{self._ids[key]}"/>'
+
+    def definitions(self) -> str:
+        """Return the frames used so far as one SVG element that shows nothing itself."""
+        inner = "".join(self._images)
+        return f'<svg width="0" height="0" style="position:absolute"><defs>{inner}</defs></svg>'
+
+
+def pair_svg(example: Example, frames: FramePictures) -> str:
     """Draw a pair: the source with its queries, the target with truth and answers.
 
     A colour identifies a query. In the target a ring is the truth, a disc the answer, and the
@@ -86,21 +117,23 @@ def pair_svg(example: Example, dataset: Dataset | None, size: tuple[int, int]) -
 
     Args:
         example: The pair.
-        dataset: Where the images are; None, or one without images, leaves plain panels.
-        size: (width, height) of the images.
+        frames: The images.
     """
+    size = frames.size
     draw = Symbols(size[0])
     colours = [_colour(index, len(example.uv_a_px)) for index in range(len(example.uv_a_px))]
-    queries = [draw.disc(uv, colour) for uv, colour in zip(example.uv_a_px, colours, strict=True)]
     answers = np.clip(example.answer_px, -2 * size[0], 3 * size[0])
-    found = list(zip(example.true_px, answers, colours, strict=True))
-    errors = [draw.line(truth, answer, colour) for truth, answer, colour in found]
-    points = [draw.ring(truth, c) + draw.disc(answer, c) for truth, answer, c in found]
+    source, target = "", ""
+    places = zip(example.uv_a_px, example.true_px, answers, colours, strict=True)
+    for index, (query, truth, answer, colour) in enumerate(places):
+        source += f'<g data-q="{index}">{draw.disc(query, colour)}</g>'
+        error = draw.line(truth, answer, colour) + draw.ring(truth, colour)
+        target += f'<g data-q="{index}">{error}{draw.disc(answer, colour)}</g>'
     return side_by_side(
-        panel_svg(dataset, example.sequence_a, example.frame_a, size) + "".join(queries),
-        panel_svg(dataset, example.sequence_b, example.frame_b, size) + "".join(errors + points),
+        frames.use(example.sequence_a, example.frame_a) + source,
+        frames.use(example.sequence_b, example.frame_b) + target,
         size,
-        f"{example.rank} pair of {example.tier}",
+        f"Pair {example.pair} of {example.tier}",
     )
 
 
@@ -109,14 +142,32 @@ def _colour(index: int, count: int) -> str:
     return f"#{int(red * 255):02x}{int(green * 255):02x}{int(blue * 255):02x}"
 
 
-def panel_svg(dataset: Dataset | None, sequence: str, frame: int, size: tuple[int, int]) -> str:
-    """Draw one image, or a plain panel where there is none."""
+def panel_svg(
+    dataset: Dataset | None,
+    sequence: str,
+    frame: int,
+    size: tuple[int, int],
+    *,
+    most_px: int | None = None,
+) -> str:
+    """Draw one image, or a plain panel where there is none.
+
+    Args:
+        dataset: Where the image is.
+        sequence: Its sequence.
+        frame: Its number.
+        size: (width, height) of the panel, px.
+        most_px: Store a wider image at this width; None stores it as it is.
+    """
     shape = f'width="{size[0]}" height="{size[1]}"'
     rgb = None if dataset is None else _image(dataset, sequence, frame)
     if rgb is None:
         return f'<rect {shape} fill="#dfe3e6"/>'
     buffer = io.BytesIO()
-    Image.fromarray(rgb).save(buffer, "JPEG", quality=85)
+    picture = Image.fromarray(rgb)
+    if most_px is not None:
+        picture.thumbnail((most_px, most_px))
+    picture.save(buffer, "JPEG", quality=85)
     data = base64.b64encode(buffer.getvalue()).decode()
     return f'<image {shape} href="data:image/jpeg;base64,{data}"/>'
 

@@ -7,11 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
+from pliant.evaluator.controls import CONTROLS
 from pliant.evaluator.hidden_truth import public_scores
 from pliant.evaluator.metrics.base import OVERALL
+from pliant.evaluator.report.cause_bars import cause_bars
 from pliant.evaluator.report.cells import heading, score_cell
+from pliant.evaluator.report.method_facts import fact_table
 from pliant.evaluator.report.pages import render_page
 from pliant.evaluator.report.plots import cdf_svg, interval_svg
+from pliant.evaluator.report.verdict import board_verdict
 from pliant.evaluator.scores import SCORES_JSON, Scores, read_scores
 from pliant.evaluator.statistics.comparison import (
     Difference,
@@ -71,8 +75,17 @@ def render_leaderboard(
     protocol = document["protocol"]
     names = method_names(reports)
     main = document["headline"][0]
+    competing = [i for i in range(len(reports)) if reports[i].method not in CONTROLS]
     found = differences(reports, [main])
-    standing = ranks(found, names).get((OVERALL, main), [1] * len(reports))
+    rivals = {names[i] for i in competing}
+    among = [item for item in found if {item.method, item.against} <= rivals]
+    places = ranks(among, [names[i] for i in competing])
+    standing = dict(zip(competing, places.get((OVERALL, main), [1] * len(competing)), strict=True))
+    verdict = board_verdict(
+        {name: each.overall.get(main) for name, each in zip(names, reports, strict=True)},
+        main,
+        protocol,
+    )
     if hide_truth:
         reports = [public_scores(report) for report in reports]
     columns = [(OVERALL, metric) for metric in document["headline"]]
@@ -80,28 +93,39 @@ def render_leaderboard(
     if len(tiers) > 1:
         columns += [(tier, main) for tier in tiers]
     order = sorted(range(len(reports)), key=lambda i: _sort_key(reports[i], main))
+    fact_names, facts = fact_table([each.document["submission"]["method"] for each in reports])
     plots: list[str] = []
     if not hide_truth:
-        plots = _differences(found, [names[i] for i in order], main, protocol)
-        plots += _cdfs(reports, names)
+        plots = _differences(among, [names[i] for i in order if i in standing], main, protocol)
+        plots += error_curves(reports, names)
+    shown = sorted(order, key=lambda i: i not in standing)
+    rows = [
+        {
+            "rank": standing.get(i),
+            "name": names[i],
+            "href": links[i] if links else "",
+            "coverage": reports[i].document["coverage"],
+            "cells": [
+                (group, score_cell(reports[i].document, group, metric)) for group, metric in columns
+            ],
+            "facts": facts[i],
+        }
+        for i in order
+    ]
     return render_page(
         "leaderboard.html.j2",
         d=document,
         columns=[(group, heading(metric, protocol)) for group, metric in columns],
-        rows=[
-            {
-                "rank": standing[i],
-                "name": names[i],
-                "href": links[i] if links else "",
-                "coverage": reports[i].document["coverage"],
-                "cells": [score_cell(reports[i].document, *column) for column in columns],
-            }
-            for i in order
-        ],
+        groups=[OVERALL, *tiers],
+        fact_names=fact_names,
+        rows=[row for row in rows if row["rank"] is not None],
+        controls=[row for row in rows if row["rank"] is None],
+        verdict=[verdict] if verdict else [],
         main=heading(main, protocol).label,
         fewest_sequences=fewest_sequences(float(document["intervals"]["level"])),
-        too_few=any(item.verdict == "too few sequences" for item in found),
+        too_few=any(item.verdict == "too few sequences" for item in among),
         plots=plots,
+        **cause_bars([reports[i] for i in shown], [names[i] for i in shown]),
     )
 
 
@@ -116,6 +140,8 @@ def _differences(
     found: Sequence[Difference], names: Sequence[str], metric: str, protocol: str
 ) -> list[str]:
     """Return the differences of all methods from the first, with intervals, as a plot."""
+    if not names:
+        return []
     rows = {}
     for item in found:
         if item.group != OVERALL or not np.isfinite(item.low):
@@ -132,7 +158,7 @@ def _differences(
     return [interval_svg(ordered, title=title, xlabel=f"{shown.text}; blue: clear")]
 
 
-def _cdfs(reports: Sequence[Scores], names: Sequence[str]) -> list[str]:
+def error_curves(reports: Sequence[Scores], names: Sequence[str]) -> list[str]:
     """Return the error CDFs of all methods, one chart per tier."""
     result = []
     for tier in reports[0].tiers:

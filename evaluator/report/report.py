@@ -13,12 +13,14 @@ from typing import Any, Final
 import jsonschema
 
 from pliant.evaluator.metrics.base import OVERALL
+from pliant.evaluator.metrics.causes import CAUSES
 from pliant.evaluator.protocols.protocol import read_protocol
 from pliant.evaluator.report import plots
 from pliant.evaluator.report.canvas import Labels
 from pliant.evaluator.report.cells import heading, score_cell
-from pliant.evaluator.report.drawings import pair_svg
+from pliant.evaluator.report.drawings import FramePictures, pair_svg
 from pliant.evaluator.report.pages import render_page
+from pliant.evaluator.report.verdict import report_verdict
 from pliant.evaluator.scores import (
     PER_PAIR_TABLE,
     REPORT_HTML,
@@ -94,7 +96,9 @@ def render_report(scores: Scores, dataset: Dataset | None = None) -> str:
     document = scores.document
     groups = [OVERALL, *document["tiers"]]
     counts = document["counts"]["sequences"].values()
-    size = tuple(document["dataset"]["image_size"])
+    width, height = document["dataset"]["image_size"]
+    frames = FramePictures(dataset, (width, height))
+    pictures = [(example, pair_svg(example, frames)) for example in scores.examples]
     return render_page(
         "report.html.j2",
         d=document,
@@ -106,11 +110,39 @@ def render_report(scores: Scores, dataset: Dataset | None = None) -> str:
         no_interval=any(count < 2 for count in counts),
         narrow_interval=any(count < _FEW_SEQUENCES for count in counts),
         plots=report_plots(document),
-        pictures=[
-            (example, pair_svg(example, dataset, (size[0], size[1]))) for example in scores.examples
-        ],
+        verdict=report_verdict(document),
+        notes=_notes(document),
+        causes=CAUSES,
+        cause_labels={cause.name: cause.label for cause in CAUSES},
+        cause_groups=_cause_groups(document),
+        percent=_percent,
+        shown_causes={example.cause for example in scores.examples},
+        pictures=pictures,
+        definitions=frames.definitions(),
         protocol_text=json.dumps(read_protocol(document["protocol"]).document, indent=1),
     )
+
+
+def _cause_groups(document: Mapping[str, Any]) -> list[tuple[str, Any]]:
+    """Return (group, its causes): the tiers, and before several of them the whole split."""
+    found = document.get("causes")
+    if found is None:
+        return []
+    tiers = list(found["tiers"].items())
+    return tiers if len(tiers) == 1 else [(OVERALL, found[OVERALL]), *tiers]
+
+
+def _notes(document: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Return (what, note) for people; the verdict has that about the controls."""
+    return [
+        (heading(name, document["protocol"]).title, text.replace("`", ""))
+        for name, text in sorted(document["notes"].items())
+        if name != "controls"
+    ]
+
+
+def _percent(share: float | None) -> str:
+    return "–" if share is None else f"{share * 100:.1f} %"
 
 
 def error_histogram(curves: Mapping[str, Mapping[str, Any]], *, title: str) -> str:

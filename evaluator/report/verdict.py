@@ -1,0 +1,121 @@
+"""What scores mean, in words: the first lines of reports, leaderboards and comparisons."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+from pliant.evaluator.controls import CONTROLS
+from pliant.evaluator.metrics.base import OVERALL
+from pliant.evaluator.metrics.causes import CAUSES
+from pliant.evaluator.report.cells import heading
+
+_WORTH_NAMING: Final = 0.05
+"""Causes of less of the squared error than this are not named."""
+
+
+def report_verdict(document: Mapping[str, Any]) -> list[str]:
+    """Return sentences about one method: how far off, against controls, and why.
+
+    Args:
+        document: The content of scores.json.
+    """
+    values, method = document["overall"], document["submission"]["method"]["name"]
+    sentences = []
+    if values.get("rmse_px") is not None:
+        text = f"The RMSE is {values['rmse_px']:.1f} px"
+        if values.get("median_px") is not None:
+            text += f", and half of the answers are within {values['median_px']:.1f} px"
+        sentences.append(text + ".")
+    if method in CONTROLS:
+        about = CONTROLS[method]
+        sentences.append(f"This is a control, {about}: methods are compared with it, not ranked.")
+    elif "controls" in document["notes"]:
+        sentences.append(f"{_capital(document['notes']['controls'].replace('`', ''))}.")
+    elif document["submission"]["kind"] == "answers" and not document.get("hide_truth"):
+        sentences.append(
+            "It is better than answering with the query's own pixel, with the middle of the "
+            "object, and with a random place on it."
+        )
+    if "causes" in document:
+        sentences += cause_sentences(document["causes"][OVERALL])
+    return sentences
+
+
+def cause_sentences(found: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """Return a sentence with the causes of most of the squared error, none without an error.
+
+    Args:
+        found: Cause -> its figures, as in scores.json.
+    """
+    shares = {
+        cause.label: share
+        for cause in CAUSES
+        if (share := found[cause.name]["squared_error_share"] or 0) >= _WORTH_NAMING
+    }
+    named = sorted(shares.items(), key=lambda item: -item[1])
+    parts = [f"{label.lower()} {share * 100:.0f} %" for label, share in named]
+    return [f"Causes of the squared error: {', '.join(parts)}."] if parts else []
+
+
+def board_verdict(
+    values: Mapping[str, float | None],
+    metric: str,
+    protocol: str,
+    *,
+    where: str = "",
+    noun: str = "method",
+) -> str:
+    """Return a sentence about several methods against the best control; empty without one.
+
+    Args:
+        values: Method -> its value over the split, or None.
+        metric: The metric.
+        protocol: Its protocol.
+        where: Such as `on rope`.
+        noun: What the methods are.
+    """
+    shown = heading(metric, protocol)
+    if shown.better == "neither":
+        return ""
+    sign = -1 if shown.better == "higher" else 1
+    known = {name: value for name, value in values.items() if value is not None}
+    controls = {name: known[name] for name in CONTROLS if name in known and name != "oracle"}
+    methods = {name: value for name, value in known.items() if name not in CONTROLS}
+    if not controls or not methods:
+        return ""
+    control = min(controls, key=lambda name: sign * controls[name])
+    bar = f"{CONTROLS[control]} ({shown.label} {_with_unit(shown, controls[control])})"
+    best = min(methods, key=lambda name: sign * methods[name])
+    better = [name for name in methods if sign * methods[name] < sign * controls[control]]
+    place = f" {where}" if where else ""
+    if not better:
+        return (
+            f"No {noun} beats {bar}{place}; the nearest is {best} "
+            f"with {_with_unit(shown, methods[best])}."
+        )
+    if len(better) == len(methods) > 1:
+        start = f"All {len(methods)} {noun}s beat {bar}{place}"
+        return f"{start}; the best is {best} with {_with_unit(shown, methods[best])}."
+    named = joined([f"{name} ({_with_unit(shown, methods[name])})" for name in better])
+    beat = "beats" if len(better) == 1 else "beat"
+    text = f"{named} {beat} {bar}{place}"
+    others = [name for name in methods if name not in better]
+    return text + (f"; {joined(others)} {_do_not(others)}." if others else ".")
+
+
+def joined(words: Sequence[str]) -> str:
+    """Return words as a list in a sentence."""
+    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
+
+
+def _do_not(names: Sequence[str]) -> str:
+    return "does not" if len(names) == 1 else "do not"
+
+
+def _with_unit(shown: Any, value: float) -> str:
+    return f"{shown.written(value)} {shown.unit}".strip()
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]

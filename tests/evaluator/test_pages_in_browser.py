@@ -1,0 +1,188 @@
+"""Reports, leaderboards and comparisons in a real browser: what a reader can do with them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pliant.cli.main import run
+from pliant.evaluator import evaluate, write_report
+from tests.browser import CHROMIUM, DRIVER, Browser, chromium
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(not (CHROMIUM and DRIVER), reason="needs chromium and chromedriver"),
+]
+
+VISIBLE = "[...document.querySelectorAll('figure.example')].filter(f => !f.hidden)"
+
+
+@pytest.fixture(scope="module")
+def pages(scene_maker: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A report, a leaderboard of four and a comparison, on a cloth and a rope tier."""
+    folder = tmp_path_factory.mktemp("pages")
+    scene = scene_maker(folder / "data", sequences=6, frames=2, queries=16)
+    middle = np.zeros_like(scene.true_px)
+    for pair in np.unique(scene.pair):
+        middle[scene.pair == pair] = scene.true_px[scene.pair == pair].mean(axis=0)
+    rng = np.random.default_rng(0)
+    facts = {"date": "2026-11-01", "author": "R. Eader", "code": "https://example.org/near"}
+    for name, uv, extra in (
+        ("near", scene.true_px + rng.normal(0, 3, middle.shape), facts),
+        ("far", scene.true_px + rng.normal(0, 70, middle.shape), {"link": "javascript:alert(1)"}),
+        ("centroid", middle, {}),
+    ):
+        path = scene.submit(
+            folder / f"{name}.parquet", scene.table(uv), method={"name": name, **extra}
+        )
+        scores = evaluate(path, scene.root)
+        write_report(scores, folder / "reports" / name, data=scene.root)
+    reports = str(folder / "reports")
+    assert run(["leaderboard", reports, "--out", str(folder / "board.html")]) == 0
+    assert run(["compare", reports, "--out", str(folder / "comparison.html")]) == 0
+    return folder
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    """One browser for all tests."""
+    with chromium() as window:
+        yield window
+
+
+def opened(browser: Browser, page: Path, width: int = 1200, *, dark: bool = False) -> None:
+    browser.size(width, 900, dark=dark)
+    browser.open(page.as_uri())
+
+
+def report(pages: Path) -> Path:
+    return pages / "reports" / "far" / "report.html"
+
+
+@pytest.mark.parametrize("name", ["reports/far/report.html", "board.html", "comparison.html"])
+@pytest.mark.parametrize(("width", "dark"), [(1200, False), (400, True)])
+def test_a_page_fits_reports_no_error_and_asks_for_nothing(
+    browser: Browser, pages: Path, name: str, width: int, dark: bool
+) -> None:
+    browser.errors(), browser.requests()
+    opened(browser, pages / name, width, dark=dark)
+    assert browser.run("return document.documentElement.scrollWidth") <= width
+    paper = browser.run("return getComputedStyle(document.body).backgroundColor")
+    assert paper == ("rgb(22, 25, 28)" if dark else "rgb(255, 255, 255)")
+    assert browser.errors() == []
+    assert {url.split(":")[0] for url in browser.requests()} <= {"file", "data"}
+
+
+def test_the_theme_can_be_switched_and_stays(browser: Browser, pages: Path) -> None:
+    opened(browser, report(pages))
+    browser.run("document.getElementById('theme').click()")
+    paper = "return getComputedStyle(document.body).backgroundColor"
+    assert browser.run(paper) == "rgb(22, 25, 28)"
+    browser.open(report(pages).as_uri())
+    assert browser.run(paper) == "rgb(22, 25, 28)"
+    browser.run("document.getElementById('theme').click(); localStorage.clear()")
+    assert browser.run(paper) == "rgb(255, 255, 255)"
+
+
+def choose(browser: Browser, field: str, value: str) -> None:
+    browser.run(
+        "const e = document.getElementById(arguments[0]); e.value = arguments[1];"
+        "e.dispatchEvent(new Event('input', {bubbles: true}))",
+        field,
+        value,
+    )
+
+
+def test_pairs_are_filtered_and_sorted(browser: Browser, pages: Path) -> None:
+    opened(browser, report(pages))
+    assert browser.run(f"return {VISIBLE}.length") == 12
+    errors = f"return {VISIBLE}.map(f => Number(f.dataset.rmse))"
+    down = browser.run(errors)
+    assert down == sorted(down, reverse=True)
+    choose(browser, "order", "rmse")
+    assert browser.run(errors) == down[::-1]
+    choose(browser, "tier", "rope")
+    assert set(browser.run(f"return {VISIBLE}.map(f => f.dataset.tier)")) == {"rope"}
+    assert browser.run("return document.getElementById('count').textContent") == "6 of 12 pairs"
+    rows = "[...document.querySelectorAll('section tbody tr[data-tier]')]"
+    assert browser.run(f"return {rows}.filter(r => !r.hidden).map(r => r.dataset.tier)") == ["rope"]
+    choose(browser, "tier", "")
+    causes = browser.run(f"return {VISIBLE}.map(f => f.dataset.cause)")
+    choose(browser, "cause", "off_object")
+    kept = browser.run(f"return {VISIBLE}.map(f => f.dataset.cause)")
+    assert len(kept) == causes.count("off_object") > 0
+    choose(browser, "find", "nothing of this name")
+    assert browser.run(f"return {VISIBLE}.length") == 0
+
+
+def test_a_point_under_the_pointer_tells_its_figures(browser: Browser, pages: Path) -> None:
+    opened(browser, report(pages))
+    browser.run("document.querySelector('figure.example').scrollIntoView({block: 'center'})")
+    point, at = browser.run(
+        "const f = document.querySelector('figure.example'), svg = f.querySelector('svg.pair');"
+        "const point = JSON.parse(f.dataset.points)[3];"
+        "const at = new DOMPoint(point[2] + Number(svg.dataset.left), point[3])"
+        ".matrixTransform(svg.getScreenCTM());"
+        "return [point, [at.x, at.y]]"
+    )
+    browser.hover(*at)
+    browser.wait("!document.getElementById('tip').hidden")
+    text = browser.run("return document.getElementById('tip').innerText")
+    assert f"Truth ({point[2]:.1f}, {point[3]:.1f})" in text
+    assert f"Answer ({point[4]:.1f}, {point[5]:.1f})" in text
+    assert f"Error {point[6]:.1f} px" in text
+    error = np.hypot(point[4] - point[2], point[5] - point[3])
+    assert point[6] == pytest.approx(error, abs=0.15)
+    assert browser.run("return document.querySelectorAll('svg.marked .on').length") == 2
+    browser.hover(5, 5)
+    browser.wait("document.getElementById('tip').hidden")
+
+
+def test_a_pair_is_enlarged_by_click_and_key(browser: Browser, pages: Path) -> None:
+    opened(browser, report(pages))
+    first = "document.querySelector('figure.example')"
+    small = browser.run(f"{first}.scrollIntoView({{block: 'center'}}); return {first}.clientWidth")
+    box = browser.run(f"const b = {first}.getBoundingClientRect(); return [b.x + 20, b.y + 20]")
+    browser.click(*box)
+    browser.wait("document.getElementById('large').open")
+    wide = browser.run("return document.querySelector('#large svg.pair').clientWidth")
+    assert wide > 1.8 * small
+    browser.keys("\ue00c")  # Escape
+    browser.wait("!document.getElementById('large').open")
+    browser.run(f"{first}.focus()")
+    browser.keys("\ue007")  # Enter
+    browser.wait("document.getElementById('large').open")
+    browser.run("document.getElementById('large').close()")
+
+
+def test_a_leaderboard_sorts_methods_and_keeps_controls_apart(
+    browser: Browser, pages: Path
+) -> None:
+    opened(browser, pages / "board.html")
+    rows = "[...document.querySelector('#board').tBodies[0].rows]"
+    names = f"return {rows}.map(r => r.cells[0].innerText)"
+    assert browser.run(names) == ["near", "far"]
+    browser.run("document.querySelectorAll('#board button.sort')[0].click()")
+    assert browser.run(names) == ["far", "near"]
+    text = browser.run("return document.querySelector('#controls').innerText")
+    assert "Controls, not ranked" in text
+    assert "centroid" in text
+    body = browser.run("return document.body.innerText")
+    assert "near (" in body.split("beats answering with the middle of the object")[0]
+    assert "R. Eader" in body
+    links = browser.run("return [...document.querySelectorAll('#board a')].map(a => a.href)")
+    assert links == ["https://example.org/near"]
+
+
+def test_a_comparison_says_who_is_better(browser: Browser, pages: Path) -> None:
+    opened(browser, pages / "comparison.html")
+    verdict = browser.run("return document.querySelector('.verdict').innerText")
+    assert "near is clearly better than" in verdict
+    assert "beats answering with the middle of the object" in verdict
+    choose(browser, "tier", "cloth")
+    shown = "[...document.querySelectorAll('tr[data-tier]')].filter(r => !r.hidden)"
+    assert set(browser.run(f"return {shown}.map(r => r.dataset.tier)")) == {"cloth"}
