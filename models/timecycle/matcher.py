@@ -66,7 +66,7 @@ class TimeCycleMatcher:
         """Answer query pixels in one step, wherever in the target they may be; see `Matcher`."""
         if len(uv_a_px) == 0:
             return Answers(np.zeros((0, 2), dtype=np.float32))
-        anywhere = replace(self.settings.propagation, radius=0.0, prior=0.0)
+        anywhere = replace(self.settings.propagation, radius=0.0, prior=0.0, smooth=0.0)
         propagator = self._propagator(source, uv_a_px, anywhere)
         with torch.inference_mode():
             found = propagator.step(self._encode(target), self._searched(target))
@@ -98,7 +98,13 @@ class TimeCycleMatcher:
         scale = self._scale(source)
         xy = torch.as_tensor(np.asarray(uv_px, dtype=np.float64) / scale, dtype=torch.float32)
         with torch.inference_mode():
-            return Propagator(self._encode(source), xy, settings, self.settings.temperature)
+            return Propagator(
+                self._encode(source),
+                xy,
+                settings,
+                self.settings.temperature,
+                self._searched(source),
+            )
 
     def _encode(self, view: View) -> torch.Tensor:
         """Return a frame's unit descriptors, (D, h, w) on the CPU."""

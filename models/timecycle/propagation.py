@@ -5,6 +5,10 @@ frame and in the last few frames; the cells that look most like it compete in a 
 mean of their positions is where the point is now. The same reading in the first frame, where
 the place is known, gives the part of the error that comes of reading between cells, and is
 taken off: what does not move stays where it is.
+
+Neighbours move together: with `smooth`, support points on the object of the first frame are carried
+too, and each point moves by the mean of the support points that are near it, in the first frame and
+in the last one.
 """
 
 from __future__ import annotations
@@ -30,6 +34,8 @@ class Propagator:
         xy: float (N, 2), where the points are in it, cells.
         settings: How it is done.
         temperature: Of the softmax, where the settings name none.
+        support: bool (h, w), the first frame's cells on the object, where `smooth` puts its support
+            points; None smooths nothing.
     """
 
     def __init__(
@@ -38,8 +44,15 @@ class Propagator:
         xy: torch.Tensor,
         settings: PropagationSettings,
         temperature: float,
+        support: Bool | None = None,
     ) -> None:
         self.settings = settings
+        self._asked = len(xy)
+        if settings.smooth > 0 and support is not None:
+            rows, columns = np.nonzero(support)
+            centres = np.stack([columns, rows], axis=1) + 0.5
+            xy = torch.cat([xy, torch.from_numpy(centres).to(xy)])
+        self._start = xy
         self.temperature = settings.temperature or temperature
         self.first = self._refined(first)
         self.xy = xy
@@ -69,17 +82,28 @@ class Propagator:
             wide = torch.from_numpy(searched)[None, None].float()
             allowed = functional.interpolate(wide, refined.shape[-2:], mode="nearest")[0, 0] > 0
         found = self._read(refined, look, self.xy, allowed) + self._offset
+        if len(found) > self._asked:
+            found = self._smoothed(found)
         height, width = frame.shape[-2:]
         found[:, 0].clamp_(0, width)
         found[:, 1].clamp_(0, height)
         self.xy = found
         self._context.append(self._under(refined, found))
-        return found
+        return found[: self._asked]
 
     def scores(self, frame: torch.Tensor) -> torch.Tensor:
         """Return log probabilities of the points over all cells of a frame, float (N, h, w)."""
         logits = (self._look @ frame.flatten(1)) / self.temperature
         return logits.log_softmax(dim=1).unflatten(1, frame.shape[-2:])
+
+    def _smoothed(self, found: torch.Tensor) -> torch.Tensor:
+        """Return positions (N, 2) that move as the support points around them do on average."""
+        moved = (found - self.xy)[self._asked :]
+        square = sum(
+            torch.cdist(at, at[self._asked :]).square() for at in (self._start, self.xy)
+        )  # (N, S)
+        weight = (-square / (2 * self.settings.smooth**2)).softmax(dim=1)
+        return self.xy + weight @ moved
 
     def _refined(self, frame: torch.Tensor) -> torch.Tensor:
         """Return descriptors on a finer grid, of unit length again."""

@@ -154,6 +154,8 @@ class PropagationSettings:
             longer side; 0 for all.
         prior: Standard deviation, cells, of a Gaussian about the last place that weighs the
             cells; 0 for none.
+        smooth: Points move with those around them: the standard deviation, cells, of the Gaussian
+            that weighs neighbours by their distance; 0 for none. Needs the object's mask.
         refine: Descriptors are interpolated this many times finer before they are compared.
         search: Cells on the object's `mask` where one is given out, or the whole `image`.
     """
@@ -164,6 +166,7 @@ class PropagationSettings:
     first_weight: Share = 0.25
     radius: NonNegative = 0.1
     prior: NonNegative = 2.5
+    smooth: NonNegative = 0.0
     refine: Count = 2
     search: Literal["mask", "image"] = "image"
 

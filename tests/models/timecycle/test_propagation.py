@@ -156,3 +156,32 @@ def test_one_step_looks_everywhere() -> None:
     found = matcher.answer(a, b, np.array([[60.5, 50.5]], dtype=np.float32)).uv_px
     assert 40 < found[0, 0] < 160
     assert 30 < found[0, 1] < 90
+
+
+def test_neighbours_carry_a_point_that_looks_like_nothing() -> None:
+    """Noise covers the query's cell in the next frame: alone it strays, with its neighbours not."""
+    field, moved = texture(), (1.2, -0.6)
+    first, second = frame(field, (0, 0)), frame(field, moved)
+    query = torch.tensor([[14.3, 9.6]])
+    column, row = (query[0] + torch.tensor(moved)).long().tolist()
+    noise = torch.randn(24, 2, 2, generator=torch.Generator().manual_seed(1))
+    second[:, row : row + 2, column : column + 2] = torch.nn.functional.normalize(noise, dim=0)
+    on = np.zeros((H, W), bool)
+    on[5:14, 9:20] = True
+    gaps = []
+    for smooth in (0.0, 1.5):
+        settings = PropagationSettings(temperature=0.05, top_k=5, prior=0, smooth=smooth)
+        carried = Propagator(first, query, settings, 1.0, on)
+        found = carried.step(second)
+        assert found.shape == query.shape
+        gaps.append(float((found - query - torch.tensor(moved)).norm()))
+    assert gaps[1] < 0.25 < gaps[0]
+
+
+def test_still_points_stay_with_their_neighbours() -> None:
+    field = texture()
+    on = np.zeros((H, W), bool)
+    on[4:16, 4:18] = True
+    carried = Propagator(frame(field, (0, 0)), POINTS, PropagationSettings(smooth=1.0), 0.1, on)
+    for _ in range(3):
+        torch.testing.assert_close(carried.step(frame(field, (0, 0))), POINTS, atol=1e-4, rtol=0)
