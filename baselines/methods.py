@@ -12,6 +12,7 @@ from pliant.baselines.features.surf import open_surf
 from pliant.baselines.flow import FlowChain
 from pliant.baselines.matcher import Matcher, SplitMatcher
 from pliant.baselines.modern.efficientnet import ImageNetFeatures
+from pliant.baselines.modern.xfeat import XFeatDescriptors, XFeatLighterGlue
 from pliant.baselines.outline import ClothOutline
 from pliant.baselines.tracing import RopeTracer
 
@@ -69,6 +70,8 @@ METHODS: dict[str, Make] = {
         },
     ),
     "imagenet": ImageNetFeatures,
+    "xfeat": XFeatDescriptors,
+    "xfeat-lighterglue": XFeatLighterGlue,
     "rope-tracer": RopeTracer,
     "identity": Identity,
     "random": RandomInMask,

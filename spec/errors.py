@@ -85,10 +85,18 @@ class CallError(PliantError):
 class MissingExtraError(CallError):
     """An optional dependency is not installed."""
 
-    def __init__(self, feature: str, extra: str) -> None:
+    def __init__(self, feature: str, extra: str, install: str | None = None) -> None:
+        """State what is missing.
+
+        Args:
+            feature: What needs them.
+            extra: Extra of Pliant, or the name of what is missing.
+            install: Command that installs it; None takes the extra's.
+        """
+        command = install or f"pip install 'pliant[{extra}]'"
         super().__init__(
             f"{feature} needs the optional dependencies '{extra}'",
-            fix=f"Install them with: pip install 'pliant[{extra}]'",
+            fix=f"Install them with: {command}",
         )
 
 
