@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from pliant.baselines.adapters import Images
+from pliant.baselines.adapters.images import Coordinates, Images
 from pliant.spec.errors import CallError
 
 _MEAN: Final = (0.485, 0.456, 0.406)
@@ -57,14 +57,14 @@ def state_dict(path: str | Path, device: str) -> dict[str, Any]:
     return values
 
 
-def pretrained(auto_class: Any, weights: str) -> Any:
-    """Load a model or processor of `transformers` from a folder or a hub id.
+def pretrained(auto_class: Any, weights: str, **options: Any) -> Any:
+    """Load a model, processor or a part of a pipeline from a folder or a hub id.
 
     Raises:
         CallError: There is no such model, or it is of another kind.
     """
     try:
-        return auto_class.from_pretrained(weights)
+        return auto_class.from_pretrained(weights, **options)
     except (OSError, ValueError) as error:
         raise CallError(
             f"{auto_class.__name__} cannot load this",
@@ -83,13 +83,16 @@ def normalised(image: Any) -> Any:
     return (image - mean) / std
 
 
-def images_for(device: str, size: Sequence[int] | None, multiple: int) -> Images:
+def images_for(
+    device: str, size: Sequence[int] | None, multiple: int, coordinates: Coordinates = "pixel"
+) -> Images:
     """Return how a network receives images.
 
     Args:
         device: A torch device.
         size: Width and height, px; None keeps those of the images.
         multiple: What the sides are rounded up to.
+        coordinates: How the network counts positions; see `Images`.
 
     Raises:
         CallError: The size is not two positive numbers.
@@ -97,4 +100,4 @@ def images_for(device: str, size: Sequence[int] | None, multiple: int) -> Images
     if size is not None and (len(size) != 2 or min(size) < 1):
         raise CallError("this is not a size", where="size", found=size, required="[width, height]")
     pair = None if size is None else (int(size[0]), int(size[1]))
-    return Images(size=pair, multiple=multiple, device=device)
+    return Images(pair, multiple, device, coordinates)

@@ -22,6 +22,8 @@ _LABELS: Final = {
     "dis-chain": "DIS chain",
     "rlof-chain": "RLOF chain",
     "imagenet": "ImageNet features",
+    "xfeat": "XFeat",
+    "xfeat-lighterglue": "XFeat + LighterGlue",
     "cloth-tps": "Outline, thin plate",
     "cloth-homography": "Outline, homography",
 }

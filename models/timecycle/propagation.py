@@ -99,9 +99,8 @@ class Propagator:
     def _smoothed(self, found: torch.Tensor) -> torch.Tensor:
         """Return positions (N, 2) that move as the support points around them do on average."""
         moved = (found - self.xy)[self._asked :]
-        square = sum(
-            torch.cdist(at, at[self._asked :]).square() for at in (self._start, self.xy)
-        )  # (N, S)
+        start, last = (torch.cdist(at, at[self._asked :]).square() for at in (self._start, self.xy))
+        square = start + last  # (N, S)
         weight = (-square / (2 * self.settings.smooth**2)).softmax(dim=1)
         return self.xy + weight @ moved
 

@@ -133,12 +133,14 @@ class WalkSettings:
         nodes: Side of a node, cells.
         temperature: Of the softmax over a step's edges.
         dropout: Share of edges that are dropped.
+        on_object: Nodes are those that touch the object's mask (truth), and no others.
     """
 
     weight: NonNegative = 0.0
     nodes: Count = 2
     temperature: Positive = 0.07
     dropout: Annotated[float, Bounds(0, 1, below=True)] = 0.1
+    on_object: bool = False
 
 
 @configuration(frozen=True)

@@ -78,7 +78,7 @@ class TimeCycleTask(Task[TimeCycleSettings]):
             loss = weighted_sum(parts, settings.losses)
         if settings.walk.weight > 0:
             counts = interest(images, batch["mask"], settings.clips.choose)
-            walked = walk_loss(frames, counts, settings.walk, generator)
+            walked = walk_loss(frames, counts, settings.walk, generator, batch["mask"])
             loss, parts = loss + settings.walk.weight * walked["walk"], {**parts, **walked}
         return loss, {name: part.detach() for name, part in parts.items()}
 

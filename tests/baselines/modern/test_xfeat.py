@@ -29,7 +29,9 @@ def test_points_of_a_card_that_moves_are_found(
     before, after = pose(), pose(centre=(133, 104))
     source, target = view_of(before, "a"), view_of(after, "b")
     start = before.place(card_queries).astype(np.float32)
-    error_px = np.hypot(*(matcher.answer(source, target, start).uv_px - after.place(card_queries)).T)
+    error_px = np.hypot(
+        *(matcher.answer(source, target, start).uv_px - after.place(card_queries)).T
+    )
     assert np.median(error_px) < 1.5
 
 
@@ -37,6 +39,7 @@ def test_points_of_a_card_that_moves_are_found(
 def test_half_pixels_and_sizes(matcher: Any, pose: Any, view_of: Callable[..., View]) -> None:
     """An image against itself, in another size: every point stays."""
     view = view_of(pose(), "a")
+    assert view.mask is not None
     cut = View(view.rgb[3:, 5:], view.mask[3:, 5:], key="b")  # sides that 32 does not divide
     start = np.random.default_rng(0).uniform([80, 60], [160, 140], (40, 2)).astype(np.float32)
     off = matcher.answer(view, cut, start).uv_px - (start - [5, 3])

@@ -123,3 +123,26 @@ def test_run_of_the_walk_alone_answers(
 def test_wrong_settings_are_one_sentence(override: str, message: str) -> None:
     with pytest.raises(CallError, match=message):
         read_settings(TimeCycleSettings, None, [*TINY, override])
+
+
+def test_walkers_stay_on_the_object() -> None:
+    """Equal nodes: chance among the object's nodes alone, whose number differs between frames."""
+    frames = torch.ones(1, 2, 4, 8, 12) / 2
+    mask = torch.zeros(1, 2, 64, 96, dtype=torch.bool)
+    mask[0, 0, 8:16, 16:56] = True  # 5 cells of 8x8 px, from the second row and the third column
+    mask[0, 1, 40:55, 8:24] = True  # 2 x 2 cells
+    counts = torch.zeros(8, 12)
+    counts[5:7, 1:3] = 1 / 4  # the last frame's
+    settings = WalkSettings(nodes=1, dropout=0.0, on_object=True)
+    found = walk_loss(frames, counts.reshape(1, -1), settings, None, mask)
+    assert float(found["walk"]) == pytest.approx(math.log(4), abs=1e-4)
+    # A cell of the table that looks like one of the object does not distract.
+    generator = torch.Generator().manual_seed(0)
+    noise = torch.randn(1, 2, 24, 8, 12, generator=generator)
+    different = torch.nn.functional.normalize(noise, dim=2)
+    different[0, 0, :, 1, 2:6] = different[0, 1, :, 5:7, 1:3].flatten(1)
+    different[0, 1, :, 0, 0] = different[0, 1, :, 5, 1]
+    for on_object, loss in ((True, 1e-3), (False, 0.1)):
+        settings = WalkSettings(nodes=1, temperature=0.01, dropout=0.0, on_object=on_object)
+        found = walk_loss(different, counts.reshape(1, -1), settings, None, mask)
+        assert (float(found["walk"]) < loss) == on_object
