@@ -99,7 +99,8 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
             return link[0]
         file = os.path.normpath(os.path.join(os.path.dirname(source), path))
         place = COPIED.get(file, file.removeprefix("docs/") if file.startswith("docs/") else "")
-        if not place or (files.get_file_from_path(place) is None):
+        page_file = files.get_file_from_path(place) if place else None
+        if page_file is None or page_file.inclusion.is_excluded():
             return text  # a file of the repository that the site does not show
         return f"{mark}[{text}]({os.path.relpath(place, os.path.dirname(target) or '.')}{anchor})"
 

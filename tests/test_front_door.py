@@ -17,6 +17,7 @@ from pliant.evaluator import evaluate as evaluate_file
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, PliantError, SpecError, SubmissionError
 
+README = Path(__file__).parents[1] / "README.md"
 DOCUMENT = Path(__file__).parents[1] / "docs" / "python.md"
 
 
@@ -137,7 +138,7 @@ def test_a_function_is_a_method(ds: Dataset) -> None:
             lambda ds: pliant.evaluate(ds, pliant.predict(ds, "identity"), protocol="papre"),
             "no such protocol",
         ),
-        (lambda ds: pliant.validate("no/such/folder"), "no such folder"),
+        (lambda ds: pliant.validate("no/such/folder"), "folder not found"),
     ],
 )
 def test_wrong_calls_are_one_sentence(ds: Dataset, call: object, message: str) -> None:
@@ -148,6 +149,18 @@ def test_wrong_calls_are_one_sentence(ds: Dataset, call: object, message: str) -
 def test_a_dataset_validates(tiny_dataset: Path, ds: Dataset) -> None:
     assert pliant.validate(ds).valid
     assert pliant.validate(tiny_dataset).frames == 30
+
+
+def test_the_ten_lines_of_the_readme_run(tmp_path: Path) -> None:
+    (code,) = re.findall(r"```python\n(.*?)```", README.read_text(), re.DOTALL)
+    assert len([line for line in code.splitlines() if line]) <= 10
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    rmse_px, pck = map(float, done.stdout.split())
+    assert 30 < rmse_px < 80  # the centroid of a rope in pictures of 256 x 192
+    assert 0 <= pck < 0.1
 
 
 def test_the_documented_example_runs(tiny_dataset: Path, tmp_path: Path) -> None:
