@@ -119,7 +119,7 @@ def _module(place: str, reference: str) -> ModuleType:
         return _imported(place, reference)
     path = Path(place).resolve()
     if not path.is_file():
-        raise CallError("there is no such file", path=place)
+        raise CallError("file not found", path=place)
     if str(path.parent) not in sys.path:
         sys.path.append(str(path.parent))  # not first: it would hide the standard library
     module = _imported(path.stem, reference)

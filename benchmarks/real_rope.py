@@ -71,7 +71,7 @@ def read_rope(path: Path, mask: Path | None, threshold: int) -> Rope:
     """Read a picture and find its rope, its ball and the places along it.
 
     Raises:
-        PliantError: There is no rope with a ball.
+        PliantError: No rope with a ball is found in the picture.
     """
     rgb = read_photo(path)
     size = (rgb.shape[1], rgb.shape[0])

@@ -14,14 +14,14 @@ from pliant.cli.terminal import echo, plural
 
 @click.command()
 @click.argument("folder", metavar="DIR", type=PATH)
-@click.option("--points", default="", metavar="A,B,…", help="Names of points to begin with.")
+@click.option("--points", default="", metavar="A,B,…", help="Initial names of points.")
 @click.option("--method", metavar="METHOD", help="Suggest marks with this method (such as sift).")
 @port_options
 def command(folder: Path, points: str, method: str | None, port: int, no_browser: bool) -> None:
     """Click the same points in the pictures of DIR and write DIR/annotations.csv.
 
-    The page is served to this machine alone. Every change is saved at once; Ctrl-C ends. Run it
-    again to go on. `pliant import DIR --out DATA` then makes a dataset of pictures and marks.
+    Serves a page on this machine only. Every change is saved at once; Ctrl-C stops the server, and
+    the same command continues. `pliant import DIR --out DATA` makes a dataset of the result.
     """
     from pliant.baselines.matcher import Matcher, SplitMatcher
     from pliant.spec.errors import CallError

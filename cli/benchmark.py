@@ -31,9 +31,9 @@ _TITLES = {"generate": "Making sets", "train": "Training", "answer": "Answering 
 
 @click.command()
 @click.argument("config_file", metavar="CONFIG", type=PATH)
-@out_option("DIR", "Its folder.")
+@out_option("DIR", "Output folder.")
 @set_option
-@click.option("--resume", is_flag=True, help="Continue a benchmark that was begun in DIR.")
+@click.option("--resume", is_flag=True, help="Continue the benchmark in DIR.")
 @click.option(
     "--workers",
     type=click.IntRange(min=1),
@@ -64,10 +64,10 @@ def command(
 ) -> int:
     """Make a reference benchmark: generate, train, answer, evaluate, and write the table.
 
-    CONFIG is benchmarks/pliant-v2.yaml, benchmarks/pliant-v2-mini.yaml or one like them. DIR gets
-    sets/, runs/, answers/, scores/, figures/, checksums.json, table.json and results.md. Every
-    stage can be interrupted and goes on with --resume. Exit code 1 where the test queries are
-    not the frozen ones.
+    CONFIG is benchmarks/pliant-v2.yaml, benchmarks/pliant-v2-mini.yaml or a config of that form.
+    Writes sets/, runs/, answers/, scores/, figures/, checksums.json, table.json and results.md
+    into DIR. --resume continues an interrupted run. Exit code 1 if the test queries differ from
+    the frozen ones.
     """
     from pliant.benchmarks.suite.config import read_config
 

@@ -18,7 +18,7 @@ from pliant.cli.terminal import echo, echo_json, plural
 def command(submission: Path, data: Path, allow_missing: bool, as_json: bool) -> int:
     """List everything that is wrong with SUB.parquet.
 
-    What passes here can be scored. Exit code 0: nothing is wrong; 1: something is.
+    A file without problems can be scored. Exit code 0: no problems; 1: problems.
     """
     from pliant.evaluator import inspect
 

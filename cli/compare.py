@@ -34,7 +34,7 @@ def command(
 
     Methods are compared sequence by sequence with a sign-flip test. A verdict needs an interval
     that excludes zero and at least 6 sequences. Each line ends with the number of sequences
-    that would separate two methods so far apart. The last lines show the causes of each method's
+    that a verdict on this difference would need. The last lines show the causes of each method's
     squared error, where the reports have them.
     """
     from pliant.evaluator.protocols.protocol import read_protocol

@@ -15,7 +15,7 @@ from pliant.spec.errors import MissingExtraError
 @click.argument("run", type=PATH)
 @click.option("--name", required=True, help="Name of the model, such as don-rope.")
 @data_option("Dataset that it was trained on.")
-@out_option("FOLDER", "OUT/NAME is written.")
+@out_option("FOLDER", "Output folder; writes OUT/NAME.")
 @path_option(
     "--scores",
     "REPORT",
@@ -28,8 +28,8 @@ def command(
 ) -> None:
     """Export a finished training run as a model: small weights and a model card.
 
-    The folder is a run that answers: `pliant predict OUT/NAME`. In `models/shipped/` of the
-    package its name alone is enough.
+    The folder can be used like the run: `pliant predict OUT/NAME`. A model in `models/shipped/`
+    of the package is used by its name.
     """
     try:
         from pliant.models.export import export_run

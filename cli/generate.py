@@ -55,7 +55,9 @@ _STOPPED = "Interrupted: finished sequences are kept, the same command continues
 @choice_option(
     "--engine", ["local", "ray"], "Processes of this machine, or a Ray cluster.", "local"
 )
-@click.option("--dry-run", is_flag=True, help="Say what would be done and how long it takes.")
+@click.option(
+    "--dry-run", is_flag=True, help="Show the plan and an estimate of the time; generate nothing."
+)
 @json_option
 def command(
     tiers: tuple[str, ...],
@@ -70,9 +72,9 @@ def command(
 ) -> int:
     """Render datasets of the given TIERs (rope, cloth-1, cloth-2, cloth-3, towel) into a folder.
 
-    The same command again goes on where it was interrupted, and says so if nothing is left to
-    do. More --sequences or more TIERs may be added later; other settings on the same folder
-    are refused. Exit code 1 if a sequence failed three times; the rest is kept.
+    Run the same command again to resume after an interruption. --sequences may be raised and TIERs
+    added later; other settings are refused for an existing folder. Exit code 1 if a sequence
+    failed three times; the other sequences are kept.
     """
     from pliant.generator.runner.run import generate
 

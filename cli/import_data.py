@@ -18,10 +18,10 @@ from pliant.cli.terminal import echo_result, progress_bar
 @click.option(
     "--kind",
     metavar="NAME",
-    help="What the points are on: rope, cloth, or another name; default: rope for pictures, cloth "
+    help="Kind of the object: rope, cloth, or another name; default: rope for pictures, cloth "
     "for tracks.",
 )
-@choice_option("--split", ["train", "val", "test"], "The split that all of it becomes.", "test")
+@choice_option("--split", ["train", "val", "test"], "Split of the imported data.", "test")
 @click.option("--title", default="", help="Title of the dataset, one line.")
 @click.option("--licence", default="LicenseRef-unknown", show_default=True, help="SPDX identifier.")
 @choice_option(
@@ -32,9 +32,7 @@ from pliant.cli.terminal import echo_result, progress_bar
     "default: pairs for pictures, first for tracks.",
 )
 @click.option("--pairs", default=100, show_default=True, help="Pairs drawn, with --queries pairs.")
-@path_option(
-    "--pair-list", "FILE.csv", "Pictures: ask about these pairs alone; columns source,target."
-)
+@path_option("--pair-list", "FILE.csv", "Pictures: query only these pairs; columns source,target.")
 @click.option(
     "--size",
     metavar="WxH",
@@ -60,21 +58,21 @@ from pliant.cli.terminal import echo_result, progress_bar
     "0.5 is added.",
     "rounded",
 )
-@click.option("--episode", is_flag=True, help="Pictures: they follow each other in time.")
+@click.option("--episode", is_flag=True, help="Pictures: frames are consecutive in time.")
 @choice_option(
     "--coordinates",
     ["auto", "normalised", "pixels"],
-    "Tracks: positions are shares of the frame, or pixels from its corner.",
+    "Tracks: positions are fractions of the frame, or pixels from its corner.",
     "auto",
 )
 @json_option
 def command(source: Path, out: Path, as_json: bool, **given: Any) -> None:
-    """Bring in SOURCE as a dataset that can be validated, answered and scored.
+    """Import SOURCE as a dataset that can be validated, answered and scored.
 
     SOURCE is annotations.csv (picture,point,x,y,visible), COCO keypoints, LabelMe files or the
     paper's knots_info.json, as a file or its folder, with its pictures; or a file of TAP-Vid
-    tracks (pickle or npz; nothing in it is executed). Cameras and material are not known and
-    left out; the answers are written next to DIR, as DIR-truth/SPLIT.parquet.
+    tracks (pickle or npz; nothing in it is executed). Cameras and material coordinates
+    are not known and omitted; the answers are written to DIR-truth/SPLIT.parquet.
     """
     from pliant.converters import ImportSettings, PictureOptions, read_source, write_imported
 

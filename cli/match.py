@@ -29,8 +29,8 @@ def _positions(
 
 @click.command()
 @click.argument("method")
-@path_option("--source", "A.png", "Has the points.", required=True)
-@path_option("--target", "B.png", "Is searched.", required=True)
+@path_option("--source", "A.png", "Picture with the points.", required=True)
+@path_option("--target", "B.png", "Picture to search.", required=True)
 @click.option(
     "--at",
     multiple=True,

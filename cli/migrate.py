@@ -16,14 +16,14 @@ from pliant.cli.terminal import echo_result
 def command(data: Path, as_json: bool) -> None:
     """Bring a dataset to the current specification version, in place.
 
-    Rewrites its JSON documents, dataset.json last; images and tables stay. Running it again
-    after an interruption goes on; on a current dataset it does nothing.
+    Rewrites the JSON documents, dataset.json last; images and tables do not change. Run it again
+    after an interruption. A current dataset is left as it is.
     """
     from pliant.spec.errors import CallError
     from pliant.spec.migrate import migrate
 
     if not data.is_dir():
-        raise CallError("there is no such folder", path=data, fix="Name a dataset's folder.")
+        raise CallError("folder not found", path=data, fix="Name a dataset's folder.")
     result = migrate(data)
     text = f"{data}: already of version {result.found}; nothing to do."
     if result.files:

@@ -31,9 +31,11 @@ _UNITS = {"": 1, "B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9}
 @path_option("--private", "DIR3", "Private half.  [default: DIR2-private]")
 @click.option("--shard-size", default="500MB", show_default=True, help="Approximate shard size.")
 @click.option("--webdataset", is_flag=True, help="Write the frames as WebDataset tar files too.")
-@click.option("--author", "authors", multiple=True, metavar="NAME", help="Who publishes it.")
-@click.option("--url", metavar="URL", help="Where it will be hosted.")
-@click.option("--date", metavar="YYYY-MM-DD", help="Day of the release.")
+@click.option(
+    "--author", "authors", multiple=True, metavar="NAME", help="Author, for the citation."
+)
+@click.option("--url", metavar="URL", help="Address of the published dataset.")
+@click.option("--date", metavar="YYYY-MM-DD", help="Date of the release.")
 @click.option(
     "--bundle/--no-bundle",
     default=True,
@@ -45,9 +47,9 @@ def command(
 ) -> int:
     """Package the dataset DIR for release: shards, description, checksums.
 
-    DIR2 becomes the public half: upload it as it is. With --hold-out the truth of those splits,
-    and all it could be read from, goes into a folder of its own, DIR2-private: keep it. The same
-    dataset gives the same bytes wherever it is published.
+    DIR2 is the public half, ready to upload. With --hold-out, the truth of those splits and
+    everything that reveals it go into a separate folder, DIR2-private, which is not published. The
+    output is deterministic.
     """
     from pliant.publishing import PublishSettings, publish
 

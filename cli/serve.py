@@ -16,7 +16,7 @@ from pliant.cli.terminal import echo
 @click.option("--out", hidden=True, type=PATH)
 @port_options
 def command(places: tuple[Path, ...], out: Path | None, port: int, no_browser: bool) -> None:
-    """Serve SITE, a folder that `pliant site` wrote, to this machine alone; Ctrl-C ends.
+    """Serve SITE, a folder that `pliant site` wrote, on this machine only; Ctrl-C stops it.
 
     Any folder with an index.html can be served, such as the documentation or a demo's report.
     """

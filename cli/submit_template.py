@@ -30,7 +30,7 @@ def command(
 ) -> None:
     """Write a submission to be filled in.
 
-    Keys and footer are right; u and v are NaN until you set them (for matches, each pair has
+    Keys and footer are complete; u and v are NaN until you set them (for matches, each pair has
     one row to be replaced). pliant check names every row that is still empty.
     """
     from pliant.baselines.submission_file import write_template

@@ -47,9 +47,9 @@ def _run_options(function: F) -> F:
 def don(data: Path, out: Path, **given: Any) -> None:
     """Train Dense Object Nets: a descriptor at every pixel, the same for the same point.
 
-    Without --config, the recipe shipped for the tier's kind is taken: two CPU cores, an hour or so.
+    Without --config, uses the shipped recipe for the tier's kind (about an hour on two CPU cores).
     Several processes: `torchrun --nproc-per-node N --no-python pliant train don …`.
-    With --resume and no settings of its own, a run goes on with those it began with.
+    --resume without settings continues with the settings of the run.
     """
     try:
         from pliant.models.don.settings import DonSettings
@@ -69,10 +69,10 @@ def don(data: Path, out: Path, **given: Any) -> None:
 @command.command("timecycle")
 @_run_options
 def timecycle(data: Path, out: Path, **given: Any) -> None:
-    """Train TimeCycle: descriptors from episodes alone, by tracking back and forth in time.
+    """Train TimeCycle: descriptors from episodes without labels, by tracking back and forth.
 
     Several processes: `torchrun --nproc-per-node N --no-python pliant train timecycle …`.
-    With --resume and no settings of its own, a run goes on with those it began with.
+    --resume without settings continues with the settings of the run.
     """
     try:
         from pliant.models.timecycle.settings import TimeCycleSettings

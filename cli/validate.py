@@ -27,7 +27,8 @@ from pliant.cli.terminal import echo, echo_json, progress_bar
 def command(data: Path, quick: bool, workers: int | None, limit: int, as_json: bool) -> int:
     """Check a dataset against the specification.
 
-    Lists every problem with its code and place. Exit code 0: valid; 1: not; 2: no such folder.
+    Lists every problem with its code and place. Exit code 0: valid; 1: invalid; 2: folder not
+    found.
     """
     from pliant.spec.validation.validate import validate
 

@@ -25,10 +25,12 @@ from pliant.spec.errors import CallError
     ["sheet", "index", "depth", "anatomy", "tracks", "points"],
     "sheet: frames over index colours and depth; index, depth: one layer; "
     "anatomy: curve, mesh, image, depth, index colours of a frame; tracks: a strip with points; "
-    "points: the points that are asked about, with their names where they were imported.",
+    "points: the queried points, with their names where they were imported.",
     "sheet",
 )
-@click.option("--sequence", metavar="ID", help="A sequence; all, or the first that fits.")
+@click.option(
+    "--sequence", metavar="ID", help="A sequence; default: all, or the first suitable one."
+)
 @click.option("--frame", type=int, default=0, show_default=True, help="Frame of anatomy.")
 @click.option(
     "--count", type=int, default=24, show_default=True, help="Images on a sheet; steps of tracks."

@@ -91,7 +91,7 @@ class Collector:
         """Return what was gathered; pictures are sorted by name.
 
         Raises:
-            SpecError: There is no mark, fewer than two pictures, or a visible mark outside its
+            SpecError: No marks, fewer than two pictures, or a visible mark outside its
             picture.
         """
         pictures, points = sorted(self._pictures), list(self._points)
@@ -142,7 +142,7 @@ def picture_in(folder: Path, name: str, path: Path, where: str) -> Path:
         where: The place in it, for messages.
 
     Raises:
-        SpecError: There is no such picture.
+        SpecError: The picture is not found.
     """
     whole = PurePosixPath(name.replace("\\", "/"))
     inside = not whole.is_absolute() and ".." not in whole.parts
@@ -151,7 +151,7 @@ def picture_in(folder: Path, name: str, path: Path, where: str) -> Path:
             if whole.name and (below / candidate).is_file():
                 return below / candidate
     raise SpecError(
-        "there is no such picture",
+        "picture not found",
         path=path,
         where=where,
         found=repr(name)[:80],
@@ -176,11 +176,11 @@ def read_rows(path: Path, columns: Sequence[str]) -> list[tuple[str, dict[str, s
         (place, row) for each row that is not empty.
 
     Raises:
-        CallError: There is no such file.
-        SpecError: It is no such CSV.
+        CallError: The file is not found.
+        SpecError: It is not a CSV with these columns.
     """
     if not path.is_file():
-        raise CallError("there is no such file", path=path)
+        raise CallError("file not found", path=path)
     try:
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:

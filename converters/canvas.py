@@ -173,7 +173,7 @@ def _companions(pictures: Sequence[Path], folder: Path | None) -> list[Path] | N
     if folder is None:
         return None
     if not folder.is_dir():
-        raise CallError("there is no such folder", path=folder)
+        raise CallError("folder not found", path=folder)
     files = {file.stem: file for file in sorted(folder.iterdir()) if file.is_file()}
     found = []
     for picture in pictures:

@@ -31,7 +31,7 @@ def collect_marks(path: Path) -> Collector:
         path: The file. x and y may be empty where `visible` is 0: then nobody says where.
 
     Raises:
-        CallError: There is no such file.
+        CallError: The file is not found.
         SpecError: A row is damaged, or names a picture that is not there.
     """
     marks = Collector(path)

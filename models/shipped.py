@@ -39,7 +39,7 @@ def load_shipped(name: str, folder: Path | None = None) -> DonMatcher | TimeCycl
         folder: Their folder; None is `FOLDER`.
 
     Raises:
-        CallError: There is no such model.
+        CallError: The model is not found.
         MissingExtraError: torch is not installed.
         TrainingError: Its folder is damaged.
     """

@@ -53,7 +53,7 @@ class Annotation:
 
     def __init__(self, folder: Path, points: Sequence[str] = ()) -> None:
         if not folder.is_dir():
-            raise CallError("there is no such folder", path=folder)
+            raise CallError("folder not found", path=folder)
         self.pictures = sorted(p for p in folder.iterdir() if p.suffix.lower() in SUFFIXES)
         if len(self.pictures) < 2:
             raise CallError(

@@ -44,7 +44,7 @@ def state_dict(path: str | Path, device: str) -> dict[str, Any]:
     import torch
 
     if not Path(path).is_file():
-        raise CallError("there is no such file of weights", path=path)
+        raise CallError("weights file not found", path=path)
     try:
         values = torch.load(path, map_location=device, weights_only=True)
     except Exception as error:  # pickle's and zipfile's errors share no base
@@ -61,7 +61,7 @@ def pretrained(auto_class: Any, weights: str, **options: Any) -> Any:
     """Load a model, processor or a part of a pipeline from a folder or a hub id.
 
     Raises:
-        CallError: There is no such model, or it is of another kind.
+        CallError: The model is not found, or is of another kind.
     """
     try:
         return auto_class.from_pretrained(weights, **options)

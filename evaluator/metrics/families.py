@@ -19,7 +19,7 @@ def metric_class(family: str) -> type[Metric[Any]]:
             case; or `module:Class` for a class elsewhere.
 
     Raises:
-        CallError: There is no such class.
+        CallError: The class is unknown.
     """
     module, _, name = family.partition(":")
     if not name:

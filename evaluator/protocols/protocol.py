@@ -116,7 +116,7 @@ def read_protocol(name: str) -> Protocol:
         name: One of `PROTOCOL_NAMES`.
 
     Raises:
-        CallError: There is no such protocol.
+        CallError: The protocol is unknown.
     """
     if name not in PROTOCOL_NAMES:
         raise CallError("no such protocol", found=repr(name), required=", ".join(PROTOCOL_NAMES))

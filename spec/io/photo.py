@@ -35,7 +35,7 @@ def read_photo(path: Path | str) -> npt.NDArray[np.uint8]:
         uint8 (H, W, 3).
 
     Raises:
-        CallError: There is no such file.
+        CallError: The file is not found.
         PliantError: It is not a picture that can be read, or too large.
     """
     path = _existing(path)
@@ -63,7 +63,7 @@ def photo_size(path: Path | str) -> tuple[int, int]:
     """Return (width, height) of a picture after its EXIF orientation, from its header.
 
     Raises:
-        CallError: There is no such file.
+        CallError: The file is not found.
         PliantError: It is not a picture that can be read, or too large.
     """
     path = _existing(path)
@@ -147,7 +147,7 @@ def read_depth(path: Path | str, size: tuple[int, int]) -> npt.NDArray[np.float3
 def _existing(path: Path | str) -> Path:
     path = Path(path)
     if not path.is_file():
-        text = "a picture is needed, not a folder" if path.is_dir() else "there is no such picture"
+        text = "a picture is needed, not a folder" if path.is_dir() else "picture not found"
         raise CallError(text, path=path)
     return path
 

@@ -110,7 +110,7 @@ def validate(
     """
     root = Path(root)
     if not root.is_dir():
-        raise CallError("there is no such folder", path=root, fix="Name a dataset's folder.")
+        raise CallError("folder not found", path=root, fix="Name a dataset's folder.")
     if workers < 1 or limit < 1:
         raise CallError("workers and limit must be at least 1", found=(workers, limit))
     findings = Findings(listed_per_code=limit)

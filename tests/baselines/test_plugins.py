@@ -188,7 +188,7 @@ def test_a_file_called_as_another_module(tmp_path: Path) -> None:
     (tmp_path / "json.py").touch()
     with pytest.raises(CallError, match=r"another module is called 'json'.*Rename the file"):
         pliant.open_method(f"{tmp_path}/json.py:Matcher")
-    with pytest.raises(CallError, match="there is no such file"):
+    with pytest.raises(CallError, match="file not found"):
         pliant.open_method(f"{tmp_path}/missing.py:Matcher")
 
 

@@ -193,7 +193,7 @@ def broken_csv(old: str, new: str) -> str:
 
 BROKEN: dict[str, tuple[str, str]] = {
     "header": (broken_csv("point,", ""), "line 1: the header lacks columns"),
-    "picture": (broken_csv("b.tif,end", "d.tif,end"), "no such picture; found 'd.tif'"),
+    "picture": (broken_csv("b.tif,end", "d.tif,end"), "picture not found; found 'd.tif'"),
     "number": (broken_csv("2.25,8", "2.25,x"), "line 5, y: this is not a number; found 'x'"),
     "no position": (broken_csv("2.25,8", ",8"), "empty only where visible is 0"),
     "visible": (broken_csv("true", "maybe"), "line 7: visible is neither 0 nor 1"),

@@ -125,7 +125,7 @@ BAD_INPUTS: dict[str, tuple[str, str]] = {
     "truncated.jpg": ("truncated", "cannot be read (image file is truncated"),
     "wide.png": ("wide", "9000x4 px; at most 8192 px a side: make it smaller"),
     "folder.png": ("folder", "a picture is needed, not a folder"),
-    "missing.png": ("missing", "there is no such picture"),
+    "missing.png": ("missing", "picture not found"),
     "cmyk.jpg": ("CMYK", ""),
     "sixteen.png": ("16 bit", ""),
     "moving.gif": ("GIF", ""),

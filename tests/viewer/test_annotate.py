@@ -104,7 +104,7 @@ def test_marks_of_another_form_are_refused(folder: Path, marks: Any) -> None:
 def test_folders_without_two_pictures_are_refused(tmp_path: Path) -> None:
     with pytest.raises(CallError, match="found 0 pictures"):
         Annotation(tmp_path)
-    with pytest.raises(CallError, match="no such folder"):
+    with pytest.raises(CallError, match="folder not found"):
         Annotation(tmp_path / "no")
 
 

@@ -194,7 +194,7 @@ def test_pictures_of_many_kinds_are_read(tmp_path: Path) -> None:
 
 
 def test_bad_pictures_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(CallError, match="no such picture"):
+    with pytest.raises(CallError, match="picture not found"):
         read_photo(tmp_path / "missing.png")
     (tmp_path / "text.png").write_text("not a picture")
     with pytest.raises(PliantError, match=r"text\.png.*cannot be read") as caught:

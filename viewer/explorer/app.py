@@ -109,7 +109,7 @@ class Explorer:
         """Return the method that a request names by its number."""
         given = request.query_params.get("method", "")
         if not given.isdecimal() or int(given) >= len(self.methods):
-            raise CallError("there is no such method", where="method", found=repr(given)[:40])
+            raise CallError("unknown method", where="method", found=repr(given)[:40])
         return self.methods[int(given)]
 
 
@@ -130,7 +130,7 @@ def _layer(explorer: Explorer, request: Request) -> Response:
             explorer.frames, explorer.truth, method, pair, layer, of_target=of_target
         )
     else:
-        raise CallError("there is no such layer", where="layer", found=repr(layer)[:40])
+        raise CallError("unknown layer", where="layer", found=repr(layer)[:40])
     if found is None:
         return Response(status_code=204)
     cached = {"Cache-Control": "private, max-age=86400"}

@@ -31,7 +31,7 @@ def open_explorer(dataset: Dataset, answers: Sequence[str], open_method: OpenMet
         open_method: Opens a method by its name.
 
     Raises:
-        CallError: There is no such method, or it answers whole splits alone.
+        CallError: The method is unknown, or only answers whole splits.
         SubmissionError: A report or a submission is damaged.
     """
     frames, queries = FrameStore(dataset), RecordedQueries(dataset)

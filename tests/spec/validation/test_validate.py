@@ -103,7 +103,7 @@ def test_progress_is_told(copy_of: Copy) -> None:
 
 
 def test_wrong_calls(tmp_path: Path) -> None:
-    with pytest.raises(CallError, match="no such folder"):
+    with pytest.raises(CallError, match="folder not found"):
         validate(tmp_path / "nowhere")
     with pytest.raises(CallError, match="at least 1"):
         validate(tmp_path, workers=0)
