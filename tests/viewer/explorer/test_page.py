@@ -141,6 +141,11 @@ def test_a_link_shows_the_same_again(page: Page) -> None:
     assert page.browser.run("return document.querySelector('#picture-b .heat').src") == ""
     current = "document.querySelector('#pairs [aria-current=true]').dataset.pair"
     assert page.browser.run(f"return {current}") == str(_number(page.explorer, 2))
+    page.browser.keys("1")
+    page.browser.keys("h")
+    page.browser.wait(HEAT)
+    page.browser.keys("3")  # the colours of the index are not covered
+    page.browser.wait(f"!{HEAT}")
     page.browser.run("location.hash = '#a=nobody/0&b=nobody/0'")  # an address of another dataset
     page.browser.wait(
         "document.querySelector('#picture-a figcaption').textContent.includes('rope')"
@@ -230,6 +235,9 @@ def test_the_page_fits_a_phone(page: Page, tab: str, dark: bool) -> None:
 
 def test_a_finger_points_too(page: Page) -> None:
     page.open(link_of(page.explorer), width=400)
+    assert (
+        page.browser.run("return document.getElementById('pairs').offsetParent") is None
+    )  # folded
     page.browser.run("document.querySelector('#picture-a').scrollIntoView()")
     u, v = first_query(page.explorer)
     page.browser.touch(*page.at(u, v))

@@ -24,7 +24,7 @@ export function start(catalogue) {
   onChange(changed => {
     if (["tier", "split", "sequence", "sort"].some(name => changed.has(name))) list();
     if (changed.has("a") || changed.has("b")) current();
-    if (changed.has("method")) offer();
+    if (changed.has("method")) { offer(); draw(); }
   });
   sorts(); list(); current(); offer();
 }
@@ -56,6 +56,7 @@ function errorsShown() {
   const sorted = state.sort.split(":")[1];
   const wanted = [sorted === undefined ? null : Number(sorted), state.method, ...data.methods.keys()];
   const k = wanted.find(each => each !== null && data.methods[each]?.errors.some(error => error !== null));
+  $("errors-of").textContent = k === undefined ? "" : `RMSE of ${data.methods[k].name}`;
   return data.methods[k]?.errors ?? null;
 }
 
@@ -90,9 +91,11 @@ function draw() {
     const button = document.createElement("button");
     button.dataset.pair = k;
     const name = document.createElement("b"), error = document.createElement("span"), about = document.createElement("small");
-    name.textContent = a === b ? data.sequences[a][0] : `${data.sequences[a][0]} → ${ending(data.sequences[a][0], data.sequences[b][0])}`;
+    const [source, target] = [data.sequences[a], data.sequences[b]];
+    name.textContent = a === b ? `${source[0]}, ${frameA} → ${frameB}` : `${source[0]} → ${ending(source[0], target[0])}`;
     error.textContent = errors && errors[k] !== null ? `${errors[k].toFixed(1)} px` : "";
-    about.textContent = `${split} ${number} · frame ${frameA} → ${frameB} · ${queries} queries`;
+    const frames = a === b || source[4] + target[4] === 2 ? [] : [`frame ${frameA} → ${frameB}`];
+    about.textContent = [`${split} ${number}`, ...frames, shapes(source[3], target[3]), `${queries} queries`].filter(Boolean).join(" · ");
     button.append(name, error, about);
     button.onclick = () => open(k);
     const item = document.createElement("li");
@@ -110,6 +113,8 @@ function draw() {
   $("pairs").replaceChildren(...rows);
   mark();
 }
+
+const shapes = (first, second) => first === second ? first : [first, second].filter(Boolean).join(" → ");
 
 /** The second name without the words that both begin with. */
 function ending(first, second) {
@@ -129,7 +134,6 @@ export function step(by) {
   if (!shown.length) return;
   const at = shown.indexOf(index());
   open(shown[at < 0 ? 0 : (at + by + shown.length) % shown.length]);
-  document.querySelector('#pairs [aria-current="true"]')?.scrollIntoView({ block: "nearest" });
 }
 
 function key(k) {
@@ -146,6 +150,10 @@ export function index() {
 function mark() {
   const now = String(index());
   for (const button of document.querySelectorAll("#pairs button")) button.setAttribute("aria-current", String(button.dataset.pair === now));
+  const row = document.querySelector('#pairs [aria-current="true"]'), list = $("pairs");
+  if (!row) return;
+  const top = row.offsetTop - list.offsetTop;
+  if (top < list.scrollTop || top + row.offsetHeight > list.scrollTop + list.clientHeight) list.scrollTop = top - list.clientHeight / 3;
 }
 
 function current() {
@@ -157,7 +165,7 @@ function current() {
     $(`frame-${side}`).max = sequence[4] - 1;
     $(`frame-${side}`).value = frame;
     $(`frame-${side}`).disabled = sequence[4] < 2;
-    $(`shown-${side}`).textContent = `${frame} of 0 to ${sequence[4] - 1}`;
+    $(`shown-${side}`).textContent = `${frame} / ${sequence[4] - 1}`;
   }
 }
 

@@ -6,6 +6,7 @@ import { onChange, set, state } from "./state.js";
 export const COLOURS = ["#ff2d78", "#3b9dff", "#ff9f1a", "#b07cff", "#00c2b2", "#e6d200", "#ff6b5e", "#8bd450"];
 const TRUTH = "#18c964", QUERY = "#00c8ff", LENS = 4; // pixels of the screen per pixel of the shown picture
 const METHOD_LAYERS = ["descriptors", "canonical", "error"];
+const COLOURED = ["index", "descriptors", "canonical"]; // a heat map over them would hide their colours
 const LAYERS = [
   ["rgb", "Colour"], ["depth", "Depth"], ["index", "Index colours"], ["mask", "Mask"],
   ["descriptors", "Descriptors"], ["canonical", "Canonical"], ["error", "Error map"],
@@ -41,8 +42,8 @@ export function start(catalogue) {
   onChange(changed => {
     if (changed.has("a") || changed.has("b")) load();
     else if (changed.has("layer") || (changed.has("method") && METHOD_LAYERS.includes(state.layer))) layer();
-    if (["layer", "method", "heat", "opacity"].some(name => changed.has(name))) controls();
-    draw();
+    if (["layer", "method", "heat", "opacity", "lens"].some(name => changed.has(name))) controls();
+    show(found.truth, found.answers);
   });
   load(); controls();
 }
@@ -103,7 +104,7 @@ function controls() {
 /** Show the truth and the answers of the last pixel. */
 export function show(truth, answers) {
   found = { truth, answers };
-  const heat = part("b", ".heat"), own = answers[state.method], lit = Boolean(state.heat && own?.heat);
+  const heat = part("b", ".heat"), own = answers[state.method], lit = Boolean(state.heat && own?.heat && !COLOURED.includes(state.layer));
   heat.onload = draw;
   if (lit) heat.src = `data:image/png;base64,${own.heat}`;
   else heat.removeAttribute("src");

@@ -9,8 +9,8 @@ import { onChange, set, state } from "./state.js";
 const $ = id => document.getElementById(id);
 const STATE_COLOURS = [[0.09, 0.79, 0.39], [0.95, 0.62, 0.07], [0.93, 0.27, 0.36], [0.6, 0.6, 0.65]];
 const PARTS = [["mesh", "Mesh", true], ["wire", "Wireframe", false], ["points", "Tracked points", false], ["depth", "Depth", false], ["camera", "Camera", true], ["tracks", "Tracks", true]];
-const FRAMES_PER_SECOND = 8, TRAIL = 60;
-let renderer, camera, controls, world, group, data, positions, sequence = "", about = null, playing = 0, drawn = -1, asked = 0;
+const FRAMES_PER_SECOND = 8, FOV = 45, UP = new THREE.Vector3(0, 0, 1);
+let through = false, renderer, camera, controls = null, world, group, data, positions, sequence = "", about = null, playing = 0, drawn = -1, asked = 0;
 let poses = new Map(), floor = null, cellText = "", visible = Object.fromEntries(PARTS.map(([name, , on]) => [name, on])), byState = false;
 
 export function start(catalogue, found) {
@@ -19,9 +19,7 @@ export function start(catalogue, found) {
   renderer.setPixelRatio(Math.min(window.devicePixelRatio || 1, 2));
   $("stage").append(renderer.domElement);
   camera = new THREE.PerspectiveCamera(45, 1, 0.005, 100);
-  camera.up.set(0, 0, 1);
-  controls = new OrbitControls(camera, renderer.domElement);
-  controls.addEventListener("change", render);
+  turnAround(UP, FOV);
   world = new THREE.Scene();
   world.add(new THREE.HemisphereLight(0xffffff, 0x777788, 2.2));
   const sun = new THREE.DirectionalLight(0xffffff, 1.6);
@@ -31,10 +29,10 @@ export function start(catalogue, found) {
   world.add(group);
   for (const [name, text] of PARTS) $("scene-parts").append(checkbox(text, visible[name], on => { visible[name] = on; rebuild(); }));
   $("scene-parts").append(checkbox("Colour by visibility", false, on => { byState = on; rebuild(); }));
-  for (const [text, look] of [["Close", () => { camera.fov = 45; aim(drawn); }], ["All", lookAround], ["From the camera", lookThrough]]) {
+  for (const [text, look] of [["Close", () => aim(drawn)], ["All", lookAround], ["From the camera", lookThrough]]) {
     const button = document.createElement("button");
     button.textContent = text;
-    button.onclick = () => { if (about && poses.has(drawn)) { look(); render(); } };
+    button.onclick = () => { if (about && poses.has(drawn)) { look(); rebuild(); } };
     $("scene-views").append(button);
   }
   for (const side of ["a", "b"]) $(`scene-${side}`).onclick = () => set({ of: side, frame: null });
@@ -76,7 +74,7 @@ export async function wake() {
     if (turn !== asked) return;
     drawn = frame;
     $("scene-frame").value = frame;
-    $("scene-shown").textContent = `${frame} of 0 to ${about.frames - 1}`;
+    $("scene-shown").textContent = `${frame} / ${about.frames - 1}`;
     note();
     await rebuild();
   } catch (error) {
@@ -118,6 +116,7 @@ async function readAll() {
 function aim(frame) {
   const box = new THREE.Box3().setFromArray(poses.get(frame).xyz), middle = box.getCenter(new THREE.Vector3());
   const reach = Math.max(box.getSize(new THREE.Vector3()).length(), 0.05);
+  turnAround(UP, FOV);
   controls.target.copy(middle);
   camera.position.set(middle.x + 0.35 * reach, middle.y - 1.0 * reach, middle.z + 0.95 * reach);
   camera.near = reach / 200; camera.far = reach * 60;
@@ -133,23 +132,38 @@ function aim(frame) {
   cellText = cell >= 0.01 ? `${Math.round(100 * cell)} cm` : `${Math.round(1000 * cell)} mm`;
 }
 
-/** Look from where the picture was taken. */
+/** Look from where the picture was taken; the picture is behind the mesh. */
 function lookThrough() {
-  const { world_to_camera: pose, K } = about.cameras[drawn];
-  const toWorld = new THREE.Matrix4().set(...pose.flat()).invert(), e = toWorld.elements;
-  camera.position.setFromMatrixPosition(toWorld);
-  const reach = camera.position.distanceTo(controls.target);
-  controls.target.set(e[12] + reach * e[8], e[13] + reach * e[9], e[14] + reach * e[10]);
-  camera.fov = 2 * Math.atan(about.size[1] / 2 / K[1][1]) * 180 / Math.PI;
-  camera.updateProjectionMatrix();
+  const toWorld = cameraToWorld(), [y, z] = [1, 2].map(k => new THREE.Vector3().setFromMatrixColumn(toWorld, k));
+  const from = new THREE.Vector3().setFromMatrixPosition(toWorld), reach = from.distanceTo(controls.target);
+  const target = from.clone().addScaledVector(z, reach), { K } = about.cameras[drawn], [width, height] = about.size;
+  const wide = Math.max(height / K[1][1], width / K[0][0] / camera.aspect); // all of the picture fits
+  turnAround(y.negate(), 2 * Math.atan(wide / 2) * 180 / Math.PI);
+  camera.position.copy(from);
+  controls.target.copy(target);
   controls.update();
+  through = true;
+}
+
+const cameraToWorld = () => new THREE.Matrix4().set(...about.cameras[drawn].world_to_camera.flat()).invert();
+
+/** Set which way is up, which the controls read once. */
+function turnAround(up, fov) {
+  const target = controls?.target.clone() ?? new THREE.Vector3();
+  controls?.dispose();
+  camera.up.copy(up);
+  camera.fov = fov;
+  controls = new OrbitControls(camera, renderer.domElement);
+  controls.addEventListener("change", render);
+  controls.target.copy(target);
+  camera.updateProjectionMatrix();
+  through = false;
 }
 
 /** Look from the side, far enough to see the camera too. */
 function lookAround() {
-  camera.fov = 45;
   aim(drawn);
-  const centre = new THREE.Vector3().setFromMatrixPosition(new THREE.Matrix4().set(...about.cameras[drawn].world_to_camera.flat()).invert());
+  const centre = new THREE.Vector3().setFromMatrixPosition(cameraToWorld());
   const middle = controls.target.clone(), reach = centre.distanceTo(middle);
   controls.target.lerp(centre, 0.45);
   camera.position.set(middle.x + 1.1 * reach, middle.y - 1.2 * reach, middle.z + 0.75 * reach);
@@ -196,27 +210,26 @@ async function depth() {
   return cloud(geometry, 2.5);
 }
 
+/** Paths of points: up to this frame in full, the rest faint. */
 function tracks() {
   const made = [];
   for (const point of about.tracks) {
-    const path = [];
-    for (let frame = Math.max(0, drawn - TRAIL); frame <= drawn; frame++) {
-      const known = poses.get(frame);
-      if (known) path.push(new THREE.Vector3().fromArray(known.xyz, 3 * point));
-    }
     const colour = new THREE.Color().setRGB(...[0, 1, 2].map(c => about.colours[3 * point + c] / 255), THREE.SRGBColorSpace);
-    const material = new THREE.LineBasicMaterial({ color: colour });
-    if (path.length > 1) made.push(new THREE.Line(new THREE.BufferGeometry().setFromPoints(path), material));
+    for (const [from, to, opacity] of [[0, drawn, 1], [drawn, about.frames - 1, 0.2]]) {
+      const path = [];
+      for (let frame = from; frame <= to; frame++) if (poses.has(frame)) path.push(new THREE.Vector3().fromArray(poses.get(frame).xyz, 3 * point));
+      if (path.length < 2) continue;
+      made.push(new THREE.Line(new THREE.BufferGeometry().setFromPoints(path), new THREE.LineBasicMaterial({ color: colour, transparent: true, opacity })));
+    }
   }
   return made;
 }
 
 /** The camera's pyramid, with the picture on its far plane. */
 function frustum() {
-  const { K, world_to_camera: pose } = about.cameras[drawn], [width, height] = about.size;
-  const toWorld = new THREE.Matrix4().set(...pose.flat()).invert();
+  const { K } = about.cameras[drawn], [width, height] = about.size, toWorld = cameraToWorld();
   const centre = new THREE.Vector3().setFromMatrixPosition(toWorld);
-  const z = 0.3 * centre.distanceTo(controls.target);
+  const z = (through ? 1 : 0.3) * centre.distanceTo(controls.target);
   const corner = (u, v) => new THREE.Vector3((u - K[0][2]) / K[0][0] * z, (v - K[1][2]) / K[1][1] * z, z).applyMatrix4(toWorld);
   const corners = [corner(0, 0), corner(width, 0), corner(width, height), corner(0, height)];
   const lines = corners.flatMap((each, k) => [centre, each, each, corners[(k + 1) % 4]]);
@@ -225,7 +238,9 @@ function frustum() {
   plane.setAttribute("uv", new THREE.Float32BufferAttribute([0, 1, 1, 1, 1, 0, 0, 0], 2));
   plane.setIndex([0, 2, 1, 0, 3, 2]);
   const texture = picture(`${sequence}/${drawn}`);
-  return [wire, new THREE.Mesh(plane, new THREE.MeshBasicMaterial({ map: texture, side: THREE.DoubleSide, transparent: true, opacity: 0.9 }))];
+  const shown = new THREE.Mesh(plane, new THREE.MeshBasicMaterial({ map: texture, side: THREE.DoubleSide, depthTest: !through, depthWrite: !through }));
+  if (through) shown.renderOrder = -1;
+  return through ? [shown] : [wire, shown];
 }
 
 const pictures = new Map();
