@@ -115,7 +115,7 @@ async function readAll() {
 
 function aim(frame) {
   const box = new THREE.Box3().setFromArray(poses.get(frame).xyz), middle = box.getCenter(new THREE.Vector3());
-  const reach = Math.max(box.getSize(new THREE.Vector3()).length(), 0.05);
+  const reach = Math.max(box.getSize(new THREE.Vector3()).length(), 0.05) / Math.min(1, camera.aspect);
   turnAround(UP, FOV);
   controls.target.copy(middle);
   camera.position.set(middle.x + 0.35 * reach, middle.y - 1.0 * reach, middle.z + 0.95 * reach);
@@ -267,7 +267,7 @@ function free() {
 }
 
 export function recolour() {
-  world.background = new THREE.Color(getComputedStyle(document.documentElement).getPropertyValue("--tint").trim());
+  world.background = new THREE.Color(getComputedStyle($("stage")).backgroundColor);
   render();
 }
 
