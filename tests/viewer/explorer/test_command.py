@@ -58,3 +58,15 @@ def test_what_is_wrong_is_one_sentence(
         ):
             assert run(["explore", *call, "--no-browser"]) == code
             assert len(capfd.readouterr().err.strip().splitlines()) == 1
+
+
+def test_a_missing_extra_is_named(tiny_dataset: Path) -> None:
+    code = (
+        "import sys; sys.modules['starlette'] = None\n"
+        "from pliant.cli.main import main; main(['explore', sys.argv[1], '--no-browser'])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(tiny_dataset)], capture_output=True, text=True
+    )
+    assert done.returncode == 2
+    assert "pip install 'pliant[explore]'" in done.stderr
