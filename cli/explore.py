@@ -39,7 +39,7 @@ def command(
         from pliant.viewer.explorer.opening import open_explorer
         from pliant.viewer.explorer.server import ExplorerServer
     except ModuleNotFoundError as error:
-        if error.name not in ("starlette", "uvicorn"):
+        if str(error.name).split(".")[0] not in ("starlette", "uvicorn"):
             raise
         raise MissingExtraError("pliant explore", "explore") from error
     from pliant.api import open_method

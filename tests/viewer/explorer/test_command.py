@@ -62,7 +62,7 @@ def test_what_is_wrong_is_one_sentence(
 
 def test_a_missing_extra_is_named(tiny_dataset: Path) -> None:
     code = (
-        "import sys; sys.modules['starlette'] = None\n"
+        "import sys; sys.modules['uvicorn'] = None\n"
         "from pliant.cli.main import main; main(['explore', sys.argv[1], '--no-browser'])"
     )
     done = subprocess.run(
