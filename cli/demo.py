@@ -10,6 +10,8 @@ import click
 from pliant.cli.options import cpu_cores, image_size, json_option, out_option
 from pliant.cli.terminal import echo, echo_json
 
+_SETS = ("rope", "cloth")
+
 
 @click.command("demo")
 @out_option("DIR", "Output folder.")
@@ -30,8 +32,9 @@ def command(
 ) -> int:
     """Render, validate, answer, score and report a small benchmark.
 
-    Blender renders rope, cloth-1 and cloth-3; SIFT, SURF, ORB and the controls answer the same
-    queries; DIR/report/index.html shows the paper's table and pictures.
+    Blender renders rope, cloth-1 and cloth-3; SIFT, SURF, ORB, the networks that come with
+    Pliant, and the controls answer the same queries; DIR/report/index.html shows a match in
+    pictures, the paper's table and the causes of the errors.
     Run the same command again to resume an interrupted demo.
     """
     from importlib.resources import files
@@ -53,7 +56,7 @@ def command(
     }  # fmt: skip
     config = read_config(
         Path(str(files("pliant.benchmarks.suite") / "demo.yaml")),
-        [f"sets.demo.{key}={value}" for key, value in settings.items()],
+        [f"sets.{name}.{key}={value}" for name in _SETS for key, value in settings.items()],
     )
     differing = run_shown(config, out, True, workers or cpu_cores())
     write_results(config, out, differing, "pliant demo --out DIR")
@@ -61,10 +64,12 @@ def command(
     page = write_overview(config, out, rows)
     rmse = rmse_by_tier(config, rows)
     table = Table("tier", title="RMSE, px", title_justify="left")
-    for method in next(iter(rmse.values())):
+    methods = list(dict.fromkeys(method for values in rmse.values() for method in values))
+    for method in methods:
         table.add_column(method, justify="right")
     for tier, values in rmse.items():
-        table.add_row(tier, *map(format_px, values.values()))
+        cells = (format_px(values[name]) if name in values else "–" for name in methods)
+        table.add_row(tier, *cells)
     Console(stderr=True).print(table)
     seconds = time.monotonic() - started
     if as_json:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -12,11 +12,15 @@ from typing import Any, Final
 from PIL import Image
 
 from pliant.benchmarks.suite.config import BenchmarkConfig
-from pliant.benchmarks.suite.table import CONTROLS, Row, blocks
+from pliant.benchmarks.suite.opening import opening
+from pliant.benchmarks.suite.table import CLASSICAL, Row, blocks
 from pliant.benchmarks.suite.work import Workspace
+from pliant.evaluator.controls import CONTROLS
 from pliant.evaluator.report.best_matches import best_matches
+from pliant.evaluator.report.cause_bars import cause_bars
 from pliant.evaluator.report.pages import render_page
 from pliant.evaluator.report.report import error_histogram
+from pliant.evaluator.report.verdict import board_verdict
 from pliant.evaluator.scores import REPORT_HTML, read_scores
 from pliant.spec.dataset import Dataset
 from pliant.spec.io.writing import replacing
@@ -51,6 +55,7 @@ class _Block:
     frames_png: bytes
     histogram_svg: str
     matches: Sequence[tuple[str, str]]
+    bars: Mapping[str, Any]
 
 
 def write_overview(config: BenchmarkConfig, out: Path, rows: Sequence[Row]) -> Path:
@@ -81,7 +86,9 @@ def write_overview(config: BenchmarkConfig, out: Path, rows: Sequence[Row]) -> P
     }
     text = render_page(
         "overview.html.j2",
-        title=next(iter(datasets.values())).info["title"],
+        title=next(iter(datasets.values())).info["title"].partition(":")[0],
+        opening=opening(work, rows),
+        verdict=[text for name, members in grouped for text in _verdict(name, members)],
         tables=[
             {"caption": caption, **table}
             for protocol, metric, caption in _TABLES
@@ -100,6 +107,21 @@ def write_overview(config: BenchmarkConfig, out: Path, rows: Sequence[Row]) -> P
     with replacing(page) as partial:
         partial.write_text(text, encoding="utf-8")
     return page
+
+
+def _verdict(tier: str, rows: Sequence[Row]) -> Iterator[str]:
+    """Yield sentences on local features, then on networks, against the controls of a tier."""
+    for noun, chosen in (
+        ("classical method", [row for row in rows if row.method in CLASSICAL]),
+        ("network", [row for row in rows if row.learned]),
+    ):
+        controls = [row for row in rows if row.method in CONTROLS]
+        values = {
+            row.label if row.method in CLASSICAL else row.method: row.value("standard", "rmse_px")
+            for row in (*chosen, *controls)
+        }
+        if text := board_verdict(values, "rmse_px", "standard", where=f"on {tier}", noun=noun):
+            yield text
 
 
 def rmse_by_tier(config: BenchmarkConfig, rows: Sequence[Row]) -> dict[str, dict[str, float]]:
@@ -135,7 +157,8 @@ def _table(
         (name, {row.method: row for row in rows if row.value(protocol, metric) is not None})
         for name, rows in grouped
     ]
-    columns = {method: row for _, rows in reversed(scored) for method, row in rows.items()}
+    found = {method: row for _, rows in reversed(scored) for method, row in rows.items()}
+    columns = {method: found[method] for method in sorted(found, key=_column_order)}
     if not columns:
         return {}
     return {
@@ -171,6 +194,11 @@ def _cells(
     return cells
 
 
+def _column_order(method: str) -> int:
+    """Return 0 for networks, 1 for other methods, 2 for controls."""
+    return 2 if method in CONTROLS else 1 if method in CLASSICAL else 0
+
+
 def _block(work: Workspace, dataset: Dataset, tier: str, name: str, rows: Sequence[Row]) -> _Block:
     pairs = [pair for pair in dataset.pairs("test") if pair.source.sequence.tier == tier]
     sequences = [each for each in dataset.sequences if each.tier == tier]
@@ -187,7 +215,15 @@ def _block(work: Workspace, dataset: Dataset, tier: str, name: str, rows: Sequen
         frames_png=_png(contact_sheet(dataset, sequences, count=_FRAMES_SHOWN)),
         histogram_svg=error_histogram(curves, title=f"Errors on {name}"),
         matches=[_matches(work, dataset, row, pairs[0]) for row in rows if "matches" in row.scores],
+        bars=_bars(work, tier, rows),
     )
+
+
+def _bars(work: Workspace, tier: str, rows: Sequence[Row]) -> dict[str, Any]:
+    """Return the causes of the errors of the methods of a tier, and of the random control."""
+    chosen = [row for row in rows if row.method not in CONTROLS or row.method == "random"]
+    reports = [read_scores(work.scores_path(row.set, row.method, "standard")) for row in chosen]
+    return cause_bars(reports, [row.label for row in chosen], tier)
 
 
 def _matches(work: Workspace, dataset: Dataset, row: Row, pair: QueryPair) -> tuple[str, str]:

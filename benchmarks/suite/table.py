@@ -8,11 +8,10 @@ from typing import Any, Final
 
 from pliant.benchmarks.suite.config import BenchmarkConfig, Test
 from pliant.benchmarks.suite.work import Cost, Workspace
+from pliant.evaluator.controls import CONTROLS
 from pliant.evaluator.scores import read_scores
 
 CLASSICAL = ("sift", "surf", "orb")
-CONTROLS = ("identity", "random", "centroid")
-"""What answers without looking at the images: rows to compare with, never ranked."""
 _LABELS: Final = {
     "vgg": "VGG-120",
     "boostdesc": "BoostDesc",

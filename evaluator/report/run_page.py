@@ -55,5 +55,7 @@ def _flat(facts: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str
     for name, value in facts.items():
         if isinstance(value, Mapping):
             yield from _flat(value, f"{prefix}{name} ")
+        elif isinstance(value, float):
+            yield prefix + name, f"{value:.4g}"
         else:
-            yield prefix + name, f"{value:.4g}" if isinstance(value, float) else str(value)
+            yield prefix + name, "not given" if value in (None, "") else str(value)

@@ -95,7 +95,9 @@ def test_overview_and_results_show_every_tier(made: Made) -> None:
     config, out, rows = made
     page = write_overview(config, out, rows).read_text()
     assert "Two &lt;tiers&gt;" in page
-    assert page.count("<h2>") == 3  # both tiers and the provenance
+    assert page.count("<h2>") == 4  # the scores, both tiers and the provenance
+    assert "No classical method beats" in page or "beats answering with" in page
+    assert page.count('class="causes"') == 2  # SIFT of both tiers
     assert page.count("data:image/png") == 2
     assert page.count('class="pair"') == 2  # SIFT's best matches of each tier
     assert page.count('href="../scores/both/sift/standard/report.html"') == 3
@@ -107,6 +109,11 @@ def test_overview_and_results_show_every_tier(made: Made) -> None:
     assert "RMSE is in pixels at 320x240" in results
     assert results.count("| Oracle | 0.0") == 2
     assert "What one thing adds" not in results
+    html = (out / "results.html").read_text()
+    body, controls = html.split("Controls, not ranked", 1)
+    assert '<th scope="row">SIFT</th>' in body
+    assert '<th scope="row">Oracle</th>' not in body
+    assert '<tr class="control"><th scope="row">Oracle</th>' in controls
 
 
 def test_a_set_that_violates_the_specification_stops_the_run(
@@ -132,5 +139,10 @@ def test_the_demo_is_a_config_of_the_package() -> None:
     config = read_config(Path(str(files("pliant.benchmarks.suite") / "demo.yaml")))
     assert config.validate
     assert [test.tier for test in config.tests.values()] == ["rope", "cloth-1", "cloth-3"]
-    assert config.sets["demo"].id == "pliant-demo"
-    assert config.sets["demo"].style == "fast"
+    assert {name: made.id for name, made in config.sets.items()} == {
+        "rope": "pliant-demo-rope", "cloth": "pliant-demo-cloth",
+    }  # fmt: skip
+    assert {made.style for made in config.sets.values()} == {"fast"}
+    assert [test.shipped for test in config.tests.values()] == [
+        ("don-rope",), ("don-cloth",), ("don-cloth",),
+    ]  # fmt: skip

@@ -46,15 +46,18 @@ def test_twice_gives_the_same_bytes(made: Path, tmp_path: Path) -> None:
     first, second = files(made), files(tmp_path / "again")
     assert first.keys() == second.keys()
     assert [name for name in first if first[name] != second[name]] == []
-    assert any(name.startswith("sets/demo/truth/") for name in first)
+    assert any(name.startswith("sets/rope/truth/") for name in first)
     assert any(name.endswith("scores.json") for name in first)
 
 
 def test_oracle_is_perfect_and_the_others_are_plausible(made: Path) -> None:
-    reports = made / "scores" / "demo"
-    for method in ("sift", "surf", "orb", "identity", "random", "centroid", "oracle"):
-        scores = json.loads((reports / method / "standard" / "scores.json").read_text())
-        assert set(scores["tiers"]) == {"rope", "cloth-1", "cloth-3"}
+    methods = ("sift", "surf", "orb", "identity", "random", "centroid", "oracle")
+    tiers = {"rope": {"rope"}, "cloth": {"cloth-1", "cloth-3"}}
+    asked = [(each, method) for each in tiers for method in (*methods, f"don-{each}")]
+    for name, method in asked:
+        path = made / "scores" / name / method / "standard" / "scores.json"
+        scores = json.loads(path.read_text())
+        assert set(scores["tiers"]) == tiers[name]
         for values in scores["tiers"].values():
             if method == "oracle":
                 assert values["rmse_px"] == 0
@@ -65,7 +68,8 @@ def test_oracle_is_perfect_and_the_others_are_plausible(made: Path) -> None:
 
 def test_page_shows_table_frames_and_matches(made: Path) -> None:
     page = (made / "report" / "index.html").read_text()
-    for words in ("SIFT", "SURF", "ORB", "mahotas", "cloth-3", "best matches"):
+    shown = ("SIFT", "SURF", "ORB", "mahotas", "cloth-3", "best matches", "don-rope", "don-cloth")
+    for words in shown:
         assert words in page
     assert page.count("data:image/png") >= 3
     assert "http://" not in page.replace("http://www.w3.org", "")

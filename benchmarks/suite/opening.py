@@ -1,0 +1,110 @@
+"""The picture an overview opens with: one pair, answered by a network and by a local feature."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import pyarrow.compute as pc
+
+from pliant.benchmarks.suite.table import CLASSICAL, Row
+from pliant.benchmarks.suite.work import Workspace
+from pliant.evaluator.arrays import FloatArray
+from pliant.evaluator.metrics.causes import NO_CAUSE
+from pliant.evaluator.report.drawings import FramePictures, pair_svg
+from pliant.evaluator.report.examples import Example
+from pliant.evaluator.scores import read_scores
+from pliant.spec.dataset import Dataset
+from pliant.spec.io.parquet import read_table
+
+_QUERIES: Final = 16
+
+
+@dataclass(frozen=True)
+class Opening:
+    """The first picture.
+
+    Attributes:
+        title: What it shows, in one sentence.
+        definitions: SVG images that the pictures use.
+        pictures: (caption, SVG) of each method.
+    """
+
+    title: str
+    definitions: str
+    pictures: list[tuple[str, str]]
+
+
+def opening(work: Workspace, rows: Sequence[Row]) -> Opening | None:
+    """Return the pair on which a network most clearly beats the best local feature.
+
+    Args:
+        work: The benchmark's folder.
+        rows: Its table.
+
+    Returns:
+        None where no network, or no local feature, answered, or no network is better on a pair.
+    """
+    best: tuple[float, int, Row, Row, FloatArray, FloatArray] | None = None
+    for learned in (row for row in rows if row.learned):
+        rivals = [row for row in rows if row.test == learned.test and row.method in CLASSICAL]
+        known = [row for row in rivals if row.value("standard", "rmse_px") is not None]
+        if not known:
+            continue
+        rival = min(known, key=lambda row: row.value("standard", "rmse_px") or 0.0)
+        mine, theirs = (_pair_rmse_px(work, row) for row in (learned, rival))
+        gain = np.where(mine > 0, theirs / np.maximum(mine, 4.0), 0.0)
+        pair = int(np.nanargmax(gain))
+        if gain[pair] > 1 and (best is None or gain[pair] > best[0]):
+            best = float(gain[pair]), pair, learned, rival, mine, theirs
+    if best is None:
+        return None
+    _, pair, learned, rival, mine, theirs = best
+    dataset = Dataset.open(work.set_path(learned.set))
+    frames = FramePictures(dataset, dataset.size)
+    pictures = [
+        (
+            f"{row.label}: RMSE {errors[pair]:.1f} px",
+            pair_svg(_example(work, dataset, row, pair), frames),
+        )
+        for row, errors in ((learned, mine), (rival, theirs))
+    ]
+    title = f"The same points of one pair, found by {learned.method} and by {rival.label}"
+    return Opening(title, frames.definitions(), pictures)
+
+
+def _pair_rmse_px(work: Workspace, row: Row) -> FloatArray:
+    """Return the RMSE of each pair, float64 (P,), NaN where no point is visible."""
+    table = read_scores(work.scores_path(row.set, row.method, "standard")).per_pair
+    tiers = read_scores(work.scores_path(row.set, row.method, "standard")).tiers
+    squared, counted = (table[name].to_numpy() for name in ("sum_squared_px2", "counted"))
+    mine = np.array(table["tier"].to_pylist()) == row.test if row.test in tiers else True
+    rmse: FloatArray = np.sqrt(squared / np.where((counted > 0) & mine, counted, np.nan))
+    return rmse
+
+
+def _example(work: Workspace, dataset: Dataset, row: Row, pair: int) -> Example:
+    """Return some visible queries of a pair, evenly along their order, with a method's answers."""
+    asked, true, given = (
+        table.filter(pc.equal(table["pair_id"], pair)).sort_by("query_id")
+        for table in (
+            dataset.queries("test"),
+            dataset.truth("test"),
+            read_table(work.answers_path(row.set, row.method, "answers"), "answers"),
+        )
+    )
+    visible = np.flatnonzero(np.array(true["visibility_b"].to_pylist()) == "visible")
+    pick = visible[np.unique(np.linspace(0, len(visible) - 1, _QUERIES).round().astype(int))]
+    query, truth, answer = (
+        np.stack([table[name].to_numpy()[pick] for name in names], axis=1).astype(np.float64)
+        for table, names in ((asked, ("u_a", "v_a")), (true, ("u_b", "v_b")), (given, ("u", "v")))
+    )
+    first = asked.slice(0, 1).to_pylist()[0]
+    return Example(
+        rank=1, of=1, tier=first["tier"], pair=pair, sequence_a=first["sequence_a"],
+        frame_a=first["frame_a"], sequence_b=first["sequence_b"], frame_b=first["frame_b"],
+        rmse_px=0.0, cause="", uv_a_px=query, true_px=truth, answer_px=answer,
+        causes=np.full(len(pick), NO_CAUSE, np.uint8),
+    )  # fmt: skip
