@@ -144,9 +144,7 @@ def _with_interval(row: Row, protocol: str, metric: str) -> str:
 def _written(value: float | None, metric: str) -> str:
     if value is None:
         return ""
-    return (
-        f"{value:.1f}" if metric.endswith("px") and not metric.startswith("pck") else f"{value:.3f}"
-    )
+    return f"{value:.1f}" if "_px" in metric and not metric.startswith("pck") else f"{value:.3f}"
 
 
 def _comparisons(

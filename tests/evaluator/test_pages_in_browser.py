@@ -11,6 +11,9 @@ import pytest
 
 from pliant.cli.main import run
 from pliant.evaluator import evaluate, write_report
+from pliant.evaluator.report.canvas import Labels
+from pliant.evaluator.report.plots import line_svg
+from pliant.evaluator.report.run_page import Section, write_run_page
 from tests.browser import CHROMIUM, DRIVER, Browser, chromium
 
 pytestmark = [
@@ -18,6 +21,7 @@ pytestmark = [
     pytest.mark.skipif(not (CHROMIUM and DRIVER), reason="needs chromium and chromedriver"),
 ]
 
+PAGES = ("reports/far/report.html", "board.html", "comparison.html", "run/report.html")
 VISIBLE = "[...document.querySelectorAll('figure.example')].filter(f => !f.hidden)"
 
 
@@ -44,6 +48,11 @@ def pages(scene_maker: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
     reports = str(folder / "reports")
     assert run(["leaderboard", reports, "--out", str(folder / "board.html")]) == 0
     assert run(["compare", reports, "--out", str(folder / "comparison.html")]) == 0
+    (folder / "run").mkdir()
+    chart = line_svg({"loss": ([0, 100], [5.0, 2.0])}, Labels("Training loss", "step"))
+    table = [["method", "RMSE"], ["a long name of a method", "3.25"]]
+    sections = [Section("Curves", charts=[chart]), Section("Scores", table=table)]
+    write_run_page(folder / "run", {"steps": 100, "commit": None}, sections)
     return folder
 
 
@@ -63,7 +72,7 @@ def report(pages: Path) -> Path:
     return pages / "reports" / "far" / "report.html"
 
 
-@pytest.mark.parametrize("name", ["reports/far/report.html", "board.html", "comparison.html"])
+@pytest.mark.parametrize("name", PAGES)
 @pytest.mark.parametrize(("width", "dark"), [(1200, False), (400, True)])
 def test_a_page_fits_reports_no_error_and_asks_for_nothing(
     browser: Browser, pages: Path, name: str, width: int, dark: bool
