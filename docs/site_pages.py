@@ -44,7 +44,15 @@ SETTINGS: Final = {
     "pliant benchmark": BenchmarkConfig,
 }
 
-CLI: Final = """# Command line
+CLI: Final = r"""# Command line
+
+Tab completion of commands and options: add one line to the shell's start-up file.
+
+| shell | file | line |
+|---|---|---|
+| bash | `~/.bashrc` | `eval "$(_PLIANT_COMPLETE=bash_source pliant)"` |
+| zsh | `~/.zshrc` | `eval "$(_PLIANT_COMPLETE=zsh_source pliant)"` |
+| fish | `~/.config/fish/config.fish` | `_PLIANT_COMPLETE=fish_source pliant \| source` |
 
 ::: mkdocs-click
     :module: pliant.cli.main
