@@ -77,6 +77,8 @@ def results_page(
         differing=differing,
         sizes=" and ".join({f"{made.width}x{made.height}": 0 for made in config.sets.values()}),
         figures=figures,
+        rows=len(rows),
+        asked=sum(len(test.variants) * len(test.answering) for test in config.tests.values()),
         blocks=[
             _block(config, key, variant, arms(members))
             for key, variant, members in blocks(list(rows))
