@@ -36,7 +36,7 @@ class NetworkInput:
     """Which channels a network sees.
 
     Attributes:
-        kind: The image: `rgb`, `grey`, `depth` or `rgbd`.
+        kind: The image: `rgb`, `grey`, `depth`, `rgbd` or `silhouette`.
         masks: Whether two mask channels follow. A network that sees only grey and masks works on
             materials that training never showed.
     """

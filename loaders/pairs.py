@@ -40,7 +40,7 @@ class PairSettings:
         queries: Material points in a sample, >= 1.
         pairing: `any` two frames of the tier, two of one `sequence`, or `next` to each other.
         matches: From the tables' `points` (exact) or from the dense `surface` (any pixel).
-        input: The image that the network sees: `rgb`, `grey`, `depth` or `rgbd`.
+        input: The image that the network sees: `rgb`, `grey`, `depth`, `rgbd` or `silhouette`.
         masks: Whether the masks of the queried object and of all objects are input channels too.
     """
 

@@ -109,6 +109,14 @@ def test_workers_change_no_byte(cards: Dataset, tmp_path: Path, method: str) -> 
     assert progress == [(1, 3), (2, 3), (3, 3), (3, 3)]
 
 
+@pytest.mark.parametrize("workers", [1, 2])
+def test_masks_can_be_withheld(cards: Dataset, tmp_path: Path, workers: int) -> None:
+    out = tmp_path / "centroid.parquet"
+    none = predict(cards, "test", METHODS["centroid"](), out, workers=workers, masks=False)
+    assert none.method["mask"] == "none"
+    assert set(read_table(out, "answers").column("u").to_pylist()) == {120.0}  # the image's middle
+
+
 def test_frames_without_surface_are_searched_whole(cards_root: Path, tmp_path: Path) -> None:
     root = tmp_path / "public"
     shutil.copytree(cards_root, root)

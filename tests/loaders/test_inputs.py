@@ -36,6 +36,16 @@ def test_masks_are_channels_and_a_missing_mask_is_zero() -> None:
     assert seen.image(RGB, None).shape == (seen.channels, 1, 2)
 
 
+def test_a_silhouette_is_the_masks_alone() -> None:
+    seen = NetworkInput("silhouette", masks=True)
+    mask = np.array([[True, False]])
+    assert seen.image(RGB, DEPTH, mask).tolist() == [[[1, -1]], [[0, 0]]]
+    with pytest.raises(CallError, match="masks alone"):
+        seen.image(RGB, DEPTH)
+    with pytest.raises(CallError, match="needs the masks"):
+        NetworkInput("silhouette")
+
+
 def test_depth_channel_is_in_tenths_of_a_metre_behind_the_median() -> None:
     depth = np.array([[0.9, 1.0, 1.15]], np.float32)
     expected = [-1, 0, 1.5]
