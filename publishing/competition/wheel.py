@@ -21,7 +21,7 @@ LEFT_OUT: Final = frozenset({"conformance", "examples", "files", "__pycache__"})
 """Subfolders that scoring does not need. What is left is the same whether Pliant was installed
 from its wheel or runs from a checkout."""
 
-SUFFIXES: Final = (".py", ".json", ".arrow", ".j2", ".html", ".css")
+SUFFIXES: Final = (".py", ".json", ".arrow", ".j2", ".html", ".css", ".js")
 
 LIBRARIES: Final = {
     "numpy": "numpy",

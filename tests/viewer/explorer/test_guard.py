@@ -108,9 +108,9 @@ def test_wrong_parameters_get_one_sentence(address: str) -> None:
     for call, said in (
         (f"truth?{pair}&u=nan&v=1", b"two numbers"),
         (f"truth?{pair}", b"two numbers"),
-        (f"answer?{pair}&u=1&v=1&method=7", b"no such method"),
-        (f"answer?{pair}&u=1&v=1", b"no such method"),
-        ("layer?layer=secret&frame=rope-test-000000/0", b"no such layer"),
+        (f"answer?{pair}&u=1&v=1&method=7", b"unknown method"),
+        (f"answer?{pair}&u=1&v=1", b"unknown method"),
+        ("layer?layer=secret&frame=rope-test-000000/0", b"unknown layer"),
         ("truth?a=rope-test-000000/0&b=cloth-1-test-000000/0&u=1&v=1", b"different tiers"),
     ):
         status, body = ask(address, below(address, f"api/{call}"))
