@@ -9,6 +9,7 @@ from typing import Any
 
 import pyarrow as pa
 
+from pliant.benchmarks.suite.cause_tables import cause_tables
 from pliant.benchmarks.suite.checksums import Differences
 from pliant.benchmarks.suite.config import BenchmarkConfig, Comparison
 from pliant.benchmarks.suite.table import Row, arms, best_untrained, blocks
@@ -83,6 +84,7 @@ def results_page(
             _block(config, key, variant, arms(members))
             for key, variant, members in blocks(list(rows))
         ],
+        causes=cause_tables(config, work, rows),
         comparisons=_comparisons(config, work, rows),
         **_costs(work, config),
     )
