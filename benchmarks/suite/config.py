@@ -41,6 +41,7 @@ class Training:
         after: Run whose finished weights it starts from, or empty.
         seeds: How many runs, with random seeds from that of the settings upwards. With several,
             a run is named `NAME-0`, `NAME-1` and so on, and NAME stands for all of them.
+        learned: Whether its weights are learned; False for a control that stops after a step.
         arm: NAME, of a run that is one of several seeds; otherwise empty.
     """
 
@@ -51,6 +52,7 @@ class Training:
     settings: Mapping[str, Any] = field(default_factory=dict)
     after: str = ""
     seeds: Count = 1
+    learned: bool = True
     arm: str = ""
 
 

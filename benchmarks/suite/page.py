@@ -181,7 +181,7 @@ def _comparison(
     before, after = second.value(protocol, metric), first.value(protocol, metric)
     if found is None or before is None or after is None:
         return (asked.question, first.label, second.label, metric, "", "none")
-    digits = 1 if metric.endswith("px") else 3
+    digits = 1 if "px" in metric and not metric.startswith("pck") else 3
     difference = f"{found.value:+.{digits}f}"
     if found.verdict != "too few sequences":
         difference += f" [{found.low:+.{digits}f}, {found.high:+.{digits}f}]"

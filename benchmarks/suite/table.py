@@ -115,7 +115,7 @@ def _row(
         set_name,
         method,
         _label(config, test, method),
-        trained or method in test.shipped,
+        (trained and config.runs[method].learned) or method in test.shipped,
         test.paper_rmse_px.get(arm) if variant == next(iter(test.variants)) else None,
         scores,
         training_cost(config, work, method) if trained else None,
