@@ -63,13 +63,12 @@ def command(
     rows = finished_rows(config, Workspace(out))
     page = write_overview(config, out, rows)
     rmse = rmse_by_tier(config, rows)
-    table = Table("tier", title="RMSE, px", title_justify="left")
-    methods = list(dict.fromkeys(method for values in rmse.values() for method in values))
-    for method in methods:
-        table.add_column(method, justify="right")
-    for tier, values in rmse.items():
-        cells = (format_px(values[name]) if name in values else "–" for name in methods)
-        table.add_row(tier, *cells)
+    table = Table("method", title="RMSE, px", title_justify="left")
+    for tier in rmse:
+        table.add_column(tier, justify="right")
+    for method in dict.fromkeys(method for values in rmse.values() for method in values):
+        found = (values.get(method) for values in rmse.values())
+        table.add_row(method, *("–" if px is None else format_px(px) for px in found))
     Console(stderr=True).print(table)
     seconds = time.monotonic() - started
     if as_json:
