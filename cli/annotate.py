@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import webbrowser
 from pathlib import Path
 from typing import Any
 
 import click
 
+from pliant.cli.local_page import show_page
 from pliant.cli.options import PATH, port_options
 from pliant.cli.terminal import echo, plural
 
@@ -40,16 +40,7 @@ def command(folder: Path, points: str, method: str | None, port: int, no_browser
         matcher: Matcher = opened
         suggester = Suggester(annotation, lambda: matcher)
     server = make_server(annotation, suggester, port)
-    address = f"http://127.0.0.1:{server.server_address[1]}/"
-    echo(f"{plural(len(annotation.pictures), 'picture')} at {address} (Ctrl-C ends)")
-    if not no_browser:
-        webbrowser.open(address)
-    try:
-        server.serve_forever()
-    except KeyboardInterrupt:
-        pass
-    finally:
-        server.server_close()
+    show_page(server, plural(len(annotation.pictures), "picture"), no_browser=no_browser)
     echo(
         f"{plural(annotation.count(), 'mark')} in {annotation.path}\n"
         f"Then: pliant import {folder} --out DATA"

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import webbrowser
 from pathlib import Path
 
 import click
 
+from pliant.cli.local_page import show_page
 from pliant.cli.options import PATH, port_options
-from pliant.cli.terminal import echo
 
 
 @click.command("serve")
@@ -29,13 +28,4 @@ def command(places: tuple[Path, ...], out: Path | None, port: int, no_browser: b
             fix="Write a site with: pliant site REPORTS --out SITE",
         )
     server = make_site_server(places[0], port)
-    address = f"http://127.0.0.1:{server.server_address[1]}/"
-    echo(f"{places[0]} at {address} (Ctrl-C ends)")
-    if not no_browser:
-        webbrowser.open(address)
-    try:
-        server.serve_forever()
-    except KeyboardInterrupt:
-        pass
-    finally:
-        server.server_close()
+    show_page(server, str(places[0]), no_browser=no_browser)

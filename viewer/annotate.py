@@ -28,6 +28,7 @@ from pliant.converters.marks_csv import ANNOTATIONS_CSV, COLUMNS, collect_marks
 from pliant.spec.errors import CallError, PliantError
 from pliant.spec.io.photo import SUFFIXES, photo_size, read_photo
 from pliant.spec.io.writing import replacing
+from pliant.viewer.local_server import open_local_server
 from pliant.viewer.photo_match import match_photo
 
 _MAX_BODY_BYTES: Final = 4 * 2**20
@@ -204,12 +205,7 @@ def make_server(
         pass
 
     Handler.annotation, Handler.suggester, Handler.token = annotation, suggester, token
-    try:
-        return ThreadingHTTPServer(("127.0.0.1", port), Handler)
-    except OSError as error:
-        raise CallError(
-            "the port cannot be used", where="--port", found=f"{port} ({error.strerror})"
-        ) from error
+    return open_local_server(Handler, port)
 
 
 class _Handler(BaseHTTPRequestHandler):

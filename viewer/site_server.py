@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import IO, Any, Final
 
 from pliant.spec.errors import CallError
+from pliant.viewer.local_server import open_local_server
 
 INDEX: Final = "index.html"
 
@@ -30,13 +31,7 @@ def make_site_server(folder: Path, port: int = 0) -> ThreadingHTTPServer:
             required="a site",
             fix="Write one with: pliant site REPORTS --out SITE",
         )
-    try:
-        handler = partial(_Handler, directory=str(folder.resolve()))
-        return ThreadingHTTPServer(("127.0.0.1", port), handler)
-    except OSError as error:
-        raise CallError(
-            "the port cannot be used", where="--port", found=f"{port} ({error.strerror})"
-        ) from error
+    return open_local_server(partial(_Handler, directory=str(folder.resolve())), port)
 
 
 class _Handler(SimpleHTTPRequestHandler):
