@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import datetime
 import re
-import time
 from pathlib import Path
 
 import pytest
@@ -98,11 +97,10 @@ def _laughs(levels: int) -> str:
         ("a: &a {x: 1}\nb: {<<: [" + "*a, " * 30_000 + "]}", "more than 50000 values"),
     ],
 )
+@pytest.mark.timeout(60)  # none may expand
 def test_what_is_refused(text: str, says: str) -> None:
-    started = time.process_time()
     with pytest.raises(SettingsFileError, match=says) as caught:
         parse_yaml(text, "x.yaml", "field")
-    assert time.process_time() - started < 5
     assert str(caught.value).startswith("x.yaml, field: ")
     assert "\n" not in str(caught.value)
     assert caught.value.exit_code == 2
