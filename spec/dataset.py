@@ -15,10 +15,9 @@ import pyarrow as pa
 from pliant.spec.conventions import SPEC_VERSION, SPLITS
 from pliant.spec.errors import CallError, SpecError
 from pliant.spec.frame import Frame
-from pliant.spec.io.checksums import sha256_file
 from pliant.spec.io.jsonfiles import read_json
 from pliant.spec.io.parquet import read_table
-from pliant.spec.io.reading import AnyFile, FileRefusedError
+from pliant.spec.io.reading import AnyFile, FileRefusedError, sha256_file
 from pliant.spec.model import Tier
 from pliant.spec.queries import QueryPair, group_queries
 from pliant.spec.sequence import SequenceRecord

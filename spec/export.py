@@ -9,7 +9,7 @@ from typing import Final
 from pliant.spec.errors import CallError
 from pliant.spec.io.jsonfiles import SCHEMAS
 from pliant.spec.io.writing import replacing
-from pliant.spec.tables import ANSWERS_OPTIONAL, TABLES
+from pliant.spec.tables import TABLES
 
 JSON_SCHEMAS: Final = (
     "dataset",
@@ -19,12 +19,6 @@ JSON_SCHEMAS: Final = (
     *(f"footer-{name}" for name in TABLES),
 )
 """Names of the JSON Schemas."""
-
-
-def arrow_files() -> dict[str, bytes]:
-    """Return name -> bytes of the Arrow schema files, which are made from `tables.json`."""
-    schemas = {**TABLES, "answers-optional": ANSWERS_OPTIONAL}
-    return {f"{name}.arrow": each.serialize().to_pybytes() for name, each in schemas.items()}
 
 
 def specification_files() -> dict[str, bytes]:

@@ -11,8 +11,8 @@ from typing import Any, Final
 from pliant.spec.conventions import NEWEST_VERSION
 from pliant.spec.dataset import check_version, is_name
 from pliant.spec.errors import SpecError
-from pliant.spec.io.checksums import file_entry
 from pliant.spec.io.jsonfiles import is_newer_minor, read_json, write_json
+from pliant.spec.io.reading import file_entry
 from pliant.spec.storage import layout
 
 Document = dict[str, Any]

@@ -14,12 +14,11 @@ from pathlib import Path
 from typing import Any, Final
 
 from pliant.spec.conventions import SPEC_VERSION
-from pliant.spec.export import JSON_SCHEMAS, arrow_files
+from pliant.spec.export import JSON_SCHEMAS
 from pliant.spec.io import limits
 from pliant.spec.io.jsonfiles import load_schema
-from pliant.spec.tables import COLUMNS
+from pliant.spec.tables import ANSWERS_OPTIONAL, COLUMNS, TABLES
 from pliant.spec.validation.issue_codes import ISSUE_CODES
-from pliant.spec.validation.remedies import REMEDIES
 from tests import spec_walkthrough as walkthrough
 
 HERE: Final = Path(__file__).resolve().parents[1] / "spec"
@@ -77,7 +76,7 @@ def render_part(what: str) -> str:
         return _table(
             ("code", "severity", "reported when", "usual cause", "remedy"),
             [
-                (f"`{code.code}`", code.severity, code.meaning, *REMEDIES[code.code])
+                (f"`{code.code}`", code.severity, code.meaning, code.cause, code.remedy)
                 for code in ISSUE_CODES.values()
                 if code.subject in (name, "both")
             ],
@@ -150,6 +149,12 @@ def _column_rows(name: str) -> Iterator[tuple[str, str, str, str, str]]:
             column.get("range", ""),
             column["doc"],
         )
+
+
+def arrow_files() -> dict[str, bytes]:
+    """Return name -> bytes of the Arrow schema files, which are made from `tables.json`."""
+    schemas = {**TABLES, "answers-optional": ANSWERS_OPTIONAL}
+    return {f"{name}.arrow": each.serialize().to_pybytes() for name, each in schemas.items()}
 
 
 def stale() -> list[str]:

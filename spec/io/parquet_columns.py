@@ -12,6 +12,7 @@ from collections.abc import Iterator, Sequence
 from typing import Final
 
 import numpy as np
+import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
@@ -221,6 +222,23 @@ def _lengths(text: pa.Array) -> pa.Array:
     if text.type == pa.string_view():
         text = text.cast(pa.large_string())
     return pc.binary_length(text).cast(pa.int64())
+
+
+def codes(column: pa.ChunkedArray | pa.Array, known: Sequence[str]) -> npt.NDArray[np.int32]:
+    """Return the position of each text of a column in a list, int32 (N,); -1 where it is not there.
+
+    Args:
+        column: Texts, plain or as dictionaries, without nulls.
+        known: The list, without repetitions.
+    """
+    found: npt.NDArray[np.int32] = np.empty(len(column), np.int32)
+    start = 0
+    for chunk in column.chunks if isinstance(column, pa.ChunkedArray) else [column]:
+        encoded = chunk if pa.types.is_dictionary(chunk.type) else chunk.dictionary_encode()
+        place = pc.fill_null(pc.index_in(encoded.dictionary, pa.array(known, pa.string())), -1)
+        found[start : start + len(chunk)] = place.take(encoded.indices).to_numpy(False)
+        start += len(chunk)
+    return found
 
 
 def column_problem(schema: pa.Schema, field: pa.Field) -> tuple[str, str] | None:

@@ -134,25 +134,16 @@ def read_rgb(path: AnyFile, *, size: tuple[int, int] | None = None) -> npt.NDArr
     Raises:
         FileRefusedError: Missing, no 8-bit RGB PNG, of another size, too large or damaged.
     """
-    data = read_bytes(path, limits.MAX_IMAGE_FILE_BYTES)
-    return decode_rgb(data, path, size=size)
-
-
-def decode_rgb(
-    data: bytes, path: AnyFile, *, size: tuple[int, int] | None = None
-) -> npt.NDArray[np.uint8]:
-    """Decode the bytes of a PNG file; arguments and errors as `read_rgb`."""
-    return _decode(data, path, size, _RGB)
+    return _read(path, size, _RGB)
 
 
 def read_mask(path: AnyFile, *, size: tuple[int, int] | None = None) -> npt.NDArray[np.uint8]:
     """Read a mask, uint8 (H, W) of object ids; arguments and errors as `read_rgb`."""
-    return _decode(read_bytes(path, limits.MAX_IMAGE_FILE_BYTES), path, size, _GREY)
+    return _read(path, size, _GREY)
 
 
-def _decode(
-    data: bytes, path: AnyFile, size: tuple[int, int] | None, colour_type: int
-) -> npt.NDArray[np.uint8]:
+def _read(path: AnyFile, size: tuple[int, int] | None, colour_type: int) -> npt.NDArray[np.uint8]:
+    data = read_bytes(path, limits.MAX_IMAGE_FILE_BYTES)
     found = png_size(data[:_HEADER_BYTES], path, colour_type)
     require_size(found, size, path)
     try:

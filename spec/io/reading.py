@@ -1,7 +1,11 @@
-"""The one way a file of a dataset is opened: regular files only, within a size limit."""
+"""The one way a file of a dataset is opened: regular files only, within a size limit.
+
+Its checksum is read here too.
+"""
 
 from __future__ import annotations
 
+import hashlib
 import io
 import os
 import stat
@@ -58,7 +62,7 @@ def check_regular(path: AnyFile, max_bytes: int) -> int:
         FileRefusedError: It is missing, a link, a special file, or too large.
     """
     if isinstance(path, Blob):
-        _refuse_large(path, len(path.data), max_bytes)
+        check_size(path, len(path.data), max_bytes)
         return len(path.data)
     try:
         status = os.lstat(path)
@@ -72,11 +76,16 @@ def check_regular(path: AnyFile, max_bytes: int) -> int:
             found="a link" if stat.S_ISLNK(status.st_mode) else "a folder or a special file",
             fix="Put the file itself there.",
         )
-    _refuse_large(path, status.st_size, max_bytes)
+    check_size(path, status.st_size, max_bytes)
     return status.st_size
 
 
-def _refuse_large(path: AnyFile, size: int, max_bytes: int) -> None:
+def check_size(path: AnyFile, size: int, max_bytes: int) -> None:
+    """Refuse a file of more bytes than allowed.
+
+    Raises:
+        FileRefusedError: It is too large.
+    """
     if size > max_bytes:
         raise FileRefusedError(
             "FILE_TOO_LARGE",
@@ -116,3 +125,30 @@ def read_bytes(path: AnyFile, max_bytes: int) -> bytes:
         raise FileRefusedError(
             "FILE_UNREADABLE", "the file cannot be read", path=path, found=error.strerror
         ) from error
+
+
+def sha256_file(path: AnyFile) -> str:
+    """Return the sha256 of a file's bytes as 64 lower-case hexadecimal digits.
+
+    Args:
+        path: The file.
+
+    Raises:
+        SpecError: The file cannot be read.
+    """
+    try:
+        with open_binary(path) as stream:
+            return hashlib.file_digest(stream, "sha256").hexdigest()
+    except OSError as error:
+        raise SpecError("the file cannot be read", path=path, found=error.strerror) from error
+
+
+def file_entry(folder: Path, name: str) -> dict[str, Any]:
+    """Return the entry of a file in the `files` of a `sequence.json`.
+
+    Args:
+        folder: The sequence's folder.
+        name: Path of the file in it.
+    """
+    path = folder / name
+    return {"path": name, "sha256": sha256_file(path), "bytes": path.stat().st_size}

@@ -11,12 +11,14 @@ import os
 import shutil
 import tempfile
 import weakref
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Protocol
 
 from pliant.spec.errors import MissingExtraError, SpecError
 from pliant.spec.io import limits
-from pliant.spec.io.reading import AnyFile, Blob, FileRefusedError
+from pliant.spec.io.reading import AnyFile, Blob, FileRefusedError, check_size
 
 
 class Files(Protocol):
@@ -77,17 +79,12 @@ class LocalFiles:
     def read_range(self, name: str, offset: int, count: int) -> bytes:
         """Return a part of a file."""
         path = f"{self.root}/{name}"
-        try:
-            with open(path, "rb", buffering=0) as stream:
-                data = os.pread(stream.fileno(), count, offset)
-                while len(data) < count and (
-                    more := os.pread(stream.fileno(), count - len(data), offset + len(data))
-                ):  # a read of over 2 GiB comes in parts
-                    data += more
-        except FileNotFoundError as error:
-            raise FileRefusedError("FILE_MISSING", "the file is not there", path=path) from error
-        except OSError as error:
-            raise _unreadable(path, error.strerror) from error
+        with _refusing(path), open(path, "rb", buffering=0) as stream:
+            data = os.pread(stream.fileno(), count, offset)
+            while len(data) < count and (
+                more := os.pread(stream.fileno(), count - len(data), offset + len(data))
+            ):  # a read of over 2 GiB comes in parts
+                data += more
         return _whole(data, count, path)
 
 
@@ -116,20 +113,11 @@ class RemoteFiles:
         """Fetch a file."""
         filesystem, path = self._at(name)
         shown = f"{self.url}/{name}"
-        try:
+        with _refusing(shown):
             size = filesystem.size(path)
-            if size is not None and size > limits.MAX_TABLE_BYTES:
-                raise FileRefusedError(
-                    "FILE_TOO_LARGE",
-                    "the file is larger than the specification allows",
-                    path=shown,
-                    found=f"{size} bytes",
-                )
+            if size is not None:
+                check_size(shown, size, limits.MAX_TABLE_BYTES)
             return Blob(shown, filesystem.cat_file(path))
-        except FileNotFoundError as error:
-            raise FileRefusedError("FILE_MISSING", "the file is not there", path=shown) from error
-        except OSError as error:
-            raise _unreadable(shown, error) from error
 
     def local(self, name: str) -> Path:
         """Fetch a file into a temporary folder that lives as long as this object."""
@@ -148,12 +136,8 @@ class RemoteFiles:
         """Fetch a part of a file, and no more of it."""
         filesystem, path = self._at(name)
         shown = f"{self.url}/{name}"
-        try:
+        with _refusing(shown):
             data = filesystem.cat_file(path, start=offset, end=offset + count)
-        except FileNotFoundError as error:
-            raise FileRefusedError("FILE_MISSING", "the file is not there", path=shown) from error
-        except OSError as error:
-            raise _unreadable(shown, error) from error
         return _whole(data, count, shown)
 
     def _at(self, name: str) -> tuple[Any, str]:
@@ -218,6 +202,17 @@ def _whole(data: bytes, count: int, path: str) -> bytes:
     if len(data) != count:
         raise _unreadable(path, f"{len(data)} bytes where {count} should be")
     return data
+
+
+@contextmanager
+def _refusing(path: str) -> Iterator[None]:
+    """Turn an error of reading a file into its refusal."""
+    try:
+        yield
+    except FileNotFoundError as error:
+        raise FileRefusedError("FILE_MISSING", "the file is not there", path=path) from error
+    except OSError as error:
+        raise _unreadable(path, error.strerror or error) from error
 
 
 def _unreadable(path: str, found: object) -> FileRefusedError:

@@ -14,9 +14,8 @@ from typing import Any, Final, Literal, Protocol
 
 from pliant.spec.conventions import SPEC_VERSION
 from pliant.spec.errors import SpecError
-from pliant.spec.io.checksums import sha256_file
 from pliant.spec.io.jsonfiles import read_json, write_json
-from pliant.spec.io.reading import AnyFile, FileRefusedError, read_bytes
+from pliant.spec.io.reading import AnyFile, FileRefusedError, read_bytes, sha256_file
 from pliant.spec.storage import layout
 
 Half = Literal["public", "private"]

@@ -1,4 +1,7 @@
-"""The catalogue of issue codes, `schemas/VERSION/issue_codes.json`; SPEC.md shows it as tables."""
+"""The catalogue of issue codes, `schemas/VERSION/issue_codes.json`.
+
+The annex of SPEC.md and `docs/errors.md` show it as tables.
+"""
 
 from __future__ import annotations
 
@@ -21,12 +24,16 @@ class IssueCode:
         severity: `error` makes the data invalid; `warning` does not.
         subject: Whether the code can be reported of a dataset, of a submission, or of both.
         meaning: When it is reported, in one sentence.
+        cause: Its usual cause.
+        remedy: What to do about that.
     """
 
     code: str
     severity: Severity
     subject: Subject
     meaning: str
+    cause: str
+    remedy: str
 
 
 ISSUE_CODES: Final[dict[str, IssueCode]] = {

@@ -11,10 +11,11 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from pliant.spec.conventions import CONVENTIONS, SPEC_VERSION
-from pliant.spec.io.checksums import sha256_file
-from pliant.spec.io.images import Surface, write_rgb, write_surface
+from pliant.spec.io.exr import Surface, write_surface
 from pliant.spec.io.jsonfiles import write_json
 from pliant.spec.io.parquet import read_table, write_table
+from pliant.spec.io.png import write_rgb
+from pliant.spec.io.reading import sha256_file
 from pliant.spec.storage import layout
 from pliant.spec.tables import CORRESPONDENCES, POINTS, QUERIES, SEQUENCES, TRUTH
 from tests.conformance.analytic import Ball, Scene, Sheet, Tube, View
@@ -378,7 +379,7 @@ def _rows_of(root: Path, tier: str, name: str, frame: int) -> list[dict[str, Any
 
 
 def _box_px(root: Path, tier: str, name: str, frame: int) -> float:
-    from pliant.spec.io.images import read_surface
+    from pliant.spec.io.exr import read_surface
 
     path = layout.sequence_dir(root, tier, name) / layout.depth_name(frame)
     v, u = np.nonzero(read_surface(path).object_id == 1)

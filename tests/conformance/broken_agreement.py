@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pliant.spec.io.images import read_rgb, write_rgb
+from pliant.spec.io.png import read_rgb, write_rgb
 from tests.conformance.edits import (
     CLOTH_TEST,
     CLOTH_TRAIN,

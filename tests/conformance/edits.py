@@ -191,7 +191,7 @@ def both(*edits: Edit) -> Edit:
 
 def rebound(path: str, *edits: Edit) -> Edit:
     """Make edits to a queries file, then name its new sha256 in the truth's footer."""
-    from pliant.spec.io.checksums import sha256_file
+    from pliant.spec.io.reading import sha256_file
 
     def edit(root: Path) -> None:
         for one in edits:

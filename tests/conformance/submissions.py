@@ -14,8 +14,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from pliant.spec.conventions import FOOTER_KEY, SPEC_VERSION
-from pliant.spec.io.checksums import sha256_file
 from pliant.spec.io.parquet import read_table
+from pliant.spec.io.reading import sha256_file
 from pliant.spec.storage.layout import queries_path
 from pliant.spec.tables import ANSWERS_OPTIONAL
 

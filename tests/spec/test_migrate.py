@@ -15,8 +15,8 @@ from pliant.cli.migrate import command
 from pliant.spec.conventions import NEWEST_VERSION
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import SpecError
-from pliant.spec.io.checksums import sha256_file
 from pliant.spec.io.jsonfiles import write_json
+from pliant.spec.io.reading import sha256_file
 from pliant.spec.migrate import STEPS, Step, migrate, migrate_document
 from pliant.spec.validation.validate import validate
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -12,13 +13,13 @@ import pyarrow as pa
 
 from pliant.spec.conventions import VISIBILITY_STATES
 from pliant.spec.io import limits
+from pliant.spec.io.parquet_columns import codes
 from pliant.spec.validation.findings import FileProblems
 from pliant.spec.validation.rules.cameras import Cameras
 from pliant.spec.validation.rules.context import Context
 from pliant.spec.validation.rules.tables import (
     CheckedTable,
     check_table,
-    codes_of,
     numbers,
     report_not_finite,
 )
@@ -36,6 +37,7 @@ BORDER_TOLERANCE = 1e-3
 
 _FLOATS = ["u_px", "v_px", "depth_m", "x_m", "y_m", "z_m"]
 _MAX_SORTED_ROWS = 2_000_000
+_PER_ROW = ("point", "uv_px", "depth_m", "state", "xyz_m")
 
 
 @dataclass(frozen=True)
@@ -44,25 +46,27 @@ class FrameRows:
 
     Attributes:
         frame: The frame.
-        first_row: Row of the first in the file (as sorted, where the file is not in order).
         point: int32 (N,).
         uv_px: float64 (N, 2).
         depth_m: float64 (N,).
-        state: int64 (N,), index into `VISIBILITY_STATES`.
+        state: int32 (N,), index into `VISIBILITY_STATES`.
         xyz_m: float64 (N, 3), world metres.
     """
 
     frame: int
-    first_row: int
     point: npt.NDArray[np.int32]
     uv_px: npt.NDArray[np.float64]
     depth_m: npt.NDArray[np.float64]
-    state: npt.NDArray[np.int64]
+    state: npt.NDArray[np.int32]
     xyz_m: npt.NDArray[np.float64]
 
     def where(self, index: int) -> str:
         """Return the place of a row for an issue."""
         return f"frame {self.frame}, point {self.point[index]}"
+
+    def chosen(self, rows: npt.NDArray[Any]) -> FrameRows:
+        """Return some of the rows, by their numbers or a mask."""
+        return replace(self, **{name: getattr(self, name)[rows] for name in _PER_ROW})
 
 
 def open_correspondences(path: Path, problems: FileProblems) -> CheckedTable | None:
@@ -173,7 +177,7 @@ def _split(
 ) -> Iterator[FrameRows]:
     frame = numbers(batch, "frame")
     point = numbers(batch, "point")
-    state = codes_of(batch, "visibility", VISIBILITY_STATES)
+    state = codes(batch.column("visibility"), VISIBILITY_STATES)
     problems.add_rows(
         "VALUE_OUT_OF_RANGE",
         state < 0,
@@ -191,7 +195,6 @@ def _split(
         if rows.size:
             yield FrameRows(
                 frame=int(frame[low]),
-                first_row=start + int(low),
                 point=point[rows],
                 uv_px=values[rows, :2],
                 depth_m=values[rows, 2],
@@ -203,15 +206,8 @@ def _split(
 def _joined(parts: list[FrameRows]) -> FrameRows:
     if len(parts) == 1:
         return parts[0]
-    return FrameRows(
-        frame=parts[0].frame,
-        first_row=parts[0].first_row,
-        point=np.concatenate([part.point for part in parts]),
-        uv_px=np.concatenate([part.uv_px for part in parts]),
-        depth_m=np.concatenate([part.depth_m for part in parts]),
-        state=np.concatenate([part.state for part in parts]),
-        xyz_m=np.concatenate([part.xyz_m for part in parts]),
-    )
+    rows = {name: np.concatenate([getattr(part, name) for part in parts]) for name in _PER_ROW}
+    return replace(parts[0], **rows)
 
 
 def check_projection(

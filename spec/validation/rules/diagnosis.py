@@ -49,17 +49,7 @@ class RowSample:
         if len(self.rows) >= MAX_FRAMES:
             return
         keep = np.unique(np.linspace(0, len(rows.point) - 1, ROWS_PER_FRAME).astype(np.int64))
-        self.rows.append(
-            FrameRows(
-                rows.frame,
-                rows.first_row,
-                rows.point[keep],
-                rows.uv_px[keep],
-                rows.depth_m[keep],
-                rows.state[keep],
-                rows.xyz_m[keep],
-            )
-        )
+        self.rows.append(rows.chosen(keep))
 
 
 @dataclass(frozen=True)

@@ -13,10 +13,11 @@ import pyarrow as pa
 
 from pliant.spec.conventions import POINT_KINDS
 from pliant.spec.io import limits
+from pliant.spec.io.parquet_columns import codes
 from pliant.spec.model import Tier
 from pliant.spec.tables import POINTS
 from pliant.spec.validation.findings import FileProblems
-from pliant.spec.validation.rules.tables import check_table, codes_of, numbers, report_not_finite
+from pliant.spec.validation.rules.tables import check_table, numbers, report_not_finite
 
 MATERIAL_TOLERANCE = 1e-5
 """How far a float32 material coordinate may be off, as a share of its range."""
@@ -79,7 +80,7 @@ def check_points(path: Path, tier: Tier, problems: FileProblems) -> PointSet | N
         ~known,
         lambda i: (f"row {i}, object", f"found {object_id[i]}, no object of {tier.name}"),
     )
-    kind = codes_of(rows, "kind", POINT_KINDS)
+    kind = codes(rows.column("kind"), POINT_KINDS)
     problems.add_rows(
         "VALUE_OUT_OF_RANGE",
         kind < 0,
@@ -184,7 +185,7 @@ def _digest(rows: pa.Table) -> bytes:
     digest = hashlib.sha256()
     for name in ("object", "m0", "m1"):
         digest.update(np.ascontiguousarray(numbers(rows, name)).tobytes())
-    digest.update(codes_of(rows, "kind", POINT_KINDS).tobytes())
+    digest.update(codes(rows.column("kind"), POINT_KINDS).tobytes())
     for chunk in rows.column("partners").chunks:
         digest.update(np.diff(chunk.offsets.to_numpy()).tobytes())
         digest.update(np.ascontiguousarray(chunk.flatten().to_numpy()).tobytes())

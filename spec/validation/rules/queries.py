@@ -11,17 +11,16 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from pliant.spec.io import limits
-from pliant.spec.io.checksums import sha256_file
+from pliant.spec.io.reading import sha256_file
 from pliant.spec.storage import layout
 from pliant.spec.tables import QUERIES
 from pliant.spec.validation.findings import FileProblems, Findings
-from pliant.spec.validation.rules.answers import Aligned, compare_answers
+from pliant.spec.validation.rules.answers import Aligned, compare_answers, read_tracks
 from pliant.spec.validation.rules.context import Context
 from pliant.spec.validation.rules.correspondences import VISIBLE
 from pliant.spec.validation.rules.listing import check_identity
 from pliant.spec.validation.rules.sequences import SequenceResult
 from pliant.spec.validation.rules.tables import CheckedTable, check_table, numbers
-from pliant.spec.validation.rules.tracks import read_tracks
 
 _TABLES_IN_MEMORY = 16
 

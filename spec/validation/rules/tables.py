@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from pliant.spec.dataset import check_version
@@ -119,24 +118,6 @@ def numbers(table: pa.Table, column: str) -> npt.NDArray[Any]:
     """Return a numeric column as one array."""
     array: npt.NDArray[Any] = table.column(column).to_numpy()
     return array
-
-
-def codes_of(
-    table: pa.Table, column: str, names: tuple[str, ...] | list[str]
-) -> npt.NDArray[np.int64]:
-    """Return, for each row of a string column, the index of its value in `names`.
-
-    Args:
-        table: The rows.
-        column: A string column.
-        names: The values known.
-
-    Returns:
-        int64 (N,), -1 for a value that is none of them.
-    """
-    found = pc.index_in(table.column(column).cast(pa.string()), pa.array(names, pa.string()))
-    indices: npt.NDArray[np.int64] = found.fill_null(-1).to_numpy().astype(np.int64)
-    return indices
 
 
 def report_not_finite(

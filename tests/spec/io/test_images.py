@@ -13,7 +13,8 @@ import OpenEXR
 import pytest
 from PIL import Image
 
-from pliant.spec.io.images import Surface, read_rgb, read_surface, write_rgb, write_surface
+from pliant.spec.io.exr import Surface, read_surface, write_surface
+from pliant.spec.io.png import read_rgb, write_rgb
 from pliant.spec.io.reading import FileRefusedError
 
 
