@@ -7,7 +7,7 @@ from pathlib import Path
 from pliant.evaluator.evaluate import evaluate, evaluate_answers
 from pliant.evaluator.protocols.protocol import PROTOCOL_NAMES, read_protocol
 from pliant.evaluator.scores import Scores, read_scores
-from pliant.evaluator.submission.check import check, inspect
+from pliant.evaluator.submission.loading import check, inspect
 from pliant.spec.dataset import Dataset
 
 __all__ = [

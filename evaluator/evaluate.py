@@ -19,11 +19,10 @@ from pliant.evaluator.metrics.base import (
     Summary,
 )
 from pliant.evaluator.metrics.causes import CAUSES_VERSION, Causes, CausesSettings
-from pliant.evaluator.metrics.families import metric_class
 from pliant.evaluator.metrics.localisation import Counts
 from pliant.evaluator.metrics.matches import match_blocks
 from pliant.evaluator.metrics.surfaces import Surfaces
-from pliant.evaluator.protocols.protocol import Protocol, read_protocol
+from pliant.evaluator.protocols.protocol import Protocol, metric_class, read_protocol
 from pliant.evaluator.report.examples import Example, choose_examples
 from pliant.evaluator.scores import SCORES_VERSION, Scores, pair_table, tool_versions
 from pliant.evaluator.statistics.bootstrap import Clusters, intervals
@@ -35,7 +34,7 @@ from pliant.evaluator.submission.matches import Matches
 from pliant.evaluator.submission.problems import Problems
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, SubmissionError
-from pliant.spec.io.checksums import sha256_file
+from pliant.spec.io.reading import sha256_file
 from pliant.spec.storage import layout
 
 Progress = Callable[[int, int], None]
@@ -214,19 +213,16 @@ def _score(
         )
         if not hide_truth:
             hints, controls = TruthHints(answers, queries), Controls(queries.rows)
+    watching = [each for each in (*metrics, hints, controls) if each is not None]
     for block in blocks:
-        for each in metrics:
+        for each in watching:
             each.update(block)
-        if hints is not None:
-            hints.update(block)
-        if controls is not None:
-            controls.update(block)
         if progress is not None:
             progress(block.pairs.stop, queries.pairs)
     summary = Summary()
     groups = Groups.of(queries, queries.starts if matches is None else matches.starts)
-    for each in metrics:
-        each.finish(groups, summary)
+    for metric in metrics:
+        metric.finish(groups, summary)
     for ratio in ratios:
         above, below = ratio.terms(table.columns)
         for index, name in groups:

@@ -7,7 +7,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from pliant.evaluator.competition.scoring import details_page, flat_scores, score
+from pliant.evaluator.competition.scoring import flat_scores, score
+from pliant.evaluator.report.report import render_report
 from pliant.spec.errors import PliantError, SubmissionError
 
 
@@ -27,7 +28,7 @@ def main(arguments: Sequence[str]) -> int:
     try:
         submission = find_submission(given / "res")
         scores = score(submission, given / "ref")
-        page = details_page(scores)
+        page = render_report(scores)  # of rounded scores: nothing that tells single answers
     except PliantError as error:
         if isinstance(error, SubmissionError):
             sys.stdout.writelines(f"{issue}\n" for issue in error.issues)

@@ -9,7 +9,6 @@ from typing import Any, Final
 
 from pliant.evaluator.evaluate import evaluate
 from pliant.evaluator.hidden_truth import public_scores
-from pliant.evaluator.report.report import render_report
 from pliant.evaluator.scores import Scores
 from pliant.spec.io.jsonfiles import read_json
 
@@ -56,8 +55,3 @@ def flat_scores(document: Mapping[str, Any]) -> dict[str, float]:
         for metric, value in values.items()
         if value is not None
     }
-
-
-def details_page(scores: Scores) -> str:
-    """Return the report page of scores: no pictures, nothing that tells single answers."""
-    return render_report(scores)

@@ -80,6 +80,7 @@ class Surfaces:
         self._reach_px = reach_px
         self._points: dict[str, FloatArray] = {}
         self.frame = functools.lru_cache(_CACHED_FRAMES)(self._read)
+        self._step_m = functools.cache(self._typical_step_m)
         self.facts = functools.lru_cache(1)(self._look_up_block)
 
     def queried(self, tier: str) -> MaterialObject:
@@ -98,6 +99,11 @@ class Surfaces:
         surface = sequence.surface(frame)
         queried = sequence.described.queried_object
         return ObjectSurface(surface.object_id == queried, surface.m0, surface.m1)
+
+    def _typical_step_m(self, name: str, frame: int) -> float:
+        surface = self.frame(name, frame)
+        tier = self._dataset.sequence(name).tier
+        return 0.0 if surface is None else typical_step_m(surface, self.queried(tier))
 
     def point_material(self, sequence: str) -> FloatArray | None:
         """Return the material coordinates of a tier's points, float64 (points, 2), or None."""
@@ -125,8 +131,10 @@ class Surfaces:
             rows = np.arange(block.starts[index], block.starts[index + 1])
             rows = rows[block.counted[rows]]
             if surface is not None and material is not None and len(rows):
-                tier = queries.tiers[queries.tier[pair]]
-                self._look_up(block, rows, surface, material, self.queried(tier), facts)
+                queried = self.queried(queries.tiers[queries.tier[pair]])
+                self._look_up(block, rows, surface, material, queried, facts)
+                if block.point is not None:
+                    facts.pixel_m[rows] = self._step_m(sequence, int(queries.frame_b[pair]))
         return facts
 
     def _look_up(
@@ -161,7 +169,6 @@ class Surfaces:
         under = surface.material(row[found], column[found])
         facts.geodesic_m[answered[found]] = queried.distance_m(under, material[points[found]])
         facts.steps_m[answered[found]] = queried.steps_m(under - material[points[found]])
-        facts.pixel_m[rows] = typical_step_m(surface, queried)
         off = np.flatnonzero(~found)
         if not self._reach_px or not len(off):
             return

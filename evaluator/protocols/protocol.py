@@ -1,14 +1,15 @@
-"""Protocols: frozen, named JSON files that say what is counted and how."""
+"""Protocols: frozen, named JSON files that say which metrics are counted and how."""
 
 from __future__ import annotations
 
 import functools
 import hashlib
+import importlib
 import json
 from importlib import resources
 from typing import Annotated, Any, Final, Literal
 
-from pliant.evaluator.metrics.families import metric_class
+from pliant.evaluator.metrics.base import Metric
 from pliant.evaluator.statistics.bootstrap import Bootstrap
 from pliant.evaluator.statistics.ratios import Figure, Ratio
 from pliant.spec.configuration import configuration, settings_from, settings_to_dict
@@ -121,3 +122,26 @@ def read_protocol(name: str) -> Protocol:
     if name not in PROTOCOL_NAMES:
         raise CallError("no such protocol", found=repr(name), required=", ".join(PROTOCOL_NAMES))
     return parse_protocol((_FOLDER / f"{name}.json").read_bytes())
+
+
+@functools.cache
+def metric_class(family: str) -> type[Metric[Any]]:
+    """Return the class of a family of metrics.
+
+    Args:
+        family: Name of a module in `evaluator/metrics/`, whose class has the same name in title
+            case; or `module:Class` for a class elsewhere.
+
+    Raises:
+        CallError: The class is unknown.
+    """
+    module, _, name = family.partition(":")
+    if not name:
+        module, name = f"pliant.evaluator.metrics.{family}", family.title()
+    try:
+        found: type[Metric[Any]] = getattr(importlib.import_module(module), name)
+    except (ModuleNotFoundError, AttributeError) as error:
+        raise CallError(
+            "no such family of metrics", found=repr(family), required=f"class {name} in {module}"
+        ) from error
+    return found

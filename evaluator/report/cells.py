@@ -1,14 +1,15 @@
-"""Headings and cells of score tables, the same in reports, leaderboards, cards and commands."""
+"""Headings, cells and bars of score tables, alike in reports, leaderboards, cards, commands."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
 from pliant.evaluator.metrics.base import OVERALL
-from pliant.evaluator.metrics.causes import Causes, CausesSettings
+from pliant.evaluator.metrics.causes import CAUSES, Causes, CausesSettings
 from pliant.evaluator.protocols.protocol import read_protocol
+from pliant.evaluator.scores import Scores
 from pliant.evaluator.statistics.ratios import Figure
 
 _ARROWS: Final = {"lower": "\u00a0↓", "higher": "\u00a0↑"}
@@ -119,3 +120,24 @@ def _match_coverage(document: Mapping[str, Any], values: Mapping[str, Any], metr
     if document["submission"]["kind"] != "matches" or metric == "match_coverage" or share is None:
         return ""
     return f"of {share * 100:.1f} % of the pairs"
+
+
+def cause_bars(
+    reports: Sequence[Scores], names: Sequence[str], group: str = OVERALL
+) -> dict[str, Any]:
+    """Return what the template `cause_table.html.j2` shows: the shares of each method's error.
+
+    Args:
+        reports: The reports; those without causes are left out.
+        names: The methods' names.
+        group: `overall` or a tier.
+    """
+    rows = []
+    for name, report in zip(names, reports, strict=True):
+        if "causes" in report.document:
+            every = report.document["causes"]
+            found = every[OVERALL] if group == OVERALL else every["tiers"][group]
+            shares = [found[cause.name]["squared_error_share"] or 0 for cause in CAUSES]
+            rows.append((name, [(index, share) for index, share in enumerate(shares) if share]))
+    shown = {index for _, shares in rows for index, share in shares if share >= 0.005}
+    return {"causes": CAUSES, "cause_rows": rows, "shown_causes": shown}

@@ -9,8 +9,7 @@ import numpy as np
 
 from pliant.evaluator.controls import CONTROLS
 from pliant.evaluator.metrics.base import OVERALL
-from pliant.evaluator.report.cause_bars import cause_bars
-from pliant.evaluator.report.cells import heading, score_cell
+from pliant.evaluator.report.cells import cause_bars, heading, score_cell
 from pliant.evaluator.report.leaderboard import error_curves
 from pliant.evaluator.report.pages import render_page
 from pliant.evaluator.report.verdict import board_verdict, joined

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
 
 from pliant.evaluator.controls import CONTROLS
 from pliant.evaluator.hidden_truth import public_scores
 from pliant.evaluator.metrics.base import OVERALL
-from pliant.evaluator.report.cause_bars import cause_bars
-from pliant.evaluator.report.cells import heading, score_cell
-from pliant.evaluator.report.method_facts import fact_table
+from pliant.evaluator.report.cells import cause_bars, heading, score_cell
 from pliant.evaluator.report.pages import render_page
 from pliant.evaluator.report.plots import cdf_svg, interval_svg
 from pliant.evaluator.report.verdict import board_verdict
@@ -26,6 +27,18 @@ from pliant.evaluator.statistics.comparison import (
 )
 from pliant.evaluator.statistics.sign_flips import fewest_sequences
 from pliant.spec.errors import CallError
+
+_LONGEST: Final = 60
+_WEB: Final = re.compile(r"https?://[^\s<>\"']+")
+FACTS: Final = {
+    "seconds_per_pair": "Answering, s per pair",
+    "training_hours": "Training, h",
+    "date": "Date",
+    "author": "Author",
+    "link": "Link",
+    "code": "Code",
+}
+"""Field of a footer's `method`, which is free besides `name` -> heading."""
 
 
 def find_reports(places: Sequence[Path]) -> list[Path]:
@@ -170,3 +183,45 @@ def error_curves(reports: Sequence[Scores], names: Sequence[str]) -> list[str]:
         if series:
             result.append(cdf_svg(series, title=f"{tier}: share of answers within"))
     return result
+
+
+@dataclass(frozen=True)
+class Fact:
+    """One cell of what a submission's footer says about its method.
+
+    Attributes:
+        text: What it shows; empty where the footer has nothing fit.
+        key: What it is sorted by.
+        href: A web address it links to, or empty.
+    """
+
+    text: str
+    key: str
+    href: str = ""
+
+
+def fact_table(methods: Sequence[Mapping[str, Any]]) -> tuple[list[str], list[list[Fact]]]:
+    """Return the headings that any method has a fact for, and a row of facts for each method.
+
+    Args:
+        methods: `method` of each footer.
+    """
+    found = {field: [_fact(field, method.get(field)) for method in methods] for field in FACTS}
+    shown = [field for field, facts in found.items() if any(fact.text for fact in facts)]
+    rows = [[found[field][index] for field in shown] for index in range(len(methods))]
+    return [FACTS[field] for field in shown], rows
+
+
+def _fact(field: str, value: Any) -> Fact:
+    if field in ("seconds_per_pair", "training_hours"):
+        if isinstance(value, bool) or not isinstance(value, int | float) or not value >= 0:
+            return Fact("", "")
+        return Fact(f"{value:.3g}", repr(float(value)))
+    if not isinstance(value, str) or not value.strip():
+        return Fact("", "")
+    text = " ".join(value.split())
+    if field in ("link", "code"):
+        if not _WEB.fullmatch(text):  # never another scheme, such as javascript:
+            return Fact("", "")
+        return Fact(re.sub(r"^https?://(www\.)?", "", text)[:_LONGEST], text, text)
+    return Fact(text[:_LONGEST], text)

@@ -16,10 +16,11 @@ from pliant.evaluator.arrays import BoolArray, FloatArray, IntArray, RealArray, 
 from pliant.evaluator.metrics.errors import squared_error_px2, sum_by_pair
 from pliant.evaluator.submission.answers import Answers
 from pliant.evaluator.submission.queries import Queries
-from pliant.evaluator.submission.stream import ColumnStream, codes, numbers
+from pliant.evaluator.submission.stream import ColumnStream, numbers
 from pliant.spec.conventions import VISIBILITY_STATES
 from pliant.spec.errors import SpecError
 from pliant.spec.io.parquet import footer_of, open_table
+from pliant.spec.io.parquet_columns import codes
 
 BLOCK_ROWS: Final = 1 << 18
 """A block takes whole pairs up to about so many queries."""
@@ -230,13 +231,7 @@ def check_truth(truth: Path, dataset_id: str, dataset_version: str, split: str, 
             path=truth,
             fix="Give its file with --truth; a published dataset leaves the held-out truth out.",
         )
-    footer = footer_of(open_table(truth), truth)
-    found = {
-        "table": footer.get("table"),
-        "dataset": footer.get("dataset"),
-        "split": footer.get("split"),
-        "queries_sha256": footer.get("queries_sha256"),
-    }
+    found = footer_of(open_table(truth), truth)
     required = {
         "table": "truth",
         "dataset": {"id": dataset_id, "version": dataset_version},
@@ -244,8 +239,8 @@ def check_truth(truth: Path, dataset_id: str, dataset_version: str, split: str, 
         "queries_sha256": sha,
     }
     for field, value in required.items():
-        if found[field] != value:
-            raise _foreign_truth(truth, f"{field} {found[field]!r:.120}", f"{field} {value!r}")
+        if found.get(field) != value:
+            raise _foreign_truth(truth, f"{field} {found.get(field)!r:.120}", f"{field} {value!r}")
 
 
 def _foreign_truth(truth: Path, found: str, required: str) -> SpecError:

@@ -1,6 +1,7 @@
 """Opens, checks and reads a submission, the same way for a check and for its scores.
 
-Answers that are arrays in memory are checked like the rows of a file.
+Answers that are arrays in memory are checked like the rows of a file. `check` lists what is wrong
+without scoring.
 """
 
 from __future__ import annotations
@@ -17,12 +18,13 @@ import pyarrow.compute as pc
 
 from pliant.evaluator.arrays import RealArray
 from pliant.evaluator.submission.answers import Answers, Scratch, read_answers
+from pliant.evaluator.submission.hints import hints_without_truth
 from pliant.evaluator.submission.matches import Matches, read_matches
 from pliant.evaluator.submission.problems import Problems
 from pliant.evaluator.submission.queries import Queries, read_queries
 from pliant.evaluator.submission.submission_file import Submission, check_columns, open_submission
 from pliant.spec.dataset import Dataset
-from pliant.spec.errors import CallError
+from pliant.spec.errors import CallError, Issue
 
 Given: TypeAlias = "pa.Table | Mapping[str, Any] | RealArray"
 """Answers in memory: a table, columns by name, or the positions alone."""
@@ -174,3 +176,39 @@ def _sha256(table: pa.Table) -> str:
     with pa.ipc.new_stream(sink, table.schema) as writer:
         writer.write_table(table.combine_chunks())
     return hashlib.sha256(sink.getvalue()).hexdigest()
+
+
+def check(
+    submission: Path | str,
+    data: Dataset | Path | str,
+    truth: Path | str | None = None,
+    *,
+    allow_missing: bool = False,
+) -> list[Issue]:
+    """Return every problem of a submission; an empty list means that it can be scored.
+
+    Reading, checking and placing rows is the same code that `evaluate` runs.
+
+    Args:
+        submission: The submission's file.
+        data: The dataset, or its folder; its queries suffice.
+        truth: Not needed for a check; accepted so that calls look alike.
+        allow_missing: Whether a query without an answer is not a problem.
+
+    Raises:
+        SpecError: The dataset is at fault, not the submission.
+    """
+    return inspect(submission, data, allow_missing=allow_missing).issues()
+
+
+def inspect(
+    submission: Path | str, data: Dataset | Path | str, *, allow_missing: bool = False
+) -> Problems:
+    """Return a submission's problems with their true totals, and hints; arguments as `check`."""
+    dataset = data if isinstance(data, Dataset) else Dataset.open(data)
+    problems = Problems(submission)
+    path = Path(submission)
+    loaded = load(path, dataset, problems, Scratch(), allow_missing=allow_missing)
+    if loaded is not None and isinstance(loaded.answers, Answers):
+        problems.hints = hints_without_truth(loaded.answers, loaded.queries)
+    return problems

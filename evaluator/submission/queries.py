@@ -11,9 +11,10 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from pliant.evaluator.arrays import BoolArray, IntArray
-from pliant.evaluator.submission.stream import ColumnStream, codes, numbers
+from pliant.evaluator.submission.stream import ColumnStream, numbers
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import SpecError
+from pliant.spec.io.parquet_columns import codes
 from pliant.spec.storage import layout
 
 _BLOCK_ROWS: Final = 1 << 18

@@ -9,10 +9,10 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from pliant.spec.io.parquet import open_table
+from pliant.spec.io.parquet_footer import unreadable
 from pliant.spec.io.reading import FileRefusedError
 
 BATCH_ROWS: Final = 1 << 17
@@ -69,9 +69,9 @@ class ColumnStream:
                 self._pending.append(batch)
                 self._pending_rows += batch.num_rows
         except StopIteration:
-            raise self._unreadable("fewer rows than its footer announces") from None
+            raise unreadable(self._path, "fewer rows than its footer announces") from None
         except (pa.ArrowException, OSError, ValueError, TypeError) as error:
-            raise self._unreadable(error) from error
+            raise unreadable(self._path, error) from error
         taken: list[pa.RecordBatch] = []
         left = rows
         while left:
@@ -92,12 +92,6 @@ class ColumnStream:
                 )
         return table
 
-    def _unreadable(self, reason: object) -> FileRefusedError:
-        text = " ".join(str(reason).split())[:300]
-        return FileRefusedError(
-            "FILE_UNREADABLE", "the Parquet file cannot be decoded", path=self._path, found=text
-        )
-
 
 def numbers(column: pa.ChunkedArray, dtype: npt.DTypeLike) -> npt.NDArray[Any]:
     """Return a numeric column without nulls as one array of `dtype`."""
@@ -107,20 +101,3 @@ def numbers(column: pa.ChunkedArray, dtype: npt.DTypeLike) -> npt.NDArray[Any]:
         result[start : start + len(chunk)] = chunk.to_numpy(zero_copy_only=False)
         start += len(chunk)
     return result
-
-
-def codes(column: pa.ChunkedArray | pa.Array, known: Sequence[str]) -> npt.NDArray[np.int32]:
-    """Return the position of each text of a column in a list, int32 (N,); -1 where it is not there.
-
-    Args:
-        column: Texts, plain or as dictionaries, without nulls.
-        known: The list, without repetitions.
-    """
-    found: npt.NDArray[np.int32] = np.empty(len(column), np.int32)
-    start = 0
-    for chunk in column.chunks if isinstance(column, pa.ChunkedArray) else [column]:
-        encoded = chunk if pa.types.is_dictionary(chunk.type) else chunk.dictionary_encode()
-        place = pc.fill_null(pc.index_in(encoded.dictionary, pa.array(known, pa.string())), -1)
-        found[start : start + len(chunk)] = place.take(encoded.indices).to_numpy(False)
-        start += len(chunk)
-    return found

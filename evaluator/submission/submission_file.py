@@ -16,11 +16,10 @@ from pliant.evaluator.submission.file_kinds import kind_of_file
 from pliant.evaluator.submission.problems import Problems
 from pliant.spec.conventions import SPEC_VERSION
 from pliant.spec.dataset import Dataset, check_version
-from pliant.spec.io.checksums import sha256_file
 from pliant.spec.io.jsonfiles import schema_errors
 from pliant.spec.io.parquet import footer_of, open_table
 from pliant.spec.io.parquet_footer import ColumnChunk, read_column_chunks
-from pliant.spec.io.reading import FileRefusedError
+from pliant.spec.io.reading import FileRefusedError, sha256_file
 from pliant.spec.text import escape, unsafe_character
 from pliant.spec.validation.findings import reason
 

@@ -18,7 +18,7 @@ from pliant.evaluator.metrics import (
     symmetry,
     tapvid,
 )
-from pliant.evaluator.statistics.quantiles import exact_quantiles
+from pliant.evaluator.metrics.errors import exact_quantiles
 from pliant.spec.model import MaterialCoordinate, MaterialObject
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from pliant.evaluator import PROTOCOL_NAMES, evaluate, read_protocol
-from pliant.evaluator.metrics.families import metric_class
+from pliant.evaluator.protocols.protocol import metric_class
 from pliant.evaluator.scores import scores_schema
 from pliant.spec.errors import CallError, SpecError, SubmissionError
 from tests.evaluator.figures import figure
