@@ -41,6 +41,7 @@ class DescriptorMatcher:
         images: How the function receives images.
         grid: (stride, first), px of the image that the function receives: column j of the map is
             centred at first + j stride. None: cells cover the image, whatever the stride.
+        facts: JSON-able facts of the method.
     """
 
     def __init__(
@@ -49,16 +50,18 @@ class DescriptorMatcher:
         name: str,
         images: Images,
         grid: tuple[float, float] | None = None,
+        facts: Mapping[str, Any] | None = None,
     ) -> None:
         self.name = name
         self.calibration = Calibration()
+        self._facts = facts or {}
         self._function, self._images, self._grid = function, images, grid
         self._maps: LRUCache[npt.NDArray[np.float32]] = LRUCache(_FRAMES)
 
     def describe(self) -> Mapping[str, Any]:
         """Return the facts for the submission's footer."""
         how = "dense descriptors, nearest by cosine, refined bilinearly"
-        return {"implementation": how, "calibration": asdict(self.calibration)}
+        return {"implementation": how, "calibration": asdict(self.calibration), **self._facts}
 
     def answer(self, source: View, target: View, uv_a_px: npt.NDArray[np.float32]) -> Answers:
         """Answer query pixels, with a density; see `Matcher.answer`."""

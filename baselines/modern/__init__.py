@@ -12,11 +12,9 @@ from pliant.baselines.modern.dift import Dift
 from pliant.baselines.modern.dino import Dino
 from pliant.baselines.modern.keypoints import KeypointMatching
 from pliant.baselines.modern.mast3r import Mast3r
-from pliant.baselines.modern.ptlflow import PtlFlow
-from pliant.baselines.modern.raft import Raft
+from pliant.baselines.modern.optical_flow import PtlFlow, Raft
 from pliant.baselines.modern.roma import Roma, RomaV2
-from pliant.baselines.modern.tapir import Tapir
-from pliant.baselines.modern.tapnext import TapNext
+from pliant.baselines.modern.tapnet import Tapir, TapNext
 
 Network = type[
     KeypointMatching | Dino | Dift | Raft | PtlFlow | Roma | RomaV2 | Mast3r | CoTracker | Tapir

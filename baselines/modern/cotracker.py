@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any, Final
 
 import numpy as np
@@ -38,13 +37,8 @@ class CoTracker(TrackerMatcher):
         )
         self._model.model.load_state_dict(state_dict(weights, device))
         self._model = self._model.to(device).eval()
-        self._facts = {"weights": weights}
         images = Images(device=device, coordinates="index")
-        super().__init__(self._tracks, "cotracker", images, window, batch)
-
-    def describe(self) -> Mapping[str, Any]:
-        """Return the facts for the submission's footer."""
-        return {**super().describe(), **self._facts}
+        super().__init__(self._tracks, "cotracker", images, window, batch, {"weights": weights})
 
     def _tracks(self, frames: Any, points: npt.NDArray[np.float32]) -> tuple[Any, Any]:
         queries = np.concatenate([np.zeros_like(points[:, :1]), points], axis=1)  # (t, x, y)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import partial
 from typing import Any, Final
 
@@ -66,15 +66,12 @@ class Dift(DescriptorMatcher):
         self._unet.up_blocks[block].register_forward_hook(
             lambda block, given, features: self._kept.update(features=features)
         )
-        self._facts = {
+        facts = {
             "weights": weights, "timestep": timestep, "block": block, "ensemble": ensemble,
             "prompt": prompt, "seed": seed, "version": diffusers.__version__,
         }  # fmt: skip
-        super().__init__(self._features, "dift", images_for(device, size, _MULTIPLE))
-
-    def describe(self) -> Mapping[str, Any]:
-        """Return the facts for the submission's footer."""
-        return {**super().describe(), **self._facts}
+        images = images_for(device, size, _MULTIPLE)
+        super().__init__(self._features, "dift", images, facts=facts)
 
     def _features(self, image: Any) -> Any:
         """Return the features, (D, h, w), of an image (1, 3, H, W), 0 to 1."""

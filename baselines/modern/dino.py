@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -44,17 +44,14 @@ class Dino(DescriptorMatcher):
                 required="a vision transformer, such as facebook/dinov2-base",
             )
         self._patch, self._layer = config.patch_size, layer
-        self._facts = {
+        facts = {
             "model": type(self._model).__name__,
             "version": transformers.__version__,
             "weights": weights,
             "layer": layer,
         }
-        super().__init__(self._features, "dino", images_for(device, size, self._patch))
-
-    def describe(self) -> Mapping[str, Any]:
-        """Return the facts for the submission's footer."""
-        return {**super().describe(), **self._facts}
+        images = images_for(device, size, self._patch)
+        super().__init__(self._features, "dino", images, facts=facts)
 
     def _features(self, image: Any) -> Any:
         """Return the patch features, (h, w, D), of an image (1, 3, H, W), 0 to 1."""

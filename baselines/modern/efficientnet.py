@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Mapping
 from functools import cached_property
 from importlib.util import find_spec
 from typing import Any, Final
@@ -30,12 +29,9 @@ class ImageNetFeatures(DescriptorMatcher):
     def __init__(self) -> None:
         if not all(find_spec(name) for name in ("torch", _NETWORK, _WEIGHTS)):
             raise MissingExtraError("imagenet", "imagenet")
-        super().__init__(self._features, "imagenet", images_for("cpu", None, STRIDE_PX))
-
-    def describe(self) -> Mapping[str, Any]:
-        """Return the facts for the submission's footer."""
         facts = {"model": "efficientnet-lite0", "blocks": BLOCKS, "stride_px": STRIDE_PX}
-        return {**super().describe(), **facts}
+        images = images_for("cpu", None, STRIDE_PX)
+        super().__init__(self._features, "imagenet", images, facts=facts)
 
     @cached_property
     def _network(self) -> Any:

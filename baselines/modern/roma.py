@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any, Final
 
@@ -44,12 +44,8 @@ class Roma(DenseMatcher):
         precision = torch.float16 if device.startswith("cuda") else torch.float32
         self._model = make(device, weights=given[0], dinov2_weights=given[1], amp_dtype=precision)
         self._device = device
-        self._facts = {"weights": weights, "backbone": backbone, "indoor": indoor}
-        super().__init__(self._warp, "roma", Images(coordinates="normalised"), "warp")
-
-    def describe(self) -> Mapping[str, Any]:
-        """Return the facts for the submission's footer."""
-        return {**super().describe(), **self._facts}
+        facts = {"weights": weights, "backbone": backbone, "indoor": indoor}
+        super().__init__(self._warp, "roma", Images(coordinates="normalised"), "warp", facts)
 
     def _warp(self, source: Any, target: Any) -> tuple[Any, Any]:
         """Return the target position of each source pixel, -1 to 1, and the certainty."""
@@ -81,12 +77,8 @@ class RomaV2(DenseMatcher):
             raise CallError(
                 "there is no such setting", found=setting, required="turbo, fast, base or precise"
             ) from error
-        self._facts = {"weights": weights, "setting": setting}
-        super().__init__(self._warp, "roma-v2", Images(coordinates="normalised"), "warp")
-
-    def describe(self) -> Mapping[str, Any]:
-        """Return the facts for the submission's footer."""
-        return {**super().describe(), **self._facts}
+        facts = {"weights": weights, "setting": setting}
+        super().__init__(self._warp, "roma-v2", Images(coordinates="normalised"), "warp", facts)
 
     def _warp(self, source: Any, target: Any) -> tuple[Any, Any]:
         """Return the target position of each source pixel, -1 to 1, and how surely it is there."""

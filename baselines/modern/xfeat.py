@@ -6,7 +6,6 @@ Pliant does, so it is installed without its dependencies; `kornia` has the layer
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import cached_property
 from importlib.util import find_spec
 from typing import Any, Final
@@ -41,11 +40,9 @@ class XFeatDescriptors(DescriptorMatcher):
     def __init__(self, device: str = "cpu") -> None:
         _require("xfeat", "torch", _PACKAGE)
         self._device = device
-        super().__init__(self._features, "xfeat", Images(multiple=_MULTIPLE, device=device))
-
-    def describe(self) -> Mapping[str, Any]:
-        """Return the facts for the submission's footer."""
-        return {**super().describe(), "weights": f"package {_PACKAGE}"}
+        images = Images(multiple=_MULTIPLE, device=device)
+        facts = {"weights": f"package {_PACKAGE}"}
+        super().__init__(self._features, "xfeat", images, facts=facts)
 
     @cached_property
     def _network(self) -> Any:
