@@ -28,6 +28,19 @@ def depth_in_mask(mask: Mask, reach_px: int = 16) -> FloatArray:
     return np.minimum(distance, reach_px)
 
 
+def ridge(depth_px: FloatArray, least_px: float) -> Mask:
+    """Return the pixels that are as deep as any of the 5x5 around them: the middle of a strand.
+
+    Args:
+        depth_px: float64 (H, W), from `depth_in_mask`.
+        least_px: They are deeper than this.
+
+    Returns:
+        bool (H, W).
+    """
+    return np.asarray((depth_px >= ndimage.maximum_filter(depth_px, 5)) & (depth_px > least_px))
+
+
 def steps_along(mask: Mask, start: tuple[int, int]) -> npt.NDArray[np.int64]:
     """Return how many steps inside the mask (eight neighbours) lead from a pixel to each other one.
 

@@ -12,6 +12,7 @@ from pliant.baselines.lru_cache import LRUCache
 from pliant.baselines.matcher import Answers, View
 from pliant.baselines.pixels import central_position
 from pliant.baselines.tracing.hypotheses import Trace, rope_traces
+from pliant.baselines.tracing.rectification import Rectified, rectified
 from pliant.baselines.tracing.transfer import best_pairs, transferred
 
 _KEPT_TRACES: Final = 128
@@ -21,13 +22,14 @@ class RopeTracer:
     """Follows the rope through both masks, and answers at the same arc length and side.
 
     It starts at the ball, or without a ball at both ends and keeps the better reading. It looks at
-    masks alone, so materials and light do not matter; at crossings it goes wrong most often.
+    masks alone, so materials and light do not matter; at crossings it goes wrong most often. A rope
+    seen at a slant is traced in the view from straight above (`rectification.py`).
     """
 
     name = "rope-tracer"
 
     def __init__(self) -> None:
-        self._traces: LRUCache[list[Trace]] = LRUCache(_KEPT_TRACES)
+        self._traces: LRUCache[tuple[Rectified, list[Trace]]] = LRUCache(_KEPT_TRACES)
 
     def describe(self) -> Mapping[str, Any]:
         """Return the method's name."""
@@ -38,16 +40,19 @@ class RopeTracer:
 
         Where either mask is missing or shows no rope, the answer is the middle of the target.
         """
-        in_source, in_target = self._of(source), self._of(target)
+        (above_a, in_source), (above_b, in_target) = self._of(source), self._of(target)
         if not in_source or not in_target:
             return Answers(np.repeat(central_position(target)[None], len(uv_a_px), axis=0))
         _, a, b = best_pairs(in_source, in_target, lambda a, b: 0.0, 1)[0]
-        found = transferred(in_source[a], in_target[b], uv_a_px)
-        size = np.array(target.rgb.shape[1::-1])
-        return Answers(found.clip(0, size).astype(np.float32))
+        found = transferred(in_source[a], in_target[b], above_a.forward(uv_a_px))
+        answers = above_b.back(Answers(found.astype(np.float32)))
+        size = np.array(target.rgb.shape[1::-1], dtype=np.float32)
+        return Answers(answers.uv_px.clip(0, size))
 
-    def _of(self, view: View) -> list[Trace]:
-        mask = view.mask
-        if mask is None:
-            return []
-        return self._traces.get(view.key, lambda: rope_traces(mask, view.objects))
+    def _of(self, view: View) -> tuple[Rectified, list[Trace]]:
+        def traced() -> tuple[Rectified, list[Trace]]:
+            above = rectified(view)
+            mask = above.view.mask
+            return above, [] if mask is None else rope_traces(mask, above.view.objects)
+
+        return self._traces.get(view.key, traced)

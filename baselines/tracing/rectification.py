@@ -1,0 +1,203 @@
+"""A rope seen at a slant, brought to a view from straight above.
+
+A rope is equally thick everywhere, so its apparent width is inversely proportional to its distance
+from the camera. On a table, 1 / distance is linear in the image: with a camera that is not rolled
+and whose optical axis is `t` off the table's normal,
+
+    width(v) ~ 1 + tan(t) (v - c_v) / f.
+
+The widths along a mask's ridge therefore tell t, and with it the homography K R K^-1 (Hartley and
+Zisserman, Multiple View Geometry, 8.4) to the image that a camera straight above would take. There,
+arc lengths in pixels are in proportion to those of the rope.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+from PIL import Image
+
+from pliant.baselines.matcher import Answers, View
+from pliant.baselines.tracing.depth_in_mask import FloatArray, Mask, depth_in_mask, ridge
+
+_FOCAL_WIDTHS: Final = 1.07
+"""Assumed focal length in image widths: a horizontal field of view of 50 degrees."""
+
+_LEAST_TILT: Final = 0.36  # tangent of 20 degrees: below it, tracing does not suffer
+_LARGEST_TILT: Final = 1.2
+_LEAST_SIGNIFICANCE: Final = 3.0
+_LEAST_RIDGE: Final = 40
+_USUAL: Final = (0.6, 1.35)  # of the median width; what is wider are strands side by side
+_RESIDUAL_PX: Final = 0.6
+_ROUNDS: Final = 15
+_FILL: Final = 0.86  # of the frame, at most
+
+
+@dataclass(frozen=True)
+class Rectified:
+    """A view from straight above, or the view itself where it is one already.
+
+    Attributes:
+        view: The view.
+        homography: float64 (3, 3), from positions of the original to positions of `view`; None
+            where they are equal.
+    """
+
+    view: View
+    homography: FloatArray | None = None
+
+    def forward(self, uv_px: npt.NDArray[np.floating[Any]]) -> npt.NDArray[np.float32]:
+        """Return positions of the original in `view`, float32 (N, 2)."""
+        if self.homography is None:
+            return uv_px.astype(np.float32)
+        return _mapped(self.homography, uv_px).astype(np.float32)
+
+    def back(self, answers: Answers) -> Answers:
+        """Return answers in the original, of answers in `view`; widths scale with the map."""
+        if self.homography is None:
+            return answers
+        inverse = np.linalg.inv(self.homography)
+        sigma, modes = answers.sigma_px, answers.modes
+        if sigma is not None:
+            sigma = (sigma * _magnification(inverse, answers.uv_px)).astype(np.float32)
+        if modes is not None:
+            modes = [_mapped_modes(inverse, rows) for rows in modes]
+        return replace(
+            answers,
+            uv_px=_mapped(inverse, answers.uv_px).astype(np.float32),
+            sigma_px=sigma,
+            modes=modes,
+        )
+
+
+def rectified(view: View) -> Rectified:
+    """Return the view that a camera straight above the table would have of a rope.
+
+    Args:
+        view: The view. Without a mask, with too little of a rope or from almost straight above it
+            stays as it is.
+    """
+    if view.mask is None or (tilt := camera_tilt(view.mask)) is None:
+        return Rectified(view)
+    shown = view.mask if view.objects is None else view.objects
+    homography = _fitted(_from_above(tilt, view.rgb.shape[1::-1]), shown)
+    return Rectified(_warped(view, homography), homography)
+
+
+def camera_tilt(mask: Mask) -> float | None:
+    """Return the tangent of the angle between the optical axis and the table's normal.
+
+    Args:
+        mask: bool (H, W), the rope.
+
+    Returns:
+        0.36 to 1.2, positive where the lower part of the image is nearer; None where the widths
+        show no such tilt.
+    """
+    height, width = mask.shape
+    half_px = depth_in_mask(mask, width)
+    middle = ridge(half_px, 1.5)
+    if middle.sum() < _LEAST_RIDGE:
+        return None
+    rows = np.nonzero(middle)[0] + 0.5
+    widths = half_px[middle]
+    relative = widths / np.median(widths)
+    usual = (relative > _USUAL[0]) & (relative < _USUAL[1])
+    place = (rows[usual] - height / 2) / (_FOCAL_WIDTHS * width)
+    slope, error = _robust_slope(place, widths[usual])
+    if slope < max(_LEAST_TILT, _LEAST_SIGNIFICANCE * error):
+        return None
+    return min(slope, _LARGEST_TILT)
+
+
+def _robust_slope(x: FloatArray, y: FloatArray) -> tuple[float, float]:
+    """Return b / a of y = a + b x with Cauchy's weights, and its standard error."""
+    design = np.stack([np.ones_like(x), x], axis=1)
+    root = np.ones_like(x)
+    solution = np.zeros(2)
+    deviation = _RESIDUAL_PX
+    for _ in range(_ROUNDS):
+        solution = np.linalg.lstsq(design * root[:, None], y * root, rcond=None)[0]
+        residual = np.abs(y - design @ solution)
+        deviation = max(1.48 * float(np.median(residual)), _RESIDUAL_PX)
+        root = 1 / np.hypot(1, residual / (2 * deviation))
+    weighed = design * root[:, None]
+    covariance = np.linalg.inv(weighed.T @ weighed) * deviation**2
+    return float(solution[1] / solution[0]), float(np.sqrt(covariance[1, 1]) / solution[0])
+
+
+def _from_above(tilt: float, size: tuple[int, ...]) -> FloatArray:
+    """Return K R K^-1 of the rotation that turns the table's normal into the optical axis."""
+    width, height = size
+    focal = _FOCAL_WIDTHS * width
+    camera = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]])
+    angle = np.arctan(tilt)
+    cosine, sine = np.cos(angle), np.sin(angle)
+    rotation = np.array([[1, 0, 0], [0, cosine, -sine], [0, sine, cosine]])
+    return np.asarray(camera @ rotation @ np.linalg.inv(camera))
+
+
+def _fitted(homography: FloatArray, shown: Mask) -> FloatArray:
+    """Return the homography with what is shown in the middle of the frame, magnified by about 1."""
+    places = np.argwhere(shown)[:, ::-1] + 0.5
+    mapped = _mapped(homography, places)
+    low, high = mapped.min(axis=0), mapped.max(axis=0)
+    size = np.array(shown.shape[::-1])
+    usual = 1 / float(np.median(_magnification(homography, places)))
+    scale = min(usual, float((_FILL * size / np.maximum(high - low, 1)).min()))
+    shift = size / 2 - scale * (low + high) / 2
+    return np.array([[scale, 0, shift[0]], [0, scale, shift[1]], [0, 0, 1]]) @ homography
+
+
+def _mapped(homography: FloatArray, uv_px: npt.NDArray[np.floating[Any]]) -> FloatArray:
+    """Return float64 (N, 2)."""
+    homogeneous = np.column_stack([uv_px, np.ones(len(uv_px))]) @ homography.T
+    return np.asarray(homogeneous[:, :2] / homogeneous[:, 2:])
+
+
+def _magnification(
+    homography: FloatArray, uv_px: npt.NDArray[np.floating[Any]]
+) -> npt.NDArray[np.float64]:
+    """Return the root of the homography's Jacobian determinant, float64 (N,)."""
+    weight = np.column_stack([uv_px, np.ones(len(uv_px))]) @ homography[2]
+    return np.asarray(np.sqrt(np.abs(np.linalg.det(homography) / weight**3)))
+
+
+def _mapped_modes(homography: FloatArray, rows: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    moved = rows.astype(np.float64)
+    moved[:, 2] *= _magnification(homography, rows[:, :2])
+    moved[:, :2] = _mapped(homography, rows[:, :2])
+    return moved.astype(np.float32)
+
+
+def _warped(view: View, homography: FloatArray) -> View:
+    inverse = np.linalg.inv(homography)
+    coefficients = (inverse / inverse[2, 2]).ravel()[:8].tolist()
+    size = (view.rgb.shape[1], view.rgb.shape[0])
+
+    def warp(
+        values: npt.NDArray[Any], resample: Image.Resampling, outside: float = 0.0
+    ) -> npt.NDArray[Any]:
+        picture = Image.fromarray(values)
+        perspective = Image.Transform.PERSPECTIVE
+        warped = picture.transform(
+            size, perspective, coefficients, resample, fillcolor=outside or None
+        )
+        return np.asarray(warped)
+
+    def masked(mask: Mask | None) -> Mask | None:
+        if mask is None:
+            return None
+        return warp(mask.astype(np.uint8) * 255, Image.Resampling.BILINEAR) > 127
+
+    depth_m = view.depth_m
+    return View(
+        rgb=warp(view.rgb, Image.Resampling.BILINEAR),
+        mask=masked(view.mask),
+        depth_m=None if depth_m is None else warp(depth_m, Image.Resampling.NEAREST, np.inf),
+        key=f"{view.key}/rectified" if view.key else "",
+        objects=masked(view.objects),
+    )

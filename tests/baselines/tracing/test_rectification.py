@@ -1,0 +1,134 @@
+"""A rope seen at a slant: the camera's tilt from the mask, and the view from straight above."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from pliant.baselines.matcher import Answers, View
+from pliant.baselines.tracing import RopeTracer, rectified
+from pliant.baselines.tracing.rectification import camera_tilt
+
+WIDTH, HEIGHT, FOCAL = 640, 480, 686.0
+RADIUS_M = 0.011
+
+Floats = npt.NDArray[np.float64]
+
+
+def winding_rope(count: int = 1500) -> Floats:
+    """Return the centre line of a rope on the table, float64 (count, 3), metres."""
+    t = np.linspace(0, 1, count)
+    return np.stack([0.22 * np.sin(7 * t + 0.4), 0.66 * t - 0.33, np.full(count, RADIUS_M)], axis=1)
+
+
+def projected(points: Floats, tilt_deg: float) -> tuple[Floats, Floats]:
+    """Return positions (N, 2), px, and depths (N,) from 1.3 m away at an angle from above."""
+    tilt = np.radians(tilt_deg)
+    right = np.array([1.0, 0.0, 0.0])
+    forward = np.array([0.0, np.sin(tilt), -np.cos(tilt)])
+    down = np.cross(forward, right)
+    in_camera = (points + 1.3 * forward) @ np.stack([right, down, forward]).T
+    uv = FOCAL * in_camera[:, :2] / in_camera[:, 2:] + [WIDTH / 2, HEIGHT / 2]
+    return uv, in_camera[:, 2]
+
+
+@functools.cache
+def drawn(tilt_deg: float) -> View:
+    """Return the view of the rope as discs of its apparent radius, with a ball at its start."""
+    uv, depth = projected(winding_rope(), tilt_deg)
+    columns, rows = np.meshgrid(np.arange(WIDTH) + 0.5, np.arange(HEIGHT) + 0.5)
+
+    def disc(centre: Floats, radius: float) -> npt.NDArray[np.bool_]:
+        return np.asarray(np.hypot(columns - centre[0], rows - centre[1]) <= radius)
+
+    mask = np.zeros((HEIGHT, WIDTH), dtype=np.bool_)
+    for centre, z in zip(uv[::6], depth[::6], strict=True):
+        mask |= disc(centre, RADIUS_M * FOCAL / z)
+    objects = mask | disc(uv[0], 2.2 * RADIUS_M * FOCAL / depth[0])
+    mask &= ~disc(uv[0], 2.2 * RADIUS_M * FOCAL / depth[0])
+    rgb = np.where(mask[..., None], 200, 30).astype(np.uint8).repeat(3, axis=2)
+    return View(rgb, mask, key=f"tilt-{tilt_deg}", objects=objects)
+
+
+@pytest.mark.parametrize("tilt_deg", [28, 40, 48])
+def test_the_tilt_is_read_off_the_widths(tilt_deg: float) -> None:
+    mask = drawn(tilt_deg).mask
+    assert mask is not None
+    found = camera_tilt(mask)
+    assert found is not None
+    assert np.degrees(np.arctan(found)) == pytest.approx(tilt_deg, abs=6)
+
+
+@pytest.mark.parametrize("tilt_deg", [0, 6])
+def test_a_view_from_above_stays_as_it_is(tilt_deg: float) -> None:
+    view = drawn(tilt_deg)
+    seen = rectified(view)
+    assert seen.view is view
+    assert seen.homography is None
+    places = np.array([[3.25, 4.5]])
+    np.testing.assert_array_equal(seen.forward(places), places)
+
+
+def test_without_a_mask_or_a_rope_nothing_is_rectified() -> None:
+    view = drawn(40)
+    assert rectified(View(view.rgb)).homography is None
+    speck = np.zeros((HEIGHT, WIDTH), dtype=np.bool_)
+    speck[100:104, 100:104] = True
+    assert camera_tilt(speck) is None
+    assert camera_tilt(np.zeros_like(speck)) is None
+
+
+def test_distances_are_those_on_the_table_afterwards() -> None:
+    table = winding_rope()[::60]
+    uv, _ = projected(table, 45)
+
+    def spread(positions: Floats) -> float:
+        """Return the ratio of the largest to the smallest pixels per metre between neighbours."""
+        steps = np.linalg.norm(np.diff(positions, axis=0), axis=1)
+        metres = np.linalg.norm(np.diff(table, axis=0), axis=1)
+        return float((steps / metres).max() / (steps / metres).min())
+
+    seen = rectified(drawn(45))
+    assert spread(uv) > 1.5
+    assert spread(seen.forward(uv).astype(np.float64)) < 1.12
+
+
+def test_the_picture_moves_as_its_positions_do() -> None:
+    view = drawn(40)
+    seen = rectified(view)
+    assert seen.view.mask is not None
+    uv, _ = projected(winding_rope()[150:], 40)
+    column, row = seen.forward(uv).astype(int).T
+    assert seen.view.mask[row, column].mean() > 0.98
+    assert (seen.view.rgb[row, column, 0] > 100).mean() > 0.98
+    assert seen.view.key != view.key
+
+
+def test_answers_come_back_with_their_widths() -> None:
+    seen = rectified(drawn(45))
+    there = np.array([[200.0, 180.0], [400.0, 330.0]])
+    width = 1e-2
+    sigma = np.full(2, width, dtype=np.float32)
+    forward = seen.forward(there)
+    modes = [np.array([[*place, width, 1.0]], dtype=np.float32) for place in forward]
+    answers = seen.back(Answers(forward, None, sigma, modes))
+    np.testing.assert_allclose(answers.uv_px, there, atol=1e-2)
+    assert answers.sigma_px is not None
+    assert answers.modes is not None
+    # The area of a small square that comes back, from its mapped corners.
+    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    for row, place in enumerate(forward.astype(np.float64)):
+        x, y = seen.back(Answers((place + corners).astype(np.float32))).uv_px.T.astype(np.float64)
+        area = abs((x * np.roll(y, -1) - y * np.roll(x, -1)).sum()) / 2
+        assert answers.sigma_px[row] == pytest.approx(width * np.sqrt(area / 4), rel=0.02)
+        assert answers.modes[row][0, 2] == pytest.approx(answers.sigma_px[row], rel=1e-4)
+
+
+def test_the_tracer_counts_along_the_rope_at_a_slant() -> None:
+    rope = winding_rope()[200:1450:25]
+    asked, truth = projected(rope, 0)[0], projected(rope, 48)[0]
+    answers = RopeTracer().answer(drawn(0), drawn(48), asked.astype(np.float32))
+    assert np.median(np.linalg.norm(answers.uv_px - truth, axis=1)) < 6
