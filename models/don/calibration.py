@@ -135,22 +135,29 @@ def fit_sharpness(matcher: DonMatcher, pairs: Sequence[ValidationPair]) -> float
 
 
 class _Modes:
-    """The modes of every pair, found once for each way of finding them."""
+    """The modes of all pairs' N points, found once for each way of finding them.
+
+    Attributes:
+        answer: float64 (N, 2), full-size pixels.
+        truth: float64 (N, 2), full-size pixels.
+    """
 
     def __init__(self, pairs: Sequence[_Pair]) -> None:
-        self.pairs = pairs
-        self._found: dict[tuple[float, float, float], list[npt.NDArray[np.float64]]] = {}
+        self._pairs = pairs
+        self.answer = np.concatenate([pair.answer for pair in pairs])
+        self.truth = np.concatenate([pair.truth for pair in pairs])
+        self._found: dict[tuple[float, float, float], npt.NDArray[np.float64]] = {}
 
-    def of(self, calibration: Calibration) -> list[npt.NDArray[np.float64]]:
-        """Return a pair's modes each: float64 (Q, K, 4), weight 0 where a mode is not used."""
+    def of(self, calibration: Calibration) -> npt.NDArray[np.float64]:
+        """Return the points' modes, float64 (N, K, 4), weight 0 where a mode is not used."""
         key = (calibration.temperature, calibration.stray, calibration.mode_radius_px)
         if key not in self._found:
             found = []
-            for pair in self.pairs:
+            for pair in self._pairs:
                 flat = calibration.flattened(pair.log_p)
                 modes, _ = mixture_of_modes(flat, pair.uv, Widths(0.0), calibration.mode_radius_px)
                 found.append(modes.double().numpy())
-            self._found[key] = found
+            self._found[key] = np.concatenate(found)
         return self._found[key]
 
 
@@ -176,33 +183,27 @@ def _measure(
     """Return `nll` and `ece` of the mixtures, as the standard protocol defines them."""
     rules = read_protocol("standard").settings["distribution"]
     width = float(np.sqrt(scale[0] * scale[1]))
-    losses, tables = [], []
-    for pair, own in zip(modes.pairs, modes.of(calibration), strict=True):
-        used = own[..., 3] > 0
-        values = own[used] * [scale[0], scale[1], 1.0, 1.0]
-        variance = torch.from_numpy(values[:, 2] ** 2)
-        values[:, 2] = calibration.widths.of(variance).numpy() * width
-        mixtures = Mixtures(
-            row=np.nonzero(used)[0],
-            uv_px=values[:, :2],
-            sigma_px=np.maximum(values[:, 2], rules.sigma_floor_px),
-            weight=values[:, 3],
-            rows=len(pair.truth),
-        )
-        area = float(full_size[0] * full_size[1])
-        losses.append(
-            negative_log_likelihood(
-                mixtures, pair.truth, outlier_weight=rules.outlier_weight, area_px2=area
-            )
-        )
-        radius = rules.ece_radius_px
-        confidence = probability_within(mixtures, pair.answer, radius)
-        happened = endpoint_error_px(pair.answer, pair.truth) <= radius
-        tables.append(reliability_bins(confidence, happened, rules.ece_bins))
-    return {
-        "nll": float(np.mean(np.concatenate(losses))),
-        "ece": expected_calibration_error(np.sum(tables, axis=0)),
-    }
+    own = modes.of(calibration)
+    used = own[..., 3] > 0
+    values = own[used] * [scale[0], scale[1], 1.0, 1.0]
+    variance = torch.from_numpy(values[:, 2] ** 2)
+    values[:, 2] = calibration.widths.of(variance).numpy() * width
+    mixtures = Mixtures(
+        row=np.nonzero(used)[0],
+        uv_px=values[:, :2],
+        sigma_px=np.maximum(values[:, 2], rules.sigma_floor_px),
+        weight=values[:, 3],
+        rows=len(own),
+    )
+    area = float(full_size[0] * full_size[1])
+    losses = negative_log_likelihood(
+        mixtures, modes.truth, outlier_weight=rules.outlier_weight, area_px2=area
+    )
+    radius = rules.ece_radius_px
+    confidence = probability_within(mixtures, modes.answer, radius)
+    happened = endpoint_error_px(modes.answer, modes.truth) <= radius
+    bins = reliability_bins(confidence, happened, rules.ece_bins)
+    return {"nll": float(np.mean(losses)), "ece": expected_calibration_error(bins)}
 
 
 def _fit_visible(

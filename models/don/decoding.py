@@ -40,9 +40,15 @@ def decode_position(log_p: torch.Tensor, uv_px: torch.Tensor, how: Decode) -> to
         places = uv_px[index]  # (Q, k, 2)
         expected = (torch.cdist(places, places) @ weight[..., None])[..., 0]  # (Q, k)
         chosen = index.gather(1, expected.argmin(dim=1, keepdim=True))[:, 0]
-    near = (uv_px[None] - uv_px[chosen][:, None]).square().sum(dim=-1) <= REFINE_PX**2
-    weight = p * near
+    weight = p * (_squared_gap(uv_px[chosen], uv_px) <= REFINE_PX**2)
     return weight @ uv_px / weight.sum(dim=1, keepdim=True).clamp_min(1e-30)
+
+
+def _squared_gap(from_px: torch.Tensor, to_px: torch.Tensor) -> torch.Tensor:
+    """Return squared distances, float (Q, M), of positions (Q, 2) and (M, 2)."""
+    # Not by matrix products, whose rounding is larger than the narrowest modes.
+    gap = torch.cdist(from_px, to_px, compute_mode="donot_use_mm_for_euclid_dist")
+    return gap.square()
 
 
 @dataclass(frozen=True)
@@ -102,15 +108,14 @@ def mixture_of_modes(
     for number in range(_MODES):
         if number < _MODES - 1:
             peak = uv_px[left.argmax(dim=1)]  # (Q, 2)
-            near = (uv_px[None] - peak[:, None]).square().sum(dim=-1) <= radius_px**2
-            part = left * near
+            part = left * (_squared_gap(peak, uv_px) <= radius_px**2)
         else:
             part = left
         left = left - part
         weight = part.sum(dim=1)
         share = part / weight.clamp_min(1e-30)[:, None]
         mean = share @ uv_px
-        squares = (share[..., None] * (uv_px[None] - mean[:, None]).square()).sum(dim=(1, 2)) / 2
+        squares = (share * _squared_gap(mean, uv_px)).sum(dim=1) / 2
         sigma = widths.of(squares)
         modes.append(torch.cat([mean, sigma[:, None], weight[:, None]], dim=1))
     stacked = torch.stack(modes, dim=1)
@@ -135,6 +140,5 @@ def spread_about(
         position_px: float (Q, 2).
         widths: What standard deviation the variance stands for.
     """
-    squared = (uv_px[None] - position_px[:, None]).square().sum(dim=-1)  # (Q, M)
-    variance = (log_p.exp() * squared).sum(dim=1) / 2
+    variance = (log_p.exp() * _squared_gap(position_px, uv_px)).sum(dim=1) / 2
     return widths.of(variance)

@@ -12,11 +12,11 @@ import torch
 
 from pliant.baselines.lru_cache import LRUCache
 from pliant.baselines.matcher import Answers, Heat, View
-from pliant.baselines.tracing import Trace, rope_traces
-from pliant.loaders.views import resize_mask, resize_rgb
+from pliant.baselines.tracing import Rectified, Trace, rectified, rope_traces
 from pliant.models.don.candidates import pixel_grid, widened
 from pliant.models.don.certainty import Calibration
 from pliant.models.don.decoding import decode_position, mixture_of_modes, spread_about
+from pliant.models.don.described import ViewDescriber
 from pliant.models.don.familiarity import Asked, Described, Familiarity
 from pliant.models.don.settings import DonSettings
 from pliant.models.don.tracing import (
@@ -36,15 +36,6 @@ from pliant.spec.io.resizing import resize_nearest
 _KEPT_VIEWS = 8
 _KEPT_TRACES = 128
 _PIXELS_AT_ONCE = 4096
-
-
-@dataclass(frozen=True)
-class _Described:
-    """A frame's descriptors, one map a quarter turn."""
-
-    maps: list[torch.Tensor]  # (D, h, w) or, turned an odd number of times, (D, w, h)
-    mask: npt.NDArray[np.bool_] | None  # (h, w)
-    objects: npt.NDArray[np.bool_] | None  # (h, w)
 
 
 @dataclass(frozen=True)
@@ -70,9 +61,12 @@ class Search(Comparison):
 
     Attributes:
         traced: Where a rope's traces carry the queries, or None. They are weighed into `log_p`.
+        deciding: float (N, M), what the answers are read from: `log_p`, or where that is the mean of
+            two ways along a rope, one of them.
     """
 
     traced: TracedPlaces | None
+    deciding: torch.Tensor
 
 
 class DonMatcher:
@@ -102,7 +96,8 @@ class DonMatcher:
         self.sharpness = 1.0 if calibration is None else calibration.sharpness
         self.facts = dict(facts or {})
         self.familiarity: Familiarity | None = None
-        self._described: LRUCache[_Described] = LRUCache(_KEPT_VIEWS)
+        self._views = ViewDescriber(self.network, self.input, self.size, settings.answer.rotations)
+        self._rectified: LRUCache[Rectified] = LRUCache(_KEPT_VIEWS)
         self._traces: LRUCache[list[Trace]] = LRUCache(_KEPT_TRACES)
 
     def describe(self) -> Mapping[str, Any]:
@@ -121,12 +116,23 @@ class DonMatcher:
         """Answer query pixels; see `Matcher`."""
         if len(uv_a_px) == 0:
             return Answers(np.zeros((0, 2), dtype=np.float32))
-        found = self.search(source, target, uv_a_px)
-        answers = self._answers(found, target)
+        from_view, in_view = self._seen(source), self._seen(target)
+        source, target = from_view.view, in_view.view
+        found = self.search(source, target, from_view.forward(uv_a_px))
+        answers = in_view.back(self._answers(found, target))
         if self.familiarity is None:
             return answers
         asked = self.asked(source, target, found)
         return replace(answers, familiarity=self.familiarity.score(asked))
+
+    def _seen(self, view: View) -> Rectified:
+        """Return a view as it is answered in: a rope's with masks, and from straight above."""
+
+        def seen() -> Rectified:
+            masked = self._views.segmented(view) if self.settings.decode == "trace" else view
+            return rectified(masked) if self.settings.rectify else Rectified(masked)
+
+        return self._rectified.get(view.key, seen)
 
     def _answers(self, found: Search, target: View) -> Answers:
         log_p, uv = found.log_p, found.uv_px
@@ -182,15 +188,17 @@ class DonMatcher:
         if self.settings.decode == "trace":
             scale = self.network.scale.detach().cpu()
             traced = traced_places(
-                TracedView(source, self._descriptors(source).maps[0], self._traces_of(source)),
-                TracedView(target, self._descriptors(target).maps[0], self._traces_of(target)),
+                TracedView(source, self._views.described(source).maps[0], self._traces_of(source)),
+                TracedView(target, self._views.described(target).maps[0], self._traces_of(target)),
                 scale * self.sharpness,
                 uv_a_px,
             )
-        log_p, uv = compared.log_p, compared.uv_px
+        log_p, deciding, uv = compared.log_p, compared.log_p, compared.uv_px
         if traced is not None:
-            log_p = traced.weighed_in(log_p, uv.double().numpy() * self._pixel_scale(target))
-        return Search(log_p, uv, compared.distance, compared.query, traced)
+            candidates_px = uv.double().numpy() * self._pixel_scale(target)
+            deciding = traced.weighed_in(log_p, candidates_px)
+            log_p = traced.either_way(deciding, log_p, candidates_px)
+        return Search(log_p, uv, compared.distance, compared.query, traced, deciding)
 
     def compare(self, source: View, target: View, uv_a_px: npt.NDArray[np.float32]) -> Comparison:
         """Compare the queries' descriptors with those of the target's candidates.
@@ -200,7 +208,7 @@ class DonMatcher:
             target: The image to find them in.
             uv_a_px: float32 (N, 2), in pixels of the source.
         """
-        a, b = self._descriptors(source), self._descriptors(target)
+        a, b = self._views.described(source), self._views.described(target)
         width, height = self.size
         query_uv = torch.as_tensor(
             np.asarray(uv_a_px, dtype=np.float64) / self._pixel_scale(source), dtype=torch.float32
@@ -212,7 +220,7 @@ class DonMatcher:
         queries = []
         with torch.inference_mode():
             scale = self.network.scale.detach().cpu()
-            for turn, map_a, map_b in zip(self._turns, a.maps, b.maps, strict=True):
+            for turn, map_a, map_b in zip(self._views.turns, a.maps, b.maps, strict=True):
                 turned = _turned_uv(query_uv, turn, width, height)
                 query = sample_descriptors(map_a[None], turned[None])  # (1, N, D)
                 queries.append(query[0])
@@ -227,13 +235,13 @@ class DonMatcher:
 
     def decoded(self, found: Search, target: View) -> npt.NDArray[np.float64]:
         """Return the positions that a search ends at, float64 (N, 2) in pixels of the target."""
-        sharp = decode_position(found.log_p, found.uv_px, self.settings.decode)
+        sharp = decode_position(found.deciding, found.uv_px, self.settings.decode)
         position = sharp.double().numpy() * self._pixel_scale(target)
         return position if found.traced is None else found.traced.refined(position)
 
     def _traces_of(self, view: View) -> list[Trace]:
         def traced() -> list[Trace]:
-            own, factor = self._descriptors(view), self._pixel_scale(view)
+            own, factor = self._views.described(view), self._pixel_scale(view)
             scale = self.network.scale.detach().cpu() * self.sharpness
             says = canonical_likelihood(self.network, own.maps[0], scale)
             if view.mask is not None:
@@ -255,13 +263,13 @@ class DonMatcher:
         """
         source_described, target_described = (
             Described(each.maps[0].numpy(), each.mask)
-            for each in (self._descriptors(source), self._descriptors(target))
+            for each in (self._views.described(source), self._views.described(target))
         )
         return Asked(source_described, target_described, compared.query.numpy(), compared.distance)
 
     def descriptor_map(self, view: View) -> npt.NDArray[np.float32]:
         """Return a frame's descriptors at the network's size, float32 (h, w, D)."""
-        return self._descriptors(view).maps[0].permute(1, 2, 0).numpy()
+        return self._views.described(view).maps[0].permute(1, 2, 0).numpy()
 
     def canonical_map(self, view: View) -> npt.NDArray[np.float32] | None:
         """Return the material coordinates that the canonical head reads off each pixel.
@@ -276,7 +284,7 @@ class DonMatcher:
         head = self.network.canonical
         if head is None:
             return None
-        descriptors = self._descriptors(view).maps[0]
+        descriptors = self._views.described(view).maps[0]
         with torch.inference_mode():
             rows = descriptors.flatten(1).T.split(_PIXELS_AT_ONCE)
             scale = self.network.scale.detach().cpu()
@@ -285,45 +293,7 @@ class DonMatcher:
 
     def working_mask(self, view: View) -> npt.NDArray[np.bool_] | None:
         """Return a frame's mask at the network's size, bool (h, w), or None."""
-        return self._descriptors(view).mask
-
-    def _descriptors(self, view: View) -> _Described:
-        # A key names a frame, and two frames of other sizes never share one.
-        return self._described.get(view.key, lambda: self._describe_view(view))
-
-    def _describe_view(self, view: View) -> _Described:
-        rgb = resize_rgb(view.rgb, self.size) if self.input.colour else None
-        depth_m = None
-        if self.input.depth and view.depth_m is not None:
-            depth_m = resize_nearest(view.depth_m, self.size)
-        mask, objects = (
-            None if each is None else resize_mask(each, self.size, keep_thin=True)
-            for each in (view.mask, view.objects)
-        )
-        if mask is None and self.input.masks and self.network.foreground:
-            mask, objects = self._predicted_masks(self.input.image(rgb, depth_m))
-        image = torch.from_numpy(self.input.image(rgb, depth_m, mask, objects))
-        maps = []
-        with torch.inference_mode():
-            for turn in self._turns:
-                maps.append(self.network(self._turned(image, turn))[0].cpu())
-        return _Described(maps, mask, objects)
-
-    def _turned(self, image: torch.Tensor, turn: int) -> torch.Tensor:
-        return torch.rot90(image, -turn, (1, 2))[None].to(self.network.log_scale.device)
-
-    def _predicted_masks(
-        self, image: npt.NDArray[np.float32]
-    ) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
-        """Return where the network itself sees the queried object, and any object."""
-        with torch.inference_mode():
-            out = self.network.described(self._turned(torch.from_numpy(image), 0))
-        mask, objects = (out.foreground[0] > 0).cpu().numpy()
-        return mask, objects
-
-    @property
-    def _turns(self) -> range:
-        return range(0, 4, 4 // self.settings.rotations)
+        return self._views.described(view).mask
 
     def _searched(self, mask: npt.NDArray[np.bool_] | None) -> torch.Tensor:
         width, height = self.size

@@ -155,6 +155,8 @@ class AnswerSettings:
         margin_px: Pixels of the network beyond the mask that are searched too.
         search: In the object's `mask` where one is given out, or anywhere in the `image`.
         rotations: 1, 2 or 4: how many quarter-turned copies of both images vote.
+        rectify: For ropes: answer in views from straight above, where a mask shows that the camera
+            was tilted (`baselines/tracing/rectification.py`).
         distribution: `modes`, `sigma` or `none`: what the answers say of their certainty.
     """
 
@@ -162,6 +164,7 @@ class AnswerSettings:
     search: Literal["mask", "image"] = "mask"
     margin_px: Natural = 0
     rotations: Literal[1, 2, 4] = 1
+    rectify: bool = False
     distribution: Literal["modes", "sigma", "none"] = "modes"
 
 

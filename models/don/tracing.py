@@ -9,6 +9,9 @@ traces those count that are plausible, of one length, and along which the descri
 with x_k where pair k of traces carries the query, and w_k the softmax of the pairs' scores. The
 answer is the median of p', moved to the mean of the places x_k near it: they are finer than the
 network's pixels.
+
+A rope without a ball has two ends alike, and each reading runs either way. Then p' is the mean of
+two such distributions, one for either way; all answers of a pair are the medians of the same one.
 """
 
 from __future__ import annotations
@@ -37,6 +40,7 @@ _MOST: Final = 8.0
 _AGREEMENT: Final = 0.5
 _NETWORK_EXPONENT: Final = 0.5
 _LEAST_WEIGHT: Final = 0.02
+_EPSILON_EITHER_WAY: Final = 1e-7  # else a network that is sure of one way overrules the other
 _FLOOR: Final = 0.05
 _EXPONENT: Final = 0.3
 
@@ -54,6 +58,12 @@ class TracedView:
     view: View
     descriptors: torch.Tensor
     traces: Sequence[Trace]
+
+    @property
+    def ends_alike(self) -> bool:
+        """Whether all objects are known, and a rope without a ball is the only one."""
+        mask, objects = self.view.mask, self.view.objects
+        return mask is not None and objects is not None and not (objects & ~mask).any()
 
     def along(self) -> torch.Tensor:
         """Return the descriptors along the traces, float (T, S, D)."""
@@ -121,23 +131,54 @@ class TracedPlaces:
         uv_px: float64 (K, N, 2), in pixels of the target.
         weight: float64 (K,), sums to 1.
         sigma_px: Standard deviation of a place.
+        other_way_px: float64 (K, N, 2), where they carry them if the rope in the target runs the
+            other way; None where its ends are distinguished.
     """
 
     uv_px: npt.NDArray[np.float64]
     weight: npt.NDArray[np.float64]
     sigma_px: float
+    other_way_px: npt.NDArray[np.float64] | None = None
 
     def weighed_in(
         self, log_p: torch.Tensor, candidates_px: npt.NDArray[np.float64]
     ) -> torch.Tensor:
-        """Return log p' of the module's formula, float32 (N, M), normalised.
+        """Return log p' of the module's formula along `uv_px`, float32 (N, M), normalised.
 
         Args:
             log_p: float (N, M), the network's.
             candidates_px: float64 (M, 2), in pixels of the target.
         """
-        total = np.full(log_p.shape, _EPSILON)
-        for weight, place in zip(self.weight, self.uv_px, strict=True):
+        epsilon = _EPSILON if self.other_way_px is None else _EPSILON_EITHER_WAY
+        return self._weighed(log_p, candidates_px, self.uv_px, epsilon)
+
+    def either_way(
+        self,
+        weighed: torch.Tensor,
+        log_p: torch.Tensor,
+        candidates_px: npt.NDArray[np.float64],
+    ) -> torch.Tensor:
+        """Return log p' of both ways along the rope, float32 (N, M), normalised.
+
+        Args:
+            weighed: float32 (N, M), from `weighed_in`; what comes back where it is the only way.
+            log_p: float (N, M), the network's.
+            candidates_px: float64 (M, 2), in pixels of the target.
+        """
+        if self.other_way_px is None:
+            return weighed
+        other = self._weighed(log_p, candidates_px, self.other_way_px, _EPSILON_EITHER_WAY)
+        return torch.logaddexp(weighed, other) - np.log(2)
+
+    def _weighed(
+        self,
+        log_p: torch.Tensor,
+        candidates_px: npt.NDArray[np.float64],
+        uv_px: npt.NDArray[np.float64],
+        epsilon: float,
+    ) -> torch.Tensor:
+        total = np.full(log_p.shape, epsilon)
+        for weight, place in zip(self.weight, uv_px, strict=True):
             squared = ((place[:, None] - candidates_px[None]) ** 2).sum(axis=-1)
             total += weight * np.exp(-squared / (2 * self.sigma_px**2))
         prior = torch.from_numpy(np.log(total).astype(np.float32))
@@ -172,12 +213,33 @@ def traced_places(
     """
     if not source.traces or not target.traces:
         return None
-    along = source.along()[:, None] - target.along()[None]  # (T, U, S, D)
-    gap = along.square().sum(dim=-1)
-    agreement = -_AGREEMENT * (scale * gap).clamp_max(_MOST).mean(dim=-1)
+    either_way = source.ends_alike and target.ends_alike
+    agreement = _agreement(source.along(), target.along(), scale)
+    if either_way:
+        reverse = _agreement(source.along(), target.along().flip(1), scale)
+        agreement = torch.maximum(agreement, reverse)
     pairs = best_pairs(source.traces, target.traces, lambda a, b: float(agreement[a, b]), _PAIRS)
     scores = np.array([score for score, _, _ in pairs])
     weight = np.exp(_SHARPNESS * (scores - scores.max()))
-    places = [transferred(source.traces[a], target.traces[b], uv_a_px) for _, a, b in pairs]
+    weight /= weight.sum()
     sigma_px = SIGMA_SHARE * target.view.rgb.shape[1]
-    return TracedPlaces(np.stack(places), weight / weight.sum(), sigma_px)
+
+    def carried(step: int) -> npt.NDArray[np.float64]:
+        traces = [replace(trace, uv_px=trace.uv_px[::step]) for trace in target.traces]
+        return np.stack([transferred(source.traces[a], traces[b], uv_a_px) for _, a, b in pairs])
+
+    if not either_way:
+        return TracedPlaces(carried(1), weight, sigma_px)
+    # Readings start at either end: those that run against the first one change sides.
+    one, other = carried(1), carried(-1)
+    against = [np.linalg.norm(way - one[0], axis=-1).mean(axis=1) for way in (one, other)]
+    swapped = (against[1] < against[0])[:, None, None]
+    return TracedPlaces(
+        np.where(swapped, other, one), weight, sigma_px, np.where(swapped, one, other)
+    )
+
+
+def _agreement(source: torch.Tensor, target: torch.Tensor, scale: torch.Tensor) -> torch.Tensor:
+    """Return how well descriptors agree along traces: (T, S, D) and (U, S, D) -> (T, U)."""
+    gap = (source[:, None] - target[None]).square().sum(dim=-1)  # (T, U, S)
+    return -_AGREEMENT * (scale * gap).clamp_max(_MOST).mean(dim=-1)

@@ -15,6 +15,8 @@ from typing import Any, Final, overload
 
 import torch
 
+from pliant.models.training.precision import bfloat16_is_native
+
 _COEFFICIENTS: Final = (3.4445, -4.7750, 2.0315)
 _ITERATIONS: Final = 5
 _EPSILON: Final = 1e-7
@@ -33,11 +35,13 @@ def orthogonalised(gradient: torch.Tensor) -> torch.Tensor:
         gradient: float (m, n).
 
     Returns:
-        float (m, n), worked out in bfloat16.
+        float (m, n), worked out in bfloat16 where the processor has it.
     """
     a, b, c = _COEFFICIENTS
     wide = gradient.shape[0] <= gradient.shape[1]
-    x = (gradient if wide else gradient.T).bfloat16()
+    x = gradient if wide else gradient.T
+    if bfloat16_is_native(x.device.type):
+        x = x.bfloat16()
     x = x / (x.norm() + _EPSILON)  # the largest singular value is then at most 1
     for _ in range(_ITERATIONS):
         gram = x @ x.T

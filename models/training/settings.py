@@ -9,6 +9,7 @@ from pliant.spec.configuration import configuration
 from pliant.spec.constraints import Bounds, Count, Natural, NonNegative, Positive
 
 BelowOne = Annotated[float, Bounds(0, 1, below=True)]
+Precision = Literal["auto", "float32", "bfloat16"]
 
 
 @configuration(frozen=True)
@@ -75,7 +76,8 @@ class RunSettings:
         seed: Seed of weights, samples and draws.
         steps: Optimiser steps.
         batch: Samples a step and process.
-        precision: `float32` or `bfloat16` (forward and backward of the network).
+        precision: `float32` or `bfloat16` (forward and backward of the network); `auto` takes
+            bfloat16 where the processor has instructions for it.
         threads: CPU threads of torch; 0 leaves torch's own choice.
         workers: Loader processes; 0 loads in the training process.
         cache: Keep decoded frames in a folder.
@@ -93,7 +95,7 @@ class RunSettings:
     seed: Natural = 0
     steps: Count = 3000
     batch: Count = 8
-    precision: Literal["float32", "bfloat16"] = "float32"
+    precision: Precision = "float32"
     threads: Natural = 0
     workers: Natural = 0
     cache: bool = True

@@ -13,6 +13,7 @@ from torch.utils.data import DataLoader
 from torch.utils.data import Dataset as TorchDataset
 
 from pliant.loaders import FrameStore, StepOrder
+from pliant.models.training.precision import halved
 from pliant.models.training.processes import Processes
 from pliant.models.training.settings import RunSettings
 from pliant.spec.dataset import Dataset
@@ -70,8 +71,9 @@ class Task(ABC, Generic[Settings]):
 
     def precision(self) -> torch.autocast:
         """Return the context in which the network runs at the run's precision."""
-        half = self.settings.precision == "bfloat16"
-        return torch.autocast(self.processes.device.type, torch.bfloat16, enabled=half)
+        kind = self.processes.device.type
+        half = halved(self.settings.precision, kind)
+        return torch.autocast(kind, torch.bfloat16, enabled=half)
 
     @abstractmethod
     def loss(

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 import torch
 
-from pliant.models.don.tracing import TracedPlaces
+from pliant.baselines.matcher import View
+from pliant.baselines.tracing import Trace
+from pliant.models.don.tracing import TracedPlaces, TracedView, traced_places
 
 GRID = np.stack(np.meshgrid(np.arange(40) + 0.5, np.arange(30) + 0.5), axis=-1).reshape(-1, 2)
 
@@ -40,3 +42,46 @@ def test_refining_averages_the_places_near_by() -> None:
     found = places((10.0, 10.0), (11.0, 10.0), (30.0, 20.0), weight=(0.3, 0.1, 0.6))
     np.testing.assert_allclose(found.refined(np.array([[10.6, 10.4]])), [[10.25, 10.0]])
     np.testing.assert_allclose(found.refined(np.array([[20.0, 5.0]])), [[20.0, 5.0]])
+
+
+def line_view(ends_alike: bool, known: bool = True) -> TracedView:
+    """Return a straight rope in an 80x20 image, read from either end, with even descriptors."""
+    mask = np.zeros((20, 80), dtype=np.bool_)
+    mask[9:11, 10:70] = True
+    objects = mask.copy()
+    objects[7:13, 4:10] = not ends_alike
+    u = np.linspace(10, 70, 300)
+    path = np.stack([u, np.full(300, 10.0)], axis=1)
+    traces = [Trace(way, 60.0, 1.0, 0.0, 0.0) for way in (path, path[::-1])]
+    rgb = np.zeros((20, 80, 3), dtype=np.uint8)
+    view = View(rgb, mask, objects=objects if known else None)
+    return TracedView(view, torch.zeros(4, 20, 80), traces)
+
+
+def test_a_rope_with_ends_alike_has_two_answers() -> None:
+    bare, queries = line_view(ends_alike=True), np.array([[22.0, 10.0]], dtype=np.float32)
+    found = traced_places(bare, bare, torch.tensor(1.0), queries)
+    assert found is not None
+    assert found.other_way_px is not None
+    # All readings that run one way are together, whichever end they start at.
+    np.testing.assert_allclose(found.uv_px[:, 0, 0], found.uv_px[0, 0, 0], atol=0.5)
+    np.testing.assert_allclose(found.uv_px[0] + found.other_way_px[0], [[80, 20]], atol=0.5)
+    candidates = np.array([[22.0, 10.0], [58.0, 10.0], [40.0, 10.0]])
+    sure = torch.tensor([[0.998, 0.001, 0.001]]).log()  # the network knows of one way only
+    one_way = found.weighed_in(sure, candidates)
+    p = found.either_way(one_way, sure, candidates).exp().numpy()
+    np.testing.assert_allclose(p, [[0.5, 0.5, 0]], atol=0.01)
+    # All answers of a pair run the same way, however sure the network is of the other one.
+    way = one_way.exp().numpy()
+    first = int(abs(found.uv_px[0, 0, 0] - 58) < 1)
+    assert way[0, first] > 0.98
+    near = found.uv_px[0] + 0.4
+    np.testing.assert_allclose(found.refined(near), found.uv_px[0], atol=0.3)
+
+
+def test_a_ball_or_an_unknown_object_leaves_one_answer() -> None:
+    queries = np.array([[22.0, 10.0]], dtype=np.float32)
+    for view in (line_view(ends_alike=False), line_view(ends_alike=True, known=False)):
+        found = traced_places(view, view, torch.tensor(1.0), queries)
+        assert found is not None
+        assert found.other_way_px is None

@@ -1,0 +1,108 @@
+"""Views as the network sees them: resized, with masks, and their maps of descriptors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+import torch
+
+from pliant.baselines.lru_cache import LRUCache
+from pliant.baselines.matcher import View
+from pliant.baselines.tracing.depth_in_mask import Mask
+from pliant.loaders.inputs import NetworkInput
+from pliant.loaders.views import resize_mask, resize_rgb
+from pliant.models.don.segmentation import rope_masks
+from pliant.models.networks.descriptor_network import DescriptorNetwork
+from pliant.spec.io.resizing import resize_nearest
+
+_KEPT_VIEWS = 8
+
+
+@dataclass(frozen=True)
+class DescribedView:
+    """A frame's descriptors.
+
+    Attributes:
+        maps: One a quarter turn: float (D, h, w) or, turned an odd number of times, (D, w, h).
+        mask: bool (h, w), the queried object, or None.
+        objects: bool (h, w), any object, or None.
+    """
+
+    maps: list[torch.Tensor]
+    mask: Mask | None
+    objects: Mask | None
+
+
+class ViewDescriber:
+    """Describes views with a network, and remembers the last ones by their keys.
+
+    Args:
+        network: The network.
+        given: What it is given of an image.
+        size: (w, h) of its input.
+        rotations: 1, 2 or 4 quarter-turned copies.
+    """
+
+    def __init__(
+        self,
+        network: DescriptorNetwork,
+        given: NetworkInput,
+        size: tuple[int, int],
+        rotations: int,
+    ) -> None:
+        self.network, self.given, self.size = network, given, size
+        self.turns = range(0, 4, 4 // rotations)
+        self._kept: LRUCache[DescribedView] = LRUCache(_KEPT_VIEWS)
+
+    def described(self, view: View) -> DescribedView:
+        """Return a view's descriptors; without a mask, with the one that the network predicts."""
+        # A key names a frame, and two frames of other sizes never share one.
+        return self._kept.get(view.key, lambda: self._describe(view))
+
+    def segmented(self, view: View) -> View:
+        """Return a view of a rope with masks found in its picture, where it has none.
+
+        It stays as it is for a network that predicts no masks or sees no picture, and where nothing
+        stands out from the table.
+        """
+        if view.mask is not None or not (self.network.foreground and self.given.colour):
+            return view
+        foreground = self._foreground(self.given.image(*self._resized(view)))
+        found = rope_masks(view.rgb, foreground.amax(dim=0).sigmoid().numpy())
+        if found is None:
+            return view
+        key = f"{view.key}/segmented" if view.key else ""
+        return replace(view, mask=found[0], objects=found[1], key=key)
+
+    def _describe(self, view: View) -> DescribedView:
+        rgb, depth_m = self._resized(view)
+        mask, objects = (
+            None if each is None else resize_mask(each, self.size, keep_thin=True)
+            for each in (view.mask, view.objects)
+        )
+        if mask is None and self.given.masks and self.network.foreground:
+            mask, objects = (self._foreground(self.given.image(rgb, depth_m)) > 0).numpy()
+        image = torch.from_numpy(self.given.image(rgb, depth_m, mask, objects))
+        with torch.inference_mode():
+            maps = [self.network(self._turned(image, turn))[0].cpu() for turn in self.turns]
+        return DescribedView(maps, mask, objects)
+
+    def _resized(
+        self, view: View
+    ) -> tuple[npt.NDArray[np.uint8] | None, npt.NDArray[np.float32] | None]:
+        rgb = resize_rgb(view.rgb, self.size) if self.given.colour else None
+        depth_m = None
+        if self.given.depth and view.depth_m is not None:
+            depth_m = resize_nearest(view.depth_m, self.size)
+        return rgb, depth_m
+
+    def _foreground(self, image: npt.NDArray[np.float32]) -> torch.Tensor:
+        """Return the logits of the queried object and of any object, float (2, h, w)."""
+        with torch.inference_mode():
+            out = self.network.described(self._turned(torch.from_numpy(image), 0))
+        return out.foreground[0].float().cpu()
+
+    def _turned(self, image: torch.Tensor, turn: int) -> torch.Tensor:
+        return torch.rot90(image, -turn, (1, 2))[None].to(self.network.log_scale.device)

@@ -1,0 +1,120 @@
+"""Masks of a rope in an image that comes without: the network's foreground, sharpened by colour.
+
+The network knows about where the rope is, at its own size. Nearby, every pixel is compared with
+the table around the rope, r = I / I_table in linear light: a shadow darkens all channels alike, so
+log r is then negative and has no chroma. What is not a shadow is divided by GrabCut (Rother et al.
+2004) in the chroma and the mean of log r. The ball is the part that is thicker than a rope can be.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage
+
+from pliant.baselines.tracing.depth_in_mask import FloatArray, Mask, depth_in_mask, ridge
+
+_WORKING_WIDTH: Final = 320
+_CERTAIN, _POSSIBLE = 0.45, 0.12  # foreground probabilities of the network
+_MARGIN_PX: Final = 4
+_TABLE_PX: Final = 12.0
+_DARKEST: Final = -2.5
+_NO_CHROMA, _CHROMA = 0.2, 0.4  # of log r: below a shadow, above an object
+_NO_LIGHT, _LIGHT = 0.1, 0.5  # of the mean of log r, likewise
+_ROUNDS: Final = 2
+_LEAST_PART: Final = 0.05  # of the largest part
+_LEAST_PIXELS: Final = 40
+_THICKER: Final = 1.45  # than half of a rope's width
+
+
+def rope_masks(
+    rgb: npt.NDArray[np.uint8], foreground: npt.NDArray[np.floating[Any]]
+) -> tuple[Mask, Mask] | None:
+    """Return where the rope is seen and where the rope or its ball is.
+
+    Args:
+        rgb: uint8 (H, W, 3), sRGB.
+        foreground: float (h, w), the network's probability that a pixel shows an object.
+
+    Returns:
+        Two bool (H, W), or None where nothing stands out from the table.
+    """
+    height, width = rgb.shape[:2]
+    size = (_WORKING_WIDTH, max(1, round(_WORKING_WIDTH * height / width)))
+    p = cv2.resize(foreground.astype(np.float32), size, interpolation=cv2.INTER_LINEAR)
+    near = ndimage.binary_dilation(p > _POSSIBLE, np.ones((3, 3)), iterations=_MARGIN_PX)
+    if not (p > _CERTAIN).any() or near.all():
+        return None
+    small = np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    objects = _large_parts(_cut(small, p > _CERTAIN, near))
+    if objects.sum() < _LEAST_PIXELS:
+        return None
+    rope = objects & ~_ball(objects)
+    enlarged = [
+        cv2.resize(mask.astype(np.uint8) * 255, (width, height), interpolation=cv2.INTER_LINEAR)
+        for mask in (rope, objects)
+    ]
+    return enlarged[0] > 127, enlarged[1] > 127
+
+
+def _cut(rgb: npt.NDArray[np.uint8], certain: Mask, near: Mask) -> Mask:
+    """Return the pixels that GrabCut gives to the foreground."""
+    log_ratio = _log_ratio_to_table(rgb, ~near)
+    light = log_ratio.mean(axis=-1)
+    tint = log_ratio - light[..., None]
+    chroma = np.linalg.norm(tint, axis=-1)
+    # A table with grain or noise varies by itself: what an object is must exceed that.
+    usual_chroma = np.percentile(chroma[~near], 90)
+    usual_light = np.percentile(np.abs(light[~near]), 95)
+    shadow = (chroma < max(_NO_CHROMA, 1.3 * usual_chroma)) & (light > _DARKEST)
+    shadow &= light < max(_NO_LIGHT, usual_light)
+    stands_out = (chroma > max(_CHROMA, 3 * usual_chroma)) | (light > max(_LIGHT, 2 * usual_light))
+    labels = np.full(near.shape, cv2.GC_BGD, dtype=np.uint8)
+    labels[near] = cv2.GC_PR_BGD
+    labels[certain | (near & stands_out)] = cv2.GC_PR_FGD
+    labels[shadow] = cv2.GC_BGD
+    if not (labels == cv2.GC_PR_FGD).any():
+        return np.zeros_like(near)
+    features = [tint[..., 0] * 80 + 128, tint[..., 2] * 80 + 128, light * 40 + 80]
+    image = np.stack(features, axis=-1).clip(0, 255).astype(np.uint8)
+    table, rope = np.zeros((1, 65)), np.zeros((1, 65))  # GrabCut's mixtures
+    cv2.setRNGSeed(0)
+    cv2.grabCut(image, labels, (0, 0, 1, 1), table, rope, _ROUNDS, cv2.GC_INIT_WITH_MASK)
+    return np.asarray((labels == cv2.GC_FGD) | (labels == cv2.GC_PR_FGD))
+
+
+def _log_ratio_to_table(rgb: npt.NDArray[np.uint8], table: Mask) -> FloatArray:
+    """Return log(I / I_table), float64 (H, W, 3), I_table from the table's pixels nearby."""
+    linear = ((rgb / 255 + 0.055) / 1.055) ** 2.4 + 0.002  # sRGB, IEC 61966-2-1
+    share = ndimage.gaussian_filter(table.astype(np.float64), _TABLE_PX)
+    seen = np.where(table[..., None], linear, 0)
+    nearby = ndimage.gaussian_filter(seen, (_TABLE_PX, _TABLE_PX, 0)) / (share[..., None] + 1e-4)
+    around = np.where(share[..., None] > 0.02, nearby, linear[table].mean(axis=0))
+    return np.asarray(np.log(linear / around))
+
+
+def _large_parts(mask: Mask) -> Mask:
+    """Return a mask without its specks."""
+    parts, count = ndimage.label(mask, np.ones((3, 3)))
+    if count == 0:
+        return mask
+    sizes = np.bincount(parts.ravel())
+    sizes[0] = 0
+    return np.asarray((sizes > _LEAST_PART * sizes.max())[parts])
+
+
+def _ball(objects: Mask) -> Mask:
+    """Return the thickest part, or nothing where all is as thick as a rope."""
+    half_px = depth_in_mask(objects, objects.shape[1])
+    middle = ridge(half_px, 1.0)
+    if not middle.any():
+        return np.zeros_like(objects)
+    radius = _THICKER * float(np.median(half_px[middle]))
+    cores, count = ndimage.label(half_px > radius)
+    if count == 0:
+        return np.zeros_like(objects)
+    thickest = cores == 1 + int(np.argmax(ndimage.maximum(half_px, cores, range(1, count + 1))))
+    return np.asarray(ndimage.distance_transform_edt(~thickest) <= radius + 0.5)

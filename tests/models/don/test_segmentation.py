@@ -1,0 +1,106 @@
+"""Masks of a rope from an image alone: without its shadow, and with the ball kept apart."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from scipy import ndimage
+
+from pliant.baselines.matcher import View
+from pliant.loaders.frame_store import FrameStore
+from pliant.models.don.described import ViewDescriber
+from pliant.models.don.matcher import DonMatcher
+from pliant.models.don.segmentation import rope_masks
+from pliant.models.don.validation import draw_validation_pairs
+from pliant.models.shipped import load_shipped
+from pliant.spec.dataset import SAMPLE, Dataset
+
+Mask = npt.NDArray[np.bool_]
+
+WIDTH, HEIGHT, HALF_PX = 640, 480, 9
+
+
+def encoded(linear: npt.NDArray[np.float64]) -> npt.NDArray[np.uint8]:
+    """Return sRGB bytes of linear light."""
+    curve = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+    return (curve.clip(0, 1) * 255 + 0.5).astype(np.uint8)
+
+
+def overlap(a: Mask, b: Mask) -> float:
+    """Return intersection over union."""
+    return float((a & b).sum() / max((a | b).sum(), 1))
+
+
+def scene() -> tuple[npt.NDArray[np.uint8], Mask, Mask, Mask]:
+    """Return a picture of a rope on a table with its shadow; the rope, its ball and the shadow."""
+    rows, columns = np.mgrid[:HEIGHT, :WIDTH] + 0.5
+    t = np.linspace(0, 1, 800)
+    line = np.stack([110 + 420 * t, 240 + 110 * np.sin(5 * t)], axis=1)
+    drawn = np.ones((HEIGHT, WIDTH), dtype=np.bool_)
+    drawn[line[:, 1].astype(int), line[:, 0].astype(int)] = False
+    rope = np.asarray(ndimage.distance_transform_edt(drawn) <= HALF_PX)
+    ball = np.hypot(columns - line[0, 0], rows - line[0, 1]) <= 2.2 * HALF_PX
+    rope &= ~ball
+    shadow = np.roll(rope | ball, (14, 10), axis=(0, 1)) & ~rope & ~ball
+    grain = np.random.default_rng(0).normal(1, 0.03, (HEIGHT, WIDTH, 1))
+    linear = np.array([0.30, 0.22, 0.12]) * (0.7 + 0.5 * columns / WIDTH)[..., None] * grain
+    linear[shadow] *= 0.45
+    linear[rope] = [0.10, 0.25, 0.50]
+    linear[ball] = [0.05, 0.45, 0.10]
+    return encoded(linear), rope, ball, shadow
+
+
+def vague(objects: Mask) -> npt.NDArray[np.float64]:
+    """Return what a network might say of objects at a quarter of the size: blurred, unsure."""
+    small = objects.reshape(HEIGHT // 4, 4, WIDTH // 4, 4).mean(axis=(1, 3))
+    return 0.8 * ndimage.gaussian_filter(small, 2.0)
+
+
+def test_the_rope_is_cut_from_its_shadow_and_its_ball() -> None:
+    rgb, rope, ball, shadow = scene()
+    blurred = vague(rope | ball | shadow)
+    found = rope_masks(rgb, blurred)
+    assert found is not None
+    own, objects = found
+    assert overlap(own, rope) > 0.85
+    assert overlap(objects & ~own, ball) > 0.7
+    assert (objects & shadow).sum() < 0.05 * shadow.sum()
+
+
+def test_a_rope_without_a_ball_has_none() -> None:
+    rgb, rope, ball, _ = scene()
+    rgb[ball] = rgb[10, 10]
+    found = rope_masks(rgb, vague(rope))
+    assert found is not None
+    assert (found[1] & ~found[0]).sum() < 0.05 * rope.sum()
+
+
+@pytest.mark.parametrize("p", [0.0, 1.0])
+def test_nothing_is_found_where_the_network_sees_nothing_or_all(p: float) -> None:
+    rgb = scene()[0]
+    assert rope_masks(rgb, np.full((HEIGHT // 4, WIDTH // 4), p)) is None
+
+
+def test_nothing_stands_out_from_an_even_picture() -> None:
+    even = np.full((HEIGHT, WIDTH, 3), 90, dtype=np.uint8)
+    assert rope_masks(even, vague(scene()[1])) is None
+
+
+def test_the_shipped_model_finds_masks_and_answers_without_them() -> None:
+    sample = Dataset.open(SAMPLE)
+    matcher = load_shipped("don-rope")
+    assert isinstance(matcher, DonMatcher)
+    store = FrameStore(sample, "rope", "test", sample.size)
+    overlaps, errors = [], []
+    for pair in draw_validation_pairs(store, pairs=6, queries=40, seed=1):
+        source, target = (View(view.rgb, key=view.key) for view in (pair.source, pair.target))
+        mask = ViewDescriber(matcher.network, matcher.input, matcher.size, 1).segmented(target).mask
+        assert mask is not None
+        assert pair.target.mask is not None
+        overlaps.append(overlap(mask, pair.target.mask))
+        answers = matcher.answer(source, target, pair.uv_a_px)
+        error = np.linalg.norm(answers.uv_px - pair.uv_b_px[:, 0], axis=1)
+        errors.append(error[pair.visible[:, 0]])
+    assert np.median(overlaps) > 0.7
+    assert np.median(np.concatenate(errors)) < 25
