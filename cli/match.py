@@ -76,7 +76,7 @@ def command(
     """
     from pliant.api import open_method
     from pliant.baselines.matcher import SplitMatcher
-    from pliant.baselines.photo import read_view
+    from pliant.baselines.views import read_view
     from pliant.spec.errors import CallError
     from pliant.spec.io.photo import photo_size
     from pliant.viewer.match_figure import check_figure_path, draw_match

@@ -70,15 +70,9 @@ def make_queries(
                 true.append((*key, point, *clip.uv_px[point, b], state, box_px, []))
             pair += 1
         if asked:
-            queries.append(_table(asked, QUERIES))
-            truths.append(_table(true, TRUTH))
+            queries.append(pa.table(list(map(list, zip(*asked, strict=True))), schema=QUERIES))
+            truths.append(pa.table(list(map(list, zip(*true, strict=True))), schema=TRUTH))
     return pa.concat_tables(queries), pa.concat_tables(truths)
-
-
-def _table(rows: Sequence[tuple[Any, ...]], schema: pa.Schema) -> pa.Table:
-    columns = zip(*rows, strict=True)
-    arrays = [pa.array(column, field.type) for column, field in zip(columns, schema, strict=True)]
-    return pa.Table.from_arrays(arrays, schema=schema)
 
 
 def _frame_pairs(

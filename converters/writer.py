@@ -24,11 +24,11 @@ from pliant.spec.conventions import CONVENTIONS, NEWEST_VERSION
 from pliant.spec.dataset import is_name
 from pliant.spec.errors import CallError, SpecError
 from pliant.spec.io import limits
-from pliant.spec.io.checksums import file_entry, sha256_file
 from pliant.spec.io.exr import write_camera_depth
 from pliant.spec.io.jsonfiles import write_json
 from pliant.spec.io.parquet import write_table
 from pliant.spec.io.png import write_mask, write_rgb
+from pliant.spec.io.reading import file_entry, sha256_file
 from pliant.spec.storage import layout
 from pliant.spec.tables import SEQUENCES
 

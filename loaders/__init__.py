@@ -1,12 +1,11 @@
 """PyTorch datasets over Pliant files: pairs, clips and frames."""
 
 from pliant.loaders.augment import AugmentSettings
-from pliant.loaders.clips import ClipDataset
+from pliant.loaders.clips import ClipDataset, FrameDataset
 from pliant.loaders.frame_store import FrameStore
 from pliant.loaders.inputs import NetworkInput
 from pliant.loaders.order import StepOrder
 from pliant.loaders.pairs import MixedPairs, PairDataset, PairSettings
-from pliant.loaders.single_frames import FrameDataset
 
 __all__ = [
     "AugmentSettings",

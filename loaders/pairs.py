@@ -17,12 +17,11 @@ from pliant.loaders.inputs import InputKind, NetworkInput
 from pliant.loaders.masks import given_masks
 from pliant.loaders.order import sample_generator
 from pliant.loaders.orientation import Orientation
-from pliant.loaders.surface_matches import draw_surface_pixels
 from pliant.loaders.views import FrameView
 from pliant.spec.configuration import configuration
 from pliant.spec.constraints import Bounds, Count
 from pliant.spec.errors import CallError
-from pliant.spec.surface_search import SurfaceSearch
+from pliant.spec.surface_search import SurfaceSearch, draw_surface_pixels
 
 Pairing = Literal["any", "sequence", "next"]
 MatchSource = Literal["points", "surface"]

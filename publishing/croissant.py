@@ -20,8 +20,8 @@ from jsonschema import Draft202012Validator
 from pliant.publishing.papers import licence_url
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import SpecError
-from pliant.spec.io.checksums import sha256_file
 from pliant.spec.io.jsonfiles import read_json, write_json
+from pliant.spec.io.reading import sha256_file
 from pliant.spec.storage import layout
 from pliant.spec.storage.packing import FRAMES, ROWS
 from pliant.spec.tables import QUERIES, SEQUENCES, TRUTH

@@ -12,8 +12,16 @@ from pliant.spec.errors import CallError
 from pliant.spec.frame import Frame
 from pliant.spec.io.exr import Surface
 from pliant.spec.sequence import SequenceRecord
-from pliant.viewer.colours import depth_image, index_image
-from pliant.viewer.drawing import Float64, Rgb, Window, positions_px, show, strip
+from pliant.viewer.drawing import (
+    Float64,
+    Rgb,
+    Window,
+    depth_image,
+    index_image,
+    positions_px,
+    show,
+    strip,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

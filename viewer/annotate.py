@@ -15,7 +15,7 @@ import secrets
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from http import HTTPStatus
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from http.server import ThreadingHTTPServer
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, Final
@@ -23,12 +23,12 @@ from typing import Any, Final
 from PIL import Image
 
 from pliant.baselines.matcher import Matcher
-from pliant.baselines.photo import read_view
+from pliant.baselines.views import read_view
 from pliant.converters.marks_csv import ANNOTATIONS_CSV, COLUMNS, collect_marks
 from pliant.spec.errors import CallError, PliantError
 from pliant.spec.io.photo import SUFFIXES, photo_size, read_photo
 from pliant.spec.io.writing import replacing
-from pliant.viewer.local_server import open_local_server
+from pliant.viewer.local_server import LocalHandler, open_local_server
 from pliant.viewer.photo_match import match_photo
 
 _MAX_BODY_BYTES: Final = 4 * 2**20
@@ -208,14 +208,14 @@ def make_server(
     return open_local_server(Handler, port)
 
 
-class _Handler(BaseHTTPRequestHandler):
+class _Handler(LocalHandler):
     annotation: Annotation
     suggester: Suggester | None
     token: str
 
-    def do_GET(self) -> None:
+    def do_GET(self) -> None:  # noqa: N802 - the name that http.server calls
         """Send the page, the state or a picture."""
-        if not self._is_local():
+        if not self.is_local():
             return
         if self.path == "/":
             page = files("pliant.viewer").joinpath("annotate.html").read_text(encoding="utf-8")
@@ -233,9 +233,9 @@ class _Handler(BaseHTTPRequestHandler):
         else:
             self.send_error(HTTPStatus.NOT_FOUND)
 
-    def do_POST(self) -> None:
+    def do_POST(self) -> None:  # noqa: N802
         """Take marks, or return suggestions."""
-        if not self._is_local():
+        if not self.is_local():
             return
         length = int(self.headers.get("Content-Length") or 0)
         if self.headers.get("X-Token") != self.token or not 0 < length <= _MAX_BODY_BYTES:
@@ -255,14 +255,6 @@ class _Handler(BaseHTTPRequestHandler):
         except (PliantError, KeyError, TypeError, ValueError, OSError) as error:
             self._send_json({"error": str(error)}, HTTPStatus.BAD_REQUEST)
 
-    def _is_local(self) -> bool:
-        """Refuse a request that another site's name led here (DNS rebinding)."""
-        host = (self.headers.get("Host") or "").rsplit(":", 1)[0]
-        if host in ("127.0.0.1", "localhost"):
-            return True
-        self.send_error(HTTPStatus.FORBIDDEN)
-        return False
-
     def _send_json(self, document: Mapping[str, Any], status: HTTPStatus = HTTPStatus.OK) -> None:
         self._send(json.dumps(document).encode(), "application/json", status)
 
@@ -273,9 +265,6 @@ class _Handler(BaseHTTPRequestHandler):
         self.send_header("Cache-Control", "no-store")
         self.end_headers()
         self.wfile.write(data)
-
-    def log_message(self, format: str, *args: Any) -> None:
-        """Log nothing: the terminal belongs to the command."""
 
 
 def _jpeg(picture: Path) -> bytes:

@@ -1,4 +1,4 @@
-"""The drawing style that all figures share: panels of one size, points, endings of files."""
+"""The drawing style that all figures share: panels, points, colours, endings of files."""
 
 from __future__ import annotations
 
@@ -10,7 +10,10 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
+from pliant.baselines.matcher import Heat
 from pliant.spec.errors import CallError
+from pliant.spec.io.exr import Surface
+from pliant.spec.model import Tier
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -25,6 +28,13 @@ PICTURES: Final = (".png", ".jpg", ".jpeg", ".webp")
 DRAWINGS: Final = (*PICTURES, ".pdf", ".svg")
 _DPI: Final = 100
 _TITLE_IN: Final = 0.3
+_LOG_RANGE: Final = 10.0  # e^-10 of the largest is as good as nothing
+_LOWEST_SHOWN: Final = 0.05  # quantile at the lower end of the colours, of values that are not logs
+
+_CORNERS = np.array(
+    [[[0.15, 0.20, 0.75], [0.10, 0.75, 0.85]], [[0.85, 0.15, 0.35], [0.98, 0.85, 0.20]]]
+)
+# Colours of a cloth's corners: [u][v], mixed in between.
 
 
 def strip(
@@ -76,6 +86,37 @@ def draw_point(axis: Axes, uv_px: npt.NDArray[Any], colour: Any, *, seen: bool) 
     axis.plot(*uv_px, "o", ms=6, mfc=face, mec=edge, mew=1.0)
 
 
+def number_colour(number: int, count: int) -> tuple[float, float, float, float]:
+    """Return the colour of one of `count` numbered points, RGBA, 0 to 1."""
+    from matplotlib import colormaps
+
+    return colormaps["turbo"](0.05 + 0.9 * number / max(1, count - 1))
+
+
+def name_point(axis: Axes, uv_px: npt.ArrayLike, name: str) -> None:
+    """Write a point's name next to it."""
+    u, v = np.asarray(uv_px, np.float64)
+    axis.annotate(
+        name,
+        (float(u), float(v)),
+        xytext=(5, 4),
+        textcoords="offset points",
+        fontsize=8,
+        color="white",
+        bbox={"boxstyle": "round,pad=0.15", "fc": "#000000a0", "lw": 0},
+    )
+
+
+def heat_range(heat: Heat) -> tuple[float, float]:
+    """Return the values at both ends of a heat map's colours, of which it has a finite one.
+
+    Logarithms are drawn down to a factor of e^-10 of the largest, other values from a low quantile.
+    """
+    finite = heat.values[np.isfinite(heat.values)].astype(np.float64)
+    low, high = float(np.quantile(finite, _LOWEST_SHOWN)), float(finite.max())
+    return (max(low, high - _LOG_RANGE) if heat.label.startswith("log") else low), high
+
+
 def positions_px(table: pa.Table, u: str = "u_px", v: str = "v_px") -> Float64:
     """Return two columns of a table as positions, float64 (N, 2)."""
     return np.stack([table[u].to_numpy(), table[v].to_numpy()], axis=1).astype(np.float64)
@@ -100,3 +141,56 @@ def check_ending(path: Path, allowed: Sequence[str]) -> None:
             found=path.suffix or "no ending",
             required=", ".join(allowed),
         )
+
+
+def material_colours(
+    m0: npt.NDArray[Any], m1: npt.NDArray[Any], tier: Tier
+) -> npt.NDArray[np.float64]:
+    """Return index colours: one colour for one material point, in every frame.
+
+    Args:
+        m0: (N,), first material coordinate of the queried object.
+        m1: (N,), second material coordinate.
+        tier: The tier.
+
+    Returns:
+        float64 (N, 3), sRGB 0 to 1. A rope is coloured along its length, a little darker on one
+        side of theta; a cloth by its four corners.
+    """
+    first, second = tier.queried.material
+    a = np.clip((m0 - first.min) / (first.max - first.min), 0.0, 1.0)
+    if tier.kind == "rope":
+        from matplotlib import colormaps
+
+        colours: npt.NDArray[np.float64] = colormaps["turbo"](0.04 + 0.92 * a)[:, :3]
+        return colours * (0.84 + 0.16 * np.cos(np.asarray(m1, np.float64)))[:, None]
+    b = np.clip((m1 - second.min) / (second.max - second.min), 0.0, 1.0)
+    a, b = a[:, None], b[:, None]
+    low = (1 - b) * _CORNERS[0, 0] + b * _CORNERS[0, 1]
+    high = (1 - b) * _CORNERS[1, 0] + b * _CORNERS[1, 1]
+    mixed: npt.NDArray[np.float64] = (1 - a) * low + a * high
+    return mixed
+
+
+def index_image(surface: Surface, tier: Tier) -> Rgb:
+    """Return the index colours of a frame; other objects grey, the rest near black."""
+    out = np.full((*surface.object_id.shape, 3), 18, np.uint8)
+    out[surface.object_id > 0] = 120
+    on = surface.object_id == tier.queried_object
+    out[on] = np.rint(255 * material_colours(surface.m0[on], surface.m1[on], tier)).astype(np.uint8)
+    return out
+
+
+def depth_image(surface: Surface) -> Rgb:
+    """Return the depth of a frame: near is bright; its own range is spread out."""
+    from matplotlib import colormaps
+
+    out = np.full((*surface.depth_m.shape, 3), 18, np.uint8)
+    on = np.isfinite(surface.depth_m)
+    if not on.any():
+        return out
+    depth = surface.depth_m[on].astype(np.float64)
+    low, high = depth.min(), depth.max()
+    near = (high - depth) / max(high - low, 1e-9)
+    out[on] = np.rint(255 * colormaps["magma"](0.15 + 0.8 * near)[:, :3]).astype(np.uint8)
+    return out

@@ -20,10 +20,16 @@ from pliant.spec.io.writing import replacing
 from pliant.spec.model import Tier
 from pliant.spec.sequence import SequenceRecord
 from pliant.viewer.anatomy import draw_anatomy
-from pliant.viewer.annotated_points import draw_annotated_points
-from pliant.viewer.colours import depth_image, index_image
-from pliant.viewer.drawing import DRAWINGS, PICTURES, Rgb, check_ending, evenly
-from pliant.viewer.point_tracks import draw_point_tracks
+from pliant.viewer.drawing import (
+    DRAWINGS,
+    PICTURES,
+    Rgb,
+    check_ending,
+    depth_image,
+    evenly,
+    index_image,
+)
+from pliant.viewer.point_tracks import draw_annotated_points, draw_point_tracks
 from pliant.viewer.tracks import ANIMATIONS, draw_tracks, read_predicted_tracks
 
 _SHEETS: Final = ("sheet", "index", "depth")

@@ -11,7 +11,15 @@ import numpy.typing as npt
 from pliant.baselines.matcher import Heat, View
 from pliant.spec.errors import CallError
 from pliant.spec.io.writing import replacing
-from pliant.viewer.drawing import Rgb, Window, check_ending, show
+from pliant.viewer.drawing import (
+    Rgb,
+    Window,
+    check_ending,
+    heat_range,
+    name_point,
+    number_colour,
+    show,
+)
 from pliant.viewer.photo_match import PhotoMatch, PointMatch
 
 FORMATS: Final = (".png", ".pdf", ".svg", ".jpg")
@@ -19,8 +27,6 @@ FORMATS: Final = (".png", ".pdf", ".svg", ".jpg")
 _WIDTH_IN: Final = 5.2  # mean width of a picture, inches
 _HEIGHT_IN: Final = (2.4, 6.0)  # lowest and largest height of the pictures, inches
 _ROOM: Final = 0.08  # around the object, in its longer sides
-_LOWEST_SHOWN: Final = 0.05  # quantile of the heat at the lower end of the colours
-_LOG_RANGE: Final = 10.0  # e^-10 of the largest is as good as nothing
 _LEAST_WEIGHT: Final = 0.05  # of a mode whose ring is drawn
 _NUMBERED: Final = 40  # more points have colours alone
 _QUERY_COLOUR: Final = "#00c8ff"
@@ -108,23 +114,13 @@ def draw_match(match: PhotoMatch, source: View, target: View, out: Path) -> None
 
 def _numbered(axes: list[Any], match: PhotoMatch) -> None:
     """Draw every query and its match in one colour and with one number."""
-    from matplotlib import colormaps
-
     count = len(match.points)
     for number, point in enumerate(match.points):
-        colour = colormaps["turbo"](0.05 + 0.9 * number / max(1, count - 1))
+        colour = number_colour(number, count)
         for axis, uv_px in ((axes[0], point.uv_a_px), (axes[1], point.uv_b_px)):
             axis.plot(*uv_px, "o", ms=7, mfc=colour, mec="white", mew=1.2)
             if count <= _NUMBERED:
-                axis.annotate(
-                    str(number + 1),
-                    tuple(map(float, uv_px)),
-                    xytext=(5, 5),
-                    textcoords="offset points",
-                    fontsize=8,
-                    color="white",
-                    bbox={"boxstyle": "round,pad=0.15", "fc": "#000000a0", "lw": 0},
-                )
+                name_point(axis, uv_px, str(number + 1))
 
 
 def _headline(match: PhotoMatch, single: PointMatch | None) -> str:
@@ -201,15 +197,12 @@ def _dimmed(rgb: Rgb) -> Rgb:
 def _heat(axes: Any, heat: Heat) -> Any:
     """Draw the values where there are any; None if there are none.
 
-    Logarithms are drawn down to a factor of e^-10 of the largest. What has been looked at and
-    is impossible (-inf) gets the lowest colour; what has not been looked at (NaN) gets none.
+    What has been looked at and is impossible (-inf) gets the lowest colour; what has not been
+    looked at (NaN) gets none.
     """
-    finite = heat.values[np.isfinite(heat.values)]
-    if len(finite) == 0:
+    if not np.isfinite(heat.values).any():
         return None
-    low, high = float(np.quantile(finite, _LOWEST_SHOWN)), float(finite.max())
-    if heat.label.startswith("log"):
-        low = max(low, high - _LOG_RANGE)
+    low, high = heat_range(heat)
     height, width = heat.values.shape
     return axes.imshow(
         np.ma.masked_invalid(np.maximum(heat.values, low)),

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import IO, Any, Final
 
 from pliant.spec.errors import CallError
-from pliant.viewer.local_server import open_local_server
+from pliant.viewer.local_server import LocalHandler, open_local_server
 
 INDEX: Final = "index.html"
 
@@ -34,19 +34,13 @@ def make_site_server(folder: Path, port: int = 0) -> ThreadingHTTPServer:
     return open_local_server(partial(_Handler, directory=str(folder.resolve())), port)
 
 
-class _Handler(SimpleHTTPRequestHandler):
+class _Handler(LocalHandler, SimpleHTTPRequestHandler):
     def send_head(self) -> Any:
-        """Refuse a request that another site's name led here (DNS rebinding)."""
-        if (self.headers.get("Host") or "").rsplit(":", 1)[0] in ("127.0.0.1", "localhost"):
-            return super().send_head()
-        self.send_error(HTTPStatus.FORBIDDEN)
-        return None
+        """Open a file for a request that names this machine."""
+        return super().send_head() if self.is_local() else None
 
     def list_directory(self, path: Any) -> IO[bytes] | None:  # type: ignore[override]
         """List nothing: a folder without a page is not part of the site."""
         del path
         self.send_error(HTTPStatus.NOT_FOUND)
         return None
-
-    def log_message(self, format: str, *args: Any) -> None:
-        """Log nothing: the terminal belongs to the command."""

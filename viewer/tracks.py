@@ -16,12 +16,12 @@ from pliant.spec.frame import Frame
 from pliant.spec.io.parquet import read_footer, read_table
 from pliant.spec.queries import QueryPair
 from pliant.spec.sequence import SequenceRecord
-from pliant.viewer.colours import material_colours
 from pliant.viewer.drawing import (
     Float64,
     Rgb,
     draw_point,
     evenly,
+    material_colours,
     positions_px,
     show,
     strip,

@@ -12,7 +12,7 @@ from typing import Any
 
 from pliant.generator.config import GenerateConfig
 from pliant.generator.seeding import SequenceTask
-from pliant.spec.io.checksums import sha256_file
+from pliant.spec.io.reading import sha256_file
 from pliant.spec.storage.layout import SEQUENCE_JSON
 
 

@@ -18,10 +18,11 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from pliant.spec.conventions import POINT_KINDS, SPEC_VERSION
-from pliant.spec.io.checksums import file_entry
-from pliant.spec.io.images import Surface, write_rgb, write_surface
+from pliant.spec.io.exr import Surface, write_surface
 from pliant.spec.io.jsonfiles import write_json
 from pliant.spec.io.parquet import TableWriter, write_table
+from pliant.spec.io.png import write_rgb
+from pliant.spec.io.reading import file_entry
 from pliant.spec.storage.layout import (
     CAMERAS_JSON,
     CORRESPONDENCES_TABLE,

@@ -16,7 +16,7 @@ from PIL import Image
 from scipy.ndimage import binary_erosion, gaussian_filter
 
 from pliant.generator.settings.scene import NoiseSettings
-from pliant.spec.io.images import Surface
+from pliant.spec.io.exr import Surface
 
 Rgb = npt.NDArray[np.uint8]
 

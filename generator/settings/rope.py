@@ -36,18 +36,6 @@ LONGEST_KNOT_SHARE: Final = 0.92
 """A knot may take this share of the rope; the rest is its two tails."""
 
 
-def _even_shapes() -> dict[str, float]:
-    return {"open": 0.30, "loop": 0.30, "overlap": 0.25, "knot": 0.15}
-
-
-def _even_knots() -> dict[str, float]:
-    return {"overhand": 0.6, "figure-eight": 0.4}
-
-
-def _knot_sizes() -> dict[str, tuple[float, float]]:
-    return {"overhand": (22.0, 32.0), "figure-eight": (31.0, 38.0)}
-
-
 @configuration(frozen=True)
 class RopeSettings:
     """The settings of a rope tier; every value is checked when the object is made.
@@ -101,10 +89,14 @@ class RopeSettings:
     ring: Annotated[int, Bounds(6, 64, multiple_of=2)] = 8
     ball: bool = True
     ball_strand_radii: Annotated[float, Bounds(0.5, 40)] = 7.5
-    shapes: Annotated[Mapping[str, float], Weights(SHAPES)] = field(default_factory=_even_shapes)
-    knots: Annotated[Mapping[str, float], Weights(KNOTS)] = field(default_factory=_even_knots)
+    shapes: Annotated[Mapping[str, float], Weights(SHAPES)] = field(
+        default_factory=lambda: {"open": 0.30, "loop": 0.30, "overlap": 0.25, "knot": 0.15}
+    )
+    knots: Annotated[Mapping[str, float], Weights(KNOTS)] = field(
+        default_factory=lambda: {"overhand": 0.6, "figure-eight": 0.4}
+    )
     knot_diameters: Mapping[Annotated[str, OneOf(KNOTS)], Range] = field(
-        default_factory=_knot_sizes
+        default_factory=lambda: {"overhand": (22.0, 32.0), "figure-eight": (31.0, 38.0)}
     )
     loop_radius_m: Range = (0.042, 0.085)
     control_points: Annotated[int, Bounds(8, 64)] = 12

@@ -21,14 +21,6 @@ TABLES: Final = ("plain", "mottled", "wood")
 ROPE_COLOURINGS: Final = ("solid", "tracer", "two-tone")
 
 
-def _even_tables() -> dict[str, float]:
-    return {"plain": 0.25, "mottled": 0.45, "wood": 0.30}
-
-
-def _even_ropes() -> dict[str, float]:
-    return {"solid": 0.25, "tracer": 0.50, "two-tone": 0.25}
-
-
 @configuration(frozen=True)
 class AppearanceSettings:
     """Ranges an appearance is drawn from, uniformly; (low, high) with low <= high.
@@ -62,7 +54,9 @@ class AppearanceSettings:
 
     SECTION: ClassVar[str] = "look"
 
-    tables: Annotated[Mapping[str, float], Weights(TABLES)] = field(default_factory=_even_tables)
+    tables: Annotated[Mapping[str, float], Weights(TABLES)] = field(
+        default_factory=lambda: {"plain": 0.25, "mottled": 0.45, "wood": 0.30}
+    )
     table_value: Annotated[Range, Bounds(0, 1)] = (0.25, 0.85)
     table_saturation: Annotated[Range, Bounds(0, 1)] = (0.0, 0.40)
     table_contrast: Annotated[Range, Bounds(0, 1)] = (0.15, 0.6)
@@ -71,7 +65,7 @@ class AppearanceSettings:
     object_saturation: Annotated[Range, Bounds(0, 1)] = (0.10, 0.85)
     object_hue: Annotated[Range, Bounds(-1, 1)] = (0.0, 1.0)
     rope_colourings: Annotated[Mapping[str, float], Weights(ROPE_COLOURINGS)] = field(
-        default_factory=_even_ropes
+        default_factory=lambda: {"solid": 0.25, "tracer": 0.50, "two-tone": 0.25}
     )
     fibre_contrast: Annotated[Range, Bounds(0, 1)] = (0.10, 0.35)
     weave_contrast: Annotated[Range, Bounds(0, 1)] = (0.02, 0.10)

@@ -23,9 +23,9 @@ from pliant.generator.truth.query_sampling import (
     skip_pairs,
     track_pairs,
 )
-from pliant.spec.io.checksums import sha256_file
 from pliant.spec.io.jsonfiles import read_json
 from pliant.spec.io.parquet import read_table, write_table
+from pliant.spec.io.reading import sha256_file
 from pliant.spec.model import Tier
 from pliant.spec.storage.layout import (
     CORRESPONDENCES_TABLE,
@@ -226,12 +226,7 @@ class Pair:
             np.full(count, max(box[2] - box[0], box[3] - box[1]), np.float32),
             pa.array(alternatives, TRUTH.field("alternatives").type),
         ]
-        return _table(queries, QUERIES), _table(truth, TRUTH)
-
-
-def _table(columns: Sequence[Any], schema: pa.Schema) -> pa.Table:
-    arrays = [pa.array(c, field.type) for c, field in zip(columns, schema, strict=True)]
-    return pa.Table.from_arrays(arrays, schema=schema)
+        return pa.table(queries, schema=QUERIES), pa.table(truth, schema=TRUTH)
 
 
 def _read_tracks(folder: Path) -> Tracks:

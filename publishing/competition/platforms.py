@@ -1,9 +1,16 @@
-"""The bundles of the two platforms: the same parts under the names that each of them wants."""
+"""The bundles of the two platforms: the same parts under the names that each of them wants.
+
+One part is the starting kit: the queries, a template to fill in, and a program that fills it.
+"""
 
 from __future__ import annotations
 
+import tempfile
 from pathlib import Path
 from typing import Final
+
+import numpy as np
+import pyarrow as pa
 
 from pliant.publishing.competition import wheel
 from pliant.publishing.competition.archive import Members, archive_bytes
@@ -16,11 +23,14 @@ from pliant.publishing.competition.pages import (
     render_pages,
     render_yaml,
 )
-from pliant.publishing.competition.starting_kit import EXAMPLE_PROGRAM, kit_members
+from pliant.spec.io.parquet import read_table, write_table
+from pliant.spec.storage import layout
 
 DOCKER_IMAGE: Final = "python:3.11-slim-bookworm"
 """A public image with a Python that Pliant runs on (Codabench's own has 3.7). The scoring
 program installs the pinned libraries into it; an image made by the Dockerfile has them."""
+
+EXAMPLE_PROGRAM: Final = "submit_without_pliant.py"
 
 _EVALAI_PAGES: Final = {
     "description": "overview",
@@ -107,3 +117,38 @@ def dockerfile() -> bytes:
         f"FROM {DOCKER_IMAGE}\n"
         f"RUN pip install --no-cache-dir {pins}\n"
     ).encode()
+
+
+def kit_members(competition: Competition, public: Path, readme: str) -> Members:
+    """Return the files of the starting kit by name.
+
+    Args:
+        competition: The competition.
+        public: The public half.
+        readme: Text of its README.md.
+    """
+    queries = layout.queries_path(public, competition.split)
+    return {
+        "README.md": readme.encode(),
+        EXAMPLE_PROGRAM: file_bytes(f"examples/{EXAMPLE_PROGRAM}"),
+        "template.parquet": _template(competition, queries),
+        "data/dataset.json": public / layout.DATASET_JSON,
+        f"data/queries/{competition.split}.parquet": queries,
+    }
+
+
+def _template(competition: Competition, queries: Path) -> bytes:
+    """Return a submission whose every u and v is NaN, which no check passes."""
+    keys = read_table(queries, "queries", ["pair_id", "query_id"])
+    empty = pa.array(np.full(len(keys), np.nan, np.float32))
+    footer = {
+        "dataset": {key: competition.dataset[key] for key in ("id", "version")},
+        "split": competition.split,
+        "queries_sha256": competition.queries_sha256,
+        "method": {"name": "template"},
+    }
+    table = keys.append_column("u", empty).append_column("v", empty)
+    with tempfile.TemporaryDirectory(prefix="pliant-") as folder:
+        path = Path(folder) / "template.parquet"
+        write_table(path, table, "answers", footer)
+        return path.read_bytes()

@@ -15,9 +15,10 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from pliant.spec.conventions import CONVENTIONS, SPEC_VERSION
-from pliant.spec.io.images import Surface, write_rgb, write_surface
+from pliant.spec.io.exr import Surface, write_surface
 from pliant.spec.io.jsonfiles import write_json
 from pliant.spec.io.parquet import write_table
+from pliant.spec.io.png import write_rgb
 from pliant.spec.storage import layout
 from pliant.spec.tables import CORRESPONDENCES, POINTS, SEQUENCES
 

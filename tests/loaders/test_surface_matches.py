@@ -5,11 +5,10 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from pliant.loaders.surface_matches import draw_surface_pixels
 from pliant.spec.dataset import Dataset
-from pliant.spec.io.images import Surface
+from pliant.spec.io.exr import Surface
 from pliant.spec.model import MaterialCoordinate, MaterialObject, Symmetry, Tier
-from pliant.spec.surface_search import SurfaceSearch
+from pliant.spec.surface_search import SurfaceSearch, draw_surface_pixels
 
 
 def test_matches_are_exact_to_a_fraction_of_a_pixel(

@@ -191,8 +191,9 @@ def test_a_shard_that_was_cut_short_is_noticed(halves: Any, tmp_path: Path) -> N
 
 
 def test_readers_take_bytes_where_they_take_paths(halves: Any) -> None:
-    from pliant.spec.io.images import read_rgb, read_surface
+    from pliant.spec.io.exr import read_surface
     from pliant.spec.io.parquet import read_table
+    from pliant.spec.io.png import read_rgb
 
     folder = next(halves.whole.glob("sequences/rope/rope-train-*"))
 

@@ -11,7 +11,7 @@ from PIL import Image
 from pliant.cli.view import command
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
-from pliant.viewer.colours import depth_image, index_image, material_colours
+from pliant.viewer.drawing import depth_image, index_image, material_colours
 from pliant.viewer.figures import FIGURES, contact_sheet, draw_figure
 
 

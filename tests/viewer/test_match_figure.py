@@ -14,7 +14,7 @@ from PIL import Image
 
 from pliant.baselines import METHODS, Answers, Heat, View
 from pliant.baselines.controls import Identity
-from pliant.baselines.photo import read_view
+from pliant.baselines.views import read_view
 from pliant.cli.main import run
 from pliant.spec.errors import CallError, PliantError
 from pliant.spec.io.photo import read_photo

@@ -23,17 +23,17 @@ from pliant.viewer.explorer.answers import MethodAnswer
 from pliant.viewer.explorer.catalogue import catalogue
 from pliant.viewer.explorer.frames import FramePair, FrameStore
 from pliant.viewer.explorer.guard import Guard
-from pliant.viewer.explorer.heat import heat_png
 from pliant.viewer.explorer.layers import (
     FRAME_LAYERS,
     METHOD_LAYERS,
     frame_layer,
+    heat_png,
     method_layer,
     png,
 )
-from pliant.viewer.explorer.methods import Method
 from pliant.viewer.explorer.recorded import RecordedQueries
 from pliant.viewer.explorer.scene import depth_bytes, pose_bytes, scene_document
+from pliant.viewer.explorer.submissions import Method
 from pliant.viewer.explorer.truth import TruthFinder, rounded
 
 STATIC: Final = Path(__file__).parent / "static"

@@ -8,8 +8,8 @@ from typing import Any
 from pliant.spec.dataset import Dataset
 from pliant.viewer.explorer.layers import ERROR_SCALE_PX
 from pliant.viewer.explorer.live import LiveMethod
-from pliant.viewer.explorer.methods import Method
 from pliant.viewer.explorer.recorded import RecordedQueries
+from pliant.viewer.explorer.submissions import Method
 
 
 def catalogue(

@@ -1,21 +1,26 @@
-"""The layers of a picture: colour, depth, index colours, mask, and what a method makes of it."""
+"""The layers of a picture: colour, depth, index colours, mask, and what a method makes of it.
+
+Heat maps are small pictures that a browser lays over the target.
+"""
 
 from __future__ import annotations
 
 import io
+from dataclasses import replace
+from functools import cache
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
-from pliant.baselines.matcher import View
+from pliant.baselines.matcher import Heat, View
 from pliant.spec.frame import Frame
 from pliant.spec.model import FloatArray
-from pliant.viewer.colours import Rgb, depth_image, index_image, material_colours
+from pliant.viewer.drawing import Rgb, depth_image, heat_range, index_image, material_colours
 from pliant.viewer.explorer.frames import FramePair, FrameStore
 from pliant.viewer.explorer.live import LiveMethod
-from pliant.viewer.explorer.methods import Method
+from pliant.viewer.explorer.submissions import Method
 from pliant.viewer.explorer.truth import TruthFinder
 
 FRAME_LAYERS: Final = ("rgb", "depth", "index", "mask")
@@ -30,6 +35,8 @@ ERROR_SCALE_PX: Final = (1.0, 100.0)
 _ERROR_POINTS: Final = 500
 _DARK: Final = 18
 _HIDDEN_GREY: Final = 165
+
+_WIDEST_PX: Final = 320
 
 
 def frame_layer(frames: FrameStore, frame: Frame, layer: str) -> Rgb | None:
@@ -180,3 +187,41 @@ def png(rgb: Rgb) -> bytes:
     buffer = io.BytesIO()
     Image.fromarray(rgb).save(buffer, "PNG", compress_level=1)
     return buffer.getvalue()
+
+
+def heat_png(heat: Heat) -> bytes:
+    """Return a heat map as a palette PNG: no belief is transparent, the peak is opaque.
+
+    Args:
+        heat: The heat map, of the size of the target.
+
+    Returns:
+        A PNG of at most 320 pixels in width.
+    """
+    step = -(-heat.values.shape[1] // _WIDEST_PX)
+    values = heat.values[step // 2 :: step, step // 2 :: step]
+    level = np.zeros(values.shape, np.uint8)  # 0 where the method does not look
+    known = np.isfinite(values)
+    if known.any():
+        low, high = heat_range(replace(heat, values=values))
+        share = (values[known].astype(np.float64) - low) / max(high - low, 1e-12)
+        level[known] = np.rint(1 + 254 * share.clip(0, 1))
+    colours, alpha = _palette()
+    picture = Image.fromarray(level, "P")
+    picture.putpalette(colours)
+    buffer = io.BytesIO()
+    picture.save(buffer, "PNG", transparency=alpha, compress_level=1)
+    return buffer.getvalue()
+
+
+@cache
+def _palette() -> tuple[bytes, bytes]:
+    """Return 256 colours of the map `inferno`, and their opacity."""
+    from matplotlib import colormaps
+
+    share = np.linspace(0, 1, 255)
+    rgb: npt.NDArray[np.uint8] = np.zeros((256, 3), np.uint8)
+    rgb[1:] = np.rint(255 * colormaps["inferno"](0.15 + 0.85 * share)[:, :3])
+    alpha = np.zeros(256, np.uint8)
+    alpha[1:] = np.rint(70 + 165 * share)
+    return rgb.tobytes(), alpha.tobytes()

@@ -14,9 +14,8 @@ from pliant.spec.errors import CallError
 from pliant.viewer.explorer.app import Explorer
 from pliant.viewer.explorer.frames import FrameStore
 from pliant.viewer.explorer.live import LiveMethod
-from pliant.viewer.explorer.methods import Method
 from pliant.viewer.explorer.recorded import RecordedQueries
-from pliant.viewer.explorer.submissions import read_report, read_submission
+from pliant.viewer.explorer.submissions import Method, read_report, read_submission
 
 OpenMethod = Callable[[str], Matcher | SplitMatcher]
 

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from pliant.spec.frame import Frame
 from pliant.spec.sequence import SequenceRecord
-from pliant.viewer.colours import material_colours
+from pliant.viewer.drawing import material_colours
 from pliant.viewer.explorer.frames import FrameStore
 
 _TRACKS: Final = 24

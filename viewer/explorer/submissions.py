@@ -12,10 +12,11 @@ from pliant.evaluator.submission.loading import load
 from pliant.evaluator.submission.problems import Problems
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, SubmissionError
-from pliant.spec.io.checksums import sha256_file
+from pliant.spec.io.reading import sha256_file
 from pliant.spec.model import FloatArray
 from pliant.viewer.explorer.answers import Kind, MethodAnswer, PairErrors
 from pliant.viewer.explorer.frames import FramePair
+from pliant.viewer.explorer.live import LiveMethod
 from pliant.viewer.explorer.recorded import RecordedQueries
 from pliant.viewer.explorer.truth import REACH_PX
 
@@ -169,3 +170,7 @@ def read_report(
         if file.is_file() and sha256_file(file) == submission["sha256"]:
             return read_submission(file, dataset, queries)
     return ReportMethod(scores)
+
+
+Method = LiveMethod | RecordedMethod | ReportMethod
+"""A method of an explorer, of any kind."""

@@ -1,4 +1,4 @@
-"""A grid of cells over a triangle mesh, to find the triangles near a place."""
+"""A grid of cells over points or a triangle mesh, to find what is near a place."""
 
 from __future__ import annotations
 
@@ -7,6 +7,34 @@ import numpy.typing as npt
 from numba import njit
 
 from pliant.generator.scene.scene_object import FloatArray, IntArray
+
+
+@njit(cache=True)
+def grid_over(
+    points: FloatArray, edge_m: float, most: float
+) -> tuple[FloatArray, float, npt.NDArray[np.int64]]:
+    """Lay a grid over the box of some points.
+
+    Args:
+        points: float64 (N, 3), metres.
+        edge_m: Edge of a cell, as long as the grid has few enough cells.
+        most: Most cells. In a wide box cells are larger: slower, with the same result.
+
+    Returns:
+        float64 (3,), the corner; the edge of a cell; int64 (3,), cells along each axis.
+    """
+    low = np.empty(3)
+    cells = np.empty(3, np.int64)
+    for c in range(3):
+        low[c] = points[:, c].min()
+    while True:
+        total = 1.0
+        for c in range(3):
+            cells[c] = int((points[:, c].max() - low[c]) / edge_m) + 1
+            total *= cells[c]
+        if total <= most:
+            return low, edge_m, cells
+        edge_m *= 1.5
 
 
 @njit(cache=True)

@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from pliant.generator.objects.cloth.cells import grid_over
 from pliant.generator.objects.cloth.grid import flat_positions
 from pliant.generator.objects.cloth.simulator import Sheet
 from pliant.generator.scene.scene_object import FloatArray, IntArray
@@ -156,19 +157,7 @@ def list_pairs(positions: FloatArray, rest: FloatArray, layers: Layers, pairs: P
     """
     reach_m = layers.distance_m + layers.margin_m
     count = positions.shape[0]
-    low = np.empty(3)
-    cells = np.empty(3, np.int64)
-    edge = reach_m
-    for c in range(3):
-        low[c] = positions[:, c].min()
-    while True:
-        total = 1.0
-        for c in range(3):
-            cells[c] = int((positions[:, c].max() - low[c]) / edge) + 1
-            total *= cells[c]
-        if total <= 64.0 * count + 1024.0:
-            break
-        edge *= 1.5  # a wide box: larger cells find the same pairs, only slower
+    low, edge, cells = grid_over(positions, reach_m, 64.0 * count + 1024.0)
     # Masses in the order of their cells, so that a cell's are neighbours in memory.
     start = np.zeros(cells[0] * cells[1] * cells[2] + 1, np.int32)
     key = np.empty(count, np.int32)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from pliant.generator.objects.cloth.cells import triangles_in_cells
+from pliant.generator.objects.cloth.cells import grid_over, triangles_in_cells
 from pliant.generator.scene.scene_object import FloatArray, IntArray
 
 
@@ -45,19 +45,7 @@ def _volume(p: FloatArray, q: FloatArray, r: FloatArray, s: FloatArray) -> float
 def _pierced(
     vertices: FloatArray, faces: IntArray, edges: IntArray, cell_m: float, hits: IntArray
 ) -> int:
-    low = np.empty(3)
-    cells = np.empty(3, np.int64)
-    edge_m = cell_m
-    for c in range(3):
-        low[c] = vertices[:, c].min()
-    while True:
-        total = 1.0
-        for c in range(3):
-            cells[c] = int((vertices[:, c].max() - low[c]) / edge_m) + 1
-            total *= cells[c]
-        if total <= 16.0 * faces.shape[0] + 1024.0:
-            break
-        edge_m *= 1.5
+    low, edge_m, cells = grid_over(vertices, cell_m, 16.0 * faces.shape[0] + 1024.0)
     start, members = triangles_in_cells(vertices, faces, low, edge_m, cells)
     found = 0
     tested = np.full(faces.shape[0], -1, np.int32)

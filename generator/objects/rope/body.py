@@ -20,10 +20,12 @@ from pliant.generator.objects.rope.mesh import (
     rope_chart,
     rope_mesh,
 )
-from pliant.generator.objects.rope.tier import BALL_ID, ROPE_ID
 from pliant.generator.scene.scene_object import FloatArray, Part, Points, Pose
 from pliant.generator.settings.rope import RopeSettings
 from pliant.spec.configuration import settings_to_dict
+
+ROPE_ID: Final = 1
+BALL_ID: Final = 2
 
 
 class RopeBody:

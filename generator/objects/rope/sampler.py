@@ -1,31 +1,54 @@
-"""Sequences of a rope tier."""
+"""A rope tier: what `dataset.json` says about it, and its sequences."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
 from pliant.generator.config import GenerateConfig
-from pliant.generator.objects.rope.body import RopeBody, upward_normal
+from pliant.generator.objects.rope.body import BALL_ID, ROPE_ID, RopeBody, upward_normal
 from pliant.generator.objects.rope.episode import Episode
 from pliant.generator.objects.rope.static import sample_configuration
-from pliant.generator.objects.rope.tier import rope_tier
 from pliant.generator.scene.scene_object import Pose, SceneObject
 from pliant.generator.seeding import RandomStreams, Stream, weighted_choice
 from pliant.generator.settings.rope import RopeSettings
 from pliant.spec.errors import CallError
-from pliant.spec.model import Tier
+from pliant.spec.model import MaterialCoordinate, MaterialObject, Symmetry, Tier
 
-LONGEST_EPISODE = 3000
+LONGEST_EPISODE: Final = 3000
 """Frames; the physics is checked up to here."""
+
+REVERSAL: Final = Symmetry("reversal", ((-1.0, 0.0), (0.0, -1.0)), (1.0, 0.0))
+"""(s, theta) -> (1 - s, -theta): the rope looked at from its other end."""
 
 
 def describe(config: GenerateConfig, tier: str) -> Tier:
     """Return the rope tier of a dataset; ranges of proportions appear as their middle."""
     return rope_tier(config.rope.nominal, tier)
+
+
+def rope_tier(settings: RopeSettings, name: str = "rope") -> Tier:
+    """Return the tier of a rope: objects, material coordinates, symmetries.
+
+    Args:
+        settings: The tier's settings.
+        name: Tier name.
+    """
+    along = MaterialCoordinate("s", 0.0, 1.0, settings.length_m)
+    rope = MaterialObject(ROPE_ID, "rope", (along, _angle("theta", settings.radius_m)))
+    if not settings.ball:
+        return Tier(name, "rope", "plain", ROPE_ID, (rope,), (REVERSAL,))
+    radius_m = settings.ball_radius_m
+    polar = MaterialCoordinate("polar", 0.0, math.pi, radius_m)
+    ball = MaterialObject(BALL_ID, "ball", (polar, _angle("azimuth", radius_m)))
+    return Tier(name, "rope", "plain", ROPE_ID, (rope, ball))
+
+
+def _angle(name: str, radius_m: float) -> MaterialCoordinate:
+    return MaterialCoordinate(name, -math.pi, math.pi, radius_m, 2.0 * math.pi)
 
 
 def sample(config: GenerateConfig, streams: RandomStreams) -> SceneObject:

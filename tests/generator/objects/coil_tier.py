@@ -15,7 +15,7 @@ import numpy as np
 from pliant.generator.config import GenerateConfig
 from pliant.generator.objects.rope.body import RopeBody, upward_normal
 from pliant.generator.objects.rope.curve import arc_length, resample
-from pliant.generator.objects.rope.tier import rope_tier
+from pliant.generator.objects.rope.sampler import rope_tier
 from pliant.generator.scene.scene_object import Pose, SceneObject
 from pliant.generator.seeding import RandomStreams, Stream
 from pliant.spec.model import Tier

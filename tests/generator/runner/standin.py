@@ -25,7 +25,7 @@ from pliant.generator.scene.scene_object import Points
 from pliant.generator.seeding import RandomStreams, SequenceTask, Stream
 from pliant.generator.truth.frame_truth import FrameTruth
 from pliant.generator.truth.rasteriser import Hits
-from pliant.spec.io.images import Surface
+from pliant.spec.io.exr import Surface
 
 NO_HITS = Hits(np.zeros((0, 0), np.int32), np.zeros((0, 0)), np.zeros((0, 0, 2)))
 SIDE = 4  # points along a side of the sheet

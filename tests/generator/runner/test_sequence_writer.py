@@ -9,8 +9,8 @@ import pytest
 
 from pliant.generator.runner import sequence_writer
 from pliant.generator.seeding import SequenceTask
-from pliant.spec.io.checksums import sha256_file
 from pliant.spec.io.parquet import TableWriter, read_footer, read_table, write_table
+from pliant.spec.io.reading import sha256_file
 
 TASK = SequenceTask("rope", "train", 0)
 

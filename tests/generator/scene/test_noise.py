@@ -11,7 +11,7 @@ from pliant.generator.scene.noise import apply_noise, perlin_noise
 from pliant.generator.settings.scene import NoiseSettings
 from pliant.spec.configuration import settings_to_dict
 from pliant.spec.errors import CallError
-from pliant.spec.io.images import Surface
+from pliant.spec.io.exr import Surface
 
 OFF = {
     "gaussian": (0.0, 0.0),

@@ -18,8 +18,7 @@ from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, SubmissionError
 from pliant.viewer.explorer.app import Explorer
 from pliant.viewer.explorer.frames import FramePair
-from pliant.viewer.explorer.heat import heat_png
-from pliant.viewer.explorer.layers import error_colours, frame_layer, method_layer
+from pliant.viewer.explorer.layers import error_colours, frame_layer, heat_png, method_layer
 from pliant.viewer.explorer.opening import open_explorer
 from pliant.viewer.explorer.submissions import RecordedMethod, ReportMethod
 
