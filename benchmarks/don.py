@@ -76,8 +76,7 @@ def overhead_ratio(dataset: Dataset, settings: DonSettings, run: Path, rounds: i
         whole = time.process_time() - started
         images = batch["image"].flatten(0, 1).contiguous(memory_format=torch.channels_last)
         started = time.process_time()
-        half = settings.precision == "bfloat16"
-        with torch.autocast("cpu", torch.bfloat16, enabled=half):
+        with task.precision():
             descriptors = task.network(images)
         descriptors.sum().backward()
         ratios.append(whole / (time.process_time() - started))

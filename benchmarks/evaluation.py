@@ -53,9 +53,9 @@ def write_dataset(root: Path, rows: int) -> None:
     """Write a dataset without images and a shuffled submission of `rows` rows."""
     from pliant.spec import tables
     from pliant.spec.conventions import CONVENTIONS, SPEC_VERSION, VISIBILITY_STATES
-    from pliant.spec.io.checksums import sha256_file
     from pliant.spec.io.jsonfiles import write_json
     from pliant.spec.io.parquet import write_table
+    from pliant.spec.io.reading import sha256_file
     from pliant.spec.storage import layout
 
     rng = np.random.default_rng(0)

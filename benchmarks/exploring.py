@@ -20,7 +20,7 @@ from pliant.generator.config import GenerateConfig
 from pliant.generator.runner.run import generate
 from pliant.viewer.explorer.app import Explorer
 from pliant.viewer.explorer.frames import FramePair
-from pliant.viewer.explorer.heat import heat_png
+from pliant.viewer.explorer.layers import heat_png
 from pliant.viewer.explorer.opening import open_explorer
 
 MODELS = {"don-rope": "rope", "don-cloth": "cloth-1"}

@@ -150,7 +150,8 @@ def encoders(frames: int) -> dict[str, Value]:
 
     from pliant.generator.runner.run import generate
     from pliant.spec.dataset import Dataset
-    from pliant.spec.io.images import write_rgb, write_surface
+    from pliant.spec.io.exr import write_surface
+    from pliant.spec.io.png import write_rgb
 
     record: dict[str, Value] = {}
     with _folder() as root:

@@ -74,7 +74,7 @@ API: Final = {
     "Datasets": ("pliant.spec.dataset.Dataset", "pliant.spec.frame.Frame"),
     "Methods": ("pliant.baselines.matcher", "pliant.baselines.views", "pliant.baselines.answers"),
     "Scores": ("pliant.evaluator.scores.Scores",),
-    "Training data": ("pliant.loaders.pairs", "pliant.loaders.single_frames"),
+    "Training data": ("pliant.loaders.pairs", "pliant.loaders.clips"),
 }
 
 _LINK = re.compile(r"(!?)\[([^\[\]]*)\]\(([^)\s#]+)(#[^)\s]*)?\)")

@@ -12,8 +12,8 @@ from pliant.benchmarks.suite.config import TEST_SPLIT, BenchmarkConfig
 from pliant.benchmarks.suite.work import Workspace
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
-from pliant.spec.io.checksums import sha256_file
 from pliant.spec.io.jsonfiles import write_json
+from pliant.spec.io.reading import sha256_file
 from pliant.spec.storage.layout import CORRESPONDENCES_TABLE, queries_path, truth_path
 
 

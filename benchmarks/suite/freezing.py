@@ -23,7 +23,7 @@ from pliant.generator.runner.run import generate
 from pliant.generator.settings import AppearanceSettings
 from pliant.generator.truth.queries import build_queries
 from pliant.spec.errors import GenerationError
-from pliant.spec.io.checksums import sha256_file
+from pliant.spec.io.reading import sha256_file
 from pliant.spec.storage.layout import QUERIES_DIR, TRUTH_DIR
 
 

@@ -17,7 +17,7 @@ from pliant.benchmarks.suite.table import CLASSICAL, Row, blocks
 from pliant.benchmarks.suite.work import Workspace
 from pliant.evaluator.controls import CONTROLS
 from pliant.evaluator.report.best_matches import best_matches
-from pliant.evaluator.report.cause_bars import cause_bars
+from pliant.evaluator.report.cells import cause_bars
 from pliant.evaluator.report.pages import render_page
 from pliant.evaluator.report.report import error_histogram
 from pliant.evaluator.report.verdict import board_verdict

@@ -16,7 +16,7 @@ from pliant.evaluator import read_protocol
 from pliant.generator.runner.run import generate
 from pliant.models.shipped import FOLDER
 from pliant.spec.errors import CallError, GenerationError, SpecError, TrainingError
-from pliant.spec.io.checksums import sha256_file
+from pliant.spec.io.reading import sha256_file
 from pliant.spec.validation.validate import validate
 
 

@@ -11,6 +11,7 @@ import pytest
 import yaml
 from click.testing import CliRunner
 
+from pliant.benchmarks.suite.cause_tables import cause_tables
 from pliant.benchmarks.suite.checksums import compare_checksums, read_frozen, set_checksums
 from pliant.benchmarks.suite.config import BenchmarkConfig, read_config
 from pliant.benchmarks.suite.freezing import frozen_questions
@@ -19,11 +20,12 @@ from pliant.benchmarks.suite.run import run_benchmark, run_digest
 from pliant.benchmarks.suite.table import arms, finished_rows
 from pliant.benchmarks.suite.work import Cost, Workspace
 from pliant.cli.main import cli, run
+from pliant.evaluator.scores import read_scores
 from pliant.generator.runner.run import generate
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, TrainingError
-from pliant.spec.io.checksums import sha256_file
 from pliant.spec.io.parquet import read_footer
+from pliant.spec.io.reading import sha256_file
 
 FOLDER = Path(__file__).parents[2] / "benchmarks"
 
@@ -356,6 +358,22 @@ def test_seeds_are_trained_each_and_reported_as_their_mean(
         if (each.method, each.variant) == ("small", "noisy")
     )
     assert f"{pooled - against:+.1f}" in line
+
+
+def test_causes_of_several_seeds_are_one_row(
+    config_file: Path, made: tuple[Path, Recorder]
+) -> None:
+    work, config = Workspace(made[0]), read_config(config_file)
+    tables = cause_tables(config, work, finished_rows(config, work))
+    (table,) = [each for each in tables if each["title"] == "Rope, two seeds: noisy"]
+    (row,) = table["rows"]
+    assert row[0] == "DON again (2 seeds)"
+    shares = []
+    for seed in ("twice-0", "twice-1"):
+        causes = read_scores(work.scores_path("rope-noisy", seed, "standard")).document["causes"]
+        shares.append(causes["overall"]["along"]["squared_error_share"])
+    column = table["heads"].index("Wrong place on the object")
+    assert row[column] == f"{100 * np.mean(shares):.1f}"
 
 
 def test_masks_are_withheld_where_a_test_says_so(made: tuple[Path, Recorder]) -> None:
