@@ -61,8 +61,8 @@ class Search(Comparison):
 
     Attributes:
         traced: Where a rope's traces carry the queries, or None. They are weighed into `log_p`.
-        deciding: float (N, M), what the answers are read from: `log_p`, or one way along a rope where
-            `log_p` is the mean of both.
+        deciding: float (N, M), what the answers are read from: `log_p`, or one way along a rope
+            where `log_p` is the mean of both.
     """
 
     traced: TracedPlaces | None
