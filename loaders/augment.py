@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
-from pliant.loaders.recolouring import recolour, recolour_regions, replace_background
+from pliant.loaders.recolouring import noisy_depth, recolour, recolour_regions, replace_background
 from pliant.loaders.views import FrameView
 from pliant.spec.configuration import configuration
 from pliant.spec.constraints import Bounds, Refused, Share
@@ -33,6 +33,8 @@ class AugmentSettings:
             its points and the border; 1 lets it leave and turns about the image's centre.
         colour: Gain, offset and gamma of each channel vary by about this share.
         noise: Standard deviation of pixel noise, uniform from 0 to this (of 255).
+        depth_noise_m: Standard deviation of noise of the depth, uniform from 0 to this, metres;
+            with it up to a twentieth of the pixels have no depth.
         background: Probability that everything but the objects is replaced.
         recolour: Probability that the queried object, the other objects and the background each
             get other colours, so that a network learns no material.
@@ -47,6 +49,7 @@ class AugmentSettings:
     margin: Share = 0.06
     colour: Share = 0.2
     noise: Annotated[float, Bounds(0, 128, "of 255")] = 4.0
+    depth_noise_m: Annotated[float, Bounds(0, 0.1, "m")] = 0.0
     background: Share = 0.0
     recolour: Share = 0.0
     mask_faults: Share = 0.0
@@ -199,6 +202,8 @@ def augment(
         view = replace(view, rgb=replace_background(rng, view.rgb, view.objects))
     if affine is not None:
         view = warp_view(view, affine)
+    if settings.depth_noise_m > 0:
+        view = replace(view, depth_m=noisy_depth(rng, view.depth_m, settings.depth_noise_m))
     rgb = view.rgb
     if settings.recolour > 0 and rng.random() < settings.recolour:
         rgb = recolour_regions(rng, rgb, view.mask, view.objects)

@@ -1,12 +1,16 @@
-"""Other colours for a training frame: exposure and noise, backgrounds, materials by region."""
+"""Other pixel values for a training frame: exposure, noise, backgrounds, materials by region."""
 
 from __future__ import annotations
 
 import math
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 from PIL import Image
+
+_MOST_MISSING: Final = 0.05
+"""Largest share of the pixels whose depth is lost."""
 
 
 def recolour(
@@ -32,6 +36,22 @@ def recolour(
         grain = rng.standard_normal(rgb.shape, dtype=np.float32) * np.float32(sigma)
         rgb = np.clip(rgb + grain, 0, 255).astype(np.uint8)
     return rgb
+
+
+def noisy_depth(
+    rng: np.random.Generator, depth_m: npt.NDArray[np.float32], noise_m: float
+) -> npt.NDArray[np.float32]:
+    """Return a depth map with noise and lost pixels.
+
+    Args:
+        rng: Source of randomness.
+        depth_m: float32 (h, w), +inf where there is none.
+        noise_m: Largest standard deviation of the noise, metres.
+    """
+    sigma = np.float32(rng.uniform(0, noise_m))
+    grain = rng.standard_normal(depth_m.shape, dtype=np.float32) * sigma
+    lost = rng.random(depth_m.shape, dtype=np.float32) < rng.uniform(0, _MOST_MISSING)
+    return np.where(lost, np.float32(np.inf), depth_m + grain)
 
 
 def replace_background(

@@ -170,11 +170,13 @@ def _copy(network: nn.Module) -> Weights:
 def _update_average(average: Weights, network: nn.Module, keep: float, step: int) -> None:
     """Move the average towards the weights; early on it forgets faster, so it starts unbiased."""
     keep = min(keep, (1 + step) / (10 + step)) if keep else 0.0
-    for name, tensor in network.state_dict().items():
-        if tensor.is_floating_point():
-            average[name].lerp_(tensor, 1 - keep)
-        else:
-            average[name].copy_(tensor)
+    now = network.state_dict()
+    moving = [name for name, tensor in now.items() if tensor.is_floating_point()]
+    torch._foreach_lerp_(
+        [average[name] for name in moving], [now[name] for name in moving], 1 - keep
+    )
+    for name in now.keys() - set(moving):
+        average[name].copy_(now[name])
 
 
 def _validate(task: Task[Any], run: Path, state: TrainingState) -> dict[str, float]:
