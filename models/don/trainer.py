@@ -143,15 +143,16 @@ class DonTask(Task[DonSettings]):
     ) -> None:
         """Calibrate and measure the trained network; see `Task`."""
         watched, size = self.settings.validation, self.dataset.size
-        held_out = self.held_out
+        held_out, seed = self.held_out, self.settings.seed
         if self.settings.answer.decode == "trace":  # masks at their own size, as answers have them
             held_out = FrameStore(self.dataset, self.settings.tier, watched.split, size)
         pairs = draw_validation_pairs(
-            held_out, watched.calibration_pairs, watched.queries, self.settings.seed + 1
+            held_out, watched.calibration_pairs, watched.queries, seed + 1
         )
+        final_pairs = draw_validation_pairs(held_out, watched.pairs, watched.queries, seed)
         matcher = self.matcher(self.settings, facts)
         matcher.calibration = calibration = calibrate(matcher, pairs, size)
-        facts["validation"] = validate(matcher, self.validation_pairs, size)
+        facts["validation"] = validate(matcher, final_pairs, size)
         write_json(run / RUN_FACTS, facts)
         write_json(run / CALIBRATION, asdict(calibration))
         write_json(run / FAMILIARITY, familiarity_of(matcher, pairs).as_document())

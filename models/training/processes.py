@@ -30,6 +30,13 @@ class Processes:
         """True in the process that writes."""
         return self.rank == 0
 
+    @property
+    def device_name(self) -> str:
+        """`cpu`, or the name of the GPU."""
+        if self.device.type != "cuda":
+            return self.device.type
+        return torch.cuda.get_device_name(self.device)
+
 
 @contextmanager
 def joined_processes() -> Iterator[Processes]:

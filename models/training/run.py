@@ -64,7 +64,7 @@ def train_task(
             open_run(run, settings, options.get("resume", False), task_type.answering)
         task = task_type(dataset, settings, run, processes)
         state = train(task, run, **options)
-        facts = run_facts(dataset, settings, state.step, processes.world) | task.facts()
+        facts = run_facts(dataset, settings, state.step, processes) | task.facts()
         if processes.first and (run / BEST).is_file():
             load_best(task.network, run)
             history: list[Mapping[str, float]] = [*state.history]

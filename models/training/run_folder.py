@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from pliant.models.training.checkpoint import latest_checkpoint
+from pliant.models.training.processes import Processes
 from pliant.models.training.settings import RunSettings
 from pliant.spec.configuration import read_settings, settings_to_dict
 from pliant.spec.dataset import Dataset
@@ -86,7 +87,7 @@ def open_run(run: Path, settings: RunSettings, resume: bool, answering: str) -> 
 
 
 def run_facts(
-    dataset: Dataset, settings: RunSettings, steps: int, processes: int
+    dataset: Dataset, settings: RunSettings, steps: int, processes: Processes
 ) -> dict[str, Any]:
     """Return what `run.json` says of every run.
 
@@ -94,7 +95,7 @@ def run_facts(
         dataset: What it was trained on.
         settings: Its settings.
         steps: Steps done.
-        processes: Processes that trained together.
+        processes: The processes that trained together.
     """
     return {
         "dataset": {"id": dataset.id, "version": dataset.version},
@@ -102,7 +103,8 @@ def run_facts(
         "split": settings.split,
         "steps": steps,
         "seed": settings.seed,
-        "processes": processes,
+        "processes": processes.world,
+        "device": processes.device_name,
         "python": platform.python_version(),
     }
 
