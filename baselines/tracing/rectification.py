@@ -49,6 +49,11 @@ class Rectified:
     view: View
     homography: FloatArray | None = None
 
+    @property
+    def tilted(self) -> bool:
+        """Whether `view` is another image than the original."""
+        return self.homography is not None
+
     def forward(self, uv_px: npt.NDArray[np.floating[Any]]) -> npt.NDArray[np.float32]:
         """Return positions of the original in `view`, float32 (N, 2)."""
         if self.homography is None:

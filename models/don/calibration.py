@@ -44,6 +44,7 @@ SHARPNESS = np.geomspace(1.0, 1e5, 31)
 """What `fit_sharpness` tries."""
 
 _ECE_WEIGHT = 10.0
+_LEAST_PAIRS = 10  # of views from above and of tilted ones, to measure them apart
 
 
 @dataclass(frozen=True)
@@ -69,42 +70,59 @@ def calibrate(
     Returns:
         The calibration, with what was measured on the same pairs in `figures`.
     """
-    scale = np.array(full_size) / np.array(matcher.size)
-    kept: list[_Pair] = []
+    straight: list[_Pair] = []
+    tilted: list[_Pair] = []
     distances, hidden = [], []
     for pair in pairs:
-        found = matcher.search(pair.source, pair.target, pair.uv_a_px)
+        source, target = matcher.seen(pair.source), matcher.seen(pair.target)
+        found = matcher.search(source.view, target.view, source.forward(pair.uv_a_px))
         seen = pair.visible[:, 0]
         distances.append(found.distance)
         hidden.append(~seen)
         if not seen.any():
             continue
-        own = np.array(full_size) / np.array(pair.target.rgb.shape[1::-1])
-        answer = matcher.decoded(found, pair.target)[seen] * own
-        truth = pair.uv_b_px[seen, 0].astype(np.float64) * own
+        own = np.array(full_size) / np.array(target.view.rgb.shape[1::-1])
+        answer = matcher.decoded(found, target.view)[seen] * own
+        truth = target.forward(pair.uv_b_px[seen, 0]).astype(np.float64) * own
+        kept = tilted if source.tilted or target.tilted else straight
         kept.append(_Pair(found.log_p[torch.from_numpy(seen)], found.uv_px, answer, truth))
-    modes = _Modes(kept)
+    if min(len(straight), len(tilted)) < _LEAST_PAIRS:
+        straight, tilted = straight + tilted, []
+    sharp = Calibration(sharpness=matcher.sharpness)
+    sharp = _fit_visible(sharp, np.concatenate(distances), np.concatenate(hidden))
+    best = _fit_distribution(sharp, straight, matcher.size, full_size)
+    if tilted:
+        best = replace(best, tilted=_fit_distribution(sharp, tilted, matcher.size, full_size))
+    if best.visible_slope == 0:
+        return best
+    shown = ~np.concatenate(hidden)
+    said = best.visible(np.concatenate(distances)) >= 0.5
+    visible = {
+        "visible_accuracy": float(np.mean(said == shown)),
+        "visible_share": float(np.mean(shown)),
+    }
+    return replace(best, figures={**(best.figures or {}), **visible})
+
+
+def _fit_distribution(
+    start: Calibration, pairs: Sequence[_Pair], size: tuple[int, int], full_size: tuple[int, int]
+) -> Calibration:
+    """Return the best temperature, stray share and widths for some pairs, and their figures."""
+    scale = np.array(full_size) / np.array(size)
+    modes = _Modes(pairs)
 
     def cost(calibration: Calibration) -> float:
         measured = _measure(modes, calibration, scale, full_size)
         return measured["nll"] + _ECE_WEIGHT * measured["ece"]
 
-    starts = itertools.product(TEMPERATURES, MODE_RADII_PX)
     tried = [
-        _best_widths(Calibration(temperature=heat, mode_radius_px=radius), cost)
-        for heat, radius in starts
+        _best_widths(replace(start, temperature=heat, mode_radius_px=radius), cost)
+        for heat, radius in itertools.product(TEMPERATURES, MODE_RADII_PX)
     ]
     best = min(tried, key=cost)
     best = min((_changed(best, "stray", value) for value in STRAYS), key=cost)
     best = _best_widths(_best_widths(best, cost), cost)
-    best = _fit_visible(best, np.concatenate(distances), np.concatenate(hidden))
-    figures = _measure(modes, best, scale, full_size)
-    if best.visible_slope > 0:
-        seen = ~np.concatenate(hidden)
-        said = best.visible(np.concatenate(distances)) >= 0.5
-        figures["visible_accuracy"] = float(np.mean(said == seen))
-        figures["visible_share"] = float(np.mean(seen))
-    return replace(best, figures=figures, sharpness=matcher.sharpness)
+    return replace(best, figures=_measure(modes, best, scale, full_size))
 
 
 def fit_sharpness(matcher: DonMatcher, pairs: Sequence[ValidationPair]) -> float:

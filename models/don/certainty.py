@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -30,6 +31,8 @@ class Calibration:
             `visible` at all (the validation split hides no point).
         figures: What was measured, for the record.
         sharpness: Multiplies log p before everything else: contrastive networks learn no scale.
+        tilted: What holds where a view was rectified, whose tilt is estimated; None for no
+            difference.
     """
 
     temperature: float = 1.0
@@ -43,6 +46,21 @@ class Calibration:
     power: float = 1.0
     mode_radius_px: float = 4.0
     sharpness: float = 1.0
+    tilted: Calibration | None = None
+
+    @classmethod
+    def from_document(cls, document: Mapping[str, Any]) -> Calibration:
+        """Return the calibration that `calibration.json` holds.
+
+        Args:
+            document: The file's content, as `dataclasses.asdict` gives it.
+
+        Raises:
+            TypeError: The content has other fields.
+        """
+        tilted = document.get("tilted")
+        own = {**document, "tilted": None if tilted is None else cls.from_document(tilted)}
+        return cls(**own)
 
     @property
     def widths(self) -> Widths:

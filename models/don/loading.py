@@ -63,7 +63,7 @@ def load_matcher(run: Path | str) -> DonMatcher:
     calibration = None
     if values := read_run_json(run / CALIBRATION):
         try:
-            calibration = Calibration(**values)
+            calibration = Calibration.from_document(values)
         except TypeError as error:
             raise TrainingError(
                 "the calibration is damaged", path=run / CALIBRATION, found=str(error)

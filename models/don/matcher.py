@@ -116,29 +116,31 @@ class DonMatcher:
         """Answer query pixels; see `Matcher`."""
         if len(uv_a_px) == 0:
             return Answers(np.zeros((0, 2), dtype=np.float32))
-        from_view, in_view = self._seen(source), self._seen(target)
+        from_view, in_view = self.seen(source), self.seen(target)
         source, target = from_view.view, in_view.view
         found = self.search(source, target, from_view.forward(uv_a_px))
-        answers = in_view.back(self._answers(found, target))
+        calibration = self.calibration
+        if calibration is not None and (from_view.tilted or in_view.tilted):
+            calibration = calibration.tilted or calibration
+        answers = in_view.back(self._answers(found, target, calibration))
         if self.familiarity is None:
             return answers
         asked = self.asked(source, target, found)
         return replace(answers, familiarity=self.familiarity.score(asked))
 
-    def _seen(self, view: View) -> Rectified:
+    def seen(self, view: View) -> Rectified:
         """Return a view as it is answered in: a rope's with masks, and from straight above."""
 
-        def seen() -> Rectified:
+        def prepared() -> Rectified:
             masked = self._views.segmented(view) if self.settings.decode == "trace" else view
             return rectified(masked) if self.settings.rectify else Rectified(masked)
 
-        return self._rectified.get(view.key, seen)
+        return self._rectified.get(view.key, prepared)
 
-    def _answers(self, found: Search, target: View) -> Answers:
+    def _answers(self, found: Search, target: View, calibration: Calibration | None) -> Answers:
         log_p, uv = found.log_p, found.uv_px
         scale = self._pixel_scale(target)
         position = self.decoded(found, target).astype(np.float32)
-        calibration = self.calibration
         if calibration is None:
             return Answers(position)
         visible = calibration.visible(found.distance) if calibration.visible_slope > 0 else None

@@ -143,13 +143,14 @@ class DonTask(Task[DonSettings]):
     ) -> None:
         """Calibrate and measure the trained network; see `Task`."""
         watched, size = self.settings.validation, self.dataset.size
-        held_out, seed = self.held_out, self.settings.seed
-        if self.settings.answer.decode == "trace":  # masks at their own size, as answers have them
-            held_out = FrameStore(self.dataset, self.settings.tier, watched.split, size)
-        pairs = draw_validation_pairs(
-            held_out, watched.calibration_pairs, watched.queries, seed + 1
-        )
-        final_pairs = draw_validation_pairs(held_out, watched.pairs, watched.queries, seed)
+        seed, stores = self.settings.seed, self._final_stores()
+        final_pairs = draw_validation_pairs(stores[0], watched.pairs, watched.queries, seed)
+        share = -(-watched.calibration_pairs // len(stores))
+        pairs = [
+            pair
+            for store in stores
+            for pair in draw_validation_pairs(store, share, watched.queries, seed + 1)
+        ]
         matcher = self.matcher(self.settings, facts)
         matcher.calibration = calibration = calibrate(matcher, pairs, size)
         facts["validation"] = validate(matcher, final_pairs, size)
@@ -160,6 +161,18 @@ class DonTask(Task[DonSettings]):
         from pliant.models.don.report import write_run_report
 
         write_run_report(run, matcher, self.validation_pairs, history, facts)
+
+    def _final_stores(self) -> list[FrameStore]:
+        """Return the validation frames to calibrate on, the run's own first, then those of `also`.
+
+        Traces read masks of the pictures' own size, as answers have them.
+        """
+        split, traced = self.settings.validation.split, self.settings.answer.decode == "trace"
+        return [
+            FrameStore(of, tier, split, of.size if traced else self.size)
+            for of, tier in training_data(self.dataset, self.settings)
+            if any(each.split == split and each.tier == tier for each in of.sequences)
+        ]
 
 
 def familiarity_of(matcher: DonMatcher, pairs: Sequence[ValidationPair]) -> Familiarity:

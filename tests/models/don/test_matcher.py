@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import asdict, replace
 from types import ModuleType
 
 import numpy as np
@@ -10,6 +10,7 @@ import torch
 from torch import nn
 
 from pliant.baselines.matcher import HeatMatcher, View
+from pliant.baselines.tracing import Rectified
 from pliant.loaders.frame_store import FrameStore
 from pliant.loaders.inputs import NetworkInput
 from pliant.models.don.calibration import calibrate, fit_sharpness
@@ -254,6 +255,44 @@ def test_calibration_makes_an_overconfident_matcher_honest(pairs: list[Validatio
     assert answers.modes is None
     assert answers.sigma_px is not None
     assert (answers.sigma_px > 0).all()
+
+
+def test_rectified_views_have_a_calibration_of_their_own(
+    sheet_dataset: Dataset, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Truths are 6 px off wherever the target counts as rectified: only its answers doubt more."""
+    store = FrameStore(sheet_dataset, "sheet", "train", SIZE)
+    rng = np.random.default_rng(0)
+    pairs = []
+    for number, pair in enumerate(draw_validation_pairs(store, 24, 30, seed=3)):
+        off = (6 * rng.standard_normal(pair.uv_b_px.shape)).astype(np.float32)
+        name = "slanted" if number % 2 else "straight"
+        pairs.append(
+            replace(
+                pair,
+                target=replace(pair.target, key=f"{name} {number}"),
+                uv_b_px=pair.uv_b_px + off * (number % 2),
+            )
+        )
+    matcher = by_colour(scale=400.0)
+
+    def seen(view: View) -> Rectified:
+        return Rectified(view, np.eye(3) if view.key.startswith("slanted") else None)
+
+    monkeypatch.setattr(matcher, "seen", seen)
+    calibration = calibrate(matcher, pairs, SIZE)
+    assert calibration.tilted is not None
+    assert Calibration.from_document(asdict(calibration)) == calibration
+    matcher.calibration = calibration
+    matcher.settings = AnswerSettings(distribution="sigma")
+    straight, slanted = (
+        matcher.answer(pair.source, pair.target, pair.uv_a_px).sigma_px for pair in pairs[:2]
+    )
+    assert straight is not None
+    assert slanted is not None
+    assert np.median(slanted) > 3 * np.median(straight)
+    few = calibrate(matcher, pairs[:12], SIZE)
+    assert few.tilted is None, "six pairs are too few"
 
 
 def test_visible_is_learned_from_the_distance(pairs: list[ValidationPair]) -> None:
