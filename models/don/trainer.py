@@ -165,11 +165,13 @@ class DonTask(Task[DonSettings]):
     def _final_stores(self) -> list[FrameStore]:
         """Return the validation frames to calibrate on, the run's own first, then those of `also`.
 
-        Traces read masks of the pictures' own size, as answers have them.
+        Traces read masks of the pictures' own size, as answers have them; other frames are those
+        that the run has decoded already.
         """
         split, traced = self.settings.validation.split, self.settings.answer.decode == "trace"
+        cache = None if traced else self._cache
         return [
-            FrameStore(of, tier, split, of.size if traced else self.size)
+            FrameStore(of, tier, split, of.size if traced else self.size, cache=cache)
             for of, tier in training_data(self.dataset, self.settings)
             if any(each.split == split and each.tier == tier for each in of.sequences)
         ]
