@@ -13,6 +13,7 @@ from typing import Final
 
 import numpy as np
 
+from pliant.generator import portable
 from pliant.generator.scene.scene_object import (
     GRIPPER,
     FloatArray,
@@ -114,7 +115,7 @@ def _box(middle: FloatArray, size: FloatArray, axes: FloatArray | None = None) -
             around = [-u - v, u - v, u + v, v - u]
             corners += [middle_of_side + each for each in (around if side > 0 else around[::-1])]
     scaled = 0.5 * np.array(corners) * size
-    placed: FloatArray = middle + (scaled if axes is None else scaled @ axes)
+    placed: FloatArray = middle + (scaled if axes is None else portable.product(scaled, axes))
     return placed
 
 

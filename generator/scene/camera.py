@@ -7,6 +7,7 @@ is in metres with z up and the table at z = 0. Blender's axes are known to
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -14,6 +15,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from pliant.generator import portable
 from pliant.generator.scene.scene_object import GRIPPER, FloatArray, Pose, SceneObject
 from pliant.generator.settings.scene import CLEARANCE_M, MIN_MARGIN, CameraSettings
 from pliant.spec.errors import CallError
@@ -50,7 +52,7 @@ class Camera:
     @property
     def centre_m(self) -> npt.NDArray[np.float64]:
         """Where the camera stands, float64 (3,), world metres."""
-        return -self.world_to_camera[:3, :3].T @ self.world_to_camera[:3, 3]
+        return -portable.product(self.world_to_camera[:3, 3], self.world_to_camera[:3, :3])
 
     def to_camera(self, points_world: FloatArray) -> FloatArray:
         """Move world points into the camera's axes.
@@ -61,7 +63,8 @@ class Camera:
         Returns:
             float64 (N, 3), metres; the third column is the planar depth.
         """
-        return points_world @ self.world_to_camera[:3, :3].T + self.world_to_camera[:3, 3]
+        turned = portable.product(points_world, self.world_to_camera[:3, :3].T)
+        return turned + self.world_to_camera[:3, 3]
 
     def to_pixels(self, points_camera: FloatArray) -> FloatArray:
         """Project points given in the camera's axes.
@@ -188,25 +191,24 @@ def _workspace_corners(extent_m: Sequence[float]) -> FloatArray:
 
 def _direction(elevation_deg: float, azimuth_deg: float) -> npt.NDArray[np.float64]:
     """Return the unit vector at an elevation over the table; azimuth 0 is -y."""
-    elevation, azimuth = np.radians([elevation_deg, azimuth_deg])
-    flat = np.array([np.sin(azimuth), -np.cos(azimuth), 0.0]) * np.cos(elevation)
-    flat[2] = np.sin(elevation)
-    return flat
+    elevation, azimuth = math.radians(elevation_deg), math.radians(azimuth_deg)
+    flat = math.cos(elevation)
+    return np.array([math.sin(azimuth) * flat, -math.cos(azimuth) * flat, math.sin(elevation)])
 
 
 def _facing(
     forward: npt.NDArray[np.float64], up: npt.NDArray[np.float64]
 ) -> npt.NDArray[np.float64]:
     """Return the world-to-camera rotation that looks along `forward`."""
-    z = forward / np.linalg.norm(forward)
+    z = forward / portable.norm(forward)
     x = np.cross(z, up)
-    x /= np.linalg.norm(x)
+    x /= portable.norm(x)
     return np.stack([x, np.cross(z, x), z])
 
 
 def _rolled(rotation: npt.NDArray[np.float64], roll_deg: float) -> npt.NDArray[np.float64]:
-    c, s = np.cos(np.radians(roll_deg)), np.sin(np.radians(roll_deg))
-    return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) @ rotation
+    c, s = math.cos(math.radians(roll_deg)), math.sin(math.radians(roll_deg))
+    return portable.product([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]], rotation)
 
 
 def _placed(
@@ -216,10 +218,10 @@ def _placed(
     fov_deg: float,
 ) -> Camera:
     width, height = size
-    focal = width / 2 / np.tan(np.radians(fov_deg) / 2)
+    focal = width / 2 / math.tan(math.radians(fov_deg) / 2)
     pose = np.eye(4)
     pose[:3, :3] = rotation
-    pose[:3, 3] = -rotation @ eye
+    pose[:3, 3] = -portable.product(eye, rotation.T)
     K = np.array([[focal, 0.0, width / 2], [0.0, focal, height / 2], [0.0, 0.0, 1.0]])
     return Camera(K, pose, width, height)
 
@@ -235,11 +237,11 @@ def _framed(
 ) -> Camera:
     """Back away from the object until its box takes `fill` of the frame, `offset` off centre."""
     frame = np.asarray(size, np.float64)
-    local = (points - middle) @ rotation.T
+    local = portable.product(points - middle, rotation.T)
     nearest = -local[:, 2].min() + CLEARANCE_M
     distance = nearest + float(np.ptp(local, axis=0).max())
     sideways = np.zeros(2)
-    focal = frame[0] / 2 / np.tan(np.radians(fov_deg) / 2)
+    focal = frame[0] / 2 / math.tan(math.radians(fov_deg) / 2)
     for _ in range(60):
         depth = local[:, 2] + distance
         uv = focal * (local[:, :2] + sideways) / depth[:, None]
@@ -253,7 +255,9 @@ def _framed(
             break
         distance = max(nearest, distance * (1 + 0.8 * (ratio - 1)))
     shift = np.array([sideways[0], sideways[1], distance])
-    return _checked(_placed(rotation, middle - rotation.T @ shift, size, fov_deg), points)
+    return _checked(
+        _placed(rotation, middle - portable.product(shift, rotation), size, fov_deg), points
+    )
 
 
 def _checked(camera: Camera, points: FloatArray) -> Camera:
@@ -274,7 +278,7 @@ def _checked(camera: Camera, points: FloatArray) -> Camera:
         raise CallError(
             "the camera does not see the whole object",
             where=field,
-            found=f"{float(np.linalg.norm(eye - (low + high) / 2)):.3f} m",
+            found=f"{portable.norm(eye - (low + high) / 2):.3f} m",
             fix="Give a larger distance, or none, to have it chosen by camera.fill.",
         )
     return camera

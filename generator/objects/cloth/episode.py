@@ -15,6 +15,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from pliant.generator import portable
 from pliant.generator.objects.cloth.configuration import make_configuration
 from pliant.generator.objects.cloth.grid import corner_vertices
 from pliant.generator.objects.cloth.handling import Action, Handling, perform
@@ -199,5 +200,5 @@ class Episode:
         angle = rng.uniform(-math.pi, math.pi)
         direction = np.array([math.cos(angle), math.sin(angle)])
         offsets = cloth.simulator.positions[:, :2] - cloth.middle()
-        outermost = int((offsets @ direction).argmax())
+        outermost = int(portable.product(offsets, direction[:, None]).argmax())
         return cloth.top_vertex(cloth.simulator.positions[outermost, :2])

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from pliant.generator import portable
 from pliant.generator.objects.cloth.contact_pbd import PairContact
 from pliant.generator.objects.cloth.grid import corner_vertices, flat_positions, grid_faces
 from pliant.generator.objects.cloth.measure import silhouette_m2
@@ -253,9 +254,9 @@ class Handling:
         lean_rad = tilt_rad + twist_rad * along / side_m
         positions = np.empty_like(rest)
         positions[:, 1 - up_axis] = along
-        positions[:, up_axis] = towards * np.sin(lean_rad) * raised
+        positions[:, up_axis] = towards * portable.sin(lean_rad) * raised
         positions[:, up_axis] += rng.uniform(-0.005, 0.005, len(rest)) * side_m
-        positions[:, 2] = 0.5 * self.settings.thickness_m + np.cos(lean_rad) * raised
+        positions[:, 2] = 0.5 * self.settings.thickness_m + portable.cos(lean_rad) * raised
         self.simulator.place(positions)
         self.record.append(
             {
@@ -275,11 +276,11 @@ class Handling:
     def inwards(self, vertex: int, spread_rad: float) -> FloatArray:
         """Return a unit direction from a mass to the middle, off by a random angle."""
         towards = self.middle() - self.simulator.positions[vertex, :2]
-        length = float(np.linalg.norm(towards))
+        length = portable.norm(towards)
         angle = self.rng.uniform(-spread_rad, spread_rad)
         if length < 1e-6:
             towards, angle = np.array([1.0, 0.0]), self.rng.uniform(-math.pi, math.pi)
             length = 1.0
         c, s = math.cos(angle), math.sin(angle)
-        turned: FloatArray = np.array([[c, -s], [s, c]]) @ (towards / length)
+        turned: FloatArray = portable.product(towards / length, np.array([[c, s], [-s, c]]))
         return turned

@@ -14,6 +14,7 @@ from typing import Final
 
 import numpy as np
 
+from pliant.generator import portable
 from pliant.generator.objects.cloth.grid import corner_vertices
 from pliant.generator.objects.cloth.handling import Handling
 
@@ -114,7 +115,7 @@ def _scrunch(cloth: Handling) -> None:
         cloth.act("drop", cloth.top_vertex(xy), carry, lift, rng.uniform(0.0, 0.4), settle_s=0.8)
         return
     vertex = _outer_vertex(cloth)
-    gap = float(np.linalg.norm(cloth.middle() - cloth.simulator.positions[vertex, :2]))
+    gap = portable.norm(cloth.middle() - cloth.simulator.positions[vertex, :2])
     carry = cloth.inwards(vertex, 0.4) * (gap / cloth.side_m) * rng.uniform(0.6, 1.2)
     cloth.act("scrunch", vertex, carry, rng.uniform(0.15, 0.3), lower_share=0.4)
 

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from pliant.generator import portable
 from pliant.generator.objects.cloth.grid import corner_vertices, grid_mesh
 from pliant.generator.objects.cloth.intersections import find_intersections
 from pliant.generator.objects.cloth.measure import Cover, measure_cover
@@ -49,7 +50,7 @@ class Placement:
     def apply(self, positions: FloatArray) -> FloatArray:
         """Return positions (float64 (N, 3), metres) in the world."""
         c, s = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
-        placed = positions @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+        placed = portable.product(positions, np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]))
         placed[:, :2] += self.shift_m
         return placed
 

@@ -9,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from pliant.generator import portable
 from pliant.generator.objects.rope.contact import crossings
 from pliant.generator.objects.rope.curve import resample, twist_free_frames
 from pliant.generator.objects.rope.mesh import (
@@ -181,7 +182,7 @@ _EDGES: Final = np.dtype([("vertex", np.int32), ("other", np.int32), ("share", n
 def _around(mesh: RopeMesh, row: int, angles: int) -> npt.NDArray[np.void]:
     """Return the outer vertices of a cross section nearest to evenly spaced angles."""
     candidates = np.flatnonzero((mesh.row == row) & mesh.outer)
-    theta = np.arctan2(mesh.rest[candidates, 2], mesh.rest[candidates, 1])
+    theta = portable.arctan2(mesh.rest[candidates, 2], mesh.rest[candidates, 1])
     free = np.ones(len(candidates), dtype=bool)
     picked = []
     for k in range(min(angles, len(candidates))):
@@ -201,7 +202,7 @@ def _at_angles(mesh: RopeMesh, row: int, angles: int) -> npt.NDArray[np.void]:
     a, b = mesh.rest[here, 1:], mesh.rest[after, 1:]
     # A quarter step off: no angle is at the seam, where rounding would decide its sign.
     theta = 2.0 * math.pi * (np.arange(angles)[:, None] + 0.25) / angles
-    x, y = np.cos(theta), np.sin(theta)
+    x, y = portable.cos(theta), portable.sin(theta)
     side_a, side_b = x * a[:, 1] - y * a[:, 0], x * b[:, 1] - y * b[:, 0]
     with np.errstate(divide="ignore", invalid="ignore"):
         share = side_a / (side_a - side_b)

@@ -50,9 +50,10 @@ def bezier_curve(nodes: FloatArray, handles: FloatArray, per_segment: int = 96) 
         float64 ((n - 1) * per_segment + 1, d), the first and last node among them.
     """
     t = (np.arange(per_segment) / per_segment)[None, :, None]
+    u = 1.0 - t
     a, b = nodes[:-1, None], handles[:-1, 1][:, None]
     c, d = handles[1:, 0][:, None], nodes[1:, None]
-    points = (1 - t) ** 3 * a + 3 * (1 - t) ** 2 * t * b + 3 * (1 - t) * t**2 * c + t**3 * d
+    points = u * u * u * a + 3.0 * u * u * t * b + 3.0 * u * t * t * c + t * t * t * d
     return np.concatenate([points.reshape(-1, nodes.shape[1]), nodes[-1:]])
 
 
@@ -228,10 +229,10 @@ def _through(points: FloatArray, floor: float, per_segment: int, out: FloatArray
             u = 1.0 - t
             for c in range(3):
                 out[i * per_segment + k, c] = (
-                    u**3 * control[i, c]
+                    u * u * u * control[i, c]
                     + (3.0 * t**3 - 6.0 * t * t + 4.0) * control[i + 1, c]
                     + (3.0 * u**3 - 6.0 * u * u + 4.0) * control[i + 2, c]
-                    + t**3 * control[i + 3, c]
+                    + t * t * t * control[i + 3, c]
                 ) / 6.0
     for c in range(3):
         out[(n - 1) * per_segment, c] = points[n - 1, c]

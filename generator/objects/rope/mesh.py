@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from pliant.generator import portable
 from pliant.generator.scene.scene_object import Chart, FloatArray, IntArray, quads
 from pliant.generator.settings.rope import RopeSettings
 
@@ -89,7 +90,7 @@ def rope_chart(length_m: float) -> Chart:
     """
 
     def chart(rest: FloatArray) -> FloatArray:
-        return np.stack([rest[:, 0] / length_m, np.arctan2(rest[:, 2], rest[:, 1])], axis=1)
+        return np.stack([rest[:, 0] / length_m, portable.arctan2(rest[:, 2], rest[:, 1])], axis=1)
 
     return chart
 
@@ -117,7 +118,7 @@ def _sections(settings: RopeSettings) -> FloatArray:
     radius = settings.radius_m
     if settings.structure == "tube":
         turn = 2.0 * math.pi * np.arange(3 * settings.ring) / (3 * settings.ring)
-        circle = radius * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
+        circle = radius * np.stack([portable.cos(turn), portable.sin(turn)], axis=-1)
         return np.broadcast_to(circle, (1, settings.rows, *circle.shape)).copy()
     turn = 2.0 * math.pi * np.arange(settings.ring) / settings.ring
     wave = 2.0 * math.pi * settings.turns
@@ -139,19 +140,19 @@ def _sections(settings: RopeSettings) -> FloatArray:
         middle = radius - 1.85 * height
         way = np.where(np.arange(strands) < half, 1.0, -1.0)[:, None]
         phase = 2.0 * math.pi * (np.arange(strands) % half)[:, None] / half + way * wave * s
-        centre = middle + 0.85 * height * way * np.cos(half * wave * s)
+        centre = middle + 0.85 * height * way * portable.cos(half * wave * s)
         lay_angle = math.atan(wave / settings.length_m * middle)
         width = 0.74 * 2.0 * math.pi * middle / strands / math.cos(lay_angle)
-    radial = centre[..., None] + height * np.cos(turn)
-    sideways = width * np.sin(turn)
+    radial = centre[..., None] + height * portable.cos(turn)
+    sideways = width * portable.sin(turn)
     # Sideways runs along the circle, so that a wide strand wraps around the rope.
     angle = phase[..., None] + sideways / centre[..., None]
     if settings.structure == "laid":
-        cos, sin = np.cos(phase)[..., None], np.sin(phase)[..., None]
+        cos, sin = portable.cos(phase)[..., None], portable.sin(phase)[..., None]
         outline = np.stack([radial * cos - sideways * sin, radial * sin + sideways * cos], axis=-1)
         reach = np.sqrt((outline**2).sum(axis=-1)).max()
         return np.asarray(outline * (radius / reach))
-    return np.stack([radial * np.cos(angle), radial * np.sin(angle)], axis=-1)
+    return np.stack([radial * portable.cos(angle), radial * portable.sin(angle)], axis=-1)
 
 
 def _mirror_strands(settings: RopeSettings, strands: int) -> IntArray:
@@ -218,9 +219,9 @@ def ball_mesh(radius_m: float) -> tuple[FloatArray, IntArray]:
     azimuth = 2.0 * math.pi * np.arange(around) / around
     body = np.stack(
         [
-            np.broadcast_to(np.cos(polar)[:, None], (_RINGS - 1, around)),
-            np.sin(polar)[:, None] * np.cos(azimuth),
-            np.sin(polar)[:, None] * np.sin(azimuth),
+            np.broadcast_to(portable.cos(polar)[:, None], (_RINGS - 1, around)),
+            portable.sin(polar)[:, None] * portable.cos(azimuth),
+            portable.sin(polar)[:, None] * portable.sin(azimuth),
         ],
         axis=-1,
     ).reshape(-1, 3)
@@ -245,7 +246,9 @@ def ball_chart(rest: FloatArray) -> FloatArray:
         float64 (N, 2): 0..pi from the pole in the rope, and -pi..pi around it.
     """
     radial = np.sqrt(rest[:, 1] ** 2 + rest[:, 2] ** 2)
-    return np.stack([np.arctan2(radial, rest[:, 0]), np.arctan2(rest[:, 2], rest[:, 1])], axis=1)
+    return np.stack(
+        [portable.arctan2(radial, rest[:, 0]), portable.arctan2(rest[:, 2], rest[:, 1])], axis=1
+    )
 
 
 def place_ball(rest: FloatArray, centre: FloatArray, frame: FloatArray) -> FloatArray:

@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from pliant.generator import portable
 from pliant.generator.objects.rope.curve import (
     arc_length,
     automatic_handles,
@@ -99,7 +100,7 @@ def _wander(
     for _ in range(3):
         waves = rng.uniform(slowest, fastest)
         phase = rng.uniform(0.0, 2.0 * math.pi)
-        heading += rng.normal(0.0, strength) / 1.7 * np.sin(2.0 * math.pi * waves * t + phase)
+        heading += rng.normal(0.0, strength) / 1.7 * portable.sin(2.0 * math.pi * waves * t + phase)
     return heading
 
 
@@ -108,21 +109,21 @@ def _turn(start: float, end: float, angle: float) -> FloatArray:
     t = np.linspace(0.0, 1.0, _SAMPLES)
     u = np.clip((t - start) / (end - start), 0.0, 1.0)
     # Curvature rises and falls over a quarter at each end, constant between.
-    return np.asarray(angle * (u - 0.35 * np.sin(2.0 * math.pi * u) / (2.0 * math.pi)))
+    return np.asarray(angle * (u - 0.35 * portable.sin(2.0 * math.pi * u) / (2.0 * math.pi)))
 
 
 def _walk(heading: FloatArray, length_m: float) -> FloatArray:
     """Return the curve of a heading: float64 (samples, 2), metres."""
     step = length_m / (_SAMPLES - 1)
     middle = (heading[1:] + heading[:-1]) / 2.0
-    moves = step * np.stack([np.cos(middle), np.sin(middle)], axis=1)
+    moves = step * np.stack([portable.cos(middle), portable.sin(middle)], axis=1)
     return np.concatenate([np.zeros((1, 2)), np.cumsum(moves, axis=0)])
 
 
 def _place_nodes(path: FloatArray, count: int) -> FloatArray:
     """Return control points along a path, closer together where it bends: (count, 2)."""
     steps = np.diff(path, axis=0)
-    heading = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
+    heading = np.unwrap(portable.arctan2(steps[:, 1], steps[:, 0]))
     bend = np.abs(np.diff(heading, append=heading[-1]))
     weight = 1.0 / len(steps) + 0.9 * bend / max(float(bend.sum()), 2.0)
     reached = np.concatenate([np.zeros(1), np.cumsum(weight)])
@@ -226,7 +227,13 @@ def _pretzel() -> FloatArray:
     """Return the trefoil (sin t + 2 sin 2t, cos t - 2 cos 2t), opened on an outer lobe."""
     start, cut = math.pi / 3.0, 0.50
     t = np.linspace(start + cut, start + 2.0 * math.pi - cut, _SAMPLES)
-    return np.stack([np.sin(t) + 2.0 * np.sin(2.0 * t), np.cos(t) - 2.0 * np.cos(2.0 * t)], axis=1)
+    return np.stack(
+        [
+            portable.sin(t) + 2.0 * portable.sin(2.0 * t),
+            portable.cos(t) - 2.0 * portable.cos(2.0 * t),
+        ],
+        axis=1,
+    )
 
 
 def _knot_core(knot: str, pretzel: bool) -> FloatArray:
@@ -284,8 +291,8 @@ def _tail(
     left = direction[0] * side[1] - direction[1] * side[0] > 0
     t = np.linspace(0.0, 1.0, 65)
     bend = rng.uniform(-0.2, 1.8) * (1.0 if left else -1.0) * np.sqrt(t)
-    angle = heading + bend + rng.normal(0.0, 0.5) * np.sin(math.pi * t) * t
+    angle = heading + bend + rng.normal(0.0, 0.5) * portable.sin(math.pi * t) * t
     step = length_m / 64.0
-    moves = step * np.stack([np.cos(angle), np.sin(angle)], axis=1)[1:]
+    moves = step * np.stack([portable.cos(angle), portable.sin(angle)], axis=1)[1:]
     path = np.concatenate([np.zeros((1, 2)), np.cumsum(moves, axis=0)])
     return resample(path, _TAIL_NODES + 1)[1:]

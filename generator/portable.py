@@ -1,0 +1,61 @@
+"""Elementary functions and products whose last bit does not depend on the processor.
+
+NumPy computes sine, cosine, arctangent and powers of arrays by other code where the processor has
+AVX-512, and BLAS chooses its kernels for `@`, `dot` and `numpy.linalg.norm` by processor too. The
+results differ in the last bit, and a simulation with contacts makes centimetres of that. Whatever
+decides where an object or the camera is uses these functions, so that a seed gives the same poses
+on every x86-64 processor with FMA. `tests/generator/test_portable.py` generates with NumPy's and
+BLAS's code for an older processor and compares.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import cast
+
+import numpy as np
+from numba import vectorize
+from numpy.typing import ArrayLike
+
+from pliant.generator.scene.scene_object import FloatArray
+
+
+@vectorize(["float64(float64)"], cache=True)
+def _sin(x: float) -> float:
+    return math.sin(x)
+
+
+@vectorize(["float64(float64)"], cache=True)
+def _cos(x: float) -> float:
+    return math.cos(x)
+
+
+@vectorize(["float64(float64, float64)"], cache=True)
+def _arctan2(y: float, x: float) -> float:
+    return math.atan2(y, x)
+
+
+def sin(x: ArrayLike) -> FloatArray:
+    """Return the sine of angles in rad: float64 of the shape of `x`."""
+    return cast(FloatArray, _sin(x))
+
+
+def cos(x: ArrayLike) -> FloatArray:
+    """Return the cosine of angles in rad: float64 of the shape of `x`."""
+    return cast(FloatArray, _cos(x))
+
+
+def arctan2(y: ArrayLike, x: ArrayLike) -> FloatArray:
+    """Return the angle of (x, y) in rad, -pi to pi: float64 of the common shape."""
+    return cast(FloatArray, _arctan2(y, x))
+
+
+def product(rows: ArrayLike, matrix: ArrayLike) -> FloatArray:
+    """Return `rows @ matrix`: float64 (..., m) from (..., n) and (n, m)."""
+    result: FloatArray = np.einsum("...i,ij->...j", np.asarray(rows), np.asarray(matrix))
+    return result
+
+
+def norm(vector: FloatArray) -> float:
+    """Return the Euclidean length of a vector, float64 (n,)."""
+    return math.sqrt(float((vector * vector).sum()))
