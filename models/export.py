@@ -10,6 +10,7 @@ from typing import Any, Final
 
 from pliant.evaluator.scores import Scores
 from pliant.models import load_matcher
+from pliant.models.don.crossings import CROSSINGS
 from pliant.models.don.familiarity import FAMILIARITY
 from pliant.models.model_card import model_card
 from pliant.models.shipped import CARD
@@ -42,7 +43,7 @@ def export_run(
 
     Returns:
         The model's folder: `config.yaml`, `best.safetensors` (float16), `run.json`, where the
-        run has them `calibration.json`, and `data.yaml`, and `CARD.md`.
+        run has them `calibration.json`, `crossings.safetensors` and `data.yaml`, and `CARD.md`.
 
     Raises:
         CallError: The name cannot be used, the run is not a run or was trained on other data, a
@@ -83,7 +84,10 @@ def export_run(
     further = _further_data(settings)
     (partial / CONFIG).write_text(yaml_text(portable(settings, further)), encoding="utf-8")
     save_weights(partial / BEST, halved(read_weights_file(run / BEST)))
-    (partial / BEST).chmod(0o644)  # safetensors makes it the owner's alone
+    if (run / CROSSINGS).is_file():
+        save_weights(partial / CROSSINGS, halved(read_weights_file(run / CROSSINGS)))
+    for weights in partial.glob("*.safetensors"):
+        weights.chmod(0o644)  # safetensors makes them the owner's alone
     for used, file in [
         (dataset, DATA_CONFIG),
         *((each, f"data-{each.id}.yaml") for each in further),

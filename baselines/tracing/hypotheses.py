@@ -11,6 +11,7 @@ import numpy as np
 from PIL import Image, ImageFilter
 
 from pliant.baselines.tracing.chain import Evidence, sampled_paths
+from pliant.baselines.tracing.crossings import Overlap
 from pliant.baselines.tracing.depth_in_mask import FloatArray, Mask, depth_in_mask, steps_along
 from pliant.baselines.tracing.walk import walks
 
@@ -38,6 +39,8 @@ class Trace:
         coverage: Share of the mask that a rope along it covers, 0 to 1.
         retraced: Share of its stations where it follows an earlier part of itself.
         bending: Sum of its squared turns between stations, rad^2.
+        half_px: Half the rope's width, image pixels; 0 for unknown.
+        overlaps: Which of its parts lie on others, as far as that is known.
     """
 
     uv_px: FloatArray
@@ -45,6 +48,8 @@ class Trace:
     coverage: float
     retraced: float
     bending: float
+    half_px: float = 0.0
+    overlaps: tuple[Overlap, ...] = ()
 
     @property
     def score(self) -> float:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from pliant.baselines.tracing.crossings import nearest_stations
 from pliant.baselines.tracing.depth_in_mask import FloatArray
 from pliant.baselines.tracing.hypotheses import Trace
 
@@ -17,7 +18,8 @@ def transferred(source: Trace, target: Trace, uv_px: npt.NDArray[np.floating[Any
     """Return where places on one trace are on another.
 
     A place keeps the share of the length at which it is, and the side of the rope: its offset
-    across the source's trace, scaled by the ratio of the lengths.
+    across the source's trace, scaled by the ratio of the lengths. Where one strand is known to lie
+    on another, a place on both is on the upper one.
 
     Args:
         source: The trace in the queries' image.
@@ -28,7 +30,7 @@ def transferred(source: Trace, target: Trace, uv_px: npt.NDArray[np.floating[Any
         float64 (N, 2).
     """
     gap = np.linalg.norm(uv_px[:, None] - source.uv_px[None], axis=2)
-    station = gap.argmin(axis=1)
+    station = nearest_stations(gap, source.overlaps, source.half_px)
     normal_a, normal_b = _normals(source.uv_px), _normals(target.uv_px)
     offset = ((uv_px - source.uv_px[station]) * normal_a[station]).sum(axis=1)
     offset *= target.length_px / source.length_px

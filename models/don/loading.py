@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from pliant.models.don.certainty import Calibration
+from pliant.models.don.crossings import CROSSINGS, load_crossing_network
 from pliant.models.don.familiarity import FAMILIARITY, Familiarity
 from pliant.models.don.matcher import DonMatcher
 from pliant.models.don.settings import DonSettings
@@ -71,4 +72,7 @@ def load_matcher(run: Path | str) -> DonMatcher:
     matcher = DonMatcher(network, settings, calibration, read_run_json(run / RUN_FACTS))
     if values := read_run_json(run / FAMILIARITY):
         matcher.familiarity = Familiarity.from_document(values, run / FAMILIARITY)
+    if (run / CROSSINGS).is_file():
+        depth = not settings.pairs.network_input.colour
+        matcher.crossings = load_crossing_network(run / CROSSINGS, depth=depth)
     return matcher

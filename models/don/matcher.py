@@ -15,6 +15,7 @@ from pliant.baselines.matcher import Answers, Heat, View
 from pliant.baselines.tracing import Rectified, Trace, rectified, rope_traces
 from pliant.models.don.candidates import pixel_grid, widened
 from pliant.models.don.certainty import Calibration
+from pliant.models.don.crossings import with_overlaps
 from pliant.models.don.decoding import decode_position, mixture_of_modes, spread_about
 from pliant.models.don.described import ViewDescriber
 from pliant.models.don.familiarity import Asked, Described, Familiarity
@@ -27,6 +28,7 @@ from pliant.models.don.tracing import (
     traced_places,
 )
 from pliant.models.losses.distributional import log_probabilities
+from pliant.models.networks.crossing_network import CrossingNetwork
 from pliant.models.networks.descriptor_network import (
     DescriptorNetwork,
     sample_descriptors,
@@ -96,6 +98,7 @@ class DonMatcher:
         self.sharpness = 1.0 if calibration is None else calibration.sharpness
         self.facts = dict(facts or {})
         self.familiarity: Familiarity | None = None
+        self.crossings: CrossingNetwork | None = None
         self._views = ViewDescriber(self.network, self.input, self.size, settings.answer.rotations)
         self._rectified: LRUCache[Rectified] = LRUCache(_KEPT_VIEWS)
         self._traces: LRUCache[list[Trace]] = LRUCache(_KEPT_TRACES)
@@ -248,10 +251,17 @@ class DonMatcher:
             says = canonical_likelihood(self.network, own.maps[0], scale)
             if view.mask is not None:
                 given = None if says is None else lambda uv_px: says(uv_px / factor)
-                return rope_traces(view.mask, view.objects, given)
-            if own.mask is None:
+                mask, traces = view.mask, rope_traces(view.mask, view.objects, given)
+            elif own.mask is not None:
+                found = rope_traces(own.mask, own.objects, says)
+                mask, traces = own.mask, enlarged(found, factor)
+            else:
                 return []
-            return enlarged(rope_traces(own.mask, own.objects, says), factor)
+            return (
+                traces
+                if self.crossings is None
+                else with_overlaps(self.crossings, view, mask, traces)
+            )
 
         return self._traces.get(view.key, traced)
 

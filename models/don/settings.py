@@ -157,6 +157,8 @@ class AnswerSettings:
         rotations: 1, 2 or 4: how many quarter-turned copies of both images vote.
         rectify: For ropes: answer in views from straight above, where a mask shows that the camera
             was tilted (`baselines/tracing/rectification.py`).
+        crossings: With `trace`: find out which strand is on top where a rope crosses itself, by a
+            small network trained at the end of the run (`models/don/crossing_training.py`).
         distribution: `modes`, `sigma` or `none`: what the answers say of their certainty.
     """
 
@@ -165,6 +167,7 @@ class AnswerSettings:
     margin_px: Natural = 0
     rotations: Literal[1, 2, 4] = 1
     rectify: bool = False
+    crossings: bool = False
     distribution: Literal["modes", "sigma", "none"] = "modes"
 
 
@@ -198,6 +201,10 @@ class DonSettings(RunSettings):
                 "pairs.pairing",
                 "Add --set pairs.pairing=next",
             )
+        if self.answer.crossings and self.answer.decode != "trace":
+            raise Refused("'trace' for answer.crossings", "answer.decode")
+        if self.answer.crossings and self.pairs.input == "silhouette":
+            raise Refused("a picture or depth for answer.crossings", "pairs.input")
         need_points = [
             f"loss.{name} above 0"
             for name in ("orientation_weight", "canonical_weight")

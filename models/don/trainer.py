@@ -12,6 +12,8 @@ import torch
 from pliant.loaders import MixedPairs, PairDataset
 from pliant.loaders.frame_store import FrameStore, named_tier
 from pliant.models.don.calibration import calibrate, fit_sharpness
+from pliant.models.don.crossing_training import fit_crossings
+from pliant.models.don.crossings import CROSSINGS
 from pliant.models.don.familiarity import FAMILIARITY, Familiarity, fit_familiarity
 from pliant.models.don.loading import don_network
 from pliant.models.don.loss import don_loss
@@ -20,6 +22,7 @@ from pliant.models.don.settings import DonSettings
 from pliant.models.don.validation import ValidationPair, draw_validation_pairs, validate
 from pliant.models.networks.canonical import CanonicalHead
 from pliant.models.networks.descriptor_network import DescriptorNetwork
+from pliant.models.training.checkpoint import save_weights
 from pliant.models.training.processes import Processes
 from pliant.models.training.run import RunOptions, train_task
 from pliant.models.training.run_folder import CALIBRATION, RUN_FACTS, with_tier, write_json
@@ -143,7 +146,8 @@ class DonTask(Task[DonSettings]):
     ) -> None:
         """Calibrate and measure the trained network; see `Task`."""
         watched, size = self.settings.validation, self.dataset.size
-        seed, stores = self.settings.seed, self._final_stores()
+        split, whole = watched.split, self.settings.answer.decode == "trace"
+        seed, stores = self.settings.seed, self._frames(split, whole=whole)
         final_pairs = draw_validation_pairs(stores[0], watched.pairs, watched.queries, seed)
         share = -(-watched.calibration_pairs // len(stores))
         pairs = [
@@ -152,6 +156,13 @@ class DonTask(Task[DonSettings]):
             for pair in draw_validation_pairs(store, share, watched.queries, seed + 1)
         ]
         matcher = self.matcher(self.settings, facts)
+        if self.settings.answer.crossings:
+            depth = not self.settings.pairs.network_input.colour
+            matcher.crossings = fit_crossings(
+                self._frames(self.settings.split, whole=True), depth=depth, seed=seed
+            )
+            if matcher.crossings is not None:
+                save_weights(run / CROSSINGS, matcher.crossings.state_dict())
         matcher.calibration = calibration = calibrate(matcher, pairs, size)
         facts["validation"] = validate(matcher, final_pairs, size)
         write_json(run / RUN_FACTS, facts)
@@ -162,18 +173,18 @@ class DonTask(Task[DonSettings]):
 
         write_run_report(run, matcher, self.validation_pairs, history, facts)
 
-    def _final_stores(self) -> list[FrameStore]:
-        """Return the validation frames to calibrate on, the run's own first, then those of `also`.
+    def _frames(self, split: str, *, whole: bool) -> list[FrameStore]:
+        """Return the frames of a split, the run's own first, then those of `also`.
 
-        Traces read masks of the pictures' own size, as answers have them; other frames are those
-        that the run has decoded already.
+        Args:
+            split: The split.
+            whole: At the pictures' own size, where traces read masks and crossings, as answers
+                have them; otherwise the frames that the run has decoded already.
         """
-        split, traced = self.settings.validation.split, self.settings.answer.decode == "trace"
-        cache = None if traced else self._cache
+        cache = None if whole else self._cache
         return [
-            FrameStore(of, tier, split, of.size if traced else self.size, cache=cache)
+            FrameStore(of, tier, split, of.size if whole else self.size, cache=cache)
             for of, tier in training_data(self.dataset, self.settings)
-            if any(each.split == split and each.tier == tier for each in of.sequences)
         ]
 
 

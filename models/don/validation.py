@@ -70,8 +70,8 @@ def draw_validation_pairs(
         orbit = np.column_stack([points, store.partners[points]])  # (Q, 1 + S)
         drawn.append(
             ValidationPair(
-                source=_as_view(view_a, store.frames[a].key),
-                target=_as_view(view_b, store.frames[b].key),
+                source=as_view(view_a, store.frames[a].key),
+                target=as_view(view_b, store.frames[b].key),
                 uv_a_px=view_a.uv_px[points],
                 uv_b_px=np.nan_to_num(view_b.uv_px[orbit]),
                 visible=view_b.visible[orbit] & np.isfinite(view_b.uv_px[orbit]).all(axis=2),
@@ -82,7 +82,8 @@ def draw_validation_pairs(
     return drawn
 
 
-def _as_view(view: FrameView, key: str) -> View:
+def as_view(view: FrameView, key: str) -> View:
+    """Return a stored frame as methods see it."""
     return View(view.rgb, view.mask, view.depth_m, key, view.objects)
 
 

@@ -1,0 +1,115 @@
+"""Where a line crosses itself, and what that means for pixels on top of each other.
+
+A mask does not show which of two crossing strands lies on the other. Whoever knows it (from
+shading or depth) says so by an `Overlap`: pixels on the body of the upper strand are then the
+upper strand's, even where the middle of the lower one is nearer.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from pliant.baselines.tracing.depth_in_mask import FloatArray
+
+_LEAST_SINE: Final = 0.35  # flatter crossings are taken for crossings at this angle
+_BODY: Final = 1.15  # half widths: a strand's edge, and how far off its middle a trace may be
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """A place where a line crosses itself.
+
+    Attributes:
+        first: Number of the point before the place on the first passage.
+        second: The same on the second passage, larger.
+        place_px: float64 (2,).
+        ways: float64 (2, 2), unit vectors along the line on the first and the second passage.
+    """
+
+    first: int
+    second: int
+    place_px: FloatArray
+    ways: FloatArray
+
+
+@dataclass(frozen=True)
+class Overlap:
+    """Two stretches of a trace of which one lies on the other; numbers of stations."""
+
+    upper: slice
+    lower: slice
+
+
+def self_crossings(line_px: FloatArray, least_apart: int) -> list[Crossing]:
+    """Return where a polyline crosses itself.
+
+    Args:
+        line_px: float64 (N, 2), not NaN.
+        least_apart: Passages fewer points apart are wobbles, no crossings.
+    """
+    start, step = line_px[:-1], np.diff(line_px, axis=0)
+    across = _cross(step[:, None], step[None])
+    gap = start[None] - start[:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        on_first = _cross(gap, step[None]) / across
+        on_second = _cross(gap, step[:, None]) / across
+    met = (on_first >= 0) & (on_first < 1) & (on_second >= 0) & (on_second < 1)
+    found = []
+    for i, j in np.argwhere(met):
+        if j - i > least_apart:
+            ways = step[[i, j]] / np.linalg.norm(step[[i, j]], axis=1, keepdims=True)
+            found.append(Crossing(int(i), int(j), start[i] + on_first[i, j] * step[i], ways))
+    return found
+
+
+def overlap(
+    crossing: Crossing, *, first_is_upper: bool, half_px: float, spacing_px: float, stations: int
+) -> Overlap:
+    """Return the stretches of a trace around a crossing.
+
+    Args:
+        crossing: The crossing; its numbers are stations.
+        first_is_upper: Whether the first passage lies on the second.
+        half_px: Half the rope's width.
+        spacing_px: Distance of neighbouring stations.
+        stations: Number of stations.
+    """
+    sine = abs(float(_cross(crossing.ways[0], crossing.ways[1])))
+    reach = math.ceil((half_px / max(sine, _LEAST_SINE) + half_px) / spacing_px)
+
+    def stretch(station: int) -> slice:
+        return slice(max(0, station - reach), min(stations, station + reach + 1))
+
+    first, second = stretch(crossing.first), stretch(crossing.second)
+    return Overlap(first, second) if first_is_upper else Overlap(second, first)
+
+
+def nearest_stations(
+    gap_px: FloatArray, overlaps: tuple[Overlap, ...], half_px: float
+) -> npt.NDArray[np.int64]:
+    """Return the station that each place belongs to: the nearest, or the one that lies on it.
+
+    Args:
+        gap_px: float64 (N, S), distances from N places to S stations.
+        overlaps: What is known of the trace's crossings.
+        half_px: Half the rope's width.
+
+    Returns:
+        int64 (N,).
+    """
+    station = gap_px.argmin(axis=1)
+    for each in overlaps:
+        above = gap_px[:, each.upper].argmin(axis=1) + each.upper.start
+        on_upper = np.take_along_axis(gap_px, above[:, None], axis=1)[:, 0] <= _BODY * half_px
+        on_lower = (station >= each.lower.start) & (station < each.lower.stop)
+        station = np.where(on_upper & on_lower, above, station)
+    return station
+
+
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])

@@ -1,0 +1,117 @@
+"""Over and under: which strand is on top where a rope crosses itself, for the traces of a view."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+import torch
+
+from pliant.baselines.matcher import View
+from pliant.baselines.tracing import Trace, overlap, self_crossings
+from pliant.models.networks.crossing_network import (
+    CrossingNetwork,
+    CrossingPatches,
+    crossing_patches,
+)
+from pliant.models.training.checkpoint import read_weights_file
+from pliant.spec.errors import TrainingError
+
+CROSSINGS: Final = "crossings.safetensors"
+"""The weights of a run's `CrossingNetwork`."""
+
+LEAST_APART: Final = 0.04
+"""Passages nearer along the rope, as a share of its length, are no crossing."""
+
+_MOST_CROSSINGS: Final = 12  # a trace with more runs along itself
+
+
+def picture_of(view: View, *, depth: bool) -> npt.NDArray[np.float32] | None:
+    """Return what a `CrossingNetwork` looks at, float32 (H, W, C); None for a view without it."""
+    if not depth:
+        return view.rgb.astype(np.float32) / 255
+    if view.depth_m is None:
+        return None
+    known = np.isfinite(view.depth_m)
+    usual = float(np.median(view.depth_m[known])) if known.any() else 0.0
+    return np.where(known, view.depth_m, np.float32(usual))[..., None].astype(np.float32)
+
+
+def with_overlaps(
+    network: CrossingNetwork,
+    view: View,
+    mask: npt.NDArray[np.bool_],
+    traces: Sequence[Trace],
+) -> list[Trace]:
+    """Return traces that know which of their parts lie on others.
+
+    Args:
+        network: Trained.
+        view: The image.
+        mask: bool (h, w), the rope, at any size.
+        traces: Its readings, in pixels of the image.
+    """
+    picture = picture_of(view, depth=network.depth)
+    if picture is None:
+        return list(traces)
+    factor = picture.shape[1] / mask.shape[1]
+    area_px2 = float(mask.sum()) * factor**2
+    parts: list[CrossingPatches] = []
+    found = []
+    for trace in traces:
+        stations = len(trace.uv_px)
+        half_px = 0.5 * area_px2 / trace.length_px
+        met = self_crossings(trace.uv_px, round(LEAST_APART * stations))
+        if len(met) > _MOST_CROSSINGS:
+            met = []
+        found.append((half_px, met))
+        if met:
+            place = np.stack([each.place_px for each in met])
+            ways = np.stack([each.ways for each in met])
+            parts.append(crossing_patches(picture, place, ways, half_px))
+    if not parts:
+        return list(traces)
+    with torch.inference_mode():
+        odds = iter(network(CrossingPatches.joined(parts)).tolist())
+    known = []
+    for trace, (half_px, met) in zip(traces, found, strict=True):
+        spacing_px = trace.length_px / (len(trace.uv_px) - 1)
+        overlaps = tuple(
+            overlap(
+                each,
+                first_is_upper=next(odds) > 0,
+                half_px=half_px,
+                spacing_px=spacing_px,
+                stations=len(trace.uv_px),
+            )
+            for each in met
+        )
+        known.append(replace(trace, half_px=half_px, overlaps=overlaps))
+    return known
+
+
+def load_crossing_network(path: Path, *, depth: bool) -> CrossingNetwork:
+    """Return the network of a run.
+
+    Args:
+        path: Its weights.
+        depth: Whether it looks at depth.
+
+    Raises:
+        TrainingError: The weights are missing or of something else.
+    """
+    network = CrossingNetwork(depth=depth)
+    weights = {name: value.float() for name, value in read_weights_file(path).items()}
+    try:
+        network.load_state_dict(weights)
+    except RuntimeError as error:
+        raise TrainingError(
+            "the weights are not of a network for crossings",
+            path=path,
+            found=str(error).splitlines()[-1].strip(),
+        ) from error
+    return network.eval()

@@ -1,0 +1,130 @@
+"""Over and under at crossings, on ropes painted here: the upper strand's rim is unbroken."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from pliant.baselines.matcher import View
+from pliant.baselines.tracing import Trace, self_crossings
+from pliant.loaders.views import FrameView
+from pliant.models.don.crossing_training import fit_crossings
+from pliant.models.don.crossings import CROSSINGS, load_crossing_network, with_overlaps
+from pliant.models.networks.crossing_network import CrossingNetwork, crossing_patches
+from pliant.models.training.checkpoint import save_weights
+from pliant.spec.errors import TrainingError
+
+SIDE = 96
+HALF_PX = 4.0
+POINTS = 400
+
+
+def painted(rng: np.random.Generator) -> tuple[FrameView, np.ndarray, bool]:
+    """Return a looped rope, its middle line, and whether its first passage is the upper one."""
+    t = np.linspace(-1.35, 1.35, POINTS)
+    turn, first_is_upper = rng.uniform(0, 2 * np.pi), bool(rng.random() < 0.5)
+    c, s = np.cos(turn), np.sin(turn)
+    curve = 26 * np.stack([t**2 - 0.8, t**3 - t], axis=1) @ np.array([[c, s], [-s, c]])
+    line = curve + SIDE / 2 + rng.uniform(-4, 4, 2)
+    height = np.where(t < 0, 1.0, 0.0) if first_is_upper else np.where(t < 0, 0.0, 1.0)
+    y, x = np.mgrid[:SIDE, :SIDE] + 0.5
+    rgb = np.full((SIDE, SIDE, 3), rng.uniform(20, 90), np.float64)
+    colour = rng.uniform(110, 230, 3)
+    depth = np.full((SIDE, SIDE), 1.0)
+    mask = np.zeros((SIDE, SIDE), dtype=np.bool_)
+    for passage in (0.0, 1.0):  # the lower one first
+        at = line[height == passage]
+        gap = np.sqrt(((x[..., None] - at[:, 0]) ** 2 + (y[..., None] - at[:, 1]) ** 2).min(-1))
+        body = gap < HALF_PX
+        shade = np.where(gap < 0.75 * HALF_PX, 1.0, 0.55)  # a dark rim
+        rgb[body] = (colour * shade[..., None])[body]
+        depth[body] = 0.98 - 0.02 * passage
+        mask |= body
+    rgb += rng.normal(0, 3, rgb.shape)
+    visible = np.ones(POINTS, dtype=np.bool_)
+    lower = np.flatnonzero(height == 0)
+    gap = np.linalg.norm(line[lower, None] - line[None, height == 1], axis=-1).min(axis=1)
+    visible[lower] = gap > HALF_PX
+    image = rgb.clip(0, 255).astype(np.uint8)
+    positions = line.astype(np.float32)
+    frame = FrameView(image, mask, mask, depth.astype(np.float32), positions, visible)
+    return frame, line, first_is_upper
+
+
+class PaintedStore:
+    """As much of a `FrameStore` as the training uses."""
+
+    def __init__(self, count: int, seed: int) -> None:
+        rng = np.random.default_rng(seed)
+        self.drawn = [painted(rng) for _ in range(count)]
+        self.material = np.stack([np.linspace(0, 1, POINTS), np.zeros(POINTS)], axis=1)
+        self.frames = [SimpleNamespace(key=str(k)) for k in range(count)]
+
+    def __len__(self) -> int:
+        return len(self.drawn)
+
+    def view(self, number: int) -> FrameView:
+        return self.drawn[number][0]
+
+
+def share_right(network: CrossingNetwork, store: PaintedStore) -> float:
+    right = []
+    for frame, line, first_is_upper in store.drawn:
+        length = float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
+        view = View(frame.rgb, frame.mask, frame.depth_m)
+        (known,) = with_overlaps(network, view, frame.mask, [Trace(line, length, 1.0, 0.0, 0.0)])
+        (overlap,) = known.overlaps
+        assert known.half_px == pytest.approx(HALF_PX, rel=0.15)
+        right.append((overlap.upper.start < overlap.lower.start) == first_is_upper)
+    return float(np.mean(right))
+
+
+@pytest.mark.parametrize("depth", [False, True])
+def test_a_network_learns_which_strand_is_on_top(depth: bool, tmp_path: Path) -> None:
+    stores: Any = [PaintedStore(220, seed=1)]
+    network = fit_crossings(stores, depth=depth, seed=0)
+    assert network is not None
+    unseen = PaintedStore(40, seed=2)
+    assert share_right(network, unseen) > 0.9
+    save_weights(tmp_path / CROSSINGS, network.state_dict())
+    loaded = load_crossing_network(tmp_path / CROSSINGS, depth=depth)
+    assert share_right(loaded, unseen) == share_right(network, unseen)
+    with pytest.raises(TrainingError, match="not of a network for crossings"):
+        load_crossing_network(tmp_path / CROSSINGS, depth=not depth)
+
+
+def test_too_few_crossings_train_nothing() -> None:
+    stores: Any = [PaintedStore(5, seed=1)]
+    assert fit_crossings(stores, depth=False, seed=0) is None
+
+
+def test_exchanged_strands_exchange_the_sign() -> None:
+    frame, line, _ = painted(np.random.default_rng(3))
+    (met,) = self_crossings(line, 20)
+    picture = frame.rgb.astype(np.float32) / 255
+    torch.manual_seed(0)
+    network = CrossingNetwork(depth=False).eval()
+    one, other = (
+        network(crossing_patches(picture, met.place_px[None], ways[None], HALF_PX))
+        for ways in (met.ways, met.ways[::-1].copy())
+    )
+    assert float(one.detach()) == pytest.approx(-float(other.detach()), abs=1e-5)
+    assert abs(float(one.detach())) > 1e-4
+
+
+def test_a_patch_is_turned_to_its_strand() -> None:
+    """A picture that says where each of its pixels is."""
+    v, u = np.mgrid[:60, :80] + 0.5
+    picture = np.stack([u, v, u * 0], axis=-1).astype(np.float32)
+    ways = np.array([[[0.6, 0.8], [1.0, 0.0]]])
+    patches = crossing_patches(picture, np.array([[40.0, 30.0]]), ways, 2.0)
+    middle = patches.picture[0, :, :2, 15:17, 15:17].mean(dim=(2, 3))
+    np.testing.assert_allclose(middle, [[40, 30], [40, 30]], atol=1e-3)
+    steps = patches.picture[0, :, :2, 16, 17] - patches.picture[0, :, :2, 16, 16]
+    np.testing.assert_allclose(steps, 0.5 * ways[0], atol=1e-3)  # 4 * 2 px in 16 pixels
+    np.testing.assert_allclose(patches.angle[0], [-np.arctan2(0.8, 0.6), np.arctan2(0.8, 0.6)])
