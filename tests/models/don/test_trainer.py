@@ -152,6 +152,7 @@ def test_a_run_is_a_folder_that_answers(sheet_dataset: Dataset, tmp_path: Path) 
         "search": "mask",
         "rotations": 1,
         "rectify": False,
+        "crossings": False,
         "margin_px": 0,
         "distribution": "modes",
     }
