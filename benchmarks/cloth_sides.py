@@ -1,7 +1,7 @@
 """How well can a matcher do that cannot tell a blank cloth's two sides apart?
 
 `python benchmarks/cloth_sides.py DATA --tier cloth-2 --split test`. A cloth whose sides look alike
-shows its mirror image where it lies turned over. The script counts the configurations that show
+shows its mirror image once it is turned over. The script counts the configurations that show
 more of the underside, and scores a matcher that knows every place except that: right in pairs
 that show the same side, and a mirror image (of four the best for the pair) in the others. Nothing
 that only sees the picture can be expected to do better.

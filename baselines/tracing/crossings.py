@@ -1,6 +1,6 @@
 """Where a line crosses itself, and what that means for pixels on top of each other.
 
-A mask does not show which of two crossing strands lies on the other. Whoever knows it (from
+A mask does not show which of two crossing strands is on top. Whoever knows it (from
 shading or depth) says so by an `Overlap`: pixels on the body of the upper strand are then the
 upper strand's, even where the middle of the lower one is nearer.
 """
@@ -39,7 +39,7 @@ class Crossing:
 
 @dataclass(frozen=True)
 class Overlap:
-    """Two stretches of a trace of which one lies on the other; numbers of stations."""
+    """Two stretches of a trace of which one covers the other; numbers of stations."""
 
     upper: slice
     lower: slice
@@ -74,7 +74,7 @@ def overlap(
 
     Args:
         crossing: The crossing; its numbers are stations.
-        first_is_upper: Whether the first passage lies on the second.
+        first_is_upper: Whether the first passage is on top.
         half_px: Half the rope's width.
         spacing_px: Distance of neighbouring stations.
         stations: Number of stations.
@@ -92,7 +92,7 @@ def overlap(
 def nearest_stations(
     gap_px: FloatArray, overlaps: tuple[Overlap, ...], half_px: float
 ) -> npt.NDArray[np.int64]:
-    """Return the station that each place belongs to: the nearest, or the one that lies on it.
+    """Return the station that each place belongs to: the nearest, or the one that covers it.
 
     Args:
         gap_px: float64 (N, S), distances from N places to S stations.

@@ -40,7 +40,7 @@ class Trace:
         retraced: Share of its stations where it follows an earlier part of itself.
         bending: Sum of its squared turns between stations, rad^2.
         half_px: Half the rope's width, image pixels; 0 for unknown.
-        overlaps: Which of its parts lie on others, as far as that is known.
+        overlaps: Which of its parts cover others, as far as that is known.
     """
 
     uv_px: FloatArray

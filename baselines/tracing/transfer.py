@@ -18,8 +18,8 @@ def transferred(source: Trace, target: Trace, uv_px: npt.NDArray[np.floating[Any
     """Return where places on one trace are on another.
 
     A place keeps the share of the length at which it is, and the side of the rope: its offset
-    across the source's trace, scaled by the ratio of the lengths. Where one strand is known to lie
-    on another, a place on both is on the upper one.
+    across the source's trace, scaled by the ratio of the lengths. Where one strand is known to
+    cover another, a place on both is on the upper one.
 
     Args:
         source: The trace in the queries' image.

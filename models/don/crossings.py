@@ -25,7 +25,7 @@ CROSSINGS: Final = "crossings.safetensors"
 """The weights of a run's `CrossingNetwork`."""
 
 LEAST_APART: Final = 0.04
-"""Passages nearer along the rope, as a share of its length, are no crossing."""
+"""Passages nearer along the rope, as a share of its length, do not count as a crossing."""
 
 _MOST_CROSSINGS: Final = 12  # a trace with more runs along itself
 
@@ -47,7 +47,7 @@ def with_overlaps(
     mask: npt.NDArray[np.bool_],
     traces: Sequence[Trace],
 ) -> list[Trace]:
-    """Return traces that know which of their parts lie on others.
+    """Return traces that know which of their parts cover others.
 
     Args:
         network: Trained.

@@ -1,4 +1,4 @@
-"""Which of two crossing strands lies on the other, seen from a small patch of the image.
+"""Which of two crossing strands is on top, seen from a small patch of the image.
 
 A patch is sampled twice, turned so that each strand in turn runs along its x axis, in units of
 half the rope's width. The network gives each a number, how much the strand along x looks like the
@@ -87,7 +87,7 @@ def crossing_patches(
 
 
 class CrossingNetwork(nn.Module):
-    """Log odds that the first strand of a crossing lies on the second.
+    """Log odds that the first strand of a crossing is on top.
 
     Args:
         depth: Patches are of depth, one channel; otherwise of colour, three.

@@ -63,7 +63,7 @@ def test_oracle_is_perfect_and_the_others_are_plausible(made: Path) -> None:
                 assert values["rmse_px"] == 0
                 assert all(values[f"pck_{each}px"] == 1 for each in (1, 2, 4, 8, 16, 32))
             else:
-                assert 1 < values["rmse_px"] < 200  # the diagonal of 160 x 120
+                assert 0.3 < values["rmse_px"] < 200  # the diagonal of 160 x 120
 
 
 def test_page_shows_table_frames_and_matches(made: Path) -> None:
