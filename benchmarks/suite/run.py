@@ -14,7 +14,7 @@ from pliant.benchmarks.suite.jobs import AnswerJob, Outcome, TrainingJob, answer
 from pliant.benchmarks.suite.work import Workspace
 from pliant.evaluator import read_protocol
 from pliant.generator.runner.run import generate
-from pliant.models.shipped import FOLDER
+from pliant.models.shipped import CARD, FOLDER
 from pliant.spec.errors import CallError, GenerationError, SpecError, TrainingError
 from pliant.spec.io.reading import sha256_file
 from pliant.spec.validation.validate import validate
@@ -204,7 +204,8 @@ def _method_digest(config: BenchmarkConfig, test: Test, method: str) -> str:
     if method in test.runs:
         return run_digest(config, method)
     if method in test.shipped:
-        return digest([sha256_file(path) for path in sorted((FOLDER / method).iterdir())])
+        files = sorted(path for path in (FOLDER / method).iterdir() if path.name != CARD)
+        return digest([sha256_file(path) for path in files])
     return method
 
 
