@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import json
 import os
-import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -250,17 +249,14 @@ def test_two_processes_equal_one_with_twice_the_batch(
     defaults = tmp_path / "defaults.yaml"  # not the shipped recipe
     defaults.write_text("")
     overrides = [part for value in [*TINY, *common] for part in ("--set", value)]
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
     done = subprocess.run(
         [
             sys.executable,
             "-m",
             "torch.distributed.run",
+            "--standalone",  # finds a free port itself, and keeps it
+            "--local-addr=127.0.0.1",
             "--nproc-per-node=2",
-            "--master-addr=127.0.0.1",
-            f"--master-port={port}",
             "--no-python",
             str(Path(sys.executable).parent / "pliant"),
             "train",
