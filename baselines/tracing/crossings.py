@@ -39,10 +39,17 @@ class Crossing:
 
 @dataclass(frozen=True)
 class Overlap:
-    """Two stretches of a trace of which one covers the other; numbers of stations."""
+    """Two stretches of a trace of which one covers the other; numbers of stations.
+
+    Attributes:
+        upper: The stretch on top.
+        lower: The one below it.
+        half_px: Half the rope's width.
+    """
 
     upper: slice
     lower: slice
+    half_px: float
 
 
 def self_crossings(line_px: FloatArray, least_apart: int) -> list[Crossing]:
@@ -86,18 +93,16 @@ def overlap(
         return slice(max(0, station - reach), min(stations, station + reach + 1))
 
     first, second = stretch(crossing.first), stretch(crossing.second)
-    return Overlap(first, second) if first_is_upper else Overlap(second, first)
+    upper, lower = (first, second) if first_is_upper else (second, first)
+    return Overlap(upper, lower, half_px)
 
 
-def nearest_stations(
-    gap_px: FloatArray, overlaps: tuple[Overlap, ...], half_px: float
-) -> npt.NDArray[np.int64]:
+def nearest_stations(gap_px: FloatArray, overlaps: tuple[Overlap, ...]) -> npt.NDArray[np.int64]:
     """Return the station that each place belongs to: the nearest, or the one that covers it.
 
     Args:
         gap_px: float64 (N, S), distances from N places to S stations.
         overlaps: What is known of the trace's crossings.
-        half_px: Half the rope's width.
 
     Returns:
         int64 (N,).
@@ -105,7 +110,7 @@ def nearest_stations(
     station = gap_px.argmin(axis=1)
     for each in overlaps:
         above = gap_px[:, each.upper].argmin(axis=1) + each.upper.start
-        on_upper = np.take_along_axis(gap_px, above[:, None], axis=1)[:, 0] <= _BODY * half_px
+        on_upper = np.take_along_axis(gap_px, above[:, None], axis=1)[:, 0] <= _BODY * each.half_px
         on_lower = (station >= each.lower.start) & (station < each.lower.stop)
         station = np.where(on_upper & on_lower, above, station)
     return station

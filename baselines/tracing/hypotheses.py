@@ -39,7 +39,6 @@ class Trace:
         coverage: Share of the mask that a rope along it covers, 0 to 1.
         retraced: Share of its stations where it follows an earlier part of itself.
         bending: Sum of its squared turns between stations, rad^2.
-        half_px: Half the rope's width, image pixels; 0 for unknown.
         overlaps: Which of its parts cover others, as far as that is known.
     """
 
@@ -48,7 +47,6 @@ class Trace:
     coverage: float
     retraced: float
     bending: float
-    half_px: float = 0.0
     overlaps: tuple[Overlap, ...] = ()
 
     @property

@@ -30,7 +30,7 @@ def transferred(source: Trace, target: Trace, uv_px: npt.NDArray[np.floating[Any
         float64 (N, 2).
     """
     gap = np.linalg.norm(uv_px[:, None] - source.uv_px[None], axis=2)
-    station = nearest_stations(gap, source.overlaps, source.half_px)
+    station = nearest_stations(gap, source.overlaps)
     normal_a, normal_b = _normals(source.uv_px), _normals(target.uv_px)
     offset = ((uv_px - source.uv_px[station]) * normal_a[station]).sum(axis=1)
     offset *= target.length_px / source.length_px

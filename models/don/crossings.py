@@ -90,7 +90,7 @@ def with_overlaps(
             )
             for each in met
         )
-        known.append(replace(trace, half_px=half_px, overlaps=overlaps))
+        known.append(replace(trace, overlaps=overlaps))
     return known
 
 

@@ -63,7 +63,8 @@ def test_oracle_is_perfect_and_the_others_are_plausible(made: Path) -> None:
                 assert values["rmse_px"] == 0
                 assert all(values[f"pck_{each}px"] == 1 for each in (1, 2, 4, 8, 16, 32))
             else:
-                assert 0.3 < values["rmse_px"] < 200  # the diagonal of 160 x 120
+                least_px = 0.3 if method.startswith("don-") else 1
+                assert least_px < values["rmse_px"] < 200  # the diagonal of 160 x 120
 
 
 def test_page_shows_table_frames_and_matches(made: Path) -> None:

@@ -1,4 +1,4 @@
-"""The same poses on every processor: NumPy and BLAS are told to run code for an older one."""
+"""Poses are the same on every processor: tested with AVX-512 switched off in NumPy and BLAS."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ def loop(turned_rad: float = 0.0) -> np.ndarray:
 
 def trace(line: np.ndarray, *overlaps: Overlap) -> Trace:
     length = float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
-    return Trace(line, length, 1.0, 0.0, 0.0, half_px=6.0, overlaps=overlaps)
+    return Trace(line, length, 1.0, 0.0, 0.0, overlaps=overlaps)
 
 
 @pytest.mark.parametrize("turned_rad", [0.0, 1.0, 2.5])
@@ -26,7 +26,7 @@ def test_a_loop_crosses_itself_once(turned_rad: float) -> None:
     line = loop(turned_rad)
     (found,) = self_crossings(line, 10)
     assert (found.first, found.second) == pytest.approx((0.4 / 2.8 * 300, 2.4 / 2.8 * 300), abs=1)
-    np.testing.assert_allclose(found.place_px, line[0] + (loop(turned_rad)[43] - line[0]), atol=1.0)
+    np.testing.assert_allclose(found.place_px, line[43], atol=1.0)
     # The slopes at t = -1 and 1: (-2, 2) and (2, 2), a right angle.
     assert abs(found.ways[0] @ found.ways[1]) < 0.05
     assert self_crossings(line, 250) == []
@@ -56,6 +56,6 @@ def test_a_place_on_both_strands_is_on_the_upper_one(first_is_upper: bool) -> No
     passages = (found.first, found.second)
     assert station() == pytest.approx(passages[lower], abs=6)
     assert station(known) == pytest.approx(passages[upper], abs=6)
-    # Beside the upper strand, the lower one is seen again.
+    # Past the edge of the upper strand, the lower one is visible again.
     place = found.place_px + 9.0 * found.ways[lower]
     assert station(known) == pytest.approx(passages[lower], abs=10)

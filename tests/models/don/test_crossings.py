@@ -79,7 +79,7 @@ def share_right(network: CrossingNetwork, store: PaintedStore) -> float:
         view = View(frame.rgb, frame.mask, frame.depth_m)
         (known,) = with_overlaps(network, view, frame.mask, [Trace(line, length, 1.0, 0.0, 0.0)])
         (overlap,) = known.overlaps
-        assert known.half_px == pytest.approx(HALF_PX, rel=0.15)
+        assert overlap.half_px == pytest.approx(HALF_PX, rel=0.15)
         right.append((overlap.upper.start < overlap.lower.start) == first_is_upper)
     return float(np.mean(right))
 
