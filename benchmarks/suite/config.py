@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 from pliant.baselines import METHODS
+from pliant.evaluator.protocols.protocol import read_protocol
 from pliant.generator.config import GenerateConfig
 from pliant.models.shipped import shipped_names
 from pliant.spec.configuration import (
@@ -70,6 +71,7 @@ class Test:
         protocols: Protocols to score by, the table's first; `matches` applies to the methods
             with keypoint matches.
         masks: Whether methods are given the masks of the objects.
+        figures: Further metrics of the first protocol to show as columns.
         paper_rmse_px: Label of a method -> RMSE in the paper.
     """
 
@@ -83,6 +85,7 @@ class Test:
     shipped: tuple[str, ...] = ()
     protocols: tuple[str, ...] = ("standard", "paper")
     masks: bool = True
+    figures: tuple[str, ...] = ()
     paper_rmse_px: Mapping[str, float] = field(default_factory=dict)
 
     @property
@@ -254,6 +257,9 @@ def _check_references(config: BenchmarkConfig, path: Path) -> None:
             known(name, METHODS, f"tests.{key}.methods")
         for name in test.shipped:
             known(name, shipped_names(), f"tests.{key}.shipped")
+        shown = [name for each in test.protocols[:1] for name in read_protocol(each).figures]
+        for name in test.figures:
+            known(name, shown, f"tests.{key}.figures")
         for name in test.paper_rmse_px:
             known(name, test.answering, f"tests.{key}.paper_rmse_px")
     for index, each in enumerate(config.comparisons):

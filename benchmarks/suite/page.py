@@ -98,7 +98,7 @@ def _block(
     error = "paper" if "paper" in test.protocols else main
     metrics = [
         name
-        for name in _METRICS.get(main, read_protocol(main).headline)
+        for name in (*_METRICS.get(main, read_protocol(main).headline), *test.figures)
         if name != "rmse_px"
         and any(row.value(main, name) is not None for row in members)
         and (name != _SYMMETRIC or any(_symmetric(row, main) for row in members))
@@ -109,7 +109,7 @@ def _block(
         cells = [row.label, _with_interval(row, error, "rmse_px")]
         if paper:
             cells.append("" if row.paper_rmse_px is None else f"{row.paper_rmse_px:g}")
-        cells += [_written(row.value(main, name), name) for name in metrics]
+        cells += [_written(row.value(main, name), _digits(name, main)) for name in metrics]
         cells.append("" if row.train is None else f"{row.train.cpu_s / 60:.1f}")
         cells.append(f"{row.predict_cpu_s / max(row.pairs, 1):.2f}")
         lines.append(cells)
@@ -145,10 +145,13 @@ def _with_interval(row: Row, protocol: str, metric: str) -> str:
     return f"{value:.1f}" + ("" if interval is None else f" [{interval[0]:.1f}, {interval[1]:.1f}]")
 
 
-def _written(value: float | None, metric: str) -> str:
-    if value is None:
-        return ""
-    return f"{value:.1f}" if "_px" in metric and not metric.startswith("pck") else f"{value:.3f}"
+def _written(value: float | None, digits: int) -> str:
+    return "" if value is None else f"{value:.{digits}f}"
+
+
+def _digits(metric: str, protocol: str) -> int:
+    """Return how many digits after the point a metric is shown with: fewer for pixels."""
+    return 1 if heading(metric, protocol).stored_unit == "px" else 3
 
 
 def _comparisons(
@@ -181,7 +184,7 @@ def _comparison(
     before, after = second.value(protocol, metric), first.value(protocol, metric)
     if found is None or before is None or after is None:
         return (asked.question, first.label, second.label, metric, "", "none")
-    digits = 1 if "px" in metric and not metric.startswith("pck") else 3
+    digits = _digits(metric, protocol)
     difference = f"{found.value:+.{digits}f}"
     if found.verdict != "too few sequences":
         difference += f" [{found.low:+.{digits}f}, {found.high:+.{digits}f}]"

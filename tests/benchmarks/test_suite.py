@@ -78,6 +78,7 @@ tests:
     protocols: [standard]
     runs: [small, more]
     shipped: [don-rope]
+    figures: [pck_2px, least_mass_8px]
     paper_rmse_px: {small: 28.5}
   rope-no-masks:
     title: Rope, masks not given
@@ -146,7 +147,9 @@ def made(config_file: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[P
     return out, watcher
 
 
-@pytest.mark.parametrize("name", ["pliant-v1", "pliant-v1-mini", "pliant-v2", "pliant-v2-mini"])
+@pytest.mark.parametrize(
+    "name", ["pliant-v1", "pliant-v1-mini", "pliant-v2", "pliant-v2-mini", "pliant-v2-ablations"]
+)
 def test_the_shipped_benchmarks_can_be_read_and_trained(name: str) -> None:
     from pliant.models.don.settings import DonSettings
     from pliant.models.timecycle.settings import TimeCycleSettings
@@ -204,6 +207,17 @@ def test_the_benchmark_keeps_what_training_must_not_show(name: str, ropes: int) 
         if made.episodes:
             assert made.gripper
             assert made.queries.moving_share >= 0.5
+
+
+def test_the_ablations_ask_the_sets_of_the_mini_benchmark() -> None:
+    mini, config = (
+        read_config(FOLDER / f"pliant-v2-{name}.yaml") for name in ("mini", "ablations")
+    )
+    for name, made in config.asked.items():
+        same = mini.sets[name]
+        assert made == replace(same, id=made.id, version=made.version, title=made.title)
+    for each in config.comparisons:
+        assert len(config.members(each.method)) == len(config.members(each.against)) == 3
 
 
 def test_variants_of_one_camera_ask_the_same_queries() -> None:
@@ -269,6 +283,10 @@ def test_noise_and_other_colours_ask_the_same_of_the_same_ropes() -> None:
         ({"sets": {"rope": {"tiers": ["rope"], "style": "oil"}}}, "style"),
         ({"sets": []}, "required: a mapping"),
         ({"tests": {"t": {"title": "T", "tier": "rope", "variants": {"a": "b"}}}}, "unknown name"),
+        (
+            {"tests": {"t": {"title": "T", "tier": "rope", "variants": {}, "figures": ["rms"]}}},
+            "unknown name",
+        ),
     ],
 )
 def test_a_wrong_config_is_refused(change: dict[str, object], message: str, tmp_path: Path) -> None:
@@ -327,6 +345,8 @@ def test_table_and_page(config_file: Path, made: tuple[Path, Recorder], tmp_path
     assert shipped["scores"]["standard"]["values"]["rmse_px"] > 0
     text = page.read_text()
     assert "| DON + Lipschitz | " in text
+    assert "| PCK 2 px |" in text  # a figure that the config names; no row has the other one
+    assert "Smallest of these" not in text
     assert "| don-rope, as shipped | " in text
     assert "28.5" in text
     assert f"{values['rmse_px']:.1f} [" in text
