@@ -26,11 +26,14 @@ class DescribedView:
 
     Attributes:
         maps: One a quarter turn: float (D, h, w) or, turned an odd number of times, (D, w, h).
+        mirrored: float (D, h, w), of the mirrored frame, each at the pixel of the frame itself that
+            it describes; None where mirrored copies do not vote.
         mask: bool (h, w), the queried object, or None.
         objects: bool (h, w), any object, or None.
     """
 
     maps: list[torch.Tensor]
+    mirrored: torch.Tensor | None
     mask: Mask | None
     objects: Mask | None
 
@@ -43,6 +46,7 @@ class ViewDescriber:
         given: What it is given of an image.
         size: (w, h) of its input.
         rotations: 1, 2 or 4 quarter-turned copies.
+        mirrored: Describe mirrored copies too.
     """
 
     def __init__(
@@ -51,8 +55,9 @@ class ViewDescriber:
         given: NetworkInput,
         size: tuple[int, int],
         rotations: int,
+        mirrored: bool,
     ) -> None:
-        self.network, self.given, self.size = network, given, size
+        self.network, self.given, self.size, self.mirrored = network, given, size, mirrored
         self.turns = range(0, 4, 4 // rotations)
         self._kept: LRUCache[DescribedView] = LRUCache(_KEPT_VIEWS)
 
@@ -87,7 +92,10 @@ class ViewDescriber:
         image = torch.from_numpy(self.given.image(rgb, depth_m, mask, objects))
         with torch.inference_mode():
             maps = [self.network(self._turned(image, turn))[0].cpu() for turn in self.turns]
-        return DescribedView(maps, mask, objects)
+            mirrored = None
+            if self.mirrored:
+                mirrored = self.network(self._turned(image.flip(2), 0))[0].cpu().flip(2)
+        return DescribedView(maps, mirrored, mask, objects)
 
     def _resized(
         self, view: View

@@ -38,6 +38,7 @@ from pliant.spec.io.resizing import resize_nearest
 _KEPT_VIEWS = 8
 _KEPT_TRACES = 128
 _PIXELS_AT_ONCE = 4096
+_MIRROR_WEIGHT = 1 / 3  # with 1/2, more sheets come out on the wrong side
 
 
 @dataclass(frozen=True)
@@ -99,7 +100,13 @@ class DonMatcher:
         self.facts = dict(facts or {})
         self.familiarity: Familiarity | None = None
         self.crossings: CrossingNetwork | None = None
-        self._views = ViewDescriber(self.network, self.input, self.size, settings.answer.rotations)
+        self._views = ViewDescriber(
+            self.network,
+            self.input,
+            self.size,
+            settings.answer.rotations,
+            settings.answer.mirrored,
+        )
         self._rectified: LRUCache[Rectified] = LRUCache(_KEPT_VIEWS)
         self._traces: LRUCache[list[Trace]] = LRUCache(_KEPT_TRACES)
 
@@ -234,8 +241,14 @@ class DonMatcher:
                 total += log_probabilities(query, rows[None], scale)[0]
                 gap = torch.cdist(query[0], rows).square().min(dim=1).values
                 distance += gap * scale
-        turns = len(a.maps)
-        log_p = (total * (self.sharpness / turns)).log_softmax(dim=1)
+            turns = len(a.maps)
+            mean = total / turns
+            if a.mirrored is not None and b.mirrored is not None:
+                query = sample_descriptors(a.mirrored[None], query_uv[None])
+                rows = b.mirrored.flatten(1).T[chosen]
+                mirrored = log_probabilities(query, rows[None], scale)[0]
+                mean = (1 - _MIRROR_WEIGHT) * mean + _MIRROR_WEIGHT * mirrored
+        log_p = (mean * self.sharpness).log_softmax(dim=1)
         return Comparison(log_p, uv, (distance / turns).double().numpy(), queries[0])
 
     def decoded(self, found: Search, target: View) -> npt.NDArray[np.float64]:

@@ -155,6 +155,8 @@ class AnswerSettings:
         margin_px: Pixels of the network beyond the mask that are searched too.
         search: In the object's `mask` where one is given out, or anywhere in the `image`.
         rotations: 1, 2 or 4: how many quarter-turned copies of both images vote.
+        mirrored: Mirrored copies of both images vote too, with half the weight of the others: a
+            blank cloth in a mirror looks like the same cloth turned over.
         rectify: For ropes: answer in views from straight above, where a mask shows that the camera
             was tilted (`baselines/tracing/rectification.py`).
         crossings: With `trace`: find out which strand is on top where a rope crosses itself, by a
@@ -166,6 +168,7 @@ class AnswerSettings:
     search: Literal["mask", "image"] = "mask"
     margin_px: Natural = 0
     rotations: Literal[1, 2, 4] = 1
+    mirrored: bool = False
     rectify: bool = False
     crossings: bool = False
     distribution: Literal["modes", "sigma", "none"] = "modes"
@@ -205,6 +208,8 @@ class DonSettings(RunSettings):
             raise Refused("'trace' for answer.crossings", "answer.decode")
         if self.answer.crossings and self.pairs.input == "silhouette":
             raise Refused("a picture or depth for answer.crossings", "pairs.input")
+        if self.pairs.input == "silhouette" and self.augment.mask_drop > 0:
+            raise Refused("0 for pairs.input silhouette", "augment.mask_drop")
         need_points = [
             f"loss.{name} above 0"
             for name in ("orientation_weight", "canonical_weight")

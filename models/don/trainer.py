@@ -115,8 +115,8 @@ class DonTask(Task[DonSettings]):
 
     def validate(self) -> Mapping[str, float]:
         """Return the errors on the validation pairs, px of the dataset."""
-        # Upright images only while training: turned copies are for the final answers.
-        upright = replace(self.settings.answer, rotations=1)
+        # Upright images only while training: other copies are for the final answers.
+        upright = replace(self.settings.answer, rotations=1, mirrored=False)
         matcher = self.matcher(replace(self.settings, answer=upright))
         return validate(matcher, self.validation_pairs, self.dataset.size)
 

@@ -78,6 +78,11 @@ def test_orientation_is_known_at_tabulated_points_alone() -> None:
         read_settings(DonSettings, None, ["loss.orientation_weight=0.2", "pairs.matches=surface"])
 
 
+def test_a_network_of_masks_alone_is_never_left_without_them() -> None:
+    with pytest.raises(CallError, match=r"augment\.mask_drop: .*required: 0"):
+        read_settings(DonSettings, None, ["pairs.input=silhouette", "augment.mask_drop=0.1"])
+
+
 @pytest.mark.parametrize("text", ["[1, 2]", "a: [", "\udcff"])
 def test_a_config_that_is_no_mapping_is_refused(tmp_path: Path, text: str) -> None:
     path = tmp_path / "config.yaml"

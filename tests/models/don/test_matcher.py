@@ -70,12 +70,12 @@ def within(pair: ValidationPair) -> ValidationPair:
 
 
 @pytest.mark.parametrize("decode", ["argmax", "median", "soft"])
-@pytest.mark.parametrize("rotations", [1, 2, 4])
+@pytest.mark.parametrize(("rotations", "mirrored"), [(1, False), (1, True), (2, False), (4, True)])
 def test_answers_are_right_to_a_fraction_of_a_pixel(
-    pairs: list[ValidationPair], decode: str, rotations: int
+    pairs: list[ValidationPair], decode: str, rotations: int, mirrored: bool
 ) -> None:
-    """Turned copies vote in their own frames: a slip in turning positions would show."""
-    settings = AnswerSettings(decode=decode, rotations=rotations)  # type: ignore[arg-type]
+    """Copies vote in their own frames: a slip in turning or mirroring positions would show."""
+    settings = AnswerSettings(decode=decode, rotations=rotations, mirrored=mirrored)  # type: ignore[arg-type]
     figures = validate(by_colour(settings), [within(pair) for pair in pairs], SIZE)
     assert figures["median_px"] < 0.25
     assert figures["rmse_px"] < 0.5

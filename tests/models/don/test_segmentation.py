@@ -95,7 +95,8 @@ def test_the_shipped_model_finds_masks_and_answers_without_them() -> None:
     overlaps, errors = [], []
     for pair in draw_validation_pairs(store, pairs=6, queries=40, seed=1):
         source, target = (View(view.rgb, key=view.key) for view in (pair.source, pair.target))
-        mask = ViewDescriber(matcher.network, matcher.input, matcher.size, 1).segmented(target).mask
+        views = ViewDescriber(matcher.network, matcher.input, matcher.size, 1, False)
+        mask = views.segmented(target).mask
         assert mask is not None
         assert pair.target.mask is not None
         overlaps.append(overlap(mask, pair.target.mask))

@@ -150,6 +150,7 @@ def test_a_run_is_a_folder_that_answers(sheet_dataset: Dataset, tmp_path: Path) 
         "decode": "median",
         "search": "mask",
         "rotations": 1,
+        "mirrored": False,
         "rectify": False,
         "crossings": False,
         "margin_px": 0,
