@@ -9,6 +9,7 @@ from typing import Any, Unpack
 
 import torch
 
+from pliant.baselines.matcher import View
 from pliant.loaders import MixedPairs, PairDataset
 from pliant.loaders.frame_store import FrameStore, named_tier
 from pliant.models.don.calibration import calibrate, fit_sharpness
@@ -189,16 +190,19 @@ class DonTask(Task[DonSettings]):
 
 
 def familiarity_of(matcher: DonMatcher, pairs: Sequence[ValidationPair]) -> Familiarity:
-    """Return the statistics of validation pairs, with and without their masks."""
+    """Return the statistics of validation pairs, with and (if it sees more) without their masks."""
     asked = []
     for pair in pairs:
-        bare = [
-            replace(view, mask=None, objects=None, key=f"{view.key} without masks")
-            for view in (pair.source, pair.target)
-        ]
-        for views in ((pair.source, pair.target), (bare[0], bare[1])):
+        shown = [(pair.source, pair.target)]
+        if matcher.input.colour or matcher.input.depth:
+            shown.append((_without_masks(pair.source), _without_masks(pair.target)))
+        for views in shown:
             asked.append(matcher.asked(*views, matcher.compare(*views, pair.uv_a_px)))
     return fit_familiarity(asked)
+
+
+def _without_masks(view: View) -> View:
+    return replace(view, mask=None, objects=None, key=f"{view.key} without masks")
 
 
 def train_don(

@@ -168,6 +168,7 @@ def test_a_run_is_a_folder_that_answers(sheet_dataset: Dataset, tmp_path: Path) 
     [
         ["loss.kind=contrastive", "network.name=resnet18", "pairs.input=rgbd"],
         ["precision=bfloat16", "pairs.views=3", "loss.direction=reverse", "optimiser.average=0"],
+        ["pairs.input=silhouette", "pairs.masks=true"],
         ["pairs.matches=surface", "cache=false", "network.normalise=true", "loss.space_weight=0.1"],
     ],
 )
