@@ -24,7 +24,7 @@ from pliant.evaluator.metrics.mixtures import (
     probability_within,
 )
 from pliant.evaluator.protocols.protocol import read_protocol
-from pliant.models.don.certainty import Calibration
+from pliant.models.don.certainty import Calibration, mean_doubt
 from pliant.models.don.decoding import Widths, mixture_of_modes
 from pliant.models.don.matcher import DonMatcher
 from pliant.models.don.validation import ValidationPair
@@ -44,6 +44,8 @@ SHARPNESS = np.geomspace(1.0, 1e5, 31)
 """What `fit_sharpness` tries."""
 
 _ECE_WEIGHT = 10.0
+_PAIRS_A_GROUP = 60  # of like doubt; with 20, a group's calibration does not carry over
+_MOST_GROUPS = 3
 _LEAST_PAIRS = 10  # of views from above and of tilted ones, to measure them apart
 
 
@@ -90,7 +92,7 @@ def calibrate(
         straight, tilted = straight + tilted, []
     sharp = Calibration(sharpness=matcher.sharpness)
     sharp = _fit_visible(sharp, np.concatenate(distances), np.concatenate(hidden))
-    best = _fit_distribution(sharp, straight, matcher.size, full_size)
+    best = _fit_by_doubt(sharp, straight, matcher.size, full_size)
     if tilted:
         best = replace(best, tilted=_fit_distribution(sharp, tilted, matcher.size, full_size))
     if best.visible_slope == 0:
@@ -102,6 +104,24 @@ def calibrate(
         "visible_share": float(np.mean(shown)),
     }
     return replace(best, figures={**(best.figures or {}), **visible})
+
+
+def _fit_by_doubt(
+    start: Calibration, pairs: Sequence[_Pair], size: tuple[int, int], full_size: tuple[int, int]
+) -> Calibration:
+    """Return a calibration for each group of pairs, from the least doubtful to the most."""
+    doubts = np.array([mean_doubt(pair.log_p, pair.uv) for pair in pairs])
+    groups = np.clip(len(pairs) // _PAIRS_A_GROUP, 1, _MOST_GROUPS)
+    fitted: Calibration | None = None
+    above = np.inf
+    for chosen in reversed(np.array_split(np.argsort(doubts, kind="stable"), groups)):
+        own = _fit_distribution(start, [pairs[index] for index in chosen], size, full_size)
+        highest = float(doubts[chosen].max())
+        if fitted is not None:
+            own = replace(own, doubt_above=(highest + above) / 2, doubtful=fitted)
+        fitted, above = own, float(doubts[chosen].min())
+    assert fitted is not None  # there is one group at least
+    return fitted
 
 
 def _fit_distribution(

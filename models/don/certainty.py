@@ -12,6 +12,21 @@ import torch
 
 from pliant.models.don.decoding import Widths
 
+_LEAST_VARIANCE_PX2 = 0.01
+
+
+def mean_doubt(log_p: torch.Tensor, uv_px: torch.Tensor) -> float:
+    """Return the mean log standard deviation of p, in pixels of the network, over N queries.
+
+    Args:
+        log_p: float (N, M).
+        uv_px: float (M, 2).
+    """
+    p = log_p.exp()
+    about_px = uv_px - uv_px.mean(dim=0)  # small numbers, whose squares keep their digits
+    variance = p @ about_px.square().sum(dim=1) - (p @ about_px).square().sum(dim=1)
+    return float((variance / 2).clamp_min(_LEAST_VARIANCE_PX2).log().mean() / 2)
+
 
 @dataclass(frozen=True)
 class Calibration:
@@ -33,6 +48,9 @@ class Calibration:
         sharpness: Multiplies log p before everything else: contrastive networks learn no scale.
         tilted: What holds where a view was rectified, whose tilt is estimated; None for no
             difference.
+        doubt_above: Doubt (`mean_doubt`) of a pair of views above which `doubtful` holds.
+        doubtful: What holds there, None for no difference: one network is too modest on smooth
+            cloths and too sure on scrunched ones.
     """
 
     temperature: float = 1.0
@@ -47,6 +65,8 @@ class Calibration:
     mode_radius_px: float = 4.0
     sharpness: float = 1.0
     tilted: Calibration | None = None
+    doubt_above: float = 0.0
+    doubtful: Calibration | None = None
 
     @classmethod
     def from_document(cls, document: Mapping[str, Any]) -> Calibration:
@@ -58,9 +78,22 @@ class Calibration:
         Raises:
             TypeError: The content has other fields.
         """
-        tilted = document.get("tilted")
-        own = {**document, "tilted": None if tilted is None else cls.from_document(tilted)}
+        own = dict(document)
+        for name in ("tilted", "doubtful"):
+            if own.get(name) is not None:
+                own[name] = cls.from_document(own[name])
         return cls(**own)
+
+    def where(self, log_p: torch.Tensor, uv_px: torch.Tensor) -> Calibration:
+        """Return what holds for one pair of views.
+
+        Args:
+            log_p: float (N, M), log probabilities of its queries over the candidates.
+            uv_px: float (M, 2), the candidates, in pixels of the network.
+        """
+        if self.doubtful is None or mean_doubt(log_p, uv_px) <= self.doubt_above:
+            return self
+        return self.doubtful.where(log_p, uv_px)
 
     @property
     def widths(self) -> Widths:

@@ -153,6 +153,7 @@ class DonMatcher:
         position = self.decoded(found, target).astype(np.float32)
         if calibration is None:
             return Answers(position)
+        calibration = calibration.where(log_p, uv)
         visible = calibration.visible(found.distance) if calibration.visible_slope > 0 else None
         flat = calibration.flattened(log_p)
         width = float(np.sqrt(scale[0] * scale[1]))
@@ -174,7 +175,8 @@ class DonMatcher:
         """Return p over the target for one query; see `HeatMatcher`."""
         found = self.search(source, target, np.asarray(uv_a_px)[None])
         uv = found.uv_px
-        flat = (self.calibration or Calibration()).flattened(found.log_p)[0]
+        calibration = (self.calibration or Calibration()).where(found.log_p, uv)
+        flat = calibration.flattened(found.log_p)[0]
         width, height = self.size
         grid = np.full((height, width), np.nan, dtype=np.float32)
         column, row = uv.long().numpy().T
