@@ -70,7 +70,7 @@ class Orbit(Metric[OrbitSettings]):
             Ratio(
                 f"least_mass_{at}", "higher", "",
                 "mean of the smallest of these; 0.5 where two places share all probability",
-                "Smallest of these probabilities",
+                "Least probability, point or partner",
                 "orbit_least_mass", "orbit_distributions",
             ),
         ]  # fmt: skip

@@ -346,7 +346,7 @@ def test_table_and_page(config_file: Path, made: tuple[Path, Recorder], tmp_path
     text = page.read_text()
     assert "| DON + Lipschitz | " in text
     assert "| PCK 2 px |" in text  # a figure that the config names; no row has the other one
-    assert "Smallest of these" not in text
+    assert "Least probability" not in text
     assert "| don-rope, as shipped | " in text
     assert "28.5" in text
     assert f"{values['rmse_px']:.1f} [" in text

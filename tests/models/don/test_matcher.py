@@ -5,6 +5,7 @@ from dataclasses import asdict, replace
 from types import ModuleType
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 import torch
 from torch import nn
@@ -13,11 +14,12 @@ from pliant.baselines.matcher import HeatMatcher, View
 from pliant.baselines.tracing import Rectified
 from pliant.loaders.frame_store import FrameStore
 from pliant.loaders.inputs import NetworkInput
+from pliant.models.don import calibration as calibration_module
 from pliant.models.don.calibration import calibrate, fit_sharpness
-from pliant.models.don.candidates import widened
-from pliant.models.don.certainty import Calibration
+from pliant.models.don.candidates import pixel_grid, widened
+from pliant.models.don.certainty import Calibration, mean_doubt
 from pliant.models.don.decoding import Widths, decode_position, mixture_of_modes, spread_about
-from pliant.models.don.matcher import DonMatcher
+from pliant.models.don.matcher import DonMatcher, Search
 from pliant.models.don.report import descriptor_colours
 from pliant.models.don.settings import AnswerSettings, DonSettings
 from pliant.models.don.validation import ValidationPair, draw_validation_pairs, validate
@@ -294,6 +296,53 @@ def test_rectified_views_have_a_calibration_of_their_own(
     assert np.median(slanted) > 3 * np.median(straight)
     few = calibrate(matcher, pairs[:12], SIZE)
     assert few.tilted is None, "six pairs are too few"
+
+
+def test_pairs_of_more_doubt_have_a_calibration_of_their_own(
+    pairs: list[ValidationPair], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every other pair asks a blurred network and has truths 9 px off: it is told by its doubt."""
+    rng = np.random.default_rng(0)
+    mixed = []
+    for number, pair in enumerate(pairs):
+        vague = number % 2 == 1
+        off = (9 * rng.standard_normal(pair.uv_b_px.shape)).astype(np.float32)
+        target = replace(pair.target, key=f"{'vague' if vague else 'clear'} {number}")
+        mixed.append(replace(pair, target=target, uv_b_px=pair.uv_b_px + off * vague))
+    matcher = by_colour(scale=400.0)
+    search = matcher.search
+
+    def blurred(source: View, target: View, uv_a_px: npt.NDArray[np.float32]) -> Search:
+        found = search(source, target, uv_a_px)
+        if not target.key.startswith("vague"):
+            return found
+        flat = (found.log_p / 40).log_softmax(dim=1)
+        return replace(found, log_p=flat, deciding=flat)
+
+    monkeypatch.setattr(matcher, "search", blurred)
+    together = calibrate(matcher, mixed, SIZE)
+    assert together.doubtful is None, "too few pairs for groups"
+    monkeypatch.setattr(calibration_module, "_PAIRS_A_GROUP", 4)
+    apart = calibrate(matcher, mixed, SIZE)
+    assert apart.doubtful is not None
+    assert Calibration.from_document(asdict(apart)) == apart
+    for pair in mixed:
+        found = blurred(pair.source, pair.target, pair.uv_a_px)
+        vague = pair.target.key.startswith("vague")
+        assert apart.where(found.log_p, found.uv_px) is (apart.doubtful if vague else apart)
+    each = [apart.figures, apart.doubtful.figures]
+    assert together.figures is not None
+    assert np.mean([found["nll"] for found in each if found]) < together.figures["nll"]
+
+
+def test_doubt_is_the_log_of_the_spread() -> None:
+    """Gaussians of 2 and of 5 px on a grid; and a single pixel, which has no spread."""
+    grid = pixel_grid(80, 80, 1, torch.device("cpu"))
+    squared = (grid - 40).square().sum(dim=1)
+    log_p = torch.stack([-squared / (2 * sigma**2) for sigma in (2, 5)]).log_softmax(dim=1)
+    assert mean_doubt(log_p, grid) == pytest.approx((np.log(2) + np.log(5)) / 2, abs=1e-3)
+    single = torch.where(squared == squared.min(), 0.0, -200.0)[None, :1]
+    assert np.isfinite(mean_doubt(single, grid[:1]))
 
 
 def test_visible_is_learned_from_the_distance(pairs: list[ValidationPair]) -> None:
