@@ -238,6 +238,7 @@ def test_variants_of_one_camera_ask_the_same_queries() -> None:
         ("pliant-v1-mini", "cloth-1"),
         ("pliant-v2-mini", "rope-oblique"),
         ("pliant-v2-mini", "cloth-3-unseen"),
+        ("pliant-v2-ablations", "rope-noisy"),
         ("pliant-v2", "rope-proportions"),
         pytest.param("pliant-v2", "towel-unseen", marks=pytest.mark.long),
         pytest.param("pliant-v2-mini", "rope-episodes-unseen", marks=pytest.mark.long),
