@@ -21,7 +21,10 @@ WEAVE_THREADS = 96
 """Periods of the weave along a side of the cloth."""
 
 _STRIPE = (0.72, 0.84)
-"""Where a towel's stripe begins and ends, along u."""
+"""Where a towel's stripe across u begins and ends."""
+
+_SIDE_STRIPE = (0.14, 0.21)
+"""Where its stripe along one side, across v, begins and ends."""
 
 _HEM = 0.03
 """Width of a towel's hem, in sides."""
@@ -137,7 +140,8 @@ def cloth_images(appearance: Appearance, side_px: int = 768) -> tuple[Image, Ima
         _print(front, u, v, second, third, appearance.pattern_seed)
         back = 0.75 * np.asarray(appearance.back_colour) + 0.25 * front  # the print shines through
     elif appearance.pattern == "towel":
-        stripe = (u > _STRIPE[0]) & (u < _STRIPE[1])
+        end = (u > _STRIPE[0]) & (u < _STRIPE[1])
+        stripe = end | ((v > _SIDE_STRIPE[0]) & (v < _SIDE_STRIPE[1]))
         hem = np.maximum(np.abs(u - 0.5), np.abs(v - 0.5)) > 0.5 - _HEM
         front[stripe], back[stripe] = second, ground
         front[hem] = back[hem] = third
