@@ -46,6 +46,13 @@ _TITLES = {"generate": "Making sets", "train": "Training", "answer": "Answering 
     "Last stage to do; the table contains what is scored by then.",
     "answer",
 )
+@click.option(
+    "--test",
+    "tests",
+    multiple=True,
+    metavar="NAME",
+    help="Only this block of the table, with the sets and trainings it needs (repeatable).",
+)
 @path_option(
     "--page",
     "FILE.md",
@@ -59,6 +66,7 @@ def command(
     resume: bool,
     workers: int | None,
     until: str,
+    tests: tuple[str, ...],
     page: Path | None,
     as_json: bool,
 ) -> int:
@@ -72,10 +80,14 @@ def command(
     from pliant.benchmarks.suite.config import read_config
 
     config = read_config(config_file, overrides)
+    if tests:
+        config = config.only(tests)
     differing = run_shown(config, out, resume, workers or _default_workers(), until)
     from pliant.benchmarks.suite.results import write_results
 
-    called = f"pliant benchmark {config_file} --out DIR"
+    called = " ".join(
+        [f"pliant benchmark {config_file} --out DIR", *(f"--test {name}" for name in tests)]
+    )
     document = write_results(config, out, differing, called, page)
     if as_json:
         echo_json(document, sort_keys=True)

@@ -152,6 +152,42 @@ class BenchmarkConfig:
         """The sets with a test split, by name."""
         return {name: made for name, made in self.sets.items() if made.counts.get(TEST_SPLIT)}
 
+    def only(self, tests: Collection[str]) -> BenchmarkConfig:
+        """Return the benchmark with some blocks of its table, and the sets and runs they need.
+
+        Args:
+            tests: Names of blocks.
+
+        Raises:
+            CallError: There is no such block.
+        """
+        for name in tests:
+            if name not in self.tests:
+                raise CallError(
+                    "unknown block of the table", where="--test", found=name,
+                    required="one of " + ", ".join(self.tests), fix=did_you_mean(name, self.tests),
+                )  # fmt: skip
+        kept = {key: test for key, test in self.tests.items() if key in tests}
+        trained = {name for test in kept.values() for name in test.runs}
+        while earlier := {self.runs[name].after for name in trained} - trained - {""}:
+            trained |= earlier
+        runs = {name: run for name, run in self.runs.items() if name in trained}
+        asked = {name for test in kept.values() for name in test.variants.values()}
+        needed = asked | {run.set for run in runs.values()}
+        answering = {name for test in kept.values() for name in test.answering}
+        answering |= {run.arm for run in runs.values()}
+        return replace(
+            self,
+            sets={name: made for name, made in self.sets.items() if name in needed},
+            runs=runs,
+            tests=kept,
+            comparisons=tuple(
+                each
+                for each in self.comparisons
+                if each.set in asked and {each.method, each.against} <= answering
+            ),
+        )
+
     def members(self, name: str) -> tuple[str, ...]:
         """Return the runs that a name stands for, one per random seed; any other name alone."""
         return tuple(key for key, run in self.runs.items() if run.arm == name) or (name,)

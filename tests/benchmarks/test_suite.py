@@ -307,6 +307,32 @@ def test_a_training_is_another_when_what_it_started_from_is(config_file: Path) -
     assert run_digest(config, "more") == run_digest(read_config(config_file), "more")
 
 
+def test_some_blocks_alone_with_what_they_need(config_file: Path, tmp_path: Path) -> None:
+    config = read_config(config_file)
+    seeds = config.only(["rope-seeds"])
+    assert set(seeds.sets) == {"rope", "rope-noisy"}  # asked, and trained on
+    assert set(seeds.runs) == {"twice-0", "twice-1"}
+    assert (list(seeds.tests), seeds.comparisons) == (["rope-seeds"], ())
+    later = replace(config, tests={"later": replace(config.tests["rope"], runs=("more",))})
+    assert set(later.only(["later"]).runs) == {"small", "more"}  # `more` starts from `small`
+    assert len(config.only(["rope"]).comparisons) == 2
+    with pytest.raises(CallError, match=r"unknown block.*rope-seed.*Did you mean 'rope-seeds'"):
+        config.only(["rope-seed"])
+    values = yaml.safe_load(config_file.read_text())
+    values["tests"]["free"] = {
+        **values["tests"]["rope-seeds"], "variants": {"noisy": "rope-noisy"},
+        "runs": [], "methods": ["identity"],
+    }  # fmt: skip
+    path = tmp_path / "thumb.yaml"
+    path.write_text(yaml.safe_dump(values, sort_keys=False))
+    called = ["benchmark", str(path), "--test", "free", "--workers", "1"]
+    assert run([*called, "--out", str(tmp_path / "out")]) == 0
+    assert [each.name for each in (tmp_path / "out" / "sets").iterdir()] == ["rope-noisy"]
+    page = (tmp_path / "out" / "results.md").read_text()
+    assert f"`pliant benchmark {path} --out DIR --test free`" in page
+    assert "| Identity |" in page
+
+
 def test_an_interrupted_benchmark_goes_on_and_repeats_nothing(
     made: tuple[Path, Recorder],
 ) -> None:

@@ -33,8 +33,9 @@ CONFIG = GenerateConfig(
 
 def test_every_map_of_the_square_changes_the_pattern_whatever_the_colours_are() -> None:
     towel = sample_scene_object(CONFIG, SequenceTask("towel", "test", 0))
-    appearance = sample_appearance(np.random.default_rng(0), towel, AppearanceSettings())
-    front, back = (_regions(face) for face in cloth_images(replace(appearance, weave_contrast=0.0), 240))
+    drawn = sample_appearance(np.random.default_rng(0), towel, AppearanceSettings())
+    faces = cloth_images(replace(drawn, weave_contrast=0.0), 240)
+    front, back = (_regions(face) for face in faces)
     centre = (np.arange(240) + 0.5) / 240
     u, v = np.meshgrid(centre, centre)
     for each in (*_ROTATIONS, *_MIRRORS):
