@@ -1,8 +1,8 @@
 """The tier `towel`: a cloth with a hem and two unequal stripes, in any orientation.
 
-A wide stripe lies near one end and a narrow one along one side. Both faces show them, in exchanged
+A wide stripe is near one end and a narrow one along one side. Both faces show them, in exchanged
 colours as a woven pattern has them. Seen from the back they are a mirror image, so the picture says
-which face is up whatever the colours are: every point has one answer, however the towel lies.
+which face is up whatever the colours are: every point has one answer, however the towel is placed.
 """
 
 from __future__ import annotations
