@@ -20,13 +20,13 @@ from pliant.spec.model import MaterialCoordinate, MaterialObject, Symmetry, Tier
 CLOTH_ID: Final = 1
 
 
-_ROTATIONS: Final = (
+ROTATIONS: Final = (
     Symmetry("rotation_90", ((0, -1), (1, 0)), (1, 0)),
     Symmetry("rotation_180", ((-1, 0), (0, -1)), (1, 1)),
     Symmetry("rotation_270", ((0, 1), (-1, 0)), (0, 1)),
 )
 _MIRROR_V: Final = Symmetry("mirror_v", ((1, 0), (0, -1)), (0, 1))
-_MIRRORS: Final = (
+MIRRORS: Final = (
     Symmetry("mirror_u", ((-1, 0), (0, 1)), (1, 0)),
     _MIRROR_V,
     Symmetry("mirror_diagonal", ((0, 1), (1, 0)), (0, 0)),
@@ -35,15 +35,15 @@ _MIRRORS: Final = (
 
 SYMMETRIES: Final[dict[Variant, tuple[Symmetry, ...]]] = {
     # Both faces alike: turning the cloth over about an axis in its plane mirrors (u, v).
-    "plain": _ROTATIONS + _MIRRORS,
+    "plain": ROTATIONS + MIRRORS,
     # A back of another shade distinguishes a turned-over cloth; only rotations remain.
-    "two-sided": _ROTATIONS,
+    "two-sided": ROTATIONS,
     # Bands across u, unequal from end to end, alike on both faces: turning the cloth over
     # about the u axis changes nothing.
     "striped": (_MIRROR_V,),
     # No map leaves the print as it is.
     "printed": (),
-    # The stripe tells the ends apart, the exchanged colours of the back the faces.
+    # The wide stripe is near one end, the narrow one along one side.
     "towel": (),
 }
 """Variant -> the maps of (u, v) under which the cloth looks the same, without the identity."""
