@@ -135,6 +135,7 @@ class BenchmarkConfig:
         comparisons: Paired differences to report.
         checksums: File of the test queries' checksums, or None.
         validate: Validate every set after it is generated.
+        part: Blocks that were chosen by `only`; otherwise empty.
     """
 
     name: str
@@ -146,6 +147,7 @@ class BenchmarkConfig:
     comparisons: tuple[Comparison, ...] = ()
     checksums: Path | None = None
     validate: bool = False
+    part: tuple[str, ...] = ()
 
     @property
     def asked(self) -> dict[str, GenerateConfig]:
@@ -181,6 +183,7 @@ class BenchmarkConfig:
             sets={name: made for name, made in self.sets.items() if name in needed},
             runs=runs,
             tests=kept,
+            part=tuple(kept),
             comparisons=tuple(
                 each
                 for each in self.comparisons

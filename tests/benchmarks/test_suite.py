@@ -326,7 +326,9 @@ def test_some_blocks_alone_with_what_they_need(config_file: Path, tmp_path: Path
     path = tmp_path / "thumb.yaml"
     path.write_text(yaml.safe_dump(values, sort_keys=False))
     called = ["benchmark", str(path), "--test", "free", "--workers", "1"]
+    called += ["--page", str(tmp_path / "page" / "free.md")]
     assert run([*called, "--out", str(tmp_path / "out")]) == 0
+    assert (tmp_path / "page" / "pictures" / "thumb-free" / "rmse-free.png").is_file()
     assert [each.name for each in (tmp_path / "out" / "sets").iterdir()] == ["rope-noisy"]
     page = (tmp_path / "out" / "results.md").read_text()
     assert f"`pliant benchmark {path} --out DIR --test free`" in page

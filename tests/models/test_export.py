@@ -313,7 +313,7 @@ def test_models_of_the_package_answer(name: str, tmp_path: Path) -> None:
     dataset = Dataset.open(tmp_path / "set")
     predict(dataset, "test", matcher, tmp_path / "answers.parquet")
     scores = evaluate(tmp_path / "answers.parquet", dataset)
-    assert figure(scores, "median_px") < (120 if name == "don-towel" else 60)
+    assert figure(scores, "median_px") < 60
     assert figure(scores, "ece") < 0.2
 
 
