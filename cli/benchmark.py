@@ -85,9 +85,8 @@ def command(
     differing = run_shown(config, out, resume, workers or _default_workers(), until)
     from pliant.benchmarks.suite.results import write_results
 
-    called = " ".join(
-        [f"pliant benchmark {config_file} --out DIR", *(f"--test {name}" for name in tests)]
-    )
+    chosen = "".join(f" --test {name}" for name in config.part)
+    called = f"pliant benchmark {config_file} --out DIR{chosen}"
     document = write_results(config, out, differing, called, page)
     if as_json:
         echo_json(document, sort_keys=True)

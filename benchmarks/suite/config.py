@@ -161,14 +161,10 @@ class BenchmarkConfig:
             tests: Names of blocks.
 
         Raises:
-            CallError: There is no such block.
+            CallError: A name is not the name of a block.
         """
         for name in tests:
-            if name not in self.tests:
-                raise CallError(
-                    "unknown block of the table", where="--test", found=name,
-                    required="one of " + ", ".join(self.tests), fix=did_you_mean(name, self.tests),
-                )  # fmt: skip
+            _check_known(name, self.tests, None, "--test", "unknown block of the table")
         kept = {key: test for key, test in self.tests.items() if key in tests}
         trained = {name for test in kept.values() for name in test.runs}
         while earlier := {self.runs[name].after for name in trained} - trained - {""}:
@@ -177,7 +173,6 @@ class BenchmarkConfig:
         asked = {name for test in kept.values() for name in test.variants.values()}
         needed = asked | {run.set for run in runs.values()}
         answering = {name for test in kept.values() for name in test.answering}
-        answering |= {run.arm for run in runs.values()}
         return replace(
             self,
             sets={name: made for name, made in self.sets.items() if name in needed},
@@ -187,7 +182,8 @@ class BenchmarkConfig:
             comparisons=tuple(
                 each
                 for each in self.comparisons
-                if each.set in asked and {each.method, each.against} <= answering
+                if each.set in asked
+                and {*self.members(each.method), *self.members(each.against)} <= answering
             ),
         )
 
@@ -265,10 +261,16 @@ def _recipe(name: str, path: Path, where: str) -> dict[str, Any]:
     return values
 
 
-def _check_known(name: str, names: Collection[str], path: Path, where: str) -> None:
+def _check_known(
+    name: str,
+    names: Collection[str],
+    path: Path | None,
+    where: str,
+    problem: str = "unknown name",
+) -> None:
     if name not in names:
         raise CallError(
-            "unknown name", path=path, where=where, found=name,
+            problem, path=path, where=where, found=name,
             required="one of " + ", ".join(names), fix=did_you_mean(name, names),
         )  # fmt: skip
 

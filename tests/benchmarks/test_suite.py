@@ -314,7 +314,9 @@ def test_some_blocks_alone_with_what_they_need(config_file: Path, tmp_path: Path
     assert set(seeds.runs) == {"twice-0", "twice-1"}
     assert (list(seeds.tests), seeds.comparisons) == (["rope-seeds"], ())
     later = replace(config, tests={"later": replace(config.tests["rope"], runs=("more",))})
-    assert set(later.only(["later"]).runs) == {"small", "more"}  # `more` starts from `small`
+    alone = later.only(["later"])
+    assert set(alone.runs) == {"small", "more"}  # `more` starts from `small`,
+    assert alone.comparisons == ()  # which answers nothing
     assert len(config.only(["rope"]).comparisons) == 2
     with pytest.raises(CallError, match=r"unknown block.*rope-seed.*Did you mean 'rope-seeds'"):
         config.only(["rope-seed"])

@@ -301,7 +301,10 @@ def test_rectified_views_have_a_calibration_of_their_own(
 def test_pairs_of_more_doubt_have_a_calibration_of_their_own(
     pairs: list[ValidationPair], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Every other pair asks a blurred network and has truths 9 px off: it is told by its doubt."""
+    """Every second pair has flattened probabilities and truths moved by 9 px.
+
+    Its doubt is therefore higher, and selects the second of the two calibrations.
+    """
     rng = np.random.default_rng(0)
     mixed = []
     for number, pair in enumerate(pairs):
