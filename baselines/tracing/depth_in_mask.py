@@ -66,6 +66,21 @@ def steps_along(mask: Mask, start: tuple[int, int]) -> npt.NDArray[np.int64]:
     return steps
 
 
+def farthest_pixels(mask: Mask) -> list[tuple[int, int]]:
+    """Return the two pixels, (row, column), that are farthest from each other along the mask.
+
+    Args:
+        mask: bool (H, W), not empty; of several parts only the first one is looked at.
+    """
+    row, column = np.argwhere(mask)[0]
+    ends = [(int(row), int(column))]
+    for _ in range(3):  # the first sweep only finds an end to sweep from
+        steps = steps_along(mask, ends[-1])
+        row, column = np.unravel_index(int(steps.argmax()), mask.shape)
+        ends.append((int(row), int(column)))
+    return ends[2:]
+
+
 def sampled(values: FloatArray, uv_px: FloatArray) -> FloatArray:
     """Return an image's values between its pixels, bilinearly; 0 outside.
 

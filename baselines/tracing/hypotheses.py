@@ -12,7 +12,12 @@ from PIL import Image, ImageFilter
 
 from pliant.baselines.tracing.chain import Evidence, sampled_paths
 from pliant.baselines.tracing.crossings import Overlap
-from pliant.baselines.tracing.depth_in_mask import FloatArray, Mask, depth_in_mask, steps_along
+from pliant.baselines.tracing.depth_in_mask import (
+    FloatArray,
+    Mask,
+    depth_in_mask,
+    farthest_pixels,
+)
 from pliant.baselines.tracing.walk import walks
 
 STATIONS: Final = 300
@@ -129,13 +134,7 @@ def _start_at_ball(mask: Mask, ball: Mask) -> tuple[FloatArray, FloatArray]:
 def _starts_at_ends(mask: Mask) -> list[tuple[FloatArray, FloatArray]]:
     """Return both ends: the pixels farthest from each other along the mask."""
     places = _centres(mask)
-    first = np.argwhere(mask)[0]
-    ends = []
-    for _ in range(3):  # the first sweep only finds an end to sweep from
-        steps = steps_along(mask, (int(first[0]), int(first[1])))
-        first = np.array(np.unravel_index(int(steps.argmax()), mask.shape))
-        ends.append(first)
-    starts = [np.array([column, row]) + 0.5 for row, column in ends[1:]]
+    starts = [np.array([column, row]) + 0.5 for row, column in farthest_pixels(mask)]
     return [(start, _heading(places, start, np.array([1.0, 0.0]))) for start in starts]
 
 

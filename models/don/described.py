@@ -13,8 +13,9 @@ from pliant.baselines.matcher import View
 from pliant.baselines.tracing.depth_in_mask import Mask
 from pliant.loaders.inputs import NetworkInput
 from pliant.loaders.views import resize_mask, resize_rgb
-from pliant.models.don.segmentation import rope_masks
-from pliant.models.networks.descriptor_network import DescriptorNetwork
+from pliant.models.don.ball import FIRST_SHARE
+from pliant.models.don.segmentation import Foreground, rope_masks
+from pliant.models.networks.descriptor_network import DescriptorNetwork, NetworkOutput
 from pliant.spec.io.resizing import resize_nearest
 
 _KEPT_VIEWS = 8
@@ -74,8 +75,10 @@ class ViewDescriber:
         """
         if view.mask is not None or not (self.network.foreground and self.given.colour):
             return view
-        foreground = self._foreground(self.given.image(*self._resized(view)))
-        found = rope_masks(view.rgb, foreground.amax(dim=0).sigmoid().numpy())
+        out = self._out(self.given.image(*self._resized(view)))
+        rope, objects = out.foreground[0].cpu().sigmoid().numpy()
+        first = self._first_share(out.descriptors[0].cpu()).numpy()
+        found = rope_masks(view.rgb, Foreground(rope, objects, first))
         if found is None:
             return view
         key = f"{view.key}/segmented" if view.key else ""
@@ -88,7 +91,8 @@ class ViewDescriber:
             for each in (view.mask, view.objects)
         )
         if mask is None and self.given.masks and self.network.foreground:
-            mask, objects = (self._foreground(self.given.image(rgb, depth_m)) > 0).numpy()
+            logits = self._out(self.given.image(rgb, depth_m)).foreground[0].cpu()
+            mask, objects = (logits > 0).numpy()
         image = torch.from_numpy(self.given.image(rgb, depth_m, mask, objects))
         with torch.inference_mode():
             maps = [self.network(self._turned(image, turn))[0].cpu() for turn in self.turns]
@@ -106,11 +110,22 @@ class ViewDescriber:
             depth_m = resize_nearest(view.depth_m, self.size)
         return rgb, depth_m
 
-    def _foreground(self, image: npt.NDArray[np.float32]) -> torch.Tensor:
-        """Return the logits of the queried object and of any object, float (2, h, w)."""
+    def _first_share(self, descriptors: torch.Tensor) -> torch.Tensor:
+        """Return the probability of the rope's first tenth, (D, h, w) -> float (h / 2, w / 2)."""
+        sparse = descriptors[:, ::2, ::2]
+        head = self.network.canonical
+        if head is None:
+            return torch.ones(sparse.shape[1:])
         with torch.inference_mode():
-            out = self.network.described(self._turned(torch.from_numpy(image), 0))
-        return out.foreground[0].float().cpu()
+            rows, scale = sparse.flatten(1).T, self.network.scale.cpu()
+            p = head.log_probabilities(rows, scale).exp()  # (h w / 4, A)
+            first = p[:, head.anchors[:, 0] < FIRST_SHARE].sum(dim=1)
+            return first.view(*sparse.shape[1:])
+
+    def _out(self, image: npt.NDArray[np.float32]) -> NetworkOutput:
+        """Return all that the network puts out for an image without masks."""
+        with torch.inference_mode():
+            return self.network.described(self._turned(torch.from_numpy(image), 0))
 
     def _turned(self, image: torch.Tensor, turn: int) -> torch.Tensor:
         return torch.rot90(image, -turn, (1, 2))[None].to(self.network.log_scale.device)

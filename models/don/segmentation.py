@@ -3,19 +3,21 @@
 The network knows about where the rope is, at its own size. Nearby, every pixel is compared with
 the table around the rope, r = I / I_table in linear light: a shadow darkens all channels alike, so
 log r is then negative and has no chroma. What is not a shadow is divided by GrabCut (Rother et al.
-2004) in the chroma and the mean of log r. The ball is the part that is thicker than a rope can be.
+2004) in the chroma and the mean of log r. `ball.py` tells the ball from the rope.
 """
 
 from __future__ import annotations
 
-from typing import Any, Final
+from dataclasses import dataclass
+from typing import Final
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
-from pliant.baselines.tracing.depth_in_mask import FloatArray, Mask, depth_in_mask, ridge
+from pliant.baselines.tracing.depth_in_mask import FloatArray, Mask
+from pliant.models.don.ball import ball_in
 
 _WORKING_WIDTH: Final = 320
 _CERTAIN, _POSSIBLE = 0.45, 0.12  # foreground probabilities of the network
@@ -27,24 +29,39 @@ _NO_LIGHT, _LIGHT = 0.1, 0.5  # of the mean of log r, likewise
 _ROUNDS: Final = 2
 _LEAST_PART: Final = 0.05  # of the largest part
 _LEAST_PIXELS: Final = 40
-_THICKER: Final = 1.45  # than half of a rope's width
 
 
-def rope_masks(
-    rgb: npt.NDArray[np.uint8], foreground: npt.NDArray[np.floating[Any]]
-) -> tuple[Mask, Mask] | None:
+@dataclass(frozen=True)
+class Foreground:
+    """What a network says of an image's pixels, each 0 to 1.
+
+    Attributes:
+        rope: float32 (h, w), the probability that a pixel shows the rope.
+        objects: float32 (h, w), the probability that it shows the rope or its ball.
+        first: float32 (h, w), the probability that a pixel of the rope is in its first tenth.
+    """
+
+    rope: npt.NDArray[np.float32]
+    objects: npt.NDArray[np.float32]
+    first: npt.NDArray[np.float32]
+
+
+def rope_masks(rgb: npt.NDArray[np.uint8], seen: Foreground) -> tuple[Mask, Mask] | None:
     """Return where the rope is seen and where the rope or its ball is.
 
     Args:
         rgb: uint8 (H, W, 3), sRGB.
-        foreground: float (h, w), the network's probability that a pixel shows an object.
+        seen: What the network says of the image, at its own size.
 
     Returns:
         Two bool (H, W), or None where nothing stands out from the table.
     """
     height, width = rgb.shape[:2]
     size = (_WORKING_WIDTH, max(1, round(_WORKING_WIDTH * height / width)))
-    p = cv2.resize(foreground.astype(np.float32), size, interpolation=cv2.INTER_LINEAR)
+    p, p_rope, first = (
+        cv2.resize(each, size, interpolation=cv2.INTER_LINEAR)
+        for each in (np.maximum(seen.rope, seen.objects), seen.rope, seen.first)
+    )
     near = ndimage.binary_dilation(p > _POSSIBLE, np.ones((3, 3)), iterations=_MARGIN_PX)
     if not (p > _CERTAIN).any() or near.all():
         return None
@@ -52,10 +69,10 @@ def rope_masks(
     objects = _large_parts(_cut(small, p > _CERTAIN, near))
     if objects.sum() < _LEAST_PIXELS:
         return None
-    rope = objects & ~_ball(objects)
+    ball = ball_in(objects, p_rope, first)
     enlarged = [
         cv2.resize(mask.astype(np.uint8) * 255, (width, height), interpolation=cv2.INTER_LINEAR)
-        for mask in (rope, objects)
+        for mask in (objects & ~ball, objects | ball)
     ]
     return enlarged[0] > 127, enlarged[1] > 127
 
@@ -104,17 +121,3 @@ def _large_parts(mask: Mask) -> Mask:
     sizes = np.bincount(parts.ravel())
     sizes[0] = 0
     return np.asarray((sizes > _LEAST_PART * sizes.max())[parts])
-
-
-def _ball(objects: Mask) -> Mask:
-    """Return the thickest part, or nothing where all is as thick as a rope."""
-    half_px = depth_in_mask(objects, objects.shape[1])
-    middle = ridge(half_px, 1.0)
-    if not middle.any():
-        return np.zeros_like(objects)
-    radius = _THICKER * float(np.median(half_px[middle]))
-    cores, count = ndimage.label(half_px > radius)
-    if count == 0:
-        return np.zeros_like(objects)
-    thickest = cores == 1 + int(np.argmax(ndimage.maximum(half_px, cores, range(1, count + 1))))
-    return np.asarray(ndimage.distance_transform_edt(~thickest) <= radius + 0.5)

@@ -11,7 +11,7 @@ from pliant.baselines.matcher import View
 from pliant.loaders.frame_store import FrameStore
 from pliant.models.don.described import ViewDescriber
 from pliant.models.don.matcher import DonMatcher
-from pliant.models.don.segmentation import rope_masks
+from pliant.models.don.segmentation import Foreground, rope_masks
 from pliant.models.don.validation import draw_validation_pairs
 from pliant.models.shipped import load_shipped
 from pliant.spec.dataset import SAMPLE, Dataset
@@ -51,16 +51,21 @@ def scene() -> tuple[npt.NDArray[np.uint8], Mask, Mask, Mask]:
     return encoded(linear), rope, ball, shadow
 
 
-def vague(objects: Mask) -> npt.NDArray[np.float64]:
-    """Return what a network might say of objects at a quarter of the size: blurred, unsure."""
-    small = objects.reshape(HEIGHT // 4, 4, WIDTH // 4, 4).mean(axis=(1, 3))
-    return 0.8 * ndimage.gaussian_filter(small, 2.0)
+def vague(rope: Mask, others: Mask | None = None) -> Foreground:
+    """Return what a network might say of a picture at a quarter of the size: blurred, unsure."""
+
+    def blurred(mask: Mask) -> npt.NDArray[np.float32]:
+        small = mask.reshape(HEIGHT // 4, 4, WIDTH // 4, 4).mean(axis=(1, 3))
+        return (0.8 * ndimage.gaussian_filter(small, 2.0)).astype(np.float32)
+
+    own = blurred(rope)
+    objects = own if others is None else blurred(rope | others)
+    return Foreground(own, objects, np.full_like(own, 0.5))
 
 
 def test_the_rope_is_cut_from_its_shadow_and_its_ball() -> None:
     rgb, rope, ball, shadow = scene()
-    blurred = vague(rope | ball | shadow)
-    found = rope_masks(rgb, blurred)
+    found = rope_masks(rgb, vague(rope, ball | shadow))
     assert found is not None
     own, objects = found
     assert overlap(own, rope) > 0.85
@@ -79,7 +84,8 @@ def test_a_rope_without_a_ball_has_none() -> None:
 @pytest.mark.parametrize("p", [0.0, 1.0])
 def test_nothing_is_found_where_the_network_sees_nothing_or_all(p: float) -> None:
     rgb = scene()[0]
-    assert rope_masks(rgb, np.full((HEIGHT // 4, WIDTH // 4), p)) is None
+    everywhere = np.full((HEIGHT // 4, WIDTH // 4), p, dtype=np.float32)
+    assert rope_masks(rgb, Foreground(everywhere, everywhere, everywhere)) is None
 
 
 def test_nothing_stands_out_from_an_even_picture() -> None:
