@@ -73,7 +73,7 @@ def ball_in(objects: Mask, rope: FloatArray, first: FloatArray) -> Mask:
         first: float (H, W), the probability that a pixel of the rope is in its first tenth.
 
     Returns:
-        bool (H, W); some of it may be off `objects`.
+        bool (H, W), a part of `objects`.
     """
     depth_px = depth_in_mask(objects, objects.shape[1])
     middle = ridge(depth_px, 1.0)
@@ -88,7 +88,7 @@ def ball_in(objects: Mask, rope: FloatArray, first: FloatArray) -> Mask:
         near = gap_px <= max(own_px, half_px) + 1
         around = gap_px <= max(own_px, half_px) + _AROUND * half_px
         return _Candidate(
-            gap_px <= max(own_px + 1, _LEAST_RADIUS * half_px),
+            gap_px <= max(own_px + 0.5, _LEAST_RADIUS * half_px),
             float(np.log(max(own_px / half_px, _SHALLOWEST))),
             float(rope[near].mean()),
             float(first[around].mean()),
@@ -96,7 +96,7 @@ def ball_in(objects: Mask, rope: FloatArray, first: FloatArray) -> Mask:
 
     places = [*_thick_places(depth_px, _THICK * half_px), *_ends(objects)]
     best = max((candidate(*place) for place in places), key=lambda each: each.score)
-    return best.disc if best.is_ball else np.zeros_like(objects)
+    return objects & best.disc & best.is_ball
 
 
 def _thick_places(depth_px: FloatArray, least_px: float) -> list[tuple[int, int]]:

@@ -69,10 +69,10 @@ def rope_masks(rgb: npt.NDArray[np.uint8], seen: Foreground) -> tuple[Mask, Mask
     objects = _large_parts(_cut(small, p > _CERTAIN, near))
     if objects.sum() < _LEAST_PIXELS:
         return None
-    ball = ball_in(objects, p_rope, first)
+    rope = objects & ~ball_in(objects, p_rope, first)
     enlarged = [
         cv2.resize(mask.astype(np.uint8) * 255, (width, height), interpolation=cv2.INTER_LINEAR)
-        for mask in (objects & ~ball, objects | ball)
+        for mask in (rope, objects)
     ]
     return enlarged[0] > 127, enlarged[1] > 127
 
