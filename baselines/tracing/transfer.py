@@ -17,9 +17,9 @@ from pliant.baselines.tracing.hypotheses import Trace
 def transferred(source: Trace, target: Trace, uv_px: npt.NDArray[np.floating[Any]]) -> FloatArray:
     """Return where places on one trace are on another.
 
-    A place keeps the share of the length at which it is, and the side of the rope: its offset
-    across the source's trace, scaled by the ratio of the lengths. Where one strand is known to
-    cover another, a place on both is on the upper one.
+    A place keeps the share of the length at which it is, and the side of the rope: its offset from
+    the nearest station, along and across the source's trace, scaled by the ratio of the lengths.
+    Where one strand is known to cover another, a place on both is on the upper one.
 
     Args:
         source: The trace in the queries' image.
@@ -31,10 +31,10 @@ def transferred(source: Trace, target: Trace, uv_px: npt.NDArray[np.floating[Any
     """
     gap = np.linalg.norm(uv_px[:, None] - source.uv_px[None], axis=2)
     station = nearest_stations(gap, source.overlaps)
-    normal_a, normal_b = _normals(source.uv_px), _normals(target.uv_px)
-    offset = ((uv_px - source.uv_px[station]) * normal_a[station]).sum(axis=1)
+    axes_a, axes_b = _axes(source.uv_px)[station], _axes(target.uv_px)[station]
+    offset = np.einsum("nij,nj->ni", axes_a, uv_px - source.uv_px[station])
     offset *= target.length_px / source.length_px
-    return target.uv_px[station] + offset[:, None] * normal_b[station]
+    return np.asarray(target.uv_px[station] + np.einsum("nij,ni->nj", axes_b, offset))
 
 
 def best_pairs(
@@ -72,7 +72,8 @@ def best_pairs(
     return sorted(scored, reverse=True)[:count]
 
 
-def _normals(uv_px: FloatArray) -> FloatArray:
+def _axes(uv_px: FloatArray) -> FloatArray:
+    """Return the unit vectors along and across a trace at its S stations, float64 (S, 2, 2)."""
     way = np.gradient(uv_px, axis=0)
-    normal = np.stack([-way[:, 1], way[:, 0]], axis=1)
-    return np.asarray(normal / (np.linalg.norm(way, axis=1, keepdims=True) + 1e-9))
+    way /= np.linalg.norm(way, axis=1, keepdims=True) + 1e-9
+    return np.stack([way, np.stack([-way[:, 1], way[:, 0]], axis=1)], axis=1)

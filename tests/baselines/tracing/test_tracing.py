@@ -121,6 +121,14 @@ def test_agreement_chooses_among_equals() -> None:
     np.testing.assert_allclose(place, [[79.0, -2.0]], atol=0.5)
 
 
+def test_places_between_stations_and_beyond_the_ends_stay_where_they_are() -> None:
+    angle = np.linspace(0, 2, 60)
+    arc = np.stack([200 * np.cos(angle), 200 * np.sin(angle)], axis=1)
+    one = Trace(arc, 400.0, 1.0, 0.0, 0.0)
+    places = np.concatenate([(arc[:-1] + arc[1:]) / 2, arc[-1:] * 1.02 + [-2.0, -1.0]])
+    np.testing.assert_allclose(transferred(one, one, places), places, atol=1e-9)
+
+
 def test_no_mask_and_specks_give_the_middle() -> None:
     blank = View(np.zeros((240, 320, 3), np.uint8))
     speck = view_of(np.array([[100.0, 100.0]]), ball=False)
