@@ -59,7 +59,7 @@ def rope_masks(rgb: npt.NDArray[np.uint8], seen: Foreground) -> tuple[Mask, Mask
     height, width = rgb.shape[:2]
     size = (_WORKING_WIDTH, max(1, round(_WORKING_WIDTH * height / width)))
     p, p_rope, first = (
-        cv2.resize(each, size, interpolation=cv2.INTER_LINEAR)
+        np.asarray(cv2.resize(each, size, interpolation=cv2.INTER_LINEAR), dtype=np.float64)
         for each in (np.maximum(seen.rope, seen.objects), seen.rope, seen.first)
     )
     near = ndimage.binary_dilation(p > _POSSIBLE, np.ones((3, 3)), iterations=_MARGIN_PX)
