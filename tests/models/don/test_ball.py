@@ -54,8 +54,9 @@ def test_of_two_ends_alike_the_ball_is_at_the_first_one() -> None:
     assert not (found & balls["left"]).any()
 
 
-def test_a_knot_in_a_rope_without_a_ball_is_none() -> None:
-    assert not ball_in(drawn(), likely(drawn()), even(0.5)).any()
+def test_a_crossing_of_a_rope_without_a_ball_is_none() -> None:
+    crossed = drawn() & ~disc(60, 80, 7) | disc(60, 80, 4)
+    assert not ball_in(crossed, likely(crossed), even(0.5)).any()
 
 
 def test_an_empty_mask_has_none() -> None:
