@@ -46,6 +46,7 @@ SHARPNESS = np.geomspace(1.0, 1e5, 31)
 _ECE_WEIGHT = 10.0
 _PAIRS_A_GROUP = 60  # of like doubt; with 20, a group's calibration does not carry over
 _MOST_GROUPS = 3
+_UNMASKED_PAIRS = 80
 _LEAST_PAIRS = 10  # of views from above and of tilted ones, to measure them apart
 
 
@@ -72,6 +73,42 @@ def calibrate(
     Returns:
         The calibration, with what was measured on the same pairs in `figures`.
     """
+    straight, tilted, distances, hidden = _searched(matcher, pairs, full_size)
+    if min(len(straight), len(tilted)) < _LEAST_PAIRS:
+        straight, tilted = straight + tilted, []
+    sharp = Calibration(sharpness=matcher.sharpness)
+    sharp = _fit_visible(sharp, distances, hidden)
+    best = _fit_by_doubt(sharp, straight, matcher.size, full_size)
+    if tilted:
+        best = replace(best, tilted=_fit_distribution(sharp, tilted, matcher.size, full_size))
+    if matcher.finds_masks:
+        bare = [_unmasked(pair) for pair in pairs[:_UNMASKED_PAIRS]]
+        found = [*itertools.chain(*_searched(matcher, bare, full_size)[:2])]
+        best = replace(best, unmasked=_fit_distribution(sharp, found, matcher.size, full_size))
+    if best.visible_slope == 0:
+        return best
+    shown = ~hidden
+    said = best.visible(distances) >= 0.5
+    visible = {
+        "visible_accuracy": float(np.mean(said == shown)),
+        "visible_share": float(np.mean(shown)),
+    }
+    return replace(best, figures={**(best.figures or {}), **visible})
+
+
+def _unmasked(pair: ValidationPair) -> ValidationPair:
+    """Return a pair whose masks must be found in its pictures."""
+    source, target = (
+        replace(view, mask=None, objects=None, key=f"{view.key}/unmasked")
+        for view in (pair.source, pair.target)
+    )
+    return replace(pair, source=source, target=target)
+
+
+def _searched(
+    matcher: DonMatcher, pairs: Sequence[ValidationPair], full_size: tuple[int, int]
+) -> tuple[list[_Pair], list[_Pair], npt.NDArray[np.float64], npt.NDArray[np.bool_]]:
+    """Return pairs seen from above and tilted ones, and of all N queries distance and hidden."""
     straight: list[_Pair] = []
     tilted: list[_Pair] = []
     distances, hidden = [], []
@@ -88,22 +125,7 @@ def calibrate(
         truth = target.forward(pair.uv_b_px[seen, 0]).astype(np.float64) * own
         kept = tilted if source.tilted or target.tilted else straight
         kept.append(_Pair(found.log_p[torch.from_numpy(seen)], found.uv_px, answer, truth))
-    if min(len(straight), len(tilted)) < _LEAST_PAIRS:
-        straight, tilted = straight + tilted, []
-    sharp = Calibration(sharpness=matcher.sharpness)
-    sharp = _fit_visible(sharp, np.concatenate(distances), np.concatenate(hidden))
-    best = _fit_by_doubt(sharp, straight, matcher.size, full_size)
-    if tilted:
-        best = replace(best, tilted=_fit_distribution(sharp, tilted, matcher.size, full_size))
-    if best.visible_slope == 0:
-        return best
-    shown = ~np.concatenate(hidden)
-    said = best.visible(np.concatenate(distances)) >= 0.5
-    visible = {
-        "visible_accuracy": float(np.mean(said == shown)),
-        "visible_share": float(np.mean(shown)),
-    }
-    return replace(best, figures={**(best.figures or {}), **visible})
+    return straight, tilted, np.concatenate(distances), np.concatenate(hidden)
 
 
 def _fit_by_doubt(

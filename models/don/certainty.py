@@ -48,6 +48,7 @@ class Calibration:
         sharpness: Multiplies log p before everything else: contrastive networks learn no scale.
         tilted: What holds where a view was rectified, whose tilt is estimated; None for no
             difference.
+        unmasked: What holds where the masks were found in the pictures, None for no difference.
         doubt_above: Doubt (`mean_doubt`) of a pair of views above which `doubtful` holds.
         doubtful: What holds there, None for no difference: one network is too modest on smooth
             cloths and too sure on scrunched ones.
@@ -65,6 +66,7 @@ class Calibration:
     mode_radius_px: float = 4.0
     sharpness: float = 1.0
     tilted: Calibration | None = None
+    unmasked: Calibration | None = None
     doubt_above: float = 0.0
     doubtful: Calibration | None = None
 
@@ -79,7 +81,7 @@ class Calibration:
             TypeError: The content has other fields.
         """
         own = dict(document)
-        for name in ("tilted", "doubtful"):
+        for name in ("tilted", "unmasked", "doubtful"):
             if own.get(name) is not None:
                 own[name] = cls.from_document(own[name])
         return cls(**own)

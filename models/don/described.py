@@ -67,13 +67,18 @@ class ViewDescriber:
         # A key names a frame, and two frames of other sizes never share one.
         return self._kept.get(view.key, lambda: self._describe(view))
 
+    @property
+    def segments(self) -> bool:
+        """Whether `segmented` finds anything: the network predicts masks and sees a picture."""
+        return self.network.foreground and self.given.colour
+
     def segmented(self, view: View) -> View:
         """Return a view of a rope with masks found in its picture, where it has none.
 
         It stays as it is for a network that predicts no masks or sees no picture, and where nothing
         stands out from the table.
         """
-        if view.mask is not None or not (self.network.foreground and self.given.colour):
+        if view.mask is not None or not self.segments:
             return view
         out = self._out(self.given.image(*self._resized(view)))
         rope, objects = out.foreground[0].cpu().sigmoid().numpy()

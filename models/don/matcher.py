@@ -126,17 +126,25 @@ class DonMatcher:
         """Answer query pixels; see `Matcher`."""
         if len(uv_a_px) == 0:
             return Answers(np.zeros((0, 2), dtype=np.float32))
+        unmasked = source.mask is None or target.mask is None
         from_view, in_view = self.seen(source), self.seen(target)
         source, target = from_view.view, in_view.view
         found = self.search(source, target, from_view.forward(uv_a_px))
         calibration = self.calibration
-        if calibration is not None and (from_view.tilted or in_view.tilted):
+        if calibration is not None and unmasked:
+            calibration = calibration.unmasked or calibration
+        elif calibration is not None and (from_view.tilted or in_view.tilted):
             calibration = calibration.tilted or calibration
         answers = in_view.back(self._answers(found, target, calibration))
         if self.familiarity is None:
             return answers
         asked = self.asked(source, target, found)
         return replace(answers, familiarity=self.familiarity.score(asked))
+
+    @property
+    def finds_masks(self) -> bool:
+        """Whether it finds a rope's masks itself where a picture comes without."""
+        return self.settings.decode == "trace" and self._views.segments
 
     def seen(self, view: View) -> Rectified:
         """Return a view as it is answered in: a rope's with masks, and from straight above."""

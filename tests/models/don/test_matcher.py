@@ -298,6 +298,30 @@ def test_rectified_views_have_a_calibration_of_their_own(
     assert few.tilted is None, "six pairs are too few"
 
 
+def test_views_without_masks_have_a_calibration_of_their_own(
+    sheet_dataset: Dataset, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store = FrameStore(sheet_dataset, "sheet", "train", SIZE)
+    pairs = [within(pair) for pair in draw_validation_pairs(store, 4, 30, seed=3)]
+    matcher = by_colour(scale=400.0)
+    assert calibrate(matcher, pairs, SIZE).unmasked is None, "it finds no masks"
+    monkeypatch.setattr(DonMatcher, "finds_masks", True)
+    calibration = calibrate(matcher, pairs, SIZE)
+    assert calibration.unmasked is not None
+    assert Calibration.from_document(asdict(calibration)) == calibration
+    modest = replace(calibration.unmasked, sigma_floor_px=9.0)
+    matcher.calibration = replace(calibration, sigma_floor_px=0.5, unmasked=modest)
+    matcher.settings = AnswerSettings(distribution="sigma")
+    pair = pairs[0]
+    bare = replace(pair.target, mask=None, objects=None, key="bare")
+    given, found = (
+        matcher.answer(pair.source, target, pair.uv_a_px).sigma_px for target in (pair.target, bare)
+    )
+    assert given is not None
+    assert found is not None
+    assert np.median(given) < 5 < 9 <= np.median(found)
+
+
 def test_pairs_of_more_doubt_have_a_calibration_of_their_own(
     pairs: list[ValidationPair], monkeypatch: pytest.MonkeyPatch
 ) -> None:
