@@ -22,7 +22,7 @@ UNCHANGEABLE = {
     "tables.py",
     "results.md",
     "results-v1.md",
-    "results-towel.md",
+    "results-shipped.md",
     "ablations.md",
 }
 
