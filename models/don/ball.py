@@ -30,7 +30,6 @@ FIRST_SHARE: Final = 0.1
 """Share of the rope's length that `first` of `ball_in` speaks of."""
 
 _THICK: Final = 1.15  # a candidate's depth, in half widths of the rope
-_LEAST_RADIUS: Final = 1.5  # of a ball, in half widths of the rope
 _AROUND: Final = 2.0  # where the first tenth of the rope is looked for, in half widths
 _LEAST_FIRST: Final = 0.02
 _SHALLOWEST: Final = 0.3
@@ -42,13 +41,13 @@ class _Candidate(NamedTuple):
     """A place that may be the ball's.
 
     Attributes:
-        disc: bool (H, W), the ball if it is one.
+        place: Row and column of its deepest pixel.
         log_depth: Log of its depth in the mask, in half widths of the rope.
         rope: Mean probability that it shows the rope, 0 to 1.
         first: Mean probability around it that a rope there is in its first tenth, 0 to 1.
     """
 
-    disc: Mask
+    place: tuple[int, int]
     log_depth: float
     rope: float
     first: float
@@ -84,7 +83,7 @@ def ball_in(objects: Mask, rope: FloatArray, first: FloatArray) -> Mask:
         near = gap_px <= max(own_px, half_px) + 1
         around = gap_px <= max(own_px, half_px) + _AROUND * half_px
         return _Candidate(
-            gap_px <= max(own_px + 0.5, _LEAST_RADIUS * half_px),
+            (row, column),
             float(np.log(max(own_px / half_px, _SHALLOWEST))),
             float(rope[near].mean()),
             float(first[around].mean()),
@@ -92,7 +91,12 @@ def ball_in(objects: Mask, rope: FloatArray, first: FloatArray) -> Mask:
 
     places = [*_thick_places(depth_px, _THICK * half_px), *_ends(objects)]
     best = max((candidate(*place) for place in places), key=lambda each: each.score)
-    return objects & best.disc & (best.log_depth > np.log(_LEAST_DEPTH))
+    radius_px = _LEAST_DEPTH * half_px
+    cores, _ = ndimage.label(depth_px > radius_px)
+    if cores[best.place] == 0:
+        return np.zeros_like(objects)
+    to_core_px = ndimage.distance_transform_edt(cores != cores[best.place])
+    return np.asarray(objects & (to_core_px <= radius_px + 0.5))
 
 
 def _thick_places(depth_px: FloatArray, least_px: float) -> list[tuple[int, int]]:
