@@ -86,6 +86,15 @@ class Calibration:
                 own[name] = cls.from_document(own[name])
         return cls(**own)
 
+    def for_views(self, *, tilted: bool, unmasked: bool) -> Calibration:
+        """Return what holds for views of a kind: masks that were found matter more than a tilt.
+
+        Args:
+            tilted: Whether one of them was rectified.
+            unmasked: Whether one of them came without masks.
+        """
+        return (unmasked and self.unmasked) or (tilted and self.tilted) or self
+
     def where(self, log_p: torch.Tensor, uv_px: torch.Tensor) -> Calibration:
         """Return what holds for one pair of views.
 

@@ -131,10 +131,9 @@ class DonMatcher:
         source, target = from_view.view, in_view.view
         found = self.search(source, target, from_view.forward(uv_a_px))
         calibration = self.calibration
-        if calibration is not None and unmasked:
-            calibration = calibration.unmasked or calibration
-        elif calibration is not None and (from_view.tilted or in_view.tilted):
-            calibration = calibration.tilted or calibration
+        if calibration is not None:
+            tilted = from_view.tilted or in_view.tilted
+            calibration = calibration.for_views(tilted=tilted, unmasked=unmasked)
         answers = in_view.back(self._answers(found, target, calibration))
         if self.familiarity is None:
             return answers

@@ -322,6 +322,17 @@ def test_views_without_masks_have_a_calibration_of_their_own(
     assert np.median(given) < 5 < 9 <= np.median(found)
 
 
+def test_masks_that_were_found_decide_before_a_tilt_if_they_were_calibrated() -> None:
+    tilted, unmasked = Calibration(spread=2.0), Calibration(spread=3.0)
+    known = Calibration(tilted=tilted, unmasked=unmasked)
+    assert known.for_views(tilted=True, unmasked=True) is unmasked
+    assert known.for_views(tilted=True, unmasked=False) is tilted
+    assert known.for_views(tilted=False, unmasked=False) is known
+    older = Calibration(tilted=tilted)
+    assert older.for_views(tilted=True, unmasked=True) is tilted
+    assert older.for_views(tilted=False, unmasked=True) is older
+
+
 def test_pairs_of_more_doubt_have_a_calibration_of_their_own(
     pairs: list[ValidationPair], monkeypatch: pytest.MonkeyPatch
 ) -> None:
