@@ -13,7 +13,7 @@ in 60 images of ropes without a ball 1.
 
 from __future__ import annotations
 
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from scipy import ndimage
@@ -37,28 +37,6 @@ _WEIGHT_DEPTH, _WEIGHT_ROPE, _WEIGHT_FIRST = 2.2, -3.5, 1.5
 _LEAST_DEPTH: Final = 1.5  # of a ball, in half widths of the rope
 
 
-class _Candidate(NamedTuple):
-    """A place that may be the ball's.
-
-    Attributes:
-        place: Row and column of its deepest pixel.
-        log_depth: Log of its depth in the mask, in half widths of the rope.
-        rope: Mean probability that it shows the rope, 0 to 1.
-        first: Mean probability around it that a rope there is in its first tenth, 0 to 1.
-    """
-
-    place: tuple[int, int]
-    log_depth: float
-    rope: float
-    first: float
-
-    @property
-    def score(self) -> float:
-        """How likely it is the ball, given that there is one."""
-        first = float(np.log(self.first + _LEAST_FIRST))
-        return _WEIGHT_DEPTH * self.log_depth + _WEIGHT_ROPE * self.rope + _WEIGHT_FIRST * first
-
-
 def ball_in(objects: Mask, rope: FloatArray, first: FloatArray) -> Mask:
     """Return the ball of a rope, or nothing where the rope has none.
 
@@ -77,25 +55,23 @@ def ball_in(objects: Mask, rope: FloatArray, first: FloatArray) -> Mask:
     half_px = float(np.median(depth_px[middle]))
     rows, columns = np.indices(objects.shape)
 
-    def candidate(row: int, column: int) -> _Candidate:
-        own_px = float(depth_px[row, column])
-        gap_px = np.hypot(rows - row, columns - column)
+    def score(place: tuple[int, int]) -> float:
+        own_px = float(depth_px[place])
+        gap_px = np.hypot(rows - place[0], columns - place[1])
         near = gap_px <= max(own_px, half_px) + 1
         around = gap_px <= max(own_px, half_px) + _AROUND * half_px
-        return _Candidate(
-            (row, column),
-            float(np.log(max(own_px / half_px, _SHALLOWEST))),
-            float(rope[near].mean()),
-            float(first[around].mean()),
+        return float(
+            _WEIGHT_DEPTH * np.log(max(own_px / half_px, _SHALLOWEST))
+            + _WEIGHT_ROPE * rope[near].mean()
+            + _WEIGHT_FIRST * np.log(first[around].mean() + _LEAST_FIRST)
         )
 
-    places = [*_thick_places(depth_px, _THICK * half_px), *_ends(objects)]
-    best = max((candidate(*place) for place in places), key=lambda each: each.score)
+    best = max([*_thick_places(depth_px, _THICK * half_px), *_ends(objects)], key=score)
     radius_px = _LEAST_DEPTH * half_px
     cores, _ = ndimage.label(depth_px > radius_px)
-    if cores[best.place] == 0:
+    if cores[best] == 0:
         return np.zeros_like(objects)
-    to_core_px = ndimage.distance_transform_edt(cores != cores[best.place])
+    to_core_px = ndimage.distance_transform_edt(cores != cores[best])
     return np.asarray(objects & (to_core_px <= radius_px + 0.5))
 
 

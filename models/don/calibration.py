@@ -82,7 +82,7 @@ def calibrate(
     if tilted:
         best = replace(best, tilted=_fit_distribution(sharp, tilted, matcher.size, full_size))
     if matcher.finds_masks:
-        bare = [_unmasked(pair) for pair in pairs[:_UNMASKED_PAIRS]]
+        bare = [pair.without_masks() for pair in pairs[:_UNMASKED_PAIRS]]
         found = [*itertools.chain(*_searched(matcher, bare, full_size)[:2])]
         best = replace(best, unmasked=_fit_distribution(sharp, found, matcher.size, full_size))
     if best.visible_slope == 0:
@@ -94,15 +94,6 @@ def calibrate(
         "visible_share": float(np.mean(shown)),
     }
     return replace(best, figures={**(best.figures or {}), **visible})
-
-
-def _unmasked(pair: ValidationPair) -> ValidationPair:
-    """Return a pair whose masks must be found in its pictures."""
-    source, target = (
-        replace(view, mask=None, objects=None, key=f"{view.key}/unmasked")
-        for view in (pair.source, pair.target)
-    )
-    return replace(pair, source=source, target=target)
 
 
 def _searched(

@@ -9,7 +9,6 @@ from typing import Any, Unpack
 
 import torch
 
-from pliant.baselines.matcher import View
 from pliant.loaders import MixedPairs, PairDataset
 from pliant.loaders.frame_store import FrameStore, named_tier
 from pliant.models.don.calibration import calibrate, fit_sharpness
@@ -193,16 +192,13 @@ def familiarity_of(matcher: DonMatcher, pairs: Sequence[ValidationPair]) -> Fami
     """Return the statistics of validation pairs, with and (if it sees more) without their masks."""
     asked = []
     for pair in pairs:
-        shown = [(pair.source, pair.target)]
+        shown = [pair]
         if matcher.input.colour or matcher.input.depth:
-            shown.append((_without_masks(pair.source), _without_masks(pair.target)))
-        for views in shown:
-            asked.append(matcher.asked(*views, matcher.compare(*views, pair.uv_a_px)))
+            shown.append(pair.without_masks())
+        for each in shown:
+            compared = matcher.compare(each.source, each.target, each.uv_a_px)
+            asked.append(matcher.asked(each.source, each.target, compared))
     return fit_familiarity(asked)
-
-
-def _without_masks(view: View) -> View:
-    return replace(view, mask=None, objects=None, key=f"{view.key} without masks")
 
 
 def train_don(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -37,6 +37,14 @@ class ValidationPair:
     uv_a_px: Float32
     uv_b_px: Float32
     visible: npt.NDArray[np.bool_]
+
+    def without_masks(self) -> ValidationPair:
+        """Return the pair as a method meets it that is given no masks."""
+        source, target = (
+            replace(view, mask=None, objects=None, key=f"{view.key} without masks")
+            for view in (self.source, self.target)
+        )
+        return replace(self, source=source, target=target)
 
 
 def draw_validation_pairs(
