@@ -4,19 +4,20 @@ from pliant.baselines.tracing.crossings import Crossing, Overlap, overlap, self_
 from pliant.baselines.tracing.hypotheses import Likelihood, Trace, rope_traces
 from pliant.baselines.tracing.rectification import Rectified, rectified
 from pliant.baselines.tracing.rope_tracer import RopeTracer
-from pliant.baselines.tracing.transfer import best_pairs, transferred
+from pliant.baselines.tracing.transfer import Located, located, placed
 
 __all__ = [
     "Crossing",
     "Likelihood",
+    "Located",
     "Overlap",
     "Rectified",
     "RopeTracer",
     "Trace",
-    "best_pairs",
+    "located",
     "overlap",
+    "placed",
     "rectified",
     "rope_traces",
     "self_crossings",
-    "transferred",
 ]

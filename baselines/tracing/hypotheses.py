@@ -43,7 +43,6 @@ class Trace:
         length_px: Its length, image pixels.
         coverage: Share of the mask that a rope along it covers, 0 to 1.
         retraced: Share of its stations where it follows an earlier part of itself.
-        bending: Sum of its squared turns between stations, rad^2.
         overlaps: Which of its parts cover others, as far as that is known.
     """
 
@@ -51,13 +50,12 @@ class Trace:
     length_px: float
     coverage: float
     retraced: float
-    bending: float
     overlaps: tuple[Overlap, ...] = ()
 
     @property
     def score(self) -> float:
         """How plausible it is; 1 at most."""
-        return self.coverage - self.retraced - 0.004 * self.bending
+        return self.coverage - self.retraced
 
 
 def rope_traces(
@@ -159,13 +157,11 @@ def _measured(path: FloatArray, mask: Mask, half_px: float, factor: int) -> Trac
     parallel = np.abs(way @ way.T) > 0.9
     number = np.arange(len(sparse))
     apart = np.abs(number[:, None] - number[None]) > 0.07 * len(sparse)
-    turns = np.diff(np.unwrap(np.arctan2(way[:, 1], way[:, 0])))
     return Trace(
         uv_px=np.asarray(stations * float(factor), dtype=np.float64),
         length_px=float(passed[-1]) * factor,
         coverage=float(covered[mask].mean()),
         retraced=float(((gap < 2) & parallel & apart).any(axis=1).mean()),
-        bending=float((turns**2).sum()),
     )
 
 

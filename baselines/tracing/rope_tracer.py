@@ -13,7 +13,7 @@ from pliant.baselines.matcher import Answers, View
 from pliant.baselines.pixels import central_position
 from pliant.baselines.tracing.hypotheses import Trace, rope_traces
 from pliant.baselines.tracing.rectification import Rectified, rectified
-from pliant.baselines.tracing.transfer import best_pairs, transferred
+from pliant.baselines.tracing.transfer import best_pair, located, placed
 
 _KEPT_TRACES: Final = 128
 
@@ -43,8 +43,8 @@ class RopeTracer:
         (above_a, in_source), (above_b, in_target) = self._of(source), self._of(target)
         if not in_source or not in_target:
             return Answers(np.repeat(central_position(target)[None], len(uv_a_px), axis=0))
-        _, a, b = best_pairs(in_source, in_target, lambda a, b: 0.0, 1)[0]
-        found = transferred(in_source[a], in_target[b], above_a.forward(uv_a_px))
+        trace_a, trace_b = best_pair(in_source, in_target)
+        found = placed(trace_b, located(trace_a, above_a.forward(uv_a_px)))
         answers = above_b.back(Answers(found.astype(np.float32)))
         size = np.array(target.rgb.shape[1::-1], dtype=np.float32)
         return Answers(answers.uv_px.clip(0, size))

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,62 +16,58 @@ from pliant.baselines.tracing.depth_in_mask import FloatArray
 from pliant.baselines.tracing.hypotheses import Trace
 
 
-def transferred(source: Trace, target: Trace, uv_px: npt.NDArray[np.floating[Any]]) -> FloatArray:
-    """Return where places on one trace are on another.
+@dataclass(frozen=True)
+class Located:
+    """Where N places are along and beside a trace.
 
-    A place keeps the share of the length at which it is, and the side of the rope: its offset from
-    the nearest station, along and across the source's trace, scaled by the ratio of the lengths.
-    Where one strand is known to cover another, a place on both is on the upper one.
+    Attributes:
+        station: int64 (N,), the station that each belongs to.
+        offset: float64 (N, 2), from there along and across the trace, as shares of its length.
+    """
+
+    station: npt.NDArray[np.int64]
+    offset: FloatArray
+
+
+def located(trace: Trace, uv_px: npt.NDArray[np.floating[Any]]) -> Located:
+    """Return where places are along a trace: at the nearest station, or at the one that covers it.
 
     Args:
-        source: The trace in the queries' image.
-        target: The trace in the other image.
+        trace: The trace in the places' image.
         uv_px: float (N, 2).
-
-    Returns:
-        float64 (N, 2).
     """
-    gap = np.linalg.norm(uv_px[:, None] - source.uv_px[None], axis=2)
-    station = nearest_stations(gap, source.overlaps)
-    axes_a, axes_b = _axes(source.uv_px)[station], _axes(target.uv_px)[station]
-    offset = np.einsum("nij,nj->ni", axes_a, uv_px - source.uv_px[station])
-    offset *= target.length_px / source.length_px
-    return np.asarray(target.uv_px[station] + np.einsum("nij,ni->nj", axes_b, offset))
+    gap = np.linalg.norm(uv_px[:, None] - trace.uv_px[None], axis=2)
+    station = nearest_stations(gap, trace.overlaps)
+    axes = _axes(trace.uv_px)[station]
+    offset = np.einsum("nij,nj->ni", axes, uv_px - trace.uv_px[station])
+    return Located(station, offset / trace.length_px)
 
 
-def best_pairs(
-    source: Sequence[Trace],
-    target: Sequence[Trace],
-    agreement: Callable[[int, int], float],
-    count: int,
-) -> list[tuple[float, int, int]]:
-    """Return the pairs of traces that fit together best.
+def placed(trace: Trace, places: Located) -> FloatArray:
+    """Return the positions of places at the same shares of a trace's length, float64 (N, 2).
 
-    Both are of one rope: what speaks for a pair is the plausibility of each, the same length, and
-    how well they agree in whatever else is known.
+    Args:
+        trace: A trace, in any image.
+        places: Where they are along it.
+    """
+    axes = _axes(trace.uv_px)[places.station]
+    offset = np.einsum("nij,ni->nj", axes, places.offset * trace.length_px)
+    return np.asarray(trace.uv_px[places.station] + offset)
+
+
+def best_pair(source: Sequence[Trace], target: Sequence[Trace]) -> tuple[Trace, Trace]:
+    """Return the traces that fit together best: both plausible, and of one length.
 
     Args:
         source: Traces in one image.
         target: Traces in the other.
-        agreement: Of a source's and a target's number, higher is better.
-        count: How many pairs at most.
-
-    Returns:
-        (score, number in source, number in target), the best first.
     """
-    scored = [
-        (
-            a.score
-            + b.score
-            - abs(math.log(a.length_px / b.length_px))
-            + agreement(number_a, number_b),
-            number_a,
-            number_b,
-        )
-        for number_a, a in enumerate(source)
-        for number_b, b in enumerate(target)
-    ]
-    return sorted(scored, reverse=True)[:count]
+
+    def score(pair: tuple[Trace, Trace]) -> float:
+        a, b = pair
+        return a.score + b.score - abs(math.log(a.length_px / b.length_px))
+
+    return max(itertools.product(source, target), key=score)
 
 
 def _axes(uv_px: FloatArray) -> FloatArray:

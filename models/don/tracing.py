@@ -6,9 +6,16 @@ traces those count that are plausible, of one length, and along which the descri
 
     p'(y) ~ p(y)^b * ( sum_k w_k N(y; x_k, sigma^2) + epsilon ),
 
-with x_k where pair k of traces carries the query, and w_k the softmax of the pairs' scores. The
-answer is the median of p', moved to the mean of the places x_k near it: they are finer than the
-network's pixels.
+with x_k where pair k of traces carries the query. The answer is the median of p', moved to the
+mean of the places x_k near it: they are finer than the network's pixels. The weights w_k are the
+softmax of
+
+    11 (c + c') - 1.2 (r + r') - |log(l / l')| - 0.7 mean_s min(d_s, 8),
+
+with c, r and l the coverage, retraced share and length of either trace and d_s the scaled squared
+distance of their descriptors at station s: the log odds, fitted to rendered ropes, that both are
+right. With the small exponent b the network decides between the places of the traces; it does
+not overrule them, since it is often sure of the wrong strand at a crossing.
 
 A rope without a ball has two ends alike, and each reading runs either way. Then p' is the mean of
 two such distributions, one for either way; all answers of a pair are the medians of the same one.
@@ -23,24 +30,31 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 import torch
+from scipy.ndimage import gaussian_filter
+from scipy.special import softmax
 
 from pliant.baselines.matcher import View
-from pliant.baselines.tracing import Likelihood, Trace, best_pairs, transferred
+from pliant.baselines.tracing import Likelihood, Trace, located, placed
 from pliant.baselines.tracing.chain import STEPS
 from pliant.models.networks.descriptor_network import DescriptorNetwork, sample_descriptors
 
 SIGMA_SHARE: Final = 1 / 80
 """Standard deviation of a traced place, as a share of the image's width."""
 
-_EPSILON: Final = 0.02
-_PAIRS: Final = 24
-_SHARPNESS: Final = 8.0
+_NEAR_SHARE: Final = 1 / 128
+"""Places this near to an answer, as a share of the image's width, are averaged."""
+
+_COVERAGE: Final = 11.0
+_RETRACED: Final = 1.2
+_LENGTH: Final = 1.0
+_AGREEMENT: Final = 0.7
+_PAIRS: Final = 200
 _EVERY: Final = 5
 _MOST: Final = 8.0
-_AGREEMENT: Final = 0.5
-_NETWORK_EXPONENT: Final = 0.5
+_NETWORK_EXPONENT: Final = 0.1
+_EPSILON: Final = 1e-4
 _LEAST_WEIGHT: Final = 0.02
-_EPSILON_EITHER_WAY: Final = 1e-7  # else a network that is sure of one way overrules the other
+_CELLS: Final = 4  # in a standard deviation
 _FLOOR: Final = 0.05
 _EXPONENT: Final = 0.3
 
@@ -131,6 +145,7 @@ class TracedPlaces:
         uv_px: float64 (K, N, 2), in pixels of the target.
         weight: float64 (K,), sums to 1.
         sigma_px: Standard deviation of a place.
+        near_px: Places this near to an answer are averaged.
         other_way_px: float64 (K, N, 2), where they carry them if the rope in the target runs the
             other way; None where its ends are distinguished.
     """
@@ -138,6 +153,7 @@ class TracedPlaces:
     uv_px: npt.NDArray[np.float64]
     weight: npt.NDArray[np.float64]
     sigma_px: float
+    near_px: float
     other_way_px: npt.NDArray[np.float64] | None = None
 
     def weighed_in(
@@ -149,8 +165,7 @@ class TracedPlaces:
             log_p: float (N, M), the network's.
             candidates_px: float64 (M, 2), in pixels of the target.
         """
-        epsilon = _EPSILON if self.other_way_px is None else _EPSILON_EITHER_WAY
-        return self._weighed(log_p, candidates_px, self.uv_px, epsilon)
+        return self._weighed(log_p, candidates_px, self.uv_px)
 
     def either_way(
         self,
@@ -167,7 +182,7 @@ class TracedPlaces:
         """
         if self.other_way_px is None:
             return weighed
-        other = self._weighed(log_p, candidates_px, self.other_way_px, _EPSILON_EITHER_WAY)
+        other = self._weighed(log_p, candidates_px, self.other_way_px)
         return torch.logaddexp(weighed, other) - np.log(2)
 
     def _weighed(
@@ -175,23 +190,39 @@ class TracedPlaces:
         log_p: torch.Tensor,
         candidates_px: npt.NDArray[np.float64],
         uv_px: npt.NDArray[np.float64],
-        epsilon: float,
     ) -> torch.Tensor:
-        total = np.full(log_p.shape, epsilon)
-        for weight, place in zip(self.weight, uv_px, strict=True):
-            squared = ((place[:, None] - candidates_px[None]) ** 2).sum(axis=-1)
-            total += weight * np.exp(-squared / (2 * self.sigma_px**2))
-        prior = torch.from_numpy(np.log(total).astype(np.float32))
-        return (_NETWORK_EXPONENT * log_p + prior).log_softmax(dim=1)
+        prior = np.log(self._density(uv_px, candidates_px) + _EPSILON)
+        return (_NETWORK_EXPONENT * log_p + torch.from_numpy(prior)).log_softmax(dim=1)
+
+    def _density(
+        self, uv_px: npt.NDArray[np.float64], candidates_px: npt.NDArray[np.float64]
+    ) -> npt.NDArray[np.float32]:
+        """Return the sum of the weighted Gaussians, 1 at a place that all agree on: (N, M).
+
+        Places are counted in cells of a quarter of a standard deviation, and the counts blurred:
+        that costs the same for any number of places.
+        """
+        cell_px = self.sigma_px / _CELLS
+        origin = candidates_px.min(axis=0)
+        wanted = np.floor((candidates_px - origin) / cell_px).astype(np.int64)  # (M, 2)
+        size = wanted.max(axis=0) + 1
+        cell = np.floor((uv_px - origin) / cell_px).astype(np.int64)  # (K, N, 2)
+        pair, query = np.nonzero(((cell >= 0) & (cell < size)).all(axis=2))
+        column, row = cell[pair, query].T
+        counted = np.zeros((uv_px.shape[1], size[1], size[0]), dtype=np.float32)
+        np.add.at(counted, (query, row, column), self.weight[pair])
+        blurred = gaussian_filter(counted, (0, _CELLS, _CELLS), mode="constant")
+        blurred *= 2 * np.pi * _CELLS**2
+        return np.asarray(blurred[:, wanted[:, 1], wanted[:, 0]])
 
     def refined(self, uv_px: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        """Return positions moved to the mean of the places within one standard deviation.
+        """Return positions moved to the mean of the places near them.
 
         Args:
             uv_px: float64 (N, 2); those with hardly any place near them stay.
         """
         gap = np.linalg.norm(self.uv_px - uv_px, axis=-1)  # (K, N)
-        weight = self.weight[:, None] * (gap < self.sigma_px)
+        weight = self.weight[:, None] * (gap < self.near_px)
         total = weight.sum(axis=0)[:, None]
         mean = (weight[..., None] * self.uv_px).sum(axis=0) / np.maximum(total, 1e-12)
         return np.where(total > _LEAST_WEIGHT, mean, uv_px)
@@ -214,32 +245,43 @@ def traced_places(
     if not source.traces or not target.traces:
         return None
     either_way = source.ends_alike and target.ends_alike
-    agreement = _agreement(source.along(), target.along(), scale)
+    gap = _descriptor_gap(source.along(), target.along(), scale)
     if either_way:
-        reverse = _agreement(source.along(), target.along().flip(1), scale)
-        agreement = torch.maximum(agreement, reverse)
-    pairs = best_pairs(source.traces, target.traces, lambda a, b: float(agreement[a, b]), _PAIRS)
-    scores = np.array([score for score, _, _ in pairs])
-    weight = np.exp(_SHARPNESS * (scores - scores.max()))
-    weight /= weight.sum()
-    sigma_px = SIGMA_SHARE * target.view.rgb.shape[1]
+        gap = np.minimum(gap, _descriptor_gap(source.along(), target.along().flip(1), scale))
+    log_odds = _log_odds(source.traces, target.traces) - _AGREEMENT * gap
+    best = np.argsort(-log_odds, axis=None, kind="stable")[:_PAIRS]
+    pairs = [divmod(int(number), len(target.traces)) for number in best]
+    weight = softmax(log_odds.flat[best])
+    width = target.view.rgb.shape[1]
+    sigma_px, near_px = SIGMA_SHARE * width, _NEAR_SHARE * width
+    located_in = [located(trace, uv_a_px) for trace in source.traces]
 
     def carried(step: int) -> npt.NDArray[np.float64]:
         traces = [replace(trace, uv_px=trace.uv_px[::step]) for trace in target.traces]
-        return np.stack([transferred(source.traces[a], traces[b], uv_a_px) for _, a, b in pairs])
+        return np.stack([placed(traces[b], located_in[a]) for a, b in pairs])
 
     if not either_way:
-        return TracedPlaces(carried(1), weight, sigma_px)
+        return TracedPlaces(carried(1), weight, sigma_px, near_px)
     # Readings start at either end: those that run against the first one change sides.
     one, other = carried(1), carried(-1)
     against = [np.linalg.norm(way - one[0], axis=-1).mean(axis=1) for way in (one, other)]
     swapped = (against[1] < against[0])[:, None, None]
-    return TracedPlaces(
-        np.where(swapped, other, one), weight, sigma_px, np.where(swapped, one, other)
-    )
+    one, other = np.where(swapped, other, one), np.where(swapped, one, other)
+    return TracedPlaces(one, weight, sigma_px, near_px, other)
 
 
-def _agreement(source: torch.Tensor, target: torch.Tensor, scale: torch.Tensor) -> torch.Tensor:
-    """Return how well descriptors agree along traces: (T, S, D) and (U, S, D) -> (T, U)."""
+def _log_odds(source: Sequence[Trace], target: Sequence[Trace]) -> npt.NDArray[np.float64]:
+    """Return what T and U traces themselves say for each pair, float64 (T, U)."""
+    own, length = [], []
+    for traces in (source, target):
+        own.append([_COVERAGE * each.coverage - _RETRACED * each.retraced for each in traces])
+        length.append(np.log([each.length_px for each in traces]))
+    return np.add.outer(*own) - _LENGTH * abs(np.subtract.outer(*length))
+
+
+def _descriptor_gap(
+    source: torch.Tensor, target: torch.Tensor, scale: torch.Tensor
+) -> npt.NDArray[np.float64]:
+    """Return the mean gap along traces, capped: (T, S, D) and (U, S, D) -> float64 (T, U)."""
     gap = (source[:, None] - target[None]).square().sum(dim=-1)  # (T, U, S)
-    return -_AGREEMENT * (scale * gap).clamp_max(_MOST).mean(dim=-1)
+    return (scale * gap).clamp_max(_MOST).mean(dim=-1).double().numpy()

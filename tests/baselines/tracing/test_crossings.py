@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pliant.baselines.tracing import Overlap, Trace, overlap, self_crossings, transferred
+from pliant.baselines.tracing import Overlap, Trace, located, overlap, placed, self_crossings
 
 STATIONS = 301
 
@@ -18,7 +18,7 @@ def loop(turned_rad: float = 0.0) -> np.ndarray:
 
 def trace(line: np.ndarray, *overlaps: Overlap) -> Trace:
     length = float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
-    return Trace(line, length, 1.0, 0.0, 0.0, overlaps=overlaps)
+    return Trace(line, length, 1.0, 0.0, overlaps=overlaps)
 
 
 @pytest.mark.parametrize("turned_rad", [0.0, 1.0, 2.5])
@@ -51,7 +51,7 @@ def test_a_place_on_both_strands_is_on_the_upper_one(first_is_upper: bool) -> No
     target = trace(np.stack([np.arange(STATIONS), np.zeros(STATIONS)], axis=1).astype(float))
 
     def station(*overlaps: Overlap) -> float:
-        return float(transferred(trace(line, *overlaps), target, place[None])[0, 0])
+        return float(placed(target, located(trace(line, *overlaps), place[None]))[0, 0])
 
     passages = (found.first, found.second)
     assert station() == pytest.approx(passages[lower], abs=6)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pliant.baselines.matcher import View
-from pliant.baselines.tracing import RopeTracer, Trace, best_pairs, rope_traces, transferred
+from pliant.baselines.tracing import RopeTracer, Trace, located, placed, rope_traces
 from pliant.baselines.tracing.depth_in_mask import depth_in_mask, sampled, steps_along
 
 SIZE = (320, 240)
@@ -111,22 +111,19 @@ def test_a_rope_without_ball_is_traced_from_either_end() -> None:
     assert min(errors) < 9
 
 
-def test_agreement_chooses_among_equals() -> None:
+def test_places_on_a_reading_from_the_other_end_change_sides() -> None:
     line = np.column_stack([np.linspace(0, 99, 300), np.zeros(300)])
-    one = Trace(line, 99.0, 1.0, 0.0, 0.0)
-    other = Trace(line[::-1], 99.0, 1.0, 0.0, 0.0)
-    pairs = best_pairs([one], [one, other], lambda a, b: float(b == 1), 2)
-    assert [(a, b) for _, a, b in pairs] == [(0, 1), (0, 0)]
-    place = transferred(one, other, np.array([[20.0, 2.0]]))
+    one, other = Trace(line, 99.0, 1.0, 0.0), Trace(line[::-1], 99.0, 1.0, 0.0)
+    place = placed(other, located(one, np.array([[20.0, 2.0]])))
     np.testing.assert_allclose(place, [[79.0, -2.0]], atol=0.5)
 
 
 def test_places_between_stations_and_beyond_the_ends_stay_where_they_are() -> None:
     angle = np.linspace(0, 2, 60)
     arc = np.stack([200 * np.cos(angle), 200 * np.sin(angle)], axis=1)
-    one = Trace(arc, 400.0, 1.0, 0.0, 0.0)
+    one = Trace(arc, 400.0, 1.0, 0.0)
     places = np.concatenate([(arc[:-1] + arc[1:]) / 2, arc[-1:] * 1.02 + [-2.0, -1.0]])
-    np.testing.assert_allclose(transferred(one, one, places), places, atol=1e-9)
+    np.testing.assert_allclose(placed(one, located(one, places)), places, atol=1e-9)
 
 
 def test_no_mask_and_specks_give_the_middle() -> None:

@@ -77,7 +77,7 @@ def share_right(network: CrossingNetwork, store: PaintedStore) -> float:
     for frame, line, first_is_upper in store.drawn:
         length = float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
         view = View(frame.rgb, frame.mask, frame.depth_m)
-        (known,) = with_overlaps(network, view, frame.mask, [Trace(line, length, 1.0, 0.0, 0.0)])
+        (known,) = with_overlaps(network, view, frame.mask, [Trace(line, length, 1.0, 0.0)])
         (overlap,) = known.overlaps
         assert overlap.half_px == pytest.approx(HALF_PX, rel=0.15)
         right.append((overlap.upper.start < overlap.lower.start) == first_is_upper)

@@ -14,7 +14,7 @@ GRID = np.stack(np.meshgrid(np.arange(40) + 0.5, np.arange(30) + 0.5), axis=-1).
 def places(*uv: tuple[float, float], weight: tuple[float, ...] = ()) -> TracedPlaces:
     """One query, a place from each pair of traces."""
     given = np.array(weight or [1.0] * len(uv))
-    return TracedPlaces(np.array(uv)[:, None], given / given.sum(), 2.0)
+    return TracedPlaces(np.array(uv)[:, None], given / given.sum(), 2.0, 2.0)
 
 
 def log_p_at(*uv: tuple[float, float]) -> torch.Tensor:
@@ -52,7 +52,7 @@ def line_view(ends_alike: bool, known: bool = True) -> TracedView:
     objects[7:13, 4:10] = not ends_alike
     u = np.linspace(10, 70, 300)
     path = np.stack([u, np.full(300, 10.0)], axis=1)
-    traces = [Trace(way, 60.0, 1.0, 0.0, 0.0) for way in (path, path[::-1])]
+    traces = [Trace(way, 60.0, 1.0, 0.0) for way in (path, path[::-1])]
     rgb = np.zeros((20, 80, 3), dtype=np.uint8)
     view = View(rgb, mask, objects=objects if known else None)
     return TracedView(view, torch.zeros(4, 20, 80), traces)
