@@ -45,7 +45,7 @@ SHARPNESS = np.geomspace(1.0, 1e5, 31)
 
 _ECE_WEIGHT = 10.0
 _PAIRS_A_GROUP = 60  # of like doubt; with 20, a group's calibration does not carry over
-_MOST_GROUPS = 3
+_MOST_GROUPS = 6
 _UNMASKED_PAIRS = 80
 _LEAST_PAIRS = 10  # of views from above and of tilted ones, to measure them apart
 
@@ -73,18 +73,21 @@ def calibrate(
     Returns:
         The calibration, with what was measured on the same pairs in `figures`.
     """
-    straight, tilted, distances, hidden = _searched(matcher, pairs, full_size)
-    if min(len(straight), len(tilted)) < _LEAST_PAIRS:
-        straight, tilted = straight + tilted, []
-    sharp = Calibration(sharpness=matcher.sharpness)
-    sharp = _fit_visible(sharp, distances, hidden)
-    best = _fit_by_doubt(sharp, straight, matcher.size, full_size)
-    if tilted:
-        best = replace(best, tilted=_fit_distribution(sharp, tilted, matcher.size, full_size))
+    searched = _searched(matcher, pairs, full_size)
+    distances, hidden = searched.distances, searched.hidden
+    straight, apart = searched.straight, {}
+    for kind, own in (("tilted", searched.tilted), ("either_way", searched.either_way)):
+        if min(len(straight), len(own)) < _LEAST_PAIRS:
+            straight = straight + own
+        else:
+            apart[kind] = own
     if matcher.finds_masks:
         bare = [pair.without_masks() for pair in pairs[:_UNMASKED_PAIRS]]
-        found = [*itertools.chain(*_searched(matcher, bare, full_size)[:2])]
-        best = replace(best, unmasked=_fit_distribution(sharp, found, matcher.size, full_size))
+        apart["unmasked"] = _searched(matcher, bare, full_size).all
+    sharp = _fit_visible(Calibration(sharpness=matcher.sharpness), distances, hidden)
+    best = _fit_by_doubt(sharp, straight, matcher.size, full_size)
+    for kind, own in apart.items():
+        best = _changed(best, kind, _fit_distribution(sharp, own, matcher.size, full_size))
     if best.visible_slope == 0:
         return best
     shown = ~hidden
@@ -96,12 +99,36 @@ def calibrate(
     return replace(best, figures={**(best.figures or {}), **visible})
 
 
+@dataclass(frozen=True)
+class _Searched:
+    """Pairs by kind, and what is known of all N queries.
+
+    Attributes:
+        straight: Pairs seen from above.
+        tilted: Pairs of which a view was rectified.
+        either_way: Pairs of ropes whose ends look alike.
+        distances: float64 (N,), as `Comparison.distance`.
+        hidden: bool (N,), whether the target hides the point.
+    """
+
+    straight: list[_Pair]
+    tilted: list[_Pair]
+    either_way: list[_Pair]
+    distances: npt.NDArray[np.float64]
+    hidden: npt.NDArray[np.bool_]
+
+    @property
+    def all(self) -> list[_Pair]:
+        """The pairs of every kind."""
+        return [*self.straight, *self.tilted, *self.either_way]
+
+
 def _searched(
     matcher: DonMatcher, pairs: Sequence[ValidationPair], full_size: tuple[int, int]
-) -> tuple[list[_Pair], list[_Pair], npt.NDArray[np.float64], npt.NDArray[np.bool_]]:
-    """Return pairs seen from above and tilted ones, and of all N queries distance and hidden."""
+) -> _Searched:
     straight: list[_Pair] = []
     tilted: list[_Pair] = []
+    either_way: list[_Pair] = []
     distances, hidden = [], []
     for pair in pairs:
         source, target = matcher.seen(pair.source), matcher.seen(pair.target)
@@ -115,8 +142,11 @@ def _searched(
         answer = matcher.decoded(found, target.view)[seen] * own
         truth = target.forward(pair.uv_b_px[seen, 0]).astype(np.float64) * own
         kept = tilted if source.tilted or target.tilted else straight
+        kept = either_way if found.either_way else kept
         kept.append(_Pair(found.log_p[torch.from_numpy(seen)], found.uv_px, answer, truth))
-    return straight, tilted, np.concatenate(distances), np.concatenate(hidden)
+    return _Searched(
+        straight, tilted, either_way, np.concatenate(distances), np.concatenate(hidden)
+    )
 
 
 def _fit_by_doubt(
@@ -220,7 +250,7 @@ def _best_widths(start: Calibration, cost: Callable[[Calibration], float]) -> Ca
     return best
 
 
-def _changed(calibration: Calibration, name: str, value: float) -> Calibration:
+def _changed(calibration: Calibration, name: str, value: float | Calibration) -> Calibration:
     changes: dict[str, Any] = {name: value}
     return replace(calibration, **changes)
 

@@ -49,6 +49,7 @@ class Calibration:
         tilted: What holds where a view was rectified, whose tilt is estimated; None for no
             difference.
         unmasked: What holds where the masks were found in the pictures, None for no difference.
+        either_way: What holds for a rope whose ends look alike, None for no difference.
         doubt_above: Doubt (`mean_doubt`) of a pair of views above which `doubtful` holds.
         doubtful: What holds there, None for no difference: one network is too modest on smooth
             cloths and too sure on scrunched ones.
@@ -67,6 +68,7 @@ class Calibration:
     sharpness: float = 1.0
     tilted: Calibration | None = None
     unmasked: Calibration | None = None
+    either_way: Calibration | None = None
     doubt_above: float = 0.0
     doubtful: Calibration | None = None
 
@@ -81,19 +83,25 @@ class Calibration:
             TypeError: The content has other fields.
         """
         own = dict(document)
-        for name in ("tilted", "unmasked", "doubtful"):
+        for name in ("tilted", "unmasked", "either_way", "doubtful"):
             if own.get(name) is not None:
                 own[name] = cls.from_document(own[name])
         return cls(**own)
 
-    def for_views(self, *, tilted: bool, unmasked: bool) -> Calibration:
-        """Return what holds for views of a kind: masks that were found matter more than a tilt.
+    def for_views(self, *, tilted: bool, unmasked: bool, either_way: bool) -> Calibration:
+        """Return what holds for views of a kind: masks that were found matter most, a tilt least.
 
         Args:
             tilted: Whether one of them was rectified.
             unmasked: Whether one of them came without masks.
+            either_way: Whether they show a rope whose ends look alike.
         """
-        return (unmasked and self.unmasked) or (tilted and self.tilted) or self
+        kinds = (
+            (unmasked, self.unmasked),
+            (either_way, self.either_way),
+            (tilted, self.tilted),
+        )
+        return next((own for holds, own in kinds if holds and own is not None), self)
 
     def where(self, log_p: torch.Tensor, uv_px: torch.Tensor) -> Calibration:
         """Return what holds for one pair of views.

@@ -71,6 +71,11 @@ class Search(Comparison):
     traced: TracedPlaces | None
     deciding: torch.Tensor
 
+    @property
+    def either_way(self) -> bool:
+        """Whether they are on a rope whose ends look alike."""
+        return self.traced is not None and self.traced.other_way_px is not None
+
 
 class DonMatcher:
     """Answers with dense descriptors.
@@ -132,8 +137,11 @@ class DonMatcher:
         found = self.search(source, target, from_view.forward(uv_a_px))
         calibration = self.calibration
         if calibration is not None:
-            tilted = from_view.tilted or in_view.tilted
-            calibration = calibration.for_views(tilted=tilted, unmasked=unmasked)
+            calibration = calibration.for_views(
+                tilted=from_view.tilted or in_view.tilted,
+                unmasked=unmasked,
+                either_way=found.either_way,
+            )
         answers = in_view.back(self._answers(found, target, calibration))
         if self.familiarity is None:
             return answers

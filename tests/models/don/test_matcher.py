@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import asdict, replace
 from types import ModuleType
@@ -322,15 +323,30 @@ def test_views_without_masks_have_a_calibration_of_their_own(
     assert np.median(given) < 5 < 9 <= np.median(found)
 
 
-def test_masks_that_were_found_decide_before_a_tilt_if_they_were_calibrated() -> None:
-    tilted, unmasked = Calibration(spread=2.0), Calibration(spread=3.0)
-    known = Calibration(tilted=tilted, unmasked=unmasked)
-    assert known.for_views(tilted=True, unmasked=True) is unmasked
-    assert known.for_views(tilted=True, unmasked=False) is tilted
-    assert known.for_views(tilted=False, unmasked=False) is known
+def test_ropes_whose_ends_look_alike_have_a_calibration_of_their_own(
+    sheet_dataset: Dataset, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store = FrameStore(sheet_dataset, "sheet", "train", SIZE)
+    pairs = [within(pair) for pair in draw_validation_pairs(store, 24, 30, seed=3)]
+    matcher = by_colour(scale=400.0)
+    assert calibrate(matcher, pairs, SIZE).either_way is None, "its ends are not alike"
+    every_second = itertools.cycle([True, False])
+    monkeypatch.setattr(Search, "either_way", property(lambda _: next(every_second)))
+    calibration = calibrate(matcher, pairs, SIZE)
+    assert calibration.either_way is not None
+    assert Calibration.from_document(asdict(calibration)) == calibration
+
+
+def test_of_several_calibrations_that_of_found_masks_holds_first_and_a_tilts_last() -> None:
+    tilted, unmasked, either = (Calibration(spread=spread) for spread in (2.0, 3.0, 4.0))
+    known = Calibration(tilted=tilted, unmasked=unmasked, either_way=either)
+    assert known.for_views(tilted=True, unmasked=True, either_way=True) is unmasked
+    assert known.for_views(tilted=True, unmasked=False, either_way=True) is either
+    assert known.for_views(tilted=True, unmasked=False, either_way=False) is tilted
+    assert known.for_views(tilted=False, unmasked=False, either_way=False) is known
     older = Calibration(tilted=tilted)
-    assert older.for_views(tilted=True, unmasked=True) is tilted
-    assert older.for_views(tilted=False, unmasked=True) is older
+    assert older.for_views(tilted=True, unmasked=True, either_way=True) is tilted
+    assert older.for_views(tilted=False, unmasked=True, either_way=True) is older
 
 
 def test_pairs_of_more_doubt_have_a_calibration_of_their_own(

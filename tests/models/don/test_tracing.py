@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -85,3 +87,21 @@ def test_a_ball_or_an_unknown_object_leaves_one_answer() -> None:
         found = traced_places(view, view, torch.tensor(1.0), queries)
         assert found is not None
         assert found.other_way_px is None
+
+
+def test_plausible_traces_that_agree_have_the_weight() -> None:
+    """Of three readings of the target one leaves out a part of the mask, one runs the other way."""
+    view = line_view(ends_alike=False)
+    right, reverse = view.traces
+    short = replace(right, coverage=0.8)
+    ramp = torch.linspace(0, 30, 80).expand(4, 20, 80)  # the descriptors tell the two ends apart
+    source = TracedView(view.view, ramp, [right])
+    target = TracedView(view.view, ramp, [short, reverse, right])
+    queries = np.array([[22.0, 10.0]], dtype=np.float32)
+    found = traced_places(source, target, torch.tensor(1.0), queries)
+    assert found is not None
+    np.testing.assert_allclose(found.weight.sum(), 1)
+    np.testing.assert_allclose(found.uv_px[:, 0, 0], [22, 22, 58], atol=0.3)
+    odds = found.weight[0] / found.weight[1:]
+    np.testing.assert_allclose(odds[0], np.exp(11 * 0.2))
+    assert odds[1] > 50
