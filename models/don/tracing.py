@@ -38,7 +38,7 @@ from pliant.baselines.tracing import Likelihood, Trace, located, placed
 from pliant.baselines.tracing.chain import STEPS
 from pliant.models.networks.descriptor_network import DescriptorNetwork, sample_descriptors
 
-SIGMA_SHARE: Final = 1 / 80
+SIGMA_SHARE: Final = 1 / 160
 """Standard deviation of a traced place, as a share of the image's width."""
 
 _NEAR_SHARE: Final = 1 / 128
