@@ -178,6 +178,15 @@ def _mapped_modes(homography: FloatArray, rows: npt.NDArray[np.float32]) -> npt.
     return moved.astype(np.float32)
 
 
+def _relative_depth(homography: FloatArray, shape: tuple[int, ...]) -> FloatArray:
+    """Return the depth along the turned optical axis over that along the old one, (H, W).
+
+    The last row of K R K^-1 times (u, v, 1) is the third coordinate of R K^-1 (u, v, 1).
+    """
+    row, column = np.indices(shape) + 0.5
+    return np.asarray(homography[2, 0] * column + homography[2, 1] * row + homography[2, 2])
+
+
 def _warped(view: View, homography: FloatArray) -> View:
     inverse = np.linalg.inv(homography)
     coefficients = (inverse / inverse[2, 2]).ravel()[:8].tolist()
@@ -199,10 +208,13 @@ def _warped(view: View, homography: FloatArray) -> View:
         return warp(mask.astype(np.uint8) * 255, Image.Resampling.BILINEAR) > 127
 
     depth_m = view.depth_m
+    if depth_m is not None:
+        depth_m = (depth_m * _relative_depth(homography, depth_m.shape)).astype(np.float32)
+        depth_m = warp(depth_m, Image.Resampling.NEAREST, np.inf)
     return View(
         rgb=warp(view.rgb, Image.Resampling.BILINEAR),
         mask=masked(view.mask),
-        depth_m=None if depth_m is None else warp(depth_m, Image.Resampling.NEAREST, np.inf),
+        depth_m=depth_m,
         key=f"{view.key}/rectified" if view.key else "",
         objects=masked(view.objects),
     )

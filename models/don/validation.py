@@ -78,8 +78,8 @@ def draw_validation_pairs(
         orbit = np.column_stack([points, store.partners[points]])  # (Q, 1 + S)
         drawn.append(
             ValidationPair(
-                source=as_view(view_a, store.frames[a].key),
-                target=as_view(view_b, store.frames[b].key),
+                source=as_view(view_a, f"{store.root}/{store.frames[a].key}"),
+                target=as_view(view_b, f"{store.root}/{store.frames[b].key}"),
                 uv_a_px=view_a.uv_px[points],
                 uv_b_px=np.nan_to_num(view_b.uv_px[orbit]),
                 visible=view_b.visible[orbit] & np.isfinite(view_b.uv_px[orbit]).all(axis=2),
@@ -91,7 +91,13 @@ def draw_validation_pairs(
 
 
 def as_view(view: FrameView, key: str) -> View:
-    """Return a stored frame as methods see it."""
+    """Return a stored frame as methods see it.
+
+    Args:
+        view: The frame.
+        key: Its name, another for every frame that one method sees: frames of two datasets may
+            share the name within their dataset.
+    """
     return View(view.rgb, view.mask, view.depth_m, key, view.objects)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -105,6 +106,22 @@ def test_the_picture_moves_as_its_positions_do() -> None:
     assert seen.view.mask[row, column].mean() > 0.98
     assert (seen.view.rgb[row, column, 0] > 100).mean() > 0.98
     assert seen.view.key != view.key
+
+
+def test_the_table_is_equally_far_everywhere_from_straight_above() -> None:
+    """Depth is along the optical axis, which turns."""
+    tilt = np.radians(40)
+    row = (np.arange(HEIGHT) + 0.5 - HEIGHT / 2) / FOCAL
+    depth_m = 1.3 * np.cos(tilt) / (np.cos(tilt) + row * np.sin(tilt))
+    table = np.repeat(depth_m[:, None], WIDTH, axis=1).astype(np.float32)
+    table[:3] = np.inf
+    seen = rectified(replace(drawn(40), depth_m=table, key="with depth")).view
+    assert seen.depth_m is not None
+    assert seen.depth_m.dtype == np.float32
+    shown = seen.depth_m[np.isfinite(seen.depth_m)]
+    assert shown.size > 0.3 * table.size
+    assert shown.max() / shown.min() < 1.15 < 1.7 < depth_m.max() / depth_m.min()
+    assert np.median(shown) == pytest.approx(1.3 * np.cos(tilt), rel=0.06)
 
 
 def test_answers_come_back_with_their_widths() -> None:

@@ -2,7 +2,9 @@ from __future__ import annotations
 
 import itertools
 import math
+import shutil
 from dataclasses import asdict, replace
+from pathlib import Path
 from types import ModuleType
 
 import numpy as np
@@ -297,6 +299,18 @@ def test_rectified_views_have_a_calibration_of_their_own(
     assert np.median(slanted) > 3 * np.median(straight)
     few = calibrate(matcher, pairs[:12], SIZE)
     assert few.tilted is None, "six pairs are too few"
+
+
+def test_frames_of_two_datasets_have_different_names(
+    sheet_dataset: Dataset, tmp_path: Path
+) -> None:
+    """A matcher remembers what it found in a frame by its name."""
+    other = Dataset.open(shutil.copytree(sheet_dataset.root, tmp_path / "other"))
+    keys = []
+    for dataset in (sheet_dataset, other):
+        store = FrameStore(dataset, "sheet", "train", SIZE)
+        keys.append({pair.source.key for pair in draw_validation_pairs(store, 4, 5, seed=3)})
+    assert not keys[0] & keys[1]
 
 
 def test_views_without_masks_have_a_calibration_of_their_own(
