@@ -18,7 +18,7 @@ from pliant.baselines.tracing.hypotheses import Trace
 
 @dataclass(frozen=True)
 class Located:
-    """Where N places are along and beside a trace.
+    """Where N places are along and across a trace.
 
     Attributes:
         station: int64 (N,), the station that each belongs to.
