@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -56,6 +57,13 @@ class Trace:
     def score(self) -> float:
         """How plausible it is; 1 at most."""
         return self.coverage - self.retraced
+
+    @functools.cached_property
+    def axes(self) -> FloatArray:
+        """The unit vectors along and across it at its stations, float64 (STATIONS, 2, 2)."""
+        way = np.gradient(self.uv_px, axis=0)
+        way /= np.linalg.norm(way, axis=1, keepdims=True) + 1e-9
+        return np.stack([way, np.stack([-way[:, 1], way[:, 0]], axis=1)], axis=1)
 
 
 def rope_traces(

@@ -38,7 +38,7 @@ def located(trace: Trace, uv_px: npt.NDArray[np.floating[Any]]) -> Located:
     """
     gap = np.linalg.norm(uv_px[:, None] - trace.uv_px[None], axis=2)
     station = nearest_stations(gap, trace.overlaps)
-    axes = _axes(trace.uv_px)[station]
+    axes = trace.axes[station]
     offset = np.einsum("nij,nj->ni", axes, uv_px - trace.uv_px[station])
     return Located(station, offset / trace.length_px)
 
@@ -50,7 +50,7 @@ def placed(trace: Trace, places: Located) -> FloatArray:
         trace: A trace, in any image.
         places: Where they are along it.
     """
-    axes = _axes(trace.uv_px)[places.station]
+    axes = trace.axes[places.station]
     offset = np.einsum("nij,ni->nj", axes, places.offset * trace.length_px)
     return np.asarray(trace.uv_px[places.station] + offset)
 
@@ -68,10 +68,3 @@ def best_pair(source: Sequence[Trace], target: Sequence[Trace]) -> tuple[Trace, 
         return a.score + b.score - abs(math.log(a.length_px / b.length_px))
 
     return max(itertools.product(source, target), key=score)
-
-
-def _axes(uv_px: FloatArray) -> FloatArray:
-    """Return the unit vectors along and across a trace at its S stations, float64 (S, 2, 2)."""
-    way = np.gradient(uv_px, axis=0)
-    way /= np.linalg.norm(way, axis=1, keepdims=True) + 1e-9
-    return np.stack([way, np.stack([-way[:, 1], way[:, 0]], axis=1)], axis=1)

@@ -41,9 +41,6 @@ from pliant.models.networks.descriptor_network import DescriptorNetwork, sample_
 SIGMA_SHARE: Final = 1 / 160
 """Standard deviation of a traced place, as a share of the image's width."""
 
-_NEAR_SHARE: Final = 1 / 128
-"""Places this near to an answer, as a share of the image's width, are averaged."""
-
 _COVERAGE: Final = 11.0
 _RETRACED: Final = 1.2
 _LENGTH: Final = 1.0
@@ -55,6 +52,7 @@ _NETWORK_EXPONENT: Final = 0.1
 _EPSILON: Final = 1e-4
 _LEAST_WEIGHT: Final = 0.02
 _CELLS: Final = 4  # in a standard deviation
+_NEAR: Final = 1.25  # standard deviations; places this near to an answer are averaged
 _FLOOR: Final = 0.05
 _EXPONENT: Final = 0.3
 
@@ -145,7 +143,6 @@ class TracedPlaces:
         uv_px: float64 (K, N, 2), in pixels of the target.
         weight: float64 (K,), sums to 1.
         sigma_px: Standard deviation of a place.
-        near_px: Places this near to an answer are averaged.
         other_way_px: float64 (K, N, 2), where they carry them if the rope in the target runs the
             other way; None where its ends are distinguished.
     """
@@ -153,7 +150,6 @@ class TracedPlaces:
     uv_px: npt.NDArray[np.float64]
     weight: npt.NDArray[np.float64]
     sigma_px: float
-    near_px: float
     other_way_px: npt.NDArray[np.float64] | None = None
 
     def weighed_in(
@@ -165,7 +161,8 @@ class TracedPlaces:
             log_p: float (N, M), the network's.
             candidates_px: float64 (M, 2), in pixels of the target.
         """
-        return self._weighed(log_p, candidates_px, self.uv_px)
+        prior = np.log(self._density(candidates_px) + _EPSILON)
+        return (_NETWORK_EXPONENT * log_p + torch.from_numpy(prior)).log_softmax(dim=1)
 
     def either_way(
         self,
@@ -182,21 +179,10 @@ class TracedPlaces:
         """
         if self.other_way_px is None:
             return weighed
-        other = self._weighed(log_p, candidates_px, self.other_way_px)
+        other = replace(self, uv_px=self.other_way_px).weighed_in(log_p, candidates_px)
         return torch.logaddexp(weighed, other) - np.log(2)
 
-    def _weighed(
-        self,
-        log_p: torch.Tensor,
-        candidates_px: npt.NDArray[np.float64],
-        uv_px: npt.NDArray[np.float64],
-    ) -> torch.Tensor:
-        prior = np.log(self._density(uv_px, candidates_px) + _EPSILON)
-        return (_NETWORK_EXPONENT * log_p + torch.from_numpy(prior)).log_softmax(dim=1)
-
-    def _density(
-        self, uv_px: npt.NDArray[np.float64], candidates_px: npt.NDArray[np.float64]
-    ) -> npt.NDArray[np.float32]:
+    def _density(self, candidates_px: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
         """Return the sum of the weighted Gaussians, 1 at a place that all agree on: (N, M).
 
         Places are counted in cells of a quarter of a standard deviation, and the counts blurred:
@@ -206,10 +192,10 @@ class TracedPlaces:
         origin = candidates_px.min(axis=0)
         wanted = np.floor((candidates_px - origin) / cell_px).astype(np.int64)  # (M, 2)
         size = wanted.max(axis=0) + 1
-        cell = np.floor((uv_px - origin) / cell_px).astype(np.int64)  # (K, N, 2)
+        cell = np.floor((self.uv_px - origin) / cell_px).astype(np.int64)  # (K, N, 2)
         pair, query = np.nonzero(((cell >= 0) & (cell < size)).all(axis=2))
         column, row = cell[pair, query].T
-        counted = np.zeros((uv_px.shape[1], size[1], size[0]), dtype=np.float32)
+        counted = np.zeros((self.uv_px.shape[1], size[1], size[0]), dtype=np.float32)
         np.add.at(counted, (query, row, column), self.weight[pair])
         blurred = gaussian_filter(counted, (0, _CELLS, _CELLS), mode="constant")
         blurred *= 2 * np.pi * _CELLS**2
@@ -222,7 +208,7 @@ class TracedPlaces:
             uv_px: float64 (N, 2); those with hardly any place near them stay.
         """
         gap = np.linalg.norm(self.uv_px - uv_px, axis=-1)  # (K, N)
-        weight = self.weight[:, None] * (gap < self.near_px)
+        weight = self.weight[:, None] * (gap < _NEAR * self.sigma_px)
         total = weight.sum(axis=0)[:, None]
         mean = (weight[..., None] * self.uv_px).sum(axis=0) / np.maximum(total, 1e-12)
         return np.where(total > _LEAST_WEIGHT, mean, uv_px)
@@ -252,22 +238,21 @@ def traced_places(
     best = np.argsort(-log_odds, axis=None, kind="stable")[:_PAIRS]
     pairs = [divmod(int(number), len(target.traces)) for number in best]
     weight = softmax(log_odds.flat[best])
-    width = target.view.rgb.shape[1]
-    sigma_px, near_px = SIGMA_SHARE * width, _NEAR_SHARE * width
+    sigma_px = SIGMA_SHARE * target.view.rgb.shape[1]
     located_in = [located(trace, uv_a_px) for trace in source.traces]
 
-    def carried(step: int) -> npt.NDArray[np.float64]:
-        traces = [replace(trace, uv_px=trace.uv_px[::step]) for trace in target.traces]
+    def carried(traces: Sequence[Trace]) -> npt.NDArray[np.float64]:
         return np.stack([placed(traces[b], located_in[a]) for a, b in pairs])
 
+    one = carried(target.traces)
     if not either_way:
-        return TracedPlaces(carried(1), weight, sigma_px, near_px)
+        return TracedPlaces(one, weight, sigma_px)
     # Readings start at either end: those that run against the first one change sides.
-    one, other = carried(1), carried(-1)
+    other = carried([replace(each, uv_px=each.uv_px[::-1]) for each in target.traces])
     against = [np.linalg.norm(way - one[0], axis=-1).mean(axis=1) for way in (one, other)]
     swapped = (against[1] < against[0])[:, None, None]
     one, other = np.where(swapped, other, one), np.where(swapped, one, other)
-    return TracedPlaces(one, weight, sigma_px, near_px, other)
+    return TracedPlaces(one, weight, sigma_px, other)
 
 
 def _log_odds(source: Sequence[Trace], target: Sequence[Trace]) -> npt.NDArray[np.float64]:

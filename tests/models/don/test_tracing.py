@@ -16,7 +16,7 @@ GRID = np.stack(np.meshgrid(np.arange(40) + 0.5, np.arange(30) + 0.5), axis=-1).
 def places(*uv: tuple[float, float], weight: tuple[float, ...] = ()) -> TracedPlaces:
     """One query, a place from each pair of traces."""
     given = np.array(weight or [1.0] * len(uv))
-    return TracedPlaces(np.array(uv)[:, None], given / given.sum(), 2.0, 2.0)
+    return TracedPlaces(np.array(uv)[:, None], given / given.sum(), 2.0)
 
 
 def log_p_at(*uv: tuple[float, float]) -> torch.Tensor:
