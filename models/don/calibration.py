@@ -46,7 +46,7 @@ SHARPNESS = np.geomspace(1.0, 1e5, 31)
 _ECE_WEIGHT = 10.0
 _PAIRS_A_GROUP = 60  # of like doubt; with 20, a group's calibration does not carry over
 _MOST_GROUPS = 6
-_UNMASKED_PAIRS = 80
+_UNMASKED_PAIRS = 100
 _LEAST_PAIRS = 10  # of views from above and of tilted ones, to measure them apart
 
 
@@ -87,7 +87,7 @@ def calibrate(
     sharp = _fit_visible(Calibration(sharpness=matcher.sharpness), distances, hidden)
     best = _fit_by_doubt(sharp, straight, matcher.size, full_size)
     for kind, own in apart.items():
-        best = _changed(best, kind, _fit_distribution(sharp, own, matcher.size, full_size))
+        best = _changed(best, kind, _fit_by_doubt(sharp, own, matcher.size, full_size))
     if best.visible_slope == 0:
         return best
     shown = ~hidden

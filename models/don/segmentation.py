@@ -46,15 +46,16 @@ class Foreground:
     first: npt.NDArray[np.float32]
 
 
-def rope_masks(rgb: npt.NDArray[np.uint8], seen: Foreground) -> tuple[Mask, Mask] | None:
-    """Return where the rope is seen and where the rope or its ball is.
+def rope_masks(rgb: npt.NDArray[np.uint8], seen: Foreground) -> tuple[Mask, Mask | None] | None:
+    """Return where the rope is seen, and where the rope or its ball is.
 
     Args:
         rgb: uint8 (H, W, 3), sRGB.
         seen: What the network says of the image, at its own size.
 
     Returns:
-        Two bool (H, W), or None where nothing stands out from the table.
+        Two bool (H, W); None instead of the second where no ball is found, which may be there all
+        the same; None where nothing stands out from the table.
     """
     height, width = rgb.shape[:2]
     size = (_WORKING_WIDTH, max(1, round(_WORKING_WIDTH * height / width)))
@@ -69,12 +70,13 @@ def rope_masks(rgb: npt.NDArray[np.uint8], seen: Foreground) -> tuple[Mask, Mask
     objects = _large_parts(_cut(small, p > _CERTAIN, near))
     if objects.sum() < _LEAST_PIXELS:
         return None
-    rope = objects & ~ball_in(objects, p_rope, first)
-    enlarged = [
-        cv2.resize(mask.astype(np.uint8) * 255, (width, height), interpolation=cv2.INTER_LINEAR)
-        for mask in (rope, objects)
-    ]
-    return enlarged[0] > 127, enlarged[1] > 127
+    ball = ball_in(objects, p_rope, first)
+
+    def enlarged(mask: Mask) -> Mask:
+        grey = mask.astype(np.uint8) * 255
+        return cv2.resize(grey, (width, height), interpolation=cv2.INTER_LINEAR) > 127
+
+    return enlarged(objects & ~ball), enlarged(objects | ball) if ball.any() else None
 
 
 def _cut(rgb: npt.NDArray[np.uint8], certain: Mask, near: Mask) -> Mask:

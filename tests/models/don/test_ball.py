@@ -59,5 +59,18 @@ def test_a_crossing_of_a_rope_without_a_ball_is_none() -> None:
     assert not ball_in(crossed, likely(crossed), even(0.5)).any()
 
 
+@pytest.mark.parametrize("end", ENDS)
+def test_a_ball_that_the_mask_lacks_is_beyond_the_end_that_is_surely_first(end: str) -> None:
+    rope, ball = drawn() & ~disc(60, 80, 7) | disc(60, 80, 4), disc(*ENDS[end], 10.5)
+    first = even(0.0)
+    near = slice(0, 50) if end == "left" else slice(110, None)
+    first[:, near] = 1.0
+    assert not ball_in(rope, likely(rope), 0.8 * first).any()
+    found = ball_in(rope, likely(rope), first)
+    assert 0.7 * ball.sum() < found.sum() < 1.3 * ball.sum()
+    assert (found & ball).sum() > 0.2 * ball.sum()
+    assert (found & rope).sum() < 0.1 * rope.sum()
+
+
 def test_an_empty_mask_has_none() -> None:
     assert not ball_in(np.zeros((HEIGHT, WIDTH), dtype=np.bool_), even(0.0), even(0.0)).any()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -68,17 +70,35 @@ def test_the_rope_is_cut_from_its_shadow_and_its_ball() -> None:
     found = rope_masks(rgb, vague(rope, ball | shadow))
     assert found is not None
     own, objects = found
+    assert objects is not None
     assert overlap(own, rope) > 0.85
     assert overlap(objects & ~own, ball) > 0.7
     assert (objects & shadow).sum() < 0.05 * shadow.sum()
 
 
-def test_a_rope_without_a_ball_has_none() -> None:
+def test_a_ball_like_the_table_is_not_ruled_out_where_no_end_is_known() -> None:
     rgb, rope, ball, _ = scene()
     rgb[ball] = rgb[10, 10]
     found = rope_masks(rgb, vague(rope))
     assert found is not None
-    assert (found[1] & ~found[0]).sum() < 0.05 * rope.sum()
+    own, objects = found
+    assert overlap(own, rope) > 0.85
+    assert objects is None
+
+
+def test_a_ball_like_the_table_is_where_the_first_end_is() -> None:
+    rgb, rope, ball, _ = scene()
+    rgb[ball] = rgb[10, 10]
+    seen = vague(rope)
+    first = np.zeros_like(seen.first)
+    first[:, : WIDTH // 16] = 1  # of four pixels each: the first quarter
+    found = rope_masks(rgb, replace(seen, first=first))
+    assert found is not None
+    own, objects = found
+    assert objects is not None
+    gap_px = np.argwhere(objects & ~own).mean(axis=0) - np.argwhere(ball).mean(axis=0)
+    assert np.linalg.norm(gap_px) < 4 * HALF_PX
+    assert overlap(own, rope) > 0.8
 
 
 @pytest.mark.parametrize("p", [0.0, 1.0])
