@@ -51,7 +51,7 @@ _MOST: Final = 8.0
 _NETWORK_EXPONENT: Final = 0.1
 _EPSILON: Final = 1e-4
 _LEAST_WEIGHT: Final = 0.02
-_CELLS: Final = 4  # in a standard deviation
+_CELLS: Final = 2  # in a standard deviation
 _NEAR: Final = 1.25  # standard deviations; places this near to an answer are averaged
 _FLOOR: Final = 0.05
 _EXPONENT: Final = 0.3
@@ -185,7 +185,7 @@ class TracedPlaces:
     def _density(self, candidates_px: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
         """Return the sum of the weighted Gaussians, 1 at a place that all agree on: (N, M).
 
-        Places are counted in cells of a quarter of a standard deviation, and the counts blurred:
+        Places are counted in cells of half a standard deviation, and the counts blurred:
         that costs the same for any number of places.
         """
         cell_px = self.sigma_px / _CELLS
