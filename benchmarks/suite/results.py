@@ -30,8 +30,8 @@ def write_results(
         out: Its folder.
         differing: How its test queries differ from the frozen ones.
         command: What was called, for the page.
-        page: A second place for the page; its figures go to `pictures/NAME/` next to it
-            (`NAME-BLOCK` where only some blocks were chosen).
+        page: A second place for the page, such as `DIR/PAGE.md`; its figures go to
+            `DIR/pictures/PAGE/`.
 
     Returns:
         The table, as in `table.json`.
@@ -43,7 +43,7 @@ def write_results(
     figures = draw_figures(config, rows, out / "figures")
     places = [(out / "results.md", figures)]
     if page is not None:
-        pictures = page.parent / "pictures" / "-".join([config.name, *config.part])
+        pictures = page.parent / "pictures" / page.stem
         pictures.mkdir(parents=True, exist_ok=True)
         places.append((page, [Path(shutil.copy(each, pictures)) for each in figures]))
     for target, pictured in places:

@@ -330,7 +330,7 @@ def test_some_blocks_alone_with_what_they_need(config_file: Path, tmp_path: Path
     called = ["benchmark", str(path), "--test", "free", "--workers", "1"]
     called += ["--page", str(tmp_path / "page" / "free.md")]
     assert run([*called, "--out", str(tmp_path / "out")]) == 0
-    assert (tmp_path / "page" / "pictures" / "thumb-free" / "rmse-free.png").is_file()
+    assert (tmp_path / "page" / "pictures" / "free" / "rmse-free.png").is_file()
     assert [each.name for each in (tmp_path / "out" / "sets").iterdir()] == ["rope-noisy"]
     page = (tmp_path / "out" / "results.md").read_text()
     assert f"`pliant benchmark {path} --out DIR --test free`" in page
@@ -382,8 +382,8 @@ def test_table_and_page(config_file: Path, made: tuple[Path, Recorder], tmp_path
     assert "28.5" in text
     assert f"{values['rmse_px']:.1f} [" in text
     assert "Does it help" in text
-    assert (tmp_path / "pictures/thumb/rmse-rope.png").is_file()
-    assert "(pictures/thumb/rmse-rope.png)" in text
+    assert (tmp_path / "pictures/results/rmse-rope.png").is_file()
+    assert "(pictures/results/rmse-rope.png)" in text
 
 
 def test_seeds_are_trained_each_and_reported_as_their_mean(
