@@ -40,6 +40,7 @@ _WEIGHT_DEPTH, _WEIGHT_ROPE, _WEIGHT_FIRST = 2.2, -3.5, 1.5
 _LEAST_DEPTH: Final = 1.5  # of a ball, in half widths of the rope
 _SURE: Final = 0.95  # p(first tenth) at an end; of 60 ropes without a ball none reaches it
 _AT_END: Final = 4.0  # how far the end reaches, in half widths
+_LEAST_ROPE: Final = 0.02  # weight of a pixel there that the network does not take for rope
 _RADIUS: Final = 3.0  # of a ball that the mask lacks, in half widths
 
 
@@ -71,43 +72,46 @@ def ball_in(objects: Mask, rope: FloatArray, first: FloatArray) -> Mask:
             + _WEIGHT_FIRST * np.log(first[around].mean() + _LEAST_FIRST)
         )
 
-    best = max([*_thick_places(depth_px, _THICK * half_px), *_ends(objects)], key=score)
+    ends = _ends(objects)
+    best = max([*_thick_places(depth_px, _THICK * half_px), *ends], key=score)
     radius_px = _LEAST_DEPTH * half_px
     cores, _ = ndimage.label(depth_px > radius_px)
     if cores[best] == 0:
-        return _beyond_first_end(objects, rope, first, half_px)
+        return _beyond_first_end(ends, objects, rope, first, half_px)
     to_core_px = ndimage.distance_transform_edt(cores != cores[best])
     return np.asarray(objects & (to_core_px <= radius_px + 0.5))
 
 
-def _beyond_first_end(objects: Mask, rope: FloatArray, first: FloatArray, half_px: float) -> Mask:
+def _beyond_first_end(
+    ends: Sequence[tuple[int, int]],
+    objects: Mask,
+    rope: FloatArray,
+    first: FloatArray,
+    half_px: float,
+) -> Mask:
     """Return a disc beyond the end that is the rope's first one, or nothing where that is unsure.
 
     Args:
+        ends: The ends of `objects`, (row, column).
         objects: See `ball_in`.
         rope: Likewise.
         first: Likewise.
         half_px: Half of the rope's width.
     """
-
-    def near(end: tuple[int, int]) -> Mask:
-        return np.asarray(objects & (_gap_px(end, objects.shape) < _AT_END * half_px))
-
-    def certainty(end: tuple[int, int]) -> float:
-        return float(np.average(first[near(end)], weights=rope[near(end)] + _LEAST_FIRST))
-
-    end = max(_ends(objects), key=certainty)
-    if certainty(end) < _SURE:
+    near = [objects & (_gap_px(end, objects.shape) < _AT_END * half_px) for end in ends]
+    certainty = [np.average(first[own], weights=rope[own] + _LEAST_ROPE) for own in near]
+    surest = int(np.argmax(certainty))
+    if certainty[surest] < _SURE:
         return np.zeros_like(objects)
     radius_px = _RADIUS * half_px
-    outward = end - np.argwhere(near(end)).mean(axis=0)
-    middle = end + outward * radius_px / max(float(np.linalg.norm(outward)), 1.0)
+    outward = ends[surest] - np.argwhere(near[surest]).mean(axis=0)
+    middle = ends[surest] + outward * radius_px / max(float(np.linalg.norm(outward)), 1.0)
     return np.asarray(_gap_px(middle, objects.shape) <= radius_px)
 
 
 def _gap_px(place: Sequence[float] | FloatArray, shape: tuple[int, ...]) -> FloatArray:
     """Return the pixels' distance to a place, (row, column)."""
-    rows, columns = np.indices(shape)
+    rows, columns = np.ogrid[: shape[0], : shape[1]]
     return np.asarray(np.hypot(rows - place[0], columns - place[1]))
 
 
