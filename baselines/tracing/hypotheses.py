@@ -19,6 +19,7 @@ from pliant.baselines.tracing.depth_in_mask import (
     depth_in_mask,
     farthest_pixels,
 )
+from pliant.baselines.tracing.ends import Ball, from_end_to_end
 from pliant.baselines.tracing.walk import walks
 
 STATIONS: Final = 300
@@ -106,7 +107,11 @@ def rope_traces(
         evidence = Evidence(pixels, small[tuple(pixels.T)], found)
         length_px = float(small.sum() / (2 * max(np.percentile(depth[small], 80), 0.8)))
         paths += sampled_paths(evidence, length_px, _SAMPLES)
-    traces = [_measured(path, small, half_px, factor) for path in paths]
+    at_ball = Ball.of_mask(ball, factor) if ball.any() else None
+    whole = (
+        from_end_to_end(path * factor, mask, half_px * factor, at_ball) / factor for path in paths
+    )
+    traces = [_measured(path, small, half_px, factor) for path in whole]
     return sorted(traces, key=lambda trace: -trace.score)
 
 
