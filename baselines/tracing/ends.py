@@ -15,7 +15,7 @@ import numpy as np
 from pliant.baselines.tracing.depth_in_mask import FloatArray, Mask
 
 _LEAVES_AT: Final = 0.81
-"""Where a rope leaves its ball, as a share of the ball's radius: what lies nearer is inside."""
+"""Where a rope leaves its ball, as a share of the ball's radius: what is nearer is hidden in it."""
 
 _BACK: Final = 2.0
 _REACH: Final = 6.0
@@ -65,7 +65,7 @@ def from_end_to_end(path: FloatArray, mask: Mask, half_px: float, ball: Ball | N
 def to_the_edge(path: FloatArray, mask: Mask, half_px: float) -> FloatArray:
     """Return a path that ends at the edge of the mask.
 
-    What lies outside comes off. Where the mask goes on straight ahead for less than six half
+    What is outside comes off. Where the mask goes on straight ahead for less than six half
     widths, so does the path; where it goes on longer, it may be another part of the rope.
 
     Args:
