@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -65,11 +65,13 @@ def pixel_centres(mask: npt.NDArray[np.bool_], stride: int = 1) -> npt.NDArray[n
     return centres.astype(np.float32)
 
 
-def lies_on(uv_px: npt.NDArray[np.float32], mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+def lies_on(
+    uv_px: npt.NDArray[np.floating[Any]], mask: npt.NDArray[np.bool_]
+) -> npt.NDArray[np.bool_]:
     """Return which positions fall into a pixel of the mask.
 
     Args:
-        uv_px: float32 (N, 2).
+        uv_px: float (N, 2).
         mask: bool (H, W).
 
     Returns:

@@ -12,6 +12,7 @@ from typing import Final
 
 import numpy as np
 
+from pliant.baselines.pixels import lies_on
 from pliant.baselines.tracing.depth_in_mask import FloatArray, Mask
 
 _LEAVES_AT: Final = 0.81
@@ -73,7 +74,7 @@ def to_the_edge(path: FloatArray, mask: Mask, half_px: float) -> FloatArray:
         mask: bool (H, W).
         half_px: Half of the rope's width.
     """
-    within = np.flatnonzero(_inside(mask, path))
+    within = np.flatnonzero(lies_on(path, mask))
     if len(within) < 2:
         return path
     path = path[: within[-1] + 1]
@@ -83,7 +84,7 @@ def to_the_edge(path: FloatArray, mask: Mask, half_px: float) -> FloatArray:
     way = path[-1] - path[np.flatnonzero(behind)[-1]]
     way /= np.linalg.norm(way)
     ahead = path[-1] + np.arange(_STEP_PX, _REACH * half_px, _STEP_PX)[:, None] * way
-    outside = ~_inside(mask, ahead)
+    outside = ~lies_on(ahead, mask)
     return np.vstack([path, ahead[: outside.argmax()]]) if outside.any() else path
 
 
@@ -96,12 +97,3 @@ def _from_ball(path: FloatArray, ball: Ball) -> FloatArray:
         return path
     way = (path[first] - ball.middle_px) / gap[first]
     return np.vstack([ball.middle_px + least_px * way, path[first:]])
-
-
-def _inside(mask: Mask, uv_px: FloatArray) -> Mask:
-    column, row = np.floor(uv_px).astype(np.int64).T
-    height, width = mask.shape
-    within = (column >= 0) & (column < width) & (row >= 0) & (row < height)
-    found = np.zeros(len(uv_px), dtype=np.bool_)
-    found[within] = mask[row[within], column[within]]
-    return found
