@@ -93,8 +93,9 @@ def rope_traces(
     other = np.zeros_like(small)
     if objects is not None:
         other = _shrunk(objects & ~mask, factor)
-    ball = _opened(other)
-    starts = [_start_at_ball(small, ball)] if ball.any() else _starts_at_ends(small)
+    opened = _opened(other)
+    ball = Ball.of_mask(opened, factor) if opened.any() else None
+    starts = _starts_at_ends(small) if ball is None else [_start_at_ball(small, ball, factor)]
     settings = np.array(list(itertools.product(_STRAIGHTNESS, _INERTIA)))
     paths = []
     for place, heading in starts:
@@ -107,9 +108,8 @@ def rope_traces(
         evidence = Evidence(pixels, small[tuple(pixels.T)], found)
         length_px = float(small.sum() / (2 * max(np.percentile(depth[small], 80), 0.8)))
         paths += sampled_paths(evidence, length_px, _SAMPLES)
-    at_ball = Ball.of_mask(ball, factor) if ball.any() else None
     whole = (
-        from_end_to_end(path * factor, mask, half_px * factor, at_ball) / factor for path in paths
+        from_end_to_end(path * factor, mask, half_px * factor, ball) / factor for path in paths
     )
     traces = [_measured(path, small, half_px, factor) for path in whole]
     return sorted(traces, key=lambda trace: -trace.score)
@@ -135,9 +135,9 @@ def _centres(mask: Mask) -> FloatArray:
     return np.stack([columns, rows], axis=1) + 0.5
 
 
-def _start_at_ball(mask: Mask, ball: Mask) -> tuple[FloatArray, FloatArray]:
+def _start_at_ball(mask: Mask, ball: Ball, factor: int) -> tuple[FloatArray, FloatArray]:
     """Return the rope's pixel nearest to the ball's middle, and the way that the rope takes."""
-    middle, places = _centres(ball).mean(axis=0), _centres(mask)
+    middle, places = ball.middle_px / factor, _centres(mask)
     start = places[np.linalg.norm(places - middle, axis=1).argmin()]
     return start, _heading(places, start, start - middle)
 
