@@ -2,6 +2,7 @@
 
 from pliant.baselines.tracing.crossings import Crossing, Overlap, overlap, self_crossings
 from pliant.baselines.tracing.hypotheses import Likelihood, Trace, rope_traces
+from pliant.baselines.tracing.nadir import Nadir
 from pliant.baselines.tracing.rectification import Rectified, rectified
 from pliant.baselines.tracing.rope_tracer import RopeTracer
 from pliant.baselines.tracing.transfer import Located, located, placed
@@ -10,6 +11,7 @@ __all__ = [
     "Crossing",
     "Likelihood",
     "Located",
+    "Nadir",
     "Overlap",
     "Rectified",
     "RopeTracer",

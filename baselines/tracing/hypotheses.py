@@ -5,12 +5,13 @@ from __future__ import annotations
 import functools
 import itertools
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 from PIL import Image, ImageFilter
 
+from pliant.baselines.tracing.centring import Centred, centred, evenly_spaced
 from pliant.baselines.tracing.chain import Evidence, sampled_paths
 from pliant.baselines.tracing.crossings import Overlap
 from pliant.baselines.tracing.depth_in_mask import (
@@ -20,6 +21,8 @@ from pliant.baselines.tracing.depth_in_mask import (
     farthest_pixels,
 )
 from pliant.baselines.tracing.ends import Ball, from_end_to_end
+from pliant.baselines.tracing.nadir import Nadir
+from pliant.baselines.tracing.tilt import small_tilt
 from pliant.baselines.tracing.walk import walks
 
 STATIONS: Final = 300
@@ -30,6 +33,7 @@ _INERTIA: Final = (0.35, 0.55, 0.72)
 _WORKING_WIDTH: Final = 320
 _SHORTEST_STEPS: Final = 20
 _SAMPLES: Final = 24
+_ALIKE: Final = 3.0  # neighbouring stations whose widths say the same
 
 Likelihood = Callable[[FloatArray], FloatArray]
 """float64 (N, 2), places in image pixels -> float64 (N, STEPS), > 0, the likelihood of what is
@@ -43,15 +47,19 @@ class Trace:
     Attributes:
         uv_px: float64 (STATIONS, 2), evenly spaced from the first end to the last, image pixels.
         length_px: Its length, image pixels.
+        half_px: Half of the rope's width, image pixels.
         coverage: Share of the mask that a rope along it covers, 0 to 1.
         retraced: Share of its stations where it follows an earlier part of itself.
+        nadir: Where the camera looks straight down.
         overlaps: Which of its parts cover others, as far as that is known.
     """
 
     uv_px: FloatArray
     length_px: float
+    half_px: float
     coverage: float
     retraced: float
+    nadir: Nadir
     overlaps: tuple[Overlap, ...] = ()
 
     @property
@@ -66,9 +74,18 @@ class Trace:
         way /= np.linalg.norm(way, axis=1, keepdims=True) + 1e-9
         return np.stack([way, np.stack([-way[:, 1], way[:, 0]], axis=1)], axis=1)
 
+    @functools.cached_property
+    def sight(self) -> FloatArray:
+        """How the line of sight leans along and across it, tangents of angles, (STATIONS, 2)."""
+        aside = (self.uv_px - self.nadir.below_px) / self.nadir.focal_px
+        return np.asarray(np.einsum("nij,nj->ni", self.axes, aside))
+
 
 def rope_traces(
-    mask: Mask, objects: Mask | None = None, likelihood: Likelihood | None = None
+    mask: Mask,
+    objects: Mask | None = None,
+    likelihood: Likelihood | None = None,
+    nadir: Nadir | None = None,
 ) -> list[Trace]:
     """Return the ways to read a mask as one rope.
 
@@ -79,6 +96,7 @@ def rope_traces(
         mask: bool (H, W), the rope.
         objects: bool (H, W), the rope and its ball; None or no more than the rope without a ball.
         likelihood: What is seen at places of the image says of where along the rope they are.
+        nadir: Where the camera looks straight down; None for the middle of the image.
 
     Returns:
         Traces, the most plausible first; empty where the mask shows no rope.
@@ -108,10 +126,15 @@ def rope_traces(
         evidence = Evidence(pixels, small[tuple(pixels.T)], found)
         length_px = float(small.sum() / (2 * max(np.percentile(depth[small], 80), 0.8)))
         paths += sampled_paths(evidence, length_px, _SAMPLES)
-    whole = (
-        from_end_to_end(path * factor, mask, half_px * factor, ball) / factor for path in paths
-    )
-    traces = [_measured(path, small, half_px, factor) for path in whole]
+    if not paths:
+        return []
+    about_px = half_px * factor
+    middles = centred([path * factor for path in paths], mask, about_px)
+    below = _tilted(nadir or Nadir.of_image(mask.shape), middles)
+    traces = []
+    for middle in middles.places_px:
+        whole = from_end_to_end(middle, mask, about_px, ball)
+        traces.append(_measured(whole, small, half_px, factor, middles.usual_px / 2, below))
     return sorted(traces, key=lambda trace: -trace.score)
 
 
@@ -158,10 +181,19 @@ def _heading(places: FloatArray, start: FloatArray, otherwise: FloatArray) -> Fl
     return np.asarray(way / max(float(np.linalg.norm(way)), 1e-9))
 
 
-def _measured(path: FloatArray, mask: Mask, half_px: float, factor: int) -> Trace:
-    passed = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
-    at = np.linspace(0, passed[-1], STATIONS)
-    stations = np.stack([np.interp(at, passed, path[:, axis]) for axis in (0, 1)], axis=1)
+def _tilted(nadir: Nadir, middles: Centred) -> Nadir:
+    """Return the nadir with the tilt that the widths along all paths show."""
+    usual = middles.usual
+    places, normals = middles.places_px[usual], middles.normals[usual]
+    widths = middles.widths_px[usual]
+    return replace(nadir, tilt=small_tilt(places, normals, widths, nadir, _ALIKE * len(usual)))
+
+
+def _measured(
+    path_px: FloatArray, mask: Mask, half_px: float, factor: int, rope_half_px: float, nadir: Nadir
+) -> Trace:
+    in_image, length_px = evenly_spaced(path_px, STATIONS, nadir)
+    stations = in_image / factor
     covered = _covered(stations, mask.shape, half_px + 1)
     sparse = stations[::3]
     way = np.gradient(sparse, axis=0)
@@ -171,8 +203,10 @@ def _measured(path: FloatArray, mask: Mask, half_px: float, factor: int) -> Trac
     number = np.arange(len(sparse))
     apart = np.abs(number[:, None] - number[None]) > 0.07 * len(sparse)
     return Trace(
-        uv_px=np.asarray(stations * float(factor), dtype=np.float64),
-        length_px=float(passed[-1]) * factor,
+        uv_px=in_image,
+        length_px=length_px,
+        half_px=rope_half_px,
+        nadir=nadir,
         coverage=float(covered[mask].mean()),
         retraced=float(((gap < 2) & parallel & apart).any(axis=1).mean()),
     )

@@ -22,9 +22,8 @@ from PIL import Image
 
 from pliant.baselines.matcher import Answers, View
 from pliant.baselines.tracing.depth_in_mask import FloatArray, Mask, depth_in_mask, ridge
-
-_FOCAL_WIDTHS: Final = 1.07
-"""Assumed focal length in image widths: a horizontal field of view of 50 degrees."""
+from pliant.baselines.tracing.nadir import FOCAL_WIDTHS, Nadir
+from pliant.baselines.tracing.tilt import robust_fit
 
 _LEAST_TILT: Final = 0.36  # tangent of 20 degrees: below it, tracing does not suffer
 _LARGEST_TILT: Final = 1.2
@@ -32,7 +31,6 @@ _LEAST_SIGNIFICANCE: Final = 3.0
 _LEAST_RIDGE: Final = 40
 _USUAL: Final = (0.6, 1.35)  # of the median width; what is wider are strands side by side
 _RESIDUAL_PX: Final = 0.6
-_ROUNDS: Final = 15
 _FILL: Final = 0.86  # of the frame, at most
 
 
@@ -42,12 +40,19 @@ class Rectified:
 
     Attributes:
         view: The view.
+        nadir: Where its camera looks straight down.
         homography: float64 (3, 3), from positions of the original to positions of `view`; None
             where they are equal.
     """
 
     view: View
+    nadir: Nadir
     homography: FloatArray | None = None
+
+    @classmethod
+    def unchanged(cls, view: View) -> Rectified:
+        """Return a view as it is, taken for one from straight above."""
+        return cls(view, Nadir.of_image(view.rgb.shape))
 
     @property
     def tilted(self) -> bool:
@@ -86,10 +91,14 @@ def rectified(view: View) -> Rectified:
             stays as it is.
     """
     if view.mask is None or (tilt := camera_tilt(view.mask)) is None:
-        return Rectified(view)
+        return Rectified.unchanged(view)
     shown = view.mask if view.objects is None else view.objects
-    homography = _fitted(_from_above(tilt, view.rgb.shape[1::-1]), shown)
-    return Rectified(_warped(view, homography), homography)
+    above = Nadir.of_image(view.rgb.shape)
+    turned = _from_above(tilt, above)
+    scale, shift_px = _fit(turned, shown)
+    fit = np.array([[scale, 0, shift_px[0]], [0, scale, shift_px[1]], [0, 0, 1]])
+    homography = fit @ turned
+    return Rectified(_warped(view, homography), above.scaled(scale, shift_px), homography)
 
 
 def camera_tilt(mask: Mask) -> float | None:
@@ -111,50 +120,35 @@ def camera_tilt(mask: Mask) -> float | None:
     widths = half_px[middle]
     relative = widths / np.median(widths)
     usual = (relative > _USUAL[0]) & (relative < _USUAL[1])
-    place = (rows[usual] - height / 2) / (_FOCAL_WIDTHS * width)
-    slope, error = _robust_slope(place, widths[usual])
+    place = (rows[usual] - height / 2) / (FOCAL_WIDTHS * width)
+    design = np.stack([np.ones_like(place), place], axis=1)
+    solution, covariance = robust_fit(design, widths[usual], _RESIDUAL_PX)
+    slope = float(solution[1] / solution[0])
+    error = float(np.sqrt(covariance[1, 1]) / solution[0])
     if slope < max(_LEAST_TILT, _LEAST_SIGNIFICANCE * error):
         return None
     return min(slope, _LARGEST_TILT)
 
 
-def _robust_slope(x: FloatArray, y: FloatArray) -> tuple[float, float]:
-    """Return b / a of y = a + b x with Cauchy's weights, and its standard error."""
-    design = np.stack([np.ones_like(x), x], axis=1)
-    root = np.ones_like(x)
-    solution = np.zeros(2)
-    deviation = _RESIDUAL_PX
-    for _ in range(_ROUNDS):
-        solution = np.linalg.lstsq(design * root[:, None], y * root, rcond=None)[0]
-        residual = np.abs(y - design @ solution)
-        deviation = max(1.48 * float(np.median(residual)), _RESIDUAL_PX)
-        root = 1 / np.hypot(1, residual / (2 * deviation))
-    weighed = design * root[:, None]
-    covariance = np.linalg.inv(weighed.T @ weighed) * deviation**2
-    return float(solution[1] / solution[0]), float(np.sqrt(covariance[1, 1]) / solution[0])
-
-
-def _from_above(tilt: float, size: tuple[int, ...]) -> FloatArray:
+def _from_above(tilt: float, above: Nadir) -> FloatArray:
     """Return K R K^-1 of the rotation that turns the table's normal into the optical axis."""
-    width, height = size
-    focal = _FOCAL_WIDTHS * width
-    camera = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]])
+    focal, (u, v) = above.focal_px, above.place_px
+    camera = np.array([[focal, 0, u], [0, focal, v], [0, 0, 1]])
     angle = np.arctan(tilt)
     cosine, sine = np.cos(angle), np.sin(angle)
     rotation = np.array([[1, 0, 0], [0, cosine, -sine], [0, sine, cosine]])
     return np.asarray(camera @ rotation @ np.linalg.inv(camera))
 
 
-def _fitted(homography: FloatArray, shown: Mask) -> FloatArray:
-    """Return the homography with what is shown in the middle of the frame, magnified by about 1."""
+def _fit(homography: FloatArray, shown: Mask) -> tuple[float, FloatArray]:
+    """Return the scale and then the shift that bring what is shown to the middle of the frame."""
     places = np.argwhere(shown)[:, ::-1] + 0.5
     mapped = _mapped(homography, places)
     low, high = mapped.min(axis=0), mapped.max(axis=0)
     size = np.array(shown.shape[::-1])
     usual = 1 / float(np.median(_magnification(homography, places)))
     scale = min(usual, float((_FILL * size / np.maximum(high - low, 1)).min()))
-    shift = size / 2 - scale * (low + high) / 2
-    return np.array([[scale, 0, shift[0]], [0, scale, shift[1]], [0, 0, 1]]) @ homography
+    return scale, np.asarray(size / 2 - scale * (low + high) / 2)
 
 
 def _mapped(homography: FloatArray, uv_px: npt.NDArray[np.floating[Any]]) -> FloatArray:

@@ -53,6 +53,8 @@ class RopeTracer:
         def traced() -> tuple[Rectified, list[Trace]]:
             above = rectified(view)
             mask = above.view.mask
-            return above, [] if mask is None else rope_traces(mask, above.view.objects)
+            return above, [] if mask is None else rope_traces(
+                mask, above.view.objects, nadir=above.nadir
+            )
 
         return self._traces.get(view.key, traced)

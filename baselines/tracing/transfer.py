@@ -1,4 +1,12 @@
-"""Carrying places from a trace in one image to a trace in another: same arc length, same side."""
+"""Carrying places from a trace in one image to a trace in another: same arc length, same side.
+
+A rope lies on its table without rolling, but a camera sees it in a direction that leans by
+l = atan(n (x - x_0) / f) across it and by t (x - x_0) / f along it, with t and n the directions
+along and across in the image, and x_0 where the camera looks straight down. A place at the offset o
+from the middle of a rope of half width h is at the angle a = asin(o / h) - l from its highest line.
+Another image shows that angle at the offset h' sin(a + l'). Each image shows the place
+h cos(a) t (x - x_0) / f further along than the middle, which is lower.
+"""
 
 from __future__ import annotations
 
@@ -22,11 +30,15 @@ class Located:
 
     Attributes:
         station: int64 (N,), the station that each belongs to.
-        offset: float64 (N, 2), from there along and across the trace, as shares of its length.
+        along: float64 (N,), from there along the trace, as shares of its length.
+        angle: float64 (N,), around the rope from its highest line, radians.
+        beyond: float64 (N,), how far a place is off the rope's body, in half widths.
     """
 
     station: npt.NDArray[np.int64]
-    offset: FloatArray
+    along: FloatArray
+    angle: FloatArray
+    beyond: FloatArray
 
 
 def located(trace: Trace, uv_px: npt.NDArray[np.floating[Any]]) -> Located:
@@ -39,20 +51,32 @@ def located(trace: Trace, uv_px: npt.NDArray[np.floating[Any]]) -> Located:
     gap = np.linalg.norm(uv_px[:, None] - trace.uv_px[None], axis=2)
     station = nearest_stations(gap, trace.overlaps)
     axes = trace.axes[station]
-    offset = np.einsum("nij,nj->ni", axes, uv_px - trace.uv_px[station])
-    return Located(station, offset / trace.length_px)
+    along, across = np.einsum("nij,nj->in", axes, uv_px - trace.uv_px[station])
+    on_body = (across / trace.half_px).clip(-1, 1)
+    angle = np.arcsin(on_body) - np.arctan(trace.sight[station, 1])
+    along -= _parallax_px(trace, station, angle)
+    return Located(station, along / trace.length_px, angle, across / trace.half_px - on_body)
 
 
 def placed(trace: Trace, places: Located) -> FloatArray:
-    """Return the positions of places at the same shares of a trace's length, float64 (N, 2).
+    """Return where places are on another trace, float64 (N, 2): at the same share of its length.
 
     Args:
         trace: A trace, in any image.
         places: Where they are along it.
     """
-    axes = trace.axes[places.station]
-    offset = np.einsum("nij,ni->nj", axes, places.offset * trace.length_px)
-    return np.asarray(trace.uv_px[places.station] + offset)
+    station = places.station
+    seen = (places.angle + np.arctan(trace.sight[station, 1])).clip(-np.pi / 2, np.pi / 2)
+    along = places.along * trace.length_px + _parallax_px(trace, station, places.angle)
+    across = (np.sin(seen) + places.beyond) * trace.half_px
+    offset = np.stack([along, across], axis=1)
+    moved = np.einsum("nij,ni->nj", trace.axes[station], offset)
+    return np.asarray(trace.uv_px[station] + moved)
+
+
+def _parallax_px(trace: Trace, station: npt.NDArray[np.int64], angle: FloatArray) -> FloatArray:
+    """Return how much further along than the middle below them places appear, float64 (N,)."""
+    return np.asarray(trace.half_px * np.cos(angle) * trace.sight[station, 0])
 
 
 def best_pair(source: Sequence[Trace], target: Sequence[Trace]) -> tuple[Trace, Trace]:

@@ -132,7 +132,7 @@ def _searched(
     distances, hidden = [], []
     for pair in pairs:
         source, target = matcher.seen(pair.source), matcher.seen(pair.target)
-        found = matcher.search(source.view, target.view, source.forward(pair.uv_a_px))
+        found = matcher.search(source, target, source.forward(pair.uv_a_px))
         seen = pair.visible[:, 0]
         distances.append(found.distance)
         hidden.append(~seen)
@@ -201,7 +201,7 @@ def fit_sharpness(matcher: DonMatcher, pairs: Sequence[ValidationPair]) -> float
     """
     kept = []
     for pair in pairs:
-        found = matcher.search(pair.source, pair.target, pair.uv_a_px)
+        found = matcher.compare(pair.source, pair.target, pair.uv_a_px)
         seen = torch.from_numpy(pair.visible[:, 0])
         factor = np.array(matcher.size) / np.array(pair.target.rgb.shape[1::-1])
         truth = torch.from_numpy((pair.uv_b_px[:, 0] * factor).astype(np.float32))

@@ -134,7 +134,7 @@ class DonMatcher:
         unmasked = source.mask is None or target.mask is None
         from_view, in_view = self.seen(source), self.seen(target)
         source, target = from_view.view, in_view.view
-        found = self.search(source, target, from_view.forward(uv_a_px))
+        found = self.search(from_view, in_view, from_view.forward(uv_a_px))
         calibration = self.calibration
         if calibration is not None:
             calibration = calibration.for_views(
@@ -158,7 +158,7 @@ class DonMatcher:
 
         def prepared() -> Rectified:
             masked = self._views.segmented(view) if self.settings.decode == "trace" else view
-            return rectified(masked) if self.settings.rectify else Rectified(masked)
+            return rectified(masked) if self.settings.rectify else Rectified.unchanged(masked)
 
         return self._rectified.get(view.key, prepared)
 
@@ -188,7 +188,8 @@ class DonMatcher:
 
     def heat(self, source: View, target: View, uv_a_px: npt.NDArray[np.float32]) -> Heat:
         """Return p over the target for one query; see `HeatMatcher`."""
-        found = self.search(source, target, np.asarray(uv_a_px)[None])
+        as_they_are = Rectified.unchanged(source), Rectified.unchanged(target)
+        found = self.search(*as_they_are, np.asarray(uv_a_px)[None])
         uv = found.uv_px
         calibration = (self.calibration or Calibration()).where(found.log_p, uv)
         flat = calibration.flattened(found.log_p)[0]
@@ -204,27 +205,26 @@ class DonMatcher:
         mass = float(flat.exp()[near].sum())
         return Heat(heat, "log probability", min(1.0, mass), "probability of the peak")
 
-    def search(self, source: View, target: View, uv_a_px: npt.NDArray[np.float32]) -> Search:
+    def search(
+        self, source: Rectified, target: Rectified, uv_a_px: npt.NDArray[np.float32]
+    ) -> Search:
         """Compare queries with the target's candidates, and follow traces where they decide.
 
         Args:
             source: The image the queries are in.
             target: The image to find them in.
-            uv_a_px: float32 (N, 2), in pixels of the source.
+            uv_a_px: float32 (N, 2), in pixels of the source's view.
         """
-        compared = self.compare(source, target, uv_a_px)
+        compared = self.compare(source.view, target.view, uv_a_px)
         traced = None
         if self.settings.decode == "trace":
             scale = self.network.scale.detach().cpu()
             traced = traced_places(
-                TracedView(source, self._views.described(source).maps[0], self._traces_of(source)),
-                TracedView(target, self._views.described(target).maps[0], self._traces_of(target)),
-                scale * self.sharpness,
-                uv_a_px,
+                self._traced(source), self._traced(target), scale * self.sharpness, uv_a_px
             )
         log_p, deciding, uv = compared.log_p, compared.log_p, compared.uv_px
         if traced is not None:
-            candidates_px = uv.double().numpy() * self._pixel_scale(target)
+            candidates_px = uv.double().numpy() * self._pixel_scale(target.view)
             deciding = traced.weighed_in(log_p, candidates_px)
             log_p = traced.either_way(deciding, log_p, candidates_px)
         return Search(log_p, uv, compared.distance, compared.query, traced, deciding)
@@ -274,14 +274,16 @@ class DonMatcher:
         position = sharp.double().numpy() * self._pixel_scale(target)
         return position if found.traced is None else found.traced.refined(position)
 
-    def _traces_of(self, view: View) -> list[Trace]:
+    def _traced(self, seen: Rectified) -> TracedView:
+        view = seen.view
+
         def traced() -> list[Trace]:
             own, factor = self._views.described(view), self._pixel_scale(view)
             scale = self.network.scale.detach().cpu() * self.sharpness
             says = canonical_likelihood(self.network, own.maps[0], scale)
             if view.mask is not None:
                 given = None if says is None else lambda uv_px: says(uv_px / factor)
-                mask, traces = view.mask, rope_traces(view.mask, view.objects, given)
+                mask, traces = view.mask, rope_traces(view.mask, view.objects, given, seen.nadir)
             elif own.mask is not None:
                 found = rope_traces(own.mask, own.objects, says)
                 mask, traces = own.mask, enlarged(found, factor)
@@ -293,7 +295,8 @@ class DonMatcher:
                 else with_overlaps(self.crossings, view, mask, traces)
             )
 
-        return self._traces.get(view.key, traced)
+        descriptors = self._views.described(view).maps[0]
+        return TracedView(view, descriptors, self._traces.get(view.key, traced))
 
     def asked(self, source: View, target: View, compared: Comparison) -> Asked:
         """Return what `Familiarity` looks at.

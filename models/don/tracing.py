@@ -38,10 +38,10 @@ from pliant.baselines.tracing import Likelihood, Trace, located, placed
 from pliant.baselines.tracing.chain import STEPS
 from pliant.models.networks.descriptor_network import DescriptorNetwork, sample_descriptors
 
-SIGMA_SHARE: Final = 1 / 160
+SIGMA_SHARE: Final = 1 / 213
 """Standard deviation of a traced place, as a share of the image's width."""
 
-_COVERAGE: Final = 11.0
+_COVERAGE: Final = 30.0
 _RETRACED: Final = 1.2
 _LENGTH: Final = 1.0
 _AGREEMENT: Final = 0.7
@@ -130,7 +130,13 @@ def enlarged(traces: Sequence[Trace], factor: npt.NDArray[np.float64]) -> list[T
     """
     length = float(factor.mean())
     return [
-        replace(trace, uv_px=trace.uv_px * factor, length_px=trace.length_px * length)
+        replace(
+            trace,
+            uv_px=trace.uv_px * factor,
+            length_px=trace.length_px * length,
+            half_px=trace.half_px * length,
+            nadir=trace.nadir.scaled(length),
+        )
         for trace in traces
     ]
 

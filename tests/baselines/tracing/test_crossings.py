@@ -3,7 +3,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pliant.baselines.tracing import Overlap, Trace, located, overlap, placed, self_crossings
+from pliant.baselines.tracing import (
+    Nadir,
+    Overlap,
+    Trace,
+    located,
+    overlap,
+    placed,
+    self_crossings,
+)
 
 STATIONS = 301
 
@@ -18,7 +26,7 @@ def loop(turned_rad: float = 0.0) -> np.ndarray:
 
 def trace(line: np.ndarray, *overlaps: Overlap) -> Trace:
     length = float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
-    return Trace(line, length, 1.0, 0.0, overlaps=overlaps)
+    return Trace(line, length, 6.0, 1.0, 0.0, Nadir.of_image((480, 640)), overlaps)
 
 
 @pytest.mark.parametrize("turned_rad", [0.0, 1.0, 2.5])

@@ -145,7 +145,7 @@ def test_answers_come_back_with_their_widths() -> None:
 
 
 def test_the_tracer_counts_along_the_rope_at_a_slant() -> None:
-    rope = winding_rope()[200:1450:25]
+    rope = winding_rope()[200:1450:25] + np.array([0, 0, RADIUS_M])  # both see its highest line
     asked, truth = projected(rope, 0)[0], projected(rope, 48)[0]
     answers = RopeTracer().answer(drawn(0), drawn(48), asked.astype(np.float32))
     assert np.median(np.linalg.norm(answers.uv_px - truth, axis=1)) < 6

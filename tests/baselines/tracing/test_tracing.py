@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from pliant.baselines.matcher import View
-from pliant.baselines.tracing import RopeTracer, Trace, located, placed, rope_traces
+from pliant.baselines.tracing import Nadir, RopeTracer, Trace, located, placed, rope_traces
 from pliant.baselines.tracing.depth_in_mask import depth_in_mask, sampled, steps_along
 
 SIZE = (320, 240)
+FAR_BELOW = Nadir(np.array([160.0, 120.0]), 1e9)  # a camera without perspective
 
 
 def painted(
@@ -113,7 +114,7 @@ def test_a_rope_without_ball_is_traced_from_either_end() -> None:
 
 def test_places_on_a_reading_from_the_other_end_change_sides() -> None:
     line = np.column_stack([np.linspace(0, 99, 300), np.zeros(300)])
-    one, other = Trace(line, 99.0, 1.0, 0.0), Trace(line[::-1], 99.0, 1.0, 0.0)
+    one, other = (Trace(way, 99.0, 3.0, 1.0, 0.0, FAR_BELOW) for way in (line, line[::-1]))
     place = placed(other, located(one, np.array([[20.0, 2.0]])))
     np.testing.assert_allclose(place, [[79.0, -2.0]], atol=0.5)
 
@@ -121,7 +122,7 @@ def test_places_on_a_reading_from_the_other_end_change_sides() -> None:
 def test_places_between_stations_and_beyond_the_ends_stay_where_they_are() -> None:
     angle = np.linspace(0, 2, 60)
     arc = np.stack([200 * np.cos(angle), 200 * np.sin(angle)], axis=1)
-    one = Trace(arc, 400.0, 1.0, 0.0)
+    one = Trace(arc, 400.0, 3.0, 1.0, 0.0, FAR_BELOW)
     places = np.concatenate([(arc[:-1] + arc[1:]) / 2, arc[-1:] * 1.02 + [-2.0, -1.0]])
     np.testing.assert_allclose(placed(one, located(one, places)), places, atol=1e-9)
 

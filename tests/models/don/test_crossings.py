@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from pliant.baselines.matcher import View
-from pliant.baselines.tracing import Trace, self_crossings
+from pliant.baselines.tracing import Nadir, Trace, self_crossings
 from pliant.loaders.views import FrameView
 from pliant.models.don.crossing_training import fit_crossings
 from pliant.models.don.crossings import CROSSINGS, load_crossing_network, with_overlaps
@@ -77,7 +77,8 @@ def share_right(network: CrossingNetwork, store: PaintedStore) -> float:
     for frame, line, first_is_upper in store.drawn:
         length = float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
         view = View(frame.rgb, frame.mask, frame.depth_m)
-        (known,) = with_overlaps(network, view, frame.mask, [Trace(line, length, 1.0, 0.0)])
+        trace = Trace(line, length, HALF_PX, 1.0, 0.0, Nadir.of_image(frame.mask.shape))
+        (known,) = with_overlaps(network, view, frame.mask, [trace])
         (overlap,) = known.overlaps
         assert overlap.half_px == pytest.approx(HALF_PX, rel=0.15)
         right.append((overlap.upper.start < overlap.lower.start) == first_is_upper)

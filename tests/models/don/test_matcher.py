@@ -283,7 +283,9 @@ def test_rectified_views_have_a_calibration_of_their_own(
     matcher = by_colour(scale=400.0)
 
     def seen(view: View) -> Rectified:
-        return Rectified(view, np.eye(3) if view.key.startswith("slanted") else None)
+        as_it_is = Rectified.unchanged(view)
+        slanted = view.key.startswith("slanted")
+        return replace(as_it_is, homography=np.eye(3)) if slanted else as_it_is
 
     monkeypatch.setattr(matcher, "seen", seen)
     calibration = calibrate(matcher, pairs, SIZE)
@@ -380,9 +382,9 @@ def test_pairs_of_more_doubt_have_a_calibration_of_their_own(
     matcher = by_colour(scale=400.0)
     search = matcher.search
 
-    def blurred(source: View, target: View, uv_a_px: npt.NDArray[np.float32]) -> Search:
+    def blurred(source: Rectified, target: Rectified, uv_a_px: npt.NDArray[np.float32]) -> Search:
         found = search(source, target, uv_a_px)
-        if not target.key.startswith("vague"):
+        if not target.view.key.startswith("vague"):
             return found
         flat = (found.log_p / 40).log_softmax(dim=1)
         return replace(found, log_p=flat, deciding=flat)
@@ -395,7 +397,8 @@ def test_pairs_of_more_doubt_have_a_calibration_of_their_own(
     assert apart.doubtful is not None
     assert Calibration.from_document(asdict(apart)) == apart
     for pair in mixed:
-        found = blurred(pair.source, pair.target, pair.uv_a_px)
+        views = Rectified.unchanged(pair.source), Rectified.unchanged(pair.target)
+        found = blurred(*views, pair.uv_a_px)
         vague = pair.target.key.startswith("vague")
         assert apart.where(found.log_p, found.uv_px) is (apart.doubtful if vague else apart)
     each = [apart.figures, apart.doubtful.figures]
