@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -114,12 +114,7 @@ def rope_traces(
     opened = _opened(other)
     ball = Ball.of_mask(opened, factor) if opened.any() else None
     starts = _starts_at_ends(small) if ball is None else [_start_at_ball(small, ball, factor)]
-    settings = np.array(list(itertools.product(_STRAIGHTNESS, _INERTIA)))
-    paths = []
-    for place, heading in starts:
-        relative = np.minimum(depth, half_px) / half_px
-        walked = walks(relative, place, heading, settings[:, 0], settings[:, 1])
-        paths += [path for path in walked if len(path) >= _SHORTEST_STEPS]
+    paths = _walked(depth, half_px, starts)
     if likelihood is not None:
         pixels = np.argwhere(small | other)
         found = likelihood((pixels[:, ::-1] + 0.5) * factor)
@@ -136,6 +131,19 @@ def rope_traces(
         whole = from_end_to_end(middle, mask, about_px, ball)
         traces.append(_measured(whole, small, half_px, factor, middles.usual_px / 2, below))
     return sorted(traces, key=lambda trace: -trace.score)
+
+
+def _walked(
+    depth: FloatArray, half_px: float, starts: Sequence[tuple[FloatArray, FloatArray]]
+) -> list[FloatArray]:
+    """Return the walks that are long enough, from each start with every setting of a walker."""
+    relative = np.minimum(depth, half_px) / half_px
+    settings = np.array(list(itertools.product(_STRAIGHTNESS, _INERTIA)))
+    paths = []
+    for place, heading in starts:
+        walked = walks(relative, place, heading, settings[:, 0], settings[:, 1])
+        paths += [path for path in walked if len(path) >= _SHORTEST_STEPS]
+    return paths
 
 
 def _shrunk(mask: Mask, factor: int) -> Mask:

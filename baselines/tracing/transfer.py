@@ -1,6 +1,6 @@
 """Carrying places from a trace in one image to a trace in another: same arc length, same side.
 
-A rope lies on its table without rolling, but a camera sees it in a direction that leans by
+A rope does not roll on its table, but a camera sees it in a direction that leans by
 l = atan(n (x - x_0) / f) across it and by t (x - x_0) / f along it, with t and n the directions
 along and across in the image, and x_0 where the camera looks straight down. A place at the offset o
 from the middle of a rope of half width h is at the angle a = asin(o / h) - l from its highest line.

@@ -22,7 +22,6 @@ UNCHANGEABLE = {
     "tables.py",
     "results.md",
     "results-v1.md",
-    "results-shipped.md",
     "ablations.md",
 }
 
