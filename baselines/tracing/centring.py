@@ -24,7 +24,9 @@ from pliant.baselines.pixels import lies_on
 from pliant.baselines.tracing.depth_in_mask import FloatArray, Mask
 from pliant.baselines.tracing.nadir import Nadir
 
-_STATIONS: Final = 300
+STATIONS: Final = 300
+"""Places that a trace is resampled to, evenly along it."""
+
 _ROUNDS: Final = 2
 _STIFFNESS: Final = 3.0
 _USUAL: Final = (0.75, 1.25)  # of the median width
@@ -65,10 +67,10 @@ def centred(paths_px: Sequence[FloatArray], mask: Mask, half_px: float) -> Centr
         mask: bool (H, W), the rope.
         half_px: About half of the rope's width.
     """
-    places_px = np.stack([evenly_spaced(path, _STATIONS)[0] for path in paths_px])
     for _ in range(_ROUNDS):
-        found = _moved(places_px, mask, half_px)
-        places_px = np.stack([evenly_spaced(path, _STATIONS)[0] for path in found.places_px])
+        even_px = np.stack([evenly_spaced(path, STATIONS)[0] for path in paths_px])
+        found = _moved(even_px, mask, half_px)
+        paths_px = list(found.places_px)
     return found
 
 

@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 from PIL import Image, ImageFilter
 
-from pliant.baselines.tracing.centring import Centred, centred, evenly_spaced
+from pliant.baselines.tracing.centring import STATIONS, Centred, centred, evenly_spaced
 from pliant.baselines.tracing.chain import Evidence, sampled_paths
 from pliant.baselines.tracing.crossings import Overlap
 from pliant.baselines.tracing.depth_in_mask import (
@@ -24,9 +24,6 @@ from pliant.baselines.tracing.ends import Ball, from_end_to_end
 from pliant.baselines.tracing.nadir import Nadir
 from pliant.baselines.tracing.tilt import small_tilt
 from pliant.baselines.tracing.walk import walks
-
-STATIONS: Final = 300
-"""Places that a trace is resampled to, evenly along it."""
 
 _STRAIGHTNESS: Final = (0.3, 0.6, 0.9, 1.3, 1.8, 2.6)
 _INERTIA: Final = (0.35, 0.55, 0.72)
