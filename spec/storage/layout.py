@@ -22,6 +22,9 @@ INDEX_TABLE: Final = "index.parquet"
 SHARD_DIRS: Final = ("frames", "folders", "correspondences")
 """Folders of a packed dataset's Parquet shards."""
 
+PRIVATE_DIR: Final = ".private"
+"""What its owner alone may read; never copied into a published dataset, never validated."""
+
 WEBDATASET_DIR: Final = "webdataset"
 PICTURES_DIR: Final = "pictures"
 MANIFEST_JSON: Final = "manifest.json"

@@ -15,7 +15,7 @@ PAPERS: Final = frozenset(
 )
 """Files for people and catalogues that may be in the root; their contents have no rules."""
 
-WORKSHOPS: Final = frozenset({".pliant", ".cache", ".git"})
+WORKSHOPS: Final = frozenset({".pliant", ".cache", ".git", layout.PRIVATE_DIR})
 """Working folders in the root, of a generator, of a download, of git; not part of the dataset,
 never looked into."""
 
