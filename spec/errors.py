@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Literal
+from typing import Any, Literal
 
 from pliant.spec.text import escaped
 
@@ -44,6 +44,9 @@ class PliantError(Exception):
         self.fix = fix
         super().__init__(self._sentence())
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _restored, (type(self), str(self), self.__dict__)
+
     def _sentence(self) -> str:
         place = escaped(", ".join(part for part in (self.path, self.where) if part))
         text = f"{place}: {self.message}" if place else self.message
@@ -54,6 +57,13 @@ class PliantError(Exception):
         if self.fix is not None:
             text += f". {self.fix}"
         return escaped(text, lines=True)
+
+
+def _restored(kind: type[PliantError], sentence: str, state: dict[str, Any]) -> PliantError:
+    """Return an error that comes from another process."""
+    error = kind.__new__(kind, sentence)
+    error.__dict__.update(state)
+    return error
 
 
 class SpecError(PliantError):

@@ -1,0 +1,139 @@
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from contextlib import suppress
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pliant.spec import limits as limits_module
+from pliant.spec.errors import MissingExtraError, SubmissionError
+from pliant.spec.limits import LimitError, Limits, run_limited
+from tests.spec import limited_functions as child
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals and resource")
+
+
+def gone(pid: int, within_s: float = 10) -> bool:
+    """Whether a process has ended (a zombie has)."""
+    end = time.monotonic() + within_s
+    while time.monotonic() < end:
+        with suppress(FileNotFoundError):
+            if Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z":
+                time.sleep(0.05)
+                continue
+        return True
+    return False
+
+
+def test_result_of_a_child_is_returned_with_its_arrays() -> None:
+    values = np.arange(3_000_000)
+    doubled = run_limited(partial(child.double, values))
+    assert np.array_equal(doubled, values * 2)
+    doubled[0] = 1  # it can be written to, like any array
+
+
+def test_arrow_table_crosses_whole() -> None:
+    assert run_limited(partial(child.table, 1000)).equals(child.table(1000))
+
+
+@pytest.mark.parametrize(
+    ("function", "limits", "reason", "words"),
+    [
+        (partial(child.take_memory, 8 * 2**30), Limits(), "memory", "at most 4.3 GB"),
+        (partial(child.take_memory_in_arrow, 8 * 2**30), Limits(), "memory", "at most 4.3 GB"),
+        (child.loop, Limits(cpu_s=1), "time", "1 s of CPU time"),
+        (partial(child.sleep, 600), Limits(wall_s=1.5), "time", "at most 1.5 s"),
+        (child.crash, Limits(), "crash", "SIGSEGV"),
+        (partial(child.leave, 0), Limits(), "crash", "SystemExit(0)"),
+        (partial(child.write, Path("large"), 10**6), Limits(file_bytes=10**5), "size", "100.0 kB"),
+    ],
+)
+def test_every_limit_gives_one_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, function, limits, reason, words
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(LimitError) as caught:
+        run_limited(function, limits=limits, path="submission.parquet")
+    assert caught.value.reason == reason
+    assert str(caught.value).startswith("submission.parquet: reading the file")
+    assert words in str(caught.value)
+
+
+def test_ordinary_work_fits_into_little_memory() -> None:
+    result = run_limited(partial(child.table, 1_000_000), limits=Limits(memory_bytes=2**28))
+    assert result.num_rows == 1_000_000
+
+
+def test_process_that_the_child_started_ends_with_it(tmp_path: Path) -> None:
+    record = tmp_path / "pid"
+    assert run_limited(partial(child.fork_and_stay, record)) == "done"
+    assert gone(int(record.read_text()))
+
+
+def test_child_ends_with_its_parent(tmp_path: Path) -> None:
+    record = tmp_path / "pid"
+    code = """
+import sys
+from functools import partial
+from pathlib import Path
+from pliant.spec.limits import run_limited
+from tests.spec.limited_functions import run_and_record
+run_limited(partial(run_and_record, Path(sys.argv[1])))
+"""
+    parent = subprocess.Popen(
+        [sys.executable, "-c", code, str(record)],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+    )
+    while not record.exists() or not record.read_text():
+        assert parent.poll() is None
+        time.sleep(0.05)
+    parent.send_signal(signal.SIGKILL)
+    parent.wait()
+    assert gone(int(record.read_text()))
+
+
+def test_errors_of_the_function_arrive_as_they_are() -> None:
+    with pytest.raises(SubmissionError, match="cannot be scored") as refused:
+        run_limited(child.refuse)
+    assert [issue.code for issue in refused.value.issues] == ["ROW_MISSING"]
+    with pytest.raises(MissingExtraError, match=r"pip install 'pliant\[train\]'"):
+        run_limited(child.need_extra)
+    with pytest.raises(ZeroDivisionError) as failed:
+        run_limited(child.fail)
+    assert "in fail" in failed.value.__notes__[0]  # where it happened in the child
+
+
+def test_temporary_files_of_the_child_are_removed() -> None:
+    assert not Path(run_limited(child.temporary_folder)).parent.exists()
+
+
+def test_child_without_network_reaches_nothing() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        work = partial(child.connect, server.getsockname()[1])
+        assert run_limited(work) == "connected"
+        if not namespaces_allowed():
+            pytest.skip("the kernel gives this user no network namespace")
+        with pytest.raises(OSError, match=r"unreachable|refused"):
+            run_limited(work, limits=Limits(network=False))
+
+
+def namespaces_allowed() -> bool:
+    return any(
+        subprocess.run(["unshare", *options, "true"], capture_output=True).returncode == 0
+        for options in (["--net"], ["--user", "--net"])
+    )
+
+
+def test_system_without_resource_limits_time_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(limits_module, "resource", None)
+    limits_module._apply(Limits(cpu_s=0))
+    with pytest.raises(LimitError, match="takes too long"):
+        run_limited(partial(child.sleep, 600), limits=Limits(wall_s=1))
