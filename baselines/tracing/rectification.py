@@ -82,6 +82,22 @@ class Rectified:
             modes=modes,
         )
 
+    def back_image(self, values: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+        """Return values of the pixels of `view` at those of the original, NaN where it has none.
+
+        Args:
+            values: float32 (H, W).
+        """
+        if self.homography is None:
+            return values
+        height, width = values.shape
+        row, column = np.indices((height, width)).reshape(2, -1) + 0.5
+        u, v = np.floor(self.forward(np.stack([column, row], axis=1))).astype(np.int64).T
+        inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
+        found = np.full(height * width, np.nan, np.float32)
+        found[inside] = values[v[inside], u[inside]]
+        return found.reshape(height, width)
+
 
 def rectified(view: View) -> Rectified:
     """Return the view that a camera straight above the table would have of a rope.

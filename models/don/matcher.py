@@ -38,6 +38,7 @@ from pliant.spec.io.resizing import resize_nearest
 _KEPT_VIEWS = 8
 _KEPT_TRACES = 128
 _PIXELS_AT_ONCE = 4096
+_NEAR_ANSWER = 2.0  # pixels of the network
 _MIRROR_WEIGHT = 1 / 3  # with 1/2, more sheets come out on the wrong side
 
 
@@ -75,6 +76,24 @@ class Search(Comparison):
     def either_way(self) -> bool:
         """Whether they are on a rope whose ends look alike."""
         return self.traced is not None and self.traced.other_way_px is not None
+
+
+@dataclass(frozen=True)
+class _Decided:
+    """The one distribution that answers, their widths, the heat map and the confidence come from.
+
+    Attributes:
+        source, target: The views as they are answered in.
+        found: What was found in them.
+        calibration: What holds for them, or None for a network without one.
+        position_px: float64 (N, 2), the answers, in pixels of the target as seen.
+    """
+
+    source: Rectified
+    target: Rectified
+    found: Search
+    calibration: Calibration | None
+    position_px: npt.NDArray[np.float64]
 
 
 class DonMatcher:
@@ -131,9 +150,17 @@ class DonMatcher:
         """Answer query pixels; see `Matcher`."""
         if len(uv_a_px) == 0:
             return Answers(np.zeros((0, 2), dtype=np.float32))
+        decided = self._decided(source, target, uv_a_px)
+        answers = decided.target.back(self._answers(decided))
+        if self.familiarity is None:
+            return answers
+        asked = self.asked(decided.source.view, decided.target.view, decided.found)
+        return replace(answers, familiarity=self.familiarity.score(asked))
+
+    def _decided(self, source: View, target: View, uv_a_px: npt.NDArray[np.float32]) -> _Decided:
+        """Search for queries in the views as they are answered in, float32 (N, 2), N >= 1."""
         unmasked = source.mask is None or target.mask is None
         from_view, in_view = self.seen(source), self.seen(target)
-        source, target = from_view.view, in_view.view
         found = self.search(from_view, in_view, from_view.forward(uv_a_px))
         calibration = self.calibration
         if calibration is not None:
@@ -141,12 +168,9 @@ class DonMatcher:
                 tilted=from_view.tilted or in_view.tilted,
                 unmasked=unmasked,
                 either_way=found.either_way,
-            )
-        answers = in_view.back(self._answers(found, target, calibration))
-        if self.familiarity is None:
-            return answers
-        asked = self.asked(source, target, found)
-        return replace(answers, familiarity=self.familiarity.score(asked))
+            ).where(found.log_p, found.uv_px)
+        position = self.decoded(found, in_view.view)
+        return _Decided(from_view, in_view, found, calibration, position)
 
     @property
     def finds_masks(self) -> bool:
@@ -162,13 +186,14 @@ class DonMatcher:
 
         return self._rectified.get(view.key, prepared)
 
-    def _answers(self, found: Search, target: View, calibration: Calibration | None) -> Answers:
+    def _answers(self, decided: _Decided) -> Answers:
+        """Return what the distribution says of the queries, in pixels of the target as seen."""
+        found, calibration = decided.found, decided.calibration
         log_p, uv = found.log_p, found.uv_px
-        scale = self._pixel_scale(target)
-        position = self.decoded(found, target).astype(np.float32)
+        scale = self._pixel_scale(decided.target.view)
+        position = decided.position_px.astype(np.float32)
         if calibration is None:
             return Answers(position)
-        calibration = calibration.where(log_p, uv)
         visible = calibration.visible(found.distance) if calibration.visible_slope > 0 else None
         flat = calibration.flattened(log_p)
         width = float(np.sqrt(scale[0] * scale[1]))
@@ -187,23 +212,27 @@ class DonMatcher:
         return Answers(position, visible, None, modes)
 
     def heat(self, source: View, target: View, uv_a_px: npt.NDArray[np.float32]) -> Heat:
-        """Return p over the target for one query; see `HeatMatcher`."""
-        as_they_are = Rectified.unchanged(source), Rectified.unchanged(target)
-        found = self.search(*as_they_are, np.asarray(uv_a_px)[None])
-        uv = found.uv_px
-        calibration = (self.calibration or Calibration()).where(found.log_p, uv)
-        flat = calibration.flattened(found.log_p)[0]
+        """Return p over the target for one query; see `HeatMatcher`.
+
+        It is the distribution that `answer` describes: the same masks, view from above, traces and
+        calibration.
+        """
+        decided = self._decided(source, target, np.asarray(uv_a_px)[None])
+        found, seen = decided.found, decided.target
+        flat = (decided.calibration or Calibration()).flattened(found.log_p)[0]
         width, height = self.size
         grid = np.full((height, width), np.nan, dtype=np.float32)
-        column, row = uv.long().numpy().T
+        column, row = found.uv_px.long().numpy().T
         grid[row, column] = flat.numpy()
-        heat = resize_nearest(grid, (target.rgb.shape[1], target.rgb.shape[0]))
-        if target.mask is not None and self.settings.search == "mask":
-            heat = np.where(target.mask, heat, np.nan)
-        best = uv[int(flat.argmax())]
-        near = (uv - best).norm(dim=1) <= 2.0
+        heat = resize_nearest(grid, (seen.view.rgb.shape[1], seen.view.rgb.shape[0]))
+        if seen.view.mask is not None and self.settings.search == "mask":
+            heat = np.where(seen.view.mask, heat, np.float32(np.nan))
+        answer = torch.from_numpy(decided.position_px / self._pixel_scale(seen.view)).float()
+        near = (found.uv_px - answer).norm(dim=1) <= _NEAR_ANSWER
         mass = float(flat.exp()[near].sum())
-        return Heat(heat, "log probability", min(1.0, mass), "probability of the peak")
+        return Heat(
+            seen.back_image(heat), "log probability", min(1.0, mass), "probability at the answer"
+        )
 
     def search(
         self, source: Rectified, target: Rectified, uv_a_px: npt.NDArray[np.float32]

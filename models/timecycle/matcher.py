@@ -87,8 +87,11 @@ class TimeCycleMatcher:
         settings = self.settings.propagation
         propagator = self._propagator(source, np.asarray(uv_a_px)[None], settings)
         with torch.inference_mode():
-            cells = propagator.scores(self._encode(target))[0].numpy()
+            searched = self._searched(target)
+            cells = propagator.scores(self._encode(target), searched)[0].numpy()
         best = float(np.exp(cells.max()))
+        if searched is not None:
+            cells = np.where(searched, cells, np.float32(np.nan))
         heat = resize_nearest(cells, (target.rgb.shape[1], target.rgb.shape[0]))
         return Heat(heat, "log affinity", min(1.0, best), "affinity of the best cell")
 

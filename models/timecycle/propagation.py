@@ -91,9 +91,16 @@ class Propagator:
         self._context.append(self._under(refined, found))
         return found[: self._asked]
 
-    def scores(self, frame: torch.Tensor) -> torch.Tensor:
-        """Return log probabilities of the points over all cells of a frame, float (N, h, w)."""
+    def scores(self, frame: torch.Tensor, searched: Bool | None = None) -> torch.Tensor:
+        """Return log probabilities of the points over the cells of a frame, float (N, h, w).
+
+        Args:
+            frame: float (D, h, w), its unit descriptors.
+            searched: bool (h, w), the cells where points may be, or None for all; others get -inf.
+        """
         logits = (self._look @ frame.flatten(1)) / self.temperature
+        if searched is not None:
+            logits[:, ~torch.from_numpy(searched).flatten()] = -torch.inf
         return logits.log_softmax(dim=1).unflatten(1, frame.shape[-2:])
 
     def _smoothed(self, found: torch.Tensor) -> torch.Tensor:

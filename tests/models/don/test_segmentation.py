@@ -118,7 +118,7 @@ def test_the_shipped_model_finds_masks_and_answers_without_them() -> None:
     matcher = load_shipped("don-rope")
     assert isinstance(matcher, DonMatcher)
     store = FrameStore(sample, "rope", "test", sample.size)
-    overlaps, errors = [], []
+    overlaps, errors, gaps = [], [], []
     for pair in draw_validation_pairs(store, pairs=6, queries=40, seed=1):
         source, target = (View(view.rgb, key=view.key) for view in (pair.source, pair.target))
         views = ViewDescriber(matcher.network, matcher.input, matcher.size, 1, False)
@@ -129,5 +129,13 @@ def test_the_shipped_model_finds_masks_and_answers_without_them() -> None:
         answers = matcher.answer(source, target, pair.uv_a_px)
         error = np.linalg.norm(answers.uv_px - pair.uv_b_px[:, 0], axis=1)
         errors.append(error[pair.visible[:, 0]])
+        heat = matcher.heat(source, target, pair.uv_a_px[0]).values
+        assert np.isnan(heat[0, 0])  # the mask that was found is what is searched
+        row, column = np.unravel_index(np.nanargmax(heat), heat.shape)
+        one = matcher.answer(source, target, pair.uv_a_px[:1])
+        assert one.modes is not None
+        modes = one.modes[0][:, :2] - np.array([column + 0.5, row + 0.5])
+        gaps.append(np.linalg.norm(modes, axis=1).min())
+    assert max(gaps) < 6  # heat map and modes are of one distribution
     assert np.median(overlaps) > 0.7
     assert np.median(np.concatenate(errors)) < 25
