@@ -1,0 +1,1 @@
+"""The part of `benchmarks/` that is installed: what `pliant benchmark` runs."""
