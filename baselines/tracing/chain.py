@@ -59,7 +59,7 @@ def sampled_paths(evidence: Evidence, length_px: float, count: int) -> list[Floa
 
     Returns:
         About `count` paths, float64 (STEPS, 2) each, (u, v) of the region's pixel grid; the
-        same in every call.
+        same in every call. Empty where no path of any of the lengths stays in the region.
     """
     hidden = np.where((np.arange(STEPS) + 0.5) / STEPS < _HIDDEN_SHARE, 1.0, _HIDDEN_LATER)
     likelihood = np.where(evidence.on_rope[:, None], evidence.likelihood, hidden)
@@ -69,6 +69,8 @@ def sampled_paths(evidence: Evidence, length_px: float, count: int) -> list[Floa
         forward, value = _forward(transition, likelihood)
         filtered.append((transition.tocsc(), forward))
         log_evidence.append(value)
+    if max(log_evidence) == -np.inf:
+        return []
     share = np.exp(np.array(log_evidence) - max(log_evidence))
     drawn = np.rint(count * share / share.sum()).astype(np.int64)
     rng = np.random.default_rng(0)
@@ -111,14 +113,19 @@ def _transition(pixels: npt.NDArray[np.int64], step_px: float) -> sparse.csr_arr
 
 
 def _forward(transition: sparse.csr_array, likelihood: FloatArray) -> tuple[FloatArray, float]:
-    """Return p(state at t | evidence up to t), float64 (STEPS, N 16), and log p(evidence)."""
+    """Return p(state at t | evidence up to t), float64 (STEPS, N 16), and log p(evidence).
+
+    Where no path of this length stays in the region, log p(evidence) is -inf.
+    """
     onward = transition.T.tocsr()
-    forward = np.empty((STEPS, transition.shape[0]))
+    forward = np.zeros((STEPS, transition.shape[0]))
     log_evidence = 0.0
     for step in range(STEPS):
         seen = np.repeat(likelihood[:, step], _HEADINGS)
         state = onward @ forward[step - 1] * seen if step else seen / len(seen)
-        total = float(state.sum()) + 1e-300
+        total = float(state.sum())
+        if total == 0:
+            return forward, -np.inf
         log_evidence += float(np.log(total))
         forward[step] = state / total
     return forward, log_evidence
@@ -138,5 +145,7 @@ def _backward(
 
 
 def _draw(weight: FloatArray, rng: np.random.Generator) -> int:
-    total = np.cumsum(weight)
-    return min(int(np.searchsorted(total, rng.random() * total[-1])), len(weight) - 1)
+    possible = np.flatnonzero(weight)
+    total = np.cumsum(weight[possible])
+    number = int(np.searchsorted(total, rng.random() * total[-1]))
+    return int(possible[min(number, len(possible) - 1)])

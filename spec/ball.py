@@ -1,0 +1,120 @@
+"""The ball at a rope's end, in a mask that does not tell it from the rope.
+
+Given masks usually cover everything that stands out from the table. Matchers need the rope and
+the ball apart: a rope is followed from its ball, and its length counts from there.
+
+A ball is thick and round. Every place that is thicker than the rope is opened morphologically, by
+a disc whose radius is the mean of half of the rope's width and the place's depth: that removes
+the rope. Crossings of two strands are at most sqrt(2) times as thick as the rope, and strands side
+by side are thick without being round.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage
+
+Mask = npt.NDArray[np.bool_]
+Floats = npt.NDArray[np.float64]
+
+_THICK: Final = 1.5
+"""What is this many half widths deep may be a ball: no crossing of two strands is."""
+
+_LEAST_BALL: Final = 1.75
+"""Least thickness of a ball over its roundness.
+
+On 132 rendered ropes with a ball (1.99 to 5.2 half widths) all balls reach 1.88; of 102 ropes
+without one, the tightest loop reaches 1.59. Ten real balls reach 2.6.
+"""
+
+_LEAST_ROPE: Final = 8.0
+"""A rope is at least this many times as long as wide: a cloth is not a ball with a rope."""
+
+_LARGEST_HOLE: Final = 0.005
+"""Holes up to this share of the mask are filled: next to one, a rope seems thinner than it is."""
+
+_EIGHT: Final = np.ones((3, 3), np.bool_)
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    """A part of a mask that is thicker than the rope.
+
+    Attributes:
+        part: bool (H, W), what an opening leaves of it.
+        thickness: Its depth at the deepest place, in half widths of the rope.
+        roundness: Its area over that of the largest disc inside it; 1 for a disc.
+    """
+
+    part: Mask
+    thickness: float
+    roundness: float
+
+    @property
+    def score(self) -> float:
+        """How much it looks like a ball."""
+        return self.thickness / self.roundness
+
+
+def separate_ball(mask: Mask) -> tuple[Mask, Mask | None]:
+    """Divide a mask of a rope with a ball at its end.
+
+    Args:
+        mask: bool (H, W), the rope and its ball; small holes do not matter.
+
+    Returns:
+        The rope without its ball, bool (H, W), and the ball, bool (H, W), which make up `mask`
+        together. A mask without a ball, or of something else than a rope, comes back as it is,
+        with None.
+    """
+    filled = _without_small_holes(mask)
+    depth_px: Floats = ndimage.distance_transform_edt(np.pad(filled, 1))[1:-1, 1:-1]
+    ridge = (depth_px >= ndimage.maximum_filter(depth_px, 5)) & (depth_px > 1)
+    if not ridge.any():
+        return mask, None
+    half_px = float(np.median(depth_px[ridge]))
+    best = max(_candidates(depth_px, half_px), key=lambda each: each.score, default=None)
+    if best is None or best.score < _LEAST_BALL:
+        return mask, None
+    ball = best.part & mask
+    rope = _without_crumbs(mask & ~ball, ball, half_px)
+    if rope.sum() < _LEAST_ROPE * (2 * half_px) ** 2:
+        return mask, None
+    return rope, mask & ~rope
+
+
+def _without_small_holes(mask: Mask) -> Mask:
+    parts, _ = ndimage.label(~mask)
+    sizes = np.bincount(parts.ravel())
+    small = sizes <= _LARGEST_HOLE * mask.sum()
+    small[0] = False  # the mask itself
+    return np.asarray(mask | small[parts])
+
+
+def _candidates(depth_px: Floats, half_px: float) -> list[_Candidate]:
+    """Return the parts that are thick enough for a ball of a rope of a half width."""
+    parts, count = ndimage.label(depth_px > _THICK * half_px)
+    found = []
+    for row, column in ndimage.maximum_position(depth_px, parts, range(1, count + 1)):
+        radius_px = float(depth_px[row, column])
+        opened_px = (half_px + radius_px) / 2
+        cores, _ = ndimage.label(depth_px > opened_px)
+        to_core_px = ndimage.distance_transform_edt(cores != cores[row, column])
+        part = (to_core_px <= opened_px) & (depth_px > 0)
+        roundness = float(part.sum() / (np.pi * radius_px**2))
+        found.append(_Candidate(part, radius_px / half_px, roundness))
+    return found
+
+
+def _without_crumbs(rope: Mask, ball: Mask, half_px: float) -> Mask:
+    """Return a rope without the specks at the edge of its ball."""
+    parts, _ = ndimage.label(rope, _EIGHT)
+    crumb = np.bincount(parts.ravel()) < (2 * half_px) ** 2
+    crumb[0] = False
+    touching = np.unique(parts[ndimage.binary_dilation(ball, _EIGHT)])
+    crumb &= np.isin(np.arange(len(crumb)), touching)
+    return np.asarray(rope & ~crumb[parts])
