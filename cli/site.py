@@ -13,7 +13,11 @@ from pliant.cli.terminal import echo_result
 @click.command("site")
 @reports_argument
 @out_option("SITE", "The site's folder: new, or an earlier site, which is replaced.")
-@click.option("--title", metavar="TEXT", help="The site's name; default: the dataset's title.")
+@click.option(
+    "--title",
+    metavar="TEXT",
+    help="Heading of the leaderboard and the README; default: the dataset's title.",
+)
 @click.option(
     "--hide-truth",
     is_flag=True,

@@ -22,7 +22,8 @@ def public_scores(scores: Scores) -> Scores:
 
     Returns:
         The headline metrics over the split, and the first of them for each tier, rounded to
-        `SIGNIFICANT_DIGITS`; no intervals, curves, slices, pairs or examples.
+        `SIGNIFICANT_DIGITS`; no intervals, curves, slices, pairs or examples, and no number of
+        visible points.
 
     Raises:
         CallError: The errors are not capped.
@@ -39,6 +40,8 @@ def public_scores(scores: Scores) -> Scores:
     of_tier = headline if len(scores.tiers) == 1 else headline[:1]
     public = {
         **document,
+        "rounded": True,
+        "counts": {name: n for name, n in document["counts"].items() if name != "counted"},
         "overall": _rounded(scores.overall, headline),
         "tiers": {tier: _rounded(values, of_tier) for tier, values in scores.tiers.items()},
         "intervals": {

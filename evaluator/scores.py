@@ -19,7 +19,7 @@ from pliant.evaluator.arrays import FloatArray
 from pliant.evaluator.submission.queries import Queries
 from pliant.spec.errors import CallError, SubmissionError
 from pliant.spec.io.jsonfiles import parse_json, write_json
-from pliant.spec.io.reading import FileRefusedError
+from pliant.spec.io.reading import FileRefusedError, sha256_file
 
 SCORES_VERSION: Final = "1.0"
 SCORES_JSON: Final = "scores.json"
@@ -119,10 +119,20 @@ class Scores:
         ]
         return f"<table><caption>{html.escape(self.method)}</caption>{''.join(rows)}</table>"
 
-    def write(self, folder: Path) -> None:
-        """Write scores.json and per_pair.parquet into an existing folder."""
-        write_json(folder / SCORES_JSON, self.document)
+    def write(self, folder: Path, page: str) -> None:
+        """Write the files of a report into an existing folder.
+
+        `scores.json` comes last and lists the sha256 of the others, so that `read_scores` refuses
+        files of different evaluations.
+
+        Args:
+            folder: The folder.
+            page: The report as HTML.
+        """
         pq.write_table(self.per_pair, folder / PER_PAIR_TABLE, compression="zstd")
+        (folder / REPORT_HTML).write_text(page, encoding="utf-8")
+        files = {name: sha256_file(folder / name) for name in (PER_PAIR_TABLE, REPORT_HTML)}
+        write_json(folder / SCORES_JSON, {**self.document, "files": files})
 
 
 def tool_versions() -> dict[str, str]:
@@ -156,12 +166,17 @@ def read_scores(folder: Path) -> Scores:
         folder: A folder that `write_report` wrote.
 
     Raises:
-        SubmissionError: It is not a report, or a file of it is damaged.
+        SubmissionError: It is not a report, a file of it is damaged, or its files do not belong
+            together.
     """
     path = folder / SCORES_JSON
     try:
         document = parse_json(path.read_bytes(), path)
         jsonschema.validate(document, scores_schema())
+        files = document.pop("files", {PER_PAIR_TABLE: ""})
+        for name, listed in files.items():
+            if (folder / name).is_file() and sha256_file(folder / name) != listed:
+                raise _mixed(folder / name)
         with open(folder / PER_PAIR_TABLE, "rb") as stream:  # given a folder, Arrow reads all in it
             table = pq.ParquetFile(stream).read()
     except FileRefusedError as error:
@@ -174,6 +189,15 @@ def read_scores(folder: Path) -> Scores:
     if missing:
         raise _no_report(folder / PER_PAIR_TABLE, f"no column {', '.join(missing)}")
     return Scores(document, table)
+
+
+def _mixed(path: Path) -> SubmissionError:
+    return SubmissionError(
+        "this file of a report is not the one that its scores.json lists",
+        path=path,
+        found="another sha256",
+        fix="Write the report again: pliant evaluate SUBMISSION --data DATASET --out REPORT",
+    )
 
 
 def _no_report(path: Path, reason: object) -> SubmissionError:

@@ -6,6 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
+import numpy as np
+
+from pliant.evaluator.hidden_truth import SIGNIFICANT_DIGITS
 from pliant.evaluator.metrics.base import OVERALL
 from pliant.evaluator.metrics.causes import CAUSES, Causes, CausesSettings
 from pliant.evaluator.protocols.protocol import read_protocol
@@ -24,12 +27,14 @@ class Heading:
         about: What it is.
         stored_unit: The unit of the values in scores.json, or empty.
         better: `lower`, `higher` or `neither`.
+        rounded: Whether its values are `public_scores`, of few digits: no more are written.
     """
 
     label: str
     about: str
     stored_unit: str
     better: str
+    rounded: bool = False
 
     @property
     def unit(self) -> str:
@@ -40,6 +45,8 @@ class Heading:
         """Return a value for people: px with two decimals, mm and px² with one, else three."""
         if value is None:
             return "–"
+        if self.rounded:
+            return format_rounded(value * 1000 if self.stored_unit == "m" else value)
         if self.stored_unit == "m":
             return f"{value * 1000:.1f}"
         if self.stored_unit == "px²":
@@ -85,12 +92,23 @@ class Cell:
     coverage: str
 
 
-def heading(metric: str, protocol: str) -> Heading:
-    """Return the heading of a metric under a protocol, or of a part of the error by cause."""
+def format_rounded(value: float) -> str:
+    """Return a value with the digits of `public_scores` and no more, such as 131.7 or 13170."""
+    return np.format_float_positional(value, SIGNIFICANT_DIGITS, fractional=False, trim="-")
+
+
+def heading(metric: str, protocol: str, *, rounded: bool = False) -> Heading:
+    """Return the heading of a metric under a protocol, or of a part of the error by cause.
+
+    Args:
+        metric: Name of the metric.
+        protocol: Name of the protocol.
+        rounded: Whether its values are `public_scores`.
+    """
     causes = {each.name: each for each in Causes.figures(CausesSettings())}
     unknown = causes.get(metric, Figure(metric, "neither", "", metric))
     figure = read_protocol(protocol).figures.get(metric, unknown)
-    return Heading(figure.title, figure.about, figure.unit, figure.better)
+    return Heading(figure.title, figure.about, figure.unit, figure.better, rounded)
 
 
 def score_cell(document: Mapping[str, Any], group: str, metric: str) -> Cell:
@@ -105,7 +123,7 @@ def score_cell(document: Mapping[str, Any], group: str, metric: str) -> Cell:
         found["overall"] if group == OVERALL else found["tiers"].get(group, {})
         for found in (document, document["intervals"])
     )
-    shown = heading(metric, document["protocol"])
+    shown = heading(metric, document["protocol"], rounded="rounded" in document)
     value, bounds = values.get(metric), intervals.get(metric)
     return Cell(
         value=shown.written(value),

@@ -70,13 +70,18 @@ def read_reports(places: Sequence[Path]) -> list[Scores]:
 
 
 def render_leaderboard(
-    reports: Sequence[Scores], links: Sequence[str] | None = None, *, hide_truth: bool = False
+    reports: Sequence[Scores],
+    links: Sequence[str] | None = None,
+    *,
+    title: str | None = None,
+    hide_truth: bool = False,
 ) -> str:
     """Return the leaderboard as one HTML page that loads nothing from elsewhere.
 
     Args:
         reports: Comparable reports.
         links: Link of each method's name, or None.
+        title: Heading of the page; None takes the dataset's title.
         hide_truth: Show only the `public_scores` and the ranks; no differences.
 
     Raises:
@@ -94,13 +99,14 @@ def render_leaderboard(
     among = [item for item in found if {item.method, item.against} <= rivals]
     places = ranks(among, [names[i] for i in competing])
     standing = dict(zip(competing, places.get((OVERALL, main), [1] * len(competing)), strict=True))
+    if hide_truth:
+        reports = [public_scores(report) for report in reports]
     verdict = board_verdict(
         {name: each.overall.get(main) for name, each in zip(names, reports, strict=True)},
         main,
         protocol,
+        rounded=hide_truth,
     )
-    if hide_truth:
-        reports = [public_scores(report) for report in reports]
     columns = [(OVERALL, metric) for metric in document["headline"]]
     tiers = list(document["tiers"])
     if len(tiers) > 1:
@@ -128,6 +134,7 @@ def render_leaderboard(
     return render_page(
         "leaderboard.html.j2",
         d=document,
+        title=title or document["dataset"]["title"],
         columns=[(group, heading(metric, protocol)) for group, metric in columns],
         groups=[OVERALL, *tiers],
         fact_names=fact_names,

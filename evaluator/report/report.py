@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
-import tempfile
 from collections.abc import Collection, Mapping
 from functools import partial
 from pathlib import Path
@@ -20,6 +18,7 @@ from pliant.evaluator.report.canvas import Labels
 from pliant.evaluator.report.cells import heading, score_cell
 from pliant.evaluator.report.drawings import FramePictures, pair_svg
 from pliant.evaluator.report.pages import render_page
+from pliant.evaluator.report.staging import staged
 from pliant.evaluator.report.verdict import report_verdict
 from pliant.evaluator.scores import (
     PER_PAIR_TABLE,
@@ -55,14 +54,8 @@ def write_report(
     jsonschema.validate(scores.document, scores_schema())
     dataset = Dataset.open(data) if isinstance(data, Path | str) else data
     page = render_report(scores, dataset)
-    # Written to a temporary folder and moved file by file: no file is ever half-written.
-    folder.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=".pliant-", dir=folder) as temporary:
-        staging = Path(temporary)
-        scores.write(staging)
-        (staging / REPORT_HTML).write_text(page, encoding="utf-8")
-        for name in REPORT_FILES:
-            shutil.move(staging / name, folder / name)
+    with staged(folder) as staging:
+        scores.write(staging, page)
 
 
 def check_out_dir(
@@ -103,9 +96,10 @@ def render_report(scores: Scores, dataset: Dataset | None = None) -> str:
         "report.html.j2",
         d=document,
         method=scores.method,
+        counted=_counted(document),
         # The figures of a single tier are those of the whole split.
         groups=groups[1:] if len(groups) == 2 else groups,
-        heading=partial(heading, protocol=document["protocol"]),
+        heading=partial(heading, protocol=document["protocol"], rounded="rounded" in document),
         cell=partial(score_cell, document),
         no_interval=any(count < 2 for count in counts),
         narrow_interval=any(count < _FEW_SEQUENCES for count in counts),
@@ -121,6 +115,14 @@ def render_report(scores: Scores, dataset: Dataset | None = None) -> str:
         definitions=frames.definitions(),
         protocol_text=json.dumps(read_protocol(document["protocol"]).document, indent=1),
     )
+
+
+def _counted(document: Mapping[str, Any]) -> str:
+    counts = document["counts"]
+    if "counted" not in counts:  # of rounded scores: how many points are visible is hidden
+        return f"{counts['queries']:,} queries"
+    noun = "queries" if document["submission"]["kind"] == "answers" else "matches"
+    return f"{counts['counted']:,} visible {noun}"
 
 
 def _cause_groups(document: Mapping[str, Any]) -> list[tuple[str, Any]]:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
@@ -15,7 +13,8 @@ from pliant.evaluator.hidden_truth import public_scores
 from pliant.evaluator.report.leaderboard import find_reports, render_leaderboard
 from pliant.evaluator.report.pages import render_page
 from pliant.evaluator.report.report import check_out_dir, render_report
-from pliant.evaluator.scores import PER_PAIR_TABLE, REPORT_HTML, SCORES_JSON, Scores, read_scores
+from pliant.evaluator.report.staging import staged
+from pliant.evaluator.scores import REPORT_HTML, SCORES_JSON, Scores, read_scores
 from pliant.spec.io.jsonfiles import write_json
 
 INDEX: Final = "index.html"
@@ -51,38 +50,31 @@ def write_site(
     reports = [read_scores(folder) for folder in folders]
     names = _names(folders)
     links = [f"{REPORTS}/{name}/{REPORT_HTML}" for name in names]
-    page = render_leaderboard(reports, links, hide_truth=hide_truth)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=".pliant-site-", dir=out.parent) as scratch:
-        site = Path(scratch)
+    page = render_leaderboard(reports, links, title=title, hide_truth=hide_truth)
+    with staged(out) as site:
         (site / INDEX).write_text(page, encoding="utf-8")
         (site / README).write_text(_readme(reports, links, title), encoding="utf-8")
         for folder, scores, name in zip(folders, reports, names, strict=True):
             (site / REPORTS / name).mkdir(parents=True)
             _copy_report(folder, scores, site / REPORTS / name, hide_truth=hide_truth)
-        out.mkdir(exist_ok=True)
-        for name in _KNOWN:
-            if (out / name).is_dir():
-                shutil.rmtree(out / name)
-            shutil.move(site / name, out / name)
     return names
 
 
 def _copy_report(folder: Path, scores: Scores, target: Path, *, hide_truth: bool) -> None:
-    source = folder / REPORT_HTML
+    page = folder / REPORT_HTML
     if hide_truth:
         scores = public_scores(scores)
+    if hide_truth or not page.is_file():
+        text = render_report(scores)  # scores that were read back have no examples
+    else:
+        text = page.read_text(encoding="utf-8")
+    back = f'<body>\n<nav><a href="../../{INDEX}">← All methods</a></nav>'
+    text = text.replace("<body>", back, 1)
+    if hide_truth:
+        (target / REPORT_HTML).write_text(text, encoding="utf-8")
         write_json(target / SCORES_JSON, scores.document)
     else:
-        shutil.copyfile(folder / SCORES_JSON, target / SCORES_JSON)
-    if hide_truth or not source.is_file():
-        page = render_report(scores)  # scores that were read back have no examples
-    else:
-        page = source.read_text(encoding="utf-8")
-    back = f'<body>\n<nav><a href="../../{INDEX}">← All methods</a></nav>'
-    (target / REPORT_HTML).write_text(page.replace("<body>", back, 1), encoding="utf-8")
-    if not hide_truth:
-        shutil.copyfile(folder / PER_PAIR_TABLE, target / PER_PAIR_TABLE)
+        scores.write(target, text)
 
 
 def _names(folders: Sequence[Path]) -> list[str]:

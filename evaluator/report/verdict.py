@@ -8,7 +8,7 @@ from typing import Any, Final
 from pliant.evaluator.controls import CONTROLS
 from pliant.evaluator.metrics.base import OVERALL
 from pliant.evaluator.metrics.causes import CAUSES
-from pliant.evaluator.report.cells import heading
+from pliant.evaluator.report.cells import format_rounded, heading
 
 _WORTH_NAMING: Final = 0.05
 """Causes of less of the squared error than this are not named."""
@@ -23,9 +23,10 @@ def report_verdict(document: Mapping[str, Any]) -> list[str]:
     values, method = document["overall"], document["submission"]["method"]["name"]
     sentences = []
     if values.get("rmse_px") is not None:
-        text = f"The RMSE is {values['rmse_px']:.1f} px"
+        written = format_rounded if "rounded" in document else "{:.1f}".format
+        text = f"The RMSE is {written(values['rmse_px'])} px"
         if values.get("median_px") is not None:
-            text += f", and half of the answers are within {values['median_px']:.1f} px"
+            text += f", and half of the answers are within {written(values['median_px'])} px"
         sentences.append(text + ".")
     if method in CONTROLS:
         about = CONTROLS[method]
@@ -65,6 +66,7 @@ def board_verdict(
     *,
     where: str = "",
     noun: str = "method",
+    rounded: bool = False,
 ) -> str:
     """Return a sentence about several methods against the best control; empty without one.
 
@@ -74,8 +76,9 @@ def board_verdict(
         protocol: Its protocol.
         where: Such as `on rope`.
         noun: What the methods are.
+        rounded: Whether the values are `public_scores`.
     """
-    shown = heading(metric, protocol)
+    shown = heading(metric, protocol, rounded=rounded)
     if shown.better == "neither":
         return ""
     sign = -1 if shown.better == "higher" else 1

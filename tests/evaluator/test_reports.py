@@ -146,14 +146,14 @@ def test_a_report_never_overwrites_something_else(scene: Any, tmp_path: Path) ->
 
 
 def test_a_damaged_report_is_no_report(reports: Path, tmp_path: Path) -> None:
-    for name, damage in {
-        "scores.json": b"{}",
-        "per_pair.parquet": b"PAR1",
-    }.items():
+    for name, damage, message in (
+        ("scores.json", b"{}", "not a report of pliant evaluate"),
+        ("per_pair.parquet", b"PAR1", "not the one that its scores.json lists"),
+    ):
         folder = tmp_path / name
         shutil.copytree(reports / "near", folder)
         (folder / name).write_bytes(damage)
-        with pytest.raises(SubmissionError, match="not a report of pliant evaluate"):
+        with pytest.raises(SubmissionError, match=message):
             read_scores(folder)
     with pytest.raises(SubmissionError, match="not a report"):
         read_scores(tmp_path)

@@ -73,7 +73,7 @@ def test_two_evaluations_agree_to_the_byte(scene: Any, noisy: Path, tmp_path: Pa
     for name in ("a", "b"):
         folder = tmp_path / name
         folder.mkdir()
-        evaluate(noisy, scene.root).write(folder)
+        evaluate(noisy, scene.root).write(folder, "")
     for name in ("scores.json", "per_pair.parquet"):
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
 

@@ -92,6 +92,36 @@ def test_hidden_truth_stays_hidden(reports: Path, scene: Any, tmp_path: Path) ->
     assert not list(hidden.rglob("*.parquet"))
     shown_scores = json.loads((hidden / place).with_name("scores.json").read_text())
     assert set(shown_scores["overall"]) == set(shown_scores["headline"])
+    assert "counted" not in shown_scores["counts"]
+
+
+def numbers(path: Path) -> set[str]:
+    """Every number with a decimal point in the text and the attributes of a file."""
+    text = re.sub(r"<(style|script|pre)\b.*?</\1>", "", path.read_text(), flags=re.DOTALL)
+    text = re.sub(r'"tools": \{.*?\}|<dt>Computed with</dt>.*?</dd>', "", text, flags=re.DOTALL)
+    return set(re.findall(r"(?<![\w.])\d+\.\d+(?:e-?\d+)?", text))
+
+
+def test_no_text_of_a_hidden_site_has_more_than_four_digits(scene: Any, tmp_path: Path) -> None:
+    capped = tmp_path / "capped"
+    for name, error_px in (("m", 93.1234), ("identity", 95.4321), ("centroid", 1.234567)):
+        table = scene.table(scene.true_px + error_px)
+        path = scene.submit(tmp_path / "s.parquet", table, method={"name": name})
+        write_report(evaluate(path, scene.root, hide_truth=True), capped / name)
+    site = served(capped, tmp_path / "site", "--hide-truth", "--title", "Who is first?")
+    board = (site / "index.html").read_text()
+    assert "<h1>Who is first?</h1>" in board
+    assert "<title>Who is first?: " in board
+    assert 'data-key="131.7">131.7' in board
+    assert "(RMSE 1.746 px)" in board  # the banner's best control
+    files = [path for path in site.rglob("*") if path.is_file()]
+    assert {path.suffix for path in files} == {".html", ".md", ".json"}
+    for path in files:
+        found = numbers(path)
+        assert found, path
+        long = {each for each in found if len(each.replace(".", "").strip("0")) > 4}
+        long |= {each for each in found if len(each.lstrip("0.").replace(".", "")) > 4}
+        assert not long, (path, long)
 
 
 def test_site_is_replaced_and_nothing_else_is(
