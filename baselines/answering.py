@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from pliant.baselines.answers import check_answers
+from pliant.baselines.answers import checked_answers
 from pliant.baselines.matcher import Answers, KeypointMatcher, Matcher, Matches, TrackMatcher
 from pliant.baselines.submission_file import Kind
 from pliant.baselines.tracks import answer_tracks, tasks_by_source
@@ -56,9 +56,9 @@ class _Worker:
         masked = target.mask is not None
         if self._kind == "matches" and isinstance(self._matcher, KeypointMatcher):
             return self._matcher.match(source, target), masked
-        answers = self._matcher.answer(source, target, pair.uv_a_px)
-        check_answers(answers, len(pair.uv_a_px), self._matcher.name, f"pair {pair.pair_id}")
-        return answers, masked
+        found = self._matcher.answer(source, target, pair.uv_a_px)
+        name, place = self._matcher.name, f"pair {pair.pair_id}"
+        return checked_answers(found, len(pair.uv_a_px), name, place), masked
 
 
 _process_worker: _Worker | None = None  # set once in each worker process

@@ -12,25 +12,19 @@ from pliant.baselines.matcher import Answers
 from pliant.spec.errors import SubmissionError
 
 
-def check_answers(answers: object, count: int, method: str, where: str) -> None:
-    """Refuse answers that are not one finite position per query.
+def checked_answers(found: object, count: int, method: str, where: str) -> Answers:
+    """Return what a method answered as `Answers`, refusing all but one finite position per query.
 
     Args:
-        answers: The answers.
-        count: Number of queries.
+        found: `Answers`, or the positions alone: an array-like (N, 2), pixels.
+        count: Number of queries, N.
         method: The method's name, for messages.
         where: Which pair or split, for messages.
 
     Raises:
         SubmissionError: Wrong shapes or values.
     """
-    if not isinstance(answers, Answers):
-        raise SubmissionError(
-            f"the method {method!r} returned something else than answers",
-            where=where,
-            found=type(answers).__name__,
-            required="`Answers` of pliant.baselines",
-        )
+    answers = found if isinstance(found, Answers) else _of_positions(found, method, where)
     fields: dict[str, tuple[npt.NDArray[np.float32], tuple[int, ...]]] = {
         "uv_px": (answers.uv_px, (count, 2))
     }
@@ -60,6 +54,20 @@ def check_answers(answers: object, count: int, method: str, where: str) -> None:
             found=len(answers.modes),
             required=count,
         )
+    return answers
+
+
+def _of_positions(found: object, method: str, where: str) -> Answers:
+    """Return positions alone as answers."""
+    try:
+        return Answers(np.asarray(found).astype(np.float32, casting="same_kind"))
+    except (TypeError, ValueError) as error:
+        raise SubmissionError(
+            f"the method {method!r} returned something else than answers",
+            where=where,
+            found=type(found).__name__,
+            required="`Answers` of pliant.baselines, or an array (N, 2) of positions",
+        ) from error
 
 
 def joined(parts: Sequence[Answers], method: str) -> Answers:

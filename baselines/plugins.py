@@ -8,7 +8,7 @@ import importlib
 import inspect
 import sys
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from types import ModuleType
@@ -16,6 +16,7 @@ from typing import Any, Final
 
 from pliant.baselines.adapters import as_matcher
 from pliant.baselines.adapters.complete import has_ability
+from pliant.baselines.adapters.functions import check_takes_queries, required_parameters
 from pliant.baselines.matcher import Matcher, SplitMatcher
 from pliant.spec.errors import CallError, PliantError
 
@@ -82,7 +83,9 @@ def make(found: Any, name: str, options: Mapping[str, Any]) -> Any:
         return found
     if not callable(found):
         return found  # as_matcher says what is wrong
-    matches = not isinstance(found, type) and _required(found) == 3
+    matches = not isinstance(found, type) and required_parameters(found) == 3
+    if not isinstance(found, type) and not options:
+        check_takes_queries(found)
     try:
         inspect.signature(found).bind(*[None] * (3 if matches else 0), **options)
     except TypeError as error:
@@ -99,16 +102,6 @@ def make(found: Any, name: str, options: Mapping[str, Any]) -> Any:
     if matches:
         return functools.partial(found, **options) if options else found
     return found(**options)
-
-
-def _required(function: Callable[..., Any]) -> int:
-    """Return the number of positional parameters without a default."""
-    kinds = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
-    try:
-        parameters = inspect.signature(function).parameters.values()
-    except ValueError:
-        return 0
-    return sum(each.kind in kinds and each.default is each.empty for each in parameters)
 
 
 def _module(place: str, reference: str) -> ModuleType:

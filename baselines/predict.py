@@ -12,7 +12,7 @@ import pyarrow as pa
 
 from pliant.baselines.adapters import as_matcher
 from pliant.baselines.answering import answer_pairs
-from pliant.baselines.answers import check_answers, joined
+from pliant.baselines.answers import checked_answers, joined
 from pliant.baselines.matcher import (
     Answers,
     KeypointMatcher,
@@ -25,6 +25,7 @@ from pliant.baselines.submission_file import (
     Keys,
     Kind,
     answers_table,
+    check_method_name,
     check_split,
     check_writable,
     query_keys,
@@ -125,8 +126,8 @@ def answer(
     facts: dict[str, Any] = {**matcher.describe(), "name": matcher.name}
     keys = query_keys(dataset, split)
     if isinstance(matcher, SplitMatcher):
-        answers = matcher.answer_split(dataset, split)
-        check_answers(answers, len(keys.pair_id), matcher.name, f"split {split}")
+        whole = matcher.answer_split(dataset, split)
+        answers = checked_answers(whole, len(keys.pair_id), matcher.name, f"split {split}")
         return SplitAnswers(dataset, split, keys, answers, facts, len(np.unique(keys.pair_id)))
     results, facts["mask"] = _results(
         dataset, split, matcher, "answers", workers, progress, masks=masks
@@ -218,6 +219,7 @@ def _check_call(
     dataset: Dataset, split: str, matcher: Matcher | SplitMatcher, kind: Kind, workers: int
 ) -> None:
     check_split(dataset, split)
+    check_method_name(matcher.name)
     if kind == "matches" and not isinstance(matcher, KeypointMatcher):
         raise CallError(
             f"the method {matcher.name!r} has no keypoint matches of its own",

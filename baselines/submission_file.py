@@ -17,6 +17,7 @@ from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, PliantError
 from pliant.spec.io.parquet import read_footer, write_table
 from pliant.spec.tables import ANSWERS_OPTIONAL
+from pliant.spec.text import name_fault
 
 Kind = Literal["answers", "matches"]
 
@@ -167,6 +168,7 @@ def write_template(
         CallError: The split has no queries, or the file cannot be written there.
     """
     check_split(dataset, split)
+    check_method_name(name)
     keys = query_keys(dataset, split)
     if kind == "answers":
         empty = np.full((len(keys.pair_id), 2), np.nan, dtype=np.float32)
@@ -194,6 +196,22 @@ def check_split(dataset: Dataset, split: str) -> None:
             f"the dataset has no queries for split {split!r}",
             path=dataset.root,
             required=" or ".join(dataset.splits_with_queries()) or "a dataset with queries",
+        )
+
+
+def check_method_name(name: object) -> None:
+    """Refuse a name of a method that nobody could read in a report.
+
+    Raises:
+        CallError: It is not a text, blank, or has control or zero-width characters.
+    """
+    fault = name_fault(name) if isinstance(name, str) else type(name).__name__
+    if fault is not None:
+        raise CallError(
+            "the method's name cannot be shown",
+            where="name",
+            found=fault,
+            required="a text without control or zero-width characters, such as my-matcher",
         )
 
 

@@ -8,7 +8,7 @@ from itertools import groupby
 import numpy as np
 import numpy.typing as npt
 
-from pliant.baselines.answers import check_answers
+from pliant.baselines.answers import checked_answers
 from pliant.baselines.matcher import Answers, TrackMatcher, View
 from pliant.baselines.views import ViewReader
 from pliant.spec.queries import QueryPair
@@ -66,8 +66,9 @@ def answer_tracks(
         for number, _ in wanted.get(start, ()):  # a frame paired with itself
             seen = reader.view(sequence[start]).mask is not None
             results[number] = (Answers(pairs[number].uv_a_px.copy()), seen)
-        for step, answers in enumerate(matcher.track(views(), uv_px), start=1):
-            check_answers(answers, len(uv_px), matcher.name, f"frame {sequence[frames[step]].key}")
+        for step, found in enumerate(matcher.track(views(), uv_px), start=1):
+            place = f"frame {sequence[frames[step]].key}"
+            answers = checked_answers(found, len(uv_px), matcher.name, place)
             for number, own in wanted.get(frames[step], ()):
                 results[number] = (answers.rows(own), masked[step])
     return [result for result in results if result is not None]

@@ -3,73 +3,108 @@
 from __future__ import annotations
 
 import importlib
+import os
+import re
 import sys
-from typing import Any
+import traceback
+from typing import Any, Final
 
 import click
 
 from pliant.cli.terminal import echo
 
-CALL_WRONG = 2
+CALL_WRONG: Final = 2
 
-# name -> (module, one-line help). The module is imported only when the command is called,
-# so that `pliant --help` needs none of them.
-COMMANDS: dict[str, tuple[str, str]] = {
-    "demo": ("pliant.cli.demo", "Generate and score a small benchmark, with a report."),
-    "generate": ("pliant.cli.generate", "Render datasets; run again to resume."),
-    "import": ("pliant.cli.import_data", "Import images and point annotations of other tools."),
-    "validate": ("pliant.cli.validate", "Check a dataset against the specification."),
-    "info": ("pliant.cli.info", "Show a summary of a dataset."),
-    "view": ("pliant.cli.view", "Draw contact sheets, index colours, tracks and figures."),
-    "publish": (
-        "pliant.cli.publish",
-        "Package a dataset for release, optionally without test labels.",
-    ),
-    "predict": ("pliant.cli.predict", "Run a method on the queries of a split."),
-    "methods": ("pliant.cli.methods", "List the methods that are installed."),
-    "train": ("pliant.cli.train", "Train a learned method."),
-    "export": ("pliant.cli.export", "Export a trained model with its model card."),
-    "submit-template": ("pliant.cli.submit_template", "Write an empty submission to fill in."),
-    "check": ("pliant.cli.check", "List a submission's problems without scoring it."),
-    "evaluate": ("pliant.cli.evaluate", "Score a submission by a named protocol."),
-    "compare": ("pliant.cli.compare", "Paired differences between reports, with intervals."),
-    "leaderboard": ("pliant.cli.leaderboard", "One page from many reports."),
-    "site": ("pliant.cli.site", "Write the leaderboard and its reports as a static site."),
-    "serve": ("pliant.cli.serve", "Serve a static site to this machine."),
-    "benchmark": ("pliant.cli.benchmark", "Make a reference benchmark, from config to table."),
-    "annotate": ("pliant.cli.annotate", "Click the same points in several pictures."),
-    "explore": (
-        "pliant.cli.explore",
-        "Point at one picture; see truth, answers and heat maps in another.",
-    ),
-    "match": ("pliant.cli.match", "Match a pixel between any two pictures."),
-    "spec": ("pliant.cli.spec", "Print or write the specification's schemas."),
-    "migrate": ("pliant.cli.migrate", "Bring a dataset to the current specification version."),
+SECTIONS: Final[dict[str, dict[str, tuple[str, str]]]] = {
+    "Data": {
+        "demo": ("pliant.cli.demo", "Generate and score a small benchmark, with a report."),
+        "generate": ("pliant.cli.generate", "Render datasets; run again to resume."),
+        "import": ("pliant.cli.import_data", "Import images and point annotations of other tools."),
+        "validate": ("pliant.cli.validate", "Check a dataset against the specification."),
+        "info": ("pliant.cli.info", "Show a summary of a dataset."),
+        "spec": ("pliant.cli.spec", "Print or write the specification's schemas."),
+        "migrate": ("pliant.cli.migrate", "Bring a dataset to the current specification version."),
+    },
+    "Methods": {
+        "methods": ("pliant.cli.methods", "List the methods, and what is missing for them."),
+        "predict": ("pliant.cli.predict", "Run a method on the queries of a split."),
+        "train": ("pliant.cli.train", "Train a learned method."),
+        "export": ("pliant.cli.export", "Export a trained model with its model card."),
+        "benchmark": (
+            "pliant.cli.benchmark",
+            "Make a reference benchmark, from config to table.",
+        ),
+    },
+    "Scoring": {
+        "submit-template": ("pliant.cli.submit_template", "Write an empty submission to fill in."),
+        "check": ("pliant.cli.check", "List a submission's problems without scoring it."),
+        "evaluate": ("pliant.cli.evaluate", "Score a submission by a named protocol."),
+        "compare": ("pliant.cli.compare", "Paired differences between reports, with intervals."),
+        "leaderboard": ("pliant.cli.leaderboard", "One page from many reports."),
+    },
+    "Publishing": {
+        "publish": (
+            "pliant.cli.publish",
+            "Package a dataset for release, optionally without test labels.",
+        ),
+        "site": ("pliant.cli.site", "Write the leaderboard and its reports as a static site."),
+        "serve": ("pliant.cli.serve", "Serve a static site to this machine."),
+    },
+    "Viewing": {
+        "view": ("pliant.cli.view", "Draw contact sheets, index colours, tracks and figures."),
+        "explore": (
+            "pliant.cli.explore",
+            "Point at one picture; see truth, answers and heat maps in another.",
+        ),
+        "match": ("pliant.cli.match", "Match a pixel between any two pictures."),
+        "annotate": ("pliant.cli.annotate", "Click the same points in several pictures."),
+    },
 }
+"""Section of `pliant --help` -> command -> (module, one-line help).
 
-FORMER_NAMES = {"ship": "export"}
-"""Names that commands had before: they still work and are not listed."""
+The module is imported only when the command is called, so that `pliant --help` needs none of them.
+"""
+
+COMMANDS: Final = {
+    name: entry for commands in SECTIONS.values() for name, entry in commands.items()
+}
 
 
 class LazyGroup(click.Group):
     """A group whose commands are imported when they are called."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Return the command names in the order of the main job."""
+        """Return the command names in the order of the sections."""
         return list(COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Import one command's module and return its `command`."""
-        cmd_name = FORMER_NAMES.get(cmd_name, cmd_name)
+        """Import one command's module and return its `command`, called as the table says."""
         if cmd_name not in COMMANDS:
             return None
         command: click.Command = importlib.import_module(COMMANDS[cmd_name][0]).command
+        command.name = cmd_name
         return command
 
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Find the command of a call; for a misspelt name, suggest the nearest ones."""
+        try:
+            return super().resolve_command(ctx, args)
+        except click.exceptions.NoSuchCommand as error:
+            # click looks for suggestions among commands that are loaded.
+            raise click.exceptions.NoSuchCommand(
+                error.command_name, possibilities=COMMANDS, ctx=ctx
+            ) from None
+
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the command list from the table above, importing nothing."""
-        with formatter.section("Commands"):
-            formatter.write_dl([(name, text) for name, (_, text) in COMMANDS.items()])
+        """Write the sections from the table above, importing nothing."""
+        width = max(map(len, COMMANDS))
+        for section, commands in SECTIONS.items():
+            with formatter.section(section):
+                formatter.write_dl(
+                    [(f"{name:{width}}", text) for name, (_, text) in commands.items()]
+                )
 
 
 @click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
@@ -79,12 +114,6 @@ def cli() -> None:
 
     Exit codes: 0 success, 1 invalid data, 2 invalid command line.
     """
-
-
-def _operating_system(error: OSError) -> str:
-    """Return what the operating system refused, in one line: no space, no permission, no file."""
-    place = f"{error.filename}: " if error.filename else ""
-    return f"{place}{error.strerror or ' '.join(str(error).split())}"
 
 
 def main(argv: list[str] | None = None) -> None:
@@ -112,14 +141,42 @@ def run(argv: list[str] | None = None) -> int:
         return 130
     except BrokenPipeError:
         return 1
-    except Exception as error:
-        from pliant.spec.errors import PliantError
-
-        if isinstance(error, OSError) and (error.strerror or error.errno):
-            echo(f"Error: {_operating_system(error)}", err=True)
-            return CALL_WRONG
-        if not isinstance(error, PliantError):
+    except (Exception, SystemExit) as error:
+        message, code = _explained(error)
+        if message is None:
             raise
-        echo(f"Error: {error}", err=True)
-        return error.exit_code
+        echo(f"Error: {message}", err=True)
+        return code
     return result if isinstance(result, int) else 0
+
+
+def _explained(error: BaseException) -> tuple[str | None, int]:
+    """Return the sentence and exit code of an error, or no sentence for a fault of the program."""
+    from pliant.spec.errors import MissingExtraError, PliantError, extra_of
+
+    if isinstance(error, PliantError):
+        return str(error), error.exit_code
+    if isinstance(error, SystemExit):
+        if os.environ.get("_PLIANT_COMPLETE"):  # click ends a shell completion so
+            return None, CALL_WRONG
+        return (
+            f"{_origin(error)}: this code ended the program before the command was finished; "
+            f"found sys.exit({error.code!r}). Remove the call from it",
+            CALL_WRONG,
+        )
+    if isinstance(error, ModuleNotFoundError) and (extra := extra_of(error.name or "")):
+        return str(MissingExtraError("this command", extra)), CALL_WRONG
+    if isinstance(error, OSError) and (error.strerror or error.errno):
+        place = f"{error.filename}: " if error.filename else ""
+        return f"{place}{error.strerror or ' '.join(str(error).split())}", CALL_WRONG
+    return None, CALL_WRONG
+
+
+def _origin(error: SystemExit) -> str:
+    """Return file and line of the call of `sys.exit`: Pliant has none, so it is a plug-in's."""
+    frames = traceback.extract_tb(error.__traceback__)
+    places = [(frame.filename, frame.lineno) for frame in frames]
+    # A worker process sends its traceback as text.
+    places += re.findall(r'File "([^"]+)", line (\d+)', str(error.__cause__))
+    path, line = [each for each in places if not each[0].startswith("<")][-1]
+    return f"{path}, line {line}"

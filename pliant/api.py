@@ -82,7 +82,7 @@ def open_method(method: str, **options: Any) -> Matcher | SplitMatcher:
                 fix=f"Write ./{method} for the run, or call from another folder for the model.",
             )
         return load_shipped(method)
-    if Path(method).is_dir():
+    if method.strip() and Path(method).is_dir():
         return load_matcher(Path(method))
     names = (*builders, *shipped, *plugged)
     close = difflib.get_close_matches(method, names, n=1)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
 from pliant.spec.text import escaped
 
@@ -108,6 +108,27 @@ class MissingExtraError(CallError):
             f"{feature} needs the optional dependencies '{extra}'",
             fix=f"Install them with: {command}",
         )
+
+
+EXTRAS: Final[dict[str, tuple[str, ...]]] = {
+    "generate": ("bpy", "numba", "psutil"),
+    "classical": ("cv2", "mahotas"),
+    "train": ("torch", "safetensors", "tensorboard"),
+    "explore": ("starlette", "uvicorn"),
+    "cluster": ("ray",),
+    "publish": ("mlcroissant", "datasets", "huggingface_hub", "fsspec"),
+}
+"""Extra of Pliant -> the modules that it installs."""
+
+
+def extra_of(module: str) -> str | None:
+    """Return the extra that installs a module, or None for one of no extra.
+
+    Args:
+        module: Its name, such as `numba.core`.
+    """
+    top = module.partition(".")[0]
+    return next((extra for extra, modules in EXTRAS.items() if top in modules), None)
 
 
 @dataclass(frozen=True, order=True)

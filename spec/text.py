@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import re
+import unicodedata
 from collections.abc import Iterator
 from typing import Any, Final
 
 _BIDIRECTIONAL: Final = "\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069"
+_BLANK: Final = " \u00a0\u115f\u1160\u2800\u3000\u3164\uffa0"
+"""Characters that are as empty as a space."""
 _UNSAFE: Final = re.compile(f"[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff{_BIDIRECTIONAL}]")
 _UNSAFE_BETWEEN_LINES: Final = re.compile(rf"(?![\n\t]){_UNSAFE.pattern}")
 
@@ -36,6 +39,18 @@ def escape(character: str) -> str:
     r"""Return one character as `\xNN` or `\uNNNN`."""
     code = ord(character)
     return f"\\x{code:02x}" if code < 256 else f"\\u{code:04x}"
+
+
+def name_fault(name: str) -> str | None:
+    """Return why a text cannot be shown as a name, in words, or None for a good name.
+
+    A name is not blank and has no control, zero-width, bidirectional or surrogate character.
+    """
+    if not name.strip(_BLANK):
+        return "a blank name"
+    invisible = ("Cc", "Cf", "Cs", "Zl", "Zp")
+    found = next((each for each in name if unicodedata.category(each) in invisible), None)
+    return None if found is None else f"the character {escape(found)}"
 
 
 def texts_of(document: Any, place: str = "") -> Iterator[tuple[str, str]]:

@@ -9,7 +9,8 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from pliant.baselines.matcher import UNFAMILIAR, Answers, Heat, HeatMatcher, Matcher, View
+from pliant.baselines.answers import checked_answers
+from pliant.baselines.matcher import UNFAMILIAR, Heat, HeatMatcher, Matcher, View
 from pliant.baselines.pixels import lies_on
 from pliant.spec.errors import CallError
 
@@ -138,7 +139,8 @@ def match_photo(
     scale_a, scale_b = (size / view for size, view in zip(whole, views, strict=True))
     uv_a_px = (np.array(at_px, np.float64).reshape(-1, 2) / scale_a).astype(np.float32)
     _check_queries(source, uv_a_px, at_px, whole[0])
-    answers: Answers = matcher.answer(source, target, uv_a_px)
+    found = matcher.answer(source, target, uv_a_px)
+    answers = checked_answers(found, len(uv_a_px), matcher.name, "these pictures")
     heat = None  # of a single point: a method may take seconds for each
     if len(at_px) == 1 and isinstance(matcher, HeatMatcher):
         heat = matcher.heat(source, target, uv_a_px[0])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy.typing as npt
 
 from pliant.baselines.adapters.images import to_array
 from pliant.baselines.matcher import Answers, View
+from pliant.spec.errors import CallError
 
 MatchFunction = Callable[[View, View, npt.NDArray[np.float32]], npt.ArrayLike]
 """(source, target, query pixels (N, 2)) -> their positions in the target (N, 2), pixels."""
@@ -39,8 +41,41 @@ class FunctionMatcher:
 
 
 def from_function(function: MatchFunction, name: str | None = None) -> FunctionMatcher:
-    """Return a matcher that calls a function; see `FunctionMatcher`."""
+    """Return a matcher that calls a function; see `FunctionMatcher`.
+
+    Raises:
+        CallError: It is a function of two images.
+    """
+    check_takes_queries(function)
     return FunctionMatcher(function, name)
+
+
+def check_takes_queries(function: Callable[..., Any]) -> None:
+    """Refuse a function of two images, which an adapter makes a method of.
+
+    Raises:
+        CallError: The function requires two arguments instead of source, target and queries.
+    """
+    if required_parameters(function) == 2:
+        name = function_name(function)
+        raise CallError(
+            "a function of two images needs an adapter",
+            where=name,
+            found=f"{name}{inspect.signature(function)}",
+            required="(source, target, queries) -> positions",
+            fix=f"Wrap it: from_flow({name}) for optical flow, from_warp({name}) for a position of "
+            f"each pixel, from_sparse({name}) for matches, all of pliant.baselines.adapters",
+        )
+
+
+def required_parameters(function: Callable[..., Any]) -> int:
+    """Return the number of positional parameters without a default, 0 where it is unknown."""
+    kinds = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
+    try:
+        parameters = inspect.signature(function).parameters.values()
+    except ValueError:  # a built-in without a signature
+        return 0
+    return sum(each.kind in kinds and each.default is each.empty for each in parameters)
 
 
 def function_name(function: Callable[..., Any]) -> str:

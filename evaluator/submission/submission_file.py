@@ -20,7 +20,7 @@ from pliant.spec.io.jsonfiles import schema_errors
 from pliant.spec.io.parquet import footer_of, open_table
 from pliant.spec.io.parquet_footer import ColumnChunk, read_column_chunks
 from pliant.spec.io.reading import FileRefusedError, sha256_file
-from pliant.spec.text import escape, unsafe_character
+from pliant.spec.text import name_fault
 from pliant.spec.validation.findings import reason
 
 _KEYS: Final = {"pair_id": "integer", "query_id": "integer"}
@@ -184,11 +184,10 @@ def _footer(
         for where, message in broken:
             problems.add("FOOTER_INVALID", f"footer {where}".strip(), message)
         return None
-    unsafe = unsafe_character(footer["method"]["name"])
-    if unsafe is not None:
-        found = f"the character {escape(unsafe)}"
-        required = "a name without control characters"
-        problems.differs("FOOTER_INVALID", "footer method.name", found, required)
+    fault = name_fault(footer["method"]["name"])
+    if fault is not None:
+        required = "a name that can be read, without control or zero-width characters"
+        problems.differs("FOOTER_INVALID", "footer method.name", fault, required)
         return None
     checks: list[tuple[str, str, Any, Any, str]] = [
         ("DATASET_MISMATCH", f"dataset.{field}", footer["dataset"][field], value,

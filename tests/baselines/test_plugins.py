@@ -57,6 +57,10 @@ def factory(amount):
     return Shift(amount, amount)
 
 
+def two_images(first, second, preset=1):
+    return first
+
+
 ready = Shift(2, 2)
 number = 7
 '''
@@ -159,6 +163,7 @@ def test_workers_answer_with_a_class_of_a_file(methods_file: Path, cards: Datase
         (":Shift", {"dx": 1}, "unexpected keyword argument 'dx'; found dx=1; .*options du, dv"),
         (":factory", {}, "missing a required argument: 'amount'; found no options"),
         (":ready", {"du": 1}, "takes no options; found du"),
+        (":two_images", {}, r"two images needs an adapter; .*from_flow\(two_images\) for"),
         (":number", {}, "this is not a method; found an object of class int"),
     ],
 )
@@ -206,7 +211,7 @@ class BadMatches:
 
 class BadAnswer(Slots):
     def answer(self, source: View, target: View, uv_a_px: Any) -> Any:
-        return uv_a_px
+        return "near the middle"
 
 
 def test_objects_that_are_no_matchers(cards: Dataset) -> None:
@@ -216,10 +221,54 @@ def test_objects_that_are_no_matchers(cards: Dataset) -> None:
     ):
         with pytest.raises(CallError, match=message):
             as_matcher(method)
+    with pytest.raises(CallError, match="a function of two images needs an adapter"):
+        pliant.predict(cards, lambda source, target: source)  # type: ignore[arg-type, misc]
     with pytest.raises(SubmissionError, match=r"returned no matches; found \[\(4, 2\), \(3, 2\)\]"):
         pliant.predict(cards, BadMatches())  # type: ignore[arg-type]
-    with pytest.raises(SubmissionError, match=r"'BadAnswer'.*found ndarray; required: `Answers`"):
+    with pytest.raises(SubmissionError, match=r"'BadAnswer'.*found str; required: `Answers`"):
         pliant.predict(cards, BadAnswer())  # type: ignore[arg-type]
+    with pytest.raises(
+        SubmissionError, match=r"wrong shape.*found \(1, 20, 2\); required: \(20, 2\)"
+    ):
+        pliant.predict(cards, Positions(lambda uv_px: uv_px[None]))
+    with pytest.raises(SubmissionError, match="something else than answers; found ndarray"):
+        pliant.predict(cards, Positions(lambda uv_px: uv_px + 1j))
+
+
+class Positions(Slots):
+    """Answers with positions alone."""
+
+    def __init__(self, made: Any) -> None:
+        self._made = made
+
+    name = "positions"
+
+    def describe(self) -> dict[str, str]:
+        return {}
+
+    def answer(self, source: View, target: View, uv_a_px: Any) -> Any:
+        return self._made(uv_a_px)
+
+
+def test_an_answer_may_be_positions_alone(cards: Dataset) -> None:
+    for made in (lambda uv_px: uv_px + 1, lambda uv_px: (uv_px + 1.0).astype(float).tolist()):
+        np.testing.assert_array_equal(moved(cards, Positions(made)), [[1, 1]])
+
+
+@pytest.mark.parametrize("name", ["", "  ", "\u200b", "sift\u200b", "\u3164", "a\x00b", "a\nb", 7])
+def test_a_name_that_cannot_be_read_is_refused(
+    name: Any, cards: Dataset, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    method = Positions(lambda uv_px: uv_px)
+    method.name = name
+    with pytest.raises(CallError, match="the method's name cannot be shown"):
+        pliant.predict(cards, method)
+
+
+def test_no_method_is_called_nothing(cards: Dataset) -> None:
+    for name in ("", " "):
+        with pytest.raises(CallError, match=f"there is no method '{name}'"):
+            pliant.open_method(name)
 
 
 def test_completed_object_keeps_what_it_has_and_can_be_sent() -> None:

@@ -10,6 +10,7 @@ from typing import Final, Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
+from pliant.baselines.answers import checked_answers
 from pliant.baselines.lru_cache import LRUCache
 from pliant.baselines.matcher import HeatMatcher, Matcher, View
 from pliant.baselines.pixels import lies_on
@@ -100,7 +101,8 @@ class LiveMethod:
         source, target = (self._frames.view(each) for each in (pair.source, pair.target))
         with self.lock:
             found = self.matcher.answer(source, target, uv_a_px.astype(np.float32))
-        return found.uv_px.astype(np.float64)
+        answers = checked_answers(found, len(uv_a_px), self.matcher.name, "this pair")
+        return answers.uv_px.astype(np.float64)
 
     def descriptors(self, view: View) -> tuple[FloatArray, Mask] | None:
         """Return a view's descriptors (h, w, D) and the mask at their size, or None.

@@ -1,0 +1,94 @@
+"""The command line as a whole: names, help, and what the code of a plug-in cannot do to it."""
+
+from __future__ import annotations
+
+import importlib
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from pliant.cli.main import COMMANDS, SECTIONS, run
+from pliant.spec.io.parquet import read_footer
+
+PLUG_INS = {
+    "at import": "import sys\nsys.exit(0)\n",
+    "by the builtin": "exit()\n",
+    "in the constructor": """
+class Method:
+    def __init__(self):
+        raise SystemExit
+""",
+    "in answer": """
+import sys
+class Method:
+    def answer(self, source, target, uv_a_px):
+        sys.exit(0)
+""",
+}
+
+
+@pytest.mark.parametrize("when", PLUG_INS)
+@pytest.mark.parametrize("workers", ["1", "2"])
+def test_a_plug_in_that_exits_is_an_error(
+    when: str, workers: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Its exit code must not become the command's, above all not 0 beside an older submission."""
+    if workers == "2" and when != "in answer":
+        pytest.skip("it ends before there are workers")
+    method = tmp_path / f"exits_{tmp_path.name}.py"
+    method.write_text(PLUG_INS[when])
+    out = tmp_path / "out.parquet"
+    call = ["--data", "sample", "--out", str(out)]
+    assert run(["predict", "identity", *call]) == 0
+    capfd.readouterr()
+    assert run(["predict", f"{method}:Method", *call, "--workers", workers]) == 2
+    error = capfd.readouterr().err
+    line = 1 + [*map(str.strip, PLUG_INS[when].splitlines())].index(
+        next(x.strip() for x in PLUG_INS[when].splitlines() if "xit" in x)
+    )
+    assert error.startswith(f"Error: {method}, line {line}: this code ended the program")
+    assert error.count("\n") == 1
+    assert read_footer(out)["method"]["name"] == "identity"
+
+
+@pytest.mark.parametrize(
+    ("call", "suggestion"),
+    [
+        (["evalute"], "evaluate"),
+        (["train", "dn"], "don"),
+        (["valdate", "x"], "validate"),
+    ],
+)
+def test_a_misspelt_command_suggests_the_right_one(
+    call: list[str], suggestion: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(call) == 2
+    shown = capsys.readouterr().err
+    assert "Did you mean" in shown
+    assert f"'{suggestion}'" in shown
+
+
+def test_help_lists_every_command_in_its_section(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["--help"]) == 0
+    shown = capsys.readouterr().out
+    parts = [shown.index(f"\n{section}:\n") for section in SECTIONS]
+    assert parts == sorted(parts)
+    assert all(f"\n  {name} " in shown for name in COMMANDS)
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_is_called_as_the_table_says(name: str) -> None:
+    module, about = COMMANDS[name]
+    assert importlib.import_module(module).command.help
+    assert about.endswith(".")
+
+
+def test_help_imports_no_command() -> None:
+    """Every call starts with this module: it must not wait for NumPy."""
+    program = "import sys; from pliant.cli.main import run; run(['--help']); print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    loaded = set(done.stdout.split())
+    assert not loaded & {"numpy", "pyarrow", "rich", "torch"}
+    assert not loaded & {module for module, _ in COMMANDS.values()}
