@@ -23,7 +23,6 @@ SECTIONS: Final[dict[str, dict[str, tuple[str, str]]]] = {
         "validate": ("pliant.cli.validate", "Check a dataset against the specification."),
         "info": ("pliant.cli.info", "Show a summary of a dataset."),
         "spec": ("pliant.cli.spec", "Print or write the specification's schemas."),
-        "migrate": ("pliant.cli.migrate", "Bring a dataset to the current specification version."),
     },
     "Methods": {
         "methods": ("pliant.cli.methods", "List the methods, and what is missing for them."),

@@ -20,7 +20,7 @@ def command(name: str | None, out: Path | None, as_json: bool) -> None:
     Without NAME, lists them. NAME is one of the JSON Schemas (dataset, sequence, cameras,
     footer-TABLE), a table (points, correspondences …), `codes` or `text`.
     """
-    from pliant.spec.conventions import NEWEST_VERSION
+    from pliant.spec.conventions import SPEC_VERSION
     from pliant.spec.errors import CallError
     from pliant.spec.export import JSON_SCHEMAS, specification_files, write_specification
     from pliant.spec.io.jsonfiles import load_schema
@@ -34,9 +34,9 @@ def command(name: str | None, out: Path | None, as_json: bool) -> None:
         document = {"written": [str(path) for path in written]}
         text = f"Wrote {len(written)} files to {out}."
     elif name is None:
-        document = {"spec_version": NEWEST_VERSION, **groups}
+        document = {"spec_version": SPEC_VERSION, **groups}
         lines = (f"{title}: {', '.join(names)}" for title, names in groups.items())
-        text = "\n".join([f"Specification {NEWEST_VERSION}", *lines])
+        text = "\n".join([f"Specification {SPEC_VERSION}", *lines])
     elif name == "text":
         text = specification_files()["SPEC.md"].decode()
         document = {"text": text}

@@ -20,7 +20,7 @@ import pyarrow as pa
 
 from pliant.converters.clip import Clip, resized
 from pliant.converters.queries import Scheme, make_queries
-from pliant.spec.conventions import CONVENTIONS, NEWEST_VERSION
+from pliant.spec.conventions import CONVENTIONS, SPEC_VERSION
 from pliant.spec.dataset import is_name
 from pliant.spec.errors import CallError, SpecError
 from pliant.spec.io import limits
@@ -234,7 +234,7 @@ def _sequence(
 ) -> dict[str, Any]:
     """Return a `sequence.json` that says nothing but the files."""
     return {
-        "spec_version": NEWEST_VERSION,
+        "spec_version": SPEC_VERSION,
         "id": name,
         "tier": settings.id,
         "split": settings.split,
@@ -259,7 +259,7 @@ def _dataset(
     unsaid = config["unknown"]
     unknown = {"name": "unknown", "min": 0, "max": 1, "metres_per_unit": 1, "period": None}
     return {
-        "spec_version": NEWEST_VERSION,
+        "spec_version": SPEC_VERSION,
         "id": settings.id,
         "version": "1.0.0",
         "title": settings.title or settings.id,

@@ -5,10 +5,7 @@ from __future__ import annotations
 from typing import Any, Final
 
 SPEC_VERSION: Final = "1.0.0"
-"""Version of the specification that writers put into a file, the oldest that has all it uses."""
-
-NEWEST_VERSION: Final = "1.1.0"
-"""Version of the specification that this code knows; imported data uses what it added."""
+"""Version of the specification that this code reads and writes."""
 
 FOOTER_KEY: Final = b"pliant"
 """Key of the JSON object in the footer of every Parquet file."""

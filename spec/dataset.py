@@ -58,7 +58,7 @@ def check_version(version: object, path: AnyFile) -> None:
             where="spec_version",
             found=str(version)[:40],
             required=f"{SPEC_VERSION.split('.')[0]}.x",
-            fix="Use a Pliant that knows it, or run: pliant migrate DIR",
+            fix="Use a Pliant that knows it.",
         )
 
 

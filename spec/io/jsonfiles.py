@@ -15,7 +15,7 @@ from jsonschema import Draft202012Validator
 from jsonschema.exceptions import ValidationError
 from jsonschema.validators import extend
 
-from pliant.spec.conventions import NEWEST_VERSION, SPEC_VERSION
+from pliant.spec.conventions import SPEC_VERSION
 from pliant.spec.io import limits
 from pliant.spec.io.reading import AnyFile, FileRefusedError, read_bytes
 from pliant.spec.io.writing import replacing
@@ -115,23 +115,16 @@ def json_bytes(document: Any, schema: str | None = None, name: Path | str = "doc
 
 
 @cache
-def read_shipped(name: str, version: str = NEWEST_VERSION) -> dict[str, Any]:
-    """Return a JSON file of the specification itself, such as `tables.json`.
-
-    Args:
-        name: The file.
-        version: Specification version; 1.1.0 left most files as they are in 1.0.0.
-    """
-    path = SCHEMAS / version / name
-    if not path.is_file():
-        path = SCHEMAS / SPEC_VERSION / name
-    document: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+def read_shipped(name: str) -> dict[str, Any]:
+    """Return a JSON file of the specification itself, such as `tables.json`."""
+    text = (SCHEMAS / SPEC_VERSION / name).read_text(encoding="utf-8")
+    document: dict[str, Any] = json.loads(text)
     return document
 
 
-def load_schema(name: str, version: str = NEWEST_VERSION) -> dict[str, Any]:
+def load_schema(name: str) -> dict[str, Any]:
     """Return a JSON Schema of the specification: `dataset`, `sequence`, `footer-TABLE` …."""
-    return read_shipped(f"{name}.schema.json", version)
+    return read_shipped(f"{name}.schema.json")
 
 
 def _is_integer(_: object, value: object) -> bool:
@@ -146,8 +139,8 @@ _Validator = extend(
 
 
 @cache
-def _validator(name: str, version: str) -> Any:
-    return _Validator(load_schema(name, version))
+def _validator(name: str) -> Any:
+    return _Validator(load_schema(name))
 
 
 def schema_errors(document: Any, name: str) -> Iterator[tuple[str, str]]:
@@ -159,10 +152,8 @@ def schema_errors(document: Any, name: str) -> Iterator[tuple[str, str]]:
         document: Parsed JSON.
         name: Name of the schema.
     """
-    stated = document.get("spec_version") if isinstance(document, dict) else None
-    newer = is_newer_minor(stated)
-    version = NEWEST_VERSION if has_additions(stated) else SPEC_VERSION
-    for error in _validator(name, version).iter_errors(document):
+    newer = isinstance(document, dict) and is_newer_minor(document.get("spec_version"))
+    for error in _validator(name).iter_errors(document):
         if not (newer and error.validator == "additionalProperties"):
             yield _place(error), _shortened(error.message)
 
@@ -174,14 +165,8 @@ def is_newer_minor(version: object) -> bool:
         version: A `spec_version`, of any type.
     """
     found = re.fullmatch(r"(\d{1,6})\.(\d{1,6})\.\d{1,6}", str(version))
-    major, minor, _ = NEWEST_VERSION.split(".")
+    major, minor, _ = SPEC_VERSION.split(".")
     return found is not None and found[1] == major and int(found[2]) > int(minor)
-
-
-def has_additions(version: object) -> bool:
-    """Return whether a file of this `spec_version` may use what 1.1.0 added."""
-    found = re.fullmatch(r"1\.(\d{1,6})\.\d{1,6}", str(version))
-    return found is not None and int(found[1]) >= 1
 
 
 def _place(error: ValidationError) -> str:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from pliant.spec.conventions import NEWEST_VERSION, SPLITS
+from pliant.spec.conventions import SPEC_VERSION, SPLITS
 from pliant.spec.errors import CallError, Issue
 from pliant.spec.io.jsonfiles import is_newer_minor
 from pliant.spec.model import Tier
@@ -71,7 +71,7 @@ class Report:
         """Return the report as a JSON object."""
         return {
             "dataset": str(self.root),
-            "spec_version": NEWEST_VERSION,
+            "spec_version": SPEC_VERSION,
             "quick": self.quick,
             "valid": self.valid,
             "sequences": self.sequences,
@@ -167,7 +167,7 @@ def _read_context(root: Path, quick: bool, findings: Findings) -> Context | None
     if info is None:
         return None
     if is_newer_minor(info["spec_version"]):
-        text = f"found {info['spec_version']}; this validator knows {NEWEST_VERSION}"
+        text = f"found {info['spec_version']}; this validator knows {SPEC_VERSION}"
         problems.add("SPEC_VERSION_NEWER", "spec_version", text)
     before = findings.counts.get("TIER_INVALID", 0)
     tiers = [Tier.from_document(entry) for entry in info["tiers"]]

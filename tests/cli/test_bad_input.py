@@ -35,7 +35,6 @@ INPUTS: dict[str, tuple[str, list[str]]] = {
     "view": ("DATA", ["view", "DATA", "--out", "OUT.png"]),
     "view tracks": ("SUB", ["view", "DATA", "--tracks", "SUB", "--out", "OUT.png"]),
     "publish": ("DATA", ["publish", "DATA", "--out", "OUT"]),
-    "migrate": ("DATA", ["migrate", "DATA"]),
     "predict with a dataset": ("DATA", ["predict", "identity", "--data", "DATA", "--out", "OUT"]),
     "predict with a run": ("RUN", ["predict", "RUN", "--data", "DATA", "--out", "OUT"]),
     "submit-template": ("DATA", ["submit-template", "--data", "DATA", "--out", "OUT.parquet"]),

@@ -166,7 +166,7 @@ CASES = [
     Case(
         "minor-version",
         "minimal",
-        "dataset.json is of version 1.9.0 with a field that 1.1 does not know",
+        "dataset.json is of version 1.9.0 with a field that 1.0 does not know",
         ("SPEC_VERSION_NEWER",),
         change_json(
             "dataset.json", lambda document: document.update(spec_version="1.9.0", funding="none")

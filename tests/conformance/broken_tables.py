@@ -385,11 +385,11 @@ CASES = [
         change_rows(_SEQUENCES, _set(0, "frames", 0)),
     ),
     Case(
-        "style-unknown",
+        "style-not-a-name",
         "full",
-        "the style of a row is `cartoon`",
+        "the style of a row is `a cartoon`",
         ("VALUE_OUT_OF_RANGE", "IDENTITY_DIFFERS"),
-        change_rows(_SEQUENCES, _set(0, "style", "cartoon")),
+        change_rows(_SEQUENCES, _set(0, "style", "a cartoon")),
     ),
     Case(
         "coverage-negative",

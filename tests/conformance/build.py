@@ -16,7 +16,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from pliant.spec.conventions import NEWEST_VERSION
+from pliant.spec.conventions import SPEC_VERSION
 from tests.conformance import (
     accepted,
     accepted_tables,
@@ -143,7 +143,7 @@ def build() -> None:
                 info = zipfile.ZipInfo(f"{entry['name']}/{name}", _EPOCH)
                 info.compress_type = zipfile.ZIP_DEFLATED
                 archive.writestr(info, data)
-    document = {"spec_version": NEWEST_VERSION, "archive": FILES.name, "datasets": entries}
+    document = {"spec_version": SPEC_VERSION, "archive": FILES.name, "datasets": entries}
     INDEX.write_text(json.dumps(document, indent=1) + "\n")
     build_submissions()
 
@@ -158,7 +158,7 @@ def build_submissions() -> None:
         submissions.write_submission(case, DATASETS / "full", path)
         entries.append({"name": path.name, "is": case.text, "codes": sorted(case.codes)})
     document = {
-        "spec_version": NEWEST_VERSION,
+        "spec_version": SPEC_VERSION,
         "dataset": "full",
         "split": submissions.SPLIT,
         "submissions": entries,

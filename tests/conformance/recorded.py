@@ -1,4 +1,4 @@
-"""Cases of version 1.1: recorded data, whose surface nobody knows."""
+"""Cases of recorded data, whose surface nobody knows."""
 
 from __future__ import annotations
 
@@ -27,19 +27,9 @@ _MASK = f"{ROPE_TEST}/masks/000000.png"
 _DEPTH = f"{ROPE_TEST}/camera_depth/000001.exr"
 
 
-def _as_version(version: str) -> Edit:
-    def change(document: dict[str, Any]) -> None:
-        document["spec_version"] = version
-
-    sequences = (ROPE_TEST, ROPE_TRAIN)
-    documents = ("dataset.json", *(f"{each}/sequence.json" for each in sequences))
-    return both(*(change_json(path, change) for path in documents))
-
-
 def _recorded(root: Path) -> None:
     """Hold the test split out, and add masks and camera depth to one of its sequences."""
     held_out(root)
-    _as_version("1.1.0")(root)
     frames = json.loads((root / ROPE_TEST / "sequence.json").read_text())["frames"]
     for frame in range(frames):
         ids = np.zeros((_HEIGHT, _WIDTH), np.uint8)
@@ -87,71 +77,57 @@ CASES = [
     Case(
         "recorded",
         "full",
-        "version 1.1: a held-out sequence has masks and camera depth",
+        "a held-out sequence has masks and camera depth",
         (),
         listed(_recorded),
     ),
     Case(
-        "recorded-in-1.0",
-        "full",
-        "a held-out sequence of version 1.0.0 has masks and camera depth",
-        ("FILE_EXTRA",),
-        _but(_as_version("1.0.0")),
-    ),
-    Case(
         "recorded-mask-missing",
         "full",
-        "version 1.1: one frame of a sequence has no mask, the other has one",
+        "one frame of a sequence has no mask, the other has one",
         ("FILE_MISSING",),
         _but(lambda root: (root / _MASK).unlink()),
     ),
     Case(
         "recorded-mask-of-an-unknown-object",
         "full",
-        "version 1.1: a mask has an id that is none of the tier's objects",
+        "a mask has an id that is none of the tier's objects",
         ("SURFACE_INVALID",),
         _but(_mask_of(77)),
     ),
     Case(
         "recorded-mask-in-colour",
         "full",
-        "version 1.1: a mask is an RGB image",
+        "a mask is an RGB image",
         ("IMAGE_FORMAT",),
         _but(lambda root: write_rgb(root / _MASK, np.zeros((_HEIGHT, _WIDTH, 3), np.uint8))),
     ),
     Case(
         "recorded-depth-of-zero",
         "full",
-        "version 1.1: camera depth is 0 where it is not known",
+        "camera depth is 0 where it is not known",
         ("DEPTH_INVALID",),
         _but(_depth_of(0.0)),
     ),
     Case(
         "kind-open",
         "full",
-        "version 1.1: the kind of a tier is a new name",
+        "the kind of a tier is a new name",
         (),
-        both(_as_version("1.1.0"), change_json("dataset.json", _kind)),
-    ),
-    Case(
-        "kind-open-in-1.0",
-        "full",
-        "the kind of a tier of version 1.0.0 is a new name",
-        ("SCHEMA_INVALID",),
         change_json("dataset.json", _kind),
     ),
     Case(
         "style-open",
         "full",
-        "version 1.1: the style of a sequence is a new name",
+        "the style of a sequence is a new name",
         (),
-        both(_as_version("1.1.0"), _styled("phone")),
+        _styled("phone"),
     ),
     Case(
-        "style-open-in-1.0",
+        "style-no-name",
         "full",
-        "the style of a sequence of version 1.0.0 is a new name",
+        "the style of a sequence has a space",
         ("SCHEMA_INVALID", "VALUE_OUT_OF_RANGE"),
-        _styled("phone"),
+        _styled("a phone"),
     ),
 ]

@@ -140,7 +140,7 @@ def test_example_reader_imports_nothing_of_ours() -> None:
 
 def test_command_prints_and_writes(tmp_path: Path) -> None:
     listing = CliRunner().invoke(command, ["--json"])
-    assert json.loads(listing.output)["spec_version"] == "1.1.0"
+    assert json.loads(listing.output)["spec_version"] == "1.0.0"
     for name in ("dataset", "points", "codes"):
         assert json.loads(CliRunner().invoke(command, [name]).output)
     assert CliRunner().invoke(command, ["text"]).output.startswith("# The Pliant dataset format")

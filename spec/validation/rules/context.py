@@ -26,7 +26,6 @@ class Context:
         held_out: Those of them published without their truth.
         id: The dataset's id.
         version: The dataset's version.
-        spec_version: The version of the specification that it follows.
     """
 
     root: Path
@@ -39,7 +38,6 @@ class Context:
     held_out: frozenset[str]
     id: str
     version: str
-    spec_version: str
 
     @classmethod
     def of(cls, root: Path, info: dict[str, Any], tiers: Iterable[Tier], quick: bool) -> Context:
@@ -55,5 +53,4 @@ class Context:
             held_out=frozenset(info.get("held_out", ())),
             id=info["id"],
             version=info["version"],
-            spec_version=info["spec_version"],
         )

@@ -10,7 +10,7 @@ from typing import Any
 
 from pliant.spec.dataset import check_version
 from pliant.spec.io import limits
-from pliant.spec.io.jsonfiles import has_additions, parse_json, schema_errors
+from pliant.spec.io.jsonfiles import parse_json, schema_errors
 from pliant.spec.io.reading import AnyFile, Blob, FileRefusedError, check_regular, read_bytes
 from pliant.spec.storage import layout
 from pliant.spec.validation.findings import FileProblems, Findings
@@ -181,8 +181,7 @@ def check_files(files: SequenceFiles, info: dict[str, Any], *, held_out: bool) -
             text = f"the split {info['split']} is held out, and this file tells its truth"
             files.at(name).add("HELD_OUT_LEAKS", "", text)
         extra -= telling | {layout.CAMERAS_JSON}
-        if has_additions(info["spec_version"]):
-            extra -= _recorded(files, info, extra)
+        extra -= _recorded(files, info, extra)
     report_extra(files.findings, files.shown, extra, f"{info['frames']} frames need no such file")
 
 

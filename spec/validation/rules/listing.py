@@ -8,7 +8,6 @@ from typing import Any
 from pliant.spec.dataset import is_name
 from pliant.spec.errors import SpecError
 from pliant.spec.io import limits
-from pliant.spec.io.jsonfiles import has_additions
 from pliant.spec.io.reading import FileRefusedError, sha256_file
 from pliant.spec.storage import layout
 from pliant.spec.storage.layout import SEQUENCES_DIR, SEQUENCES_TABLE
@@ -19,8 +18,6 @@ from pliant.spec.validation.rules.context import Context
 from pliant.spec.validation.rules.files import read_document
 from pliant.spec.validation.rules.structure import UNLISTED, WORKSHOPS, printable
 from pliant.spec.validation.rules.tables import CheckedTable, check_table
-
-STYLES = ("photo", "fast", "raster", "real-depth", "external")
 
 
 def check_listing(
@@ -75,12 +72,10 @@ def _check_row(context: Context, row: dict[str, Any], where: str, problems: File
         if row[name] not in known:
             text = f"{row[name][:80]!r} is none of {list(known)}"
             problems.add(f"{name.upper()}_UNKNOWN", f"{where}, {name}", text)
-    additions = has_additions(context.spec_version)
-    open_styles, others = additions and is_name(row["style"]), " | a name" if additions else ""
     ranges: list[tuple[str, bool, str]] = [
         ("frames", 1 <= row["frames"] <= limits.MAX_FRAMES, f"1 to {limits.MAX_FRAMES}"),
         ("seed", row["seed"] >= 0, ">= 0"),
-        ("style", row["style"] in STYLES or open_styles, f"{' | '.join(STYLES)}{others}"),
+        ("style", is_name(row["style"]), "a name of letters, digits, ., _ and -"),
     ]
     for name, highest in (("coverage", math.inf), ("self_occluded", 1.0)):
         value = row[name]
