@@ -1,27 +1,27 @@
 """Classical methods and controls, and the loop that turns any matcher into a submission."""
 
 from pliant.baselines.matcher import (
-    Answers,
     Heat,
     HeatMatcher,
     KeypointMatcher,
     Matcher,
-    Matches,
     SplitMatcher,
     TrackMatcher,
-    View,
 )
 from pliant.baselines.methods import METHODS
+from pliant.spec.answers import Answers, Matches
+from pliant.spec.frame import Frame, Pair
 
 __all__ = [
     "METHODS",
     "Answers",
+    "Frame",
     "Heat",
     "HeatMatcher",
     "KeypointMatcher",
     "Matcher",
     "Matches",
+    "Pair",
     "SplitMatcher",
     "TrackMatcher",
-    "View",
 ]

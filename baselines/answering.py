@@ -11,10 +11,10 @@ from typing import Final
 import numpy as np
 
 from pliant.baselines.answers import checked_answers
-from pliant.baselines.matcher import Answers, KeypointMatcher, Matcher, Matches, TrackMatcher
+from pliant.baselines.matcher import KeypointMatcher, Matcher, TrackMatcher
 from pliant.baselines.submission_file import Kind
 from pliant.baselines.tracks import answer_tracks, tasks_by_source
-from pliant.baselines.views import ViewReader
+from pliant.spec.answers import Answers, Matches
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
 from pliant.spec.queries import QueryPair
@@ -35,7 +35,7 @@ class _Worker:
         self._pairs = pairs
         self._matcher = matcher
         self._kind = kind
-        self._reader = ViewReader(masks=masks)
+        self._masks = masks
 
     def run(self, task: range) -> list[Result]:
         """Answer pairs; a `TrackMatcher` gets those of one source frame together."""
@@ -47,18 +47,17 @@ class _Worker:
             and source.id == target.id
             and target.temporal
         ):
-            return [*answer_tracks(self._matcher, self._reader, pairs)]
+            return [*answer_tracks(self._matcher, pairs, masks=self._masks)]
         return [self._one(pair) for pair in pairs]
 
     def _one(self, pair: QueryPair) -> Result:
-        source = self._reader.view(pair.source)
-        target = self._reader.view(pair.target)
-        masked = target.mask is not None
+        seen = pair.seen(masks=self._masks)
+        masked = seen.target.mask is not None
         if self._kind == "matches" and isinstance(self._matcher, KeypointMatcher):
-            return self._matcher.match(source, target), masked
-        found = self._matcher.answer(source, target, pair.uv_a_px)
+            return self._matcher.match(seen.source, seen.target), masked
+        found = self._matcher.answer(seen)
         name, place = self._matcher.name, f"pair {pair.pair_id}"
-        return checked_answers(found, len(pair.uv_a_px), name, place), masked
+        return checked_answers(found, len(pair), name, place), masked
 
 
 _process_worker: _Worker | None = None  # set once in each worker process

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pliant.baselines.matcher import Answers
+from pliant.spec.answers import Answers
 from pliant.spec.errors import SubmissionError
 
 

@@ -7,14 +7,14 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from pliant.baselines.matcher import Answers, View
 from pliant.baselines.pixels import central_position, pixel_centres, searched_mask
+from pliant.spec.answers import Answers
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, SpecError
+from pliant.spec.frame import Pair
 from pliant.spec.storage.layout import truth_name
 
 _UINT64: Final = 2**64
@@ -29,15 +29,13 @@ class Identity:
         """Return the method's name."""
         return {"name": self.name}
 
-    def answer(self, source: View, target: View, uv_a_px: npt.NDArray[np.float32]) -> Answers:
+    def answer(self, pair: Pair) -> Answers:
         """Return the queries as answers.
 
         Args:
-            source: Not looked at.
-            target: Not looked at.
-            uv_a_px: float32 (N, 2).
+            pair: Its images are not looked at.
         """
-        return Answers(uv_px=uv_a_px.astype(np.float32))
+        return Answers(uv_px=pair.uv_a_px.astype(np.float32))
 
 
 class RandomInMask:
@@ -59,14 +57,13 @@ class RandomInMask:
         """Return name and seed."""
         return {"name": self.name, "seed": self._seed}
 
-    def answer(self, source: View, target: View, uv_a_px: npt.NDArray[np.float32]) -> Answers:
+    def answer(self, pair: Pair) -> Answers:
         """Return places uniform over the object's pixels (over the image without a mask).
 
         Args:
-            source: Only its key is used.
-            target: Its mask is used.
-            uv_a_px: float32 (N, 2).
+            pair: The keys of its frames, the target's mask and the queries are used.
         """
+        source, target, uv_a_px = pair.source, pair.target, pair.uv_a_px
         places = pixel_centres(searched_mask(target))  # (G, 2)
         if len(places) == 0:
             return Answers(uv_px=np.tile(central_position(target), (len(uv_a_px), 1)))
@@ -92,15 +89,13 @@ class MaskCentroid:
         """Return the method's name."""
         return {"name": self.name}
 
-    def answer(self, source: View, target: View, uv_a_px: npt.NDArray[np.float32]) -> Answers:
+    def answer(self, pair: Pair) -> Answers:
         """Return the mean of the mask's pixel centres, or the image's centre without a mask.
 
         Args:
-            source: Not looked at.
-            target: Its mask is used.
-            uv_a_px: float32 (N, 2).
+            pair: The target's mask is used.
         """
-        return Answers(uv_px=np.tile(central_position(target), (len(uv_a_px), 1)))
+        return Answers(uv_px=np.tile(central_position(pair.target), (len(pair.uv_a_px), 1)))
 
 
 class Oracle:

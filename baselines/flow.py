@@ -16,8 +16,9 @@ import numpy.typing as npt
 
 from pliant.baselines.features.local_features import SMALLEST_SIDE_PX
 from pliant.baselines.features.opencv import load_opencv
-from pliant.baselines.matcher import Answers, View
 from pliant.baselines.pixels import HALF_PIXEL, luma
+from pliant.spec.answers import Answers
+from pliant.spec.frame import Frame, Pair
 
 Float32 = npt.NDArray[np.float32]
 Image = npt.NDArray[np.uint8]
@@ -111,11 +112,11 @@ class FlowChain:
             "return_px": RETURN_PX,
         }
 
-    def answer(self, source: View, target: View, uv_a_px: Float32) -> Answers:
+    def answer(self, pair: Pair) -> Answers:
         """Answer query pixels by a single step; see `Matcher`."""
-        return next(self.track([source, target], uv_a_px))
+        return next(self.track([pair.source, pair.target], pair.uv_a_px))
 
-    def track(self, views: Iterable[View], uv_px: Float32) -> Iterator[Answers]:
+    def track(self, views: Iterable[Frame], uv_px: Float32) -> Iterator[Answers]:
         """Carry points through consecutive frames; see `TrackMatcher`."""
         frames = iter(views)
         before = next(frames).rgb

@@ -9,58 +9,9 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
+from pliant.spec.answers import Answers, Matches
 from pliant.spec.dataset import Dataset
-
-
-@dataclass(frozen=True)
-class View:
-    """One frame, as a method is allowed to see it.
-
-    Attributes:
-        rgb: uint8 (H, W, 3), sRGB.
-        mask: bool (H, W), True where the queried object is seen, or None where masks are not
-            given out.
-        depth_m: float32 (H, W), planar z in metres, +inf is background, or None.
-        key: Stable name of the frame (`sequence/frame`), for caches of descriptors.
-        objects: bool (H, W), True where any object is seen (a rope's ball too), or None.
-    """
-
-    rgb: npt.NDArray[np.uint8]
-    mask: npt.NDArray[np.bool_] | None = None
-    depth_m: npt.NDArray[np.float32] | None = None
-    key: str = ""
-    objects: npt.NDArray[np.bool_] | None = None
-
-
-@dataclass(frozen=True)
-class Answers:
-    """Where a method sees N query pixels in the target image.
-
-    Attributes:
-        uv_px: float32 (N, 2), finite.
-        visible: float32 (N,), probabilities, or None.
-        sigma_px: float32 (N,), > 0, or None.
-        modes: one float32 (M_i, 4) array a query of (u, v, sigma, weight), or None.
-        familiarity: float32 (N,), 0 to 1: the share of the queries of its training domain that
-            are at least as unusual as this one, or None. Not part of a submission's rows.
-    """
-
-    uv_px: npt.NDArray[np.float32]
-    visible: npt.NDArray[np.float32] | None = None
-    sigma_px: npt.NDArray[np.float32] | None = None
-    modes: list[npt.NDArray[np.float32]] | None = None
-    familiarity: npt.NDArray[np.float32] | None = None
-
-    def rows(self, rows: npt.NDArray[np.int64]) -> Answers:
-        """Return the answers to some of the queries, int64 (M,), in that order."""
-        return Answers(
-            self.uv_px[rows],
-            None if self.visible is None else self.visible[rows],
-            None if self.sigma_px is None else self.sigma_px[rows],
-            None if self.modes is None else [self.modes[row] for row in rows],
-            None if self.familiarity is None else self.familiarity[rows],
-        )
-
+from pliant.spec.frame import Frame, Pair
 
 UNFAMILIAR = 0.02
 """An answer of lower familiarity is called unlike what its method was trained on."""
@@ -72,21 +23,6 @@ def familiarity_summary(familiarity: npt.NDArray[np.float32]) -> dict[str, float
         "median": round(float(np.median(familiarity)), 4),
         f"share_below_{UNFAMILIAR}": round(float(np.mean(familiarity < UNFAMILIAR)), 4),
     }
-
-
-@dataclass(frozen=True)
-class Matches:
-    """A sparse method's own keypoint matches.
-
-    Attributes:
-        uv_a_px: float32 (M, 2), keypoints in the source image.
-        uv_b_px: float32 (M, 2), their matches in the target image.
-        score: float32 (M,), higher is better.
-    """
-
-    uv_a_px: npt.NDArray[np.float32]
-    uv_b_px: npt.NDArray[np.float32]
-    score: npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -115,13 +51,11 @@ class Matcher(Protocol):
         """Return JSON-able facts for the submission's footer: name, settings, versions."""
         ...
 
-    def answer(self, source: View, target: View, uv_a_px: npt.NDArray[np.float32]) -> Answers:
+    def answer(self, pair: Pair) -> Answers:
         """Answer query pixels.
 
         Args:
-            source: The image the queries are in.
-            target: The image to find them in.
-            uv_a_px: float32 (N, 2), query pixels, centre of the first pixel at (0.5, 0.5).
+            pair: The image that the queries are in, the image to find them in, and the queries.
 
         Returns:
             One answer for every query, in order.
@@ -133,7 +67,7 @@ class Matcher(Protocol):
 class KeypointMatcher(Matcher, Protocol):
     """A sparse method that also has keypoint matches of its own."""
 
-    def match(self, source: View, target: View) -> Matches:
+    def match(self, source: Frame, target: Frame) -> Matches:
         """Return the method's own matches between two images."""
         ...
 
@@ -142,7 +76,7 @@ class KeypointMatcher(Matcher, Protocol):
 class HeatMatcher(Matcher, Protocol):
     """A method that can show where else it would have looked."""
 
-    def heat(self, source: View, target: View, uv_a_px: npt.NDArray[np.float32]) -> Heat:
+    def heat(self, source: Frame, target: Frame, uv_a_px: npt.NDArray[np.float32]) -> Heat:
         """Return the method's belief over the target for one query.
 
         Args:
@@ -160,7 +94,7 @@ class TrackMatcher(Matcher, Protocol):
     Pairs within one episode are answered by tracking, all others by `answer`.
     """
 
-    def track(self, views: Iterable[View], uv_px: npt.NDArray[np.float32]) -> Iterator[Answers]:
+    def track(self, views: Iterable[Frame], uv_px: npt.NDArray[np.float32]) -> Iterator[Answers]:
         """Carry points through consecutive frames.
 
         Args:

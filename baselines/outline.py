@@ -10,9 +10,10 @@ import numpy.typing as npt
 from scipy.interpolate import RBFInterpolator
 
 from pliant.baselines.features.opencv import load_opencv
-from pliant.baselines.lru_cache import LRUCache
-from pliant.baselines.matcher import Answers, View
 from pliant.baselines.pixels import HALF_PIXEL, central_position
+from pliant.spec.answers import Answers
+from pliant.spec.frame import Frame, Pair
+from pliant.spec.lru_cache import LRUCache
 
 Floats = npt.NDArray[np.float64]
 
@@ -134,8 +135,9 @@ class ClothOutline:
             "orientation": "the one closest to upright",
         }
 
-    def answer(self, source: View, target: View, uv_a_px: npt.NDArray[np.float32]) -> Answers:
+    def answer(self, pair: Pair) -> Answers:
         """Answer query pixels; see `Matcher`."""
+        source, target, uv_a_px = pair.source, pair.target, pair.uv_a_px
         a, b = self._of(source), self._of(target)
         uv_b_px = np.tile(central_position(target), (len(uv_a_px), 1))  # (N, 2)
         if a is not None and b is not None and len(uv_a_px):
@@ -144,7 +146,7 @@ class ClothOutline:
             uv_b_px[finite] = moved[finite].clip(0, target.rgb.shape[1::-1])
         return Answers(uv_b_px)
 
-    def _of(self, view: View) -> Floats | None:
+    def _of(self, view: Frame) -> Floats | None:
         mask = view.mask
         if mask is None:
             return None

@@ -7,7 +7,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from pliant.baselines.matcher import View
+from pliant.spec.frame import Frame
 
 HALF_PIXEL: Final = 0.5
 """Pliant puts the centre of array element [0, 0] at (0.5, 0.5), OpenCV and mahotas at (0, 0).
@@ -31,7 +31,7 @@ def luma(rgb: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
     return ((thousandths + 500) // 1000).astype(np.uint8)
 
 
-def searched_mask(view: View) -> npt.NDArray[np.bool_]:
+def searched_mask(view: Frame) -> npt.NDArray[np.bool_]:
     """Return where answers are looked for: the object's mask, or the whole image without one.
 
     Args:
@@ -85,7 +85,7 @@ def lies_on(
     return hit
 
 
-def central_position(view: View) -> npt.NDArray[np.float32]:
+def central_position(view: Frame) -> npt.NDArray[np.float32]:
     """Return the mean of the mask's pixel centres, or the image's centre without a pixel.
 
     This is the answer of a method that has nothing to go by.

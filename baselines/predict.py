@@ -13,14 +13,7 @@ import pyarrow as pa
 from pliant.baselines.adapters import as_matcher
 from pliant.baselines.answering import answer_pairs
 from pliant.baselines.answers import checked_answers, joined
-from pliant.baselines.matcher import (
-    Answers,
-    KeypointMatcher,
-    Matcher,
-    Matches,
-    SplitMatcher,
-    familiarity_summary,
-)
+from pliant.baselines.matcher import KeypointMatcher, Matcher, SplitMatcher, familiarity_summary
 from pliant.baselines.submission_file import (
     Keys,
     Kind,
@@ -32,6 +25,7 @@ from pliant.baselines.submission_file import (
     write_answers,
     write_matches,
 )
+from pliant.spec.answers import Answers, Matches
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
 

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from pliant.baselines.matcher import Answers, Matches
+from pliant.spec.answers import Answers, Matches
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, PliantError
 from pliant.spec.io.parquet import read_footer, write_table

@@ -9,8 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from pliant.baselines.answers import checked_answers
-from pliant.baselines.matcher import Answers, TrackMatcher, View
-from pliant.baselines.views import ViewReader
+from pliant.baselines.matcher import TrackMatcher
+from pliant.spec.answers import Answers
+from pliant.spec.frame import Frame
 from pliant.spec.queries import QueryPair
 
 
@@ -25,7 +26,7 @@ def tasks_by_source(pairs: Sequence[QueryPair]) -> list[list[QueryPair]]:
 
 
 def answer_tracks(
-    matcher: TrackMatcher, reader: ViewReader, pairs: Sequence[QueryPair]
+    matcher: TrackMatcher, pairs: Sequence[QueryPair], *, masks: bool = True
 ) -> list[tuple[Answers, bool]]:
     """Answer pairs of one source frame and one episode, each frame between looked at once.
 
@@ -33,8 +34,8 @@ def answer_tracks(
 
     Args:
         matcher: The method.
-        reader: Reads the episode's frames.
         pairs: One run of `tasks_by_source`, source and target in the same episode.
+        masks: Whether the method is given masks.
 
     Returns:
         For each pair its answers and whether the target's mask was given.
@@ -57,14 +58,14 @@ def answer_tracks(
         frames = range(start, last + direction, direction)
         masked: list[bool] = []
 
-        def views(frames: range = frames, masked: list[bool] = masked) -> Iterator[View]:
+        def views(frames: range = frames, masked: list[bool] = masked) -> Iterator[Frame]:
             for frame in frames:
-                view = reader.view(sequence[frame])
-                masked.append(view.mask is not None)
-                yield view
+                view = sequence[frame]
+                masked.append(masks and view.mask is not None)
+                yield view.replace() if masks else view.without_masks()
 
         for number, _ in wanted.get(start, ()):  # a frame paired with itself
-            seen = reader.view(sequence[start]).mask is not None
+            seen = masks and sequence[start].mask is not None
             results[number] = (Answers(pairs[number].uv_a_px.copy()), seen)
         for step, found in enumerate(matcher.track(views(), uv_px), start=1):
             place = f"frame {sequence[frames[step]].key}"

@@ -25,7 +25,6 @@ from pliant.baselines import METHODS, Matcher
 from pliant.baselines.features.local_features import LocalFeatureMatcher
 from pliant.baselines.features.opencv_features import OpencvFeatures
 from pliant.baselines.features.surf import MahotasSurf
-from pliant.baselines.views import ViewReader
 from pliant.generator.config import GenerateConfig
 from pliant.generator.runner.run import generate
 from pliant.spec.dataset import Dataset
@@ -61,14 +60,13 @@ def score(dataset: Dataset, matcher: Matcher, name: str) -> dict[str, Value]:
     truth = dataset.truth("test")
     true_px = np.stack([truth["u_b"].to_numpy(), truth["v_b"].to_numpy()], axis=1)
     visible = np.array(truth["visibility_b"].to_pylist()) == "visible"
-    reader = ViewReader(capacity=1000)
     errors: dict[str, list[np.ndarray]] = defaultdict(list)
     cpu_s: dict[str, list[float]] = defaultdict(list)
     row = 0
     for pair in dataset.pairs("test"):
-        source, target = reader.view(pair.source), reader.view(pair.target)
+        seen = pair.seen()
         started = time.process_time()
-        answers = matcher.answer(source, target, pair.uv_a_px)
+        answers = matcher.answer(seen)
         tier = pair.source.sequence.tier
         cpu_s[tier].append(time.process_time() - started)
         rows = slice(row, row + len(pair.uv_a_px))

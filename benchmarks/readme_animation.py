@@ -19,15 +19,15 @@ from PIL import Image, ImageDraw
 from scipy.ndimage import gaussian_filter, maximum_filter
 
 import pliant
-from pliant.baselines.matcher import Heat, HeatMatcher, View
-from pliant.baselines.views import read_view_of
-from pliant.spec.frame import Frame
+from pliant.baselines.matcher import Heat, HeatMatcher
+from pliant.spec.frame import Frame, Pair
+from pliant.spec.sequence import RecordedFrame
 
 WIDTH_PX, HEIGHT_PX, MARGIN_PX, GAP_PX, STEPS, PAUSE_MS = 440, 330, 10, 6, 36, 140
 Pixels = npt.NDArray[np.float32]
 
 
-def path_along(source: Frame, target: Frame) -> tuple[Pixels, Pixels]:
+def path_along(source: RecordedFrame, target: RecordedFrame) -> tuple[Pixels, Pixels]:
     """Return pixels (N, 2) of points along the rope's centre line, visible in both frames."""
     points = source.sequence.points()
     line = np.array([kind == "centreline" for kind in points["kind"].to_pylist()])
@@ -45,7 +45,7 @@ def path_along(source: Frame, target: Frame) -> tuple[Pixels, Pixels]:
 class Window:
     """A window of a view around its objects, as wide as the picture at most."""
 
-    def __init__(self, view: View) -> None:
+    def __init__(self, view: Frame) -> None:
         assert view.objects is not None
         rows, columns = view.objects.nonzero()
         size = np.array(view.rgb.shape[1::-1])
@@ -76,7 +76,7 @@ class Window:
                 pen.ellipse([u - r, v - r, u + r, v + r], outline=ink, width=width)
 
 
-def overlay(view: View, heat: Heat) -> npt.NDArray[Any]:
+def overlay(view: Frame, heat: Heat) -> npt.NDArray[Any]:
     """Return the dimmed picture under a heat map, widened by 2 px so that it can be seen."""
     top = heat.values - np.nanmax(heat.values)
     share = np.exp(top) if heat.label.startswith("log") else heat.values / np.nanmax(heat.values)
@@ -95,11 +95,11 @@ def main() -> None:
     parser.add_argument("--pair", type=int, default=0, help="pair of the test split")
     options = parser.parse_args()
     pair = pliant.load("sample").pairs("test")[options.pair]
-    source, target = read_view_of(pair.source), read_view_of(pair.target)
+    source, target = pair.source, pair.target
     method = pliant.open_method(options.method)
     assert isinstance(method, HeatMatcher)
     queries, truth = path_along(pair.source, pair.target)
-    answers = method.answer(source, target, queries).uv_px
+    answers = method.answer(Pair(source, target, queries)).uv_px
     errors = np.linalg.norm(answers - truth, axis=1)
     print(f"median error {np.median(errors):.1f} px, largest {errors.max():.1f} px")
     windows = Window(source), Window(target)

@@ -36,8 +36,9 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
 from pliant.api import open_method
-from pliant.baselines.matcher import Matcher, View
+from pliant.baselines.matcher import Matcher
 from pliant.spec.errors import PliantError
+from pliant.spec.frame import Frame, Pair
 from pliant.spec.io.photo import SUFFIXES, read_mask, read_photo
 
 Mask = npt.NDArray[np.bool_]
@@ -63,7 +64,7 @@ class Rope:
         at_px: float32 (places, 2), the middle of the rope at each place asked about.
     """
 
-    view: View
+    view: Frame
     place: Floats
     length_px: float
     at_px: npt.NDArray[np.float32]
@@ -90,7 +91,7 @@ def read_rope(path: Path, mask: Path | None, threshold: int) -> Rope:
     place[rows, columns] = distance / length
     depth = cv2.distanceTransform(rope.astype(np.uint8), cv2.DIST_L2, 5)
     at_px = [_middle(place, depth, where, _BAND_PX / length) for where in (*BETWEEN, *ENDS)]
-    view = View(rgb, rope, key=str(path), objects=rope | ball)
+    view = Frame(rgb, rope, key=str(path), objects=rope | ball)
     return Rope(view, place, length, np.array(at_px, np.float32))
 
 
@@ -185,7 +186,9 @@ def score(
     arc, px, on = [], [], []
     for a, b in pairs:
         source, target = ropes[a], ropes[b]
-        found = matcher.answer(source.view, target.view, source.at_px).uv_px.astype(np.float64)
+        found = matcher.answer(Pair(source.view, target.view, source.at_px)).uv_px.astype(
+            np.float64
+        )
         rows, columns = np.nonzero(np.isfinite(target.place))
         pixels = np.stack([columns, rows], axis=1) + 0.5
         gaps = np.linalg.norm(found[:, None] - pixels[None], axis=2)

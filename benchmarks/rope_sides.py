@@ -96,7 +96,7 @@ def measure(quick: bool) -> dict[str, Value]:
             seen = pair.visible[:, 0]
             truth = pair.uv_b_px[:, 0]
             middle, side, target, rings = oracles(store, ring, pair, frames)
-            answers = matcher.answer(pair.source, pair.target, pair.uv_a_px)
+            answers = matcher.answer(pair)
             error = (answers.uv_px - truth)[seen] * scale
             along, across = target.along[rings[seen]], target.across[rings[seen]]
             parts = [(error * along).sum(axis=1), (error * across).sum(axis=1)]

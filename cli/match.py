@@ -76,7 +76,7 @@ def command(
     """
     from pliant.api import open_method
     from pliant.baselines.matcher import SplitMatcher
-    from pliant.baselines.views import read_view
+    from pliant.baselines.views import read_frame
     from pliant.spec.errors import CallError
     from pliant.spec.io.photo import photo_size
     from pliant.viewer.match_figure import check_figure_path, draw_match
@@ -94,7 +94,7 @@ def command(
     with progress_bar(title, "steps", hidden=hidden) as bar:
         bar(0, 3, title="Reading the pictures")
         a, b = (
-            read_view(path, given[f"mask_{side}"], given[f"depth_{side}"], given["max_size"])
+            read_frame(path, given[f"mask_{side}"], given[f"depth_{side}"], given["max_size"])
             for side, path in (("source", source), ("target", target))
         )
         sizes = (photo_size(source), photo_size(target))

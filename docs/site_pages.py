@@ -71,7 +71,7 @@ API: Final = {
         "pliant.api.validate",
         "pliant.api.open_method",
     ),
-    "Datasets": ("pliant.spec.dataset.Dataset", "pliant.spec.frame.Frame"),
+    "Datasets": ("pliant.spec.dataset.Dataset", "pliant.spec.sequence.RecordedFrame"),
     "Methods": ("pliant.baselines.matcher", "pliant.baselines.views", "pliant.baselines.answers"),
     "Scores": ("pliant.evaluator.scores.Scores",),
     "Training data": ("pliant.loaders.pairs", "pliant.loaders.clips"),

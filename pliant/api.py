@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
     import pyarrow as pa
 
-    from pliant.baselines import Matcher, SplitMatcher
+    from pliant.baselines import (Matcher, SplitMatcher)
     from pliant.baselines.adapters import MatchFunction
     from pliant.baselines.predict import SplitAnswers
     from pliant.evaluator.scores import Scores
@@ -58,7 +58,7 @@ def open_method(method: str, **options: Any) -> Matcher | SplitMatcher:
             that does not take these options.
         MissingExtraError: The method's libraries are not installed.
     """
-    from pliant.baselines import METHODS
+    from pliant.baselines import (METHODS)
     from pliant.baselines.modern import MODERN
     from pliant.baselines.plugins import is_reference, make, open_plugin, plugged_in
     from pliant.models import load_matcher

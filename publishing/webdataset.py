@@ -70,8 +70,8 @@ def _sample(sequence: SequenceRecord, frame: int) -> dict[str, bytes]:
         "frame": frame,
     }
     if sequence.has(layout.CAMERAS_JSON):
-        K, pose = sequence.camera(frame)
-        facts |= {"K": K.tolist(), "world_to_camera": pose.tolist()}
+        camera = sequence.camera(frame)
+        facts |= {"K": camera.K.tolist(), "world_to_camera": camera.world_to_camera.tolist()}
     parts = {"rgb.png": _bytes(sequence, layout.rgb_name(frame))}
     if sequence.has(layout.depth_name(frame)):
         parts["depth.exr"] = _bytes(sequence, layout.depth_name(frame))

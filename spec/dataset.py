@@ -14,13 +14,12 @@ import pyarrow as pa
 
 from pliant.spec.conventions import SPEC_VERSION, SPLITS
 from pliant.spec.errors import CallError, SpecError
-from pliant.spec.frame import Frame
 from pliant.spec.io.jsonfiles import read_json
 from pliant.spec.io.parquet import read_table
 from pliant.spec.io.reading import AnyFile, FileRefusedError, sha256_file
 from pliant.spec.model import Tier
 from pliant.spec.queries import QueryPair, group_queries
-from pliant.spec.sequence import SequenceRecord
+from pliant.spec.sequence import RecordedFrame, SequenceRecord, decoded_images
 from pliant.spec.storage import layout
 from pliant.spec.storage.files import Files, LayeredFiles, LocalFiles, storage_of
 from pliant.spec.storage.manifest import check_halves
@@ -118,6 +117,7 @@ class Dataset:
             files = PackedFiles(storage, table["id"].to_pylist())
         place = Path(root)
         sequences = []
+        decoded = decoded_images()
         for row in table.to_pylist():
             if not (is_name(row["id"]) and is_name(row["tier"])):
                 raise SpecError(
@@ -146,6 +146,7 @@ class Dataset:
                     dir=layout.sequence_dir(place, row["tier"], row["id"]),
                     size=size,
                     files=files,
+                    decoded=decoded,
                 )
             )
         return cls(place, info, tiers, sequences, files)
@@ -162,7 +163,8 @@ class Dataset:
         private = LocalFiles(Path(folder))
         check_halves(self.files, private)
         files = LayeredFiles(private, self.files)
-        sequences = [replace(sequence, files=files) for sequence in self.sequences]
+        decoded = decoded_images()
+        sequences = [replace(sequence, files=files, decoded=decoded) for sequence in self.sequences]
         return replace(self, sequences=sequences, files=files)
 
     @property
@@ -214,11 +216,11 @@ class Dataset:
             )
         return self._by_id[sequence_id]
 
-    def frame(self, sequence_id: str, index: int) -> Frame:
+    def frame(self, sequence_id: str, index: int) -> RecordedFrame:
         """Return a frame by the id of its sequence and its index; its files are read later."""
-        return Frame(self.sequence(sequence_id), index)
+        return RecordedFrame(self.sequence(sequence_id), index)
 
-    def frames(self, split: str | None = None, tier: str | None = None) -> list[Frame]:
+    def frames(self, split: str | None = None, tier: str | None = None) -> list[RecordedFrame]:
         """Return the frames of the dataset, of one split, of one tier.
 
         Raises:

@@ -1,96 +1,73 @@
-"""One frame of a sequence: its images, camera and ground truth, read when asked for."""
+"""One picture of an object, as a method may see it, and a pair of them with queries."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import pyarrow as pa
 
-from pliant.spec.io.exr import Surface
-from pliant.spec.storage.layout import camera_depth_name, depth_name, mask_name
-
-if TYPE_CHECKING:
-    from pliant.spec.sequence import SequenceRecord
+from pliant.spec.camera import Camera
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class Frame:
-    """One frame of a sequence. Every attribute reads its file again and keeps nothing.
+    """One picture, and what a method may know about it: nothing here is ground truth.
+
+    A frame is made from arrays (a photograph), or belongs to a dataset (`RecordedFrame`).
 
     Attributes:
-        sequence: The sequence it belongs to.
-        index: Its number in the sequence, from 0.
+        rgb: uint8 (H, W, 3), sRGB.
+        mask: bool (H, W), True where the queried object is visible, or None if not known.
+        depth_m: float32 (H, W), planar z in metres, +inf is background, or None if not known.
+        key: Stable name of the frame (`SEQUENCE/INDEX`), for caches of descriptors; empty for
+            a frame that must not be cached.
+        objects: bool (H, W), True where any object is visible (a rope's ball too), or None.
+        camera: Intrinsics and pose, or None if not known.
     """
 
-    sequence: SequenceRecord
-    index: int
-
-    @property
-    def key(self) -> str:
-        """`SEQUENCE/INDEX`: a name that is unique in the dataset."""
-        return f"{self.sequence.id}/{self.index}"
+    rgb: npt.NDArray[np.uint8]
+    mask: npt.NDArray[np.bool_] | None = None
+    depth_m: npt.NDArray[np.float32] | None = None
+    key: str = ""
+    objects: npt.NDArray[np.bool_] | None = None
+    camera: Camera | None = None
 
     @property
     def size(self) -> tuple[int, int]:
         """(width, height), pixels."""
-        return self.sequence.size
+        return self.rgb.shape[1], self.rgb.shape[0]
 
-    @property
-    def has_surface(self) -> bool:
-        """Whether depth and masks are available; a withheld split has colour images only."""
-        return self.sequence.has(depth_name(self.index))
+    def replace(self, **changes: Any) -> Frame:
+        """Return a frame of this one's arrays with some attributes changed."""
+        kept = (each.name for each in fields(Frame) if each.name not in changes)
+        return Frame(**{name: getattr(self, name) for name in kept}, **changes)
 
-    @property
-    def rgb(self) -> npt.NDArray[np.uint8]:
-        """Colour image, uint8 (H, W, 3), sRGB."""
-        return self.sequence.rgb(self.index)
-
-    @property
-    def surface(self) -> Surface | None:
-        """Depth, object ids and material coordinates per pixel, or None if withheld."""
-        return self.sequence.surface(self.index) if self.has_surface else None
-
-    @property
-    def mask(self) -> npt.NDArray[np.bool_] | None:
-        """Where the queried object is visible, bool (H, W), or None if not known."""
-        ids = self.object_ids
-        return None if ids is None else self.queried_in(ids)
-
-    @property
-    def object_ids(self) -> npt.NDArray[np.uint8] | npt.NDArray[np.uint32] | None:
-        """Which object each pixel shows, (H, W), 0 for none; None if not known."""
-        if self.has_surface:
-            return self.sequence.surface(self.index).object_id
-        masked = self.sequence.has(mask_name(self.index))
-        return self.sequence.object_ids(self.index) if masked else None
-
-    @property
-    def depth_m(self) -> npt.NDArray[np.float32] | None:
-        """Planar depth, float32 (H, W), metres, +inf is background, or None if not known."""
-        if self.has_surface:
-            return self.sequence.surface(self.index).depth_m
-        measured = self.sequence.has(camera_depth_name(self.index))
-        return self.sequence.camera_depth(self.index) if measured else None
-
-    @property
-    def camera(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-        """K float64 (3, 3), pixels; world_to_camera float64 (4, 4), metres."""
-        return self.sequence.camera(self.index)
-
-    @property
-    def correspondences(self) -> pa.Table:
-        """Where every material point is in this frame; row i is point i."""
-        return self.sequence.correspondences(self.index)
-
-    def queried_in(
-        self, object_ids: npt.NDArray[np.uint8] | npt.NDArray[np.uint32]
-    ) -> npt.NDArray[np.bool_]:
-        """Return where object ids are those of the queried object, bool (H, W)."""
-        mask: npt.NDArray[np.bool_] = object_ids == self.sequence.described.queried_object
-        return mask
+    def without_masks(self) -> Frame:
+        """Return the frame as a method sees it that is given no masks."""
+        return self.replace(mask=None, objects=None)
 
     def __repr__(self) -> str:
         return f"Frame({self.key!r}, {self.size[0]}x{self.size[1]})"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Pair:
+    """Two frames, and the pixels of the first that are asked for in the second.
+
+    Attributes:
+        source: The frame that the queries are in.
+        target: The frame to find them in.
+        uv_a_px: float32 (N, 2), the query pixels, centre of the first pixel at (0.5, 0.5).
+    """
+
+    source: Frame
+    target: Frame
+    uv_a_px: npt.NDArray[np.float32]
+
+    def __len__(self) -> int:
+        return len(self.uv_a_px)
+
+    def __repr__(self) -> str:
+        return f"Pair({self.source.key} -> {self.target.key}, {len(self)} queries)"

@@ -12,32 +12,40 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from pliant.spec.errors import SpecError
-from pliant.spec.frame import Frame
+from pliant.spec.frame import Pair
+from pliant.spec.sequence import RecordedFrame
 
 
-@dataclass(frozen=True)
-class QueryPair:
-    """The queries of one image pair.
+@dataclass(frozen=True, eq=False, repr=False)
+class QueryPair(Pair):
+    """The queries of one image pair of a dataset.
 
     Attributes:
-        pair_id: As in the queries.
         source: The frame that the queries are in.
         target: The frame to find them in.
         uv_a_px: float32 (N, 2), the query pixels.
+        pair_id: As in the queries.
     """
 
+    source: RecordedFrame
+    target: RecordedFrame
     pair_id: int
-    source: Frame
-    target: Frame
-    uv_a_px: npt.NDArray[np.float32]
 
     @property
     def queries(self) -> npt.NDArray[np.float32]:
         """The query pixels (u, v) in the source frame, float32 (N, 2): `uv_a_px`."""
         return self.uv_a_px
 
-    def __len__(self) -> int:
-        return len(self.uv_a_px)
+    def seen(self, *, masks: bool = True) -> Pair:
+        """Return the pair as a method is given it: nothing in it leads to the ground truth.
+
+        Args:
+            masks: Whether the method is given masks.
+        """
+        source, target = (
+            each.replace() if masks else each.without_masks() for each in (self.source, self.target)
+        )
+        return Pair(source, target, self.uv_a_px)
 
     def __repr__(self) -> str:
         return (
@@ -47,7 +55,7 @@ class QueryPair:
 
 
 def group_queries(
-    table: pa.Table, frame: Callable[[str, int], Frame], *, path: Path
+    table: pa.Table, frame: Callable[[str, int], RecordedFrame], *, path: Path
 ) -> list[QueryPair]:
     """Group a queries table by image pair, in the order of its rows.
 

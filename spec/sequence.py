@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
+from pliant.spec.camera import Camera
 from pliant.spec.errors import CallError, SpecError
 from pliant.spec.frame import Frame
 from pliant.spec.io.exr import Surface, read_camera_depth, read_surface
@@ -20,10 +21,25 @@ from pliant.spec.io.parquet import open_table, read_table
 from pliant.spec.io.parquet_columns import load_columns, load_rows
 from pliant.spec.io.png import read_mask, read_rgb
 from pliant.spec.io.reading import AnyFile
+from pliant.spec.lru_cache import LRUCache
 from pliant.spec.model import Tier
 from pliant.spec.storage import layout
 from pliant.spec.storage.files import Files
 from pliant.spec.tables import CORRESPONDENCES
+
+DECODED_BYTES: Final = 128 * 2**20
+"""Most bytes of decoded images that a dataset keeps."""
+
+Decoded = tuple[npt.NDArray[Any], ...]
+
+
+def _bytes_of(arrays: Decoded) -> int:
+    return sum(array.nbytes for array in arrays)
+
+
+def decoded_images() -> LRUCache[Decoded]:
+    """Return an empty cache of decoded images, for the sequences of one dataset."""
+    return LRUCache(DECODED_BYTES, _bytes_of)
 
 
 @dataclass(frozen=True, repr=False)
@@ -41,6 +57,7 @@ class SequenceRecord:
         dir: Its folder, or where it would be if the dataset were not packed.
         size: (width, height) of its images.
         files: Where its files come from.
+        decoded: The images that its frames keep, shared with the dataset's other sequences.
     """
 
     id: str
@@ -53,20 +70,21 @@ class SequenceRecord:
     dir: Path
     size: tuple[int, int]
     files: Files = field(repr=False, compare=False)
+    decoded: LRUCache[Decoded] = field(default_factory=decoded_images, repr=False, compare=False)
 
     def __len__(self) -> int:
         return self.frames
 
-    def __getitem__(self, frame: int) -> Frame:
+    def __getitem__(self, frame: int) -> RecordedFrame:
         """Return a frame; negative indices count from the end.
 
         Raises:
             IndexError: The sequence has no such frame.
         """
-        return Frame(self, range(self.frames)[frame])
+        return RecordedFrame(self, range(self.frames)[frame])
 
-    def __iter__(self) -> Iterator[Frame]:
-        return (Frame(self, frame) for frame in range(self.frames))
+    def __iter__(self) -> Iterator[RecordedFrame]:
+        return (RecordedFrame(self, frame) for frame in range(self.frames))
 
     def __repr__(self) -> str:
         kind = "episode" if self.temporal else "sequence"
@@ -87,30 +105,26 @@ class SequenceRecord:
         return document
 
     @cached_property
-    def _cameras(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    def _cameras(self) -> list[Camera]:
         path = self.file(layout.CAMERAS_JSON)
-        document = read_json(path, "cameras")
-        frames = document["frames"]
+        frames = read_json(path, "cameras")["frames"]
         if [camera["frame"] for camera in frames] != list(range(self.frames)):
             raise SpecError(
                 "the cameras are not one per frame, in order", path=path, where="frames"
             )
-        K = np.array([camera["K"] for camera in frames], np.float64)
-        poses = np.array([camera["world_to_camera"] for camera in frames], np.float64)
-        return K, poses
+        return [
+            Camera(_constant(each["K"]), _constant(each["world_to_camera"]), self.size)
+            for each in frames
+        ]
 
-    def camera(self, frame: int) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    def camera(self, frame: int) -> Camera:
         """Return a frame's camera.
 
         Args:
             frame: 0 to frames - 1.
-
-        Returns:
-            K float64 (3, 3), pixels; world_to_camera float64 (4, 4), metres.
         """
         self._check(frame)
-        K, poses = self._cameras
-        return K[frame].copy(), poses[frame].copy()
+        return self._cameras[frame]
 
     def rgb(self, frame: int) -> npt.NDArray[np.uint8]:
         """Return a frame's colour image, uint8 (H, W, 3), sRGB."""
@@ -166,3 +180,127 @@ class SequenceRecord:
                 found=frame,
                 required=f"0 to {self.frames - 1}",
             )
+
+
+class RecordedFrame(Frame):
+    """A frame of a dataset, its images read when asked for, and its ground truth.
+
+    Decoded images are kept, up to `DECODED_BYTES` in all frames of the dataset, and cannot be
+    written to. Tables are read again each time.
+
+    Args:
+        sequence: The sequence it belongs to.
+        index: Its number in the sequence, from 0.
+    """
+
+    def __init__(self, sequence: SequenceRecord, index: int) -> None:
+        self.__dict__.update(sequence=sequence, index=index)
+
+    sequence: SequenceRecord
+    index: int
+
+    @property
+    def key(self) -> str:
+        """`SEQUENCE/INDEX`: a name that is unique in the dataset."""
+        return f"{self.sequence.id}/{self.index}"
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height), pixels."""
+        return self.sequence.size
+
+    @property
+    def rgb(self) -> npt.NDArray[np.uint8]:
+        """Colour image, uint8 (H, W, 3), sRGB."""
+        return self._kept("rgb", lambda: (self.sequence.rgb(self.index),))[0]
+
+    @property
+    def has_surface(self) -> bool:
+        """Whether the surface image is available; a withheld split has none."""
+        return self.sequence.has(layout.depth_name(self.index))
+
+    @property
+    def surface(self) -> Surface | None:
+        """Depth, object ids and material coordinates per pixel, or None if withheld."""
+        if not self.has_surface:
+            return None
+
+        def decode() -> Decoded:
+            read = self.sequence.surface(self.index)
+            return read.depth_m, read.m0, read.m1, read.object_id
+
+        return Surface(*self._kept("surface", decode))
+
+    @property
+    def object_ids(self) -> npt.NDArray[np.uint8] | npt.NDArray[np.uint32] | None:
+        """Which object each pixel shows, (H, W), 0 for none; None if not known."""
+        surface = self.surface
+        if surface is not None:
+            return surface.object_id
+        if not self.sequence.has(layout.mask_name(self.index)):
+            return None
+        return self._kept("ids", lambda: (self.sequence.object_ids(self.index),))[0]
+
+    @property
+    def mask(self) -> npt.NDArray[np.bool_] | None:
+        """Where the queried object is visible, bool (H, W), or None if not known."""
+        ids = self.object_ids
+        return None if ids is None else self.queried_in(ids)
+
+    @property
+    def objects(self) -> npt.NDArray[np.bool_] | None:
+        """Where any object is visible, bool (H, W), or None if not known."""
+        ids = self.object_ids
+        return None if ids is None else ids > 0
+
+    @property
+    def depth_m(self) -> npt.NDArray[np.float32] | None:
+        """Planar depth, float32 (H, W), metres, +inf is background, or None if not known."""
+        surface = self.surface
+        if surface is not None:
+            return surface.depth_m
+        if not self.sequence.has(layout.camera_depth_name(self.index)):
+            return None
+        return self._kept("depth", lambda: (self.sequence.camera_depth(self.index),))[0]
+
+    @property
+    def camera(self) -> Camera | None:
+        """Intrinsics and pose, or None if withheld."""
+        known = self.sequence.has(layout.CAMERAS_JSON)
+        return self.sequence.camera(self.index) if known else None
+
+    @property
+    def correspondences(self) -> pa.Table:
+        """Where every material point is in this frame; row i is point i."""
+        return self.sequence.correspondences(self.index)
+
+    def queried_in(
+        self, object_ids: npt.NDArray[np.uint8] | npt.NDArray[np.uint32]
+    ) -> npt.NDArray[np.bool_]:
+        """Return where object ids are those of the queried object, bool (H, W)."""
+        mask: npt.NDArray[np.bool_] = object_ids == self.sequence.described.queried_object
+        return mask
+
+    def _kept(self, image: str, decode: Callable[[], Decoded]) -> Decoded:
+        def constant() -> Decoded:
+            arrays = decode()
+            for array in arrays:
+                array.flags.writeable = False
+            return arrays
+
+        return self.sequence.decoded.get(f"{self.key} {image}", constant)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, RecordedFrame) and (self.sequence, self.index) == (
+            other.sequence,
+            other.index,
+        )
+
+    def __hash__(self) -> int:
+        return hash((self.sequence.id, self.index))
+
+
+def _constant(values: Any) -> npt.NDArray[np.float64]:
+    array = np.array(values, np.float64)
+    array.flags.writeable = False
+    return array

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import pliant
-from pliant.baselines import METHODS, View
+from pliant.baselines import METHODS, Frame
 from pliant.baselines.predict import predict as predict_file
 from pliant.evaluator import evaluate as evaluate_file
 from pliant.spec.dataset import Dataset
@@ -66,9 +66,9 @@ def test_frames_of_a_split_and_tier(ds: Dataset) -> None:
     assert frame.depth_m is not None
     assert np.isfinite(frame.depth_m[frame.mask]).all()
     assert 0 < frame.mask.sum() < frame.mask.size
-    K, pose = frame.camera
-    assert K.shape == (3, 3)
-    assert pose.shape == (4, 4)
+    assert frame.camera is not None
+    assert frame.camera.K.shape == (3, 3)
+    assert frame.camera.world_to_camera.shape == (4, 4)
     assert len(frame.correspondences) == len(frame.sequence.points())
     assert ds["rope-test-000000"][-1] == frames[1]
     with pytest.raises(IndexError):
@@ -107,7 +107,7 @@ def test_predicting_and_scoring_in_memory_equal_the_files(ds: Dataset, tmp_path:
 
 
 def test_a_function_is_a_method(ds: Dataset) -> None:
-    def stay(source: View, target: View, uv_a_px: np.ndarray) -> np.ndarray:
+    def stay(source: Frame, target: Frame, uv_a_px: np.ndarray) -> np.ndarray:
         assert source.rgb.shape == target.rgb.shape
         return uv_a_px
 

@@ -9,9 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from pliant.spec.errors import CallError
-from pliant.spec.frame import Frame
 from pliant.spec.io.exr import Surface
-from pliant.spec.sequence import SequenceRecord
+from pliant.spec.sequence import RecordedFrame, SequenceRecord
 from pliant.viewer.drawing import (
     Float64,
     Rgb,
@@ -79,14 +78,14 @@ def _window(mask: npt.NDArray[np.bool_]) -> Window:
     return u - half[0], u + half[0], v + half[1], v - half[1]
 
 
-def _curve_title(frame: Frame) -> str:
+def _curve_title(frame: RecordedFrame) -> str:
     if "control_points_m" in frame.sequence.info["frame_info"][frame.index]:
         return "Bézier curve and handles"
     rope = frame.sequence.info["parameters"].get("radius_m")
     return "centre line" if rope else "tracked points"
 
 
-def _draw_curve(axis: Axes, frame: Frame) -> None:
+def _draw_curve(axis: Axes, frame: RecordedFrame) -> None:
     """Draw the Bezier curve with its handles, or the tracked points where there is no curve."""
     sequence = frame.sequence
     info = sequence.info["frame_info"][frame.index]
@@ -114,18 +113,17 @@ def _draw_curve(axis: Axes, frame: Frame) -> None:
         axis.plot(*node, "s", color="#edae49", mec="#5c4310", ms=4.5, mew=0.6)
 
 
-def _project(frame: Frame, points_m: Float64, height_m: float) -> Float64:
+def _project(frame: RecordedFrame, points_m: Float64, height_m: float) -> Float64:
     """Return points as pixels; points of the plane are first put at a height."""
     if points_m.shape[-1] == 2:
         height = np.full((*points_m.shape[:-1], 1), height_m)
         points_m = np.concatenate([points_m, height], axis=-1)
-    K, pose = frame.camera
-    image = (points_m @ pose[:3, :3].T + pose[:3, 3]) @ K.T
-    uv: Float64 = image[..., :2] / image[..., 2:]
+    camera = frame.sequence.camera(frame.index)
+    uv: Float64 = camera.project(points_m.reshape(-1, 3))[:, :2].reshape(*points_m.shape[:-1], 2)
     return uv
 
 
-def _grid_image(frame: Frame, surface: Surface) -> Rgb:
+def _grid_image(frame: RecordedFrame, surface: Surface) -> Rgb:
     """Return the lines of constant material coordinate."""
     tier = frame.sequence.described
     on = frame.queried_in(surface.object_id)

@@ -23,7 +23,7 @@ from typing import Any, Final
 from PIL import Image
 
 from pliant.baselines.matcher import Matcher
-from pliant.baselines.views import read_view
+from pliant.baselines.views import read_frame
 from pliant.converters.marks_csv import ANNOTATIONS_CSV, COLUMNS, collect_marks
 from pliant.spec.errors import CallError, PliantError
 from pliant.spec.io.photo import SUFFIXES, photo_size, read_photo
@@ -176,7 +176,7 @@ class Suggester:
         ]
         with self._lock:
             self._matcher = self._matcher or self._open()
-            views = [read_view(picture, max_side=_MAX_SIDE_PX) for picture in pictures]
+            views = [read_frame(picture, max_side=_MAX_SIDE_PX) for picture in pictures]
             found = match_photo(self._matcher, views[0], views[1], at, sizes=sizes)
         places = (point.uv_b_px * found.scale_b for point in found.points)
         marks = {

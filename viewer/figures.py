@@ -15,10 +15,9 @@ from PIL import Image, ImageDraw, ImageFont
 
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
-from pliant.spec.frame import Frame
 from pliant.spec.io.writing import replacing
 from pliant.spec.model import Tier
-from pliant.spec.sequence import SequenceRecord
+from pliant.spec.sequence import RecordedFrame, SequenceRecord
 from pliant.viewer.anatomy import draw_anatomy
 from pliant.viewer.drawing import (
     DRAWINGS,
@@ -58,7 +57,7 @@ def draw_figure(
             and `.svg`.
         figure: One of `FIGURES`.
         sequence: Id of a sequence; None takes all (sheets) or the first that fits (the others).
-        frame: Frame of `anatomy`.
+        frame: RecordedFrame of `anatomy`.
         count: Images on a sheet, or of `tracks` or `points`.
         truth: Of `points`, the truth where the dataset does not contain it.
 
@@ -162,7 +161,7 @@ def contact_sheet(
     return np.pad(sheet, ((0, _GAP_PX), (0, _GAP_PX), (0, 0)), constant_values=255)
 
 
-def _tile(frame: Frame, tier: Tier, layer: str) -> Rgb:
+def _tile(frame: RecordedFrame, tier: Tier, layer: str) -> Rgb:
     """Return one frame of a sheet under a line of text."""
     size = frame.size
     height = round(_TILE_PX * size[1] / size[0])
@@ -191,7 +190,7 @@ def _tile(frame: Frame, tier: Tier, layer: str) -> Rgb:
     return np.concatenate([np.asarray(text), *rows])
 
 
-def _spread_frames(sequences: Sequence[SequenceRecord], count: int) -> list[Frame]:
+def _spread_frames(sequences: Sequence[SequenceRecord], count: int) -> list[RecordedFrame]:
     """Choose frames: each sequence once before any a second time, evenly over its frames."""
     if count <= len(sequences):
         return [sequences[k][0] for k in evenly(count, len(sequences))]

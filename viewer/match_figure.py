@@ -8,8 +8,9 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from pliant.baselines.matcher import Heat, View
+from pliant.baselines.matcher import Heat
 from pliant.spec.errors import CallError
+from pliant.spec.frame import Frame
 from pliant.spec.io.writing import replacing
 from pliant.viewer.drawing import (
     Rgb,
@@ -53,7 +54,7 @@ def check_figure_path(path: Path) -> None:
         )
 
 
-def draw_match(match: PhotoMatch, source: View, target: View, out: Path) -> None:
+def draw_match(match: PhotoMatch, source: Frame, target: Frame, out: Path) -> None:
     """Draw the queries, their matches and, of a single one, the heat map where there is one.
 
     Args:
@@ -144,7 +145,7 @@ def _numbers(uv_px: npt.NDArray[Any]) -> str:
     return f"{uv_px[0]:.1f}, {uv_px[1]:.1f}"
 
 
-def _window(view: View, cropped: bool) -> Window:
+def _window(view: Frame, cropped: bool) -> Window:
     """Return what to show, (left, right, bottom, top) in px: the object with room, or all."""
     height, width = view.rgb.shape[:2]
     if view.mask is None or not cropped or not view.mask.any():

@@ -10,9 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from pliant.baselines.answers import checked_answers
-from pliant.baselines.matcher import UNFAMILIAR, Heat, HeatMatcher, Matcher, View
+from pliant.baselines.matcher import UNFAMILIAR, Heat, HeatMatcher, Matcher
 from pliant.baselines.pixels import lies_on
 from pliant.spec.errors import CallError
+from pliant.spec.frame import Frame, Pair
 
 Float64 = npt.NDArray[np.float64]
 
@@ -116,8 +117,8 @@ class PhotoMatch:
 
 def match_photo(
     matcher: Matcher,
-    source: View,
-    target: View,
+    source: Frame,
+    target: Frame,
     at_px: Sequence[tuple[float, float]],
     *,
     sizes: tuple[tuple[int, int], tuple[int, int]] | None = None,
@@ -139,7 +140,7 @@ def match_photo(
     scale_a, scale_b = (size / view for size, view in zip(whole, views, strict=True))
     uv_a_px = (np.array(at_px, np.float64).reshape(-1, 2) / scale_a).astype(np.float32)
     _check_queries(source, uv_a_px, at_px, whole[0])
-    found = matcher.answer(source, target, uv_a_px)
+    found = matcher.answer(Pair(source, target, uv_a_px))
     answers = checked_answers(found, len(uv_a_px), matcher.name, "these pictures")
     heat = None  # of a single point: a method may take seconds for each
     if len(at_px) == 1 and isinstance(matcher, HeatMatcher):
@@ -159,7 +160,7 @@ def match_photo(
     return PhotoMatch(matcher.name, points, scale_a, scale_b, _blank(source, target))
 
 
-def grid_points(view: View, count: int, size: tuple[int, int]) -> list[tuple[float, float]]:
+def grid_points(view: Frame, count: int, size: tuple[int, int]) -> list[tuple[float, float]]:
     """Return points of a regular grid that are on the object, or anywhere without a mask.
 
     Args:
@@ -180,7 +181,7 @@ def grid_points(view: View, count: int, size: tuple[int, int]) -> list[tuple[flo
 
 
 def _check_queries(
-    source: View,
+    source: Frame,
     uv_px: npt.NDArray[np.float32],
     at_px: Sequence[tuple[float, float]],
     size: Float64,
@@ -202,7 +203,7 @@ def _check_queries(
             )
 
 
-def _blank(source: View, target: View) -> str:
+def _blank(source: Frame, target: Frame) -> str:
     """Return what is wrong with pictures that show nothing, as a sentence."""
     for name, view in (("source", source), ("target", target)):
         height, width = view.rgb.shape[:2]

@@ -12,10 +12,9 @@ import numpy.typing as npt
 
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, MissingExtraError
-from pliant.spec.frame import Frame
 from pliant.spec.io.parquet import read_footer, read_table
 from pliant.spec.queries import QueryPair
-from pliant.spec.sequence import SequenceRecord
+from pliant.spec.sequence import RecordedFrame, SequenceRecord
 from pliant.viewer.drawing import (
     Float64,
     Rgb,
@@ -122,7 +121,7 @@ def read_predicted_tracks(
 
 def _most_asked(
     pairs: Sequence[QueryPair], sequence: str | None, submission: Path
-) -> tuple[Frame, list[int]]:
+) -> tuple[RecordedFrame, list[int]]:
     """Return the source frame with the most targets in its episode, and the indices of its pairs.
 
     Raises:

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import functools
+import inspect
 from collections.abc import Mapping
 from typing import Any, Final
 
 from pliant.baselines.adapters.functions import from_function
 from pliant.baselines.adapters.sparse import SparseMatcher
-from pliant.baselines.matcher import Answers, Matcher, SplitMatcher, TrackMatcher, View
+from pliant.baselines.matcher import Matcher, SplitMatcher, TrackMatcher
+from pliant.spec.answers import Answers
 from pliant.spec.errors import CallError
+from pliant.spec.frame import Pair
 
 ABILITIES: Final = ("answer", "answer_split", "match", "track")
 """An object with one of these methods is a matcher."""
@@ -49,6 +52,7 @@ def as_matcher(method: object, name: str | None = None) -> Matcher | SplitMatche
             )
         return from_function(chosen, name)
     kind = type(chosen)
+    _check_answer(chosen)
     _fill(chosen, "name", name or kind.__name__)
     implementation = f"{kind.__module__}.{kind.__qualname__}"
     _fill(chosen, "describe", functools.partial(_description, implementation))
@@ -65,12 +69,30 @@ def has_ability(method: object) -> bool:
     return any(callable(getattr(method, each, None)) for each in ABILITIES)
 
 
+def _check_answer(method: Any) -> None:
+    answer = getattr(method, "answer", None)
+    if answer is None:
+        return
+    try:
+        inspect.signature(answer).bind(object())
+    except TypeError as error:
+        raise CallError(
+            "the method `answer` takes other arguments",
+            where=type(method).__name__,
+            found=f"answer{inspect.signature(answer)}",
+            required="answer(self, pair)",
+            fix="Read pair.source, pair.target and pair.uv_a_px",
+        ) from error
+    except ValueError:  # a compiled function without a signature
+        return
+
+
 def _description(implementation: str) -> Mapping[str, Any]:
     return {"implementation": implementation}
 
 
-def _answer_by_track(tracker: TrackMatcher, source: View, target: View, uv_a_px: Any) -> Answers:
-    return next(iter(tracker.track([source, target], uv_a_px)))
+def _answer_by_track(tracker: TrackMatcher, pair: Pair) -> Answers:
+    return next(iter(tracker.track([pair.source, pair.target], pair.uv_a_px)))
 
 
 def _fill(method: Any, attribute: str, value: object) -> None:

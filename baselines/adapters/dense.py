@@ -11,7 +11,8 @@ import numpy.typing as npt
 from pliant.baselines.adapters.functions import function_name
 from pliant.baselines.adapters.grids import as_grid, cell_centres, sample
 from pliant.baselines.adapters.images import FloatArray, Images
-from pliant.baselines.matcher import Answers, View
+from pliant.spec.answers import Answers
+from pliant.spec.frame import Frame, Pair
 
 DenseFunction = Callable[[Any, Any], Any]
 """(source image, target image) -> a map (h, w, 2) or (2, h, w) of any resolution over the source
@@ -46,12 +47,13 @@ class DenseMatcher:
         """Return the facts for the submission's footer."""
         return {"implementation": f"dense {self._kind}, read bilinearly", **self._facts}
 
-    def answer(self, source: View, target: View, uv_a_px: npt.NDArray[np.float32]) -> Answers:
+    def answer(self, pair: Pair) -> Answers:
         """Answer query pixels; see `Matcher.answer`.
 
         Raises:
             SubmissionError: The function returned a map of another shape.
         """
+        source, target, uv_a_px = pair.source, pair.target, pair.uv_a_px
         images = self._images
         found = self._function(images.image(source), images.image(target))
         confidence = None
@@ -70,7 +72,7 @@ class DenseMatcher:
             visible = np.clip(values, 0, 1).astype(np.float32)
         return Answers(answer.astype(np.float32), visible)
 
-    def _target_px(self, grid: FloatArray, source: View, target: View) -> FloatArray:
+    def _target_px(self, grid: FloatArray, source: Frame, target: Frame) -> FloatArray:
         """Return the target pixel of each cell's centre, float64 (h, w, 2)."""
         if self._kind == "warp":
             return self._images.from_function(grid, target)

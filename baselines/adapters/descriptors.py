@@ -14,12 +14,13 @@ from pliant.baselines.adapters.density import Calibration, fit, mixture
 from pliant.baselines.adapters.functions import function_name
 from pliant.baselines.adapters.grids import as_grid, sample
 from pliant.baselines.adapters.images import FloatArray, Images
-from pliant.baselines.lru_cache import LRUCache
-from pliant.baselines.matcher import Answers, Heat, View
+from pliant.baselines.matcher import Heat
 from pliant.baselines.pixels import central_position, searched_mask
-from pliant.baselines.views import ViewReader
+from pliant.spec.answers import Answers
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
+from pliant.spec.frame import Frame, Pair
+from pliant.spec.lru_cache import LRUCache
 
 _FRAMES: Final = 4
 _QUERIES_AT_ONCE: Final = 64
@@ -63,8 +64,9 @@ class DescriptorMatcher:
         how = "dense descriptors, nearest by cosine, refined bilinearly"
         return {"implementation": how, "calibration": asdict(self.calibration), **self._facts}
 
-    def answer(self, source: View, target: View, uv_a_px: npt.NDArray[np.float32]) -> Answers:
+    def answer(self, pair: Pair) -> Answers:
         """Answer query pixels, with a density; see `Matcher.answer`."""
+        source, target, uv_a_px = pair.source, pair.target, pair.uv_a_px
         wanted, cells = self._wanted(source, uv_a_px), self._cells(target)
         if len(cells) == 0:
             middle = np.tile(central_position(target), (len(uv_a_px), 1))
@@ -82,7 +84,7 @@ class DescriptorMatcher:
         uv_px = np.concatenate([np.zeros((0, 2)), *found])
         return Answers(uv_px.astype(np.float32), modes=modes)
 
-    def heat(self, source: View, target: View, uv_a_px: npt.NDArray[np.float32]) -> Heat:
+    def heat(self, source: Frame, target: Frame, uv_a_px: npt.NDArray[np.float32]) -> Heat:
         """Return the cosine similarity of every target pixel; see `HeatMatcher.heat`."""
         wanted = self._wanted(source, uv_a_px[None])
         cells, described = self._cells(target), self._map(target)
@@ -117,10 +119,10 @@ class DescriptorMatcher:
         u, v = truth["u_b"].to_numpy(), truth["v_b"].to_numpy()
         seen = np.array(truth["visibility_b"].to_pylist()) == "visible"
         ends = np.cumsum([len(pair) for pair in asked])
-        reader, known = ViewReader(), []
+        known = []
         for number in np.unique(np.linspace(0, len(asked) - 1, pairs).astype(int)):
             pair = asked[number]
-            source, target = reader.view(pair.source), reader.view(pair.target)
+            source, target = pair.source, pair.target
             cells, described = self._cells(target), self._map(target)
             rows = np.arange(ends[number] - len(pair), ends[number])
             visible = seen[rows]
@@ -134,21 +136,21 @@ class DescriptorMatcher:
         self.calibration = fit(known, self._stride_px(target), f"{dataset.id}/{split}")
         return self
 
-    def _map(self, view: View) -> npt.NDArray[np.float32]:
+    def _map(self, view: Frame) -> npt.NDArray[np.float32]:
         """Return a view's descriptors, float32 (h, w, D), of length 1."""
         return self._maps.get(view.key, lambda: self._described(view))
 
-    def _described(self, view: View) -> npt.NDArray[np.float32]:
+    def _described(self, view: Frame) -> npt.NDArray[np.float32]:
         grid = as_grid(self._function(self._images.image(view)), None, self.name)
         return _unit(grid.astype(np.float32))
 
-    def _wanted(self, source: View, uv_px: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
+    def _wanted(self, source: Frame, uv_px: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
         """Return the descriptors of source pixels, float32 (N, D)."""
         described = self._map(source)
         stride, first = self._geometry(described, source)
         return _unit(sample(described, (uv_px - first) / stride))
 
-    def _geometry(self, described: npt.NDArray[Any], view: View) -> tuple[FloatArray, FloatArray]:
+    def _geometry(self, described: npt.NDArray[Any], view: Frame) -> tuple[FloatArray, FloatArray]:
         """Return stride and first centre of the cells, each (2,), px of the view."""
         size = np.array(view.rgb.shape[1::-1], np.float64)
         if self._grid is None:
@@ -157,22 +159,22 @@ class DescriptorMatcher:
         scale = size / self._images.size_of(view)
         return self._grid[0] * scale, self._grid[1] * scale
 
-    def _stride_px(self, view: View) -> float:
+    def _stride_px(self, view: Frame) -> float:
         return float(self._geometry(self._map(view), view)[0].mean())
 
-    def _px(self, cells: npt.NDArray[Any], described: npt.NDArray[Any], view: View) -> FloatArray:
+    def _px(self, cells: npt.NDArray[Any], described: npt.NDArray[Any], view: Frame) -> FloatArray:
         stride, first = self._geometry(described, view)
         pixels: FloatArray = first + cells * stride
         return pixels
 
     def _nearest_cell(
-        self, uv_px: FloatArray, described: npt.NDArray[Any], view: View
+        self, uv_px: FloatArray, described: npt.NDArray[Any], view: Frame
     ) -> npt.NDArray[np.int64]:
         stride, first = self._geometry(described, view)
         last = np.array(described.shape[1::-1]) - 1
         return np.clip(np.rint((uv_px - first) / stride), 0, last).astype(np.int64)
 
-    def _cells(self, view: View) -> npt.NDArray[np.int64]:
+    def _cells(self, view: Frame) -> npt.NDArray[np.int64]:
         """Return column and row of the cells that touch the object, int64 (M, 2)."""
         described, mask = self._map(view), searched_mask(view)
         rows, columns = np.nonzero(mask)

@@ -10,10 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from pliant.baselines.adapters.images import to_array
-from pliant.baselines.matcher import Answers, View
+from pliant.spec.answers import Answers
 from pliant.spec.errors import CallError
+from pliant.spec.frame import Frame, Pair
 
-MatchFunction = Callable[[View, View, npt.NDArray[np.float32]], npt.ArrayLike]
+MatchFunction = Callable[[Frame, Frame, npt.NDArray[np.float32]], npt.ArrayLike]
 """(source, target, query pixels (N, 2)) -> their positions in the target (N, 2), pixels."""
 
 
@@ -34,9 +35,9 @@ class FunctionMatcher:
         """Return the facts for the submission's footer."""
         return {"implementation": "a Python function"}
 
-    def answer(self, source: View, target: View, uv_a_px: npt.NDArray[np.float32]) -> Answers:
+    def answer(self, pair: Pair) -> Answers:
         """Answer query pixels; see `Matcher.answer`."""
-        positions = to_array(self._function(source, target, uv_a_px))
+        positions = to_array(self._function(pair.source, pair.target, pair.uv_a_px))
         return Answers(uv_px=positions.astype(np.float32))
 
 

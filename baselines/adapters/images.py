@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
-from pliant.baselines.matcher import View
 from pliant.spec.errors import CallError, MissingExtraError
+from pliant.spec.frame import Frame
 
 FloatArray = npt.NDArray[np.float64]
 Coordinates = Literal["pixel", "index", "normalised"]
@@ -45,12 +45,12 @@ class Images:
                 required="pixel, index or normalised",
             )
 
-    def size_of(self, view: View) -> FloatArray:
+    def size_of(self, view: Frame) -> FloatArray:
         """Return the width and height that the function sees, float64 (2,), px."""
         given = np.array(self.size or view.rgb.shape[1::-1])
         return (np.ceil(given / self.multiple) * self.multiple).astype(np.float64)
 
-    def image(self, view: View) -> Any:
+    def image(self, view: Frame) -> Any:
         """Return a view's image as the function receives it.
 
         Raises:
@@ -58,7 +58,7 @@ class Images:
         """
         return self.images([view])[0] if self.device is None else self.images([view])
 
-    def images(self, views: list[View]) -> Any:
+    def images(self, views: list[Frame]) -> Any:
         """Return images of one size as (T, H, W, 3) uint8, or (T, 3, H, W) float32 on the device.
 
         Raises:
@@ -74,7 +74,7 @@ class Images:
         tensor = torch.from_numpy(stacked).to(self.device)
         return tensor.permute(0, 3, 1, 2).to(torch.float32) / 255
 
-    def to_function(self, uv_px: npt.NDArray[Any], view: View) -> npt.NDArray[np.float32]:
+    def to_function(self, uv_px: npt.NDArray[Any], view: Frame) -> npt.NDArray[np.float32]:
         """Return pixels of a view as the function counts them, float32 (N, 2)."""
         size = self.size_of(view)
         position = np.asarray(uv_px, np.float64) * (size / view.rgb.shape[1::-1])
@@ -84,7 +84,7 @@ class Images:
             position = 2 * position / size - 1
         return position.astype(np.float32)
 
-    def from_function(self, position: npt.NDArray[Any], view: View) -> FloatArray:
+    def from_function(self, position: npt.NDArray[Any], view: Frame) -> FloatArray:
         """Return the pixels of a view for positions as the function counts them, (..., 2)."""
         size = self.size_of(view)
         found = np.asarray(position, np.float64)

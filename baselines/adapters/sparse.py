@@ -6,14 +6,14 @@ from collections.abc import Callable, Mapping
 from typing import Any, get_args
 
 import numpy as np
-import numpy.typing as npt
 
 from pliant.baselines.adapters.functions import function_name
 from pliant.baselines.adapters.images import Images, to_array
 from pliant.baselines.adapters.interpolation import Interpolation, interpolate
-from pliant.baselines.matcher import Answers, Matches, View
 from pliant.baselines.pixels import central_position
+from pliant.spec.answers import Answers, Matches
 from pliant.spec.errors import CallError, SubmissionError
+from pliant.spec.frame import Frame, Pair
 
 
 class SparseMatcher:
@@ -30,7 +30,7 @@ class SparseMatcher:
 
     def __init__(
         self,
-        match: Callable[[View, View], Any],
+        match: Callable[[Frame, Frame], Any],
         name: str,
         interpolation: Interpolation = "affine",
         neighbours: int = 8,
@@ -58,7 +58,7 @@ class SparseMatcher:
             how += f", {self._neighbours} nearest matches"  # type: ignore[assignment]
         return {**self._facts, "interpolation": how}
 
-    def match(self, source: View, target: View) -> Matches:
+    def match(self, source: Frame, target: Frame) -> Matches:
         """Return the method's own matches.
 
         Raises:
@@ -66,15 +66,15 @@ class SparseMatcher:
         """
         return as_matches(self._match(source, target), self.name)
 
-    def answer(self, source: View, target: View, uv_a_px: npt.NDArray[np.float32]) -> Answers:
+    def answer(self, pair: Pair) -> Answers:
         """Answer query pixels; see `Matcher.answer`."""
-        matches = self.match(source, target)
+        matches = self.match(pair.source, pair.target)
         if len(matches.score) == 0:
-            return Answers(np.tile(central_position(target), (len(uv_a_px), 1)))
+            return Answers(np.tile(central_position(pair.target), (len(pair.uv_a_px), 1)))
         found = interpolate(
             matches.uv_a_px.astype(np.float64),
             matches.uv_b_px.astype(np.float64),
-            uv_a_px.astype(np.float64),
+            pair.uv_a_px.astype(np.float64),
             self._interpolation,
             self._neighbours,
         )
@@ -87,7 +87,7 @@ class _OnImages:
     def __init__(self, function: Callable[[Any, Any], Any], images: Images, name: str) -> None:
         self._function, self._images, self._name = function, images, name
 
-    def __call__(self, source: View, target: View) -> Matches:
+    def __call__(self, source: Frame, target: Frame) -> Matches:
         images = self._images
         found = self._function(images.image(source), images.image(target))
         matches = as_matches(found, self._name)

@@ -10,8 +10,9 @@ import numpy.typing as npt
 
 from pliant.baselines.adapters.functions import function_name
 from pliant.baselines.adapters.images import Images, to_array
-from pliant.baselines.matcher import Answers, View
+from pliant.spec.answers import Answers
 from pliant.spec.errors import CallError, SubmissionError
+from pliant.spec.frame import Frame, Pair
 
 TrackFunction = Callable[[Any, npt.NDArray[np.float32]], Any]
 """(frames, points (N, 2) in the first frame) -> tracks (T, N, 2), alone or with the probability
@@ -53,17 +54,17 @@ class TrackerMatcher:
         """Return the facts for the submission's footer."""
         return {"implementation": "point tracker", "window": self._window, **self._facts}
 
-    def answer(self, source: View, target: View, uv_a_px: npt.NDArray[np.float32]) -> Answers:
+    def answer(self, pair: Pair) -> Answers:
         """Answer query pixels by a clip of two frames; see `Matcher.answer`."""
-        return next(self.track([source, target], uv_a_px))
+        return next(self.track([pair.source, pair.target], pair.uv_a_px))
 
-    def track(self, views: Iterable[View], uv_px: npt.NDArray[np.float32]) -> Iterator[Answers]:
+    def track(self, views: Iterable[Frame], uv_px: npt.NDArray[np.float32]) -> Iterator[Answers]:
         """Carry points through consecutive frames; see `TrackMatcher.track`.
 
         Raises:
             SubmissionError: The function returned tracks of another shape.
         """
-        clip: list[View] = []
+        clip: list[Frame] = []
         points = uv_px
         for view in views:
             clip.append(view)
@@ -74,7 +75,7 @@ class TrackerMatcher:
         if len(clip) > 1:
             yield from self._clip(clip, points)
 
-    def _clip(self, clip: list[View], uv_px: npt.NDArray[np.float32]) -> list[Answers]:
+    def _clip(self, clip: list[Frame], uv_px: npt.NDArray[np.float32]) -> list[Answers]:
         """Return the answers in each frame after the first."""
         frames = self._images.images(clip)
         count = max(len(uv_px), 1)

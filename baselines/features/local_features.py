@@ -10,8 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pliant.baselines.features.nearest import Descriptors, Metric, distances, nearest, ratio_test
-from pliant.baselines.lru_cache import LRUCache
-from pliant.baselines.matcher import Answers, Heat, Matches, View
+from pliant.baselines.matcher import Heat
 from pliant.baselines.pixels import (
     central_position,
     lies_on,
@@ -19,6 +18,9 @@ from pliant.baselines.pixels import (
     pixel_centres,
     searched_mask,
 )
+from pliant.spec.answers import Answers, Matches
+from pliant.spec.frame import Frame, Pair
+from pliant.spec.lru_cache import LRUCache
 
 LOWE_RATIO: Final = 0.8
 """Nearest over second-nearest distance below which a keypoint match is kept."""
@@ -134,17 +136,16 @@ class LocalFeatureMatcher:
             "without_a_choice": "centroid of the mask, or the image's centre",
         }
 
-    def answer(self, source: View, target: View, uv_a_px: npt.NDArray[np.float32]) -> Answers:
+    def answer(self, pair: Pair) -> Answers:
         """Answer each query by the nearest descriptor on the target's object.
 
         Args:
-            source: The image the queries are in.
-            target: The image to find them in.
-            uv_a_px: float32 (N, 2).
+            pair: The images and the queries.
 
         Returns:
             Positions alone: pixel centres of the target.
         """
+        source, target, uv_a_px = pair.source, pair.target, pair.uv_a_px
         uv_b_px = np.tile(central_position(target), (len(uv_a_px), 1))  # (N, 2)
         if len(uv_a_px) == 0:
             return Answers(uv_px=uv_b_px)
@@ -155,7 +156,7 @@ class LocalFeatureMatcher:
             uv_b_px[decided] = dense.uv_px[row[decided]]
         return Answers(uv_px=uv_b_px)
 
-    def match(self, source: View, target: View) -> Matches:
+    def match(self, source: Frame, target: Frame) -> Matches:
         """Match the method's own keypoints by the ratio test.
 
         Args:
@@ -171,7 +172,7 @@ class LocalFeatureMatcher:
         )
         return Matches(uv_a_px=a.uv_px[row_a], uv_b_px=b.uv_px[row_b], score=score)
 
-    def heat(self, source: View, target: View, uv_a_px: npt.NDArray[np.float32]) -> Heat:
+    def heat(self, source: Frame, target: Frame, uv_a_px: npt.NDArray[np.float32]) -> Heat:
         """Return how alike each place of the target is to the query.
 
         Args:
@@ -204,7 +205,7 @@ class LocalFeatureMatcher:
             ),
         )
 
-    def _dense_of(self, view: View) -> _Dense:
+    def _dense_of(self, view: Frame) -> _Dense:
         def make() -> _Dense:
             mask = searched_mask(view)
             stride = dense_stride(int(mask.sum()), self._features.dense_limit)
@@ -213,7 +214,7 @@ class LocalFeatureMatcher:
 
         return self._dense.get(view.key, make)
 
-    def _keypoints_of(self, view: View) -> Keypoints:
+    def _keypoints_of(self, view: Frame) -> Keypoints:
         def make() -> Keypoints:
             if min(view.rgb.shape[:2]) < SMALLEST_SIDE_PX:
                 nothing = self._features.describe_at(luma(view.rgb), np.zeros((0, 2), np.float32))

@@ -9,8 +9,9 @@ import numpy as np
 from pliant.baselines.adapters.images import to_array
 from pliant.baselines.adapters.interpolation import Interpolation
 from pliant.baselines.adapters.sparse import SparseMatcher
-from pliant.baselines.matcher import Matches, View
 from pliant.baselines.modern.loading import library, pretrained
+from pliant.spec.answers import Matches
+from pliant.spec.frame import Frame
 
 
 class KeypointMatching(SparseMatcher):
@@ -50,7 +51,7 @@ class KeypointMatching(SparseMatcher):
         }
         super().__init__(self._matches, self.name, interpolation, facts=facts)
 
-    def _matches(self, source: View, target: View) -> Matches:
+    def _matches(self, source: Frame, target: Frame) -> Matches:
         import torch
 
         inputs = self._processor([source.rgb, target.rgb], return_tensors="pt").to(self._device)

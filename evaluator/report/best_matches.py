@@ -16,9 +16,9 @@ from pliant.evaluator.protocols.protocol import read_protocol
 from pliant.evaluator.report.drawings import Symbols, panel_svg, side_by_side
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import SpecError
-from pliant.spec.frame import Frame
 from pliant.spec.io.parquet import read_table
 from pliant.spec.queries import QueryPair
+from pliant.spec.sequence import RecordedFrame
 
 RIGHT: Final = "#1b9e4b"
 WRONG: Final = "#d8352a"
@@ -95,5 +95,5 @@ def _is_right(
     return truth.visible & (np.nan_to_num(error_px, nan=np.inf) <= radius_px)
 
 
-def _place(frame: Frame) -> tuple[str, int]:
+def _place(frame: RecordedFrame) -> tuple[str, int]:
     return frame.sequence.id, frame.index

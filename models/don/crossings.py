@@ -11,7 +11,6 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from pliant.baselines.matcher import View
 from pliant.baselines.tracing import Trace, overlap, self_crossings
 from pliant.models.networks.crossing_network import (
     CrossingNetwork,
@@ -20,6 +19,7 @@ from pliant.models.networks.crossing_network import (
 )
 from pliant.models.training.checkpoint import read_weights_file
 from pliant.spec.errors import TrainingError
+from pliant.spec.frame import Frame
 
 CROSSINGS: Final = "crossings.safetensors"
 """The weights of a run's `CrossingNetwork`."""
@@ -30,7 +30,7 @@ LEAST_APART: Final = 0.04
 _MOST_CROSSINGS: Final = 12  # a trace with more runs along itself
 
 
-def picture_of(view: View, *, depth: bool) -> npt.NDArray[np.float32] | None:
+def picture_of(view: Frame, *, depth: bool) -> npt.NDArray[np.float32] | None:
     """Return what a `CrossingNetwork` looks at, float32 (H, W, C); None for a view without it."""
     if not depth:
         return view.rgb.astype(np.float32) / 255
@@ -43,7 +43,7 @@ def picture_of(view: View, *, depth: bool) -> npt.NDArray[np.float32] | None:
 
 def with_overlaps(
     network: CrossingNetwork,
-    view: View,
+    view: Frame,
     mask: npt.NDArray[np.bool_],
     traces: Sequence[Trace],
 ) -> list[Trace]:

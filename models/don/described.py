@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 import torch
 
-from pliant.baselines.lru_cache import LRUCache
-from pliant.baselines.matcher import View
 from pliant.baselines.tracing.depth_in_mask import Mask
 from pliant.loaders.inputs import NetworkInput
 from pliant.loaders.views import resize_mask, resize_rgb
 from pliant.models.don.ball import FIRST_SHARE
 from pliant.models.don.segmentation import Foreground, rope_masks
 from pliant.models.networks.descriptor_network import DescriptorNetwork, NetworkOutput
+from pliant.spec.frame import Frame
 from pliant.spec.io.resizing import resize_nearest
+from pliant.spec.lru_cache import LRUCache
 
 _KEPT_VIEWS = 8
 
@@ -62,7 +62,7 @@ class ViewDescriber:
         self.turns = range(0, 4, 4 // rotations)
         self._kept: LRUCache[DescribedView] = LRUCache(_KEPT_VIEWS)
 
-    def described(self, view: View) -> DescribedView:
+    def described(self, view: Frame) -> DescribedView:
         """Return a view's descriptors; without a mask, with the one that the network predicts."""
         # A key names a frame, and two frames of other sizes never share one.
         return self._kept.get(view.key, lambda: self._describe(view))
@@ -72,7 +72,7 @@ class ViewDescriber:
         """Whether `segmented` finds anything: the network predicts masks and sees a picture."""
         return self.network.foreground and self.given.colour
 
-    def segmented(self, view: View) -> View:
+    def segmented(self, view: Frame) -> Frame:
         """Return a view of a rope with masks found in its picture, where it has none.
 
         It stays as it is for a network that predicts no masks or sees no picture, and where nothing
@@ -87,9 +87,9 @@ class ViewDescriber:
         if found is None:
             return view
         key = f"{view.key}/segmented" if view.key else ""
-        return replace(view, mask=found[0], objects=found[1], key=key)
+        return view.replace(mask=found[0], objects=found[1], key=key)
 
-    def _describe(self, view: View) -> DescribedView:
+    def _describe(self, view: Frame) -> DescribedView:
         rgb, depth_m = self._resized(view)
         mask, objects = (
             None if each is None else resize_mask(each, self.size, keep_thin=True)
@@ -107,7 +107,7 @@ class ViewDescriber:
         return DescribedView(maps, mirrored, mask, objects)
 
     def _resized(
-        self, view: View
+        self, view: Frame
     ) -> tuple[npt.NDArray[np.uint8] | None, npt.NDArray[np.float32] | None]:
         rgb = resize_rgb(view.rgb, self.size) if self.given.colour else None
         depth_m = None

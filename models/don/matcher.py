@@ -10,8 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from pliant.baselines.lru_cache import LRUCache
-from pliant.baselines.matcher import Answers, Heat, View
+from pliant.baselines.matcher import Heat
 from pliant.baselines.tracing import Rectified, Trace, rectified, rope_traces
 from pliant.models.don.candidates import pixel_grid, widened
 from pliant.models.don.certainty import Calibration
@@ -33,7 +32,10 @@ from pliant.models.networks.descriptor_network import (
     DescriptorNetwork,
     sample_descriptors,
 )
+from pliant.spec.answers import Answers
+from pliant.spec.frame import Frame, Pair
 from pliant.spec.io.resizing import resize_nearest
+from pliant.spec.lru_cache import LRUCache
 
 _KEPT_VIEWS = 8
 _KEPT_TRACES = 128
@@ -146,8 +148,9 @@ class DonMatcher:
             "torch": torch.__version__,
         }
 
-    def answer(self, source: View, target: View, uv_a_px: npt.NDArray[np.float32]) -> Answers:
+    def answer(self, pair: Pair) -> Answers:
         """Answer query pixels; see `Matcher`."""
+        source, target, uv_a_px = pair.source, pair.target, pair.uv_a_px
         if len(uv_a_px) == 0:
             return Answers(np.zeros((0, 2), dtype=np.float32))
         decided = self._decided(source, target, uv_a_px)
@@ -157,7 +160,7 @@ class DonMatcher:
         asked = self.asked(decided.source.view, decided.target.view, decided.found)
         return replace(answers, familiarity=self.familiarity.score(asked))
 
-    def _decided(self, source: View, target: View, uv_a_px: npt.NDArray[np.float32]) -> _Decided:
+    def _decided(self, source: Frame, target: Frame, uv_a_px: npt.NDArray[np.float32]) -> _Decided:
         """Search for queries in the views as they are answered in, float32 (N, 2), N >= 1."""
         unmasked = source.mask is None or target.mask is None
         from_view, in_view = self.seen(source), self.seen(target)
@@ -177,7 +180,7 @@ class DonMatcher:
         """Whether it finds a rope's masks itself where a picture comes without."""
         return self.settings.decode == "trace" and self._views.segments
 
-    def seen(self, view: View) -> Rectified:
+    def seen(self, view: Frame) -> Rectified:
         """Return a view as it is answered in: a rope's with masks, and from straight above."""
 
         def prepared() -> Rectified:
@@ -211,7 +214,7 @@ class DonMatcher:
             modes = [rows[keep] for rows, keep in kept]
         return Answers(position, visible, None, modes)
 
-    def heat(self, source: View, target: View, uv_a_px: npt.NDArray[np.float32]) -> Heat:
+    def heat(self, source: Frame, target: Frame, uv_a_px: npt.NDArray[np.float32]) -> Heat:
         """Return p over the target for one query; see `HeatMatcher`.
 
         It is the distribution that `answer` describes: the same masks, view from above, traces and
@@ -258,7 +261,7 @@ class DonMatcher:
             log_p = traced.either_way(deciding, log_p, candidates_px)
         return Search(log_p, uv, compared.distance, compared.query, traced, deciding)
 
-    def compare(self, source: View, target: View, uv_a_px: npt.NDArray[np.float32]) -> Comparison:
+    def compare(self, source: Frame, target: Frame, uv_a_px: npt.NDArray[np.float32]) -> Comparison:
         """Compare the queries' descriptors with those of the target's candidates.
 
         Args:
@@ -297,7 +300,7 @@ class DonMatcher:
         log_p = (mean * self.sharpness).log_softmax(dim=1)
         return Comparison(log_p, uv, (distance / turns).double().numpy(), queries[0])
 
-    def decoded(self, found: Search, target: View) -> npt.NDArray[np.float64]:
+    def decoded(self, found: Search, target: Frame) -> npt.NDArray[np.float64]:
         """Return the positions that a search ends at, float64 (N, 2) in pixels of the target."""
         sharp = decode_position(found.deciding, found.uv_px, self.settings.decode)
         position = sharp.double().numpy() * self._pixel_scale(target)
@@ -327,7 +330,7 @@ class DonMatcher:
         descriptors = self._views.described(view).maps[0]
         return TracedView(view, descriptors, self._traces.get(view.key, traced))
 
-    def asked(self, source: View, target: View, compared: Comparison) -> Asked:
+    def asked(self, source: Frame, target: Frame, compared: Comparison) -> Asked:
         """Return what `Familiarity` looks at.
 
         Args:
@@ -341,11 +344,11 @@ class DonMatcher:
         )
         return Asked(source_described, target_described, compared.query.numpy(), compared.distance)
 
-    def descriptor_map(self, view: View) -> npt.NDArray[np.float32]:
+    def descriptor_map(self, view: Frame) -> npt.NDArray[np.float32]:
         """Return a frame's descriptors at the network's size, float32 (h, w, D)."""
         return self._views.described(view).maps[0].permute(1, 2, 0).numpy()
 
-    def canonical_map(self, view: View) -> npt.NDArray[np.float32] | None:
+    def canonical_map(self, view: Frame) -> npt.NDArray[np.float32] | None:
         """Return the material coordinates that the canonical head reads off each pixel.
 
         Args:
@@ -365,7 +368,7 @@ class DonMatcher:
             best = torch.cat([head.log_probabilities(part, scale).argmax(dim=1) for part in rows])
             return head.anchors[best].view(*descriptors.shape[1:], 2).cpu().numpy()
 
-    def working_mask(self, view: View) -> npt.NDArray[np.bool_] | None:
+    def working_mask(self, view: Frame) -> npt.NDArray[np.bool_] | None:
         """Return a frame's mask at the network's size, bool (h, w), or None."""
         return self._views.described(view).mask
 
@@ -376,7 +379,7 @@ class DonMatcher:
         wide = widened(torch.from_numpy(mask)[None], self.settings.margin_px)
         return wide.flatten().nonzero()[:, 0]
 
-    def _pixel_scale(self, view: View) -> npt.NDArray[np.float64]:
+    def _pixel_scale(self, view: Frame) -> npt.NDArray[np.float64]:
         """Return pixels of a view per network pixel, (u, v)."""
         return np.array([view.rgb.shape[1] / self.size[0], view.rgb.shape[0] / self.size[1]])
 

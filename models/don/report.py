@@ -10,12 +10,12 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.figure import Figure
 
-from pliant.baselines.matcher import View
 from pliant.evaluator.report.canvas import Labels, pictures_png, show_picture
 from pliant.evaluator.report.plots import line_svg
 from pliant.evaluator.report.run_page import Section, write_run_page
 from pliant.models.don.matcher import DonMatcher
 from pliant.models.don.validation import ValidationPair
+from pliant.spec.frame import Frame, Pair
 
 _PAIRS_SHOWN = 4
 _HEAT_RANGE = 10.0  # natural logarithms below the peak; lower values get the lowest colour
@@ -154,7 +154,7 @@ def heat_png(matcher: DonMatcher, pairs: Sequence[ValidationPair]) -> bytes:
             query = int(np.argmax(pair.visible[:, 0]))  # the first whose truth is visible
             uv, truth = pair.uv_a_px[query], pair.uv_b_px[query, 0]
             heat = matcher.heat(pair.source, pair.target, uv)
-            answer = matcher.answer(pair.source, pair.target, uv[None]).uv_px[0]
+            answer = matcher.answer(Pair(pair.source, pair.target, uv[None])).uv_px[0]
             size = heat.values.shape[1], heat.values.shape[0]
             show_picture(left, pair.source.rgb, size)
             left.plot(*uv, "+", **cross)
@@ -169,6 +169,6 @@ def heat_png(matcher: DonMatcher, pairs: Sequence[ValidationPair]) -> bytes:
     return pictures_png(len(pairs), 2, (4.5, 3.1), draw)
 
 
-def _mask(view: View, matcher: DonMatcher) -> npt.NDArray[np.bool_]:
+def _mask(view: Frame, matcher: DonMatcher) -> npt.NDArray[np.bool_]:
     mask = matcher.working_mask(view)
     return np.ones((matcher.size[1], matcher.size[0]), dtype=np.bool_) if mask is None else mask

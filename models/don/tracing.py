@@ -33,10 +33,10 @@ import torch
 from scipy.ndimage import gaussian_filter
 from scipy.special import softmax
 
-from pliant.baselines.matcher import View
 from pliant.baselines.tracing import Likelihood, Trace, located, placed
 from pliant.baselines.tracing.chain import STEPS
 from pliant.models.networks.descriptor_network import DescriptorNetwork, sample_descriptors
+from pliant.spec.frame import Frame
 
 SIGMA_SHARE: Final = 1 / 213
 """Standard deviation of a traced place, as a share of the image's width."""
@@ -67,7 +67,7 @@ class TracedView:
         traces: T traces in pixels of the image.
     """
 
-    view: View
+    view: Frame
     descriptors: torch.Tensor
     traces: Sequence[Trace]
 

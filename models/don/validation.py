@@ -8,20 +8,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from pliant.baselines.matcher import View
 from pliant.evaluator.metrics.errors import endpoint_error_px, rmse_px
 from pliant.loaders.frame_store import FrameStore
 from pliant.loaders.order import sample_generator
 from pliant.loaders.views import FrameView
 from pliant.models.don.matcher import DonMatcher
 from pliant.spec.errors import CallError
+from pliant.spec.frame import Frame, Pair
 
 Float32 = npt.NDArray[np.float32]
 VALIDATION_STREAM = 1
 
 
-@dataclass(frozen=True)
-class ValidationPair:
+@dataclass(frozen=True, eq=False, repr=False)
+class ValidationPair(Pair):
     """Two frames at one size, with queries and their truth in pixels of that size.
 
     Attributes:
@@ -32,16 +32,13 @@ class ValidationPair:
         visible: bool (Q, 1 + S), which of those the camera sees.
     """
 
-    source: View
-    target: View
-    uv_a_px: Float32
     uv_b_px: Float32
     visible: npt.NDArray[np.bool_]
 
     def without_masks(self) -> ValidationPair:
         """Return the pair as a method meets it that is given no masks."""
         source, target = (
-            replace(view, mask=None, objects=None, key=f"{view.key} without masks")
+            view.replace(mask=None, objects=None, key=f"{view.key} without masks")
             for view in (self.source, self.target)
         )
         return replace(self, source=source, target=target)
@@ -90,7 +87,7 @@ def draw_validation_pairs(
     return drawn
 
 
-def as_view(view: FrameView, key: str) -> View:
+def as_view(view: FrameView, key: str) -> Frame:
     """Return a stored frame as methods see it.
 
     Args:
@@ -98,7 +95,7 @@ def as_view(view: FrameView, key: str) -> View:
         key: Its name, another for every frame that one method sees: frames of two datasets may
             share the name within their dataset.
     """
-    return View(view.rgb, view.mask, view.depth_m, key, view.objects)
+    return Frame(view.rgb, view.mask, view.depth_m, key, view.objects)
 
 
 def validate(
@@ -119,7 +116,7 @@ def validate(
     strict, symmetric, per_pair = [], [], []
     for pair in pairs:
         scale = np.array(full_size) / np.array(pair.target.rgb.shape[1::-1])
-        answers = matcher.answer(pair.source, pair.target, pair.uv_a_px)
+        answers = matcher.answer(pair)
         found = answers.uv_px * scale
         truth = pair.uv_b_px * scale
         errors = np.stack(

@@ -11,8 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from pliant.baselines.lru_cache import LRUCache
-from pliant.baselines.matcher import Answers, Heat, View
+from pliant.baselines.matcher import Heat
 from pliant.loaders.inputs import NetworkInput
 from pliant.loaders.views import resize_mask, resize_rgb
 from pliant.models.timecycle.encoder import STRIDE
@@ -21,8 +20,11 @@ from pliant.models.timecycle.propagation import Propagator
 from pliant.models.timecycle.settings import PropagationSettings, TimeCycleSettings
 from pliant.models.training.checkpoint import load_best
 from pliant.models.training.run_folder import CONFIG, RUN_FACTS, read_run_json
+from pliant.spec.answers import Answers
 from pliant.spec.configuration import read_settings
+from pliant.spec.frame import Frame, Pair
 from pliant.spec.io.resizing import resize_nearest
+from pliant.spec.lru_cache import LRUCache
 
 Float32 = npt.NDArray[np.float32]
 
@@ -62,8 +64,9 @@ class TimeCycleMatcher:
             "torch": torch.__version__,
         }
 
-    def answer(self, source: View, target: View, uv_a_px: Float32) -> Answers:
+    def answer(self, pair: Pair) -> Answers:
         """Answer query pixels in one step, wherever in the target they may be; see `Matcher`."""
+        source, target, uv_a_px = pair.source, pair.target, pair.uv_a_px
         if len(uv_a_px) == 0:
             return Answers(np.zeros((0, 2), dtype=np.float32))
         anywhere = replace(self.settings.propagation, radius=0.0, prior=0.0, smooth=0.0)
@@ -72,7 +75,7 @@ class TimeCycleMatcher:
             found = propagator.step(self._encode(target), self._searched(target))
         return Answers(self._pixels(found, target))
 
-    def track(self, views: Iterable[View], uv_px: Float32) -> Iterator[Answers]:
+    def track(self, views: Iterable[Frame], uv_px: Float32) -> Iterator[Answers]:
         """Carry points through consecutive frames; see `TrackMatcher`."""
         frames = iter(views)
         first = next(frames)
@@ -82,7 +85,7 @@ class TimeCycleMatcher:
                 found = propagator.step(self._encode(view), self._searched(view))
             yield Answers(self._pixels(found, view))
 
-    def heat(self, source: View, target: View, uv_a_px: Float32) -> Heat:
+    def heat(self, source: Frame, target: Frame, uv_a_px: Float32) -> Heat:
         """Return the affinity of one query over the target's cells; see `HeatMatcher`."""
         settings = self.settings.propagation
         propagator = self._propagator(source, np.asarray(uv_a_px)[None], settings)
@@ -96,7 +99,7 @@ class TimeCycleMatcher:
         return Heat(heat, "log affinity", min(1.0, best), "affinity of the best cell")
 
     def _propagator(
-        self, source: View, uv_px: Float32, settings: PropagationSettings
+        self, source: Frame, uv_px: Float32, settings: PropagationSettings
     ) -> Propagator:
         scale = self._scale(source)
         xy = torch.as_tensor(np.asarray(uv_px, dtype=np.float64) / scale, dtype=torch.float32)
@@ -109,7 +112,7 @@ class TimeCycleMatcher:
                 self._searched(source),
             )
 
-    def _encode(self, view: View) -> torch.Tensor:
+    def _encode(self, view: Frame) -> torch.Tensor:
         """Return a frame's unit descriptors, (D, h, w) on the CPU."""
 
         def encode() -> torch.Tensor:
@@ -120,7 +123,7 @@ class TimeCycleMatcher:
 
         return self._encoded.get(view.key, encode)
 
-    def _searched(self, view: View) -> npt.NDArray[np.bool_] | None:
+    def _searched(self, view: Frame) -> npt.NDArray[np.bool_] | None:
         """Return the cells that touch the object, where the settings look there alone."""
         if self.settings.propagation.search == "image" or view.mask is None:
             return None
@@ -129,10 +132,10 @@ class TimeCycleMatcher:
         touched = mask.reshape(height, STRIDE, width, STRIDE).any(axis=(1, 3))
         return touched if touched.any() else None
 
-    def _pixels(self, xy: torch.Tensor, view: View) -> Float32:
+    def _pixels(self, xy: torch.Tensor, view: Frame) -> Float32:
         return (xy.double().numpy() * self._scale(view)).astype(np.float32)
 
-    def _scale(self, view: View) -> npt.NDArray[np.float64]:
+    def _scale(self, view: Frame) -> npt.NDArray[np.float64]:
         """Return pixels of a view per cell, (u, v)."""
         cells = np.array(self.size) / STRIDE
         return np.array([view.rgb.shape[1], view.rgb.shape[0]]) / cells

@@ -9,13 +9,13 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from pliant.baselines.matcher import View
 from pliant.evaluator.metrics.errors import endpoint_error_px, rmse_px
 from pliant.loaders.frame_store import FrameStore
 from pliant.loaders.order import sample_generator
 from pliant.models.timecycle.matcher import TimeCycleMatcher
 from pliant.models.timecycle.settings import TrackValidationSettings
 from pliant.spec.errors import CallError
+from pliant.spec.frame import Frame
 
 Float32 = npt.NDArray[np.float32]
 Float64 = npt.NDArray[np.float64]
@@ -45,12 +45,12 @@ class Stretch:
     frames: range
     points: npt.NDArray[np.int64]
 
-    def views(self) -> Iterator[View]:
+    def views(self) -> Iterator[Frame]:
         """Yield the frames, at the working size."""
         for number in self.frames:
             view = self.store.view(number)
             key = self.store.frames[number].key
-            yield View(rgb=view.rgb, mask=view.mask, depth_m=view.depth_m, key=key)
+            yield Frame(rgb=view.rgb, mask=view.mask, depth_m=view.depth_m, key=key)
 
     def truth(self) -> tuple[Float32, npt.NDArray[np.bool_]]:
         """Return where the points are, float32 (F + 1, Q, 2), and whether the camera sees them."""

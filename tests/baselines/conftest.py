@@ -12,7 +12,7 @@ import numpy.typing as npt
 import pyarrow as pa
 import pytest
 
-from pliant.baselines import View
+from pliant.baselines import Frame
 from pliant.spec.conventions import CONVENTIONS
 from pliant.spec.dataset import Dataset
 from pliant.spec.io.exr import Surface, write_surface
@@ -76,9 +76,9 @@ def card_surface(pose: Similarity) -> tuple[npt.NDArray[np.uint8], Surface]:
     return rgb, surface
 
 
-def card_view(pose: Similarity, key: str = "") -> View:
+def card_view(pose: Similarity, key: str = "") -> Frame:
     rgb, surface = card_surface(pose)
-    return View(rgb=rgb, mask=surface.object_id == 1, depth_m=surface.depth_m, key=key)
+    return Frame(rgb=rgb, mask=surface.object_id == 1, depth_m=surface.depth_m, key=key)
 
 
 @pytest.fixture(scope="session")
@@ -87,7 +87,7 @@ def pose() -> type[Similarity]:
 
 
 @pytest.fixture(scope="session")
-def view_of() -> Callable[[Similarity], View]:
+def view_of() -> Callable[[Similarity], Frame]:
     return card_view
 
 

@@ -10,39 +10,40 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from pliant.baselines import METHODS, SplitMatcher, View
+from pliant.baselines import METHODS, Frame, SplitMatcher
 from pliant.baselines.controls import Identity, MaskCentroid, Oracle, RandomInMask
 from pliant.baselines.pixels import lies_on
 from pliant.baselines.predict import predict
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, SpecError
+from pliant.spec.frame import Pair
 from pliant.spec.io.parquet import read_table
 from pliant.spec.storage import layout
 
 QUERIES = np.array([[1.25, 2.5], [3.0, 0.125], [4.75, 3.5]], dtype=np.float32)
 
 
-def view(*pixels: tuple[int, int], key: str = "") -> View:
+def view(*pixels: tuple[int, int], key: str = "") -> Frame:
     mask = np.zeros((40, 50), dtype=np.bool_)
     for row, column in pixels:
         mask[row, column] = True
-    return View(np.zeros((40, 50, 3), dtype=np.uint8), mask, key=key)
+    return Frame(np.zeros((40, 50, 3), dtype=np.uint8), mask, key=key)
 
 
 def test_identity_stays() -> None:
-    np.testing.assert_array_equal(Identity().answer(view(), view(), QUERIES).uv_px, QUERIES)
+    np.testing.assert_array_equal(Identity().answer(Pair(view(), view(), QUERIES)).uv_px, QUERIES)
 
 
 def test_centroid_is_the_middle_even_beside_the_object() -> None:
     target = view((0, 0), (0, 4), (3, 2))
-    answers = MaskCentroid().answer(view(), target, QUERIES)
+    answers = MaskCentroid().answer(Pair(view(), target, QUERIES))
     assert answers.uv_px.tolist() == [[2.5, 1.5]] * 3
 
 
 def test_random_stays_on_the_object_and_spreads_over_it() -> None:
     target = view(*((row, 7) for row in range(40)))
     queries = np.random.default_rng(0).uniform(0, 40, (4000, 2)).astype(np.float32)
-    answers = RandomInMask().answer(view(), target, queries).uv_px
+    answers = RandomInMask().answer(Pair(view(), target, queries)).uv_px
     assert target.mask is not None
     assert lies_on(answers, target.mask).all()
     counts = np.bincount(answers[:, 1].astype(int), minlength=40)
@@ -53,16 +54,16 @@ def test_random_stays_on_the_object_and_spreads_over_it() -> None:
 def test_random_depends_on_seed_frames_and_query_alone() -> None:
     target = view(*((row, column) for row in range(40) for column in range(50)), key="b")
     source = view(key="a")
-    answers = RandomInMask().answer(source, target, QUERIES).uv_px
-    reordered = RandomInMask().answer(source, target, QUERIES[::-1]).uv_px
+    answers = RandomInMask().answer(Pair(source, target, QUERIES)).uv_px
+    reordered = RandomInMask().answer(Pair(source, target, QUERIES[::-1])).uv_px
     np.testing.assert_array_equal(reordered, answers[::-1])
     for matcher, first in ((RandomInMask(1), source), (RandomInMask(), view(key="c"))):
-        other = matcher.answer(first, target, QUERIES).uv_px
+        other = matcher.answer(Pair(first, target, QUERIES)).uv_px
         assert (other != answers).all()
 
 
 def test_random_without_an_object_is_the_image_centre() -> None:
-    assert RandomInMask().answer(view(), view(), QUERIES).uv_px.tolist() == [[25, 20]] * 3
+    assert RandomInMask().answer(Pair(view(), view(), QUERIES)).uv_px.tolist() == [[25, 20]] * 3
 
 
 def test_oracle_writes_the_truth(cards: Dataset, tmp_path: Path) -> None:

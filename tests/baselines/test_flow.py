@@ -12,9 +12,10 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from pliant.baselines import METHODS, TrackMatcher, View
+from pliant.baselines import METHODS, Frame, TrackMatcher
 from pliant.baselines.flow import FLOWS, FlowChain
 from pliant.spec.errors import MissingExtraError
+from pliant.spec.frame import Pair
 from tests.baselines.contributed import needs_contributed_opencv
 
 pytest.importorskip("cv2")
@@ -23,7 +24,7 @@ CHAINS = [
     pytest.param(name, marks=needs_contributed_opencv if name == "rlof-chain" else ())
     for name in FLOWS
 ]
-ViewOf = Callable[..., View]
+ViewOf = Callable[..., Frame]
 Floats = npt.NDArray[np.float64]
 
 
@@ -45,7 +46,7 @@ def test_points_follow_a_turn_of_72_degrees_in_small_steps(
     assert np.median(error_px) < 3  # windows do not turn, so each step drifts
     assert last.visible is not None
     assert last.visible.mean() > 0.95
-    at_once = chain(name).answer(view_of(poses[0]), view_of(poses[-1]), start)
+    at_once = chain(name).answer(Pair(view_of(poses[0]), view_of(poses[-1]), start))
     assert np.median(np.hypot(*(at_once.uv_px - poses[-1].place(card_queries)).T)) > 10
 
 
@@ -61,7 +62,7 @@ def test_a_point_that_does_not_return_stays_and_is_hidden(
     card = np.stack(np.meshgrid(np.arange(-50, 51, 5), np.arange(-50, 51, 5)), -1).reshape(-1, 2)
     start = before.place(card).astype(np.float32)
     left, right = start[:, 0] < 95, start[:, 0] > 145
-    answers = chain(name).answer(view_of(before), View(target), start)
+    answers = chain(name).answer(Pair(view_of(before), Frame(target), start))
     assert answers.visible is not None
     assert answers.sigma_px is not None
     assert answers.visible[left].mean() < 0.15
@@ -76,13 +77,15 @@ def test_a_point_that_does_not_return_stays_and_is_hidden(
 @pytest.mark.parametrize("name", CHAINS)
 def test_small_blank_and_unequal_images_are_answered(name: str) -> None:
     query = np.array([[0.5, 0.5]], dtype=np.float32)
-    speck = View(np.full((1, 1, 3), 90, dtype=np.uint8))
-    assert chain(name).answer(speck, speck, query).uv_px.tolist() == [[0.5, 0.5]]
+    speck = Frame(np.full((1, 1, 3), 90, dtype=np.uint8))
+    assert chain(name).answer(Pair(speck, speck, query)).uv_px.tolist() == [[0.5, 0.5]]
     noise = np.random.default_rng(1).integers(0, 256, (60, 80, 3)).astype(np.uint8)
-    twice = View(np.repeat(np.repeat(noise, 2, axis=0), 2, axis=1))
-    found = chain(name).answer(View(noise), twice, np.array([[40.5, 30.5]], dtype=np.float32))
+    twice = Frame(np.repeat(np.repeat(noise, 2, axis=0), 2, axis=1))
+    found = chain(name).answer(
+        Pair(Frame(noise), twice, np.array([[40.5, 30.5]], dtype=np.float32))
+    )
     np.testing.assert_allclose(found.uv_px, [[81, 61]], atol=0.3)
-    none = chain(name).answer(View(noise), View(noise), np.zeros((0, 2), dtype=np.float32))
+    none = chain(name).answer(Pair(Frame(noise), Frame(noise), np.zeros((0, 2), dtype=np.float32)))
     assert none.uv_px.shape == (0, 2)
 
 

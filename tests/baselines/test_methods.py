@@ -11,14 +11,15 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from pliant.baselines import METHODS, HeatMatcher, KeypointMatcher, View
+from pliant.baselines import METHODS, Frame, HeatMatcher, KeypointMatcher
 from pliant.baselines.features.local_features import LocalFeatureMatcher
+from pliant.spec.frame import Pair
 from tests.baselines.contributed import needs_contributed_opencv
 
 BEBLID = pytest.param("beblid", marks=needs_contributed_opencv)
 CLASSICAL = ("sift", "surf", "orb", BEBLID)
 
-ViewOf = Callable[..., View]
+ViewOf = Callable[..., Frame]
 Floats = npt.NDArray[np.float64]
 
 
@@ -48,7 +49,7 @@ def test_answers_follow_a_similarity(
 ) -> None:
     before, after = pose(), pose(**motion)
     answers = method(name).answer(
-        view_of(before), view_of(after), before.place(card_queries).astype(np.float32)
+        Pair(view_of(before), view_of(after), before.place(card_queries).astype(np.float32))
     )
     error_px = np.hypot(*(answers.uv_px - after.place(card_queries)).T)
     assert np.median(error_px) < median_px
@@ -81,7 +82,7 @@ def test_learned_descriptors_follow_a_turn(
     inner[85:115, 105:140] = True
     queries = card_queries[np.abs(card_queries).max(axis=1) < 12]
     answers = method(name).answer(
-        source, View(target.rgb, inner), before.place(queries).astype(np.float32)
+        Pair(source, Frame(target.rgb, inner), before.place(queries).astype(np.float32))
     )
     error_px = np.hypot(*(answers.uv_px - after.place(queries)).T)
     assert len(queries) >= 4
@@ -95,17 +96,17 @@ def test_learned_descriptors_follow_a_turn(
 @pytest.mark.parametrize("name", CLASSICAL)
 def test_keypoints_beside_the_object_are_left_out(name: str, pose: Any, view_of: ViewOf) -> None:
     view = view_of(pose())
-    bare = View(rgb=view.rgb)
-    left = View(rgb=view.rgb, mask=np.zeros(view.rgb.shape[:2], dtype=np.bool_))
+    bare = Frame(rgb=view.rgb)
+    left = Frame(rgb=view.rgb, mask=np.zeros(view.rgb.shape[:2], dtype=np.bool_))
     left.mask[:, :120] = True  # type: ignore[index]
     assert (method(name).match(left, bare).uv_a_px[:, 0] < 120).all()
     assert (method(name).match(bare, left).uv_b_px[:, 0] < 120).all()
     assert (method(name).match(bare, bare).uv_a_px[:, 0] > 120).any()
 
 
-def grey_view(height: int, width: int, mask: bool | None = None) -> View:
+def grey_view(height: int, width: int, mask: bool | None = None) -> Frame:
     rgb = np.full((height, width, 3), 127, dtype=np.uint8)
-    return View(rgb, None if mask is None else np.full((height, width), mask))
+    return Frame(rgb, None if mask is None else np.full((height, width), mask))
 
 
 @pytest.mark.parametrize("name", CLASSICAL)
@@ -117,7 +118,7 @@ def test_blank_and_tiny_images_are_answered(
     view = grey_view(*size, mask)
     matcher = method(name)
     queries = np.array([[0.5, 0.5], [0.25, 0.75]], dtype=np.float32)
-    answers = matcher.answer(view, view, queries)
+    answers = matcher.answer(Pair(view, view, queries))
     assert answers.uv_px.tolist() == [[size[1] / 2, size[0] / 2]] * 2  # the mask's centroid
     assert len(matcher.match(view, view).score) == 0
     heat = matcher.heat(view, view, queries[0])
@@ -128,7 +129,7 @@ def test_blank_and_tiny_images_are_answered(
 @pytest.mark.parametrize("name", CLASSICAL)
 def test_no_queries_no_answers(name: str, pose: Any, view_of: ViewOf) -> None:
     view = view_of(pose())
-    answers = method(name).answer(view, view, np.zeros((0, 2), dtype=np.float32))
+    answers = method(name).answer(Pair(view, view, np.zeros((0, 2), dtype=np.float32)))
     assert answers.uv_px.shape == (0, 2)
 
 
@@ -138,7 +139,7 @@ def test_object_of_one_pixel_is_the_answer(name: str, pose: Any, view_of: ViewOf
     speck = np.zeros(view.rgb.shape[:2], dtype=np.bool_)
     speck[60, 90] = True
     answers = method(name).answer(
-        view, View(view.rgb, speck), np.array([[120, 100]], dtype=np.float32)
+        Pair(view, Frame(view.rgb, speck), np.array([[120, 100]], dtype=np.float32))
     )
     assert answers.uv_px.tolist() == [[90.5, 60.5]]
 
@@ -147,7 +148,7 @@ def test_object_of_one_pixel_is_the_answer(name: str, pose: Any, view_of: ViewOf
 def test_queries_at_the_border_are_described(name: str) -> None:
     rgb = np.random.default_rng(0).integers(0, 256, (50, 60, 3)).astype(np.uint8)
     corners = np.array([[0.5, 0.5], [59.5, 0.5], [0.5, 49.5], [59.5, 49.5]], dtype=np.float32)
-    answers = method(name).answer(View(rgb), View(rgb), corners)
+    answers = method(name).answer(Pair(Frame(rgb), Frame(rgb), corners))
     assert np.array_equal(answers.uv_px, corners)
 
 
@@ -155,13 +156,13 @@ def test_queries_at_the_border_are_described(name: str) -> None:
 def test_large_objects_are_searched_on_a_grid(name: str, pose: Any, view_of: ViewOf) -> None:
     rng = np.random.default_rng(0)
     rgb = np.repeat(rng.integers(0, 256, (160, 150, 1)).astype(np.uint8), 3, axis=2)  # 24,000 px
-    heat = method(name).heat(View(rgb), View(rgb), np.array([75.5, 81.5], dtype=np.float32))
+    heat = method(name).heat(Frame(rgb), Frame(rgb), np.array([75.5, 81.5], dtype=np.float32))
     assert np.isfinite(heat.values).all()
     best_v, best_u = np.unravel_index(heat.values.argmax(), heat.values.shape)
     assert abs(best_u + 0.5 - 75.5) <= 1
     assert abs(best_v + 0.5 - 81.5) <= 1
     queries = rng.integers(20, 130, (30, 2)) + 0.5
-    answers = method(name).answer(View(rgb), View(rgb), queries.astype(np.float32))
+    answers = method(name).answer(Pair(Frame(rgb), Frame(rgb), queries.astype(np.float32)))
     assert (answers.uv_px % 2 == 1.5).all()  # every second row and column
 
 
@@ -177,7 +178,7 @@ def test_heat_peaks_at_the_answer(
     query = before.place(card_queries).astype(np.float32)[:1]
     heat = matcher.heat(source, target, query[0])
     v, u = np.unravel_index(np.nanargmax(heat.values), heat.values.shape)
-    assert matcher.answer(source, target, query).uv_px.tolist() == [[u + 0.5, v + 0.5]]
+    assert matcher.answer(Pair(source, target, query)).uv_px.tolist() == [[u + 0.5, v + 0.5]]
     assert target.mask is not None
     np.testing.assert_array_equal(np.isfinite(heat.values), target.mask)
     assert 0.1 < heat.confidence <= 1
@@ -196,6 +197,6 @@ def test_remembered_frames_change_nothing(pose: Any, view_of: ViewOf, card_queri
     for index in (1, 2, 3, 4, 5, 6, 1, 6):  # more frames than are remembered
         source, target = view_of(poses[0], "0"), view_of(poses[index], str(index))
         np.testing.assert_array_equal(
-            remembering.answer(source, target, queries).uv_px,
-            forgetting.answer(view_of(poses[0]), view_of(poses[index]), queries).uv_px,
+            remembering.answer(Pair(source, target, queries)).uv_px,
+            forgetting.answer(Pair(view_of(poses[0]), view_of(poses[index]), queries)).uv_px,
         )

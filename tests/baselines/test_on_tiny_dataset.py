@@ -11,7 +11,6 @@ from pliant import evaluator
 from pliant.baselines import METHODS
 from pliant.baselines.pixels import lies_on
 from pliant.baselines.predict import predict
-from pliant.baselines.views import ViewReader
 from pliant.spec.dataset import Dataset
 from pliant.spec.io.parquet import read_table
 
@@ -60,10 +59,9 @@ def test_matches_are_scored(name: str, tiny_dataset: Path, tmp_path: Path) -> No
 def test_masks_are_the_queried_object(tiny_dataset: Path) -> None:
     """The rope without its ball; queries lie on it to within a pixel of its edge."""
     dataset = Dataset.open(tiny_dataset)
-    reader = ViewReader()
     queries = dataset.queries(SPLIT)
     rope = next(s for s in dataset.sequences if s.tier == "rope" and s.split == SPLIT)
-    view = reader.view(rope[0])
+    view = rope[0]
     surface = rope.surface(0)
     assert set(np.unique(surface.object_id)) == {0, 1, 2}
     assert view.mask is not None
@@ -71,7 +69,7 @@ def test_masks_are_the_queried_object(tiny_dataset: Path) -> None:
     assert view.depth_m is not None
     inside = []
     for row in queries.to_pylist()[::7]:
-        mask = reader.view(dataset.frame(row["sequence_a"], row["frame_a"])).mask
+        mask = dataset.frame(row["sequence_a"], row["frame_a"]).mask
         assert mask is not None
         near = mask.copy()
         for axis in (0, 1):

@@ -10,8 +10,9 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from pliant.baselines import METHODS, View
+from pliant.baselines import METHODS, Frame
 from pliant.baselines.outline import WARPS, ClothOutline, outline_sides
+from pliant.spec.frame import Pair
 
 cv2: Any = pytest.importorskip("cv2")
 
@@ -26,14 +27,14 @@ def warp(name: str) -> ClothOutline:
     return made
 
 
-def view_of(place: Warp) -> View:
+def view_of(place: Warp) -> Frame:
     """A unit square carried to the picture, its outline filled."""
     t = np.linspace(-1, 1, 200)
     top = np.stack([t, np.full_like(t, -1)], axis=1)
     outline = np.concatenate([top, top[:, ::-1] * [-1, 1], -top, -top[:, ::-1] * [-1, 1]])
     mask = np.zeros(SIZE[::-1], dtype=np.uint8)
     cv2.fillPoly(mask, [np.rint(place(outline) - 0.5).astype(np.int32)], 1)
-    return View(np.zeros((*mask.shape, 3), dtype=np.uint8), mask=mask > 0)
+    return Frame(np.zeros((*mask.shape, 3), dtype=np.uint8), mask=mask > 0)
 
 
 def turned(angle_deg: float, scale: float = 60.0, tilt: float = 0.0) -> Warp:
@@ -58,13 +59,15 @@ INSIDE = np.random.default_rng(0).uniform(-0.8, 0.8, (50, 2))
 @pytest.mark.parametrize("angle_deg", [-40, 0, 17, 40])
 def test_a_flat_cloth_is_carried_through_a_turn(name: str, angle_deg: float) -> None:
     a, b = turned(-35), turned(angle_deg, scale=50)
-    answers = warp(name).answer(view_of(a), view_of(b), a(INSIDE).astype(np.float32))
+    answers = warp(name).answer(Pair(view_of(a), view_of(b), a(INSIDE).astype(np.float32)))
     assert np.hypot(*(answers.uv_px - b(INSIDE)).T).max() < 2.5
 
 
 def test_the_homography_follows_a_perspective() -> None:
     a, b = turned(0), turned(10, scale=45, tilt=0.3)
-    found = warp("cloth-homography").answer(view_of(a), view_of(b), a(INSIDE).astype(np.float32))
+    found = warp("cloth-homography").answer(
+        Pair(view_of(a), view_of(b), a(INSIDE).astype(np.float32))
+    )
     assert np.hypot(*(found.uv_px - b(INSIDE)).T).max() < 2.5
 
 
@@ -73,7 +76,9 @@ def test_the_spline_follows_bent_sides_and_the_homography_does_not() -> None:
     near_side = np.stack([np.linspace(-0.3, 0.3, 9), np.full(9, 0.9)], axis=1)
     error_px = {}
     for name in WARPS:
-        found = warp(name).answer(view_of(a), view_of(bulged), a(near_side).astype(np.float32))
+        found = warp(name).answer(
+            Pair(view_of(a), view_of(bulged), a(near_side).astype(np.float32))
+        )
         error_px[name] = float(np.hypot(*(found.uv_px - bulged(near_side)).T).max())
     assert error_px["cloth-tps"] < 3
     assert error_px["cloth-homography"] > 6
@@ -82,7 +87,9 @@ def test_the_spline_follows_bent_sides_and_the_homography_does_not() -> None:
 def test_beyond_45_degrees_a_blank_cloth_is_named_by_its_nearest_upright_corner() -> None:
     """60 degrees look like -30: every corner is its neighbour's."""
     a, b = turned(0), turned(60)
-    found = warp("cloth-homography").answer(view_of(a), view_of(b), a(INSIDE).astype(np.float32))
+    found = warp("cloth-homography").answer(
+        Pair(view_of(a), view_of(b), a(INSIDE).astype(np.float32))
+    )
     assert np.hypot(*(found.uv_px - turned(-30)(INSIDE)).T).max() < 2.5
 
 
@@ -105,9 +112,9 @@ def test_masks_without_four_corners_are_answered_by_the_middle(name: str) -> Non
     speck = np.zeros((40, 50), dtype=np.bool_)
     speck[3, 7:9] = True
     for mask, middle in ((None, [25, 20]), (speck & False, [25, 20]), (speck, [8, 3.5])):
-        answers = warp(name).answer(full, View(rgb, mask=mask), query)
+        answers = warp(name).answer(Pair(full, Frame(rgb, mask=mask), query))
         assert answers.uv_px.tolist() == [middle]
-    assert warp(name).answer(full, full, query[:0]).uv_px.shape == (0, 2)
+    assert warp(name).answer(Pair(full, full, query[:0])).uv_px.shape == (0, 2)
 
 
 def test_outlines_travel_to_another_process() -> None:

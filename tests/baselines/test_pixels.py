@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pliant.baselines import View
+from pliant.baselines import Frame
 from pliant.baselines.features.local_features import dense_stride
 from pliant.baselines.pixels import (
     central_position,
@@ -52,13 +52,13 @@ def test_position_belongs_to_the_pixel_it_falls_into() -> None:
 
 def test_centre_of_mask_or_image() -> None:
     rgb = np.zeros((4, 5, 3), dtype=np.uint8)
-    assert central_position(View(rgb, mask_of((0, 0), (0, 2), (3, 1)))).tolist() == [1.5, 1.5]
-    assert central_position(View(rgb)).tolist() == [2.5, 2.0]
-    assert central_position(View(rgb, mask_of())).tolist() == [2.5, 2.0]
+    assert central_position(Frame(rgb, mask_of((0, 0), (0, 2), (3, 1)))).tolist() == [1.5, 1.5]
+    assert central_position(Frame(rgb)).tolist() == [2.5, 2.0]
+    assert central_position(Frame(rgb, mask_of())).tolist() == [2.5, 2.0]
 
 
 def test_without_a_mask_everything_is_searched() -> None:
-    assert searched_mask(View(np.zeros((4, 5, 3), dtype=np.uint8))).all()
+    assert searched_mask(Frame(np.zeros((4, 5, 3), dtype=np.uint8))).all()
 
 
 def test_stride_follows_from_the_limit() -> None:

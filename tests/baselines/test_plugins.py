@@ -15,11 +15,12 @@ import numpy as np
 import pytest
 
 import pliant
-from pliant.baselines import Answers, KeypointMatcher, Matches, View
+from pliant.baselines import Answers, Frame, KeypointMatcher, Matches
 from pliant.baselines.adapters import as_matcher
 from pliant.cli.main import run
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, MissingExtraError, SubmissionError
+from pliant.spec.frame import Pair
 from pliant.spec.io.parquet import read_footer, read_table
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -37,8 +38,8 @@ class Shift:
     def __init__(self, du: float = 0.0, dv: float = 0.0):
         self.by = np.array([du, dv], np.float32)
 
-    def answer(self, source, target, uv_a_px):
-        return Answers(uv_a_px + self.by)
+    def answer(self, pair):
+        return Answers(pair.uv_a_px + self.by)
 
 
 class OnlyMatches:
@@ -200,23 +201,29 @@ def test_a_file_called_as_another_module(tmp_path: Path) -> None:
 class Slots:
     __slots__ = ()
 
-    def answer(self, source: View, target: View, uv_a_px: Any) -> Answers:
-        return Answers(uv_a_px)
+    def answer(self, pair: Pair) -> Answers:
+        return Answers(pair.uv_a_px)
 
 
 class BadMatches:
-    def match(self, source: View, target: View) -> Any:
+    def match(self, source: Frame, target: Frame) -> Any:
         return np.zeros((4, 2)), np.zeros((3, 2))
 
 
+class ThreeArguments(Slots):
+    def answer(self, source: Frame, target: Frame, uv_a_px: Any) -> Answers:  # type: ignore[override]
+        raise NotImplementedError
+
+
 class BadAnswer(Slots):
-    def answer(self, source: View, target: View, uv_a_px: Any) -> Any:
+    def answer(self, pair: Pair) -> Any:
         return "near the middle"
 
 
 def test_objects_that_are_no_matchers(cards: Dataset) -> None:
     for method, message in (
         (Slots(), "no 'name', and none can be set"),
+        (ThreeArguments(), r"`answer` takes other arguments.*answer\(self, pair\)"),
         (Slots, "this is a class.*Pass an instance: Slots()"),
     ):
         with pytest.raises(CallError, match=message):
@@ -246,8 +253,8 @@ class Positions(Slots):
     def describe(self) -> dict[str, str]:
         return {}
 
-    def answer(self, source: View, target: View, uv_a_px: Any) -> Any:
-        return self._made(uv_a_px)
+    def answer(self, pair: Pair) -> Any:
+        return self._made(pair.uv_a_px)
 
 
 def test_an_answer_may_be_positions_alone(cards: Dataset) -> None:
@@ -278,7 +285,7 @@ def test_completed_object_keeps_what_it_has_and_can_be_sent() -> None:
         def describe(self) -> dict[str, int]:
             return {"radius": 3}
 
-        def match(self, source: View, target: View) -> Matches:
+        def match(self, source: Frame, target: Frame) -> Matches:
             raise NotImplementedError
 
     matcher = as_matcher(Named())

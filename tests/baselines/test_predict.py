@@ -13,11 +13,12 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from pliant.baselines import METHODS, Answers, View
+from pliant.baselines import METHODS, Answers
 from pliant.baselines.predict import predict
 from pliant.baselines.submission_file import query_keys, write_answers, write_template
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, SpecError, SubmissionError
+from pliant.spec.frame import Pair
 from pliant.spec.io.parquet import read_footer, read_table
 from pliant.spec.storage import layout
 
@@ -33,9 +34,9 @@ class Fixed:
     def describe(self) -> Mapping[str, Any]:
         return {"settings": 3}
 
-    def answer(self, source: View, target: View, uv_a_px: npt.NDArray[np.float32]) -> Answers:
-        fields = {name: make(len(uv_a_px)) for name, make in self._fields.items()}
-        return Answers(**{"uv_px": uv_a_px + 1, **fields})
+    def answer(self, pair: Pair) -> Answers:
+        fields = {name: make(len(pair.uv_a_px)) for name, make in self._fields.items()}
+        return Answers(**{"uv_px": pair.uv_a_px + 1, **fields})
 
 
 def test_file_holds_an_answer_for_every_query_in_order(cards: Dataset, tmp_path: Path) -> None:

@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pliant.baselines.matcher import Answers, TrackMatcher, View
+from pliant.baselines.matcher import TrackMatcher
 from pliant.baselines.predict import predict
 from pliant.baselines.tracks import answer_tracks, tasks_by_source
-from pliant.baselines.views import ViewReader
+from pliant.spec.answers import Answers
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import SubmissionError
+from pliant.spec.frame import Frame, Pair
 from pliant.spec.io.parquet import read_table
 from pliant.spec.queries import QueryPair
 
@@ -31,11 +32,11 @@ class Counter:
     def describe(self) -> Mapping[str, Any]:
         return {}
 
-    def answer(self, source: View, target: View, uv_a_px: Any) -> Answers:
-        nowhere = np.full((len(uv_a_px), 2), -1, dtype=np.float32)
-        return Answers(nowhere, visible=np.zeros(len(uv_a_px), dtype=np.float32))
+    def answer(self, pair: Pair) -> Answers:
+        nowhere = np.full((len(pair.uv_a_px), 2), -1, dtype=np.float32)
+        return Answers(nowhere, visible=np.zeros(len(pair.uv_a_px), dtype=np.float32))
 
-    def track(self, views: Iterable[View], uv_px: Any) -> Iterator[Answers]:
+    def track(self, views: Iterable[Frame], uv_px: Any) -> Iterator[Answers]:
         frames = iter(views)
         self.points.append(uv_px.tolist())
         self.shown.append([int(next(frames).key.split("/")[1])])
@@ -54,7 +55,7 @@ def pair(tiny_episode: Path) -> AskPair:
     episode = Dataset.open(tiny_episode)["rope-test-000000"]
 
     def make(number: int, a: int, b: int, u: float = 1.0) -> QueryPair:
-        return QueryPair(number, episode[a], episode[b], np.array([[u, 2.0]], dtype=np.float32))
+        return QueryPair(episode[a], episode[b], np.array([[u, 2.0]], dtype=np.float32), number)
 
     return make
 
@@ -62,7 +63,7 @@ def pair(tiny_episode: Path) -> AskPair:
 def test_forward_and_backward_are_two_tracks_of_every_frame_between(pair: AskPair) -> None:
     matcher = Counter()
     asked = [pair(0, 3, 6), pair(1, 3, 1), pair(2, 3, 4), pair(3, 3, 3)]
-    results = answer_tracks(matcher, ViewReader(), asked)
+    results = answer_tracks(matcher, asked)
     assert matcher.shown == [[3, 4, 5, 6], [3, 2, 1]]
     assert [float(answers.uv_px[0, 1]) for answers, _ in results] == [6, 1, 4, 2]
     assert all(masked for _, masked in results)
@@ -72,11 +73,11 @@ def test_points_of_all_pairs_are_one_track(pair: AskPair) -> None:
     """Each pair gets the answers of its own points, in its own order."""
     episode = pair(0, 0, 1).source.sequence
     asked = [
-        QueryPair(0, episode[0], episode[2], np.array([[1, 2], [3, 4]], dtype=np.float32)),
-        QueryPair(1, episode[0], episode[1], np.array([[3, 4], [7, 2]], dtype=np.float32)),
+        QueryPair(episode[0], episode[2], np.array([[1, 2], [3, 4]], dtype=np.float32), 0),
+        QueryPair(episode[0], episode[1], np.array([[3, 4], [7, 2]], dtype=np.float32), 1),
     ]
     matcher = Counter()
-    results = answer_tracks(matcher, ViewReader(), asked)
+    results = answer_tracks(matcher, asked)
     assert matcher.shown == [[0, 1, 2]]
     assert matcher.points == [[[1, 2], [3, 4], [7, 2]]]
     assert results[0][0].uv_px.tolist() == [[1, 2], [3, 2]]
@@ -87,11 +88,11 @@ def test_points_of_all_pairs_are_one_track(pair: AskPair) -> None:
 
 def test_a_track_with_missing_answers_is_refused(pair: AskPair) -> None:
     class Forgetful(Counter):
-        def track(self, views: Iterable[View], uv_px: Any) -> Iterator[Answers]:
+        def track(self, views: Iterable[Frame], uv_px: Any) -> Iterator[Answers]:
             return super().track(views, uv_px[:-1])
 
     with pytest.raises(SubmissionError, match=r"frame rope-test-000000/.*found \(0, 2\)"):
-        answer_tracks(Forgetful(), ViewReader(), [pair(0, 0, 2)])
+        answer_tracks(Forgetful(), [pair(0, 0, 2)])
 
 
 def test_tasks_keep_the_order_and_part_at_every_new_source(pair: AskPair) -> None:

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from PIL import Image, ImageDraw
 
-from pliant.baselines.matcher import Answers, View
+from pliant.spec.answers import Answers
+from pliant.spec.frame import Pair
 
 cv2 = pytest.importorskip("cv2")
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
@@ -82,8 +83,8 @@ class Known:
     def __init__(self, ropes: dict[str, Any], by_px: float = 0.0) -> None:
         self.ropes, self.by_px = ropes, by_px
 
-    def answer(self, source: View, target: View, uv_a_px: Any) -> Answers:
-        answers = self.ropes[target.key].at_px.copy()
+    def answer(self, pair: Pair) -> Answers:
+        answers = self.ropes[pair.target.key].at_px.copy()
         answers[:, 0] -= self.by_px
         return Answers(answers)
 

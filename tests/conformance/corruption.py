@@ -359,7 +359,8 @@ def _same_sequence(before: Any, after: Any) -> bool:
 
 
 def _projected(sequence: Any, frame: int, rows: pa.Table) -> np.ndarray[Any, Any]:
-    K, pose = sequence.camera(frame)
+    camera = sequence.camera(frame)
+    K, pose = camera.K, camera.world_to_camera
     xyz = np.stack([rows.column(f"{axis}_m").to_numpy() for axis in "xyz"], axis=1)
     local = xyz.astype(np.float64) @ pose[:3, :3].T + pose[:3, 3]
     uv = local[:, :2] / local[:, 2:] * K[[0, 1], [0, 1]] + K[:2, 2]

@@ -29,6 +29,7 @@ from pliant.models.shipped import load_shipped, shipped_names
 from pliant.spec.configuration import read_settings
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, TrainingError
+from pliant.spec.frame import Pair
 from pliant.spec.io.parquet import read_footer
 from tests.evaluator.figures import figure
 
@@ -84,14 +85,12 @@ def test_half_the_size_and_the_same_answers(
     assert {p.dtype for p in half.network.parameters()} == {torch.float32}
     dataset = Dataset.open(tiny_dataset)
     a, b = [s for s in dataset.sequences if s.tier == "rope"][:2]
-    from pliant.baselines.views import ViewReader
 
-    reader = ViewReader()
-    source, target = reader.view(a[0]), reader.view(b[0])
+    source, target = a[0], b[0]
     assert source.mask is not None
     row, column = np.nonzero(source.mask)
     uv = np.stack([column, row], axis=1)[::8].astype(np.float32) + 0.5
-    found, expected = (m.answer(source, target, uv).uv_px for m in (half, whole))
+    found, expected = (m.answer(Pair(source, target, uv)).uv_px for m in (half, whole))
     distance = np.hypot(*(found - expected).T)
     assert len(uv) > 50
     assert np.quantile(distance, 0.9) < 0.05

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from pliant.baselines import View
+from pliant.baselines import Frame
 from tests.baselines.conftest import Similarity, card_view
 from tests.browser import CHROMIUM, DRIVER, Browser, chromium
 
@@ -18,7 +18,7 @@ def pose() -> type[Similarity]:
 
 
 @pytest.fixture(scope="session")
-def view_of() -> Callable[[Similarity], View]:
+def view_of() -> Callable[[Similarity], Frame]:
     """A function: placement -> the view of a card."""
     return card_view
 

@@ -12,11 +12,12 @@ import numpy.typing as npt
 import pytest
 from PIL import Image
 
-from pliant.baselines import METHODS, Answers, Heat, View
+from pliant.baselines import METHODS, Answers, Frame, Heat
 from pliant.baselines.controls import Identity
-from pliant.baselines.views import read_view
+from pliant.baselines.views import read_frame
 from pliant.cli.main import run
 from pliant.spec.errors import CallError, PliantError
+from pliant.spec.frame import Pair
 from pliant.spec.io.photo import read_photo
 from pliant.viewer.match_figure import _heat, _rings, draw_match
 from pliant.viewer.photo_match import grid_points, match_photo
@@ -30,7 +31,7 @@ class Unsure:
     def describe(self) -> Mapping[str, Any]:
         return {}
 
-    def answer(self, source: View, target: View, uv_a_px: npt.NDArray[np.float32]) -> Answers:
+    def answer(self, pair: Pair) -> Answers:
         modes = np.array([[40, 30, 4, 0.7], [80, 60, 9, 0.3]], dtype=np.float32)
         return Answers(
             uv_px=modes[:1, :2].copy(), visible=np.array([0.9], np.float32), modes=[modes]
@@ -85,8 +86,8 @@ def test_figure_has_a_heat_map_where_the_method_has_one(
 
 
 def test_pictures_of_unlike_shapes_get_one_height(tmp_path: Path) -> None:
-    wide = View(np.full((100, 400, 3), 90, np.uint8))
-    tall = View(np.full((400, 100, 3), 90, np.uint8))
+    wide = Frame(np.full((100, 400, 3), 90, np.uint8))
+    tall = Frame(np.full((400, 100, 3), 90, np.uint8))
     for number, (source, target) in enumerate(((wide, tall), (tall, tall), (wide, wide))):
         out = tmp_path / f"{number}.png"
         draw_match(match_photo(Identity(), source, target, [(50, 50)]), source, target, out)
@@ -128,7 +129,7 @@ def test_modes_of_no_weight_are_not_drawn(pose: Any, view_of: Any) -> None:
 
 
 def test_figure_of_a_blank_picture(tmp_path: Path) -> None:
-    blank = View(np.zeros((20, 30, 3), dtype=np.uint8))
+    blank = Frame(np.zeros((20, 30, 3), dtype=np.uint8))
     match = match_photo(METHODS["sift"](), blank, blank, [(3, 3)])  # type: ignore[arg-type]
     draw_match(match, blank, blank, tmp_path / "blank.png")
     assert match.points[0].uv_b_px.tolist() == [15, 10]
@@ -136,7 +137,7 @@ def test_figure_of_a_blank_picture(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("at", [(-0.1, 5.0), (30.0, 5.0), (5.0, 20.0), (float("nan"), 1.0)])
 def test_query_outside_the_picture_is_refused(at: tuple[float, float]) -> None:
-    blank = View(np.zeros((20, 30, 3), dtype=np.uint8))
+    blank = Frame(np.zeros((20, 30, 3), dtype=np.uint8))
     with pytest.raises(CallError, match="0 <= U < 30, 0 <= V < 20"):
         match_photo(Identity(), blank, blank, [at])
 
@@ -157,7 +158,7 @@ def test_query_beside_the_object_is_refused(pose: Any, view_of: Any) -> None:
 )
 def test_bad_figure_paths_are_refused(name: str, message: str, tmp_path: Path) -> None:
     (tmp_path / "folder.png").mkdir()
-    blank = View(np.zeros((20, 30, 3), dtype=np.uint8))
+    blank = Frame(np.zeros((20, 30, 3), dtype=np.uint8))
     match = match_photo(Identity(), blank, blank, [(3, 3)])
     with pytest.raises(CallError, match=message):
         draw_match(match, blank, blank, tmp_path / name)
@@ -215,15 +216,15 @@ def test_masks(tmp_path: Path) -> None:
     drawn = np.zeros((6, 9), dtype=np.uint8)
     drawn[2:4, 3] = (10, 11)  # 10 is still black
     Image.fromarray(drawn).save(tmp_path / "mask.png")
-    view = read_view(tmp_path / "picture.png", tmp_path / "mask.png")
+    view = read_frame(tmp_path / "picture.png", tmp_path / "mask.png")
     assert view.mask is not None
     assert np.argwhere(view.mask).tolist() == [[3, 3]]
     Image.new("L", (9, 7), 255).save(tmp_path / "larger.png")
     with pytest.raises(CallError, match="found 9x7; required: 9x6"):
-        read_view(tmp_path / "picture.png", tmp_path / "larger.png")
+        read_frame(tmp_path / "picture.png", tmp_path / "larger.png")
     Image.new("L", (9, 6)).save(tmp_path / "black.png")
     with pytest.raises(CallError, match="black everywhere"):
-        read_view(tmp_path / "picture.png", tmp_path / "black.png")
+        read_frame(tmp_path / "picture.png", tmp_path / "black.png")
 
 
 def pair_of_cards(tmp_path: Path, pose: Any, view_of: Any, times: int = 1) -> list[str]:
@@ -281,7 +282,7 @@ def test_several_points_and_a_grid(
 def test_grid_points_cover_the_object() -> None:
     mask = np.zeros((40, 60), np.bool_)
     mask[10:30, 20:40] = True
-    points = grid_points(View(np.zeros((40, 60, 3), np.uint8), mask), 16, (120, 80))
+    points = grid_points(Frame(np.zeros((40, 60, 3), np.uint8), mask), 16, (120, 80))
     assert set(points) == {
         (u, v) for u in (45.0, 55.0, 65.0, 75.0) for v in (25.0, 35.0, 45.0, 55.0)
     }
@@ -317,11 +318,11 @@ class Strange:
     def describe(self) -> Mapping[str, Any]:
         return {}
 
-    def answer(self, source: View, target: View, uv_a_px: npt.NDArray[np.float32]) -> Answers:
-        known = np.full(len(uv_a_px), self.familiarity, np.float32)
-        return Answers(uv_a_px.copy(), familiarity=known)
+    def answer(self, pair: Pair) -> Answers:
+        known = np.full(len(pair.uv_a_px), self.familiarity, np.float32)
+        return Answers(pair.uv_a_px.copy(), familiarity=known)
 
-    def heat(self, source: View, target: View, uv_a_px: npt.NDArray[np.float32]) -> Heat:
+    def heat(self, source: Frame, target: Frame, uv_a_px: npt.NDArray[np.float32]) -> Heat:
         return Heat(np.zeros(target.rgb.shape[:2], np.float32), "log probability", 0.9, "peak")
 
 
@@ -342,13 +343,13 @@ def test_depth_reaches_the_method(tmp_path: Path) -> None:
     depth_mm = np.full((20, 40), 1250, np.uint16)
     depth_mm[0] = 0
     Image.fromarray(depth_mm).save(tmp_path / "depth.png")
-    view = read_view(tmp_path / "a.png", depth=tmp_path / "depth.png", max_side=20)
+    view = read_frame(tmp_path / "a.png", depth=tmp_path / "depth.png", max_side=20)
     assert view.rgb.shape == (10, 20, 3)
     assert view.depth_m is not None
     assert (view.depth_m == 1.25).all()  # every second row: the first one is left out
-    whole = read_view(tmp_path / "a.png", depth=tmp_path / "depth.png").depth_m
+    whole = read_frame(tmp_path / "a.png", depth=tmp_path / "depth.png").depth_m
     assert whole is not None
     assert np.isinf(whole[0]).all()
     Image.new("L", (40, 20), 3).save(tmp_path / "eight.png")
     with pytest.raises(PliantError, match="depth of 8 bits has no unit"):
-        read_view(tmp_path / "a.png", depth=tmp_path / "eight.png")
+        read_frame(tmp_path / "a.png", depth=tmp_path / "eight.png")

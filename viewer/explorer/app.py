@@ -177,7 +177,7 @@ def _document(answer: MethodAnswer, error_px: float | None) -> dict[str, Any]:
 def _warm(explorer: Explorer, request: Request) -> Response:
     """Let a live method see a pair before the pointer moves: its features are kept."""
     pair, method = explorer.pair(request), explorer.method(request)
-    mask = explorer.frames.view(pair.source).mask
+    mask = pair.source.mask
     if mask is not None and mask.any() and method.kind == "live":
         row, column = (int(axis[0]) for axis in np.nonzero(mask))
         method.answer(pair, np.array([column + 0.5, row + 0.5]))

@@ -7,13 +7,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, TypeVar
 
-from pliant.baselines.lru_cache import LRUCache
-from pliant.baselines.matcher import View
-from pliant.baselines.views import read_view_of
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
-from pliant.spec.frame import Frame
-from pliant.spec.io.exr import Surface
+from pliant.spec.lru_cache import LRUCache
+from pliant.spec.sequence import RecordedFrame
 from pliant.spec.surface_search import SurfaceSearch
 from pliant.viewer.explorer.mesh import PosedMesh, PosedPoints
 
@@ -32,8 +29,8 @@ class FramePair:
         target: The frame that is searched.
     """
 
-    source: Frame
-    target: Frame
+    source: RecordedFrame
+    target: RecordedFrame
 
 
 class FrameStore:
@@ -47,13 +44,11 @@ class FrameStore:
         self.dataset = dataset
         self._sequences = {each.id: each for each in dataset.sequences}
         self._lock = threading.RLock()
-        self._views: LRUCache[View] = LRUCache(_KEPT_FRAMES)
-        self._surfaces: LRUCache[Surface | None] = LRUCache(_KEPT_FRAMES)
         self._searches: LRUCache[SurfaceSearch | None] = LRUCache(_KEPT_FRAMES)
         self._meshes: LRUCache[PosedMesh] = LRUCache(_KEPT_FRAMES)
         self._poses: LRUCache[PosedPoints] = LRUCache(_KEPT_POSES)
 
-    def frame(self, key: str) -> Frame:
+    def frame(self, key: str) -> RecordedFrame:
         """Return a frame by its key, `SEQUENCE/INDEX`.
 
         Raises:
@@ -63,32 +58,24 @@ class FrameStore:
         sequence = self._sequences.get(name)
         if sequence is None or not index.isdecimal() or int(index) >= sequence.frames:
             raise CallError("the dataset has no such frame", found=repr(key)[:100])
-        return Frame(sequence, int(index))
+        return RecordedFrame(sequence, int(index))
 
-    def view(self, frame: Frame) -> View:
-        """Return a frame as methods see it."""
-        return self._kept(self._views, frame.key, lambda: read_view_of(frame))
-
-    def surface(self, frame: Frame) -> Surface | None:
-        """Return a frame's depth and material coordinates, or None where they are not known."""
-        return self._kept(self._surfaces, frame.key, lambda: frame.surface)
-
-    def search(self, frame: Frame) -> SurfaceSearch | None:
+    def search(self, frame: RecordedFrame) -> SurfaceSearch | None:
         """Return what finds material points in a frame, or None without a surface image."""
 
         def make() -> SurfaceSearch | None:
-            surface = self.surface(frame)
+            surface = frame.surface
             queried = frame.sequence.described.queried
             return None if surface is None else SurfaceSearch(queried, surface)
 
         return self._kept(self._searches, frame.key, make)
 
-    def mesh(self, frame: Frame) -> PosedMesh:
+    def mesh(self, frame: RecordedFrame) -> PosedMesh:
         """Return the mesh of the tracked points of a frame's sequence."""
         sequence = frame.sequence
         return self._kept(self._meshes, sequence.id, lambda: PosedMesh.of(sequence))
 
-    def points(self, frame: Frame) -> PosedPoints:
+    def points(self, frame: RecordedFrame) -> PosedPoints:
         """Return where the tracked points of a frame are."""
 
         def make() -> PosedPoints:

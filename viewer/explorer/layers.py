@@ -6,6 +6,7 @@ Heat maps are small pictures that a browser lays over the target.
 from __future__ import annotations
 
 import io
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from typing import Final
@@ -14,9 +15,10 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
-from pliant.baselines.matcher import Heat, View
+from pliant.baselines.matcher import Heat
 from pliant.spec.frame import Frame
 from pliant.spec.model import FloatArray
+from pliant.spec.sequence import RecordedFrame
 from pliant.viewer.drawing import Rgb, depth_image, heat_range, index_image, material_colours
 from pliant.viewer.explorer.frames import FramePair, FrameStore
 from pliant.viewer.explorer.live import LiveMethod
@@ -39,7 +41,7 @@ _HIDDEN_GREY: Final = 165
 _WIDEST_PX: Final = 320
 
 
-def frame_layer(frames: FrameStore, frame: Frame, layer: str) -> Rgb | None:
+def frame_layer(frames: FrameStore, frame: RecordedFrame, layer: str) -> Rgb | None:
     """Return a layer of a frame, uint8 (H, W, 3), or None where the dataset does not have it.
 
     Args:
@@ -48,9 +50,9 @@ def frame_layer(frames: FrameStore, frame: Frame, layer: str) -> Rgb | None:
         layer: One of `FRAME_LAYERS`.
     """
     if layer == "rgb":
-        return frames.view(frame).rgb
+        return frame.rgb
     if layer == "mask":
-        view = frames.view(frame)
+        view = frame
         if view.mask is None:
             return None
         out = np.full((*view.mask.shape, 3), _DARK, np.uint8)
@@ -58,7 +60,7 @@ def frame_layer(frames: FrameStore, frame: Frame, layer: str) -> Rgb | None:
             out[view.objects] = 110
         out[view.mask] = 235
         return out
-    surface = frames.surface(frame)
+    surface = frame.surface
     if surface is None:
         return None
     if layer == "depth":
@@ -89,14 +91,14 @@ def method_layer(
         return None if of_target else _error_map(frames, truth, method, pair)
     if not isinstance(method, LiveMethod):
         return None
-    views = [frames.view(each) for each in (pair.source, pair.target)]
+    views = [each for each in (pair.source, pair.target)]
     frame = pair.target if of_target else pair.source
     if layer == "descriptors":
         return _descriptor_colours(method, views, int(of_target))
     return _canonical_colours(method, views[int(of_target)], frame)
 
 
-def _descriptor_colours(method: LiveMethod, views: list[View], shown: int) -> Rgb | None:
+def _descriptor_colours(method: LiveMethod, views: Sequence[Frame], shown: int) -> Rgb | None:
     """Return the first three principal components of both views' descriptors as colours."""
     found = [described for view in views if (described := method.descriptors(view)) is not None]
     if len(found) < 2:
@@ -114,7 +116,7 @@ def _descriptor_colours(method: LiveMethod, views: list[View], shown: int) -> Rg
     return _enlarged(rgb, views[shown])
 
 
-def _canonical_colours(method: LiveMethod, view: View, frame: Frame) -> Rgb | None:
+def _canonical_colours(method: LiveMethod, view: Frame, frame: RecordedFrame) -> Rgb | None:
     """Return what the method's canonical head reads off each pixel, in index colours."""
     found = method.canonical(view)
     if found is None:
@@ -127,7 +129,7 @@ def _canonical_colours(method: LiveMethod, view: View, frame: Frame) -> Rgb | No
     return _enlarged(rgb, view)
 
 
-def _enlarged(rgb: Rgb, view: View) -> Rgb:
+def _enlarged(rgb: Rgb, view: Frame) -> Rgb:
     size = (view.rgb.shape[1], view.rgb.shape[0])
     return np.asarray(Image.fromarray(rgb).resize(size, Image.Resampling.NEAREST))
 
@@ -139,7 +141,7 @@ def _error_map(
 
     Points that the target hides are light grey.
     """
-    view = frames.view(pair.source)
+    view = pair.source
     if view.mask is None:
         return None
     uv = _grid(view.mask, _ERROR_POINTS)

@@ -11,9 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from pliant.baselines.answers import checked_answers
-from pliant.baselines.lru_cache import LRUCache
-from pliant.baselines.matcher import HeatMatcher, Matcher, View
+from pliant.baselines.matcher import HeatMatcher, Matcher
 from pliant.baselines.pixels import lies_on
+from pliant.spec.frame import Frame, Pair
+from pliant.spec.lru_cache import LRUCache
 from pliant.spec.model import FloatArray
 from pliant.viewer.explorer.answers import Kind, MethodAnswer, PairErrors
 from pliant.viewer.explorer.frames import FramePair, FrameStore
@@ -28,11 +29,11 @@ _KEPT_MAPS: Final = 16
 class DescriptorMatcher(Protocol):
     """A method with a descriptor at every pixel; it keeps those of the last few views."""
 
-    def descriptor_map(self, view: View) -> npt.NDArray[np.float32]:
+    def descriptor_map(self, view: Frame) -> npt.NDArray[np.float32]:
         """Return a view's descriptors, float32 (h, w, D)."""
         ...
 
-    def working_mask(self, view: View) -> Mask | None:
+    def working_mask(self, view: Frame) -> Mask | None:
         """Return a view's mask, bool (h, w), or None."""
         ...
 
@@ -41,7 +42,7 @@ class DescriptorMatcher(Protocol):
 class CanonicalMatcher(Protocol):
     """A method that reads material coordinates off single pixels."""
 
-    def canonical_map(self, view: View) -> npt.NDArray[np.float32] | None:
+    def canonical_map(self, view: Frame) -> npt.NDArray[np.float32] | None:
         """Return a view's material coordinates, float32 (h, w, 2), or None."""
         ...
 
@@ -69,7 +70,7 @@ class LiveMethod:
 
     def answer(self, pair: FramePair, uv_a_px: FloatArray) -> MethodAnswer | None:
         """Return the answer to a place, float64 (2,), or None off the queried object."""
-        source, target = (self._frames.view(each) for each in (pair.source, pair.target))
+        source, target = (pair.source, pair.target)
         whole = np.ones(source.rgb.shape[:2], np.bool_)
         if not lies_on(
             uv_a_px[None].astype(np.float32), whole if source.mask is None else source.mask
@@ -98,13 +99,13 @@ class LiveMethod:
 
     def answers(self, pair: FramePair, uv_a_px: FloatArray) -> FloatArray | None:
         """Return the answers to pixels, float64 (N, 2)."""
-        source, target = (self._frames.view(each) for each in (pair.source, pair.target))
+        source, target = (pair.source, pair.target)
         with self.lock:
-            found = self.matcher.answer(source, target, uv_a_px.astype(np.float32))
+            found = self.matcher.answer(Pair(source, target, uv_a_px.astype(np.float32)))
         answers = checked_answers(found, len(uv_a_px), self.matcher.name, "this pair")
         return answers.uv_px.astype(np.float64)
 
-    def descriptors(self, view: View) -> tuple[FloatArray, Mask] | None:
+    def descriptors(self, view: Frame) -> tuple[FloatArray, Mask] | None:
         """Return a view's descriptors (h, w, D) and the mask at their size, or None.
 
         Of a method without masks, every pixel is in the mask.
@@ -115,7 +116,7 @@ class LiveMethod:
             made = self.matcher.descriptor_map(view).astype(np.float64)
             return made, self._mask(view, made.shape[0], made.shape[1])
 
-    def canonical(self, view: View) -> tuple[FloatArray, Mask] | None:
+    def canonical(self, view: Frame) -> tuple[FloatArray, Mask] | None:
         """Return the material coordinates read off each pixel (h, w, 2) and the mask, or None."""
         matcher = self.matcher
         if not isinstance(matcher, CanonicalMatcher):
@@ -142,14 +143,14 @@ class LiveMethod:
         network = getattr(self.matcher, "network", None)
         return getattr(network, "canonical", None) is not None
 
-    def _mask(self, view: View, height: int, width: int) -> Mask:
+    def _mask(self, view: Frame, height: int, width: int) -> Mask:
         mask = None
         if isinstance(self.matcher, DescriptorMatcher):
             mask = self.matcher.working_mask(view)
         return np.ones((height, width), np.bool_) if mask is None else mask
 
     def _material(
-        self, pair: FramePair, source: View, uv_a_px: FloatArray
+        self, pair: FramePair, source: Frame, uv_a_px: FloatArray
     ) -> dict[str, float] | None:
         found = self.canonical(source)
         if found is None:

@@ -12,9 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from pliant.spec.frame import Frame
 from pliant.spec.model import FloatArray, MaterialObject
-from pliant.spec.sequence import SequenceRecord
+from pliant.spec.sequence import RecordedFrame, SequenceRecord
 
 VISIBILITY = ("visible", "self_occluded", "occluded", "out_of_frame")
 """States in the order of their numbers."""
@@ -93,7 +92,7 @@ class PosedPoints:
     state: npt.NDArray[np.uint8]
 
     @classmethod
-    def of(cls, frame: Frame, mesh: PosedMesh) -> PosedPoints:
+    def of(cls, frame: RecordedFrame, mesh: PosedMesh) -> PosedPoints:
         """Read the positions of a mesh's points in a frame.
 
         Raises:

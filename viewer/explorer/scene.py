@@ -12,8 +12,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from pliant.spec.frame import Frame
-from pliant.spec.sequence import SequenceRecord
+from pliant.spec.sequence import RecordedFrame, SequenceRecord
 from pliant.viewer.drawing import material_colours
 from pliant.viewer.explorer.frames import FrameStore
 
@@ -31,7 +30,7 @@ def scene_document(frames: FrameStore, sequence: SequenceRecord) -> dict[str, An
     Raises:
         SpecError: The sequence has no tracked points or cameras, or they are damaged.
     """
-    mesh = frames.mesh(Frame(sequence, 0))
+    mesh = frames.mesh(RecordedFrame(sequence, 0))
     colours = material_colours(mesh.material[:, 0], mesh.material[:, 1], sequence.described)
     cameras = [sequence.camera(index) for index in range(sequence.frames)]
     return {
@@ -43,34 +42,37 @@ def scene_document(frames: FrameStore, sequence: SequenceRecord) -> dict[str, An
         "faces": _packed(mesh.faces, np.int32),
         "colours": _packed(np.rint(255 * colours), np.uint8),
         "tracks": _packed(_spread(len(mesh.rows)), np.int32),
-        "cameras": [{"K": K.tolist(), "world_to_camera": pose.tolist()} for K, pose in cameras],
+        "cameras": [
+            {"K": each.K.tolist(), "world_to_camera": each.world_to_camera.tolist()}
+            for each in cameras
+        ],
     }
 
 
-def pose_bytes(frames: FrameStore, frame: Frame) -> bytes:
+def pose_bytes(frames: FrameStore, frame: RecordedFrame) -> bytes:
     """Return a frame's points: float32 (N, 3) positions in metres, then uint8 (N,) states."""
     points = frames.points(frame)
     return points.xyz_m.astype("<f4").tobytes() + points.state.tobytes()
 
 
-def depth_bytes(frames: FrameStore, frame: Frame) -> bytes | None:
+def depth_bytes(frames: FrameStore, frame: RecordedFrame) -> bytes | None:
     """Return what the camera measured: float32 (M, 3) world positions, then uint8 (M, 3) colours.
 
     At most 20,000 pixels, evenly chosen; None where the frame has no depth.
     """
-    view = frames.view(frame)
-    if view.depth_m is None:
+    depth_m = frame.depth_m
+    if depth_m is None:
         return None
-    on = np.isfinite(view.depth_m) & (view.depth_m > 0)
+    on = np.isfinite(depth_m) & (depth_m > 0)
     step = max(1, int(np.ceil(np.sqrt(np.count_nonzero(on) / _DEPTH_POINTS))))
     rows, columns = np.nonzero(on[::step, ::step])
     rows, columns = rows * step, columns * step
-    z = view.depth_m[rows, columns].astype(np.float64)
-    K, world_to_camera = frame.camera
-    rays = np.linalg.inv(K) @ np.stack([columns + 0.5, rows + 0.5, np.ones(len(rows))])
+    z = depth_m[rows, columns].astype(np.float64)
+    camera = frame.sequence.camera(frame.index)
+    rays = np.linalg.inv(camera.K) @ np.stack([columns + 0.5, rows + 0.5, np.ones(len(rows))])
     local = rays * z
-    world = np.linalg.inv(world_to_camera) @ np.vstack([local, np.ones(len(rows))])
-    return world[:3].T.astype("<f4").tobytes() + view.rgb[rows, columns].tobytes()
+    world = np.linalg.inv(camera.world_to_camera) @ np.vstack([local, np.ones(len(rows))])
+    return world[:3].T.astype("<f4").tobytes() + frame.rgb[rows, columns].tobytes()
 
 
 def _spread(count: int) -> npt.NDArray[np.int32]:

@@ -14,8 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from pliant.spec.errors import SpecError
-from pliant.spec.frame import Frame
 from pliant.spec.model import FloatArray
+from pliant.spec.sequence import RecordedFrame
 from pliant.viewer.explorer.frames import FramePair, FrameStore
 from pliant.viewer.explorer.recorded import RecordedQueries
 
@@ -81,8 +81,8 @@ class TruthFinder:
         Returns:
             The truth, or None where the pixel does not show the queried object or nothing is known.
         """
-        surface = self._frames.surface(pair.source)
-        if surface is None or self._frames.surface(pair.target) is None:
+        surface = pair.source.surface
+        if surface is None or pair.target.surface is None:
             return self._recorded(pair, uv_a_px)
         height, width = surface.object_id.shape
         column, row = int(np.floor(uv_a_px[0])), int(np.floor(uv_a_px[1]))
@@ -118,14 +118,16 @@ class TruthFinder:
         Returns:
             float64 (N, 2), NaN where the target does not show the point.
         """
-        surface, search = self._frames.surface(pair.source), self._frames.search(pair.target)
+        surface, search = pair.source.surface, self._frames.search(pair.target)
         if surface is None or search is None:
             return np.full((len(uv_a_px), 2), np.nan)
         column, row = np.floor(uv_a_px).astype(int).T
         material = np.stack([surface.m0[row, column], surface.m1[row, column]], axis=1)
         return search.find(material.astype(np.float64))[0]
 
-    def _placed(self, frame: Frame, m: FloatArray) -> tuple[FloatArray | None, FloatArray | None]:
+    def _placed(
+        self, frame: RecordedFrame, m: FloatArray
+    ) -> tuple[FloatArray | None, FloatArray | None]:
         """Return a material point's world position and projection, or None without tracked points.
 
         A point under the surface of the mesh's triangles is off by their sagitta, a fraction of a
@@ -139,13 +141,10 @@ class TruthFinder:
             return None, None
         chosen, weights = mesh.barycentric(m)
         xyz = weights @ points.xyz_m[chosen].astype(np.float64)
-        K, world_to_camera = frame.camera
-        local = world_to_camera[:3, :3] @ xyz + world_to_camera[:3, 3]
-        if local[2] <= 0:
-            return xyz, None
-        return xyz, (K @ (local / local[2]))[:2]
+        u, v, z = frame.sequence.camera(frame.index).project(xyz[None])[0]
+        return xyz, np.array([u, v]) if z > 0 else None
 
-    def _state(self, frame: Frame, m: FloatArray, place: FloatArray | None) -> str | None:
+    def _state(self, frame: RecordedFrame, m: FloatArray, place: FloatArray | None) -> str | None:
         """Return the state of a point that is not found to a fraction of a pixel.
 
         Args:
@@ -157,7 +156,7 @@ class TruthFinder:
             `visible` where the pixel there shows the same material: on a narrow strip of surface,
             neighbouring pixels do not say how the material continues. Else why it is hidden.
         """
-        surface = self._frames.surface(frame)
+        surface = frame.surface
         if place is None or surface is None:
             return None
         width, height = frame.size
@@ -168,7 +167,7 @@ class TruthFinder:
         if shown not in (0, queried.id):
             return "occluded"
         there = np.array([surface.m0[row, column], surface.m1[row, column]], np.float64)
-        pixel_m = float(surface.depth_m[row, column] / frame.camera[0][0, 0])
+        pixel_m = float(surface.depth_m[row, column] / frame.sequence.camera(frame.index).K[0, 0])
         same = shown == queried.id and queried.distance_m(there, m) <= _SAME_PX * pixel_m
         return "visible" if same else "self_occluded"
 

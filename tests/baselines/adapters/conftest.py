@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from pliant.baselines import View
+from pliant.baselines import Frame
 
 Floats = npt.NDArray[np.float64]
 Place = Callable[[Floats], Floats]
@@ -20,8 +20,8 @@ Place = Callable[[Floats], Floats]
 class Motion:
     """A rendered pair and the exact motion: pixel of the source -> pixel of the target."""
 
-    source: View
-    target: View
+    source: Frame
+    target: Frame
     queries: npt.NDArray[np.float32]
     before: Any
     after: Any
@@ -36,7 +36,7 @@ class Motion:
 
 
 @pytest.fixture
-def motion(pose: Any, view_of: Callable[..., View], card_queries: Floats) -> Motion:
+def motion(pose: Any, view_of: Callable[..., Frame], card_queries: Floats) -> Motion:
     before, after = pose(), pose(angle_deg=25, scale=0.9, centre=(122.3, 97.6))
     queries = before.place(card_queries).astype(np.float32)
     return Motion(view_of(before, "before"), view_of(after, "after"), queries, before, after)

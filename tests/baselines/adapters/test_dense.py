@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pliant.baselines import View
+from pliant.baselines import Frame
 from pliant.baselines.adapters import Images, from_flow, from_warp
 from pliant.spec.errors import SubmissionError
+from pliant.spec.frame import Pair
 from tests.baselines.adapters.conftest import Motion, centres
 
 
@@ -26,7 +27,7 @@ def test_flow(size: Any, cells: tuple[int, int], channels_first: bool, motion: M
         return found.transpose(2, 0, 1)[None] if channels_first else found
 
     method = from_flow(flow, images=Images(size=size))
-    found = method.answer(motion.source, motion.target, motion.queries)
+    found = method.answer(Pair(motion.source, motion.target, motion.queries))
     assert motion.error(found.uv_px).max() < 1e-4  # an affine motion is bilinear
     assert found.visible is None
 
@@ -45,7 +46,7 @@ def test_warp(coordinates: Any, size: Any, motion: Motion) -> None:
         return to, centres(40, 60)[..., 0] / 240  # certainty grows from left to right
 
     method = from_warp(warp, images=Images(size=size, coordinates=coordinates))
-    found = method.answer(motion.source, motion.target, motion.queries)
+    found = method.answer(Pair(motion.source, motion.target, motion.queries))
     assert motion.error(found.uv_px).max() < 1e-4
     assert found.visible is not None
     np.testing.assert_allclose(found.visible, motion.queries[:, 0] / 240, atol=1e-6)
@@ -53,13 +54,15 @@ def test_warp(coordinates: Any, size: Any, motion: Motion) -> None:
 
 def test_identity_at_the_image_border() -> None:
     """Half a cell is beyond the outer centres: the flow of the border continues there."""
-    view = View(np.zeros((32, 48, 3), np.uint8))
+    view = Frame(np.zeros((32, 48, 3), np.uint8))
     corners = np.array([[0, 0], [48, 32], [0.2, 31.9]], np.float32)
     for method in (
         from_flow(lambda source, target: np.zeros((4, 6, 2))),
         from_warp(lambda source, target: centres(4, 6) * [48 / 240, 32 / 200]),
     ):
-        np.testing.assert_allclose(method.answer(view, view, corners).uv_px, corners, atol=1e-5)
+        np.testing.assert_allclose(
+            method.answer(Pair(view, view, corners)).uv_px, corners, atol=1e-5
+        )
 
 
 def test_torch_flow_on_a_device_with_a_multiple(motion: Motion) -> None:
@@ -73,11 +76,11 @@ def test_torch_flow_on_a_device_with_a_multiple(motion: Motion) -> None:
         return torch.from_numpy(found).permute(2, 0, 1)[None].requires_grad_()
 
     method = from_flow(flow, images=Images(multiple=64, device="cpu"))
-    found = method.answer(motion.source, motion.target, motion.queries)
+    found = method.answer(Pair(motion.source, motion.target, motion.queries))
     assert motion.error(found.uv_px).max() < 1e-3
 
 
 def test_wrong_shape_is_one_sentence(motion: Motion) -> None:
     method = from_flow(lambda source, target: np.zeros((200, 240, 3)), name="mine")
     with pytest.raises(SubmissionError, match=r"'mine' returned no map; found shape \(200, 240, 3"):
-        method.answer(motion.source, motion.target, motion.queries)
+        method.answer(Pair(motion.source, motion.target, motion.queries))

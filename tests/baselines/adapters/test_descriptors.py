@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 import pliant
-from pliant.baselines import HeatMatcher, View
+from pliant.baselines import Frame, HeatMatcher
 from pliant.baselines.adapters import Images, from_descriptors
 from pliant.baselines.adapters.density import Calibration, mixture
 from pliant.spec.dataset import Dataset
+from pliant.spec.frame import Pair
 from tests.baselines.adapters.conftest import Floats, Motion, centres
 from tests.evaluator.figures import figure
 
@@ -38,7 +39,7 @@ def test_any_stride_is_refined_below_a_pixel(
 ) -> None:
     cells = centres(200 // stride, 240 // stride)
     method = from_descriptors(describing(motion, cells), images=Images(size=size))
-    found = method.answer(motion.source, motion.target, motion.queries)
+    found = method.answer(Pair(motion.source, motion.target, motion.queries))
     assert np.median(motion.error(found.uv_px)) < most_px
     assert motion.error(found.uv_px).max() < 4 * most_px
 
@@ -50,7 +51,7 @@ def test_cells_that_do_not_cover_the_image(size: Any, motion: Motion) -> None:
     at = np.stack(np.meshgrid(np.arange(0.5, 237, 4), np.arange(0.5, 197, 4)), axis=-1)
     grid = (4.0 * factor, 0.5 * factor)
     method = from_descriptors(describing(motion, at), images=Images(size=size), grid=grid)
-    found = method.answer(motion.source, motion.target, motion.queries)
+    found = method.answer(Pair(motion.source, motion.target, motion.queries))
     assert motion.error(found.uv_px).max() < 0.2
 
 
@@ -63,7 +64,7 @@ def test_tensors_have_channels_first(motion: Motion) -> None:
         return torch.from_numpy(describe(image)).permute(2, 0, 1)[None]
 
     method = from_descriptors(tensors, images=Images(device="cpu"))
-    found = method.answer(motion.source, motion.target, motion.queries)
+    found = method.answer(Pair(motion.source, motion.target, motion.queries))
     assert motion.error(found.uv_px).max() < 0.2
 
 
@@ -79,9 +80,9 @@ def test_heat_is_the_similarity_on_the_object(motion: Motion) -> None:
 
 
 def test_object_that_is_not_seen_is_the_middle() -> None:
-    view = View(np.zeros((40, 60, 3), np.uint8), mask=np.zeros((40, 60), np.bool_))
+    view = Frame(np.zeros((40, 60, 3), np.uint8), mask=np.zeros((40, 60), np.bool_))
     found = from_descriptors(lambda image: np.ones((4, 6, 3))).answer(
-        view, view, np.ones((2, 2), np.float32)
+        Pair(view, view, np.ones((2, 2), np.float32))
     )
     assert found.uv_px.tolist() == [[30, 20]] * 2
     assert found.modes is not None

@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pliant.baselines import View
+from pliant.baselines import Frame
 from pliant.baselines.adapters import Images, from_sparse
 from pliant.baselines.adapters.sparse import as_matches
 from pliant.spec.errors import CallError, SubmissionError
+from pliant.spec.frame import Pair
 
-ViewOf = Callable[[Any], View]
+ViewOf = Callable[[Any], Frame]
 Floats = np.ndarray
 
 
@@ -50,7 +51,7 @@ def test_matches_of_a_turned_card(
     images = Images(size=size, coordinates=coordinates)
     method = from_sparse(match, interpolation=way, images=images)
     queries = before.place(card_queries).astype(np.float32)
-    found = method.answer(view_of(before), view_of(after), queries).uv_px
+    found = method.answer(Pair(view_of(before), view_of(after), queries)).uv_px
     error = np.linalg.norm(found - after.place(card_queries), axis=1)
     assert error.max() < most_px
     assert way in str(method.describe()["interpolation"])
@@ -64,33 +65,35 @@ def test_affine_is_robust_to_wrong_matches(
     to[::10] += 60
 
     method = from_sparse(lambda source, target: (at, to), neighbours=12)
-    found = method.answer(view_of(before), view_of(after), before.place(card_queries)).uv_px
+    found = method.answer(Pair(view_of(before), view_of(after), before.place(card_queries))).uv_px
     assert np.median(np.linalg.norm(found - after.place(card_queries), axis=1)) < 0.5
 
 
 @pytest.mark.parametrize("way", ["nearest", "affine", "thin-plate"])
 @pytest.mark.parametrize("matches", [1, 2, 3, 9])
 def test_few_matches_and_matches_on_one_line(way: Any, matches: int) -> None:
-    view = View(np.zeros((40, 50, 3), np.uint8))
+    view = Frame(np.zeros((40, 50, 3), np.uint8))
     at = np.stack([np.linspace(5, 45, matches), np.full(matches, 20.0)], axis=1)
     shift = np.array([3, -4])
     at = np.concatenate([at, at[:1]])  # a place that was matched twice
     method = from_sparse(lambda source, target: (at, at + shift), interpolation=way)
     queries = np.array([[5, 20], [30, 35]], np.float32)
-    np.testing.assert_allclose(method.answer(view, view, queries).uv_px, queries + shift, atol=0.01)
+    np.testing.assert_allclose(
+        method.answer(Pair(view, view, queries)).uv_px, queries + shift, atol=0.01
+    )
 
 
 def test_no_matches_is_the_middle() -> None:
-    view = View(np.zeros((40, 50, 3), np.uint8))
+    view = Frame(np.zeros((40, 50, 3), np.uint8))
     none = np.zeros((0, 2))
     method = from_sparse(lambda source, target: (none, none, np.zeros(0)))
-    found = method.answer(view, view, np.ones((3, 2), np.float32)).uv_px
+    found = method.answer(Pair(view, view, np.ones((3, 2), np.float32))).uv_px
     assert found.tolist() == [[25, 20]] * 3
 
 
 def test_tensors_on_a_device() -> None:
     torch = pytest.importorskip("torch")
-    view = View(np.full((30, 50, 3), 255, np.uint8))
+    view = Frame(np.full((30, 50, 3), 255, np.uint8))
 
     def match(source: Any, target: Any) -> Any:
         assert (source.shape, source.dtype) == ((1, 3, 32, 56), torch.float32)

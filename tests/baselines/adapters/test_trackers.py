@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 import pliant
-from pliant.baselines import TrackMatcher, View
+from pliant.baselines import Frame, TrackMatcher
 from pliant.baselines.adapters import Images, as_matcher, from_tracker
 from pliant.spec.errors import CallError, SubmissionError
+from pliant.spec.frame import Pair
 from tests.baselines.adapters.conftest import Motion
 
 
@@ -27,7 +28,7 @@ def test_rendered_pair_as_a_clip(coordinates: Any, size: Any, motion: Motion) ->
         return tracks[None], np.stack([np.ones(len(points)), full[:, 0] / 240])[None, ..., None]
 
     method = from_tracker(track, images=images)
-    found = method.answer(motion.source, motion.target, motion.queries)
+    found = method.answer(Pair(motion.source, motion.target, motion.queries))
     assert motion.error(found.uv_px).max() < 1e-3
     assert found.visible is not None
     np.testing.assert_allclose(found.visible, motion.queries[:, 0] / 240, atol=1e-6)
@@ -42,7 +43,7 @@ def walk(frames: Any, points: Any) -> Any:
 @pytest.mark.parametrize("window", [None, 2, 3, 5, 6, 9])
 @pytest.mark.parametrize("batch", [None, 1, 3])
 def test_windows_and_batches_change_nothing(window: int | None, batch: int | None) -> None:
-    views = [View(np.full((8, 9, 3), 10 * number + number**2, np.uint8)) for number in range(6)]
+    views = [Frame(np.full((8, 9, 3), 10 * number + number**2, np.uint8)) for number in range(6)]
     points = np.random.default_rng(0).uniform(0, 8, (4, 2)).astype(np.float32)
     method = from_tracker(walk, window=window, batch=batch)
     assert isinstance(method, TrackMatcher)
@@ -60,7 +61,7 @@ def test_longest_clip_is_the_window() -> None:
         lengths.append(len(frames))
         return np.tile(points, (len(frames), 1, 1))
 
-    views = [View(np.zeros((8, 9, 3), np.uint8))] * 8
+    views = [Frame(np.zeros((8, 9, 3), np.uint8))] * 8
     list(from_tracker(count, window=3).track(views, np.ones((2, 2), np.float32)))
     assert lengths == [3, 3, 3, 2]
 
@@ -72,9 +73,11 @@ def test_frames_are_tensors_on_a_device() -> None:
         assert (frames.shape, frames.dtype) == ((2, 3, 16, 16), torch.float32)
         return torch.from_numpy(points).expand(2, -1, -1)
 
-    view = View(np.zeros((9, 9, 3), np.uint8))
+    view = Frame(np.zeros((9, 9, 3), np.uint8))
     points = np.array([[3, 4]], np.float32)
-    found = from_tracker(stay, images=Images(multiple=8, device="cpu")).answer(view, view, points)
+    found = from_tracker(stay, images=Images(multiple=8, device="cpu")).answer(
+        Pair(view, view, points)
+    )
     np.testing.assert_allclose(found.uv_px, points, atol=1e-6)
 
 
@@ -91,7 +94,7 @@ def test_object_with_track_alone_answers_pairs(motion: Motion) -> None:
     class Walker:
         track = from_tracker(walk).track
 
-    found = as_matcher(Walker()).answer(motion.source, motion.source, motion.queries)  # type: ignore[union-attr]
+    found = as_matcher(Walker()).answer(Pair(motion.source, motion.source, motion.queries))  # type: ignore[union-attr]
     np.testing.assert_allclose(found.uv_px, motion.queries)
 
 
@@ -104,6 +107,6 @@ def test_wrong_shapes_and_settings_are_one_sentence(motion: Motion) -> None:
         (lambda frames, points: (walk(frames, points), [1.0]), r"no visibility.*\(2, 60\)"),
     ):
         with pytest.raises(SubmissionError, match=message):
-            from_tracker(function).answer(motion.source, motion.target, motion.queries)
+            from_tracker(function).answer(Pair(motion.source, motion.target, motion.queries))
     with pytest.raises(CallError, match="this window is too small; found 1"):
         from_tracker(walk, window=1)

@@ -15,11 +15,12 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from pliant.baselines import METHODS, View
+from pliant.baselines import METHODS, Frame
 from pliant.baselines.features.local_features import LocalFeatures
 from pliant.baselines.features.opencv_features import OpencvFeatures
 from pliant.baselines.features.orientation import intensity_centroid_deg
 from pliant.baselines.features.surf import MahotasSurf
+from pliant.spec.frame import Pair
 
 Floats = npt.NDArray[np.float64]
 
@@ -91,9 +92,11 @@ def test_answers_in_a_turned_picture_are_the_turned_pixels(name: str, exact: flo
     inner = np.zeros(grey.shape, dtype=np.bool_)
     inner[25:136, 25:159] = True
     answers = METHODS[name]().answer(  # type: ignore[union-attr]
-        View(rgb, inner),
-        View(rgb[::-1, ::-1].copy(), inner[::-1, ::-1].copy()),
-        queries.astype(np.float32),
+        Pair(
+            Frame(rgb, inner),
+            Frame(rgb[::-1, ::-1].copy(), inner[::-1, ::-1].copy()),
+            queries.astype(np.float32),
+        ),
     )
     off = answers.uv_px - ([184, 161] - queries)
     assert (off == 0).all(axis=1).mean() >= exact

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 import pliant
-from pliant.baselines import View
+from pliant.baselines import Frame
 from pliant.spec.errors import CallError
+from pliant.spec.frame import Pair
 
 diffusers = pytest.importorskip("diffusers")
 transformers = pytest.importorskip("transformers")
@@ -64,13 +65,13 @@ def test_an_image_matches_itself(folder: str) -> None:
         "dift", weights=folder, size=[128, 128], ensemble=2, timestep=1, block=1
     )
     queries = np.random.default_rng(1).uniform(16, 112, (40, 2)).astype(np.float32)
-    found = method.answer(View(picture(), key="a"), View(picture(), key="b"), queries)
+    found = method.answer(Pair(Frame(picture(), key="a"), Frame(picture(), key="b"), queries))
     # Eight random channels confuse some places; the others are found to a tenth of a pixel.
     assert (np.hypot(*(found.uv_px - queries).T) < 0.2).mean() > 0.3
     assert method.describe()["timestep"] == 1
     # A larger image is resized, and answers are in its own pixels.
     large = np.kron(picture(), np.ones((2, 2, 1), np.uint8))
-    found = method.answer(View(large, key="c"), View(large, key="d"), 2 * queries)
+    found = method.answer(Pair(Frame(large, key="c"), Frame(large, key="d"), 2 * queries))
     assert (np.hypot(*(found.uv_px - 2 * queries).T) < 0.4).mean() > 0.3
 
 

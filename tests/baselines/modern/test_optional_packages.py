@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 import pliant
-from pliant.baselines import TrackMatcher, View
+from pliant.baselines import Frame, TrackMatcher
 from pliant.spec.errors import CallError
+from pliant.spec.frame import Pair
 
 torch = pytest.importorskip("torch")
 
@@ -30,9 +31,9 @@ def test_raft_of_random_weights(tmp_path: Path) -> None:
     torch.manual_seed(0)
     torch.save(flow.raft_small().state_dict(), tmp_path / "raft.pth")
     method = pliant.open_method("raft", weights=str(tmp_path / "raft.pth"), small=True, updates=2)
-    view = View(noise(131, 140))  # rounded up to 136x144
+    view = Frame(noise(131, 140))  # rounded up to 136x144
     queries = np.random.default_rng(0).uniform(0, 130, (9, 2)).astype(np.float32)
-    found = method.answer(view, view, queries).uv_px  # type: ignore[union-attr]
+    found = method.answer(Pair(view, view, queries)).uv_px  # type: ignore[union-attr]
     image = method._images.image(view)  # type: ignore[union-attr]
     assert image.shape == (1, 3, 136, 144)
     expected = flow.raft_small()
@@ -79,7 +80,7 @@ def test_roma_reads_the_warp_of_the_package(
     assert given["dinov2_weights"] is None
     assert list(given["weights"]) == ["a"]
     queries = np.array([[10, 10], [30, 25], [0.5, 0.5]], np.float32)
-    found = method.answer(View(noise(40, 60)), View(noise(40, 120)), queries)  # type: ignore[union-attr]
+    found = method.answer(Pair(Frame(noise(40, 60)), Frame(noise(40, 120)), queries))  # type: ignore[union-attr]
     np.testing.assert_allclose(found.uv_px, queries * [2, 1] + [12, 0], atol=1e-4)
     assert found.visible is not None
     np.testing.assert_allclose(found.visible, 0.25)
@@ -93,7 +94,7 @@ def test_cotracker_of_random_weights(tmp_path: Path) -> None:
     method = pliant.open_method("cotracker", weights=str(tmp_path / "cotracker.pth"))
     assert isinstance(method, TrackMatcher)
     queries = np.array([[10, 10], [30.25, 25]], np.float32)
-    found = list(method.track([View(noise(48, 64))] * 3, queries))
+    found = list(method.track([Frame(noise(48, 64))] * 3, queries))
     assert len(found) == 2
     assert all(each.uv_px.shape == (2, 2) and each.visible is not None for each in found)
 
@@ -121,7 +122,7 @@ def test_cotracker_counts_from_pixel_indices(
     monkeypatch.setitem(sys.modules, "cotracker.predictor", package)
     torch.save({"model": torch.nn.Linear(1, 1).state_dict()}, tmp_path / "w.pth")
     method = pliant.open_method("cotracker", weights=str(tmp_path / "w.pth"), batch=1)
-    views = [View(np.full((8, 9, 3), value, np.uint8)) for value in (10, 13, 17)]
+    views = [Frame(np.full((8, 9, 3), value, np.uint8)) for value in (10, 13, 17)]
     points = np.array([[0.5, 2.5], [4, 4]], np.float32)
     found = list(method.track(views, points))  # type: ignore[union-attr]
     np.testing.assert_allclose(found[0].uv_px, points + 3, atol=1e-4)
@@ -137,7 +138,7 @@ def test_tapir_of_random_weights(tmp_path: Path) -> None:
     torch.save(package.TAPIR(pyramid_level=1).state_dict(), tmp_path / "tapir.pt")
     method = pliant.open_method("tapir", weights=str(tmp_path / "tapir.pt"), size=64)
     queries = np.array([[10, 10], [30.25, 25], [7, 40]], np.float32)
-    found = list(method.track([View(noise(48, 64))] * 3, queries))  # type: ignore[union-attr]
+    found = list(method.track([Frame(noise(48, 64))] * 3, queries))  # type: ignore[union-attr]
     assert len(found) == 2
     assert all(each.uv_px.shape == (3, 2) and each.visible is not None for each in found)
 
@@ -166,7 +167,7 @@ def test_tapir_counts_from_the_corner(tmp_path: Path, monkeypatch: pytest.Monkey
     torch.save(torch.nn.Linear(1, 1).state_dict(), tmp_path / "w.pt")
     method = pliant.open_method("tapir", weights=str(tmp_path / "w.pt"), size=64)
     points = np.array([[32, 4], [80, 16]], np.float32)
-    view = View(np.zeros((32, 128, 3), np.uint8))
+    view = Frame(np.zeros((32, 128, 3), np.uint8))
     found = list(method.track([view] * 3, points))  # type: ignore[union-attr]
     assert asked[0].tolist() == [[[0, 8, 16], [0, 32, 40]]]  # (t, y, x) of 64x64 px
     np.testing.assert_allclose(found[1].uv_px, points + np.array([16, 0]), atol=1e-4)

@@ -15,8 +15,9 @@ import numpy as np
 import pytest
 
 import pliant
-from pliant.baselines import View
+from pliant.baselines import Frame
 from pliant.spec.errors import CallError
+from pliant.spec.frame import Pair
 
 torch = pytest.importorskip("torch")
 
@@ -70,7 +71,7 @@ def test_roma_v2_gets_the_users_weights_and_gives_its_warp(
     method: Any = pliant.open_method("roma-v2", weights=str(tmp_path / "w.pt"))
     assert list(loaded[0]) == ["a"]
     assert torch.hub.load_state_dict_from_url is before
-    found = method.answer(View(noise(40, 60)), View(noise(40, 120)), POINTS)
+    found = method.answer(Pair(Frame(noise(40, 60)), Frame(noise(40, 120)), POINTS))
     np.testing.assert_allclose(found.uv_px, POINTS * [2, 1] + [12, 0], atol=1e-4)
     np.testing.assert_allclose(found.visible, 0.75)
     with pytest.raises(CallError, match="no such setting; found slow"):
@@ -97,7 +98,7 @@ def test_flow_of_ptlflow_is_in_pixels_of_the_image(monkeypatch: pytest.MonkeyPat
     method: Any = pliant.open_method("flow", weights="things", model="sea_raft_s", size=[64, 48])
     red = np.zeros((96, 64, 3), np.uint8)
     red[..., 0] = 255
-    found = method.answer(View(red), View(red), POINTS)
+    found = method.answer(Pair(Frame(red), Frame(red), POINTS))
     np.testing.assert_allclose(found.uv_px, POINTS + np.array([4, -4]), atol=1e-4)
     with pytest.raises(CallError, match=r"ptlflow cannot load this.*Unknown model name"):
         pliant.open_method("flow", weights="things", model="sea_raft_xl")
@@ -138,7 +139,7 @@ def test_mast3r_counts_from_pixel_indices(monkeypatch: pytest.MonkeyPatch) -> No
     install(monkeypatch, "mast3r.model", AsymmetricMASt3R=Network)
     install(monkeypatch, "mast3r.fast_nn", fast_reciprocal_NNs=fast_reciprocal_nns)
     method: Any = pliant.open_method("mast3r", weights="file.pth", size=[60, 40], step=4)
-    found = method.answer(View(noise(48, 128)), View(noise(48, 64)), POINTS)
+    found = method.answer(Pair(Frame(noise(48, 128)), Frame(noise(48, 64)), POINTS))
     # 64x48 is the size rounded up to 16: the source is twice as wide, the target as it is.
     np.testing.assert_allclose(found.uv_px, POINTS * [0.5, 1] + [2, 0], atol=1e-3)
     assert asked[0]["true_shape"].tolist() == [[48, 64]]
@@ -183,7 +184,7 @@ def test_tapnext_goes_frame_by_frame(
     method: Any = pliant.open_method("tapnext", weights=str(path), size=64)
     assert restored == ([str(path)] if suffix == ".npz" else [])
     points = np.array([[32, 4], [80, 16]], np.float32)
-    view = View(np.zeros((32, 128, 3), np.uint8))
+    view = Frame(np.zeros((32, 128, 3), np.uint8))
     found = list(method.track([view] * 3, points))
     assert asked[0].tolist() == [[[0, 8, 16], [0, 32, 40]]]  # (t, y, x) of 64x64 px
     np.testing.assert_allclose(found[1].uv_px, points + np.array([16, 0]), atol=1e-4)

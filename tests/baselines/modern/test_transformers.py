@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 import pliant
-from pliant.baselines import View
+from pliant.baselines import Frame
 from pliant.baselines.modern.dino import Dino
 from pliant.baselines.modern.keypoints import KeypointMatching
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
+from pliant.spec.frame import Pair
 
 transformers = pytest.importorskip("transformers")
 torch = pytest.importorskip("torch")
@@ -69,12 +70,12 @@ def test_an_image_matches_itself(matcher_folder: str) -> None:
     """Identical images: a detector's keypoints are the same, and relative to the same pixels."""
     method = KeypointMatching(matcher_folder, threshold=0.0)
     image = picture(96, 128)
-    found = method.match(View(image), View(image))
+    found = method.match(Frame(image), Frame(image))
     assert len(found.score) > 0
     assert found.uv_a_px.dtype == np.float32
     off = np.linalg.norm(found.uv_a_px - found.uv_b_px, axis=1)
     assert np.median(off) < 4  # random networks: within a coarse cell
-    larger = View(np.kron(image, np.ones((2, 2, 1), np.uint8)))
+    larger = Frame(np.kron(image, np.ones((2, 2, 1), np.uint8)))
     scaled = method.match(larger, larger)
     # The processor halves the large image to the small one: every position doubles, exactly.
     np.testing.assert_allclose(
@@ -101,7 +102,7 @@ def test_keypoints_are_centres_of_pixels(tmp_path: Path, monkeypatch: pytest.Mon
         matching_scores = torch.tensor([[[0.9, 0.9], [0.9, 0.9]]])
 
     monkeypatch.setattr(type(method._model), "forward", lambda self, **inputs: Said)
-    found = method.match(View(picture(96, 128)), View(picture(192, 256)))
+    found = method.match(Frame(picture(96, 128)), Frame(picture(192, 256)))
     assert found.uv_a_px.tolist() == [[8.5, 16.5]]
     assert found.uv_b_px.tolist() == [[19.0, 33.0]]
 
@@ -111,7 +112,7 @@ def test_keypoint_matching_is_predicted(matcher_folder: str, tiny_dataset: Path)
     method = pliant.open_method("keypoint-matching", weights=matcher_folder, threshold=0.0)
     pair = dataset.pairs("test")[0]
     answers = method.answer(  # type: ignore[union-attr]
-        View(pair.source.rgb), View(pair.target.rgb), pair.queries
+        Pair(Frame(pair.source.rgb), Frame(pair.target.rgb), pair.queries)
     )
     assert answers.uv_px.shape == pair.queries.shape
     assert np.isfinite(answers.uv_px).all()
@@ -139,11 +140,11 @@ def dino_folder(request: pytest.FixtureRequest, tmp_path_factory: Any) -> tuple[
 def test_dino_finds_every_place_of_the_same_image(dino_folder: tuple[str, int], layer: int) -> None:
     folder, patch = dino_folder
     method = Dino(folder, layer=layer)
-    view = View(picture(6 * patch - 3, 8 * patch, 0))
+    view = Frame(picture(6 * patch - 3, 8 * patch, 0))
     features = method._features(method._images.image(view))
     assert features.shape == (6, 8, 48)  # rounded up to whole patches
     queries = np.random.default_rng(0).uniform(patch, 5 * patch - 3, (20, 2)).astype(np.float32)
-    found = method.answer(view, view, queries)
+    found = method.answer(Pair(view, view, queries))
     np.testing.assert_allclose(found.uv_px, queries, atol=0.05 * patch)
     assert found.modes is not None
     assert method.describe()["layer"] == layer
@@ -159,9 +160,9 @@ def test_dino_follows_a_shift_by_whole_patches(dino_folder: tuple[str, int]) -> 
     ):
         method._model.embeddings.position_embeddings.data.zero_()
     wide = np.random.default_rng(0).integers(0, 255, (5 * patch, 12 * patch, 3), np.uint8)
-    source, target = View(wide[:, 2 * patch :]), View(wide[:, : 10 * patch])
+    source, target = Frame(wide[:, 2 * patch :]), Frame(wide[:, : 10 * patch])
     queries = np.random.default_rng(0).uniform(1.5, 3.5, (30, 2)).astype(np.float32) * patch
-    found = method.answer(source, target, queries).uv_px
+    found = method.answer(Pair(source, target, queries)).uv_px
     off = np.linalg.norm(found - queries - [2 * patch, 0], axis=1)
     assert np.median(off) < 0.35 * patch
 

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pliant.baselines import METHODS, View
+from pliant.baselines import METHODS, Frame
 from pliant.baselines.modern import xfeat
 from pliant.spec.errors import MissingExtraError
+from pliant.spec.frame import Pair
 
 NAMES = ("xfeat", "xfeat-lighterglue")
 
@@ -24,25 +25,25 @@ def matcher(request: pytest.FixtureRequest) -> Any:
 
 @pytest.mark.filterwarnings("ignore::FutureWarning")
 def test_points_of_a_card_that_moves_are_found(
-    matcher: Any, pose: Any, view_of: Callable[..., View], card_queries: np.ndarray
+    matcher: Any, pose: Any, view_of: Callable[..., Frame], card_queries: np.ndarray
 ) -> None:
     before, after = pose(), pose(centre=(133, 104))
     source, target = view_of(before, "a"), view_of(after, "b")
     start = before.place(card_queries).astype(np.float32)
     error_px = np.hypot(
-        *(matcher.answer(source, target, start).uv_px - after.place(card_queries)).T
+        *(matcher.answer(Pair(source, target, start)).uv_px - after.place(card_queries)).T
     )
     assert np.median(error_px) < 1.5
 
 
 @pytest.mark.filterwarnings("ignore::FutureWarning")
-def test_half_pixels_and_sizes(matcher: Any, pose: Any, view_of: Callable[..., View]) -> None:
+def test_half_pixels_and_sizes(matcher: Any, pose: Any, view_of: Callable[..., Frame]) -> None:
     """An image against itself, in another size: every point stays."""
     view = view_of(pose(), "a")
     assert view.mask is not None
-    cut = View(view.rgb[3:, 5:], view.mask[3:, 5:], key="b")  # sides that 32 does not divide
+    cut = Frame(view.rgb[3:, 5:], view.mask[3:, 5:], key="b")  # sides that 32 does not divide
     start = np.random.default_rng(0).uniform([80, 60], [160, 140], (40, 2)).astype(np.float32)
-    off = matcher.answer(view, cut, start).uv_px - (start - [5, 3])
+    off = matcher.answer(Pair(view, cut, start)).uv_px - (start - [5, 3])
     assert np.abs(np.median(off, axis=0)).max() < 1  # an eighth of a cell
 
 

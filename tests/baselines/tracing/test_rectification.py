@@ -9,9 +9,10 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from pliant.baselines.matcher import Answers, View
 from pliant.baselines.tracing import RopeTracer, rectified
 from pliant.baselines.tracing.rectification import camera_tilt
+from pliant.spec.answers import Answers
+from pliant.spec.frame import Frame, Pair
 
 WIDTH, HEIGHT, FOCAL = 640, 480, 686.0
 RADIUS_M = 0.011
@@ -37,7 +38,7 @@ def projected(points: Floats, tilt_deg: float) -> tuple[Floats, Floats]:
 
 
 @functools.cache
-def drawn(tilt_deg: float) -> View:
+def drawn(tilt_deg: float) -> Frame:
     """Return the view of the rope as discs of its apparent radius, with a ball at its start."""
     uv, depth = projected(winding_rope(), tilt_deg)
     columns, rows = np.meshgrid(np.arange(WIDTH) + 0.5, np.arange(HEIGHT) + 0.5)
@@ -51,7 +52,7 @@ def drawn(tilt_deg: float) -> View:
     objects = mask | disc(uv[0], 2.2 * RADIUS_M * FOCAL / depth[0])
     mask &= ~disc(uv[0], 2.2 * RADIUS_M * FOCAL / depth[0])
     rgb = np.where(mask[..., None], 200, 30).astype(np.uint8).repeat(3, axis=2)
-    return View(rgb, mask, key=f"tilt-{tilt_deg}", objects=objects)
+    return Frame(rgb, mask, key=f"tilt-{tilt_deg}", objects=objects)
 
 
 @pytest.mark.parametrize("tilt_deg", [28, 40, 48])
@@ -75,7 +76,7 @@ def test_a_view_from_above_stays_as_it_is(tilt_deg: float) -> None:
 
 def test_without_a_mask_or_a_rope_nothing_is_rectified() -> None:
     view = drawn(40)
-    assert rectified(View(view.rgb)).homography is None
+    assert rectified(Frame(view.rgb)).homography is None
     speck = np.zeros((HEIGHT, WIDTH), dtype=np.bool_)
     speck[100:104, 100:104] = True
     assert camera_tilt(speck) is None
@@ -147,5 +148,5 @@ def test_answers_come_back_with_their_widths() -> None:
 def test_the_tracer_counts_along_the_rope_at_a_slant() -> None:
     rope = winding_rope()[200:1450:25] + np.array([0, 0, RADIUS_M])  # both see its highest line
     asked, truth = projected(rope, 0)[0], projected(rope, 48)[0]
-    answers = RopeTracer().answer(drawn(0), drawn(48), asked.astype(np.float32))
+    answers = RopeTracer().answer(Pair(drawn(0), drawn(48), asked.astype(np.float32)))
     assert np.median(np.linalg.norm(answers.uv_px - truth, axis=1)) < 6

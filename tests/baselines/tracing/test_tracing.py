@@ -3,9 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pliant.baselines.matcher import View
 from pliant.baselines.tracing import Nadir, RopeTracer, Trace, located, placed, rope_traces
 from pliant.baselines.tracing.depth_in_mask import depth_in_mask, sampled, steps_along
+from pliant.spec.frame import Frame, Pair
 
 SIZE = (320, 240)
 FAR_BELOW = Nadir(np.array([160.0, 120.0]), 1e9)  # a camera without perspective
@@ -37,9 +37,9 @@ def loop() -> np.ndarray:
     return np.column_stack([160 + 28 * t - 62 * np.sin(t), 120 + 55 * np.cos(t)])
 
 
-def view_of(curve: np.ndarray, ball: bool = True, key: str = "") -> View:
+def view_of(curve: np.ndarray, ball: bool = True, key: str = "") -> Frame:
     mask, objects = painted(curve, ball)
-    return View(np.zeros((*mask.shape, 3), np.uint8), mask, key=key, objects=objects)
+    return Frame(np.zeros((*mask.shape, 3), np.uint8), mask, key=key, objects=objects)
 
 
 def arc_places(curve: np.ndarray, shares: np.ndarray) -> np.ndarray:
@@ -92,10 +92,12 @@ def test_places_are_carried_to_the_same_arc_length_and_side() -> None:
     source, target = wave(), wave(1.5, 50.0)
     places = np.linspace(0.15, 0.95, 12)
     a, b = arc_places(source, places), arc_places(target, places)
-    answers = RopeTracer().answer(view_of(source), view_of(target), a.astype(np.float32)).uv_px
+    answers = (
+        RopeTracer().answer(Pair(view_of(source), view_of(target), a.astype(np.float32))).uv_px
+    )
     assert np.linalg.norm(answers - b, axis=1).max() < 9
     above = (a - np.array([0, 3])).astype(np.float32)
-    moved = RopeTracer().answer(view_of(source), view_of(target), above).uv_px
+    moved = RopeTracer().answer(Pair(view_of(source), view_of(target), above)).uv_px
     assert (moved - answers)[:, 1].mean() < -1  # on slopes the offset is partly along the rope
 
 
@@ -104,7 +106,7 @@ def test_a_rope_without_ball_is_traced_from_either_end() -> None:
     source, target = wave(), wave(1.5, 50.0)
     places = np.linspace(0.1, 0.9, 12)
     a = arc_places(source, places).astype(np.float32)
-    answers = RopeTracer().answer(view_of(source, False), view_of(target, False), a).uv_px
+    answers = RopeTracer().answer(Pair(view_of(source, False), view_of(target, False), a)).uv_px
     errors = [
         np.linalg.norm(answers - arc_places(target, shares), axis=1).max()
         for shares in (places, 1 - places)
@@ -128,8 +130,8 @@ def test_places_between_stations_and_beyond_the_ends_stay_where_they_are() -> No
 
 
 def test_no_mask_and_specks_give_the_middle() -> None:
-    blank = View(np.zeros((240, 320, 3), np.uint8))
+    blank = Frame(np.zeros((240, 320, 3), np.uint8))
     speck = view_of(np.array([[100.0, 100.0]]), ball=False)
     queries = np.zeros((2, 2), np.float32)
-    answers = RopeTracer().answer(blank, speck, queries).uv_px
+    answers = RopeTracer().answer(Pair(blank, speck, queries)).uv_px
     np.testing.assert_allclose(answers, [[100, 100]] * 2, atol=1)

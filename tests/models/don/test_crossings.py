@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 import torch
 
-from pliant.baselines.matcher import View
 from pliant.baselines.tracing import Nadir, Trace, self_crossings
 from pliant.loaders.views import FrameView
 from pliant.models.don.crossing_training import fit_crossings
@@ -18,6 +17,7 @@ from pliant.models.don.crossings import CROSSINGS, load_crossing_network, with_o
 from pliant.models.networks.crossing_network import CrossingNetwork, crossing_patches
 from pliant.models.training.checkpoint import save_weights
 from pliant.spec.errors import TrainingError
+from pliant.spec.frame import Frame
 
 SIDE = 96
 HALF_PX = 4.0
@@ -76,7 +76,7 @@ def share_right(network: CrossingNetwork, store: PaintedStore) -> float:
     right = []
     for frame, line, first_is_upper in store.drawn:
         length = float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
-        view = View(frame.rgb, frame.mask, frame.depth_m)
+        view = Frame(frame.rgb, frame.mask, frame.depth_m)
         trace = Trace(line, length, HALF_PX, 1.0, 0.0, Nadir.of_image(frame.mask.shape))
         (known,) = with_overlaps(network, view, frame.mask, [trace])
         (overlap,) = known.overlaps

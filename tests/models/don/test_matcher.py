@@ -13,7 +13,7 @@ import pytest
 import torch
 from torch import nn
 
-from pliant.baselines.matcher import HeatMatcher, View
+from pliant.baselines.matcher import HeatMatcher
 from pliant.baselines.tracing import Rectified
 from pliant.loaders.frame_store import FrameStore
 from pliant.loaders.inputs import NetworkInput
@@ -32,6 +32,7 @@ from pliant.models.networks.descriptor_network import (
     build_network,
 )
 from pliant.spec.dataset import Dataset
+from pliant.spec.frame import Frame, Pair
 
 SIZE = (80, 60)
 GRID = torch.tensor([[u + 0.5, v + 0.5] for v in range(6) for u in range(10)])
@@ -90,14 +91,14 @@ def test_answers_are_in_the_pixels_of_each_view(sheets: ModuleType, sheet_datase
     """Source and target may have different sizes; neither is the network's."""
     source, target = sheet_dataset.sequences[0], sheet_dataset.sequences[1]
     rgb = target.rgb(0)
-    large = View(rgb.repeat(3, axis=0).repeat(2, axis=1), key="large")
-    small = View(source.rgb(0), mask=source.surface(0).object_id == 1, key="small")
+    large = Frame(rgb.repeat(3, axis=0).repeat(2, axis=1), key="large")
+    small = Frame(source.rgb(0), mask=source.surface(0).object_id == 1, key="small")
     matcher = by_colour(AnswerSettings(search="image"))
     to_a = sheets.sheet_map(0, 0, SIZE, 0.0)
     to_b = sheets.sheet_map(1, 0, SIZE, 0.0)
     material = np.array([[0.3, 0.3], [0.5, 0.7], [0.7, 0.6]])
     uv_a = (material @ to_a[:, :2].T + to_a[:, 2]).astype(np.float32)
-    answers = matcher.answer(small, large, uv_a)
+    answers = matcher.answer(Pair(small, large, uv_a))
     expected = (material @ to_b[:, :2].T + to_b[:, 2]) * [2, 3]
     np.testing.assert_allclose(answers.uv_px, expected, atol=1.0)
 
@@ -108,27 +109,29 @@ def test_search_stays_in_the_mask_unless_told(pairs: list[ValidationPair]) -> No
     corner = np.zeros_like(pair.target.mask)
     corner[:8, :8] = True
     target = replace(pair.target, mask=corner, key="corner")
-    inside = by_colour().answer(pair.source, target, pair.uv_a_px).uv_px
+    inside = by_colour().answer(Pair(pair.source, target, pair.uv_a_px)).uv_px
     assert (inside <= 8).all()
-    anywhere = by_colour(AnswerSettings(search="image")).answer(pair.source, target, pair.uv_a_px)
+    anywhere = by_colour(AnswerSettings(search="image")).answer(
+        Pair(pair.source, target, pair.uv_a_px)
+    )
     assert (anywhere.uv_px > 8).any()
 
 
 def test_a_thin_mask_is_not_lost(pairs: list[ValidationPair]) -> None:
     mask = np.zeros((480, 640), bool)
     mask[100:300, 201] = True
-    view = View(np.zeros((480, 640, 3), np.uint8), mask=mask, key="thin")
-    answers = by_colour().answer(pairs[0].source, view, pairs[0].uv_a_px)
+    view = Frame(np.zeros((480, 640, 3), np.uint8), mask=mask, key="thin")
+    answers = by_colour().answer(Pair(pairs[0].source, view, pairs[0].uv_a_px))
     assert np.abs(answers.uv_px[:, 0] - 201).max() < 8
 
 
 def test_no_queries_and_empty_masks(pairs: list[ValidationPair]) -> None:
     pair = pairs[0]
-    nothing = by_colour().answer(pair.source, pair.target, np.zeros((0, 2), np.float32))
+    nothing = by_colour().answer(Pair(pair.source, pair.target, np.zeros((0, 2), np.float32)))
     assert nothing.uv_px.shape == (0, 2)
     assert pair.target.mask is not None
     unseen = replace(pair.target, mask=np.zeros_like(pair.target.mask), key="unseen")
-    assert np.isfinite(by_colour().answer(pair.source, unseen, pair.uv_a_px).uv_px).all()
+    assert np.isfinite(by_colour().answer(Pair(pair.source, unseen, pair.uv_a_px)).uv_px).all()
 
 
 def test_heat_peaks_at_the_answer(pairs: list[ValidationPair]) -> None:
@@ -139,7 +142,7 @@ def test_heat_peaks_at_the_answer(pairs: list[ValidationPair]) -> None:
     heat = matcher.heat(pair.source, pair.target, query)
     assert heat.values.shape == pair.target.rgb.shape[:2]
     peak = np.unravel_index(np.nanargmax(heat.values), heat.values.shape)
-    answer = matcher.answer(pair.source, pair.target, query[None]).uv_px[0]
+    answer = matcher.answer(Pair(pair.source, pair.target, query[None])).uv_px[0]
     assert np.hypot(peak[1] + 0.5 - answer[0], peak[0] + 0.5 - answer[1]) < 1.5
     assert pair.target.mask is not None
     assert np.isnan(heat.values[~pair.target.mask]).all()
@@ -250,13 +253,13 @@ def test_calibration_makes_an_overconfident_matcher_honest(pairs: list[Validatio
     assert calibration.figures is not None
     assert calibration.figures["ece"] < 0.1
     matcher.calibration = calibration
-    answers = matcher.answer(pairs[0].source, pairs[0].target, pairs[0].uv_a_px)
+    answers = matcher.answer(pairs[0])
     assert answers.modes is not None
     assert all(
         abs(rows[:, 3].sum() - 1) < 1e-3 and (rows[:, 2] > 0).all() for rows in answers.modes
     )
     matcher.settings = AnswerSettings(distribution="sigma")
-    answers = matcher.answer(pairs[0].source, pairs[0].target, pairs[0].uv_a_px)
+    answers = matcher.answer(pairs[0])
     assert answers.modes is None
     assert answers.sigma_px is not None
     assert (answers.sigma_px > 0).all()
@@ -282,7 +285,7 @@ def test_rectified_views_have_a_calibration_of_their_own(
         )
     matcher = by_colour(scale=400.0)
 
-    def seen(view: View) -> Rectified:
+    def seen(view: Frame) -> Rectified:
         as_it_is = Rectified.unchanged(view)
         slanted = view.key.startswith("slanted")
         return replace(as_it_is, homography=np.eye(3)) if slanted else as_it_is
@@ -293,9 +296,7 @@ def test_rectified_views_have_a_calibration_of_their_own(
     assert Calibration.from_document(asdict(calibration)) == calibration
     matcher.calibration = calibration
     matcher.settings = AnswerSettings(distribution="sigma")
-    straight, slanted = (
-        matcher.answer(pair.source, pair.target, pair.uv_a_px).sigma_px for pair in pairs[:2]
-    )
+    straight, slanted = (matcher.answer(pair).sigma_px for pair in pairs[:2])
     assert straight is not None
     assert slanted is not None
     assert np.median(slanted) > 3 * np.median(straight)
@@ -332,7 +333,8 @@ def test_views_without_masks_have_a_calibration_of_their_own(
     pair = pairs[0]
     bare = replace(pair.target, mask=None, objects=None, key="bare")
     given, found = (
-        matcher.answer(pair.source, target, pair.uv_a_px).sigma_px for target in (pair.target, bare)
+        matcher.answer(Pair(pair.source, target, pair.uv_a_px)).sigma_px
+        for target in (pair.target, bare)
     )
     assert given is not None
     assert found is not None
@@ -434,8 +436,8 @@ def test_visible_is_learned_from_the_distance(pairs: list[ValidationPair]) -> No
     assert calibration.figures is not None
     assert calibration.figures["visible_accuracy"] > 0.9
     matcher.calibration = calibration
-    seen = matcher.answer(changed[0].source, changed[0].target, changed[0].uv_a_px).visible
-    gone = matcher.answer(changed[1].source, changed[1].target, changed[1].uv_a_px).visible
+    seen = matcher.answer(changed[0]).visible
+    gone = matcher.answer(changed[1]).visible
     assert seen is not None
     assert gone is not None
     assert np.median(seen) > 0.5 > np.median(gone)
@@ -455,8 +457,8 @@ def test_network_weights_survive_a_pickle(pairs: list[ValidationPair]) -> None:
     again = pickle.loads(pickle.dumps(matcher))
     pair = pairs[0]
     np.testing.assert_array_equal(
-        again.answer(pair.source, pair.target, pair.uv_a_px).uv_px,
-        matcher.answer(pair.source, pair.target, pair.uv_a_px).uv_px,
+        again.answer(pair).uv_px,
+        matcher.answer(pair).uv_px,
     )
 
 

@@ -9,7 +9,6 @@ import numpy.typing as npt
 import pytest
 from scipy import ndimage
 
-from pliant.baselines.matcher import View
 from pliant.loaders.frame_store import FrameStore
 from pliant.models.don.described import ViewDescriber
 from pliant.models.don.matcher import DonMatcher
@@ -17,6 +16,7 @@ from pliant.models.don.segmentation import Foreground, rope_masks
 from pliant.models.don.validation import draw_validation_pairs
 from pliant.models.shipped import load_shipped
 from pliant.spec.dataset import SAMPLE, Dataset
+from pliant.spec.frame import Frame, Pair
 
 Mask = npt.NDArray[np.bool_]
 
@@ -120,19 +120,19 @@ def test_the_shipped_model_finds_masks_and_answers_without_them() -> None:
     store = FrameStore(sample, "rope", "test", sample.size)
     overlaps, errors, gaps = [], [], []
     for pair in draw_validation_pairs(store, pairs=6, queries=40, seed=1):
-        source, target = (View(view.rgb, key=view.key) for view in (pair.source, pair.target))
+        source, target = (Frame(view.rgb, key=view.key) for view in (pair.source, pair.target))
         views = ViewDescriber(matcher.network, matcher.input, matcher.size, 1, False)
         mask = views.segmented(target).mask
         assert mask is not None
         assert pair.target.mask is not None
         overlaps.append(overlap(mask, pair.target.mask))
-        answers = matcher.answer(source, target, pair.uv_a_px)
+        answers = matcher.answer(Pair(source, target, pair.uv_a_px))
         error = np.linalg.norm(answers.uv_px - pair.uv_b_px[:, 0], axis=1)
         errors.append(error[pair.visible[:, 0]])
         heat = matcher.heat(source, target, pair.uv_a_px[0]).values
         assert np.isnan(heat[0, 0])  # the mask that was found is what is searched
         row, column = np.unravel_index(np.nanargmax(heat), heat.shape)
-        one = matcher.answer(source, target, pair.uv_a_px[:1])
+        one = matcher.answer(Pair(source, target, pair.uv_a_px[:1]))
         assert one.modes is not None
         modes = one.modes[0][:, :2] - np.array([column + 0.5, row + 0.5])
         gaps.append(np.linalg.norm(modes, axis=1).min())

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import torch
 
-from pliant.baselines.matcher import View
 from pliant.baselines.tracing import Nadir, Trace
 from pliant.models.don.tracing import TracedPlaces, TracedView, traced_places
+from pliant.spec.frame import Frame
 
 GRID = np.stack(np.meshgrid(np.arange(40) + 0.5, np.arange(30) + 0.5), axis=-1).reshape(-1, 2)
 
@@ -58,7 +58,7 @@ def line_view(ends_alike: bool, known: bool = True) -> TracedView:
         Trace(way, 60.0, 1.0, 1.0, 0.0, Nadir.of_image(mask.shape)) for way in (path, path[::-1])
     ]
     rgb = np.zeros((20, 80, 3), dtype=np.uint8)
-    view = View(rgb, mask, objects=objects if known else None)
+    view = Frame(rgb, mask, objects=objects if known else None)
     return TracedView(view, torch.zeros(4, 20, 80), traces)
 
 

@@ -131,7 +131,7 @@ def test_a_run_that_learned_orientation_answers(sheet_dataset: Dataset, tmp_path
     assert isinstance(matcher, DonMatcher)
     pair = draw_validation_pairs(FrameStore(sheet_dataset, "sheet", "val", (40, 30)), 1, 8, 0)[0]
     assert matcher.descriptor_map(pair.source).shape == (30, 40, 4)
-    assert np.isfinite(matcher.answer(pair.source, pair.target, pair.uv_a_px).uv_px).all()
+    assert np.isfinite(matcher.answer(pair).uv_px).all()
 
 
 def test_a_run_is_a_folder_that_answers(sheet_dataset: Dataset, tmp_path: Path) -> None:

@@ -1,14 +1,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
-from pliant.baselines.views import ViewReader
 from pliant.models import load_matcher
 from pliant.models.don.matcher import DonMatcher
 from pliant.models.don.settings import DonSettings
@@ -16,6 +14,7 @@ from pliant.models.don.trainer import train_don
 from pliant.models.networks.canonical import CanonicalHead, canonical_loss
 from pliant.spec.configuration import read_settings
 from pliant.spec.dataset import Dataset
+from pliant.spec.frame import Pair
 from pliant.spec.model import MaterialCoordinate, MaterialObject
 
 ONE = torch.tensor(1.0)
@@ -114,18 +113,17 @@ def test_a_run_with_all_heads_answers_with_and_without_masks(
     assert len(head.anchors) == 169
     assert float(head.scale_m[0]) == pytest.approx(0.5)
     a, b = (sequence.id for sequence in sheet_dataset.sequences[:2])
-    reader = ViewReader()
-    source, target = reader.view(sheet_dataset.frame(a, 0)), reader.view(sheet_dataset.frame(b, 0))
+    source, target = sheet_dataset.frame(a, 0), sheet_dataset.frame(b, 0)
     assert source.objects is not None
     assert source.mask is not None
     assert source.objects.sum() > source.mask.sum()
     query = np.array([[40.0, 30.0]], np.float32)
-    given = matcher.answer(source, target, query).uv_px
+    given = matcher.answer(Pair(source, target, query)).uv_px
     bare_source, bare_target = (
-        replace(view, mask=None, objects=None, key=view.key + "x") for view in (source, target)
+        view.replace(mask=None, objects=None, key=view.key + "x") for view in (source, target)
     )
-    assert np.isfinite(matcher.answer(bare_source, bare_target, query).uv_px).all()
+    assert np.isfinite(matcher.answer(Pair(bare_source, bare_target, query)).uv_px).all()
     # The masks are seen: other masks, other descriptors.
-    moved = replace(source, mask=~source.mask, key="other")
+    moved = source.replace(mask=~source.mask, key="other")
     assert not np.allclose(matcher.descriptor_map(source), matcher.descriptor_map(moved))
     assert np.isfinite(given).all()

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from pliant.baselines.predict import predict
-from pliant.baselines.views import ViewReader
 from pliant.cli.main import run
 from pliant.models import load_matcher
 from pliant.models.timecycle.matcher import TimeCycleMatcher
@@ -70,11 +69,10 @@ def test_pairs_of_an_episode_are_tracked_through_the_frames_between(
     assert path.read_bytes() == again.read_bytes()
     table = read_table(path, "answers")
     found = np.stack([table["u"].to_numpy(), table["v"].to_numpy()], axis=1)
-    reader = ViewReader()
     for pair in dataset.pairs("test"):
         sequence, a, b = pair.source.sequence.id, pair.source.index, pair.target.index
         step = 1 if b > a else -1
-        frames = [reader.view(dataset.frame(sequence, frame)) for frame in range(a, b + step, step)]
+        frames = [dataset.frame(sequence, frame) for frame in range(a, b + step, step)]
         *_, last = matcher.track(frames, pair.uv_a_px)
         rows = table["pair_id"].to_numpy() == pair.pair_id
         np.testing.assert_allclose(found[rows], last.uv_px, atol=1e-3)

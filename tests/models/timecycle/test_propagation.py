@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 import torch
 
-from pliant.baselines.matcher import TrackMatcher, View
+from pliant.baselines.matcher import TrackMatcher
 from pliant.models.timecycle.matcher import TimeCycleMatcher
 from pliant.models.timecycle.network import TimeCycleNetwork
 from pliant.models.timecycle.propagation import Propagator
 from pliant.models.timecycle.settings import PropagationSettings, TimeCycleSettings
 from pliant.spec.configuration import read_settings
+from pliant.spec.frame import Frame, Pair
 
 H, W = 20, 28
 
@@ -122,13 +123,13 @@ SETTINGS = read_settings(
 )
 
 
-def views(count: int) -> Iterator[View]:
+def views(count: int) -> Iterator[Frame]:
     rng = np.random.default_rng(0)
     rgb = rng.integers(0, 256, (120, 200, 3), dtype=np.uint8)
     mask = np.zeros((120, 200), dtype=np.bool_)
     mask[40:80, 50:150] = True
     for _ in range(count):
-        yield View(rgb=rgb, mask=mask)
+        yield Frame(rgb=rgb, mask=mask)
 
 
 def test_the_matcher_speaks_in_the_pictures_own_pixels() -> None:
@@ -142,8 +143,8 @@ def test_the_matcher_speaks_in_the_pictures_own_pixels() -> None:
     for answers in tracked:
         np.testing.assert_allclose(answers.uv_px, uv, atol=0.01)
     a, b = views(2)
-    np.testing.assert_allclose(matcher.answer(a, b, uv).uv_px, uv, atol=0.5)
-    assert matcher.answer(a, b, uv[:0]).uv_px.shape == (0, 2)
+    np.testing.assert_allclose(matcher.answer(Pair(a, b, uv)).uv_px, uv, atol=0.5)
+    assert matcher.answer(Pair(a, b, uv[:0])).uv_px.shape == (0, 2)
     heat = matcher.heat(a, b, uv[0])
     assert heat.values.shape == (120, 200)
     assert 0 < heat.confidence <= 1
@@ -153,7 +154,7 @@ def test_one_step_looks_everywhere() -> None:
     settings = replace(SETTINGS, propagation=replace(SETTINGS.propagation, search="mask"))
     matcher = TimeCycleMatcher(TimeCycleNetwork(settings), settings)
     a, b = views(2)
-    found = matcher.answer(a, b, np.array([[60.5, 50.5]], dtype=np.float32)).uv_px
+    found = matcher.answer(Pair(a, b, np.array([[60.5, 50.5]], dtype=np.float32))).uv_px
     assert 40 < found[0, 0] < 160
     assert 30 < found[0, 1] < 90
 

@@ -29,8 +29,8 @@ def published(tiny_dataset: Path, tmp_path_factory: pytest.TempPathFactory) -> P
 def test_one_score_everywhere(
     tiny_dataset: Path, published: Path, bare_python: Path, tmp_path: Path
 ) -> None:
-    from pliant.baselines.matcher import Answers
     from pliant.baselines.submission_file import query_keys, write_answers
+    from pliant.spec.answers import Answers
 
     dataset = Dataset.open(tiny_dataset)
     truth = dataset.truth("test")

@@ -13,8 +13,10 @@ import numpy.typing as npt
 import pyarrow as pa
 import pytest
 
-from pliant.baselines.matcher import Answers, Heat, View
+from pliant.baselines.matcher import Heat
+from pliant.spec.answers import Answers
 from pliant.spec.dataset import Dataset
+from pliant.spec.frame import Frame, Pair
 from pliant.spec.io.parquet import write_table
 
 pytest.importorskip("starlette", reason="the explorer needs the extra 'explore'")
@@ -38,11 +40,11 @@ class Shifted:
     def describe(self) -> Mapping[str, Any]:
         return {"name": self.name}
 
-    def answer(self, source: View, target: View, uv_a_px: npt.NDArray[np.float32]) -> Answers:
-        sigma = np.full(len(uv_a_px), 2.0, np.float32)
-        return Answers(uv_a_px + np.array([SHIFT_PX, 0], np.float32), sigma_px=sigma)
+    def answer(self, pair: Pair) -> Answers:
+        sigma = np.full(len(pair.uv_a_px), 2.0, np.float32)
+        return Answers(pair.uv_a_px + np.array([SHIFT_PX, 0], np.float32), sigma_px=sigma)
 
-    def heat(self, source: View, target: View, uv_a_px: npt.NDArray[np.float32]) -> Heat:
+    def heat(self, source: Frame, target: Frame, uv_a_px: npt.NDArray[np.float32]) -> Heat:
         height, width = target.rgb.shape[:2]
         v, u = np.mgrid[:height, :width] + 0.5
         squared = (u - uv_a_px[0] - SHIFT_PX) ** 2 + (v - uv_a_px[1]) ** 2
