@@ -30,7 +30,12 @@ _UNITS = {"": 1, "B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9}
 )
 @path_option("--private", "DIR3", "Private half.  [default: DIR2-private]")
 @click.option("--shard-size", default="500MB", show_default=True, help="Approximate shard size.")
-@click.option("--webdataset", is_flag=True, help="Write the frames as WebDataset tar files too.")
+@click.option(
+    "--answers-are-public",
+    is_flag=True,
+    help="Publish a set although its seed is not secret, so that anybody can generate the "
+    "held-out answers again.",
+)
 @click.option(
     "--author", "authors", multiple=True, metavar="NAME", help="Author, for the citation."
 )

@@ -18,7 +18,6 @@ from pliant.publishing.held_out import (
 )
 from pliant.publishing.papers import citation, licence_text, private_readme
 from pliant.publishing.settings import PublishSettings
-from pliant.publishing.webdataset import write_webdataset
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import SpecError
 from pliant.spec.io import limits
@@ -101,13 +100,6 @@ def write_public(
             packer.add(_public_folder(sequence, hold_out))
             progress("Packing", done, len(dataset.sequences))
     public = Dataset.open(root)
-    if settings.webdataset:
-        write_webdataset(
-            public,
-            root,
-            shard_bytes=settings.shard_bytes,
-            progress=lambda done, total: progress("Writing tar files", done, total),
-        )
     authors = settings.authors or (f"The publishers of {dataset.id}",)
     if (dataset.root / "LICENSE").is_file():
         shutil.copyfile(dataset.root / "LICENSE", root / "LICENSE")
@@ -137,7 +129,7 @@ def _public_folder(sequence: SequenceRecord, hold_out: Sequence[str]) -> FolderT
         id=sequence.id,
         tier=sequence.tier,
         split=sequence.split,
-        shape=sequence.shape,
+        shape=None if sequence.split in hold_out else sequence.shape,
         frames=sequence.frames,
         files=files,
         sizes={name: size for name, size in own.sizes.items() if name in files},

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import struct
 from collections.abc import Collection, Mapping
 from typing import Any, Final
@@ -12,14 +13,17 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from pliant.evaluator.hidden_truth import SIGNIFICANT_DIGITS
+from pliant.evaluator.protocols.protocol import read_protocol
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import SpecError
-from pliant.spec.io.parquet import read_table
-from pliant.spec.storage import layout
 from pliant.spec.tables import SEQUENCES
 
-GUESSABLE_BELOW: Final = 2**48
-"""A seed below this can be found by trying: a machine tries a million a second."""
+PROTOCOL: Final = "standard"
+"""Competitions are scored by this protocol, whatever a submission is."""
+
+MAX_SUBMISSIONS: Final = 100
+"""Submissions that the bundles allow each participant."""
 
 _SIGNATURE: Final = b"\x89PNG\r\n\x1a\n"
 _PICTURE_CHUNKS: Final = frozenset({b"IHDR", b"sRGB", b"gAMA", b"cHRM", b"IDAT", b"IEND"})
@@ -61,14 +65,14 @@ def public_sequences(table: pa.Table, hold_out: Collection[str]) -> pa.Table:
 
     Args:
         table: The dataset's own.
-        hold_out: The splits; their sequences lose coverage and self-occlusion, which are
-            measured on the truth, and no sequence keeps its seed.
+        hold_out: The splits; their sequences lose shape, coverage and self-occlusion, which say
+            how the object lies, and no sequence keeps its seed.
     """
     rows = table.to_pylist()
     for row in rows:
         row["seed"] = 0
         if row["split"] in hold_out:
-            row["coverage"], row["self_occluded"] = None, 0.0
+            row["shape"], row["coverage"], row["self_occluded"] = None, None, 0.0
     return pa.Table.from_pylist(rows, schema=SEQUENCES)
 
 
@@ -86,6 +90,7 @@ def public_document(document: Mapping[str, Any], *, held_out: bool) -> dict[str,
     public = {**without_seeds(dict(document)), "seed": 0}
     if held_out:
         public |= {
+            "shape": None,
             "parameters": {},
             "frame_info": [{} for _ in document["frame_info"]],
             "files": [],
@@ -125,15 +130,35 @@ def listed(files: Mapping[str, bytes]) -> list[dict[str, Any]]:
     ]
 
 
-def guessable(dataset: Dataset, hold_out: Collection[str]) -> list[int]:
-    """Return the seeds of held-out sequences that somebody could find by trying."""
-    if dataset.info["provenance"]["seed"] is None:
-        return []
-    table = read_table(dataset.local(layout.SEQUENCES_TABLE), "sequences")
-    rows = [row for row in table.to_pylist() if row["split"] in hold_out]
-    if all(row["style"] == "external" for row in rows):
-        return []
-    return sorted({row["seed"] for row in rows if row["seed"] < GUESSABLE_BELOW})
+def scores_reveal(dataset: Dataset, split: str, visible: int) -> str | None:
+    """Return a warning where the scores of a competition may tell a split's answers, None if not.
+
+    A figure of four digits carries at most log2(9,000) bits, a position to one pixel as many as the
+    image has pixels (docs/competitions.md, "What scores reveal"). What a participant learns from
+    the submissions that the bundles allow is compared with the mean positions of the image pairs,
+    which are found before single answers are.
+
+    Args:
+        dataset: The dataset.
+        split: The held-out split.
+        visible: Its visible answers.
+    """
+    queries = dataset.queries(split)
+    tiers = pc.count_distinct(queries["tier"]).as_py()
+    figures = len(read_protocol(PROTOCOL).headline) + (tiers if tiers > 1 else 0)
+    bits = figures * math.log2(9 * 10 ** (SIGNIFICANT_DIGITS - 1))
+    of_position = math.log2(dataset.size[0] * dataset.size[1])
+    positions = int(MAX_SUBMISSIONS * bits / of_position)
+    pairs = pc.count_distinct(queries["pair_id"]).as_py()
+    if pairs > positions:
+        return None
+    safe = int(pairs * of_position / bits)
+    return (
+        f"the scores of a competition may reveal answers of split {split}: {MAX_SUBMISSIONS} "
+        f"submissions of {figures} figures tell up to {positions:,} positions, and the split has "
+        f"{pairs:,} image pairs with {visible:,} visible answers. Hold out more image pairs, or "
+        f"allow at most {safe:,} of these submissions"
+    )
 
 
 def shown_answers(dataset: Dataset, split: str) -> tuple[int, int]:

@@ -5,22 +5,26 @@ Both halves are made in temporary folders next to their places and renamed at th
 
 from __future__ import annotations
 
-import shutil
-import tempfile
-from collections.abc import Callable, Sequence
+import os
+import stat
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 
+from pliant.evaluator.report.staging import staged
 from pliant.publishing.halves import Progress, write_private, write_public
-from pliant.publishing.held_out import guessable, shown_answers
+from pliant.publishing.held_out import scores_reveal, shown_answers
 from pliant.publishing.settings import PublishSettings
 from pliant.spec.conventions import SPLITS
 from pliant.spec.dataset import Dataset
-from pliant.spec.errors import CallError
+from pliant.spec.errors import CallError, SpecError
+from pliant.spec.secrets import seed_weakness
 from pliant.spec.storage import layout
 from pliant.spec.storage.manifest import Half, write_checksums, write_manifest
+from pliant.spec.validation.rules.structure import WORKSHOPS
+from pliant.spec.validation.validate import validate
 
 Finish = Callable[[Path, Path | None], None]
 """Adds files to the private half: called with both folders while they are still temporary, before
@@ -74,7 +78,7 @@ def publish(
     """Publish a dataset.
 
     Args:
-        source: The dataset: a folder, loose, whole, every checksum as listed.
+        source: The dataset: a folder, loose, whole, without links, every checksum as listed.
         out: The public half; a new or empty folder.
         settings: How; None holds nothing out.
         private: The private half; None takes the public one's name with `-private` behind.
@@ -85,29 +89,32 @@ def publish(
         What was written, with warnings.
 
     Raises:
-        CallError: A folder or a split cannot be served.
-        SpecError: The dataset is damaged: a file is missing or is not what its checksum says.
+        CallError: A folder or a split cannot be served, or a held-out split could be generated
+            again by anybody.
+        SpecError: The dataset is damaged, or contains links.
     """
     settings = settings or PublishSettings()
     dataset = _open(source, settings)
     out = out.absolute()
     private = None if not settings.hold_out else (private or out.with_name(f"{out.name}-private"))
-    places = [out] if private is None else [private.absolute(), out]
-    for place in places:
+    for place in [out] if private is None else [private.absolute(), out]:
         _check_place(place, source)
+    show = progress or (lambda what, done, total: None)
+    _check_contents(source, show)
     warnings = _warnings(dataset, settings)
     with ExitStack() as stack:
-        made = [Path(stack.enter_context(_workplace(place))) for place in places]
-        public_half = made[-1]
-        private_half = made[0] if private is not None else None
-        show = progress or (lambda what, done, total: None)
+        # The folders get their names in reverse order: the private half first.
+        public_half = stack.enter_context(staged(out))
+        private_half = None if private is None else stack.enter_context(staged(private))
+        public_half.chmod(0o755)
         write_public(dataset, public_half, settings, show)
         if private_half is not None:
+            private_half.chmod(0o700)
             write_private(dataset, private_half, settings, warnings, show)
             if finish is not None:
                 finish(public_half, private_half)
         sums = _tie(dataset, public_half, private_half, settings)
-        facts = Published(
+        return Published(
             public=out,
             private=private,
             checksums_sha256=sums[0],
@@ -118,8 +125,6 @@ def publish(
             shards=sum(1 for name in layout.SHARD_DIRS for _ in public_half.glob(f"{name}/*")),
             warnings=warnings,
         )
-        _rename(made, places)
-    return facts
 
 
 def _open(source: Path, settings: PublishSettings) -> Dataset:
@@ -159,16 +164,49 @@ def _check_place(place: Path, source: Path) -> None:
         raise CallError("the output is inside the dataset", path=place, fix="Name another place.")
 
 
+def _check_contents(source: Path, progress: Progress) -> None:
+    """Refuse a dataset that `validate --quick` refuses, or that contains links."""
+    for folder, folders, files in os.walk(source):
+        place = Path(folder)
+        if place == source:
+            folders[:] = [name for name in folders if name not in WORKSHOPS]
+        for name in (*folders, *files):
+            mode = (place / name).lstat().st_mode
+            if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
+                raise SpecError(
+                    "only regular files are published",
+                    path=place / name,
+                    found="a link" if stat.S_ISLNK(mode) else "a special file",
+                    fix="Put a copy of the file in its place, or remove it.",
+                )
+    report = validate(
+        source, quick=True, progress=lambda done, total: progress("Validating", done, total)
+    )
+    errors = [issue for issue in report.issues if issue.severity == "error"]
+    if errors:
+        raise SpecError(
+            "the dataset is not valid and is not published",
+            path=source,
+            found=f"{report.errors:,} error{'s' if report.errors > 1 else ''}, the first: "
+            f"{errors[0]}",
+            fix="Run: pliant validate",
+        )
+
+
 def _warnings(dataset: Dataset, settings: PublishSettings) -> list[str]:
     warnings = []
-    seeds = guessable(dataset, settings.hold_out) if settings.hold_out else []
-    if seeds:
-        warnings.append(
-            f"the held-out sequences were generated from a seed that can be guessed ({seeds[0]}): "
-            "the published files do not tell it, but who tries small numbers with the same "
-            "settings finds it, and the answers with it. Generate a set for a competition with a "
-            "secret seed: --seed $(python -c 'import secrets; print(secrets.randbits(62))')"
-        )
+    weakness = seed_weakness(dataset.info, dataset.root) if settings.hold_out else None
+    if weakness is not None:
+        if not settings.answers_are_public:
+            raise CallError(
+                "anybody can generate the held-out answers again",
+                path=dataset.root,
+                found=weakness,
+                required="a secret seed of 64 bits or more",
+                fix="Generate the set with --secret-seed. To publish this one nevertheless: "
+                "--answers-are-public.",
+            )
+        warnings.append(f"the held-out answers are public: {weakness}")
     for split in settings.hold_out:
         shown, visible = shown_answers(dataset, split)
         if shown:
@@ -176,34 +214,9 @@ def _warnings(dataset: Dataset, settings: PublishSettings) -> list[str]:
                 f"{shown:,} of the {visible:,} visible answers of split {split} stand as query "
                 "pixels of the same frame in another pair: somebody may snap to them"
             )
+        if (text := scores_reveal(dataset, split, visible)) is not None:
+            warnings.append(text)
     return warnings
-
-
-def _workplace(place: Path) -> tempfile.TemporaryDirectory[str]:
-    """Return a temporary folder next to a place, to be renamed to it."""
-    try:
-        place.parent.mkdir(parents=True, exist_ok=True)
-        return tempfile.TemporaryDirectory(
-            prefix=f".{place.name}.", dir=place.parent, ignore_cleanup_errors=True
-        )
-    except OSError as error:
-        raise CallError("the output cannot be written", path=place, found=error.strerror) from error
-
-
-def _rename(made: Sequence[Path], places: Sequence[Path]) -> None:
-    """Give the finished folders their names: the private half first, none without the other."""
-    done: list[Path] = []
-    try:
-        for folder, place in zip(made, places, strict=True):
-            folder.chmod(0o755 if folder is made[-1] else 0o700)
-            if place.exists():
-                place.rmdir()
-            folder.rename(place)
-            done.append(place)
-    except BaseException:
-        for place in done:
-            shutil.rmtree(place, ignore_errors=True)
-        raise
 
 
 def _tie(

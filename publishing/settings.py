@@ -20,7 +20,7 @@ class PublishSettings:
     Attributes:
         hold_out: Splits whose answers go into the private half.
         shard_bytes: About how large a shard becomes.
-        webdataset: Whether to write the frames as tar files too.
+        answers_are_public: Publish a set whose held-out answers anybody can generate again.
         authors: Who publishes it; empty names the dataset itself.
         url: Where it will be hosted, or None.
         date: Day of the release, YYYY-MM-DD, or None: then the papers carry none, and equal data
@@ -29,7 +29,7 @@ class PublishSettings:
 
     hold_out: tuple[str, ...] = ()
     shard_bytes: int = SHARD_BYTES
-    webdataset: bool = False
+    answers_are_public: bool = False
     authors: tuple[str, ...] = ()
     url: str | None = None
     date: str | None = None

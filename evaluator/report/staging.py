@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from pliant.spec.errors import CallError
@@ -15,7 +16,8 @@ from pliant.spec.errors import CallError
 def staged(folder: Path) -> Iterator[Path]:
     """Give an empty folder next to `folder`, and rename it to `folder` at the end.
 
-    When the body raises, the folder is removed and `folder` stays as it was.
+    When the body raises, the folder is removed and `folder` stays as it was. What a killed process
+    left next to `folder` is removed at the start.
 
     Args:
         folder: The folder to write; an earlier one is replaced.
@@ -24,6 +26,7 @@ def staged(folder: Path) -> Iterator[Path]:
         CallError: The folder cannot be written: no space, no permission.
     """
     folder = folder.resolve()
+    _tidy(folder)
     made = folder.with_name(f".{folder.name}.{os.getpid()}.partial")
     earlier = folder.with_name(f".{folder.name}.{os.getpid()}.earlier")
     try:
@@ -45,3 +48,19 @@ def staged(folder: Path) -> Iterator[Path]:
             earlier.rename(folder)
         for each in (made, earlier):
             shutil.rmtree(each, ignore_errors=True)
+
+
+def _tidy(folder: Path) -> None:
+    """Remove what processes that ended left of an earlier writing of a folder."""
+    pattern = re.compile(rf"\.{re.escape(folder.name)}\.(\d+)\.(partial|earlier)")
+    for path in [*folder.parent.glob(".*")]:
+        match = pattern.fullmatch(path.name)
+        if match is None:
+            continue
+        with suppress(PermissionError):  # of a process of somebody else
+            try:
+                os.kill(int(match[1]), 0)
+            except ProcessLookupError:
+                if match[2] == "earlier" and not folder.exists():
+                    path.rename(folder)
+                shutil.rmtree(path, ignore_errors=True)

@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from pliant.evaluator.protocols.protocol import Protocol, read_protocol
 from pliant.evaluator.report.cells import heading
 from pliant.evaluator.submission.queries import read_queries
+from pliant.publishing.held_out import PROTOCOL
 from pliant.spec.dataset import Dataset
-
-PROTOCOL: Final = "standard"
-"""Competitions are scored by this protocol, whatever a submission is."""
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,9 @@ import pytest
 
 from pliant.publishing import Published, PublishSettings, publish
 
+# The tiny set has the seed 0.
 SETTINGS = PublishSettings(
-    hold_out=("test",), shard_bytes=300_000, webdataset=True, authors=("Ada", "Grace")
+    hold_out=("test",), shard_bytes=300_000, answers_are_public=True, authors=("Ada", "Grace")
 )
 
 

@@ -29,6 +29,7 @@ from pliant.spec.storage import layout
 from tests.conformance.base import relist
 
 SEED = 2_718_281_828_459_045_235
+HELD_OUT = PublishSettings(hold_out=("test",), answers_are_public=True)
 CHUNKS = {b"IHDR", b"sRGB", b"IDAT", b"IEND"}
 
 
@@ -50,10 +51,8 @@ def secret(tmp_path_factory: pytest.TempPathFactory) -> Any:
     """A small set of a seed that nobody guesses, and its halves: (whole, public, private)."""
     root = tmp_path_factory.mktemp("secret")
     assert not generate(CONFIG, root / "whole", workers=1).failed
-    facts = publish(
-        root / "whole", root / "public", PublishSettings(hold_out=("test",), webdataset=True)
-    )
-    assert facts.warnings == []
+    facts = publish(root / "whole", root / "public", HELD_OUT)
+    assert not any("query pixels" in text for text in facts.warnings)
     return root / "whole", root / "public", root / "public-private"
 
 
@@ -129,6 +128,10 @@ def test_of_held_out_sequences_there_are_pictures_alone(halves: Any) -> None:
     for row in rows:
         if row["split"] == "test":
             assert (row["seed"], row["coverage"], row["self_occluded"]) == (0, None, 0.0)
+            assert row["shape"] is None
+    assert set(frames["shape"].to_pylist()) == {None}
+    assert {s.info["shape"] for s in held(halves.public)} == {None}
+    assert any(s.shape for s in held(halves.whole))
 
 
 def test_no_position_stands_anywhere_in_the_bytes(secret: Any) -> None:
@@ -255,7 +258,7 @@ def test_what_hides_in_a_picture_is_taken_out(halves: Any, tmp_path: Path) -> No
     extra += struct.pack(">I", zlib.crc32(b"tEXt" + text))
     path.write_bytes(clean[:33] + extra + clean[33:] + b"the answer is 42")
     relist(folder, read_json(folder / layout.SEQUENCE_JSON))
-    publish(root, tmp_path / "out", PublishSettings(hold_out=("test",)))
+    publish(root, tmp_path / "out", HELD_OUT)
     published = Dataset.open(tmp_path / "out").sequence(folder.name)
     assert published.file("rgb/000000.png").data == clean  # type: ignore[union-attr]
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
-import tarfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -92,6 +93,7 @@ def test_shards_have_about_the_size_asked_for(halves: Any) -> None:
 
 
 SETTINGS_SHARD_BYTES = 300_000
+HELD_OUT = PublishSettings(hold_out=("test",), answers_are_public=True)
 
 
 def test_two_publications_are_the_same_bytes(halves: Any, tmp_path: Path) -> None:
@@ -107,7 +109,14 @@ def test_two_publications_are_the_same_bytes(halves: Any, tmp_path: Path) -> Non
     )
     out = tmp_path / "again"
     command = [sys.executable, "-c", script, "publish", str(copy), "--out", str(out)]
-    command += ["--hold-out", "test", "--shard-size", "300kB", "--webdataset", "--no-bundle"]
+    command += [
+        "--hold-out",
+        "test",
+        "--shard-size",
+        "300kB",
+        "--answers-are-public",
+        "--no-bundle",
+    ]
     command += ["--author", "Ada", "--author", "Grace", "--json"]
     other = {"LC_ALL": "C", "TZ": "Asia/Tokyo", "PYTHONHASHSEED": "7"}
     done = subprocess.run(command, env={**os.environ, **other}, capture_output=True, text=True)
@@ -126,9 +135,7 @@ def test_an_interruption_leaves_nothing(halves: Any, tmp_path: Path) -> None:
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        publish(
-            halves.whole, tmp_path / "out", PublishSettings(hold_out=("test",)), finish=interrupt
-        )
+        publish(halves.whole, tmp_path / "out", HELD_OUT, finish=interrupt)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -138,8 +145,7 @@ def test_what_finish_adds_is_in_the_private_checksums(halves: Any, tmp_path: Pat
         (private / "bundle").mkdir()
         (private / "bundle" / "a.txt").write_text("a")
 
-    settings = PublishSettings(hold_out=("test",))
-    publish(halves.whole, tmp_path / "out", settings, private=tmp_path / "own", finish=finish)
+    publish(halves.whole, tmp_path / "out", HELD_OUT, private=tmp_path / "own", finish=finish)
     assert "bundle/a.txt" in read_checksums(tmp_path / "own" / layout.CHECKSUMS)
     Dataset.open(tmp_path / "out").with_private(tmp_path / "own")
     with pytest.raises(SpecError, match="another publication"):
@@ -169,18 +175,78 @@ def test_calls_that_make_no_sense_are_refused(
     assert sorted(p.name for p in tmp_path.iterdir()) == ["full"]
 
 
-def test_a_damaged_dataset_is_not_published(halves: Any, tmp_path: Path) -> None:
-    copy = tmp_path / "copy"
-    shutil.copytree(halves.whole, copy)
-    path = next(copy.glob("sequences/rope/*-test-*/depth/000001.exr"))
+def flip_a_bit(path: Path) -> None:
     data = bytearray(path.read_bytes())
     data[-1] ^= 1
     path.write_bytes(data)
-    with pytest.raises(
-        SpecError, match=r"depth/000001\.exr.*not the one that sequence\.json lists"
-    ):
-        publish(copy, tmp_path / "out", PublishSettings(hold_out=("test",)))
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["copy"]
+
+
+def link_folder(path: Path) -> None:
+    shutil.move(path, path.parents[3] / "elsewhere")
+    path.symlink_to(path.parents[3] / "elsewhere")
+
+
+REFUSED: dict[str, tuple[str, Callable[[Path], object], str]] = {
+    "a damaged image": ("rgb/000001.png", flip_a_bit, "not valid and is not published"),
+    "a missing table": ("points.parquet", Path.unlink, "not valid and is not published"),
+    "a link among the images": (
+        "depth/000001.exr",
+        lambda path: (path.unlink(), path.symlink_to("/etc/hostname")),
+        "only regular files are published; found a link",
+    ),
+    "a linked folder": ("depth", link_folder, "only regular files"),
+    "a linked licence": (
+        "../../../LICENSE",
+        lambda path: path.resolve().symlink_to("/etc/hostname"),
+        r"LICENSE: only regular files",
+    ),
+    "a pipe": ("../../../notes", lambda path: os.mkfifo(path.resolve()), "a special file"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_a_damaged_or_linked_dataset_is_not_published(
+    name: str, halves: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    place, damage, message = REFUSED[name]
+    copy = tmp_path / "copy"
+    shutil.copytree(halves.whole, copy)
+    damage(next(copy.glob("sequences/rope/*-test-*")) / place)
+    for options in (["--hold-out", "test", "--answers-are-public"], []):
+        assert run(["publish", str(copy), "--out", str(tmp_path / "out"), *options]) == 1
+        assert re.search(message, capsys.readouterr().err)
+    assert {p.name for p in tmp_path.iterdir()} <= {"copy", "elsewhere"}
+
+
+def test_a_guessable_seed_is_refused_unless_the_answers_are_public(
+    halves: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ["publish", str(halves.whole), "--out", str(tmp_path / "out"), "--no-bundle"]
+    assert run([*arguments, "--hold-out", "test"]) == 2
+    assert "anybody can generate the held-out answers again" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+    assert run([*arguments, "--hold-out", "test", "--answers-are-public"]) == 0
+    err = capsys.readouterr().err
+    assert "Warning: the held-out answers are public" in err
+    # 7 figures and 3 tiers: 100 * 10 * log2(9,000) / log2(160 * 120) = 923.2
+    assert "100 submissions of 10 figures tell up to 923 positions" in err
+    assert "12 image pairs" in err
+    assert run(["publish", str(halves.whole), "--out", str(tmp_path / "open")]) == 0
+
+
+def test_what_a_killed_publication_leaves_goes_with_the_next(halves: Any, tmp_path: Path) -> None:
+    script = (
+        "import os, signal, sys\nfrom pathlib import Path\n"
+        "from pliant.publishing import PublishSettings, publish\n"
+        "publish(Path(sys.argv[1]), Path(sys.argv[2]), PublishSettings(hold_out=('test',),\n"
+        "answers_are_public=True), finish=lambda *_: os.kill(os.getpid(), signal.SIGKILL))"
+    )
+    out = tmp_path / "out"
+    done = subprocess.run([sys.executable, "-c", script, str(halves.whole), str(out)])
+    assert done.returncode == -9
+    assert len(list(tmp_path.iterdir())) == 2  # both temporary folders
+    publish(halves.whole, out, HELD_OUT)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["out", "out-private"]
 
 
 def test_the_papers(halves: Any) -> None:
@@ -203,29 +269,6 @@ def test_the_papers(halves: Any) -> None:
         assert f"pictures/{name}" in card
         with Image.open(halves.public / "pictures" / name) as picture:
             assert np.asarray(picture).std() > 20
-
-
-def test_webdataset_samples(halves: Any) -> None:
-    whole = Dataset.open(halves.whole)
-    for split, parts in (("train", 3), ("test", 2)):
-        found: dict[str, dict[str, bytes]] = {}
-        for path in sorted(halves.public.glob(f"webdataset/{split}-*.tar")):
-            with tarfile.open(path) as tar:
-                for member in tar:
-                    key, _, extension = member.name.partition(".")
-                    stream = tar.extractfile(member)
-                    assert stream is not None
-                    found.setdefault(key, {})[extension] = stream.read()
-                    assert (member.mtime, member.uid, member.uname) == (0, 0, "")
-        wanted = [s for s in whole.sequences if s.split == split]
-        assert len(found) == sum(s.frames for s in wanted)
-        for sequence in wanted:
-            sample = found[f"{sequence.id}/000001"]
-            assert len(sample) == parts
-            assert sample["rgb.png"] == (sequence.dir / "rgb/000001.png").read_bytes()
-            facts = json.loads(sample["json"])
-            assert (facts["sequence"], facts["frame"]) == (sequence.id, 1)
-            assert ("K" in facts) is (split == "train")
 
 
 def test_croissant_is_accepted_offline(halves: Any) -> None:

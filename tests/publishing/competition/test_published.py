@@ -22,7 +22,8 @@ def published(tiny_dataset: Path, tmp_path_factory: pytest.TempPathFactory) -> P
 
     folder = tmp_path_factory.mktemp("published")
     out = folder / "public"
-    assert run(["publish", str(tiny_dataset), "--out", str(out), "--hold-out", "test"]) == 0
+    options = ["--hold-out", "test", "--answers-are-public"]
+    assert run(["publish", str(tiny_dataset), "--out", str(out), *options]) == 0
     return folder
 
 
