@@ -181,17 +181,22 @@ def flip_a_bit(path: Path) -> None:
     path.write_bytes(data)
 
 
+def link_away(path: Path) -> None:
+    path.unlink()
+    path.symlink_to("/etc/hostname")
+
+
 def link_folder(path: Path) -> None:
     shutil.move(path, path.parents[3] / "elsewhere")
     path.symlink_to(path.parents[3] / "elsewhere")
 
 
-REFUSED: dict[str, tuple[str, Callable[[Path], object], str]] = {
+REFUSED: dict[str, tuple[str, Callable[[Path], Any], str]] = {
     "a damaged image": ("rgb/000001.png", flip_a_bit, "not valid and is not published"),
     "a missing table": ("points.parquet", Path.unlink, "not valid and is not published"),
     "a link among the images": (
         "depth/000001.exr",
-        lambda path: (path.unlink(), path.symlink_to("/etc/hostname")),
+        link_away,
         "only regular files are published; found a link",
     ),
     "a linked folder": ("depth", link_folder, "only regular files"),
