@@ -14,23 +14,23 @@ import math
 from typing import cast
 
 import numpy as np
-from numba import vectorize
 from numpy.typing import ArrayLike
 
+from pliant.generator.compiled import elementwise
 from pliant.generator.scene.scene_object import FloatArray
 
 
-@vectorize(["float64(float64)"], cache=True)
+@elementwise("float64(float64)")
 def _sin(x: float) -> float:
     return math.sin(x)
 
 
-@vectorize(["float64(float64)"], cache=True)
+@elementwise("float64(float64)")
 def _cos(x: float) -> float:
     return math.cos(x)
 
 
-@vectorize(["float64(float64, float64)"], cache=True)
+@elementwise("float64(float64, float64)")
 def _arctan2(y: float, x: float) -> float:
     return math.atan2(y, x)
 

@@ -10,8 +10,8 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from pliant.generator.compiled import compiled, inlined
 from pliant.generator.scene.appearance import Appearance, TableAppearance
 from pliant.generator.scene.scene_object import FloatArray
 
@@ -30,7 +30,7 @@ _HEM = 0.03
 """Width of a towel's hem, in sides."""
 
 
-@njit(cache=True, nogil=True, inline="always")
+@inlined
 def _corner(x: int, y: int, z: int) -> float:
     """Hash a lattice point to 0..1."""
     n = (x * 73856093) ^ (y * 19349663) ^ (z * 83492791)
@@ -40,7 +40,7 @@ def _corner(x: int, y: int, z: int) -> float:
     return ((n >> 8) & 0xFFFF) / 65535.0
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def value_noise(x: float, y: float, z: float) -> float:
     """Return smooth noise, 0 to 1, with features of about one unit.
 
@@ -65,7 +65,7 @@ def value_noise(x: float, y: float, z: float) -> float:
     return total
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _table_factors(
     xy: FloatArray, wood: bool, contrast: float, scale: float, angle: float, shift: float
 ) -> FloatArray:

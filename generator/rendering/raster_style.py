@@ -10,8 +10,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from pliant.generator.compiled import compiled
 from pliant.generator.rendering.materials import FIBRES, FIBRES_PER_M, WOVEN, Materials, materials
 from pliant.generator.rendering.patterns import value_noise
 from pliant.generator.rendering.shadow import ShadowMap, shadow_map, sunlight
@@ -154,7 +154,7 @@ class _Surface(NamedTuple):
     open_back: FloatArray
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _mixed(
     values: FloatArray, corners: tuple[int, int, int], weights: tuple[float, float, float]
 ) -> tuple[float, float, float]:
@@ -168,7 +168,7 @@ def _mixed(
     )
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _reflectance(
     material: Materials,
     triangle: int,
@@ -193,7 +193,7 @@ def _reflectance(
     return colour[corner, 0] * factor, colour[corner, 1] * factor, colour[corner, 2] * factor
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _highlight(
     normal: tuple[float, float, float], ray: tuple[float, float, float], sun: FloatArray
 ) -> float:
@@ -207,7 +207,7 @@ def _highlight(
     return along**_GLOSS if along > 0.0 else 0.0
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _shade(
     view: _View,
     hits: Hits,

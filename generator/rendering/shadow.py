@@ -13,8 +13,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from pliant.generator.compiled import compiled
 from pliant.generator.scene.appearance import Light
 from pliant.generator.scene.scene_object import FloatArray, IntArray
 
@@ -99,7 +99,7 @@ def shadow_map(world: FloatArray, faces: IntArray, light: Light) -> ShadowMap:
     return ShadowMap(frame, depth, _coarse(depth), texel, spread)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _draw(points: FloatArray, faces: IntArray, depth: npt.NDArray[np.float32]) -> None:
     rows, columns = depth.shape
     for t in range(faces.shape[0]):
@@ -131,7 +131,7 @@ def _draw(points: FloatArray, faces: IntArray, depth: npt.NDArray[np.float32]) -
                     depth[j, i] = z
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _coarse(depth: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
     rows, columns = depth.shape
     tall = (rows + _BLOCK - 1) // _BLOCK
@@ -151,7 +151,7 @@ def _coarse(depth: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
     return around
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def sunlight(x: float, y: float, z: float, column: int, row: int, shadow: ShadowMap) -> float:
     """Return the share of the sun's disc that a place sees.
 

@@ -13,8 +13,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from pliant.generator.compiled import compiled
 from pliant.generator.scene.scene_object import FloatArray, IntArray
 
 _DIRECTIONS: Final = 16
@@ -76,7 +76,7 @@ def sky_maps(world: FloatArray) -> SkyMaps:
     return SkyMaps(height, centre, cell_m)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def vertex_normals(world: FloatArray, faces: IntArray) -> FloatArray:
     """Return unit normals, weighted by area.
 
@@ -106,7 +106,7 @@ def vertex_normals(world: FloatArray, faces: IntArray) -> FloatArray:
     return out
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _drop(
     world: FloatArray, centre: FloatArray, per_m: float, height: npt.NDArray[np.float32]
 ) -> None:
@@ -121,7 +121,7 @@ def _drop(
                 height[k, j, i] = h
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _openness(points: FloatArray, normals: FloatArray, maps: SkyMaps) -> FloatArray:
     height, centre, cell = maps.height, maps.centre, maps.cell_m
     out = np.empty(points.shape[0])

@@ -6,7 +6,8 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
+
+from pliant.generator.compiled import compiled
 
 _STEPS: Final = 4096
 
@@ -25,7 +26,7 @@ def _table() -> npt.NDArray[np.uint8]:
 _CURVE: Final = _table()
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def encode_channel(value: float) -> int:
     """Return the sRGB byte of a linear value; below 0 and above 1 are clipped."""
     k = int(value * _STEPS)

@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from pliant.generator.compiled import compiled
 from pliant.generator.rendering.patterns import table_reflectance
 from pliant.generator.rendering.shadow import ShadowMap, sunlight
 from pliant.generator.rendering.sky import SkyMaps
@@ -112,7 +112,7 @@ class _Ground(NamedTuple):
     grid: FloatArray
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _shade(
     ground: _Ground,
     shadow: ShadowMap,

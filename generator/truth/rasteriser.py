@@ -21,8 +21,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from pliant.generator.compiled import compiled, inlined
 from pliant.generator.scene.camera import NEAR_M, Camera
 from pliant.generator.scene.scene_object import FloatArray, IntArray
 
@@ -81,7 +81,7 @@ def rasterise(camera: Camera, points_camera: FloatArray, faces: IntArray, scale:
     return hits
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def covered_cells(
     points: FloatArray,
     uv: FloatArray,
@@ -118,7 +118,7 @@ def covered_cells(
     return i0, i1, j0, j1
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _span(
     uv: FloatArray,
     axis: int,
@@ -135,7 +135,7 @@ def _span(
     return max(0, first), min(count - 1, last)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def edge_planes(
     points: FloatArray, corners: tuple[int, int, int]
 ) -> tuple[float, float, float, float, float, float, float, float, float, float]:
@@ -151,7 +151,7 @@ def edge_planes(
     return n0x, n0y, n0z, n1x, n1y, n1z, n2x, n2y, n2z, det
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def rasterise_into(
     points: FloatArray, uv: FloatArray, faces: IntArray, lens: Lens, hits: Hits
 ) -> None:
@@ -207,13 +207,13 @@ def rasterise_into(
                     hits.weights[j, i, 1] = e2 / total
 
 
-@njit(cache=True, inline="always")
+@inlined
 def owns_edge(nx: float, ny: float) -> bool:
     """Return whether a triangle owns the rays that are exactly in its edge plane (nx, ny, .)."""
     return nx > 0.0 or (nx == 0.0 and ny > 0.0)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def interpolate(
     triangles: IntArray, weights: FloatArray, faces: IntArray, values: FloatArray
 ) -> FloatArray:

@@ -18,8 +18,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from pliant.generator.compiled import compiled
 from pliant.generator.scene.camera import NEAR_M, Camera
 from pliant.generator.scene.scene_object import FloatArray, IntArray
 from pliant.generator.truth.rasteriser import covered_cells, edge_planes
@@ -110,7 +110,7 @@ class _Rays(NamedTuple):
     size: tuple[int, int]
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _cast(
     rays: _Rays,
     points: FloatArray,

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from pliant.generator.compiled import compiled
 from pliant.generator.scene.scene_object import FloatArray, IntArray
 
 
-@njit(cache=True)
+@compiled
 def grid_over(
     points: FloatArray, edge_m: float, most: float
 ) -> tuple[FloatArray, float, npt.NDArray[np.int64]]:
@@ -37,7 +37,7 @@ def grid_over(
         edge_m *= 1.5
 
 
-@njit(cache=True)
+@compiled
 def triangles_in_cells(
     vertices: FloatArray,
     faces: IntArray,

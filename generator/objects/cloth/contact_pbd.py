@@ -17,8 +17,8 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from pliant.generator.compiled import compiled
 from pliant.generator.objects.cloth.cells import grid_over
 from pliant.generator.objects.cloth.grid import flat_positions
 from pliant.generator.objects.cloth.simulator import Sheet
@@ -129,7 +129,7 @@ class PairContact:
         self.rebuilds += 1
 
 
-@njit(cache=True)
+@compiled
 def moved_farther(positions: FloatArray, reference: FloatArray, distance_m: float) -> bool:
     """Whether any mass is farther than a distance from where it was."""
     limit = distance_m * distance_m
@@ -142,7 +142,7 @@ def moved_farther(positions: FloatArray, reference: FloatArray, distance_m: floa
     return False
 
 
-@njit(cache=True)
+@compiled
 def list_pairs(positions: FloatArray, rest: FloatArray, layers: Layers, pairs: Pairs) -> int:
     """List every pair of masses nearer than d + margin, by a grid over their box.
 
@@ -219,7 +219,7 @@ def list_pairs(positions: FloatArray, rest: FloatArray, layers: Layers, pairs: P
     return found
 
 
-@njit(cache=True)
+@compiled
 def part_pairs(
     positions: FloatArray, previous: FloatArray, free: FloatArray, pairs: Pairs, count: int
 ) -> None:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from pliant.generator.compiled import compiled
 from pliant.generator.objects.cloth.cells import grid_over, triangles_in_cells
 from pliant.generator.scene.scene_object import FloatArray, IntArray
 
@@ -32,7 +32,7 @@ def find_intersections(vertices: FloatArray, faces: IntArray, edges: IntArray) -
     return np.concatenate([edges[found[:, 0]], faces[found[:, 1]]], axis=1)
 
 
-@njit(cache=True)
+@compiled
 def _volume(p: FloatArray, q: FloatArray, r: FloatArray, s: FloatArray) -> float:
     """Six times the signed volume of the tetrahedron pqrs."""
     ax, ay, az = q[0] - p[0], q[1] - p[1], q[2] - p[2]
@@ -41,7 +41,7 @@ def _volume(p: FloatArray, q: FloatArray, r: FloatArray, s: FloatArray) -> float
     return ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx)
 
 
-@njit(cache=True)
+@compiled
 def _pierced(
     vertices: FloatArray, faces: IntArray, edges: IntArray, cell_m: float, hits: IntArray
 ) -> int:

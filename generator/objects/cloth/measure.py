@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 from scipy.spatial import ConvexHull
 
+from pliant.generator.compiled import compiled
 from pliant.generator.objects.cloth.cells import triangles_in_cells
 from pliant.generator.scene.scene_object import FloatArray, IntArray
 
@@ -62,13 +62,13 @@ def measure_cover(vertices: FloatArray, faces: IntArray, corners: IntArray, side
     )
 
 
-@njit(cache=True)
+@compiled
 def _inside(one: float, two: float, three: float) -> bool:
     """Return whether a place is on the same side of a triangle's three edges."""
     return min(one, two, three) >= 0.0 or max(one, two, three) <= 0.0
 
 
-@njit(cache=True)
+@compiled
 def silhouette_m2(vertices: FloatArray, faces: IntArray, pixel_m: float) -> float:
     """Return the area of the union of all triangles seen from above.
 
@@ -102,7 +102,7 @@ def silhouette_m2(vertices: FloatArray, faces: IntArray, pixel_m: float) -> floa
     return covered.sum() * pixel_m * pixel_m
 
 
-@njit(cache=True)
+@compiled
 def covered_from_above(
     vertices: FloatArray,
     faces: IntArray,

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from pliant.generator.compiled import compiled
 from pliant.generator.scene.scene_object import FloatArray, IntArray
 
 STRUCTURAL, SHEAR, BENDING = 0, 1, 2
@@ -146,7 +146,7 @@ def add_spring_forces(
     forces += pulls.reshape(3, -1).T
 
 
-@njit(cache=True)
+@compiled
 def _add_family(positions: FloatArray, forces: FloatArray, family: Family) -> None:
     """Add the forces of one family, row by row.
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from pliant.generator.compiled import compiled
 from pliant.generator.scene.scene_object import FloatArray, IntArray
 
 COURSE_LIMIT = 1.1
@@ -34,7 +34,7 @@ class Motion(NamedTuple):
     longest_m: float
 
 
-@njit(cache=True)
+@compiled
 def verlet_step(
     positions: FloatArray,
     previous: FloatArray,
@@ -101,7 +101,7 @@ class Table:
         collide_table(positions, previous, free, self.height_m, self.friction)
 
 
-@njit(cache=True)
+@compiled
 def collide_table(
     positions: FloatArray,
     previous: FloatArray,
@@ -124,7 +124,7 @@ def collide_table(
             positions[i, 1] -= slip_y * share
 
 
-@njit(cache=True)
+@compiled
 def limit_stretch(
     positions: FloatArray,
     free: FloatArray,

@@ -11,8 +11,8 @@ from typing import Final
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from pliant.generator.compiled import compiled
 from pliant.generator.objects.rope.contact import segment_distance
 from pliant.generator.objects.rope.mesh import BALL_DEPTH
 from pliant.generator.scene.scene_object import FloatArray
@@ -22,7 +22,7 @@ _BALL_INVERSE_MASS: Final = 0.25
 _PRESSED_INVERSE_MASS: Final = 2.0
 
 
-@njit(cache=True)
+@compiled
 def _squared_distance(now: FloatArray, i: int, j: int) -> float:
     d2 = 0.0
     for c in range(3):
@@ -30,7 +30,7 @@ def _squared_distance(now: FloatArray, i: int, j: int) -> float:
     return d2
 
 
-@njit(cache=True)
+@compiled
 def find_pairs(
     now: FloatArray, pairs: npt.NDArray[np.int64], n: int, apart: int, reach: float
 ) -> int:
@@ -51,7 +51,7 @@ def find_pairs(
     return count
 
 
-@njit(cache=True)
+@compiled
 def _move_apart(now: FloatArray, i: int, j: int, wi: float, wj: float, rest: float) -> None:
     """Bring two particles to a distance, each by its share of inverse mass."""
     d = math.sqrt(_squared_distance(now, i, j))
@@ -62,7 +62,7 @@ def _move_apart(now: FloatArray, i: int, j: int, wi: float, wj: float, rest: flo
         now[j, c] -= wj * move
 
 
-@njit(cache=True)
+@compiled
 def bend(now: FloatArray, n: int, straighten: float, sharpest: float) -> None:
     """Straighten every corner a little, and one sharper than the rope can bend at once.
 
@@ -87,7 +87,7 @@ def bend(now: FloatArray, n: int, straighten: float, sharpest: float) -> None:
             now[i + 1, c] -= off
 
 
-@njit(cache=True)
+@compiled
 def stretch(now: FloatArray, n: int, spacing: float) -> None:
     """Keep neighbours at their distance: one sweep forward, one back."""
     for q in range(2 * (n - 1)):
@@ -95,7 +95,7 @@ def stretch(now: FloatArray, n: int, spacing: float) -> None:
         _move_apart(now, i, i + 1, 1.0, 1.0, spacing)
 
 
-@njit(cache=True)
+@compiled
 def neck(now: FloatArray, n: int, spacing: float, ball_radius: float) -> None:
     """Keep the ball at its distance, in line with the first stretch within a few degrees."""
     apart = BALL_DEPTH * ball_radius
@@ -105,7 +105,7 @@ def neck(now: FloatArray, n: int, spacing: float, ball_radius: float) -> None:
         _move_apart(now, n, 1, _BALL_INVERSE_MASS, 1.0, straight)
 
 
-@njit(cache=True)
+@compiled
 def touch(
     now: FloatArray,
     before: FloatArray,
@@ -158,7 +158,7 @@ def touch(
                 now[index[q], c] += w[q] * share[q] / total * move
 
 
-@njit(cache=True)
+@compiled
 def touch_ball(now: FloatArray, n: int, first: int, ball_radius: float, contact: float) -> None:
     """Push the ball and the stretches that are on it apart."""
     reach = ball_radius + 0.5 * contact
@@ -185,7 +185,7 @@ def touch_ball(now: FloatArray, n: int, first: int, ball_radius: float, contact:
             now[n, c] -= _BALL_INVERSE_MASS * off
 
 
-@njit(cache=True)
+@compiled
 def ground(now: FloatArray, before: FloatArray, i: int, height: float, friction: float) -> None:
     """Lift a particle out of the table and rub it against it."""
     depth = height - now[i, 2]

@@ -8,8 +8,8 @@ from typing import Final
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from pliant.generator.compiled import compiled
 from pliant.generator.scene.scene_object import FloatArray
 
 NEIGHBOUR_DIAMETERS: Final = 2.5
@@ -41,7 +41,7 @@ class Crossing:
     sign: int
 
 
-@njit(cache=True)
+@compiled
 def segment_distance(points: FloatArray, a: int, b: int) -> tuple[float, float, float]:
     """Return the squared distance of segments (a, a+1) and (b, b+1), and where they are nearest.
 
@@ -83,7 +83,7 @@ def segment_distance(points: FloatArray, a: int, b: int) -> tuple[float, float, 
     return d2, s, t
 
 
-@njit(cache=True)
+@compiled
 def _nearest(points: FloatArray, apart: int) -> float:
     n = points.shape[0]
     best = np.inf
@@ -128,7 +128,7 @@ def nearest_stretches(points: FloatArray, length_m: float, diameter_m: float) ->
     return float(_nearest(np.ascontiguousarray(points), apart))
 
 
-@njit(cache=True)
+@compiled
 def _crossings(points: FloatArray) -> npt.NDArray[np.float64]:
     n = points.shape[0]
     found = np.empty((256, 5))

@@ -6,8 +6,8 @@ import math
 from typing import Final
 
 import numpy as np
-from numba import njit
 
+from pliant.generator.compiled import compiled
 from pliant.generator.scene.scene_object import FloatArray
 
 HANDLE_SHARE: Final = 0.39
@@ -104,7 +104,7 @@ def tightest_bend(points: FloatArray) -> float:
         return float(np.sqrt(a2 * b2 * c2 / area).min())
 
 
-@njit(cache=True)
+@compiled
 def _make_normal(vector: FloatArray, tangent: FloatArray) -> None:
     """Turn a vector into the unit vector at right angles to a tangent that is nearest to it."""
     along = 0.0
@@ -119,7 +119,7 @@ def _make_normal(vector: FloatArray, tangent: FloatArray) -> None:
         vector[c] /= length
 
 
-@njit(cache=True)
+@compiled
 def _transport(points: FloatArray, tangents: FloatArray, normals: FloatArray) -> None:
     """Fill tangents, and normals from the first one on."""
     n = points.shape[0]
@@ -198,7 +198,7 @@ def turned(vector: FloatArray, before: FloatArray, after: FloatArray) -> FloatAr
     return cosine * vector + np.cross(axis, vector) + along * axis
 
 
-@njit(cache=True)
+@compiled
 def _through(points: FloatArray, floor: float, per_segment: int, out: FloatArray) -> None:
     n = points.shape[0]
     share = np.empty(n)

@@ -15,8 +15,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from pliant.generator.compiled import compiled
 from pliant.generator.objects.rope.constraints import (
     bend,
     find_pairs,
@@ -135,7 +135,7 @@ class RopeState:
         _frame(self.now, self.before, self._pairs, held, goal, self.physics)
 
 
-@njit(cache=True)
+@compiled
 def _frame(
     now: FloatArray,
     before: FloatArray,

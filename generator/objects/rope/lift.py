@@ -13,8 +13,8 @@ from typing import Final
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from pliant.generator.compiled import compiled
 from pliant.generator.objects.rope.contact import NEIGHBOUR_DIAMETERS
 from pliant.generator.scene.scene_object import FloatArray
 
@@ -29,7 +29,7 @@ HIGHEST_DIAMETERS: Final = 4.0
 """Curves that would pile up higher are rejected."""
 
 
-@njit(cache=True)
+@compiled
 def _close_pairs(
     xy: FloatArray, crossing: FloatArray, upper: FloatArray, apart: int, reach: float, far: float
 ) -> tuple[int, npt.NDArray[np.int64], FloatArray]:
@@ -68,7 +68,7 @@ def _close_pairs(
     return count, pairs, need
 
 
-@njit(cache=True)
+@compiled
 def _spread(z: FloatArray, half: npt.NDArray[np.int64], out: FloatArray) -> None:
     """Take the highest value within `half` samples, then smooth twice over half as many.
 
@@ -98,7 +98,7 @@ def _spread(z: FloatArray, half: npt.NDArray[np.int64], out: FloatArray) -> None
             top[i] = out[i]
 
 
-@njit(cache=True)
+@compiled
 def _settle(
     floor: FloatArray,
     pairs: npt.NDArray[np.int64],
