@@ -226,7 +226,10 @@ def _maker(config: GenerateConfig, root: Path) -> Any:
 
 @contextmanager
 def _one_core() -> Iterator[None]:
-    """Leave one core to this process and those it starts meanwhile."""
+    """Leave one core to this process and those it starts meanwhile, where the system can."""
+    if not hasattr(os, "sched_getaffinity"):
+        yield
+        return
     cores = os.sched_getaffinity(0)
     os.sched_setaffinity(0, {min(cores)})
     try:

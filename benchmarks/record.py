@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import platform
 import subprocess
 import sys
@@ -13,6 +12,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from pliant.benchmarks.suite.work import processor_name
+from pliant.spec.cores import cpu_cores
 
 Value = float | int | str | bool | None
 
@@ -29,7 +29,7 @@ def machine() -> dict[str, Value]:
         check=False,
     ).stdout.strip()
     return {
-        "machine": f"{processor_name()}, {len(os.sched_getaffinity(0))} cores",
+        "machine": f"{processor_name()}, {cpu_cores()} cores",
         "python": platform.python_version(),
         "commit": commit or "unknown",
         "measured": datetime.now(UTC).strftime("%Y-%m-%d"),

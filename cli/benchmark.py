@@ -11,13 +11,13 @@ from pliant.cli.interrupts import terminated_like_interrupted
 from pliant.cli.options import (
     PATH,
     choice_option,
-    cpu_cores,
     json_option,
     out_option,
     path_option,
     set_option,
 )
 from pliant.cli.terminal import echo, echo_json, rich_progress
+from pliant.spec.cores import cpu_cores
 from pliant.spec.errors import MissingExtraError
 
 if TYPE_CHECKING:

@@ -7,10 +7,13 @@ from pathlib import Path
 
 import click
 
-from pliant.cli.options import cpu_cores, image_size, json_option, out_option
+from pliant.cli.options import image_size, json_option, out_option
 from pliant.cli.terminal import echo, echo_json
+from pliant.spec.cores import cpu_cores
+from pliant.spec.extras import require_packages
 
 _SETS = ("rope", "cloth")
+_PACKAGES = ("numba", "psutil", "platformdirs", "bpy", "cv2", "mahotas", "torch", "safetensors")
 
 
 @click.command("demo")
@@ -37,6 +40,7 @@ def command(
     pictures, the paper's table and the causes of the errors.
     Run the same command again to resume an interrupted demo.
     """
+    require_packages(_PACKAGES, "pliant demo", "all")
     from importlib.resources import files
 
     from rich.console import Console

@@ -10,7 +10,6 @@ import click
 from pliant.cli.interrupts import terminated_like_interrupted
 from pliant.cli.options import (
     choice_option,
-    cpu_cores,
     image_size,
     json_option,
     out_option,
@@ -18,6 +17,7 @@ from pliant.cli.options import (
     set_option,
 )
 from pliant.cli.terminal import Bar, echo, echo_json, plural, progress_bar
+from pliant.spec.cores import cpu_cores
 from pliant.spec.errors import CallError
 
 if TYPE_CHECKING:
@@ -43,6 +43,12 @@ _STOPPED = "Interrupted: finished sequences are kept, the same command continues
 )
 @click.option("--size", metavar="WxH", help="Image size in pixels.  [default: 640x480]")
 @click.option("--seed", type=int, help="Random seed.  [default: 0]")
+@click.option(
+    "--secret-seed",
+    is_flag=True,
+    default=None,
+    help="Draw a seed of 128 bits, for answers to withhold; it is stored in OUT/.private alone.",
+)
 @click.option(
     "--style", metavar="fast|photo|raster|real-depth", help="How to render.  [default: fast]"
 )

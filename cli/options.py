@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -134,11 +133,6 @@ def choice_option(
         show_default=default is not None,
         help=text,
     )
-
-
-def cpu_cores() -> int:
-    """Return how many CPU cores this process may use."""
-    return len(os.sched_getaffinity(0))
 
 
 def image_size(text: str) -> tuple[int, int]:

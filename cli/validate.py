@@ -6,8 +6,9 @@ from pathlib import Path
 
 import click
 
-from pliant.cli.options import PATH, cpu_cores, json_option
+from pliant.cli.options import PATH, json_option
 from pliant.cli.terminal import echo, echo_json, progress_bar
+from pliant.spec.cores import cpu_cores
 
 
 @click.command()

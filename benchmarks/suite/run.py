@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Protocol, get_args
@@ -15,6 +14,7 @@ from pliant.benchmarks.suite.work import Workspace
 from pliant.evaluator import read_protocol
 from pliant.generator.runner.run import generate
 from pliant.models.shipped import CARD, FOLDER
+from pliant.spec.cores import cpu_cores
 from pliant.spec.errors import CallError, GenerationError, SpecError, TrainingError
 from pliant.spec.io.reading import sha256_file
 from pliant.spec.validation.validate import validate
@@ -135,7 +135,7 @@ def _validate(root: Path, workers: int) -> None:
 
 
 def _train(config: BenchmarkConfig, work: Workspace, workers: int, watcher: Watcher) -> None:
-    threads = max(1, len(os.sched_getaffinity(0)) // workers)
+    threads = max(1, cpu_cores() // workers)
     jobs: dict[str, Any] = {}
     for name, run in config.runs.items():
         note = work.finished(f"run/{name}")
@@ -163,7 +163,7 @@ def _training_job(work: Workspace, name: str, run: Training, threads: int) -> Tr
 
 
 def _answer(config: BenchmarkConfig, work: Workspace, workers: int, watcher: Watcher) -> None:
-    threads = max(1, len(os.sched_getaffinity(0)) // workers)
+    threads = max(1, cpu_cores() // workers)
     every: dict[str, AnswerJob] = {}
     identities: dict[str, str] = {}
     for test, set_name in _asked(config):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import platform
 import resource
 import time
@@ -14,6 +13,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from pliant.baselines.submission_file import Kind
+from pliant.spec.cores import cpu_cores
 from pliant.spec.errors import CallError
 from pliant.spec.io.jsonfiles import write_json
 
@@ -175,7 +175,7 @@ class Workspace:
 
 def machine() -> dict[str, Any]:
     """Return what this machine is, for the record."""
-    return {"machine": processor_name(), "cores": len(os.sched_getaffinity(0))}
+    return {"machine": processor_name(), "cores": cpu_cores()}
 
 
 def processor_name() -> str:

@@ -12,8 +12,9 @@ from pliant.generator.config import GenerateConfig
 from pliant.generator.runner.engine import Failed, Finished
 from pliant.generator.runner.engine_local import LocalEngine
 from pliant.generator.runner.plan import Plan, first_of_each_tier
-from pliant.generator.runner.run import open_sequence_maker
+from pliant.generator.runner.run import open_sequence_maker, required_packages
 from pliant.spec.errors import CallError, GenerationError
+from pliant.spec.extras import require_packages
 
 TRIAL_FRAMES: Final = 3
 
@@ -47,6 +48,7 @@ def estimate_run(config: GenerateConfig, plan: Plan, workers: int) -> Estimate:
     """
     if workers < 1:
         raise CallError("there must be a worker", where="workers", found=workers, required=">= 1")
+    require_packages(required_packages(config.style), "generating a dataset", "generate")
     missing = plan.missing
     short = replace(config, frames=min(config.frames, TRIAL_FRAMES))
     seconds = size = 0.0

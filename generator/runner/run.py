@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import functools
 import logging
-import os
 import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final, Literal
 
@@ -17,7 +16,9 @@ from pliant.generator.runner.engine import Engine, Failed, Finished, Maker, Open
 from pliant.generator.runner.manifest import Failure, RunFolder, refuse_changes
 from pliant.generator.runner.plan import Plan, plan_run
 from pliant.generator.seeding import SequenceTask
+from pliant.spec.cores import cpu_cores
 from pliant.spec.errors import CallError, GenerationError
+from pliant.spec.extras import require_packages
 from pliant.spec.storage.layout import DATASET_JSON
 
 ATTEMPTS: Final = 3
@@ -124,12 +125,15 @@ def generate(
 
     Raises:
         CallError: The folder contains something else, or a set made with other settings.
+        MissingExtraError: Numba, or for its styles Blender, is not installed.
         GenerationError: The disk is full or the folder cannot be written: nothing more can be
             done, and nothing that was finished is lost.
     """
     root = Path(out)
     if workers < 1:
         raise CallError("there must be a worker", where="workers", found=workers, required=">= 1")
+    if open_maker is None:
+        require_packages(required_packages(config.style), "generating a dataset", "generate")
     started = time.monotonic()
     run = RunFolder(root)
     run.open()
@@ -143,6 +147,8 @@ def generate(
         stored = run.stored_config()
         if stored is not None:
             refuse_changes(stored, resolved, root)
+        if config.secret_seed:
+            config = replace(config, seed=run.secret_seed(begun=stored is not None))
         run.store_config(config.to_dict(), resolved, finished=False)
         _remove_damaged(root, plan, run.partial)
         run.clear_partial()
@@ -309,9 +315,14 @@ def open_sequence_maker(config: GenerateConfig, root: Path, scratch: Path, threa
     return SequenceMaker(config, root, scratch, threads=threads)
 
 
+def required_packages(style: str) -> list[str]:
+    """Return the import names of the optional packages that a style needs."""
+    return ["numba", "psutil", "platformdirs"] + ["bpy"] * (style in BLENDER_STYLES)
+
+
 def _threads_each(engine: Engine) -> int:
     """Return how many threads each worker's renderer gets, so that workers do not fight."""
-    return max(1, len(os.sched_getaffinity(0)) // engine.workers)
+    return max(1, cpu_cores() // engine.workers)
 
 
 @contextmanager

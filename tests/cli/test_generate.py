@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 
 import pytest
 
@@ -50,6 +52,31 @@ def test_flags_win_over_the_file_and_settings_over_flags(tmp_path):
 def test_flags_that_cannot_be_read(settings, given, named):
     with pytest.raises(CallError, match=named):
         build_config(("rope",), None, settings, flags(**given))
+
+
+@pytest.mark.parametrize(
+    ("hidden", "call", "named"),
+    [
+        ("numba", ["generate", "rope", "--style", "raster"], "pliant[generate]"),
+        ("numba", ["generate", "rope", "--style", "raster", "--dry-run"], "pliant[generate]"),
+        ("bpy", ["generate", "rope"], "pliant[generate]"),
+        ("mahotas", ["demo"], "pliant[all]"),
+        ("numba psutil platformdirs bpy torch cv2 mahotas", ["demo"], "pliant[all]"),
+    ],
+)
+def test_without_its_extra_a_command_names_it_and_writes_nothing(hidden, call, named, tmp_path):
+    code = (
+        f"import sys; sys.modules |= dict.fromkeys({hidden.split()})\n"
+        "from pliant.cli.main import main; main(sys.argv[1:])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, *call, "--out", str(tmp_path / "out")],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 2
+    assert f"pip install '{named}'" in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert not (tmp_path / "out").exists()
 
 
 def test_generate_resume_refuse_and_dry_run(tmp_path, capsys):
