@@ -17,6 +17,7 @@ from pliant.generator.settings import (
 from pliant.spec.configuration import configuration, settings_to_dict, unstored
 from pliant.spec.constraints import Bounds, Count, Natural, NotEmpty, OneOf, Refused, Share
 from pliant.spec.conventions import SPLITS
+from pliant.spec.secrets import GUESSABLE_BELOW
 
 TIER_KINDS: Final[dict[str, str]] = {
     "rope": "rope",
@@ -96,7 +97,9 @@ class GenerateConfig:
         episodes: True for episodes (frames in time), False for independent configurations.
         width: Image width, px, 16 to 8192.
         height: Image height, px, 16 to 8192.
-        seed: Seed of everything, 0 to 2^63 - 1; 0 is a seed like any other.
+        seed: Random seed, 0 to 2^63 - 1; 0 is a seed like any other.
+        secret_seed: The runner takes a seed of 128 bits from the dataset's private file, which it
+            makes where there is none; no public file contains it.
         style: `fast`, `photo`, `raster` or `real-depth`.
         gripper: Episodes: show a gripper that holds the object, and hides parts of it.
         shutter: Episodes in style `raster`: share of the time between two frames that the shutter
@@ -123,7 +126,8 @@ class GenerateConfig:
     episodes: bool = False
     width: Annotated[int, Bounds(16, 8192, "px")] = 640
     height: Annotated[int, Bounds(16, 8192, "px")] = 480
-    seed: Annotated[int, Bounds(0, 2**63 - 1)] = 0
+    seed: Annotated[int, Bounds(0, 2**128 - 1)] = 0
+    secret_seed: bool = unstored(False)
     style: Style = "fast"
     gripper: bool = unstored(False)
     shutter: Share = unstored(0.0)
@@ -141,6 +145,10 @@ class GenerateConfig:
     licence: str = "CC-BY-4.0"
 
     def __post_init__(self) -> None:
+        if not self.secret_seed and self.seed >= 2**63:
+            raise Refused("0 to 2^63 - 1, or --secret-seed", "seed")
+        if self.secret_seed and 0 < self.seed < GUESSABLE_BELOW:
+            raise Refused("no seed with --secret-seed: the runner draws it", "seed")
         if self.episodes and self.frames < 2:
             raise Refused(">= 2 for episodes (--frames)", "frames")
         if not self.episodes and self.queries.kind == "track":
@@ -168,6 +176,11 @@ class GenerateConfig:
         object.__setattr__(self, "tiers", tuple(t for t in TIER_KINDS if t in self.tiers))
         object.__setattr__(self, "splits", counts)
         object.__setattr__(self, "sequences", None)
+
+    @property
+    def public_seed(self) -> int | None:
+        """The seed as public files state it, None for a secret one."""
+        return None if self.secret_seed else self.seed
 
     @property
     def size(self) -> tuple[int, int]:
@@ -200,9 +213,14 @@ class GenerateConfig:
         return values
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the config as JSON values; `settings_from` gives an equal config back."""
+        """Return the config as JSON values; `settings_from` gives an equal config back.
+
+        A secret seed is left out.
+        """
         values: dict[str, Any] = settings_to_dict(self)
         del values["sequences"]
+        if self.secret_seed:
+            del values["seed"]
         return values
 
 

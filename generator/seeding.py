@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import hashlib
+import hmac
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
 
 import numpy as np
 
+from pliant.spec.secrets import GUESSABLE_BELOW
 from pliant.spec.storage.layout import sequence_dir
 
 
@@ -65,11 +67,12 @@ class RandomStreams:
     """Every random number of one sequence.
 
     Attributes:
-        seed: The dataset's seed, >= 0; 0 is a seed like any other.
+        seed: The dataset's seed, 0 to 2^128 - 1; 0 is a seed like any other. One of 64 bits or
+            more is secret: its streams are derived by HMAC-SHA256, so that none gives another away.
         task: The sequence.
     """
 
-    seed: int
+    seed: int = field(repr=False)
     task: SequenceTask
 
     def generator(self, stream: Stream, frame: int | None = None) -> np.random.Generator:
@@ -86,6 +89,11 @@ class RandomStreams:
         if self.seed < 0 or task.index < 0:
             raise ValueError("seed and sequence must be >= 0")
         place = 0 if frame is None else frame + 1
+        if self.seed >= GUESSABLE_BELOW:
+            # Published sequences must not lead back to the seed of the held-out ones.
+            text = f"{task.tier}/{task.split}/{task.index}/{place}/{stream.value}"
+            key = hmac.digest(self.seed.to_bytes(16, "big"), text.encode(), "sha256")
+            return np.random.default_rng(int.from_bytes(key, "big"))
         entropy = [
             *(self.seed, _word(task.tier), _word(task.split), task.index, place),
             _word(stream.value),

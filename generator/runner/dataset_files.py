@@ -112,7 +112,7 @@ def describe_dataset(
         "splits": [split for split in SPLITS if any(info["split"] == split for info in infos)],
         "provenance": {
             "generator": f"pliant {version('pliant')}",
-            "seed": config.seed,
+            "seed": config.public_seed,
             "config": dict(resolved),
             "tools": {key: tool for info in infos for key, tool in info["tools"].items()},
         },

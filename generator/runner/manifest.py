@@ -20,7 +20,13 @@ from typing import Any, Final
 from pliant.generator.config import GROWING_FIELDS, LABEL_FIELDS
 from pliant.spec.errors import CallError
 from pliant.spec.io.writing import replacing
-from pliant.spec.storage.layout import DATASET_JSON
+from pliant.spec.secrets import (
+    SECRET_SEED_FILE,
+    draw_secret_seed,
+    read_secret_seed,
+    write_secret_seed,
+)
+from pliant.spec.storage.layout import DATASET_JSON, PRIVATE_DIR
 
 RUN_DIR: Final = ".pliant"
 
@@ -60,7 +66,8 @@ class RunFolder:
         if self.root.exists() and not self.root.is_dir():
             raise CallError("the output is a file, not a folder", path=self.root)
         if self.root.is_dir() and self.stored_config() is None:
-            others = sorted(p.name for p in self.root.iterdir() if p.name != RUN_DIR)
+            ours = (RUN_DIR, PRIVATE_DIR)
+            others = sorted(p.name for p in self.root.iterdir() if p.name not in ours)
             if others:
                 raise CallError(
                     "the output folder contains something else",
@@ -106,6 +113,27 @@ class RunFolder:
             handle.write(f"process {os.getpid()} on {os.uname().nodename}")
             handle.flush()
             yield
+
+    def secret_seed(self, *, begun: bool) -> int:
+        """Return the dataset's secret seed, drawn and stored in its private file if it has none.
+
+        Args:
+            begun: Whether the folder contains a dataset made with a secret seed.
+
+        Raises:
+            CallError: Such a dataset has lost its file, or the file cannot be read or written.
+        """
+        seed = read_secret_seed(self.root)
+        if seed is None:
+            if begun:
+                raise CallError(
+                    "the secret seed of this dataset is missing",
+                    path=self.root / SECRET_SEED_FILE,
+                    fix="Put a copy of the file back; without it the dataset cannot be continued",
+                )
+            seed = draw_secret_seed()
+            write_secret_seed(self.root, seed)
+        return seed
 
     def is_finished(self, config: Mapping[str, Any]) -> bool:
         """Return whether a run with just this config, and this Pliant, came to its end.

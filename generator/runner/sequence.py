@@ -178,7 +178,7 @@ class SequenceMaker:
             "split": task.split,
             "shape": scene_object.shape,
             "index": task.index,
-            "seed": self.config.seed,
+            "seed": self.config.public_seed or 0,
             "temporal": scene_object.temporal,
             "frames": scene_object.frames,
             "style": self.config.style,
