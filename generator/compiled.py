@@ -20,7 +20,7 @@ import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Any, Final, TypeVar, cast
 
 import numba
 import platformdirs
@@ -36,28 +36,25 @@ _IMPORT: Final = re.compile(rb"^from ([\w.]+) import", re.MULTILINE)
 def compiled(function: F) -> F:
     """Compile a function when it is first called; it releases the interpreter lock."""
     with _cache_of(function) as cache:
-        result: F = numba.njit(cache=cache, nogil=True)(function)
-    return result
+        return cast(F, numba.njit(cache=cache, nogil=True)(function))
 
 
 def inlined(function: F) -> F:
     """Compile a function into the compiled functions that call it."""
     with _cache_of(function) as cache:
-        result: F = numba.njit(cache=cache, nogil=True, inline="always")(function)
-    return result
+        return cast(F, numba.njit(cache=cache, nogil=True, inline="always")(function))
 
 
-def elementwise(signature: str) -> Callable[[F], F]:
+def elementwise(signature: str) -> Callable[[Callable[..., float]], Callable[..., Any]]:
     """Return a decorator that compiles a function of numbers into a NumPy universal function.
 
     Args:
         signature: Numba's, such as `float64(float64)`.
     """
 
-    def decorate(function: F) -> F:
+    def decorate(function: Callable[..., float]) -> Callable[..., Any]:
         with _cache_of(function) as cache:
-            result: F = numba.vectorize([signature], cache=cache)(function)
-        return result
+            return cast(Callable[..., Any], numba.vectorize([signature], cache=cache)(function))
 
     return decorate
 
@@ -90,13 +87,14 @@ def source_digest(module: str) -> str:
 def _cache_of(function: Callable[..., Any]) -> Iterator[bool]:
     """Make Numba choose the folder of a function's module; yield whether there is one."""
     folder = _cache_folder(function.__module__)
-    before = numba.config.CACHE_DIR
+    config: Any = numba.config
+    before = config.CACHE_DIR
     if folder is not None:
-        numba.config.CACHE_DIR = str(folder)
+        config.CACHE_DIR = str(folder)
     try:
         yield folder is not None
     finally:
-        numba.config.CACHE_DIR = before
+        config.CACHE_DIR = before
 
 
 @functools.cache
