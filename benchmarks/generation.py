@@ -6,9 +6,6 @@ the first tenth of the frames until the first worker ends, start-up left out. CP
 image are steadier than rates: take those on a machine that does other things.
 
 `scaling_2_workers*` is two workers, a core each, against one worker on one core.
-`gain_of_2nd_worker*` is the same two against one worker that has both cores to itself: its second
-core already encodes images and works out the next frame's truth, so a second worker gains less,
-and least where rendering is short compared with the rest (`raster`).
 """
 
 from __future__ import annotations
@@ -18,13 +15,11 @@ import multiprocessing
 import os
 import tempfile
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
 from record import Value, main
 
 from pliant.generator.config import GenerateConfig
@@ -56,18 +51,12 @@ def measure(quick: bool) -> dict[str, Value]:
             suffix = "" if style == "raster" else f"_{style}"
             with _one_core():
                 bound = run("rope", style, frames[style] // 2, workers=1)
-            free = run("rope", style, frames[style] // 2, workers=1)
             record[f"scaling_2_workers{suffix}"] = rope.images_per_s / bound.images_per_s
-            record[f"gain_of_2nd_worker{suffix}"] = rope.images_per_s / free.images_per_s
     for style in ("raster",) if quick else STYLES:
         cloth = run("cloth-3", style, 12 if quick else 20, workers=2)
         record[f"images_per_s_cloth3_{style}"] = cloth.images_per_s
         record[f"cpu_s_per_image_cloth3_{style}"] = cloth.cpu_s_per_image
         record[f"bytes_per_frame_cloth3_{style}"] = cloth.bytes_per_frame
-    for style in STYLES:
-        with _one_core():  # as a worker is
-            record |= apart(floors, style, 3 if quick else 10)
-    record |= encoders(2 if quick else 6)
     record |= apart(memory, "fast", 60 if quick else 1000)
     return record
 
@@ -118,76 +107,6 @@ def run(tier: str, style: str, frames: int, *, workers: int) -> Run:
             if isinstance(event, Finished):
                 results.append(event.result)
     return Run(results, ticks)
-
-
-def floors(style: str, frames: int) -> dict[str, Value]:
-    """CPU seconds of rendering alone: pose and truth are at hand, nothing is written."""
-    from pliant.generator.objects.tiers import sample_scene_object
-    from pliant.generator.runner.sequence import SequenceMaker
-    from pliant.generator.truth.frame_truth import frame_truth
-
-    config = _config("rope", style, frames + 1, 1)
-    task = SequenceTask("rope", "train", 0)
-    with _folder() as root:
-        maker = SequenceMaker(config, root, root / "scratch")
-        scene_object = sample_scene_object(config, task)
-        camera, appearance = maker.view(task, scene_object, [scene_object.pose(0)])
-        poses = [scene_object.pose(frame) for frame in range(frames + 1)]
-        truths = [frame_truth(scene_object, pose, camera) for pose in poses]
-        maker.renderer.begin(scene_object, appearance, camera)
-        maker.renderer.render(poses[0], truths[0])
-        start = time.process_time()
-        for pose, truth in zip(poses[1:], truths[1:], strict=True):
-            maker.renderer.render(pose, truth)
-        spent = (time.process_time() - start) / frames
-        maker.close()
-    return {f"floor_render_cpu_s_{style}": spent}
-
-
-def encoders(frames: int) -> dict[str, Value]:
-    """CPU time and size of a frame's images as written, and as they might be."""
-    import OpenEXR
-
-    from pliant.generator.runner.run import generate
-    from pliant.spec.dataset import Dataset
-    from pliant.spec.io.exr import write_surface
-    from pliant.spec.io.png import write_rgb
-
-    record: dict[str, Value] = {}
-    with _folder() as root:
-        generate(_config("rope", "fast", frames, 1), root / "set")
-        sequence = Dataset.open(root / "set").sequences[0]
-        rgb = [sequence.rgb(frame) for frame in range(frames)]
-        surface = [sequence.surface(frame) for frame in range(frames)]
-        for level in (0, 1, 3, 6, 9):
-            _timed(
-                record,
-                f"png_level_{level}",
-                root / "a.png",
-                [functools.partial(write_rgb, root / "a.png", image, level=level) for image in rgb],
-            )
-        record["floor_encode_cpu_s"] = (
-            _timed(
-                record,
-                "exr_zip",
-                root / "a.exr",
-                [functools.partial(write_surface, root / "a.exr", image) for image in surface],
-            )
-            + float(record["cpu_ms_png_level_1"] or 0) / 1000
-        )
-        for name in ("NO", "RLE", "ZIPS", "PIZ", "DWAA"):
-            compression = getattr(OpenEXR, f"{name}_COMPRESSION")
-            _timed(
-                record,
-                f"exr_{name.lower()}",
-                root / "a.exr",
-                [
-                    functools.partial(_write_exr, root / "a.exr", _channels(image), compression)
-                    for image in surface
-                ],
-            )
-        record["exr_dwaa_error_max"] = _loss(root / "a.exr", surface[-1])
-    return record
 
 
 def memory(style: str, frames: int) -> dict[str, Value]:
@@ -242,52 +161,6 @@ def _one_core() -> Iterator[None]:
 def _folder() -> Iterator[Path]:
     with tempfile.TemporaryDirectory(prefix="pliant-benchmark-") as folder:
         yield Path(folder)
-
-
-def _timed(record: dict[str, Value], name: str, path: Path, writes: list[Any]) -> float:
-    sizes = []
-    start = time.process_time()
-    for write in writes:
-        write()
-        sizes.append(path.stat().st_size)
-    spent = (time.process_time() - start) / len(writes)
-    record[f"cpu_ms_{name}"] = 1000 * spent
-    record[f"bytes_{name}"] = float(np.mean(sizes))
-    return spent
-
-
-def _channels(surface: Any) -> dict[str, npt.NDArray[Any]]:
-    return {
-        "Z": surface.depth_m,
-        "surface.m0": surface.m0,
-        "surface.m1": surface.m1,
-        "surface.object": surface.object_id,
-    }
-
-
-def _write_exr(path: Path, channels: Mapping[str, Any], compression: Any) -> None:
-    import OpenEXR
-
-    header = {"compression": compression, "type": OpenEXR.scanlineimage}
-    with OpenEXR.File(header, dict(channels), 1) as image:
-        image.write(str(path))
-
-
-def _loss(path: Path, surface: Any) -> float:
-    """Return how far the channels of a compressed file are from what was written."""
-    import OpenEXR
-
-    worst = 0.0
-    with OpenEXR.File(str(path), True, False, 1) as image:
-        for name, channel in image.channels().items():
-            wanted = _channels(surface)[name].astype(np.float64)
-            found = channel.pixels.astype(np.float64)
-            # The background's infinite depth must stay infinite: as a difference it is NaN.
-            finite = np.isfinite(wanted)
-            lost = not np.array_equal(finite, np.isfinite(found))
-            off = np.abs(wanted[finite] - found[finite]).max(initial=0.0)
-            worst = max(worst, float("inf") if lost else float(off))
-    return worst
 
 
 def apart(function: Any, *arguments: Any) -> dict[str, Value]:

@@ -6,7 +6,6 @@ import argparse
 import json
 import platform
 import subprocess
-import sys
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
@@ -15,8 +14,6 @@ from pliant.benchmarks.suite.work import processor_name
 from pliant.spec.cores import cpu_cores
 
 Value = float | int | str | bool | None
-
-sys.path.append(str(Path(__file__).resolve().parents[1]))  # for benchmarks.course_cloth
 
 
 def machine() -> dict[str, Value]:

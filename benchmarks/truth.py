@@ -14,9 +14,9 @@ import time
 from collections.abc import Callable
 
 import numpy as np
+from cycles_passes import PassRenderer, compare_with_cycles
 from record import Value, main
 
-from benchmarks.cycles_passes import PassRenderer, compare_with_cycles
 from pliant.generator.objects.cloth import ClothSettings, sample_cloth
 from pliant.generator.objects.rope import RopeSettings, sample_rope
 from pliant.generator.scene.camera import CameraSettings, sample_camera

@@ -13,7 +13,7 @@ from pliant.spec.cores import cpu_cores
 from pliant.spec.extras import require_packages
 
 _SETS = ("rope", "cloth")
-_PACKAGES = ("numba", "psutil", "platformdirs", "bpy", "cv2", "mahotas", "torch", "safetensors")
+_PACKAGES = ("cv2", "mahotas", "torch", "safetensors")
 
 
 @click.command("demo")
@@ -40,7 +40,9 @@ def command(
     pictures, the paper's table and the causes of the errors.
     Run the same command again to resume an interrupted demo.
     """
-    require_packages(_PACKAGES, "pliant demo", "all")
+    from pliant.generator.runner.run import required_packages
+
+    require_packages([*required_packages("fast"), *_PACKAGES], "pliant demo", "all")
     from importlib.resources import files
 
     from rich.console import Console

@@ -5,7 +5,6 @@ Nothing here is part of the dataset; deleting the folder of a finished set loses
 
 from __future__ import annotations
 
-import fcntl
 import json
 import os
 import shutil
@@ -98,21 +97,17 @@ class RunFolder:
         Raises:
             CallError: Another process is generating into this folder.
         """
-        with (self.path / "lock").open("a+") as handle:
-            try:
-                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError as error:
-                handle.seek(0)
-                raise CallError(
-                    "another process is generating into this folder",
-                    path=self.root,
-                    found=handle.read().strip() or None,
-                    fix="Wait for it to end, or stop it",
-                ) from error
-            handle.truncate(0)
-            handle.write(f"process {os.getpid()} on {os.uname().nodename}")
-            handle.flush()
-            yield
+        from filelock import FileLock, Timeout
+
+        try:
+            with FileLock(self.path / "lock", timeout=0):
+                yield
+        except Timeout as error:
+            raise CallError(
+                "another process is generating into this folder",
+                path=self.root,
+                fix="Wait for it to end, or stop it",
+            ) from error
 
     def secret_seed(self, *, begun: bool) -> int:
         """Return the dataset's secret seed, drawn and stored in its private file if it has none.

@@ -317,7 +317,7 @@ def open_sequence_maker(config: GenerateConfig, root: Path, scratch: Path, threa
 
 def required_packages(style: str) -> list[str]:
     """Return the import names of the optional packages that a style needs."""
-    return ["numba", "psutil", "platformdirs"] + ["bpy"] * (style in BLENDER_STYLES)
+    return ["numba", "psutil", "platformdirs", "filelock"] + ["bpy"] * (style in BLENDER_STYLES)
 
 
 def _threads_each(engine: Engine) -> int:

@@ -52,7 +52,7 @@ class ClothSettings:
         density: kg/m².
         ks: Stiffness of structural and shear springs, N/m.
         bending_ratio: Stiffness of bending springs over `ks`.
-        damping_percent: Motion lost per 1/2700 s, percent (the course's 0.2).
+        damping_percent: Motion lost per 1/2700 s, percent.
         cloth_friction: Coulomb's coefficient between layers.
         table_friction: Coulomb's coefficient on the table.
         hand_speed_m_s: Highest speed of the hand.

@@ -61,7 +61,7 @@ def test_flags_that_cannot_be_read(settings, given, named):
         ("numba", ["generate", "rope", "--style", "raster", "--dry-run"], "pliant[generate]"),
         ("bpy", ["generate", "rope"], "pliant[generate]"),
         ("mahotas", ["demo"], "pliant[all]"),
-        ("numba psutil platformdirs bpy torch cv2 mahotas", ["demo"], "pliant[all]"),
+        ("numba psutil platformdirs filelock bpy torch cv2 mahotas", ["demo"], "pliant[all]"),
     ],
 )
 def test_without_its_extra_a_command_names_it_and_writes_nothing(hidden, call, named, tmp_path):

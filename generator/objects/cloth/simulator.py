@@ -1,4 +1,4 @@
-"""The simulator: the state of a sheet and its step, in the order of the course's text.
+"""The simulator: the state of a sheet and its step, in the order of CS 184's cloth project.
 
 Each step adds up the forces, moves the masses (Verlet), lets the colliders correct them in their
 order (the cloth itself, then the obstacles), and limits the stretch. `Simulator` knows no tiers and
@@ -12,18 +12,11 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 from pliant.generator.objects.cloth.grid import flat_positions
-from pliant.generator.objects.cloth.springs import (
-    COURSE_BENDING_RATIO,
-    add_spring_forces,
-    build_springs,
-)
-from pliant.generator.objects.cloth.step import COURSE_LIMIT, Motion, limit_stretch, verlet_step
+from pliant.generator.objects.cloth.springs import add_spring_forces, build_springs
+from pliant.generator.objects.cloth.step import STRETCH_LIMIT, Motion, limit_stretch, verlet_step
 from pliant.generator.scene.scene_object import FloatArray
-
-BoolArray = npt.NDArray[np.bool_]
 
 
 class Collider(Protocol):
@@ -35,7 +28,7 @@ class Collider(Protocol):
 
 @dataclass(frozen=True)
 class Sheet:
-    """The numbers of a cloth and of its simulation; the defaults are the course's.
+    """The numbers of a cloth and of its simulation; the defaults are those of the CS 184 project.
 
     Attributes:
         columns: Masses along the first side.
@@ -46,11 +39,9 @@ class Sheet:
         ks: Stiffness of structural and shear springs, N/m.
         bending_ratio: Stiffness of bending springs over `ks`.
         damping_percent: Share of the motion lost per step, percent.
-        steps_per_second: 1 / dt (the course: 90 frames per second of 30 steps).
+        steps_per_second: 1 / dt.
         steps_per_frame: Steps per frame.
-        limit: Longest spring over its rest length.
-        enabled: Whether structural, shear and bending springs pull.
-        longest_step_m: No mass moves farther in a step; infinity as in the course.
+        longest_step_m: No mass moves farther in a step; infinity for none.
     """
 
     columns: int = 50
@@ -59,12 +50,10 @@ class Sheet:
     height_m: float = 1.0
     density: float = 150.0
     ks: float = 5000.0
-    bending_ratio: float = COURSE_BENDING_RATIO
+    bending_ratio: float = 0.2
     damping_percent: float = 0.2
     steps_per_second: float = 2700.0
     steps_per_frame: int = 30
-    limit: float = COURSE_LIMIT
-    enabled: tuple[bool, bool, bool] = (True, True, True)
     longest_step_m: float = float("inf")
 
     @property
@@ -97,7 +86,6 @@ class Simulator:
         *,
         gravity: Sequence[float],
         colliders: Sequence[Collider] = (),
-        pinned: BoolArray | None = None,
     ) -> None:
         """Start a sheet at rest.
 
@@ -106,7 +94,6 @@ class Simulator:
             positions: float64 (N, 3), metres, where it starts.
             gravity: Acceleration, m/s², three numbers.
             colliders: What corrects the masses after they moved, in this order.
-            pinned: bool (N,), masses that never move.
         """
         self.sheet = sheet
         self.rest = flat_positions(sheet.columns, sheet.rows, sheet.width_m, sheet.height_m)
@@ -117,7 +104,6 @@ class Simulator:
             sheet.height_m,
             sheet.ks,
             sheet.bending_ratio,
-            sheet.enabled,
         )
         self.positions = np.array(positions, dtype=np.float64)
         self.previous = self.positions.copy()
@@ -125,8 +111,6 @@ class Simulator:
         self.gravity = np.array(gravity, dtype=np.float64)
         self.colliders = tuple(colliders)
         self.free = np.ones(len(self.positions))
-        if pinned is not None:
-            self.free[pinned] = 0.0
         self.damping = sheet.damping_percent / 100.0
         self.steps = 0
         self._still = np.zeros(3)
@@ -149,7 +133,8 @@ class Simulator:
         verlet_step(self.positions, self.previous, self.forces, self.free, hand, motion)
         for collider in self.colliders:
             collider.collide(self.positions, self.previous, self.free)
-        limit_stretch(self.positions, self.free, springs.a, springs.b, springs.rest_m, sheet.limit)
+        ends = springs.a, springs.b
+        limit_stretch(self.positions, self.free, *ends, springs.rest_m, STRETCH_LIMIT)
         self.steps += 1
 
     def run(self, steps: int) -> None:

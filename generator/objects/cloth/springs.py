@@ -3,7 +3,7 @@
 After Berkeley's CS 184 cloth: a structural spring joins neighbours in a row or a column, a
 shear spring diagonal neighbours, and a bending spring masses two apart. Hooke's law gives
 F = k (|p_b - p_a| - rest) along the spring, with a bending spring at a fraction (0.2 in the
-course) of the stiffness of the others.
+project) of the stiffness of the others.
 """
 
 from __future__ import annotations
@@ -19,9 +19,6 @@ from pliant.generator.scene.scene_object import FloatArray, IntArray
 
 STRUCTURAL, SHEAR, BENDING = 0, 1, 2
 
-COURSE_BENDING_RATIO = 0.2
-"""Stiffness of a bending spring over that of the others in the course."""
-
 
 class Family(NamedTuple):
     """All springs of one kind and direction: they have one rest length and one stiffness.
@@ -31,7 +28,7 @@ class Family(NamedTuple):
         rows: Steps down the grid from a spring's first mass to its second, >= 0.
         columns: Steps along the row, negative for a shear spring that leans back.
         rest_m: Rest length, metres.
-        stiffness: Newtons per metre; 0 for a kind that is switched off.
+        stiffness: Newtons per metre.
     """
 
     kind: int
@@ -54,7 +51,6 @@ class Springs:
         b: int32 (S,), the earlier mass.
         family: int32 (S,), which family each spring belongs to.
         rest_m: float64 (S,), rest length, metres.
-        stiffness: float64 (S,), N/m.
     """
 
     families: tuple[Family, ...]
@@ -62,7 +58,6 @@ class Springs:
     b: IntArray
     family: IntArray
     rest_m: FloatArray
-    stiffness: FloatArray
 
 
 def build_springs(
@@ -71,12 +66,9 @@ def build_springs(
     width_m: float,
     height_m: float,
     ks: float,
-    bending_ratio: float = COURSE_BENDING_RATIO,
-    enabled: tuple[bool, bool, bool] = (True, True, True),
+    bending_ratio: float,
 ) -> Springs:
     """Join the point masses of a flat grid.
-
-    A kind that is switched off keeps its length limit, as in the course, and loses its force.
 
     Args:
         columns: Masses in a row.
@@ -85,12 +77,11 @@ def build_springs(
         height_m: Length of a column, metres.
         ks: Stiffness of structural and shear springs, N/m.
         bending_ratio: Stiffness of a bending spring over `ks`.
-        enabled: Whether structural, shear and bending springs pull.
 
     Returns:
         The springs.
     """
-    stiffness = (ks * enabled[0], ks * enabled[1], bending_ratio * ks * enabled[2])
+    stiffness = (ks, ks, bending_ratio * ks)
     across, down = width_m / (columns - 1), height_m / (rows - 1)
     families = tuple(
         Family(kind, row, column, math.hypot(row * down, column * across), stiffness[kind])
@@ -122,7 +113,6 @@ def build_springs(
         b=b,
         family=family,
         rest_m=np.array([f.rest_m for f in families])[family],
-        stiffness=np.array([f.stiffness for f in families])[family],
     )
 
 
@@ -141,8 +131,7 @@ def add_spring_forces(
     grid = np.ascontiguousarray(positions.T).reshape(3, rows, columns)
     pulls = np.zeros((3, rows, columns))
     for family in springs.families:
-        if family.stiffness != 0.0:
-            _add_family(grid, pulls, family)
+        _add_family(grid, pulls, family)
     forces += pulls.reshape(3, -1).T
 
 

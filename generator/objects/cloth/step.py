@@ -11,8 +11,8 @@ import numpy as np
 from pliant.generator.compiled import compiled
 from pliant.generator.scene.scene_object import FloatArray, IntArray
 
-COURSE_LIMIT = 1.1
-"""Longest a spring may be after a step, over its rest length (Provot 1995; the course)."""
+STRETCH_LIMIT = 1.1
+"""Longest a spring may be after a step, over its rest length (Provot 1995)."""
 
 
 class Motion(NamedTuple):

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import math
-from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
-from benchmarks.course_scene import parse_scene, read_scene
 from pliant.generator.objects.cloth import ClothSettings, sample_cloth
 from pliant.generator.seeding import RandomStreams, SequenceTask
 from pliant.spec.errors import CallError
@@ -73,74 +69,3 @@ def test_the_step_is_stable_for_every_size() -> None:
         sheet = settings.sheet()
         assert sheet.ks / sheet.steps_per_second**2 / sheet.mass_kg <= 0.2 + 1e-12
         assert sheet.steps_per_second == 30 * sheet.steps_per_frame
-
-
-GOOD: dict[str, Any] = {
-    "cloth": {"width": 1, "height": 1, "num_width_points": 5, "num_height_points": 4},
-    "sphere": {"origin": [0, 0, 0], "radius": 0.5, "friction": 0.3},
-}
-
-
-def changed(path: str, value: Any) -> dict[str, Any]:
-    document = json.loads(json.dumps(GOOD))
-    *folders, leaf = path.split(".")
-    place = document
-    for folder in folders:
-        place = place.setdefault(folder, {})
-    if value is KeyError:
-        del place[leaf]
-    else:
-        place[leaf] = value
-    return document
-
-
-@pytest.mark.parametrize(
-    ("path", "value", "where"),
-    [
-        ("cloth", KeyError, "cloth"),
-        ("cloth.width", KeyError, "cloth.width"),
-        ("cloth.width", -1, "cloth.width"),
-        ("cloth.num_width_points", 5.5, "cloth.num_width_points"),
-        ("cloth.num_height_points", 10**9, "cloth.num_height_points"),
-        ("cloth.orientation", 2, "cloth.orientation"),
-        ("cloth.pinned", [[5, 0]], "cloth.pinned[0]"),
-        ("cloth.pinned", [[0, 0], [0, 4]], "cloth.pinned[1]"),
-        ("cloth.pinned", [[0]], "cloth.pinned[0]"),
-        ("cloth.enable_bending_constraints", "yes", "cloth.enable_bending_constraints"),
-        ("cloth.damping", 101, "cloth.damping"),
-        ("cloth.colour", "red", "cloth"),
-        ("sphere.radius", 0, "sphere.radius"),
-        ("sphere.origin", [0, 0], "sphere.origin"),
-        ("plane", {"point": [0, 0, 0], "normal": [0, 0, 0]}, "plane.normal"),
-        ("plane", [], "plane"),
-        ("wind", {}, ""),
-    ],
-)
-def test_a_scene_that_cannot_be_is_refused_by_field(path: str, value: Any, where: str) -> None:
-    with pytest.raises(CallError) as caught:
-        parse_scene(changed(path, value), "scene.json")
-    assert (caught.value.where or "") == where
-    assert "scene.json" in str(caught.value)
-
-
-def test_a_scene_is_placed_as_in_the_course() -> None:
-    document = changed("cloth.pinned", [[0, 0], [4, 3]])
-    scene = parse_scene(document, "x")
-    assert scene.positions.shape == (20, 3)
-    np.testing.assert_allclose(scene.positions[[0, 4, 15]], [[0, 1, 0], [1, 1, 0], [0, 1, 1]])
-    assert np.flatnonzero(scene.pinned).tolist() == [0, 19]  # [column, row]
-    upright = parse_scene(changed("cloth.orientation", 1), "x")
-    np.testing.assert_allclose(upright.positions[[0, 4, 15], :2], [[0, 0], [1, 0], [0, 1]])
-    assert 0 < np.abs(upright.positions[:, 2]).max() <= 1e-3
-
-
-def test_scene_files(tmp_path: Path) -> None:
-    good = tmp_path / "mine.json"
-    good.write_text(json.dumps(GOOD))
-    assert len(read_scene(good).positions) == 20
-    bad = tmp_path / "bad.json"
-    bad.write_text("{")
-    with pytest.raises(CallError, match="not JSON"):
-        read_scene(bad)
-    with pytest.raises(CallError, match=r"cannot be read.*pinned2"):
-        read_scene(tmp_path / "none.json")
