@@ -10,9 +10,8 @@ from pliant.baselines.features.local_features import LocalFeatureMatcher
 from pliant.baselines.features.opencv_features import OpencvFeatures
 from pliant.baselines.features.surf import open_surf
 from pliant.baselines.flow import FlowChain
+from pliant.baselines.imagenet import ImageNetFeatures
 from pliant.baselines.matcher import Matcher, SplitMatcher
-from pliant.baselines.modern.efficientnet import ImageNetFeatures
-from pliant.baselines.modern.xfeat import XFeatDescriptors, XFeatLighterGlue
 from pliant.baselines.outline import ClothOutline
 from pliant.baselines.tracing import RopeTracer
 
@@ -48,10 +47,6 @@ METHODS: dict[str, Make] = {
             "sift": "Local feature SIFT (Lowe, 2004), by OpenCV.",
             "surf": "Local feature SURF (Bay et al., 2008), by OpenCV or mahotas.",
             "orb": "Local feature ORB (Rublee et al., 2011), by OpenCV.",
-            "vgg": "Learned descriptor VGG-120 (Simonyan et al., 2014), by OpenCV.",
-            "boostdesc": "Learned descriptor BinBoost (Trzcinski et al., 2015), by OpenCV.",
-            "beblid": "Learned descriptor BEBLID (Suárez et al., 2020), by OpenCV.",
-            "teblid": "Learned descriptor TEBLID (Suárez et al., 2021), by OpenCV.",
         },
     ),
     **_named(
@@ -70,8 +65,6 @@ METHODS: dict[str, Make] = {
         },
     ),
     "imagenet": ImageNetFeatures,
-    "xfeat": XFeatDescriptors,
-    "xfeat-lighterglue": XFeatLighterGlue,
     "rope-tracer": RopeTracer,
     "identity": Identity,
     "random": RandomInMask,

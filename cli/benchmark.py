@@ -18,7 +18,7 @@ from pliant.cli.options import (
 )
 from pliant.cli.terminal import echo, echo_json, rich_progress
 from pliant.spec.cores import cpu_cores
-from pliant.spec.errors import MissingExtraError
+from pliant.spec.extras import require_packages
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
@@ -77,6 +77,7 @@ def command(
     into DIR. --resume continues an interrupted run. Exit code 1 if the test queries differ from
     the frozen ones.
     """
+    require_packages(("numba", "cv2", "torch"), "a benchmark", "all")
     from pliant.benchmarks.suite.config import read_config
 
     config = read_config(config_file, overrides)
@@ -105,10 +106,8 @@ def run_shown(
     config: BenchmarkConfig, out: Path, resume: bool, workers: int, until: str = "answer"
 ) -> Differences:
     """Run a benchmark and show its progress; arguments and errors as `run_benchmark`."""
-    try:
-        from pliant.benchmarks.suite.run import run_benchmark
-    except ImportError as error:
-        raise MissingExtraError("a benchmark", "all") from error
+    from pliant.benchmarks.suite.run import run_benchmark
+
     message = "Interrupted: finished work is kept; the same command resumes (benchmark: --resume)."
     with terminated_like_interrupted(message), rich_progress() as bar:
         return run_benchmark(

@@ -8,7 +8,6 @@ import click
 
 from pliant.cli.options import PATH, data_option, json_option, out_option, path_option
 from pliant.cli.terminal import echo_result
-from pliant.spec.errors import MissingExtraError
 
 
 @click.command()
@@ -31,11 +30,8 @@ def command(
     The folder can be used like the run: `pliant predict OUT/NAME`. A model in `models/shipped/`
     of the package is used by its name.
     """
-    try:
-        from pliant.models.export import export_run
-    except ImportError as error:
-        raise MissingExtraError("exporting a model", "train") from error
     from pliant.evaluator.scores import SCORES_JSON, read_scores
+    from pliant.models.export import export_run
     from pliant.spec.dataset import Dataset
 
     reports = [read_scores(path.parent if path.name == SCORES_JSON else path) for path in scores]

@@ -151,7 +151,8 @@ def run(argv: list[str] | None = None) -> int:
 
 def _explained(error: BaseException) -> tuple[str | None, int]:
     """Return the sentence and exit code of an error, or no sentence for a fault of the program."""
-    from pliant.spec.errors import MissingExtraError, PliantError, extra_of
+    from pliant.spec.errors import MissingExtraError, PliantError
+    from pliant.spec.extras import extra_of
 
     if isinstance(error, PliantError):
         return str(error), error.exit_code
@@ -164,7 +165,7 @@ def _explained(error: BaseException) -> tuple[str | None, int]:
             CALL_WRONG,
         )
     if isinstance(error, ModuleNotFoundError) and (extra := extra_of(error.name or "")):
-        return str(MissingExtraError("this command", extra)), CALL_WRONG
+        return str(MissingExtraError(f"module {error.name}", extra)), CALL_WRONG
     if isinstance(error, OSError) and (error.strerror or error.errno):
         place = f"{error.filename}: " if error.filename else ""
         return f"{place}{error.strerror or ' '.join(str(error).split())}", CALL_WRONG

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Iterator
-from importlib.util import find_spec
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import click
 
 from pliant.cli.options import json_option
 from pliant.cli.terminal import echo, echo_json
+from pliant.spec.errors import MissingExtraError, install_command
+from pliant.spec.extras import extra_of, is_installed
 
 
 @click.command()
 @json_option
 def command(as_json: bool) -> None:
-    """List the installed methods, and the optional dependencies that some of them need.
+    """List the methods, and the command that installs what is missing for some of them.
 
     Packages offer methods in the entry-point group `pliant.matchers`.
     """
@@ -26,38 +27,45 @@ def command(as_json: bool) -> None:
         return
     width = max(len(row["name"]) for row in rows)
     for row in rows:
-        missing = f" Missing: {row['missing']}" if row["missing"] else ""
-        echo(f"{row['name']:{width}}  {row['about']}{missing}")
+        echo(f"{row['name']:{width}}  {row['about']}")
+        if row["missing"]:
+            echo(f"{'':{width}}  Missing here; install it with: {row['missing']}")
 
 
 def _methods() -> Iterator[dict[str, Any]]:
     """Yield name, origin, first line of documentation, and what is missing, of each method."""
     from pliant.baselines import METHODS
-    from pliant.baselines.modern import MODERN
+    from pliant.baselines.adapters.vismatch import PREFIX, open_vismatch
     from pliant.baselines.plugins import plugged_in
     from pliant.models.shipped import shipped_names
-    from pliant.spec.errors import MissingExtraError
 
     for name, make in METHODS.items():
-        missing = None
-        try:
-            make()
-        except MissingExtraError as error:
-            missing = (error.fix or "").removeprefix("Install them with: ")
-        yield _row(name, "built in", inspect.getdoc(make) or "", missing)
-    for name, network in MODERN.items():
-        found = find_spec(network.library) is not None
-        about = (inspect.getdoc(network) or "").partition("\n")[0] + " Takes --set weights=..."
-        yield _row(name, "network", about, None if found else f"library {network.library}")
+        yield _row(name, "built in", inspect.getdoc(make) or "", _missing(make))
     for name in shipped_names():
-        yield _row(name, "shipped model", "Trained model; its card is in the package.", None)
+        lacking = not (is_installed("torch") and is_installed("safetensors"))
+        about = "Trained model; its card is in the package."
+        yield _row(name, "shipped model", about, install_command("train") if lacking else None)
+    found = is_installed("vismatch")
+    about = inspect.getdoc(open_vismatch) or ""
+    yield _row(f"{PREFIX}NAME", "package", about, None if found else "pip install vismatch")
     for name, entry in plugged_in().items():
         package = f" of {entry.dist.name} {entry.dist.version}" if entry.dist else ""
         yield _row(name, "plug-in", f"Plug-in {entry.value}{package}", None)
 
 
+def _missing(make: Callable[[], object]) -> str | None:
+    """Return the command that installs what a method lacks, or None if it can be made."""
+    try:
+        make()
+    except MissingExtraError as error:
+        return error.command
+    except ModuleNotFoundError as error:
+        return install_command(extra_of(error.name or "") or str(error.name))
+    return None
+
+
 def _row(name: str, origin: str, about: str, missing: str | None) -> dict[str, Any]:
-    first = about.partition("\n")[0].removeprefix("Return the ")
+    first = about.partition("\n")[0].removeprefix("Return ").removeprefix("the ")
     return {
         "name": name,
         "origin": origin,

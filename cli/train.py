@@ -12,7 +12,6 @@ import click
 from pliant.cli.interrupts import terminated_like_interrupted
 from pliant.cli.options import data_option, json_option, out_option, path_option, set_option
 from pliant.cli.terminal import Bar, echo, echo_json, progress_bar
-from pliant.spec.errors import MissingExtraError
 
 F = TypeVar("F", bound=Callable[..., None])
 
@@ -51,12 +50,9 @@ def don(data: Path, out: Path, **given: Any) -> None:
     Several processes: `torchrun --nproc-per-node N --no-python pliant train don …`.
     --resume without settings continues with the settings of the run.
     """
-    try:
-        from pliant.models.don.settings import DonSettings
-        from pliant.models.don.trainer import shipped_recipe, train_don
-        from pliant.spec.configuration import read_settings
-    except ImportError as error:
-        raise MissingExtraError("training", "train") from error
+    from pliant.models.don.settings import DonSettings
+    from pliant.models.don.trainer import shipped_recipe, train_don
+    from pliant.spec.configuration import read_settings
     from pliant.spec.dataset import Dataset
 
     def recipe() -> Path:
@@ -74,11 +70,8 @@ def timecycle(data: Path, out: Path, **given: Any) -> None:
     Several processes: `torchrun --nproc-per-node N --no-python pliant train timecycle …`.
     --resume without settings continues with the settings of the run.
     """
-    try:
-        from pliant.models.timecycle.settings import TimeCycleSettings
-        from pliant.models.timecycle.trainer import train_timecycle
-    except ImportError as error:
-        raise MissingExtraError("training", "train") from error
+    from pliant.models.timecycle.settings import TimeCycleSettings
+    from pliant.models.timecycle.trainer import train_timecycle
 
     _train(
         TimeCycleSettings, train_timecycle, lambda: None, _timecycle_figures,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -47,10 +48,9 @@ def open_method(method: str, **options: Any) -> Matcher | SplitMatcher:
     """Return a method by its name.
 
     Args:
-        method: A key of `pliant.baselines.METHODS` or `pliant.baselines.modern.MODERN`, the name
-            of a shipped model, the name that an installed package gives in the entry-point group
-            `pliant.matchers`, `path/to/my.py:Matcher`, `package.module:Matcher`, or the folder of
-            a training run.
+        method: A key of `pliant.baselines.METHODS`, the name of a shipped model, the name that an
+            installed package gives in the entry-point group `pliant.matchers`, `vismatch:NAME`,
+            `path/to/my.py:Matcher`, `package.module:Matcher`, or the folder of a training run.
         options: Keyword arguments of the method's class or function.
 
     Raises:
@@ -58,15 +58,17 @@ def open_method(method: str, **options: Any) -> Matcher | SplitMatcher:
             that does not take these options.
         MissingExtraError: The method's libraries are not installed.
     """
-    from pliant.baselines import (METHODS)
-    from pliant.baselines.modern import MODERN
+    from pliant.baselines import METHODS
+    from pliant.baselines.adapters.vismatch import PREFIX, open_vismatch
     from pliant.baselines.plugins import is_reference, make, open_plugin, plugged_in
     from pliant.models import load_matcher
     from pliant.models.shipped import load_shipped, shipped_names
 
-    builders: dict[str, Callable[..., Matcher | SplitMatcher]] = {**METHODS, **MODERN}
-    if method in builders:
-        made: Matcher | SplitMatcher = make(builders[method], method, options)
+    if method in METHODS:
+        made: Matcher | SplitMatcher = make(METHODS[method], method, options)
+        return made
+    if method.startswith(PREFIX):
+        made = make(partial(open_vismatch, method.removeprefix(PREFIX)), method, options)
         return made
     shipped, plugged = shipped_names(), plugged_in()
     if method not in shipped and (method in plugged or is_reference(method)):
@@ -84,11 +86,11 @@ def open_method(method: str, **options: Any) -> Matcher | SplitMatcher:
         return load_shipped(method)
     if method.strip() and Path(method).is_dir():
         return load_matcher(Path(method))
-    names = (*builders, *shipped, *plugged)
+    names = (*METHODS, *shipped, *plugged)
     close = difflib.get_close_matches(method, names, n=1)
     raise CallError(
         f"there is no method {method!r}",
-        required=f"one of {', '.join(names)}, the folder of a training run, or FILE.py:CLASS",
+        required=f"one of {', '.join(names)}, vismatch:NAME, the folder of a training run, or FILE.py:CLASS",
         fix=f"Did you mean {close[0]}?" if close else None,
     )
 

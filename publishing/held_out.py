@@ -66,7 +66,7 @@ def public_sequences(table: pa.Table, hold_out: Collection[str]) -> pa.Table:
     Args:
         table: The dataset's own.
         hold_out: The splits; their sequences lose shape, coverage and self-occlusion, which say
-            how the object lies, and no sequence keeps its seed.
+            where the object is, and no sequence keeps its seed.
     """
     rows = table.to_pylist()
     for row in rows:

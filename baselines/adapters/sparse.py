@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Mapping
 from typing import Any, get_args
 
@@ -81,21 +82,28 @@ class SparseMatcher:
         return Answers(found.astype(np.float32))
 
 
-class _OnImages:
-    """Calls a function of two images and returns its matches in the pixels of the views."""
+def on_images(
+    function: Callable[[Any, Any], Any], images: Images, name: str
+) -> Callable[[Frame, Frame], Matches]:
+    """Return a function of two views that calls one of two images.
 
-    def __init__(self, function: Callable[[Any, Any], Any], images: Images, name: str) -> None:
-        self._function, self._images, self._name = function, images, name
+    Args:
+        function: (source image, target image) -> matches in any form that `as_matches` accepts.
+        images: How the function receives images and counts positions.
+        name: Name of the method, for messages.
+    """
+    return functools.partial(_match_images, function, images, name)
 
-    def __call__(self, source: Frame, target: Frame) -> Matches:
-        images = self._images
-        found = self._function(images.image(source), images.image(target))
-        matches = as_matches(found, self._name)
-        return Matches(
-            images.from_function(matches.uv_a_px, source).astype(np.float32),
-            images.from_function(matches.uv_b_px, target).astype(np.float32),
-            matches.score,
-        )
+
+def _match_images(
+    function: Callable[[Any, Any], Any], images: Images, name: str, source: Frame, target: Frame
+) -> Matches:
+    matches = as_matches(function(images.image(source), images.image(target)), name)
+    return Matches(
+        images.from_function(matches.uv_a_px, source).astype(np.float32),
+        images.from_function(matches.uv_b_px, target).astype(np.float32),
+        matches.score,
+    )
 
 
 def from_sparse(
@@ -117,7 +125,7 @@ def from_sparse(
         images: How the function receives images and counts positions.
     """
     name = name or function_name(function)
-    match = _OnImages(function, images or Images(), name)
+    match = on_images(function, images or Images(), name)
     return SparseMatcher(
         match, name, interpolation, neighbours, facts={"implementation": "sparse matches"}
     )

@@ -26,7 +26,7 @@ LOWE_RATIO: Final = 0.8
 """Nearest over second-nearest distance below which a keypoint match is kept."""
 
 DENSE_LIMIT: Final = 20_000
-"""Descriptors computed over a target at most, for features that take less than 0.1 ms each."""
+"""Descriptors computed over a target at most; the grid's stride follows from it."""
 
 SMALLEST_SIDE_PX: Final = 32
 """An image with a shorter side has no keypoints: the detectors' pyramids do not fit into it."""
@@ -53,8 +53,6 @@ class LocalFeatures(Protocol):
 
     name: str
     metric: Metric
-    dense_limit: int
-    """Descriptors computed over a target at most; the grid's stride follows from it."""
 
     def facts(self) -> Mapping[str, Any]:
         """Return settings and versions for the submission's footer."""
@@ -107,7 +105,7 @@ class LocalFeatureMatcher:
     """Answers queries, and matches keypoints, with a local feature.
 
     An answer is the place on the target's object whose descriptor is nearest to the query
-    pixel's, among all pixels (or, where the object has more than the feature's `dense_limit`, a
+    pixel's, among all pixels (or, where the object has more than `DENSE_LIMIT`, a
     grid of every second, third … row and column). A query that nothing distinguishes (a blank
     image, an empty mask) is answered by the mask's centroid or the image's centre.
 
@@ -132,7 +130,7 @@ class LocalFeatureMatcher:
             "name": self.name,
             **self._features.facts(),
             "ratio": self._ratio,
-            "dense_limit": self._features.dense_limit,
+            "dense_limit": DENSE_LIMIT,
             "without_a_choice": "centroid of the mask, or the image's centre",
         }
 
@@ -208,7 +206,7 @@ class LocalFeatureMatcher:
     def _dense_of(self, view: Frame) -> _Dense:
         def make() -> _Dense:
             mask = searched_mask(view)
-            stride = dense_stride(int(mask.sum()), self._features.dense_limit)
+            stride = dense_stride(int(mask.sum()), DENSE_LIMIT)
             uv_px = pixel_centres(mask, stride)
             return _Dense(uv_px, self._features.describe_at(luma(view.rgb), uv_px), stride)
 

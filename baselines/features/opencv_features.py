@@ -1,22 +1,19 @@
 """The local features of OpenCV, one recipe each.
 
-SIFT (Lowe, IJCV 2004), ORB (Rublee and others, ICCV 2011) and SURF (Bay and others, CVIU 2008), and
-four descriptors whose learned weights are compiled into OpenCV's contributed modules: VGG-120
-(Simonyan and others, PAMI 2014), BoostDesc (Trzcinski and others, PAMI 2015), BEBLID and TEBLID
-(Suarez and others, PRL 2020 and RA-L 2021). The learned ones describe SIFT's keypoints.
+SIFT (Lowe, IJCV 2004), ORB (Rublee and others, ICCV 2011) and SURF (Bay and others, CVIU 2008).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
-from pliant.baselines.features.local_features import DENSE_LIMIT, Keypoints
+from pliant.baselines.features.local_features import Keypoints
 from pliant.baselines.features.nearest import Descriptors, Metric
 from pliant.baselines.features.opencv import (
     PADDING_PX,
@@ -42,9 +39,6 @@ SURF_SCALE_PX: Final = 3.0
 HESSIAN_THRESHOLD: Final = 100.0
 """SURF's detector threshold in OpenCV (its default), on 8-bit images."""
 
-SIFT_WINDOW: Final = 6.75
-"""Side of a learned descriptor's window in sizes of a SIFT keypoint, as OpenCV recommends."""
-
 Image = npt.NDArray[np.uint8]
 Float32 = npt.NDArray[np.float32]
 
@@ -61,9 +55,7 @@ class Recipe:
         octave: OpenCV's packed octave field of a keypoint at a given pixel.
         orientation: (image, positions (N, 2)) -> degrees (N,) at given pixels; None leaves it to
             `describer`.
-        detector: `Feature2D` whose keypoints are described; None takes `describer`.
         positions: (keypoints, (H, W)) -> float32 (N, 2), in Pliant's pixel convention.
-        dense_limit: Descriptors computed over a target at most.
     """
 
     describer: Any
@@ -72,9 +64,7 @@ class Recipe:
     facts: Mapping[str, Any]
     octave: int = 0
     orientation: Callable[[Image, Float32], npt.NDArray[np.float64]] | None = None
-    detector: Any = None
     positions: Callable[[list[Any], tuple[int, ...]], Float32] = positions
-    dense_limit: int = DENSE_LIMIT
 
 
 def _sift(cv2: Any, octave: int = 0) -> Recipe:
@@ -140,34 +130,12 @@ def _surf(cv2: Any) -> Recipe:
     )
 
 
-def _learned(cv2: Any, describer: str, metric: Metric, dense_limit: int = DENSE_LIMIT) -> Recipe:
-    """Return a learned descriptor of SIFT's keypoints, or of given pixels turned as SIFT's are."""
-    sift = _sift(cv2)
-    create = getattr(cv2.xfeatures2d, f"{describer}_create")
-    return replace(
-        sift,
-        describer=create(scale_factor=SIFT_WINDOW),
-        metric=metric,
-        facts={**sift.facts, "keypoints": "sift", "window": SIFT_WINDOW},
-        detector=sift.describer,
-        dense_limit=dense_limit,
-    )
-
-
 RECIPES: Final[dict[str, Callable[..., Recipe]]] = {
     "sift": _sift,
     "surf": _surf,
     "orb": _orb,
-    "vgg": partial(_learned, describer="VGG", metric="euclidean", dense_limit=2_500),
-    "boostdesc": partial(_learned, describer="BoostDesc", metric="hamming", dense_limit=10_000),
-    "beblid": partial(_learned, describer="BEBLID", metric="hamming"),
-    "teblid": partial(_learned, describer="TEBLID", metric="hamming"),
 }
-"""Name -> recipe, from the `cv2` module. A VGG descriptor takes 1.5 ms, BoostDesc 0.3 ms, the
-others less than 0.06 ms: hence their limits."""
-
-CONTRIBUTED: Final = frozenset({"surf", "vgg", "boostdesc", "beblid", "teblid"})
-"""Recipes that need OpenCV's contributed module xfeatures2d."""
+"""Name -> recipe, from the `cv2` module."""
 
 
 class OpencvFeatures:
@@ -184,10 +152,9 @@ class OpencvFeatures:
     def __init__(self, name: str, **settings: Any) -> None:
         self.name = name
         self._settings = settings
-        self._cv2 = load_opencv(name.upper(), "xfeatures2d" if name in CONTRIBUTED else "")
+        self._cv2 = load_opencv(name.upper(), "xfeatures2d" if name == "surf" else "")
         self._recipe = RECIPES[name](self._cv2, **settings)
         self.metric: Metric = self._recipe.metric
-        self.dense_limit = self._recipe.dense_limit
 
     def __reduce__(self) -> tuple[Any, ...]:
         # OpenCV's objects cannot be sent to another process
@@ -208,11 +175,7 @@ class OpencvFeatures:
             grey: uint8 (H, W).
         """
         recipe = self._recipe
-        if recipe.detector is None:
-            keypoints, descriptors = recipe.describer.detectAndCompute(grey, None)
-        else:
-            keypoints = recipe.detector.detect(grey, None)
-            keypoints, descriptors = recipe.describer.compute(grey, keypoints)
+        keypoints, descriptors = recipe.describer.detectAndCompute(grey, None)
         if not keypoints:
             return Keypoints(np.zeros((0, 2), np.float32), described(recipe.describer, grey, []))
         return Keypoints(recipe.positions(keypoints, grey.shape), descriptors)

@@ -19,7 +19,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from pliant.baselines.features.local_features import DENSE_LIMIT, Keypoints, LocalFeatures
+from pliant.baselines.features.local_features import Keypoints, LocalFeatures
 from pliant.baselines.features.nearest import Descriptors, Metric
 from pliant.baselines.features.opencv import load_opencv, padded
 from pliant.baselines.features.opencv_features import SURF_SCALE_PX, OpencvFeatures
@@ -45,7 +45,6 @@ class MahotasSurf:
 
     name = "surf"
     metric: Metric = "euclidean"
-    dense_limit = DENSE_LIMIT
 
     def __init__(self, query_scale_px: float = SURF_SCALE_PX) -> None:
         self._query_scale_px = query_scale_px

@@ -13,16 +13,10 @@ from pliant.evaluator.scores import read_scores
 
 CLASSICAL = ("sift", "surf", "orb")
 _LABELS: Final = {
-    "vgg": "VGG-120",
-    "boostdesc": "BoostDesc",
-    "beblid": "BEBLID",
-    "teblid": "TEBLID",
     "lk-chain": "LK chain",
     "dis-chain": "DIS chain",
     "rlof-chain": "RLOF chain",
     "imagenet": "ImageNet features",
-    "xfeat": "XFeat",
-    "xfeat-lighterglue": "XFeat + LighterGlue",
     "cloth-tps": "Outline, thin plate",
     "cloth-homography": "Outline, homography",
 }

@@ -70,7 +70,7 @@ def test_run_folder_is_a_method(
         (
             {"METHOD": "siftt"},
             2,
-            "no method 'siftt'; required: one of sift, surf, orb, vgg",
+            "no method 'siftt'; required: one of sift, surf, orb, lk-chain",
         ),
         ({"METHOD": "siftt"}, 2, "Did you mean sift?"),
         ({"--data": "nowhere"}, 1, "nowhere: this is not a Pliant dataset"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import pickle
 import sys
 from collections.abc import Callable
@@ -12,14 +13,17 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from pliant.baselines import METHODS, Frame, TrackMatcher
+from pliant.baselines import METHODS, Frame, Pair, TrackMatcher
 from pliant.baselines.flow import FLOWS, FlowChain
 from pliant.spec.errors import MissingExtraError
-from pliant.spec.frame import Pair
-from tests.baselines.contributed import needs_contributed_opencv
 
 pytest.importorskip("cv2")
 
+needs_contributed_opencv = pytest.mark.skipif(
+    importlib.util.find_spec("cv2") is None
+    or not hasattr(importlib.import_module("cv2"), "optflow"),
+    reason="needs opencv-contrib-python-headless",
+)
 CHAINS = [
     pytest.param(name, marks=needs_contributed_opencv if name == "rlof-chain" else ())
     for name in FLOWS
@@ -97,5 +101,3 @@ def test_opencv_without_its_contributed_modules_is_said(monkeypatch: pytest.Monk
     monkeypatch.setitem(sys.modules, "cv2", SimpleNamespace(__version__="4"))
     with pytest.raises(MissingExtraError, match=r"contributed module optflow.*'classical'"):
         chain("rlof-chain")
-    with pytest.raises(MissingExtraError, match=r"contributed module xfeatures2d.*'classical'"):
-        METHODS["vgg"]()

@@ -11,13 +11,10 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from pliant.baselines import METHODS, Frame, HeatMatcher, KeypointMatcher
+from pliant.baselines import METHODS, Frame, HeatMatcher, KeypointMatcher, Pair
 from pliant.baselines.features.local_features import LocalFeatureMatcher
-from pliant.spec.frame import Pair
-from tests.baselines.contributed import needs_contributed_opencv
 
-BEBLID = pytest.param("beblid", marks=needs_contributed_opencv)
-CLASSICAL = ("sift", "surf", "orb", BEBLID)
+CLASSICAL = ("sift", "surf", "orb")
 
 ViewOf = Callable[..., Frame]
 Floats = npt.NDArray[np.float64]
@@ -68,29 +65,6 @@ def test_keypoint_matches_follow_a_similarity(
     assert right.mean() > least
     assert (np.abs(before.locate(found.uv_a_px)) < 64).all()
     assert found.score.dtype == found.uv_a_px.dtype == found.uv_b_px.dtype == np.float32
-
-
-@needs_contributed_opencv
-@pytest.mark.parametrize("name", ["vgg", "boostdesc", "beblid", "teblid"])
-def test_learned_descriptors_follow_a_turn(
-    name: str, pose: Any, view_of: ViewOf, card_queries: Floats
-) -> None:
-    """The object's middle is searched alone: VGG takes 1.5 ms per place."""
-    before, after = pose(), pose(angle_deg=40, centre=(121.7, 98.2))
-    source, target = view_of(before), view_of(after)
-    inner = np.zeros(target.rgb.shape[:2], dtype=np.bool_)
-    inner[85:115, 105:140] = True
-    queries = card_queries[np.abs(card_queries).max(axis=1) < 12]
-    answers = method(name).answer(
-        Pair(source, Frame(target.rgb, inner), before.place(queries).astype(np.float32))
-    )
-    error_px = np.hypot(*(answers.uv_px - after.place(queries)).T)
-    assert len(queries) >= 4
-    assert np.median(error_px) < 1
-    found = method(name).match(source, target)
-    expected = after.place(before.locate(found.uv_a_px.astype(np.float64)))
-    assert len(found.score) > 25
-    assert (np.hypot(*(found.uv_b_px - expected).T) < 3).mean() > 0.9
 
 
 @pytest.mark.parametrize("name", CLASSICAL)

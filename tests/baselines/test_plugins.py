@@ -311,7 +311,7 @@ def test_missing_extra_is_listed(
     assert rows["identity"]["missing"] is None
     assert rows["don-rope"]["origin"] == "shipped model"
     shown = " ".join(call(capsys, "methods")[1].split())
-    assert "needy Method of another library. Missing: pip install" in shown
+    assert "needy Method of another library. Missing here; install it with: pip install" in shown
 
 
 PYPROJECT = """

@@ -23,7 +23,7 @@ class Method:
     "in answer": """
 import sys
 class Method:
-    def answer(self, source, target, uv_a_px):
+    def answer(self, pair):
         sys.exit(0)
 """,
 }

