@@ -1,0 +1,230 @@
+"""Backups while the service runs, one file with everything for later, and the way back."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tarfile
+import tempfile
+from collections.abc import Callable
+from contextlib import ExitStack
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Final
+
+from sqlalchemy import inspect, select
+
+from pliant.evaluator.report.staging import staged
+from pliant.service.audit import HOST, record, verify_log
+from pliant.service.challenge import CHALLENGE_YAML, Challenge, database_of
+from pliant.service.models import Submission
+from pliant.service.receipts import (
+    PRIVATE_KEY,
+    PUBLIC_KEY,
+    decrypted_key,
+    encrypted_key,
+    key_id,
+    read_public_key,
+    write_keys,
+    write_secret,
+)
+from pliant.service.site import write_challenge_site
+from pliant.service.snapshot import read_tables, write_tables
+from pliant.service.store import FolderStore
+from pliant.spec.dataset import Dataset
+from pliant.spec.errors import CallError, SpecError
+from pliant.spec.io.jsonfiles import write_json
+from pliant.spec.io.reading import sha256_file
+from pliant.spec.io.writing import replacing
+from pliant.spec.storage.manifest import read_checksums, write_checksums
+
+_COPIED: Final = ("public", "private", "protocols", "keys")
+_TABLES: Final = "database"
+_SUMS: Final = "SHA256SUMS"
+_ENCRYPTED: Final = "receipts.private.encrypted.pem"
+Copy = Callable[[str, str], Any]
+
+
+def write_backup(challenge: Challenge, out: Path) -> None:
+    """Copy everything while the service runs; an earlier backup is brought up to date.
+
+    The database is read at one moment. Submission files are stored before the rows that name
+    them and never change, so every row of the backup has its file.
+
+    Args:
+        challenge: The challenge.
+        out: The backup's folder, which then contains the answers and the keys.
+
+    Raises:
+        CallError: The folder contains something else.
+    """
+    if out.exists() and any(out.iterdir()) and not (out / _SUMS).is_file():
+        raise CallError("the folder is not a backup", path=out, fix="Name a new folder.")
+    out.mkdir(mode=0o700, parents=True, exist_ok=True)
+    os.chmod(out, 0o700)
+    _write(challenge, out, shutil.copy2)
+
+
+def write_archive(challenge: Challenge, out: Path, passphrase: bytes | None) -> None:
+    """Write one tar file with everything: data, answers, submissions, tables, a static site.
+
+    Args:
+        challenge: The challenge.
+        out: The file.
+        passphrase: Encrypts the key that signs receipts; None leaves the key out.
+
+    Raises:
+        CallError: The file exists.
+    """
+    if out.exists():
+        raise CallError("the file exists already", path=out)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=".pliant-", dir=out.resolve().parent) as scratch:
+        folder = Path(scratch) / "challenge"
+        folder.mkdir()
+        _write(challenge, folder, _link)
+        secret = folder / "keys" / PRIVATE_KEY
+        if passphrase is not None:
+            write_secret(folder / "keys" / _ENCRYPTED, encrypted_key(secret, passphrase))
+        secret.unlink()
+        write_challenge_site(challenge, folder / "site")
+        write_json(folder / ".zenodo.json", _metadata(challenge))
+        write_checksums(folder)
+        with replacing(out, durable=True) as partial:
+            os.close(os.open(partial, os.O_WRONLY | os.O_CREAT, 0o600))
+            with tarfile.open(partial, "w") as tar:
+                for path in sorted(folder.rglob("*")):
+                    tar.add(path, path.relative_to(folder).as_posix(), recursive=False)
+
+
+def restore_challenge(
+    source: Path, out: Path, passphrase: bytes | None, database_url: str | None
+) -> None:
+    """Make a challenge of a backup or an archive.
+
+    Args:
+        source: The backup's folder or the archive's file.
+        out: The challenge's folder; new.
+        passphrase: Decrypts the archive's key. Without the key a new one is made, and the old
+            public key stays in `keys/`, so that earlier receipts can be verified.
+        database_url: An empty database; None makes a SQLite file in the folder.
+
+    Raises:
+        CallError: `out` exists, the database is in use, or the passphrase is wrong.
+        SpecError: A file is missing or was changed, or the audit log was.
+    """
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise CallError("the folder exists already", path=out, fix="Name a new folder.")
+    with ExitStack() as stack:
+        place = stack.enter_context(staged(out))
+        os.chmod(place, 0o750)
+        if source.is_file():
+            _extract(source, place)
+        else:
+            shutil.copytree(source, place, dirs_exist_ok=True)
+        _verify_files(place)
+        for name in (_SUMS, ".zenodo.json"):
+            (place / name).unlink(missing_ok=True)
+        shutil.rmtree(place / "site", ignore_errors=True)
+        (place / "incoming").mkdir(exist_ok=True)
+        _restore_keys(place / "keys", passphrase)
+        database = database_of(place, database_url)
+        stack.callback(database.engine.dispose)
+        if inspect(database.engine).get_table_names():
+            raise CallError("the database is not empty", fix="Name a new one with --database.")
+        database.upgrade()
+        with database.write() as session:
+            read_tables(session, place / _TABLES)
+            verify_log(session)
+            key = key_id(read_public_key(place / "keys" / PUBLIC_KEY))
+            record(session, HOST, "restored", "challenge", source=source.name, key_id=key)
+        shutil.rmtree(place / _TABLES)
+
+
+def _write(challenge: Challenge, out: Path, copy: Copy) -> None:
+    """Write everything of a challenge but its checksums' file, then that."""
+    with staged(out / _TABLES) as tables, challenge.database.read() as session:
+        write_tables(session, tables)
+        sha256s = set(session.scalars(select(Submission.file_sha256)))
+    for name in _COPIED:
+        _update(challenge.root / name, out / name, copy)
+    shutil.copy2(challenge.root / CHALLENGE_YAML, out / CHALLENGE_YAML)
+    store = FolderStore(out / "submissions")
+    for sha256 in sorted(sha256s):
+        if not store.has(sha256):
+            with challenge.store.local(sha256) as path:
+                store.put(path, sha256)
+    write_checksums(out)
+
+
+def _update(source: Path, target: Path, copy: Copy) -> None:
+    """Copy the files of a folder that are new or were changed."""
+    target.mkdir(exist_ok=True, mode=0o700)
+    shutil.copystat(source, target)
+    for path in sorted(source.rglob("*")):
+        place = target / path.relative_to(source)
+        if path.is_dir():
+            place.mkdir(exist_ok=True)
+            shutil.copystat(path, place)
+            continue
+        found = place.stat() if place.exists() else None
+        now = path.stat()
+        if found is None or (found.st_size, found.st_mtime_ns) != (now.st_size, now.st_mtime_ns):
+            place.unlink(missing_ok=True)
+            copy(str(path), str(place))
+
+
+def _link(source: str, target: str) -> None:
+    """Give a file a second name instead of copying it, where the file system can."""
+    try:
+        os.link(source, target)
+    except OSError:
+        shutil.copy2(source, target)
+
+
+def _extract(source: Path, place: Path) -> None:
+    try:
+        with tarfile.open(source) as tar:
+            tar.extractall(place, filter="tar")
+    except (tarfile.TarError, OSError) as error:
+        raise SpecError("the archive cannot be read", path=source, found=str(error)) from error
+
+
+def _verify_files(place: Path) -> None:
+    expected = read_checksums(place / _SUMS)
+    for name, sha256 in expected.items():
+        path = place / name
+        if not path.is_file() or sha256_file(path) != sha256:
+            raise SpecError("a file is missing or was changed", path=name, required=sha256)
+
+
+def _restore_keys(folder: Path, passphrase: bytes | None) -> None:
+    private, encrypted = folder / PRIVATE_KEY, folder / _ENCRYPTED
+    if encrypted.is_file() and passphrase is not None:
+        write_secret(private, decrypted_key(encrypted.read_bytes(), passphrase))
+    encrypted.unlink(missing_ok=True)
+    if not private.is_file():
+        old = folder / PUBLIC_KEY
+        old.rename(folder / f"earlier-{key_id(read_public_key(old))}.public.pem")
+        write_keys(folder)
+
+
+def _metadata(challenge: Challenge) -> dict[str, Any]:
+    """Return what Zenodo needs to give the archive a DOI."""
+    info = Dataset.open(challenge.public).info
+    authors = challenge.settings.authors or (f"The organisers of {challenge.title}",)
+    return {
+        "title": f"{challenge.title}: archive of the challenge",
+        "upload_type": "dataset",
+        "description": (
+            f"Everything of the challenge {challenge.title}: the data, the held-out answers, all "
+            "submissions, their scores with signed receipts, the audit log, and a static site. "
+            "pliant challenge restore makes the same service of it."
+        ),
+        "creators": [{"name": name} for name in authors],
+        "publication_date": datetime.now(UTC).date().isoformat(),
+        "version": str(info["version"]),
+        "keywords": ["dense correspondence", "deformable objects", "benchmark"],
+        "notes": f"Written by Pliant {version('pliant')}.",
+    }

@@ -1,0 +1,140 @@
+"""Sends a file to an evaluation service; needs the standard library alone."""
+
+from __future__ import annotations
+
+import json
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Callable
+from pathlib import Path
+from typing import IO, Any, Final
+from urllib.parse import urlencode, urlsplit
+
+from pliant.spec.errors import CallError
+
+_TIMEOUT_S: Final = 60
+_POLL_S: Final = 1.0
+_PATIENCE_S: Final = 120
+"""So long a service that does not answer is asked again."""
+
+
+class Client:
+    """A team's connection to a service.
+
+    Args:
+        address: Address of the service, such as `https://challenge.example.org`.
+        token: The team's token.
+
+    Raises:
+        CallError: The address is not a web address.
+    """
+
+    def __init__(self, address: str, token: str) -> None:
+        parts = urlsplit(address)
+        if parts.scheme not in ("http", "https") or not parts.netloc:
+            raise CallError("this is not a web address", found=address, required="http(s)://HOST")
+        self._root = address.rstrip("/")
+        self._token = token.strip()
+
+    def page(self, view: dict[str, Any]) -> str:
+        """Return the address of a submission's page."""
+        return f"{self._root}/submissions/{view['id']}"
+
+    def send(
+        self,
+        file: Path,
+        *,
+        phase: str | None = None,
+        check_only: bool = False,
+        progress: Callable[[int, int], None] = lambda done, total: None,
+    ) -> dict[str, Any]:
+        """Send a file and return the submission.
+
+        Args:
+            file: The file.
+            phase: Name of the phase, or None for the one that is open.
+            check_only: Whether it is only checked.
+            progress: Called with (bytes sent, bytes in all).
+
+        Raises:
+            CallError: The service does not accept it, or cannot be reached.
+        """
+        query = {"file_name": file.name[:120], "check_only": str(check_only).lower()}
+        query |= {} if phase is None else {"phase": phase}
+        size = file.stat().st_size
+        with open(file, "rb") as stream:
+            body = _Watched(stream, size, progress)
+            headers = {"Content-Type": "application/octet-stream", "Content-Length": str(size)}
+            return self._call(f"submissions?{urlencode(query)}", body, headers)
+
+    def wait(self, view: dict[str, Any], tell: Callable[[str], None]) -> dict[str, Any]:
+        """Wait for the end of a submission and return it.
+
+        Args:
+            view: The submission.
+            tell: Called with its state whenever that changes.
+        """
+        shown = ""
+        answered = time.monotonic()
+        while view["state"] in ("queued", "running"):
+            place = view["queue_position"]
+            text = f"number {place} in the queue" if place else "being scored"
+            if text != shown:
+                tell(text)
+                shown = text
+            time.sleep(_POLL_S)
+            try:
+                view = self._call(f"submissions/{view['id']}")
+                answered = time.monotonic()
+            except _UnavailableError:
+                if time.monotonic() - answered > _PATIENCE_S:
+                    raise
+        return view
+
+    def _call(
+        self, path: str, body: Any = None, headers: dict[str, str] | None = None
+    ) -> dict[str, Any]:
+        head = {"Authorization": f"Bearer {self._token}", **(headers or {})}
+        request = urllib.request.Request(f"{self._root}/api/v1/{path}", body, head)
+        try:
+            with urllib.request.urlopen(request, timeout=_TIMEOUT_S) as answer:
+                document: dict[str, Any] = json.load(answer)
+                return document
+        except urllib.error.HTTPError as error:
+            with error:
+                raise _refusal(error) from error
+        except (OSError, ValueError) as error:
+            raise _UnavailableError(
+                "the service does not answer",
+                path=self._root,
+                found=str(getattr(error, "reason", error)),
+                fix="Try again: a file that arrived is not charged twice.",
+            ) from error
+
+
+class _UnavailableError(CallError):
+    """The service cannot be reached now."""
+
+
+class _Watched:
+    """A file that reports how much of it was read."""
+
+    def __init__(self, stream: IO[bytes], size: int, progress: Callable[[int, int], None]) -> None:
+        self._stream, self._size, self._progress = stream, size, progress
+
+    def read(self, count: int = -1) -> bytes:
+        """Read the next bytes."""
+        data = self._stream.read(count)
+        self._progress(self._stream.tell(), self._size)
+        return data
+
+
+def _refusal(error: urllib.error.HTTPError) -> CallError:
+    try:
+        found = json.load(error)
+        message, code = str(found["message"]), str(found["code"])
+    except (ValueError, KeyError, TypeError):
+        message, code = f"the service answered with status {error.code}", "UNKNOWN"
+    kind = _UnavailableError if error.code == 503 else CallError
+    return kind(f"{message} ({code})")

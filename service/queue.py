@@ -1,0 +1,158 @@
+"""The queue: rows that workers lease, renew and finish.
+
+A lease ends unless it is renewed, so a job whose worker was killed goes to another one. A worker
+that comes back late cannot finish the job: its lease is no longer the row's.
+"""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from sqlalchemy import Select, func, or_, select
+from sqlalchemy.orm import Session
+
+from pliant.service.audit import SYSTEM, log_time, record
+from pliant.service.database import Database, now_ms
+from pliant.service.ledger import CHARGE, refund
+from pliant.service.models import Job, LedgerEntry, State, Submission
+from pliant.service.settings import Scoring
+
+
+@dataclass(frozen=True)
+class Lease:
+    """The right to finish a job.
+
+    Attributes:
+        job_id: The job.
+        key: What the row must contain for it to be valid.
+        tries: Number of this try.
+        submission_id: The submission.
+        versions: Ids of the versions to score by; empty for a check.
+    """
+
+    job_id: int
+    key: str
+    tries: int
+    submission_id: int
+    versions: tuple[int, ...]
+
+
+def lease_next(database: Database, worker: str, limits: Scoring) -> Lease | None:
+    """Take the next job that waits, or one whose lease has ended.
+
+    A job that was leased as often as is allowed fails instead.
+    """
+    with database.read() as session:  # most polls find nothing: they take no lock
+        if session.scalar(_waiting().limit(1)) is None:
+            return None
+    with database.write(take_turns=False) as session:
+        job = session.scalar(_waiting().limit(1).with_for_update(skip_locked=True))
+        if job is None:
+            return None
+        if job.tries < limits.tries:
+            job.state, job.tries, job.worker = "leased", job.tries + 1, worker
+            job.lease = secrets.token_hex(8)
+            job.lease_until_ms = now_ms() + int(limits.lease_s * 1000)
+            submission = session.get_one(Submission, job.submission_id)
+            if submission.state == State.QUEUED:
+                submission.state = State.RUNNING
+            return Lease(job.id, job.lease, job.tries, submission.id, tuple(job.versions))
+        exhausted = Lease(job.id, str(job.lease), job.tries, job.submission_id, ())
+    fail(database, exhausted, f"its worker stopped {limits.tries} times", _STOPPED)
+    return None
+
+
+def renew(database: Database, lease: Lease, limits: Scoring) -> bool:
+    """Extend a lease; return whether it is still valid."""
+    with database.write(take_turns=False) as session:
+        job = held(session, lease)
+        if job is not None:
+            job.lease_until_ms = now_ms() + int(limits.lease_s * 1000)
+        return job is not None
+
+
+def give_back(database: Database, lease: Lease, *, counted: bool, error: str | None = None) -> None:
+    """Let another worker take a job.
+
+    Args:
+        database: The database.
+        lease: The job's lease.
+        counted: Whether this try counts; one that ended because the worker stops does not.
+        error: What happened, for the host.
+    """
+    with database.write(take_turns=False) as session:
+        job = held(session, lease)
+        if job is None:
+            return
+        job.state, job.lease, job.lease_until_ms, job.error = "queued", None, None, error
+        job.tries -= 0 if counted else 1
+        submission = session.get_one(Submission, job.submission_id)
+        if submission.state == State.RUNNING:
+            submission.state = State.QUEUED
+
+
+def fail(database: Database, lease: Lease, error: str, shown: str) -> None:
+    """End a job that cannot be done; the attempt is refunded.
+
+    Args:
+        database: The database.
+        lease: The job's lease.
+        error: What happened, for the host.
+        shown: What the participant reads.
+    """
+    with database.write() as session:
+        job = held(session, lease)
+        if job is None:
+            return
+        job.error = error[:2000]
+        submission = finish(session, job, State.FAILED)
+        if submission.state == State.FAILED:
+            submission.failure = shown
+        subject = f"submission {submission.id}"
+        record(session, SYSTEM, "failed", subject, job=job.id, error=error[:300])
+
+
+def finish(session: Session, job: Job, state: State) -> Submission:
+    """End a job and put its submission into a final state, which a rescored one has already.
+
+    A submission that is not scored gets its attempt back.
+    """
+    job.state = "failed" if state == State.FAILED else "done"
+    job.lease = job.lease_until_ms = None
+    submission = session.get_one(Submission, job.submission_id)
+    if submission.finished_ms is None:
+        submission.state = state
+        submission.finished_ms = log_time(session)
+        charged = select(LedgerEntry.id).where(
+            LedgerEntry.submission_id == submission.id, LedgerEntry.kind == CHARGE
+        )
+        if state != State.SCORED and session.scalar(charged) is not None:
+            refund(session, submission, submission.finished_ms)
+    return submission
+
+
+def held(session: Session, lease: Lease) -> Job | None:
+    """Return a lease's job, locked, if the lease is still valid."""
+    return session.scalar(
+        select(Job)
+        .where(Job.id == lease.job_id, Job.lease == lease.key, Job.state == "leased")
+        .with_for_update()
+    )
+
+
+def counts(session: Session) -> dict[str, int]:
+    """Return the number of jobs in each state."""
+    rows: Sequence[tuple[str, int]] = (
+        session.execute(select(Job.state, func.count()).group_by(Job.state)).tuples().all()
+    )
+    return dict(rows)
+
+
+_STOPPED = "Scoring stopped several times. The host sees why; no attempt was charged."
+
+
+def _waiting() -> Select[Job]:
+    ended = (Job.state == "leased") & (Job.lease_until_ms < now_ms())
+    return select(Job).where(or_(Job.state == "queued", ended)).order_by(Job.priority, Job.id)

@@ -1,0 +1,149 @@
+"""Checks and scores one file, in a process of its own: the only code that reads the answers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from pliant.evaluator import evaluate, inspect
+from pliant.evaluator.hidden_truth import public_scores
+from pliant.evaluator.protocols.protocol import parse_protocol
+from pliant.service.settings import Scoring
+from pliant.spec.errors import CallError, Issue, SubmissionError
+from pliant.spec.io.parquet import read_footer
+from pliant.spec.limits import Limits, run_limited
+
+_MOST_ISSUES = 200
+
+
+@dataclass(frozen=True)
+class Task:
+    """What is to be done with one file.
+
+    Attributes:
+        file: The file on this machine.
+        name: Its name on the participant's machine, for messages.
+        public: The public half.
+        split: The split it must answer.
+        allow_missing: Whether queries may be without an answer.
+        versions: (id of the version, text of the protocol, folder of the truth); none for a check.
+    """
+
+    file: Path
+    name: str
+    public: Path
+    split: str
+    allow_missing: bool
+    versions: tuple[tuple[int, bytes, Path], ...]
+
+
+@dataclass(frozen=True)
+class Result:
+    """What participants may see of a file.
+
+    Attributes:
+        method: Name of the method in the file's footer.
+        figures: Version -> group -> metric -> value, four digits.
+        coverage: Share of the queries that have an answer.
+        queries_sha256: The queries that it answers.
+        tools: Versions of what computed the figures.
+        issues: What is wrong with it; then there are no figures.
+        counts: Issue code -> number of problems.
+    """
+
+    method: str | None = None
+    figures: dict[int, dict[str, dict[str, float | None]]] | None = None
+    coverage: float = 1.0
+    queries_sha256: str = ""
+    tools: dict[str, str] | None = None
+    issues: tuple[dict[str, str], ...] = ()
+    counts: dict[str, int] | None = None
+
+
+def score_in_child(task: Task, limits: Scoring) -> Result:
+    """Do a task in a child process with limits, without a network where the kernel allows it.
+
+    Raises:
+        LimitError: It needs more than is allowed, or it crashed.
+        SpecError: The challenge's data is at fault.
+    """
+    allowed = Limits(
+        memory_bytes=int(limits.memory_gib * 2**30),
+        cpu_s=limits.cpu_s,
+        wall_s=limits.wall_s,
+        network=False,
+    )
+    return run_limited(partial(score, task), limits=allowed, path=task.name)
+
+
+def score(task: Task) -> Result:
+    """Check a file and score it by each version.
+
+    Raises:
+        SpecError: The challenge's data is at fault.
+    """
+    try:
+        if not task.versions:
+            return _checked(task)
+        documents = {
+            version: public_scores(
+                evaluate(
+                    task.file,
+                    task.public,
+                    truth=truth,
+                    protocol=parse_protocol(text),
+                    allow_missing=task.allow_missing,
+                    hide_truth=True,
+                )
+            ).document
+            for version, text, truth in task.versions
+        }
+    except SubmissionError as error:
+        return _refused(task, error.issues)
+    except CallError as error:
+        return _refused(task, [Issue("KIND_NOT_ACCEPTED", "error", task.name, "", str(error))])
+    first = next(iter(documents.values()))
+    if first["split"] != task.split:
+        return _refused(task, [_other_split(task, first["split"])])
+    return Result(
+        method=str(first["submission"]["method"]["name"]),
+        figures={
+            version: {"overall": document["overall"], **document["tiers"]}
+            for version, document in documents.items()
+        },
+        coverage=round(float(first["coverage"]), 4),
+        queries_sha256=str(first["dataset"]["queries_sha256"]),
+        tools=dict(first["tools"]),
+    )
+
+
+def _checked(task: Task) -> Result:
+    problems = inspect(task.file, task.public, allow_missing=task.allow_missing)
+    issues = problems.issues()
+    if issues:
+        return _refused(task, issues)
+    footer = read_footer(task.file)
+    if footer["split"] != task.split:
+        return _refused(task, [_other_split(task, str(footer["split"]))])
+    return Result(method=str(footer["method"]["name"]))
+
+
+def _other_split(task: Task, found: str) -> Issue:
+    message = f"found split {found}; required: {task.split}, the split of this phase"
+    return Issue("SPLIT_NOT_OF_PHASE", "error", task.name, "footer.split", message)
+
+
+def _refused(task: Task, issues: Sequence[Issue]) -> Result:
+    """Return the issues without any path of this machine."""
+    here = str(task.file)
+    shown: list[dict[str, Any]] = []
+    counts: dict[str, int] = {}
+    for issue in issues:
+        counts[issue.code] = counts.get(issue.code, 0) + 1
+        if len(shown) < _MOST_ISSUES:
+            values = issue.as_dict().items()
+            shown.append({key: value.replace(here, task.name) for key, value in values})
+    return Result(issues=tuple(shown), counts=counts)

@@ -1,0 +1,157 @@
+"""The rules of a challenge: what `challenge.yaml` contains."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from pliant.spec.conventions import SPLITS
+from pliant.spec.errors import CallError
+from pliant.spec.io.yamlfiles import read_yaml
+
+Name = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9-]{0,39}$")]
+Count = Annotated[int, Field(ge=1, le=1_000_000)]
+
+
+class _Settings(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Phase(_Settings):
+    """One part of a challenge: a split, its protocols, its dates and its attempts.
+
+    Attributes:
+        name: Name in addresses.
+        split: The dataset's split that submissions answer.
+        protocols: Protocols that score it; the first is the one that the leaderboard opens with.
+        opens: First moment at which submissions are accepted; None: from the start.
+        closes: Moment from which they are refused; None: never.
+        attempts_per_day: Scored submissions of a team per UTC day.
+        attempts_total: Scored submissions of a team in all.
+        allow_missing: Whether a query without an answer is scored as the worst value.
+        show: Which submission of a team the leaderboard shows.
+    """
+
+    name: Name
+    split: str
+    protocols: Annotated[tuple[str, ...], Field(min_length=1)] = ("standard",)
+    opens: datetime | None = None
+    closes: datetime | None = None
+    attempts_per_day: Count = 5
+    attempts_total: Count = 100
+    allow_missing: bool = False
+    show: Literal["best", "last"] = "best"
+
+    @model_validator(mode="after")
+    def _check(self) -> Phase:
+        if self.split not in SPLITS:
+            raise ValueError(f"split must be one of {', '.join(SPLITS)}")
+        if self.opens and self.closes and self.opens >= self.closes:
+            raise ValueError("a phase must open before it closes")
+        if any(moment and moment.tzinfo is None for moment in (self.opens, self.closes)):
+            raise ValueError("opens and closes need a time zone, such as 2027-03-01T00:00:00Z")
+        return self
+
+    def status(self, time_ms: int) -> Literal["upcoming", "open", "closed"]:
+        """Return whether submissions are accepted at a time (milliseconds since 1970)."""
+        now = datetime.fromtimestamp(time_ms / 1000, UTC)
+        if self.opens and now < self.opens:
+            return "upcoming"
+        return "closed" if self.closes and now >= self.closes else "open"
+
+
+class Scoring(_Settings):
+    """What the process that scores a submission may use.
+
+    Attributes:
+        memory_gib: Memory.
+        cpu_s: CPU time.
+        wall_s: Time on the clock.
+        lease_s: A job whose worker has not reported for so long is given to another worker.
+        tries: How often a job is started before it fails.
+    """
+
+    memory_gib: Annotated[float, Field(ge=0.5, le=1024)] = 4
+    cpu_s: Annotated[int, Field(ge=1, le=86_400)] = 600
+    wall_s: Annotated[float, Field(gt=0, le=86_400)] = 900
+    lease_s: Annotated[float, Field(ge=1, le=3600)] = 30
+    tries: Annotated[int, Field(ge=1, le=3)] = 3
+
+
+class ChallengeSettings(_Settings):
+    """A challenge.
+
+    Attributes:
+        title: Its name on pages; empty takes the dataset's title.
+        rules: More rules for participants, in Markdown.
+        contact: Address for questions, shown on the rules page.
+        phases: Its phases; the first open one is what the pages open with.
+        max_file_mb: Largest submission file.
+        submissions_per_minute: Files of a team per minute, checks included.
+        scoring: Limits of scoring.
+        store: Folder or fsspec URL of the submissions' files; empty: `submissions/` in the
+            challenge.
+        authors: Who publishes the challenge, for the archive's metadata.
+    """
+
+    title: str = ""
+    rules: str = ""
+    contact: str = ""
+    phases: Annotated[tuple[Phase, ...], Field(min_length=1)]
+    max_file_mb: Annotated[float, Field(gt=0, le=16_384)] = 200
+    submissions_per_minute: Annotated[int, Field(ge=1, le=1000)] = 10
+    scoring: Scoring = Scoring()
+    store: str = ""
+    authors: tuple[str, ...] = ()
+
+    @model_validator(mode="after")
+    def _check(self) -> ChallengeSettings:
+        names = [phase.name for phase in self.phases]
+        if len(set(names)) < len(names):
+            raise ValueError("two phases have the same name")
+        return self
+
+    @property
+    def max_file_bytes(self) -> int:
+        """Largest submission file in bytes."""
+        return int(self.max_file_mb * 1e6)
+
+    def phase(self, name: str) -> Phase:
+        """Return a phase by its name.
+
+        Raises:
+            CallError: There is no such phase.
+        """
+        for phase in self.phases:
+            if phase.name == name:
+                return phase
+        names = ", ".join(phase.name for phase in self.phases)
+        raise CallError("no such phase", found=repr(name)[:60], required=names)
+
+
+def read_challenge_settings(path: Path | None, splits: tuple[str, ...] = ()) -> ChallengeSettings:
+    """Read `challenge.yaml`.
+
+    Args:
+        path: The file; None takes the defaults.
+        splits: Splits of which each becomes a phase of its own, where the file names no phases.
+
+    Raises:
+        CallError: It cannot be read, or a setting is refused; every problem is listed.
+    """
+    values = (read_yaml(path) or {}) if path is not None else {}
+    if not isinstance(values, dict):
+        raise CallError("the file must be a mapping of settings", path=path)
+    if splits and "phases" not in values:
+        values = {**values, "phases": [{"name": split, "split": split} for split in splits]}
+    try:
+        return ChallengeSettings.model_validate(values)
+    except ValidationError as error:
+        problems = "; ".join(
+            f"{'.'.join(map(str, each['loc'])) or 'challenge'}: {each['msg']}"
+            for each in error.errors()
+        )
+        raise CallError("the challenge's settings are refused", path=path, found=problems) from None

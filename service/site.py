@@ -1,0 +1,73 @@
+"""The leaderboards of a challenge as a static site, readable without the service."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from sqlalchemy import select
+
+from pliant.evaluator.report.staging import staged
+from pliant.service.audit import log_time
+from pliant.service.challenge import Challenge
+from pliant.service.leaderboard import leaderboard
+from pliant.service.models import Score, Submission, Version
+from pliant.service.web.security import Throttle
+from pliant.service.web.state import Site, default_phase, default_version, static_file
+from pliant.service.web.views import board_csv
+from pliant.spec.io.jsonfiles import write_json
+
+
+def write_challenge_site(challenge: Challenge, out: Path) -> list[str]:
+    """Write a page and a CSV per version of scoring, and the receipts of each submission.
+
+    Only what the service shows to everybody is in it.
+
+    Args:
+        challenge: The challenge.
+        out: The site's folder; an earlier one is replaced.
+
+    Returns:
+        The names of the pages.
+    """
+    site = Site(challenge, Throttle())
+    pages: list[str] = []
+    with challenge.database.read() as session, staged(out) as folder:
+        time_ms = log_time(session)
+        phase = default_phase(challenge.settings.phases, time_ms)
+        first = default_version(session, phase)
+        versions = session.scalars(select(Version).order_by(Version.id)).all()
+        for version in versions:
+            rules = challenge.settings.phase(version.phase)
+            board = leaderboard(session, version, rules.show)
+            page = site.render(
+                "board.html.j2",
+                who=None,
+                plain=True,
+                board=board,
+                version=version,
+                versions=versions,
+                phase=rules,
+                time_ms=time_ms,
+                show=rules.show,
+                first_id=None if first is None else first.id,
+            )
+            name = "index.html" if version is first else f"version-{version.id}.html"
+            pages.append(name)
+            (folder / name).write_text(page, encoding="utf-8")
+            csv = folder / f"leaderboard-{version.id}.csv"
+            csv.write_text(board_csv(board, version), encoding="utf-8")
+        (folder / "submissions").mkdir()
+        public = (
+            select(Score.submission_id, Score.receipt)
+            .join(Submission, Submission.id == Score.submission_id)
+            .where(Submission.withdrawn_ms.is_(None))
+            .order_by(Score.submission_id, Score.version_id)
+        )
+        receipts: dict[int, list[object]] = {}
+        for number, receipt in session.execute(public).tuples():
+            receipts.setdefault(number, []).append(receipt)
+        for number, found in receipts.items():
+            write_json(folder / "submissions" / f"{number}.json", found)
+        (folder / "service.css").write_bytes(static_file("service.css"))
+        (folder / "key.pem").write_bytes(challenge.public_key.read_bytes())
+    return pages

@@ -1,0 +1,44 @@
+"use strict";
+(() => {
+  // A submission that is not scored yet: its state arrives as server-sent events.
+  const live = document.getElementById("live");
+  if (live?.dataset.events) {
+    const events = new EventSource(live.dataset.events);
+    events.onmessage = ({ data }) => {
+      const { state, queue_position: position } = JSON.parse(data);
+      if (!["queued", "running"].includes(state)) { events.close(); location.reload(); return; }
+      const badge = live.querySelector(".state");
+      badge.className = `state ${state}`;
+      badge.textContent = state;
+      document.getElementById("position").textContent =
+        position ? `number ${position} in the queue` : state === "running" ? "being scored" : "";
+    };
+  }
+
+  // The submit page: files can be dropped, and the transfer has a progress bar.
+  const form = document.getElementById("upload");
+  if (form) {
+    const drop = form.querySelector(".drop"), input = drop.querySelector("input");
+    for (const kind of ["dragover", "dragleave", "drop"]) drop.addEventListener(kind, event => {
+      event.preventDefault();
+      drop.classList.toggle("over", kind === "dragover");
+      if (kind === "drop" && event.dataTransfer.files.length) input.files = event.dataTransfer.files;
+    });
+    form.addEventListener("submit", event => {
+      event.preventDefault();
+      const bar = form.querySelector("progress"), button = form.querySelector("button.main");
+      const problem = document.getElementById("problem"), request = new XMLHttpRequest();
+      const failed = text => { problem.textContent = text; problem.hidden = false; bar.hidden = true; button.disabled = false; };
+      button.disabled = true; bar.hidden = false; problem.hidden = true;
+      request.upload.onprogress = ({ loaded, total }) => { bar.value = total ? loaded / total : 0; };
+      request.onerror = () => failed("The connection was lost. Send the file again: it is never charged twice.");
+      request.onload = () => {
+        if (request.status < 400) { location.href = request.responseURL; return; }
+        const page = new DOMParser().parseFromString(request.responseText, "text/html");
+        failed(page.querySelector("[role=alert]")?.textContent ?? `Status ${request.status}`);
+      };
+      request.open("POST", form.action);
+      request.send(new FormData(form));
+    });
+  }
+})();

@@ -1,0 +1,208 @@
+"""Versions of scoring: a protocol and a truth, side by side with earlier ones, never in place."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from importlib.resources import files
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from pliant.evaluator import PROTOCOL_NAMES
+from pliant.evaluator.protocols.protocol import Protocol, parse_protocol
+from pliant.service.audit import HOST, log_time, record
+from pliant.service.models import Job, Score, State, Submission, Version
+from pliant.service.settings import Phase
+from pliant.spec.dataset import Dataset
+from pliant.spec.errors import CallError, SpecError
+from pliant.spec.io.reading import sha256_file
+from pliant.spec.storage import layout
+
+if TYPE_CHECKING:
+    from pliant.service.challenge import Challenge
+
+RESCORE_PRIORITY = 1
+
+
+def protocol_text(name: str) -> bytes:
+    """Return the text of a protocol.
+
+    Args:
+        name: One of `PROTOCOL_NAMES`, or the path of a protocol's JSON file.
+
+    Raises:
+        CallError: There is no such protocol.
+    """
+    if name in PROTOCOL_NAMES:
+        return (files("pliant.evaluator") / "protocols" / f"{name}.json").read_bytes()
+    path = Path(name)
+    if not path.is_file():
+        required = f"{', '.join(PROTOCOL_NAMES)}, or a file"
+        raise CallError("no such protocol", found=repr(name)[:100], required=required)
+    return path.read_bytes()
+
+
+def add_version(
+    session: Session,
+    challenge: Challenge,
+    phase: Phase,
+    text: bytes,
+    truth: int | None,
+    reason: str,
+    *,
+    actor: str,
+) -> Version:
+    """Add a way to score a phase, or return the one that exists.
+
+    Args:
+        session: A writing session.
+        challenge: The challenge.
+        phase: The phase.
+        text: The protocol.
+        truth: Number of the truth, whose file is read; None takes the newest one of the phase,
+            whose sha256 is known.
+        reason: Why, shown on pages.
+        actor: Who asks for it.
+
+    Raises:
+        SpecError: The halves do not belong together, or have no queries or no truth of the split.
+    """
+    protocol = parse_protocol(text)
+    dataset = Dataset.open(challenge.public)
+    if phase.split not in dataset.splits_with_queries():
+        raise SpecError(f"the public half has no queries of split {phase.split}")
+    if truth is None:
+        newest = versions_of(session, phase.name)[-1]
+        truth, truth_sha256 = newest.truth, newest.truth_sha256
+    else:
+        truth_sha256 = sha256_file(_truth(dataset, challenge.private(truth), phase.split))
+    same = select(Version).where(
+        Version.phase == phase.name,
+        Version.protocol_sha256 == protocol.sha256,
+        Version.truth_sha256 == truth_sha256,
+    )
+    version = session.scalar(same)
+    if version is not None:
+        return version
+    stored = challenge.protocol_path(protocol.sha256)
+    if not stored.exists():
+        stored.write_bytes(text)
+    version = Version(
+        phase=phase.name,
+        protocol=protocol.name,
+        protocol_version=protocol.version,
+        protocol_sha256=protocol.sha256,
+        truth=truth,
+        truth_sha256=truth_sha256,
+        figures=_figures(protocol, dataset, phase.split),
+        reason=reason,
+        created_ms=log_time(session),
+    )
+    session.add(version)
+    session.flush()
+    record(
+        session,
+        actor,
+        "version added",
+        f"version {version.id}",
+        phase=phase.name,
+        protocol=f"{protocol.name} {protocol.version}",
+        protocol_sha256=protocol.sha256,
+        truth_sha256=truth_sha256,
+        reason=reason,
+    )
+    return version
+
+
+def add_missing_versions(session: Session, challenge: Challenge) -> None:
+    """Add versions for the phases and protocols of `challenge.yaml` that have none yet."""
+    for phase in challenge.settings.phases:
+        known = versions_of(session, phase.name)
+        truth = max((each.truth for each in known), default=1)
+        for name in phase.protocols:
+            text = protocol_text(name)
+            if parse_protocol(text).name not in {each.protocol for each in known}:
+                add_version(session, challenge, phase, text, truth, "initial scoring", actor=HOST)
+
+
+def versions_of(session: Session, phase: str) -> list[Version]:
+    """Return the versions of a phase, first ones first."""
+    return list(session.scalars(select(Version).where(Version.phase == phase).order_by(Version.id)))
+
+
+def newest_versions(session: Session, phase: str) -> list[Version]:
+    """Return the versions that a new submission is scored by: the newest of each protocol."""
+    return list({each.protocol: each for each in versions_of(session, phase)}.values())
+
+
+def rescore(session: Session, versions: Sequence[Version], *, actor: str) -> int:
+    """Queue every scored submission for the versions that it has no score of.
+
+    The scores it has stay as they are.
+
+    Returns:
+        Number of submissions queued.
+    """
+    queued = 0
+    for phase in {each.phase for each in versions}:
+        wanted = [each.id for each in versions if each.phase == phase]
+        scored = select(Submission).where(
+            Submission.phase == phase, Submission.state == State.SCORED
+        )
+        found = set(session.execute(select(Score.submission_id, Score.version_id)).tuples().all())
+        for submission in session.scalars(scored.order_by(Submission.id)):
+            missing = [each for each in wanted if (submission.id, each) not in found]
+            if missing:
+                session.add(new_job(submission, missing, RESCORE_PRIORITY))
+                queued += 1
+    ids = [each.id for each in versions]
+    record(session, actor, "rescored", "challenge", versions=ids, submissions=queued)
+    return queued
+
+
+def new_job(submission: Submission, versions: Sequence[int], priority: int) -> Job:
+    """Return a job that waits."""
+    return Job(
+        submission_id=submission.id,
+        versions=list(versions),
+        priority=priority,
+        state="queued",
+        tries=0,
+        worker=None,
+        lease=None,
+        lease_until_ms=None,
+        error=None,
+        created_ms=submission.created_ms,
+    )
+
+
+def _truth(dataset: Dataset, private: Path, split: str) -> Path:
+    whole = dataset.with_private(private)
+    name = layout.truth_name(split)
+    if not whole.has(name):
+        raise SpecError(f"there is no truth of split {split}", path=private / name)
+    return whole.local(name)
+
+
+def _figures(protocol: Protocol, dataset: Dataset, split: str) -> list[dict[str, Any]]:
+    """Return the figures that participants see, as `public_scores` selects them."""
+    tiers = sorted({each.tier for each in dataset.sequences if each.split == split})
+    of_tier = protocol.headline if len(tiers) == 1 else protocol.headline[:1]
+    groups = [("overall", protocol.headline), *((tier, of_tier) for tier in tiers)]
+    found = []
+    for group, names in groups:
+        for name in names:
+            figure = protocol.figures[name]
+            found.append(
+                {
+                    "group": group,
+                    "metric": name,
+                    "label": figure.title,
+                    "unit": figure.unit,
+                    "better": figure.better,
+                    "about": figure.about,
+                }
+            )
+    return found

@@ -1,0 +1,330 @@
+"""The API: JSON and CSV, described by OpenAPI at `/api/v1/openapi.json`."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import AsyncIterator
+from typing import Annotated, Any, Final, Literal
+
+from anyio import to_thread
+from fastapi import APIRouter, Depends, Path, Query, Request
+from fastapi.responses import FileResponse, PlainTextResponse, StreamingResponse
+from pydantic import BaseModel
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+from starlette.responses import Response
+
+from pliant.service.audit import log_time
+from pliant.service.database import now_ms
+from pliant.service.leaderboard import Board, leaderboard
+from pliant.service.models import Score, Submission, Version
+from pliant.service.settings import Phase
+from pliant.service.submissions import NotAcceptedError, left_for
+from pliant.service.teams import Identity
+from pliant.service.web.security import Member, Visitor, by_token
+from pliant.service.web.state import Site, default_phase, default_version
+from pliant.service.web.uploads import receive_file
+from pliant.service.web.views import (
+    BoardView,
+    SubmissionView,
+    board_csv,
+    board_view,
+    csv_text,
+    find_submission,
+    own_submission,
+    submission_view,
+)
+from pliant.spec.errors import CallError
+
+_EVENT_S: Final = 1.0
+_MOST_STREAMS: Final = 200
+_PAGE: Final = 100
+
+Show = Literal["best", "last"]
+Number = Annotated[int, Path(ge=1, lt=2**53)]
+
+
+class ErrorView(BaseModel):
+    """What went wrong, with a stable code."""
+
+    code: str
+    message: str
+
+
+class PhaseView(BaseModel):
+    """A phase and, for a team, the attempts that it has left."""
+
+    name: str
+    split: str
+    status: str
+    protocols: list[str]
+    attempts_per_day: int
+    attempts_total: int
+    left_today: int | None
+    left_total: int | None
+
+
+class ChallengeView(BaseModel):
+    """The challenge."""
+
+    title: str
+    phases: list[PhaseView]
+    max_file_mb: float
+    team: str | None
+
+
+_ERRORS: Final[dict[int | str, dict[str, Any]]] = {
+    status: {"model": ErrorView, "description": text}
+    for status, text in (
+        (400, "The request is wrong."),
+        (401, "The token is missing or not valid."),
+        (403, "Not allowed now."),
+        (404, "Nothing here, or not for this team."),
+        (413, "The file is too large."),
+        (422, "A parameter is not possible."),
+        (429, "No attempt is left, or too many requests."),
+        (503, "The database cannot be reached; try again."),
+        (507, "The disk is full."),
+    )
+}
+router = APIRouter(prefix="/api/v1", responses=_ERRORS)
+
+
+def site_of(request: Request) -> Site:
+    """Return what all requests share."""
+    site: Site = request.app.state.site
+    return site
+
+
+TheSite = Annotated[Site, Depends(site_of)]
+
+
+def phase_of(site: Site, name: str | None) -> Phase:
+    """Return a phase by its name, or the one that is open."""
+    settings = site.challenge.settings
+    if name is None:
+        return default_phase(settings.phases, now_ms())
+    try:
+        return settings.phase(name)
+    except CallError as error:
+        raise NotAcceptedError("NOT_FOUND", 404, str(error)) from error
+
+
+def version_of(session: Session, site: Site, phase: str | None, number: int | None) -> Version:
+    """Return a version by its number, or the one that a phase's leaderboard opens with."""
+    if number is not None:
+        found = session.get(Version, number)
+    else:
+        found = default_version(session, phase_of(site, phase))
+    if found is None:
+        raise NotAcceptedError("NOT_FOUND", 404, "no such version of scoring")
+    return found
+
+
+def cached_board(session: Session, site: Site, version: Version, show: str) -> Board:
+    """Return a leaderboard, computed once until something happens."""
+    key = ("board", version.id, show)
+    board: Board = site.cached(session, key, lambda: leaderboard(session, version, show))
+    return board
+
+
+@router.get("/challenge")
+def get_challenge(site: TheSite, who: Visitor) -> ChallengeView:
+    """Return the phases, and for a team the attempts it has left."""
+    with site.database.read() as session:
+        time_ms = log_time(session)
+        phases = []
+        for phase in site.challenge.settings.phases:
+            left = None if who is None else left_for(session, who, phase)
+            phases.append(
+                PhaseView(
+                    name=phase.name,
+                    split=phase.split,
+                    status=phase.status(time_ms),
+                    protocols=list(phase.protocols),
+                    attempts_per_day=phase.attempts_per_day,
+                    attempts_total=phase.attempts_total,
+                    left_today=None if left is None else left.today,
+                    left_total=None if left is None else left.total,
+                )
+            )
+    return ChallengeView(
+        title=site.title,
+        phases=phases,
+        max_file_mb=site.challenge.settings.max_file_mb,
+        team=None if who is None else who.name,
+    )
+
+
+@router.get("/leaderboard")
+def get_leaderboard(
+    site: TheSite,
+    phase: str | None = None,
+    version: Annotated[int | None, Query(ge=1, lt=2**53)] = None,
+    show: Show = "best",
+) -> BoardView:
+    """Return the leaderboard of a phase."""
+    with site.database.read() as session:
+        found = version_of(session, site, phase, version)
+        return board_view(cached_board(session, site, found, show), found, show)
+
+
+@router.get("/leaderboard.csv", response_class=PlainTextResponse)
+def get_leaderboard_csv(
+    site: TheSite,
+    phase: str | None = None,
+    version: Annotated[int | None, Query(ge=1, lt=2**53)] = None,
+    show: Show = "best",
+) -> PlainTextResponse:
+    """Return the leaderboard of a phase as CSV."""
+    with site.database.read() as session:
+        found = version_of(session, site, phase, version)
+        text = board_csv(cached_board(session, site, found, show), found)
+    return PlainTextResponse(text, media_type="text/csv")
+
+
+@router.post(
+    "/submissions",
+    status_code=201,
+    responses={200: {"model": SubmissionView, "description": "This file was sent before."}},
+    openapi_extra={
+        "requestBody": {
+            "required": True,
+            "content": {
+                "application/octet-stream": {"schema": {"type": "string", "format": "binary"}}
+            },
+        }
+    },
+)
+async def post_submission(
+    request: Request,
+    response: Response,
+    site: TheSite,
+    who: Annotated[Identity, Depends(by_token)],
+    phase: str | None = None,
+    check_only: bool = False,
+    file_name: Annotated[str, Query(max_length=300)] = "submission.parquet",
+) -> SubmissionView:
+    """Submit a Parquet file, the request's body; the same file sent again is one submission."""
+    view, new = await receive_file(
+        site,
+        who,
+        phase_of(site, phase),
+        request.stream(),
+        name=file_name,
+        check_only=check_only,
+    )
+    if not new:
+        response.status_code = 200
+    return view
+
+
+def own_views(session: Session, who: Identity, before: int | None) -> list[SubmissionView]:
+    """Return a page of the submissions of a team, of all teams for the host, the last first."""
+    query = select(Submission).order_by(Submission.id.desc()).limit(_PAGE)
+    if not who.is_host:
+        query = query.where(Submission.team_id == who.team_id)
+    if before is not None:
+        query = query.where(Submission.id < before)
+    return [submission_view(session, each, who) for each in session.scalars(query)]
+
+
+@router.get("/submissions")
+def get_submissions(
+    site: TheSite, who: Member, before: Annotated[int | None, Query(ge=1, lt=2**53)] = None
+) -> list[SubmissionView]:
+    """Return the last 100 submissions, or those before one; a team sees its own."""
+    with site.database.read() as session:
+        return own_views(session, who, before)
+
+
+@router.get("/submissions.csv", response_class=PlainTextResponse)
+def get_submissions_csv(
+    site: TheSite, who: Member, before: Annotated[int | None, Query(ge=1, lt=2**53)] = None
+) -> PlainTextResponse:
+    """Return the same as CSV, with every score."""
+    fields = ("id", "team", "phase", "state", "method", "file_name", "file_sha256", "submitted_ms")
+    rows = []
+    with site.database.read() as session:
+        for view in own_views(session, who, before):
+            scores = {each.version: each.figures["overall"] for each in view.scores}
+            values = view.model_dump()
+            rows.append([*(values[name] for name in fields), json.dumps(scores)])
+    return PlainTextResponse(csv_text([*fields, "scores"], rows), media_type="text/csv")
+
+
+@router.get("/submissions/{number}")
+def get_submission(site: TheSite, who: Visitor, number: Number) -> SubmissionView:
+    """Return a submission: its state, place in the queue, problems and scores."""
+    with site.database.read() as session:
+        return submission_view(session, find_submission(session, number, who), who)
+
+
+@router.get("/submissions/{number}/file", response_class=FileResponse)
+def get_file(site: TheSite, who: Member, number: Number) -> Response:
+    """Return the file of one's own submission."""
+    with site.database.read() as session:
+        submission = own_submission(session, number, who)
+        with site.challenge.store.local(submission.file_sha256) as path:
+            content = path.read_bytes()
+    head = {"Content-Disposition": f'attachment; filename="submission-{number}.parquet"'}
+    return Response(content, media_type="application/octet-stream", headers=head)
+
+
+@router.get("/submissions/{number}/receipt")
+def get_receipt(
+    site: TheSite,
+    who: Visitor,
+    number: Number,
+    version: Annotated[int | None, Query(ge=1, lt=2**53)] = None,
+) -> dict[str, Any]:
+    """Return the signed receipt of a score; without `version` of the newest."""
+    with site.database.read() as session:
+        find_submission(session, number, who)
+        query = select(Score.receipt).where(Score.submission_id == number)
+        if version is not None:
+            query = query.where(Score.version_id == version)
+        receipt = session.scalar(query.order_by(Score.version_id.desc()).limit(1))
+    if receipt is None:
+        raise NotAcceptedError("NOT_FOUND", 404, "there is no score, so there is no receipt")
+    return receipt
+
+
+@router.get("/key", response_class=PlainTextResponse)
+def get_key(site: TheSite) -> PlainTextResponse:
+    """Return the public key that verifies receipts (PEM)."""
+    return PlainTextResponse(site.challenge.public_key.read_text())
+
+
+@router.get("/submissions/{number}/events", response_class=StreamingResponse)
+def get_events(request: Request, site: TheSite, who: Visitor, number: Number) -> StreamingResponse:
+    """Stream a submission's state and place in the queue as server-sent events, to its end."""
+    with site.database.read() as session:
+        find_submission(session, number, who)
+    if request.app.state.streams >= _MOST_STREAMS:
+        raise NotAcceptedError("TOO_MANY_REQUESTS", 429, "too many pages are watching")
+    return StreamingResponse(_events(request, site, who, number), media_type="text/event-stream")
+
+
+async def _events(
+    request: Request, site: Site, who: Identity | None, number: int
+) -> AsyncIterator[str]:
+    request.app.state.streams += 1
+    try:
+        sent = ""
+        while not await request.is_disconnected():
+            view = await to_thread.run_sync(_view, site, who, number)
+            state = json.dumps({"state": view.state, "queue_position": view.queue_position})
+            yield f"data: {state}\n\n" if state != sent else ": still here\n\n"
+            sent = state
+            if view.ended:
+                return
+            await asyncio.sleep(_EVENT_S)
+    finally:
+        request.app.state.streams -= 1
+
+
+def _view(site: Site, who: Identity | None, number: int) -> SubmissionView:
+    with site.database.read() as session:
+        return submission_view(session, find_submission(session, number, who), who)

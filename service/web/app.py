@@ -1,0 +1,134 @@
+"""The web application: routes, errors as JSON or as a page, and what protects them."""
+
+from __future__ import annotations
+
+import errno
+from importlib.metadata import version
+from typing import Any
+
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import HTMLResponse, JSONResponse, PlainTextResponse
+from sqlalchemy import text
+from sqlalchemy.exc import DBAPIError, TimeoutError
+from starlette.exceptions import HTTPException
+from starlette.responses import Response
+
+from pliant.service.challenge import Challenge
+from pliant.service.submissions import NotAcceptedError
+from pliant.service.web import admin, api, pages
+from pliant.service.web.observe import Metrics, Observation
+from pliant.service.web.security import COOKIE, Protection, Throttle
+from pliant.service.web.state import Site, static_file
+from pliant.spec.errors import PliantError
+
+_UPLOADS = frozenset({"/submit", "/api/v1/submissions"})
+_RETRY_AFTER_S = "5"
+
+
+def make_app(challenge: Challenge, base_url: str = "") -> FastAPI:
+    """Return the application of a challenge.
+
+    Args:
+        challenge: The challenge.
+        base_url: Address that others reach it by, such as `https://challenge.example.org`.
+    """
+    site = Site(challenge, Throttle(), base_url.rstrip("/"))
+    app = FastAPI(
+        title=site.title,
+        version=version("pliant"),
+        openapi_url="/api/v1/openapi.json",
+        docs_url=None,
+        redoc_url=None,
+    )
+    app.state.site = site
+    app.state.streams = 0
+    metrics = Metrics(challenge.database)
+    app.include_router(api.router)
+    app.include_router(pages.router)
+    app.include_router(admin.router)
+    _add_operations(app, site, metrics)
+    _add_errors(app, site)
+    app.add_middleware(Protection, site=site, upload_paths=_UPLOADS)
+    app.add_middleware(Observation, metrics=metrics)
+    return app
+
+
+def _add_operations(app: FastAPI, site: Site, metrics: Metrics) -> None:
+    def healthz() -> PlainTextResponse:
+        """Return `ok` when the database answers."""
+        with site.database.read() as session:
+            session.execute(text("SELECT 1"))
+        return PlainTextResponse("ok")
+
+    def metrics_text() -> Response:
+        """Return the metrics."""
+        return Response(metrics.text(), media_type="text/plain; version=0.0.4")
+
+    def static(name: str) -> Response:
+        """Return the pages' script or style sheet."""
+        kind = {"service.js": "text/javascript", "service.css": "text/css"}.get(name)
+        if kind is None:
+            raise NotAcceptedError("NOT_FOUND", 404, "no such file")
+        return Response(static_file(name), media_type=kind)
+
+    app.add_api_route("/healthz", healthz, include_in_schema=False)
+    app.add_api_route("/metrics", metrics_text, include_in_schema=False)
+    app.add_api_route("/static/{name}", static, include_in_schema=False)
+
+
+def _add_errors(app: FastAPI, site: Site) -> None:
+    def answer(request: Request, status: int, code: str, message: str) -> Response:
+        headers = {"Retry-After": _RETRY_AFTER_S} if status in (429, 503) else {}
+        if status == 401:
+            headers["WWW-Authenticate"] = "Bearer"
+        headers |= site.headers if status == 500 else {}
+        if request.url.path.startswith("/api/"):
+            return JSONResponse({"code": code, "message": message}, status, headers)
+        signed = COOKIE in request.cookies
+        values: dict[str, Any] = {"who": None, "plain": False, "signed": signed}
+        page = site.render("error.html.j2", code=code, message=message, status=status, **values)
+        return HTMLResponse(page, status, headers)
+
+    @app.exception_handler(NotAcceptedError)
+    def not_accepted(request: Request, error: NotAcceptedError) -> Response:
+        return answer(request, error.status, error.code, str(error))
+
+    @app.exception_handler(PliantError)
+    def refused(request: Request, error: PliantError) -> Response:
+        return answer(request, 400, "REFUSED", str(error))
+
+    @app.exception_handler(RequestValidationError)
+    def impossible(request: Request, error: RequestValidationError) -> Response:
+        found = "; ".join(
+            f"{'.'.join(map(str, each['loc']))}: {each['msg']}" for each in error.errors()
+        )
+        return answer(request, 422, "PARAMETER_INVALID", found)
+
+    @app.exception_handler(HTTPException)
+    def http(request: Request, error: HTTPException) -> Response:
+        return answer(request, error.status_code, "NOT_POSSIBLE", str(error.detail))
+
+    @app.exception_handler(DBAPIError)
+    @app.exception_handler(TimeoutError)
+    def no_database(request: Request, error: Exception) -> Response:
+        if "is full" in str(error):
+            return full(request, error)
+        return answer(
+            request, 503, "DATABASE_UNREACHABLE", "the database cannot be reached; try again"
+        )
+
+    @app.exception_handler(OSError)
+    def no_space(request: Request, error: OSError) -> Response:
+        if error.errno not in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+            raise error
+        return full(request, error)
+
+    def full(request: Request, error: Exception) -> Response:
+        del error
+        return answer(request, 507, "DISK_FULL", "the service's disk is full; nothing was charged")
+
+    @app.exception_handler(Exception)
+    def crashed(request: Request, error: Exception) -> Response:
+        del error
+        return answer(request, 500, "INTERNAL", "the service has a fault; the host can see it")

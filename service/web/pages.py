@@ -1,0 +1,238 @@
+"""The pages that participants see; they work without JavaScript."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import Annotated, Any, Final
+
+from fastapi import APIRouter, Form, Query, Request
+from fastapi.responses import FileResponse, HTMLResponse, RedirectResponse
+from sqlalchemy.orm import Session
+from starlette.datastructures import UploadFile
+
+from pliant.service.audit import log_time
+from pliant.service.leaderboard import history
+from pliant.service.models import Team, Version
+from pliant.service.submissions import NotAcceptedError, left_for
+from pliant.service.teams import Identity, begin_session, end_session
+from pliant.service.versions import versions_of
+from pliant.service.web.api import (
+    Number,
+    Show,
+    TheSite,
+    cached_board,
+    own_views,
+    phase_of,
+    version_of,
+)
+from pliant.service.web.security import (
+    COOKIE,
+    Member,
+    Visitor,
+    check_form,
+    check_origin,
+    token_identity,
+)
+from pliant.service.web.state import Site
+from pliant.service.web.uploads import receive_file
+from pliant.service.web.views import find_submission, submission_view
+from pliant.spec.storage.manifest import read_checksums
+
+router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
+_CHUNK: Final = 1 << 20
+
+
+def page(site: Site, template: str, who: Identity | None, **values: Any) -> HTMLResponse:
+    """Return a page."""
+    return HTMLResponse(site.render(template, who=who, plain=False, **values))
+
+
+@router.get("/")
+def board(
+    site: TheSite,
+    who: Visitor,
+    phase: str | None = None,
+    version: Annotated[int | None, Query(ge=1, lt=2**53)] = None,
+    show: Show | None = None,
+) -> HTMLResponse:
+    """Show the leaderboard."""
+    with site.database.read() as session:
+        found = version_of(session, site, phase, version)
+        rules = site.challenge.settings.phase(found.phase)
+        values = board_values(session, site, found, show or rules.show)
+        return page(site, "board.html.j2", who, **values)
+
+
+def board_values(session: Session, site: Site, version: Version, show: str) -> dict[str, Any]:
+    """Return what the template of the leaderboard shows."""
+    return {
+        "board": cached_board(session, site, version, show),
+        "version": version,
+        "versions": versions_of(session, version.phase),
+        "phase": site.challenge.settings.phase(version.phase),
+        "time_ms": log_time(session),
+        "show": show,
+    }
+
+
+@router.get("/teams/{number}")
+def team(
+    site: TheSite,
+    who: Visitor,
+    number: Number,
+    version: Annotated[int | None, Query(ge=1, lt=2**53)] = None,
+) -> HTMLResponse:
+    """Show the history of a team."""
+    with site.database.read() as session:
+        found = session.get(Team, number)
+        if found is None:
+            raise NotAcceptedError("NOT_FOUND", 404, "no such team")
+        way = version_of(session, site, None, version)
+        rows = history(session, way, number)
+        return page(site, "team.html.j2", who, team=found, rows=rows, version=way)
+
+
+@router.get("/rules")
+def rules(site: TheSite, who: Visitor) -> HTMLResponse:
+    """Show the rules, the API and the key."""
+    with site.database.read() as session:
+        time_ms = log_time(session)
+        versions = {
+            phase.name: versions_of(session, phase.name) for phase in site.challenge.settings.phases
+        }
+        key = site.challenge.public_key.read_text()
+        own = site.rules_html
+        values = {"time_ms": time_ms, "versions": versions, "key": key, "rules_html": own}
+        return page(site, "rules.html.j2", who, base_url=site.base_url or "http://HOST", **values)
+
+
+@router.get("/data")
+def data(site: TheSite, who: Visitor) -> HTMLResponse:
+    """List the files of the public half."""
+    return page(site, "data.html.j2", who, files=public_files(site.challenge.public))
+
+
+def public_files(public: Path) -> list[tuple[str, int, str]]:
+    """Return (name, bytes, sha256 or empty) of the files of a public half."""
+    sums = public / "SHA256SUMS"
+    checksums = read_checksums(sums) if sums.is_file() else {}
+    names = sorted(path for path in public.rglob("*") if path.is_file())
+    return [
+        (name, path.stat().st_size, checksums.get(name, ""))
+        for path in names
+        for name in [path.relative_to(public).as_posix()]
+    ]
+
+
+@router.api_route("/data/{name:path}", methods=["GET", "HEAD"])
+def download(site: TheSite, name: str) -> FileResponse:
+    """Send a file of the public half; a range of it where the request names one."""
+    root = site.challenge.public.resolve()
+    try:
+        path = (root / name).resolve()
+        found = path.is_file() and path.is_relative_to(root)
+    except (OSError, ValueError):  # a name too long, or with a null character
+        found = False
+    if not found:
+        raise NotAcceptedError("NOT_FOUND", 404, "no such file")
+    return FileResponse(path, media_type="application/octet-stream")
+
+
+@router.get("/submit")
+def submit_form(site: TheSite, who: Visitor) -> HTMLResponse:
+    """Show the form that sends a file."""
+    if who is None:
+        return page(site, "login.html.j2", None, next="/submit")
+    with site.database.read() as session:
+        time_ms = log_time(session)
+        phases = [
+            (phase, phase.status(time_ms), left_for(session, who, phase))
+            for phase in site.challenge.settings.phases
+        ]
+    return page(site, "submit.html.j2", who, phases=phases)
+
+
+@router.post("/submit")
+async def submit(request: Request, site: TheSite, who: Member) -> RedirectResponse:
+    """Accept a file of the form."""
+    async with request.form(max_files=1, max_fields=8) as form:
+        check_form(request, who, str(form.get("csrf", "")))
+        file = form.get("file")
+        if not isinstance(file, UploadFile) or not file.filename:
+            raise NotAcceptedError("FILE_EMPTY", 400, "no file was chosen")
+        view, _ = await receive_file(
+            site,
+            who,
+            phase_of(site, str(form.get("phase", ""))),
+            _chunks(file),
+            name=file.filename,
+            check_only=form.get("check_only") == "yes",
+        )
+    return RedirectResponse(f"/submissions/{view.id}", 303)
+
+
+async def _chunks(file: UploadFile) -> AsyncIterator[bytes]:
+    while chunk := await file.read(_CHUNK):
+        yield chunk
+
+
+@router.get("/submissions")
+def submissions(
+    site: TheSite, who: Visitor, before: Annotated[int | None, Query(ge=1, lt=2**53)] = None
+) -> HTMLResponse:
+    """List one's own submissions."""
+    if who is None:
+        return page(site, "login.html.j2", None, next="/submissions")
+    with site.database.read() as session:
+        return page(site, "submissions.html.j2", who, views=own_views(session, who, before))
+
+
+@router.get("/submissions/{number}")
+def submission(site: TheSite, who: Visitor, number: Number) -> HTMLResponse:
+    """Show a submission."""
+    with site.database.read() as session:
+        found = find_submission(session, number, who)
+        view = submission_view(session, found, who)
+        ways = {each.id: each for each in versions_of(session, found.phase)}
+        own = who is not None and (who.is_host or who.team_id == found.team_id)
+        return page(site, "submission.html.j2", who, view=view, versions=ways, own=own)
+
+
+@router.get("/login")
+def login_form(site: TheSite, who: Visitor) -> HTMLResponse:
+    """Show the form that takes a token."""
+    return page(site, "login.html.j2", who, next="/submissions")
+
+
+@router.post("/login")
+def login(
+    request: Request,
+    site: TheSite,
+    token: Annotated[str, Form(max_length=200)],
+    next: Annotated[str, Form(max_length=40)] = "/submissions",
+) -> RedirectResponse:
+    """Sign a browser in."""
+    check_origin(request)
+    who = token_identity(request, token.strip())
+    with site.database.write(take_turns=False) as session:
+        cookie = begin_session(session, who)
+    place = next if next in ("/submit", "/submissions") else "/submissions"
+    response = RedirectResponse("/admin" if who.is_host else place, 303)
+    response.set_cookie(
+        COOKIE, cookie, max_age=12 * 3600, httponly=True, samesite="lax", secure=site.https
+    )
+    return response
+
+
+@router.post("/logout")
+def logout(
+    request: Request, site: TheSite, who: Member, csrf: Annotated[str, Form()]
+) -> RedirectResponse:
+    """Sign a browser out."""
+    check_form(request, who, csrf)
+    with site.database.write(take_turns=False) as session:
+        end_session(session, request.cookies.get(COOKIE, ""))
+    response = RedirectResponse("/", 303)
+    response.delete_cookie(COOKIE)
+    return response

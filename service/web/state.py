@@ -1,0 +1,181 @@
+"""What all requests share: the challenge, its templates, headers and caches."""
+
+from __future__ import annotations
+
+import base64
+import functools
+import hashlib
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from importlib.resources import files
+from typing import TYPE_CHECKING, Any, Final
+
+import jinja2
+from markdown_it import MarkdownIt
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from pliant.evaluator.report.cells import Heading
+from pliant.service.audit import last_entry
+from pliant.service.challenge import Challenge
+from pliant.service.database import Database
+from pliant.service.models import Version
+from pliant.service.settings import Phase
+from pliant.spec.text import shown
+
+if TYPE_CHECKING:
+    from pliant.service.web.security import Throttle
+
+_MOST_CACHED: Final = 64
+
+
+def environment() -> jinja2.Environment:
+    """Return the templates of the service, over the page base of the evaluator's reports."""
+    made = jinja2.Environment(
+        loader=jinja2.ChoiceLoader(
+            [
+                jinja2.PackageLoader("pliant.service", "templates"),
+                jinja2.PackageLoader("pliant.evaluator.report", "templates"),
+            ]
+        ),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        finalize=shown,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    made.filters["utc"] = utc
+    made.filters["bytes"] = _bytes
+    made.globals["heading"] = figure_heading
+    return made
+
+
+def static_file(name: str) -> bytes:
+    """Return the pages' script or style sheet."""
+    return (files("pliant.service") / "static" / name).read_bytes()
+
+
+def utc(time_ms: int | None) -> str:
+    """Return a time for people."""
+    if time_ms is None:
+        return "–"
+    return f"{datetime.fromtimestamp(time_ms / 1000, UTC):%Y-%m-%d %H:%M} UTC"
+
+
+def figure_heading(figure: dict[str, Any]) -> Heading:
+    """Return the column heading of a figure of `Version.figures`."""
+    return Heading(figure["label"], figure["about"], figure["unit"], figure["better"])
+
+
+def _bytes(count: int) -> str:
+    return f"{count / 1e6:,.1f} MB" if count >= 1e5 else f"{count / 1e3:,.1f} kB"
+
+
+@dataclass
+class Site:
+    """What all requests share.
+
+    Attributes:
+        challenge: The challenge.
+        throttle: Counts wrong tokens.
+        base_url: Address that others reach it by, or empty.
+        templates: The pages' templates.
+        headers: Security headers of every answer.
+        plain: Whether pages are files of a static site: no forms, relative links.
+    """
+
+    challenge: Challenge
+    throttle: Throttle
+    base_url: str = ""
+    templates: jinja2.Environment = field(default_factory=environment)
+    headers: dict[str, str] = field(init=False)
+    _cached: dict[Any, tuple[int, Any]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.headers = _security_headers(self.templates, self.https)
+
+    @property
+    def database(self) -> Database:
+        """The challenge's database."""
+        return self.challenge.database
+
+    @property
+    def https(self) -> bool:
+        """Whether others reach it by TLS, which a reverse proxy ends."""
+        return self.base_url.startswith("https://")
+
+    @functools.cached_property
+    def title(self) -> str:
+        """The challenge's name."""
+        return self.challenge.title
+
+    @functools.cached_property
+    def rules_html(self) -> str:
+        """The host's own rules, which are Markdown without HTML."""
+        return MarkdownIt("js-default").render(self.challenge.settings.rules)
+
+    def render(self, template: str, **values: Any) -> str:
+        """Return a page."""
+        return self.templates.get_template(template).render(
+            title=self.title, settings=self.challenge.settings, **values
+        )
+
+    def cached(self, session: Session, key: Any, make: Callable[[], Any]) -> Any:
+        """Return what `make` returned when the log had its present end, or make it."""
+        last = last_entry(session)
+        seq = last.seq if last is not None else 0
+        found = self._cached.get(key)
+        if found is not None and found[0] == seq:
+            return found[1]
+        made = make()
+        if len(self._cached) >= _MOST_CACHED:
+            self._cached.clear()
+        self._cached[key] = (seq, made)
+        return made
+
+
+def default_phase(site_settings: tuple[Phase, ...], time_ms: int) -> Phase:
+    """Return the first open phase, or the last one."""
+    for phase in site_settings:
+        if phase.status(time_ms) == "open":
+            return phase
+    return site_settings[-1]
+
+
+def default_version(session: Session, phase: Phase) -> Version | None:
+    """Return the newest version of a phase's first protocol."""
+    found = session.scalars(
+        select(Version).where(Version.phase == phase.name).order_by(Version.id.desc())
+    ).all()
+    first = [each for each in found if each.protocol == phase.protocols[0]]
+    return next(iter(first or found), None)
+
+
+def _security_headers(templates: jinja2.Environment, https: bool) -> dict[str, str]:
+    """Return headers that let a page run only its own scripts and styles."""
+    page = templates.get_template("base.html.j2").render()
+    hashes = {
+        tag: " ".join(
+            f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
+            for text in re.findall(rf"<{tag}>(.*?)</{tag}>", page, re.DOTALL)
+        )
+        for tag in ("script", "style")
+    }
+    policy = (
+        f"default-src 'none'; script-src 'self' {hashes['script']}; "
+        f"style-src 'self' {hashes['style']}; img-src 'self' data:; connect-src 'self'; "
+        "form-action 'self'; base-uri 'none'; frame-ancestors 'none'"
+    )
+    headers = {
+        "Content-Security-Policy": policy,
+        "X-Content-Type-Options": "nosniff",
+        "Referrer-Policy": "same-origin",
+        "Cross-Origin-Opener-Policy": "same-origin",
+        "Permissions-Policy": "camera=(), microphone=(), geolocation=()",
+        "Cache-Control": "no-store",
+    }
+    if https:
+        headers["Strict-Transport-Security"] = "max-age=31536000"
+    return headers

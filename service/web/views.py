@@ -1,0 +1,225 @@
+"""What a visitor may see of submissions and leaderboards, as typed documents."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from typing import Any
+
+from pydantic import BaseModel
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from pliant.service.leaderboard import Board, Row
+from pliant.service.models import FINAL, Score, State, Submission, Team, Version
+from pliant.service.submissions import NotAcceptedError, queue_position
+from pliant.service.teams import Identity
+
+Figures = dict[str, dict[str, float | None]]
+
+
+class Issue(BaseModel):
+    """A problem of a file: its stable code, the place, what was found and what is required."""
+
+    code: str
+    severity: str
+    path: str
+    where: str
+    message: str
+
+
+class ScoreView(BaseModel):
+    """The figures by one version of scoring."""
+
+    version: int
+    protocol: str
+    protocol_sha256: str
+    truth_sha256: str
+    figures: Figures
+    coverage: float
+    scored_ms: int
+
+
+class SubmissionView(BaseModel):
+    """A submission as its team, the host, or (once scored) a visitor sees it."""
+
+    id: int
+    team: str
+    phase: str
+    state: str
+    check_only: bool
+    queue_position: int | None
+    method: str | None
+    file_name: str | None
+    file_sha256: str
+    file_bytes: int
+    submitted_ms: int
+    finished_ms: int | None
+    withdrawn: bool
+    issues: list[Issue]
+    counts: dict[str, int]
+    failure: str | None
+    scores: list[ScoreView]
+
+    @property
+    def ended(self) -> bool:
+        """Whether its state is final."""
+        return self.state in FINAL
+
+
+class Line(BaseModel):
+    """One line of the leaderboard."""
+
+    rank: int | None
+    team: str
+    submission: int
+    method: str
+    figures: Figures
+    coverage: float
+    submitted_ms: int
+    submissions: int
+
+
+class BoardView(BaseModel):
+    """The leaderboard of one version of scoring."""
+
+    phase: str
+    version: int
+    protocol: str
+    protocol_sha256: str
+    truth_sha256: str
+    show: str
+    rows: list[Line]
+    controls: list[Line]
+
+
+def may_see(submission: Submission, who: Identity | None) -> bool:
+    """Return whether a submission is shown: to its team and the host, and scored ones to all."""
+    if who is not None and (who.is_host or who.team_id == submission.team_id):
+        return True
+    return submission.state == State.SCORED and submission.withdrawn_ms is None
+
+
+def find_submission(session: Session, number: int, who: Identity | None) -> Submission:
+    """Return a submission.
+
+    Raises:
+        NotAcceptedError: There is none, or it is another team's and not public.
+    """
+    found = session.get(Submission, number) if number < 2**63 else None
+    if found is None or not may_see(found, who):
+        raise NotAcceptedError("NOT_FOUND", 404, "no such submission")
+    return found
+
+
+def own_submission(session: Session, number: int, who: Identity) -> Submission:
+    """Return a submission of one's own team; the host has every team's."""
+    found = find_submission(session, number, who)
+    if not who.is_host and found.team_id != who.team_id:
+        raise NotAcceptedError("NOT_FOUND", 404, "no such submission")
+    return found
+
+
+def submission_view(
+    session: Session, submission: Submission, who: Identity | None
+) -> SubmissionView:
+    """Return what somebody may see of a submission."""
+    own = who is not None and (who.is_host or who.team_id == submission.team_id)
+    problems = submission.problems or {}
+    scored = (
+        select(Score, Version)
+        .join(Version, Version.id == Score.version_id)
+        .where(Score.submission_id == submission.id)
+        .order_by(Version.id)
+    )
+    return SubmissionView(
+        id=submission.id,
+        team=session.get_one(Team, submission.team_id).name,
+        phase=submission.phase,
+        state=submission.state,
+        check_only=submission.check_only,
+        queue_position=queue_position(session, submission),
+        method=submission.method,
+        file_name=submission.file_name if own else None,
+        file_sha256=submission.file_sha256,
+        file_bytes=submission.file_bytes,
+        submitted_ms=submission.created_ms,
+        finished_ms=submission.finished_ms,
+        withdrawn=submission.withdrawn_ms is not None,
+        issues=problems.get("issues", []),
+        counts=problems.get("counts", {}),
+        failure=submission.failure,
+        scores=[_score_view(*each) for each in session.execute(scored).tuples()],
+    )
+
+
+def board_view(board: Board, version: Version, show: str) -> BoardView:
+    """Return a leaderboard as a document."""
+    return BoardView(
+        phase=version.phase,
+        version=version.id,
+        protocol=f"{version.protocol} {version.protocol_version}",
+        protocol_sha256=version.protocol_sha256,
+        truth_sha256=version.truth_sha256,
+        show=show,
+        rows=[_line(row) for row in board.rows],
+        controls=[_line(row) for row in board.controls],
+    )
+
+
+def board_csv(board: Board, version: Version) -> str:
+    """Return a leaderboard as CSV, the controls last and without a rank."""
+    names = [f"{each['group']}.{each['metric']}" for each in version.figures]
+    head = ["rank", "team", "submission", "method", "coverage", "submitted_ms", *names]
+    rows = [
+        [
+            row.rank,
+            row.team,
+            row.submission_id,
+            row.method,
+            row.coverage,
+            row.submitted_ms,
+            *(row.value(each) for each in version.figures),
+        ]
+        for row in (*board.rows, *board.controls)
+    ]
+    return csv_text(head, rows)
+
+
+def csv_text(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
+    """Return CSV; a text that a spreadsheet would take for a formula gets an apostrophe."""
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(head)
+    for row in rows:
+        writer.writerow(
+            f"'{cell}" if isinstance(cell, str) and cell[:1] in "=+-@\t\r" and cell else cell
+            for cell in row
+        )
+    return stream.getvalue()
+
+
+def _line(row: Row) -> Line:
+    return Line(
+        rank=row.rank,
+        team=row.team,
+        submission=row.submission_id,
+        method=row.method,
+        figures=row.figures,
+        coverage=row.coverage,
+        submitted_ms=row.submitted_ms,
+        submissions=row.submissions,
+    )
+
+
+def _score_view(score: Score, version: Version) -> ScoreView:
+    return ScoreView(
+        version=version.id,
+        protocol=f"{version.protocol} {version.protocol_version}",
+        protocol_sha256=version.protocol_sha256,
+        truth_sha256=version.truth_sha256,
+        figures=score.figures,
+        coverage=score.coverage,
+        scored_ms=score.scored_ms,
+    )
