@@ -47,7 +47,13 @@ SECTIONS: Final[dict[str, dict[str, tuple[str, str]]]] = {
             "Package a dataset for release, optionally without test labels.",
         ),
         "site": ("pliant.cli.site", "Write the leaderboard and its reports as a static site."),
-        "serve": ("pliant.cli.serve", "Serve a static site to this machine."),
+        "challenge": (
+            "pliant.cli.challenge",
+            "Run an evaluation service: create, invite, back up.",
+        ),
+        "serve": ("pliant.cli.serve", "Serve a challenge, or a static site to this machine."),
+        "submit": ("pliant.cli.submit", "Send a submission to an evaluation service."),
+        "verify": ("pliant.cli.verify", "Verify a receipt of an evaluation service."),
     },
     "Viewing": {
         "view": ("pliant.cli.view", "Draw contact sheets, index colours, tracks and figures."),

@@ -1,4 +1,4 @@
-"""`pliant serve`: a static site, served to this machine."""
+"""`pliant serve`: a challenge's evaluation service, or a static site on this machine."""
 
 from __future__ import annotations
 
@@ -6,26 +6,69 @@ from pathlib import Path
 
 import click
 
+from pliant.cli.challenge import database_option, serve_challenge
 from pliant.cli.local_page import show_page
 from pliant.cli.options import PATH, port_options
 
 
 @click.command("serve")
-@click.argument("places", metavar="SITE", nargs=-1, required=True, type=PATH)
+@click.argument("places", metavar="CHALLENGE|SITE", nargs=-1, required=True, type=PATH)
 @click.option("--out", hidden=True, type=PATH)
 @port_options
-def command(places: tuple[Path, ...], out: Path | None, port: int, no_browser: bool) -> None:
-    """Serve SITE, a folder that `pliant site` wrote, on this machine only; Ctrl-C stops it.
+@click.option(
+    "--host", default="127.0.0.1", show_default=True, help="Address to listen on (challenge)."
+)
+@click.option(
+    "--workers",
+    type=click.IntRange(0, 256),
+    default=2,
+    show_default=True,
+    help="Worker processes; 0 serves the pages alone (challenge).",
+)
+@database_option
+@click.option("--base-url", default="", metavar="URL", help="Address for others (challenge).")
+@click.option(
+    "--trusted-proxy",
+    default="",
+    metavar="IP,...",
+    help="Reverse proxies whose X-Forwarded headers count (challenge).",
+)
+def command(
+    places: tuple[Path, ...],
+    out: Path | None,
+    port: int,
+    no_browser: bool,
+    host: str,
+    workers: int,
+    database: str | None,
+    base_url: str,
+    trusted_proxy: str,
+) -> None:
+    """Serve a CHALLENGE (web, API and workers), or a static SITE to this machine.
 
-    Any folder with an index.html can be served, such as the documentation or a demo's report.
+    CHALLENGE is a folder of `pliant challenge create`; port 8000 unless --port says otherwise.
+    SITE is a folder that `pliant site` wrote, or any other folder with an index.html. Ctrl-C
+    stops it; running jobs are finished first.
     """
     from pliant.spec.errors import CallError
-    from pliant.viewer.site_server import make_site_server
 
     if out is not None or len(places) != 1:
         raise CallError(
             "pliant serve shows one site and writes none",
             fix="Write a site with: pliant site REPORTS --out SITE",
         )
+    if (places[0] / "challenge.yaml").is_file():
+        serve_challenge(
+            places[0],
+            host=host,
+            port=port or 8000,
+            workers=workers,
+            database_url=database,
+            base_url=base_url,
+            trusted_proxy=trusted_proxy,
+        )
+        return
+    from pliant.viewer.site_server import make_site_server
+
     server = make_site_server(places[0], port)
     show_page(server, str(places[0]), no_browser=no_browser)

@@ -1,0 +1,255 @@
+"""`pliant challenge`: what the host of an evaluation service does."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from pliant.cli.options import FILE, PATH, json_option, out_option, path_option
+from pliant.cli.terminal import echo, echo_result, plural
+from pliant.spec.errors import CallError, MissingExtraError
+
+if TYPE_CHECKING:
+    from pliant.service.challenge import Challenge
+
+database_option = click.option(
+    "--database",
+    envvar="PLIANT_DATABASE",
+    metavar="URL",
+    help="PostgreSQL database, such as postgresql://user@host/name (or PLIANT_DATABASE); "
+    "default: a SQLite file in the challenge's folder.",
+)
+challenge_argument = click.argument("challenge", metavar="CHALLENGE", type=PATH)
+
+
+def require_service() -> None:
+    """Refuse to go on without the extra `service`."""
+    try:
+        import cryptography
+        import fastapi
+        import sqlalchemy  # noqa: F401
+    except ImportError as error:
+        raise MissingExtraError("The evaluation service", "service") from error
+    del cryptography, fastapi
+
+
+def open_challenge(challenge: Path, database: str | None) -> Challenge:
+    """Open a challenge; refuse to without the extra `service`."""
+    require_service()
+    from pliant.service.challenge import Challenge
+
+    return Challenge.open(challenge, database)
+
+
+@click.group("challenge")
+def command() -> None:
+    """Run an evaluation service: create a challenge, invite teams, rescore, back up.
+
+    CHALLENGE is one folder. `pliant serve CHALLENGE` serves it.
+    """
+
+
+@command.command("create")
+@challenge_argument
+@path_option("--data", "PUBLIC", "Public half of a published dataset.", required=True)
+@path_option("--private", "PRIVATE", "Private half, with the answers.", required=True)
+@click.option(
+    "--split", "splits", multiple=True, metavar="SPLIT", help="Split to score; may be repeated."
+)
+@path_option("--config", "FILE", "Rules: challenge.yaml with titles, phases, limits.", kind=FILE)
+@database_option
+@json_option
+def create(
+    challenge: Path,
+    data: Path,
+    private: Path,
+    splits: tuple[str, ...],
+    config: Path | None,
+    database: str | None,
+    as_json: bool,
+) -> None:
+    """Make CHALLENGE of a published dataset, and print the host's token.
+
+    Without --config every --split (default: test) is a phase that is open now: protocol
+    standard, 5 attempts a day, 100 in all.
+    """
+    require_service()
+    from pliant.service.challenge import create_challenge
+
+    splits = splits or ("test",)
+    token = create_challenge(challenge, data, private, splits, config, database)
+    text = f"{challenge}: created.\nHost's token, shown this once: {token}\n"
+    text += f"Next: pliant challenge invite {challenge} TEAM; pliant serve {challenge}"
+    echo_result({"challenge": str(challenge), "host_token": token}, text, as_json=as_json)
+
+
+@command.command("invite")
+@challenge_argument
+@click.argument("team", metavar="TEAM")
+@click.option("--again", is_flag=True, help="Another token for a team that exists.")
+@database_option
+@json_option
+def invite(challenge: Path, team: str, again: bool, database: str | None, as_json: bool) -> None:
+    """Add TEAM and print its token, of which only a hash is stored."""
+    opened = open_challenge(challenge, database)
+    from pliant.service import teams
+
+    with opened.database.write() as session:
+        if again:
+            token = teams.new_token(session, teams.team_of(session, team).id, actor="host")
+        else:
+            token = teams.invite(session, team, actor="host")[1]
+    text = f"Token of {team}, shown this once: {token}"
+    echo_result({"team": team, "token": token}, text, as_json=as_json)
+
+
+@command.command("credit")
+@challenge_argument
+@click.argument("team", metavar="TEAM")
+@click.argument("attempts", metavar="N", type=int)
+@click.option("--phase", metavar="NAME", help="Phase; default: the first one.")
+@database_option
+def credit(
+    challenge: Path, team: str, attempts: int, phase: str | None, database: str | None
+) -> None:
+    """Give TEAM N more attempts, today and in all."""
+    opened = open_challenge(challenge, database)
+    from pliant.service import ledger
+    from pliant.service.audit import log_time
+    from pliant.service.teams import team_of
+
+    rules = opened.settings.phase(phase) if phase else opened.settings.phases[0]
+    with opened.database.write() as session:
+        found = team_of(session, team)
+        ledger.credit(session, found.id, rules, attempts, log_time(session), actor="host")
+        left = ledger.attempts(session, found.id, rules, log_time(session))
+    echo(f"{found.name}, phase {rules.name}: {left.today} today, {left.total} in all.")
+
+
+@command.command("rescore")
+@challenge_argument
+@click.option("--protocol", metavar="NAME|FILE", help="Protocol, or a protocol's JSON file.")
+@path_option("--private", "PRIVATE", "Private half with corrected answers.")
+@click.option("--phase", metavar="NAME", help="Phase; default: the first one.")
+@click.option("--reason", required=True, metavar="TEXT", help="Why; shown on the pages.")
+@database_option
+def rescore(
+    challenge: Path,
+    protocol: str | None,
+    private: Path | None,
+    phase: str | None,
+    reason: str,
+    database: str | None,
+) -> None:
+    """Score stored submissions by another protocol or truth, next to the scores they have."""
+    opened = open_challenge(challenge, database)
+    from pliant.service.rescoring import rescore_challenge
+
+    versions, count = rescore_challenge(opened, phase, protocol, private, reason)
+    names = ", ".join(f"{each.id} ({each.protocol}, truth {each.truth})" for each in versions)
+    echo(f"Version {names}: {plural(count, 'submission')} wait for a worker.")
+
+
+@command.command("audit")
+@challenge_argument
+@database_option
+@json_option
+def audit(challenge: Path, database: str | None, as_json: bool) -> None:
+    """Verify the audit log and that every score is the one that was logged.
+
+    Exit code 1 if something was changed; the first such entry is named.
+    """
+    opened = open_challenge(challenge, database)
+    from pliant.service.audit import verify_log
+
+    with opened.database.read() as session:
+        chain = verify_log(session)
+    text = f"{plural(chain.entries, 'entry').replace('entrys', 'entries')}, whole; {chain.hash}"
+    echo_result({"entries": chain.entries, "hash": chain.hash}, text, as_json=as_json)
+
+
+@command.command("backup")
+@challenge_argument
+@out_option("DIR", "Backup folder: new, or an earlier backup, which is brought up to date.")
+@database_option
+def backup(challenge: Path, out: Path, database: str | None) -> None:
+    """Copy everything into DIR while the service runs. DIR contains the answers and the keys."""
+    opened = open_challenge(challenge, database)
+    from pliant.service.archive import write_backup
+
+    write_backup(opened, out)
+    echo(f"{out}: backup of {challenge}. It contains the answers and the keys.")
+
+
+@command.command("archive")
+@challenge_argument
+@out_option("FILE", "Archive, such as challenge.tar; must not exist.", FILE)
+@path_option("--passphrase-file", "FILE", "Include the signing key, encrypted.", kind=FILE)
+@database_option
+def archive(challenge: Path, out: Path, passphrase_file: Path | None, database: str | None) -> None:
+    """Write everything into one FILE: data, answers, submissions, scores, a static site.
+
+    Without --passphrase-file the signing key is left out; receipts can still be verified.
+    """
+    opened = open_challenge(challenge, database)
+    from pliant.service.archive import write_archive
+
+    write_archive(opened, out, _passphrase(passphrase_file))
+    echo(f"{out}: archive of {challenge}. It contains the answers.")
+
+
+@command.command("restore")
+@click.argument("source", metavar="FILE|DIR", type=PATH)
+@out_option("CHALLENGE", "Challenge folder; new.")
+@path_option("--passphrase-file", "FILE", "Passphrase of the archive's signing key.", kind=FILE)
+@database_option
+def restore(source: Path, out: Path, passphrase_file: Path | None, database: str | None) -> None:
+    """Make CHALLENGE of an archive or a backup: the same service."""
+    require_service()
+    from pliant.service.archive import restore_challenge
+
+    restore_challenge(source, out, _passphrase(passphrase_file), database)
+    echo(f"{out}: restored. Next: pliant serve {out}")
+
+
+@command.command("upgrade")
+@challenge_argument
+@database_option
+def upgrade(challenge: Path, database: str | None) -> None:
+    """Bring the database's tables to this version of Pliant; make a backup first."""
+    require_service()
+    from pliant.service.challenge import database_of
+
+    database_of(challenge, database).upgrade()
+    echo(f"{challenge}: up to date.")
+
+
+@command.command("work")
+@challenge_argument
+@database_option
+def work(challenge: Path, database: str | None) -> None:
+    """Run one worker in the foreground, for `pliant serve --workers 0` or more machines."""
+    require_service()
+    from pliant.service.server import work
+
+    work(challenge, database)
+
+
+def _passphrase(path: Path | None) -> bytes | None:
+    if path is None:
+        return None
+    text = path.read_bytes().strip()
+    if not text:
+        raise CallError("the passphrase is empty", path=path)
+    return text
+
+
+def serve_challenge(root: Path, **options: Any) -> None:
+    """Serve a challenge; see `pliant.service.server.ServeOptions`."""
+    require_service()
+    from pliant.service.server import ServeOptions, serve
+
+    echo(f"Serving {root} on http://{options['host']}:{options['port']}; Ctrl-C stops it.")
+    serve(root, ServeOptions(**options))
