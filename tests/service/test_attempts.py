@@ -1,0 +1,114 @@
+"""Attempts: charged once, refunded, credited, and not to be had by racing or by the clock."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+from sqlalchemy import func, select
+
+from pliant.service import audit, database
+from pliant.service.ledger import Attempts, attempts, credit
+from pliant.service.models import LedgerEntry, State, Submission
+from pliant.service.submissions import NotAcceptedError
+from pliant.service.worker import Worker
+from pliant.spec.errors import CallError
+from tests.service.conftest import MakeTrial, Trial, quick
+
+
+def left(trial: Trial, team: int = 0) -> Attempts:
+    who = trial.who(trial.tokens[team])
+    with trial.challenge.database.read() as session:
+        phase = trial.challenge.settings.phases[0]
+        return attempts(session, who.team_id, phase, audit.log_time(session))
+
+
+def test_a_scored_file_costs_one_attempt_and_a_refused_one_none(trial: Trial) -> None:
+    worker = Worker(trial.challenge, quick)
+    trial.send(b"good")
+    trial.send(b"bad")
+    trial.send(b"only checked", check_only=True)
+    assert left(trial) == Attempts(3, 98)
+    while worker.work_once():
+        pass
+    assert left(trial) == Attempts(4, 99)
+    assert left(trial, 1) == Attempts(5, 100)
+
+
+def test_parallel_requests_do_not_exceed_the_quota(trial: Trial) -> None:
+    def send(number: int) -> str:
+        try:
+            trial.send(f"{number}".encode())
+        except NotAcceptedError as error:
+            return error.code
+        return "accepted"
+
+    with ThreadPoolExecutor(12) as pool:
+        outcomes = list(pool.map(send, range(30)))
+    assert outcomes.count("accepted") == 5
+    assert set(outcomes) == {"accepted", "QUOTA_EXCEEDED"}
+    assert left(trial).left == 0
+
+
+def test_the_same_file_is_one_submission(trial: Trial) -> None:
+    first = trial.send(b"one")
+    assert [trial.send(b"one") for _ in range(8)] == [first] * 8
+    assert trial.send(b"one", team=1) != first
+    assert left(trial) == Attempts(4, 99)
+
+
+def test_credit_adds_attempts_today_and_in_all(trial: Trial) -> None:
+    for number in range(5):
+        trial.send(f"{number}".encode())
+    with pytest.raises(NotAcceptedError, match="no attempt is left today"):
+        trial.send(b"six")
+    who = trial.who(trial.tokens[0])
+    phase = trial.challenge.settings.phases[0]
+    with trial.challenge.database.write() as session:
+        credit(session, who.team_id, phase, 2, audit.log_time(session), actor="host")
+    assert left(trial) == Attempts(2, 97)
+    trial.send(b"six")
+    with pytest.raises(CallError, match="out of range"), trial.challenge.database.write() as s:
+        credit(s, who.team_id, phase, 0, 0, actor="host")
+
+
+def test_a_clock_that_is_set_back_opens_no_day_again(
+    trial: Trial, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for number in range(5):
+        trial.send(f"{number}".encode())
+    yesterday = database.now_ms() - 36 * 3600 * 1000
+    monkeypatch.setattr(audit, "now_ms", lambda: yesterday)
+    with pytest.raises(NotAcceptedError, match="no attempt is left today"):
+        trial.send(b"six")
+
+
+def test_a_phase_that_is_closed_accepts_nothing(make_trial: MakeTrial) -> None:
+    trial = make_trial("phases:\n- {name: early, split: test, closes: '2020-01-01T00:00:00Z'}\n")
+    with pytest.raises(NotAcceptedError, match="phase early is closed"):
+        trial.send(b"late")
+    with trial.challenge.database.read() as session:
+        assert session.scalar(select(func.count()).select_from(Submission)) == 0
+        assert session.scalar(select(func.count()).select_from(LedgerEntry)) == 0
+
+
+def test_files_per_minute_are_limited(make_trial: MakeTrial) -> None:
+    trial = make_trial("submissions_per_minute: 3\n")
+    for number in range(3):
+        trial.send(f"{number}".encode(), check_only=True)
+    with pytest.raises(NotAcceptedError, match="too many files in one minute"):
+        trial.send(b"four")
+    trial.send(b"four", team=1)
+
+
+def test_the_host_is_not_charged(trial: Trial) -> None:
+    host = Trial(trial.challenge, trial.url, trial.host, (trial.host,))
+    for number in range(7):
+        host.send(f"{number}".encode())
+    worker = Worker(trial.challenge, quick)
+    while worker.work_once():
+        pass
+    with trial.challenge.database.read() as session:
+        states = set(session.scalars(select(Submission.state)))
+        assert states == {State.SCORED}
+        assert session.scalar(select(func.count()).select_from(LedgerEntry)) == 0

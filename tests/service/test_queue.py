@@ -1,0 +1,160 @@
+"""Jobs: leased by one worker, taken over after it stops, started at most three times."""
+
+from __future__ import annotations
+
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+from sqlalchemy import func, select, text
+
+from pliant.service import queue
+from pliant.service.models import Job, Score, State, Submission
+from pliant.service.queue import lease_next
+from pliant.service.scoring import Result, Task
+from pliant.service.settings import Scoring
+from pliant.service.submissions import queue_position
+from pliant.service.worker import Worker
+from pliant.spec.limits import Limits, run_limited
+from tests.service.conftest import MakeTrial, Trial, quick
+
+SHORT = "scoring: {lease_s: 1, wall_s: 3, memory_gib: 1}\n"
+
+
+def state_of(trial: Trial, number: int) -> Submission:
+    with trial.challenge.database.read() as session:
+        found = session.get_one(Submission, number)
+        session.expunge(found)
+        return found
+
+
+def end_leases(trial: Trial) -> None:
+    with trial.challenge.database.write() as session:
+        session.execute(text("UPDATE job SET lease_until_ms = 0"))
+
+
+def test_many_workers_do_each_job_once(trial: Trial) -> None:
+    for number in range(5):
+        trial.send(f"{number}".encode())
+        trial.send(f"{number}".encode(), team=1)
+    done: list[str] = []
+
+    def count(task: Task, limits: Scoring) -> Result:
+        done.append(str(task.file))
+        return quick(task, limits)
+
+    def work() -> None:
+        worker = Worker(trial.challenge, count)
+        while worker.work_once():
+            pass
+
+    with ThreadPoolExecutor(6) as pool:
+        for each in [pool.submit(work) for _ in range(6)]:
+            each.result()
+    with trial.challenge.database.read() as session:
+        assert session.scalar(select(func.count()).select_from(Score)) == 10
+        assert set(session.scalars(select(Job.tries))) == {1}
+    assert len(done) == 10
+
+
+def test_position_counts_the_jobs_before(trial: Trial) -> None:
+    numbers = [trial.send(f"{number}".encode()) for number in range(3)]
+    with trial.challenge.database.read() as session:
+        found = [queue_position(session, session.get_one(Submission, n)) for n in numbers]
+    assert found == [1, 2, 3]
+    Worker(trial.challenge, quick).work_once()
+    with trial.challenge.database.read() as session:
+        found = [queue_position(session, session.get_one(Submission, n)) for n in numbers]
+    assert found == [None, 1, 2]
+
+
+def test_a_worker_that_comes_back_late_changes_nothing(trial: Trial) -> None:
+    number = trial.send(b"good")
+    slow, fast = Worker(trial.challenge, quick), Worker(trial.challenge, quick)
+    lease = lease_next(trial.challenge.database, "slow", trial.challenge.settings.scoring)
+    assert lease is not None
+    end_leases(trial)
+    assert fast.work_once()
+    assert not queue.renew(trial.challenge.database, lease, trial.challenge.settings.scoring)
+    other = {1: {"overall": {"rmse_px": 99.0}}}
+    slow._store(lease, Result(method="late", figures=other))
+    with trial.challenge.database.read() as session:
+        assert [each.main for each in session.scalars(select(Score))] == [12.34]
+    assert state_of(trial, number).method == "quick"
+
+
+def test_a_job_whose_workers_stop_fails_after_three_tries_and_is_refunded(trial: Trial) -> None:
+    number = trial.send(b"good")
+    limits = trial.challenge.settings.scoring
+    for tries in (1, 2, 3):
+        lease = lease_next(trial.challenge.database, "dies", limits)
+        assert lease is not None
+        assert lease.tries == tries
+        end_leases(trial)
+    assert lease_next(trial.challenge.database, "fourth", limits) is None
+    found = state_of(trial, number)
+    assert found.state == State.FAILED
+    assert found.failure is not None
+    assert "no attempt was charged" in found.failure
+    again = trial.send(b"good")
+    assert again != number
+
+
+def test_a_running_job_keeps_its_lease(make_trial: MakeTrial) -> None:
+    trial = make_trial(SHORT)
+    number = trial.send(b"good")
+    going = threading.Event()
+
+    def slow(task: Task, limits: Scoring) -> Result:
+        going.set()
+        time.sleep(2.5)
+        return quick(task, limits)
+
+    thread = threading.Thread(target=Worker(trial.challenge, slow).work_once)
+    thread.start()
+    going.wait(10)
+    end = time.monotonic() + 2
+    while time.monotonic() < end:
+        assert not Worker(trial.challenge, quick).work_once()
+        time.sleep(0.2)
+    thread.join()
+    assert state_of(trial, number).state == State.SCORED
+
+
+def hang() -> Result:
+    time.sleep(3600)
+    return Result()
+
+
+def take_memory() -> Result:
+    _ = bytearray(8 * 2**30)
+    return Result()
+
+
+def crash() -> Result:
+    raise OSError("cannot read")
+
+
+@pytest.mark.parametrize(
+    ("what", "told"),
+    [(hang, "too long"), (take_memory, "too much memory"), (crash, "The host sees why")],
+)
+def test_a_scorer_that_misbehaves_costs_no_attempt(
+    make_trial: MakeTrial, what: object, told: str
+) -> None:
+    trial = make_trial(SHORT)
+    number = trial.send(b"good")
+
+    def scorer(task: Task, limits: Scoring) -> Result:
+        bounds = Limits(memory_bytes=int(limits.memory_gib * 2**30), wall_s=limits.wall_s)
+        return run_limited(what, limits=bounds, path=task.name)  # type: ignore[arg-type]
+
+    worker = Worker(trial.challenge, scorer)
+    while worker.work_once():
+        pass
+    found = state_of(trial, number)
+    assert found.state == State.FAILED
+    assert found.failure is not None
+    assert told in found.failure
+    assert str(trial.challenge.root) not in found.failure
