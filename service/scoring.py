@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -17,6 +17,8 @@ from pliant.spec.io.parquet import read_footer
 from pliant.spec.limits import Limits, run_limited
 
 _MOST_ISSUES = 200
+Figures = Mapping[str, Mapping[str, float | None]]
+"""Group (`overall` or a tier) -> metric -> value."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +57,7 @@ class Result:
     """
 
     method: str | None = None
-    figures: dict[int, dict[str, dict[str, float | None]]] | None = None
+    figures: Mapping[int, Figures] | None = None
     coverage: float = 1.0
     queries_sha256: str = ""
     tools: dict[str, str] | None = None

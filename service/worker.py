@@ -24,7 +24,7 @@ from pliant.service.database import is_unreachable
 from pliant.service.models import Job, Score, State, Submission, Team, Version
 from pliant.service.queue import Lease
 from pliant.service.receipts import Signer
-from pliant.service.scoring import Result, Task, score_in_child
+from pliant.service.scoring import Figures, Result, Task, score_in_child
 from pliant.service.settings import Scoring
 from pliant.spec.errors import PliantError
 from pliant.spec.limits import LimitError
@@ -169,7 +169,7 @@ class Worker:
         session: Session,
         submission: Submission,
         version_id: int,
-        figures: dict[str, dict[str, float | None]],
+        figures: Figures,
         result: Result,
     ) -> None:
         same = select(Score.id).where(
