@@ -21,8 +21,9 @@ def command(submission: Path, data: Path, allow_missing: bool, as_json: bool) ->
     A file without problems can be scored. Exit code 0: no problems; 1: problems.
     """
     from pliant.evaluator import inspect
+    from pliant.spec.limits import Limits
 
-    problems = inspect(submission, data, allow_missing=allow_missing)
+    problems = inspect(submission, data, allow_missing=allow_missing, limits=Limits())
     issues = problems.issues()
     if as_json:
         document = {

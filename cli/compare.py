@@ -37,10 +37,10 @@ def command(
     that a verdict on this difference would need. The last lines show the causes of each method's
     squared error, where the reports have them.
     """
+    from pliant.evaluator.comparison import differences, method_names, ranks
     from pliant.evaluator.protocols.protocol import read_protocol
     from pliant.evaluator.report.cells import heading
     from pliant.evaluator.report.leaderboard import read_reports
-    from pliant.evaluator.statistics.comparison import differences, method_names, ranks
     from pliant.evaluator.statistics.sign_flips import fewest_sequences
     from pliant.spec.errors import CallError
 

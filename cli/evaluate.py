@@ -59,6 +59,7 @@ def command(
     """
     from pliant.evaluator import evaluate, write_report
     from pliant.spec.errors import SubmissionError
+    from pliant.spec.limits import Limits
 
     if out is not None:
         from pliant.evaluator.report.report import check_out_dir
@@ -73,6 +74,7 @@ def command(
                 protocol=protocol,
                 allow_missing=allow_missing,
                 hide_truth=hide_truth,
+                limits=Limits(),
                 progress=bar,
             )
     except SubmissionError as error:

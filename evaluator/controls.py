@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from pliant.evaluator.arrays import FloatArray
-from pliant.evaluator.submission.blocks import Block
+from pliant.evaluator.metrics.blocks import Block
 
 CONTROLS: Final = {
     "identity": "answering with the query's own pixel",

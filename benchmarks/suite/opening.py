@@ -12,9 +12,9 @@ import pyarrow.compute as pc
 from pliant.benchmarks.suite.table import CLASSICAL, Row
 from pliant.benchmarks.suite.work import Workspace
 from pliant.evaluator.arrays import FloatArray
+from pliant.evaluator.examples import Example
 from pliant.evaluator.metrics.causes import NO_CAUSE
 from pliant.evaluator.report.drawings import FramePictures, pair_svg
-from pliant.evaluator.report.examples import Example
 from pliant.evaluator.scores import read_scores
 from pliant.spec.dataset import Dataset
 from pliant.spec.io.parquet import read_table

@@ -14,12 +14,12 @@ from pliant.benchmarks.suite.checksums import Differences
 from pliant.benchmarks.suite.config import BenchmarkConfig, Comparison
 from pliant.benchmarks.suite.table import Row, arms, best_untrained, blocks
 from pliant.benchmarks.suite.work import Cost, Workspace
+from pliant.evaluator.comparison import Difference, differences
 from pliant.evaluator.controls import CONTROLS
 from pliant.evaluator.protocols.protocol import read_protocol
 from pliant.evaluator.report.cells import heading
 from pliant.evaluator.report.pages import render_page
 from pliant.evaluator.scores import Scores, read_scores
-from pliant.evaluator.statistics.comparison import Difference, differences
 
 _SYMMETRIC = "symmetric_rmse_px"
 _METRICS = {

@@ -11,7 +11,7 @@ import numpy as np
 
 from pliant.evaluator.arrays import FloatArray
 from pliant.evaluator.metrics.base import Groups, Metric, Positive, ScoringContext, Summary
-from pliant.evaluator.submission.blocks import Block
+from pliant.evaluator.metrics.blocks import Block
 from pliant.spec.configuration import configuration
 from pliant.spec.constraints import Bounds
 

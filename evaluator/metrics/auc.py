@@ -13,8 +13,8 @@ import numpy as np
 
 from pliant.evaluator.arrays import FloatArray
 from pliant.evaluator.metrics.base import Groups, Metric, Positives, ScoringContext, Summary
+from pliant.evaluator.metrics.blocks import Block
 from pliant.evaluator.statistics.ratios import Figure
-from pliant.evaluator.submission.blocks import Block
 from pliant.spec.configuration import configuration
 from pliant.spec.constraints import NotEmpty
 

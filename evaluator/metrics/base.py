@@ -10,10 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from pliant.evaluator.arrays import BoolArray, FloatArray, IntArray
+from pliant.evaluator.metrics.blocks import Block
 from pliant.evaluator.metrics.surfaces import Surfaces
 from pliant.evaluator.statistics.ratios import Figure
-from pliant.evaluator.submission.answers import Answers, Scratch
-from pliant.evaluator.submission.blocks import Block
+from pliant.evaluator.submission.answers import SplitAnswers
 from pliant.evaluator.submission.queries import Queries
 from pliant.spec.configuration import configuration
 from pliant.spec.constraints import Bounds
@@ -115,20 +115,18 @@ class ScoringContext:
         queries: The split's queries.
         answers: The scored rows: the answers in the order of the queries, or keypoint matches.
         table: The pair table, which metrics fill.
-        scratch: Allocates arrays with one value per scored row.
         surfaces: The surface images of the target frames.
     """
 
     dataset: Dataset
     queries: Queries
-    answers: Answers
+    answers: SplitAnswers
     table: PairTable
-    scratch: Scratch
     surfaces: Surfaces
 
     def per_row(self) -> FloatArray:
         """Return an array for one value per scored row, float64 (R,), filled with NaN."""
-        return self.scratch.full(len(self.answers.uv_px), np.float64, np.nan)
+        return np.full(len(self.answers.uv_px), np.nan)
 
 
 @configuration(frozen=True)

@@ -14,9 +14,9 @@ import numpy.typing as npt
 
 from pliant.evaluator.arrays import FloatArray
 from pliant.evaluator.metrics.base import Groups, Metric, Positive, ScoringContext, Summary
+from pliant.evaluator.metrics.blocks import Block
 from pliant.evaluator.metrics.surfaces import SurfaceFacts
 from pliant.evaluator.statistics.ratios import Figure, Ratio
-from pliant.evaluator.submission.blocks import Block
 from pliant.spec.configuration import configuration
 
 CAUSES_VERSION: Final = "1.0"
@@ -109,7 +109,7 @@ class Causes(Metric[CausesSettings]):
         super().__init__(settings, context)
         self._side_px = max(context.queries.size)
         rows = len(context.answers.uv_px)
-        self.codes: npt.NDArray[np.uint8] = context.scratch.full(rows, np.uint8, NO_CAUSE)
+        self.codes: npt.NDArray[np.uint8] = np.full(rows, NO_CAUSE, np.uint8)
         """Cause of each answer as its index in `CAUSES`, `NO_CAUSE` where none is known."""
 
     def update(self, block: Block) -> None:

@@ -17,10 +17,10 @@ from pliant.evaluator.metrics.base import (
     ScoringContext,
     Summary,
 )
+from pliant.evaluator.metrics.blocks import Block
 from pliant.evaluator.metrics.mixtures import Mixtures
 from pliant.evaluator.statistics.ratios import Figure, Ratio
-from pliant.evaluator.submission.answers import Answers
-from pliant.evaluator.submission.blocks import Block
+from pliant.evaluator.submission.answers import SplitAnswers
 from pliant.spec.configuration import configuration
 from pliant.spec.constraints import Bounds
 
@@ -207,7 +207,7 @@ class Distribution(Metric[DistributionSettings]):
 
 
 def answered_mixtures(
-    answers: Answers, block: Block, chosen: IntArray, sigma_floor_px: float
+    answers: SplitAnswers, block: Block, chosen: IntArray, sigma_floor_px: float
 ) -> Mixtures:
     """Return the distributions of some rows of a block, their sigma floored.
 

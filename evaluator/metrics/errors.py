@@ -71,7 +71,7 @@ def exact_quantiles(chunks: Sequence[FloatArray], levels: Sequence[float]) -> li
     """Return quantiles by linear interpolation between order statistics (numpy's `linear`).
 
     Args:
-        chunks: float64 arrays, in memory or mapped; NaN is left out.
+        chunks: float64 arrays; NaN is left out.
         levels: Levels from 0 to 1.
 
     Returns:

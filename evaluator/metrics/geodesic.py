@@ -7,8 +7,8 @@ from typing import Annotated
 import numpy as np
 
 from pliant.evaluator.metrics.base import Groups, Metric, Summary
+from pliant.evaluator.metrics.blocks import Block
 from pliant.evaluator.statistics.ratios import Figure, Ratio
-from pliant.evaluator.submission.blocks import Block
 from pliant.spec.configuration import configuration
 from pliant.spec.constraints import Bounds
 

@@ -6,8 +6,8 @@ import numpy as np
 
 from pliant.evaluator.arrays import FloatArray, IntArray
 from pliant.evaluator.metrics.base import Groups, Metric, NoSettings, ScoringContext, Summary
+from pliant.evaluator.metrics.blocks import Block
 from pliant.evaluator.statistics.ratios import Figure, Ratio
-from pliant.evaluator.submission.blocks import Block
 
 
 class Jitter(Metric[NoSettings]):

@@ -12,9 +12,9 @@ from pliant.evaluator.metrics.base import (
     ScoringContext,
     Summary,
 )
+from pliant.evaluator.metrics.blocks import Block
 from pliant.evaluator.metrics.errors import exact_quantiles
 from pliant.evaluator.statistics.ratios import Figure, Ratio
-from pliant.evaluator.submission.blocks import Block
 from pliant.spec.configuration import configuration
 
 

@@ -17,11 +17,11 @@ from pliant.evaluator.metrics.base import (
     ScoringContext,
     Summary,
 )
+from pliant.evaluator.metrics.blocks import VISIBLE, Block
 from pliant.evaluator.metrics.dense_truth import dense_truth
 from pliant.evaluator.metrics.surfaces import ObjectSurface, Surfaces, nearest_object_pixel
 from pliant.evaluator.statistics.ratios import Figure, Ratio
-from pliant.evaluator.submission import matches
-from pliant.evaluator.submission.blocks import VISIBLE, Block
+from pliant.evaluator.submission.matches import SplitMatches
 from pliant.evaluator.submission.queries import Queries
 from pliant.spec.configuration import configuration
 from pliant.spec.conventions import VISIBILITY_STATES
@@ -98,7 +98,7 @@ class Matches(Metric[MatchesSettings]):
 
 
 def match_blocks(
-    found: matches.Matches, context: ScoringContext, footprints: float
+    found: SplitMatches, context: ScoringContext, footprints: float
 ) -> Iterator[Block]:
     """Yield the matches of each pair that has some, with their truth.
 

@@ -14,8 +14,8 @@ import numpy as np
 
 from pliant.evaluator.arrays import FloatArray, IntArray
 from pliant.evaluator.metrics.base import Metric, Positives
+from pliant.evaluator.metrics.blocks import Block
 from pliant.evaluator.statistics.ratios import Figure, Ratio
-from pliant.evaluator.submission.blocks import Block
 from pliant.spec.configuration import configuration
 
 

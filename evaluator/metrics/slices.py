@@ -12,9 +12,9 @@ import pyarrow as pa
 
 from pliant.evaluator.arrays import BoolArray, FloatArray, IntArray
 from pliant.evaluator.metrics.base import Groups, Metric, Positive, ScoringContext, Summary
+from pliant.evaluator.metrics.blocks import Block
 from pliant.evaluator.metrics.errors import endpoint_error_px
 from pliant.evaluator.statistics.ratios import Figure, Ratio
-from pliant.evaluator.submission.blocks import Block
 from pliant.spec.configuration import configuration
 from pliant.spec.conventions import VISIBILITY_STATES
 from pliant.spec.io.parquet import read_table

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pliant.evaluator.arrays import BoolArray, FloatArray, IntArray
-from pliant.evaluator.submission.blocks import Block
+from pliant.evaluator.metrics.blocks import Block
 from pliant.evaluator.submission.queries import Queries
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import SpecError

@@ -8,9 +8,9 @@ import numpy as np
 
 from pliant.evaluator.arrays import BoolArray, FloatArray, IntArray, RealArray
 from pliant.evaluator.metrics.base import Groups, Metric, NoSettings, Summary
+from pliant.evaluator.metrics.blocks import Block
 from pliant.evaluator.metrics.errors import sum_by_pair
 from pliant.evaluator.statistics.ratios import Figure, Ratio
-from pliant.evaluator.submission.blocks import Block
 
 
 class Symmetry(Metric[NoSettings]):

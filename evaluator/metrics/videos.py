@@ -13,6 +13,7 @@ from typing import Literal
 import numpy as np
 
 from pliant.evaluator.metrics.base import Groups, Metric, ScoringContext, Summary
+from pliant.evaluator.metrics.blocks import Block
 from pliant.evaluator.metrics.tapvid import (
     Tapvid,
     TapvidPairs,
@@ -20,7 +21,6 @@ from pliant.evaluator.metrics.tapvid import (
     tapvid_figures,
 )
 from pliant.evaluator.statistics.ratios import Figure
-from pliant.evaluator.submission.blocks import Block
 from pliant.spec.configuration import configuration
 
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from pliant.evaluator.comparison import Difference, method_names
 from pliant.evaluator.controls import CONTROLS
 from pliant.evaluator.metrics.base import OVERALL
 from pliant.evaluator.report.cells import cause_bars, heading, score_cell
@@ -14,7 +15,6 @@ from pliant.evaluator.report.leaderboard import error_curves
 from pliant.evaluator.report.pages import render_page
 from pliant.evaluator.report.verdict import board_verdict, joined
 from pliant.evaluator.scores import Scores
-from pliant.evaluator.statistics.comparison import Difference, method_names
 from pliant.evaluator.statistics.sign_flips import fewest_sequences
 
 

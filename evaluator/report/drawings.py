@@ -13,7 +13,7 @@ import numpy.typing as npt
 from PIL import Image
 
 from pliant.evaluator.arrays import FloatArray
-from pliant.evaluator.report.examples import Example
+from pliant.evaluator.examples import Example
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import SpecError
 from pliant.spec.storage import layout

@@ -10,6 +10,13 @@ from typing import Any, Final
 
 import numpy as np
 
+from pliant.evaluator.comparison import (
+    Difference,
+    check_comparable,
+    differences,
+    method_names,
+    ranks,
+)
 from pliant.evaluator.controls import CONTROLS
 from pliant.evaluator.hidden_truth import public_scores
 from pliant.evaluator.metrics.base import OVERALL
@@ -18,13 +25,6 @@ from pliant.evaluator.report.pages import render_page
 from pliant.evaluator.report.plots import cdf_svg, interval_svg
 from pliant.evaluator.report.verdict import board_verdict
 from pliant.evaluator.scores import SCORES_JSON, Scores, read_scores
-from pliant.evaluator.statistics.comparison import (
-    Difference,
-    check_comparable,
-    differences,
-    method_names,
-    ranks,
-)
 from pliant.evaluator.statistics.sign_flips import fewest_sequences
 from pliant.spec.errors import CallError
 

@@ -1,4 +1,4 @@
-"""What a submission may hold, whichever protocol scores it."""
+"""What a submission may contain, whichever protocol scores it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,3 @@ MAX_EXCESS_ROWS: Final = 1_000_000
 
 MAX_MATCHES_PER_PAIR: Final = 100_000
 """Largest number of keypoint matches of one image pair."""
-
-MAX_VALUE_BYTES: Final = 64
-"""Largest uncompressed size of one value of a numeric column, from the file's own metadata,
-on average; what passes it is not a column of numbers."""

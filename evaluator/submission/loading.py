@@ -1,30 +1,39 @@
 """Opens, checks and reads a submission, the same way for a check and for its scores.
 
-Answers that are arrays in memory are checked like the rows of a file. `check` lists what is wrong
-without scoring.
+A file from a stranger is read in a child process with limits on memory and time: a crash of the
+Parquet library, or a file that expands without end, is an issue like any other. Answers that are
+arrays in memory are checked like the rows of a file.
 """
 
 from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 
 from pliant.evaluator.arrays import RealArray
-from pliant.evaluator.submission.answers import Answers, Scratch, read_answers
-from pliant.evaluator.submission.hints import hints_without_truth
-from pliant.evaluator.submission.matches import Matches, read_matches
+from pliant.evaluator.submission.answers import SplitAnswers, place_answers
+from pliant.evaluator.submission.hints import coordinate_hints
+from pliant.evaluator.submission.matches import SplitMatches, place_matches
 from pliant.evaluator.submission.problems import Problems
 from pliant.evaluator.submission.queries import Queries, read_queries
-from pliant.evaluator.submission.submission_file import Submission, check_columns, open_submission
+from pliant.evaluator.submission.submission_file import (
+    Submission,
+    check_columns,
+    open_submission,
+    read_rows,
+)
+from pliant.evaluator.submission.values import read_values
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, Issue
+from pliant.spec.io.reading import sha256_file
+from pliant.spec.limits import LimitError, Limits, run_limited
 
 Given: TypeAlias = "pa.Table | Mapping[str, Any] | RealArray"
 """Answers in memory: a table, columns by name, or the positions alone."""
@@ -42,11 +51,16 @@ class Loaded:
 
     submission: Submission
     queries: Queries
-    answers: Answers | Matches
+    answers: SplitAnswers | SplitMatches
 
 
 def load(
-    path: Path, dataset: Dataset, problems: Problems, scratch: Scratch, *, allow_missing: bool
+    path: Path,
+    dataset: Dataset,
+    problems: Problems,
+    *,
+    allow_missing: bool = False,
+    limits: Limits | None = None,
 ) -> Loaded | None:
     """Open, check and read a submission.
 
@@ -54,8 +68,9 @@ def load(
         path: The file.
         dataset: The dataset it answers.
         problems: Receives everything that is wrong.
-        scratch: Where long arrays live.
         allow_missing: Whether a query without an answer is not a problem.
+        limits: Read the file in a child process with these limits; None reads it in this process,
+            which a hostile file can crash.
 
     Returns:
         The submission, or None if there is a problem.
@@ -63,15 +78,52 @@ def load(
     Raises:
         SpecError: The dataset is at fault, not the submission.
     """
-    submission = open_submission(path, dataset, problems)
-    if submission is None:
+    read = partial(_load, path, dataset, str(problems.path), allow_missing=allow_missing)
+    try:
+        loaded, found = read() if limits is None else run_limited(read, limits=limits, path=path)
+    except LimitError as error:
+        code = "FILE_UNREADABLE" if error.reason == "crash" else "FILE_TOO_LARGE"
+        message = error.message
+        for word, value in (("found", error.found), ("required", error.required)):
+            message += f"; {word} {value}" if value is not None else ""
+        problems.add(code, "", message)
         return None
+    problems.findings.merge(found.findings)
+    return loaded
+
+
+def _load(
+    path: Path, dataset: Dataset, shown: str, *, allow_missing: bool
+) -> tuple[Loaded | None, Problems]:
+    problems = Problems(shown)
+    opened = open_submission(path, dataset, problems)
+    if opened is None:
+        return None, problems
+    submission, file = opened
     queries = read_queries(dataset, submission.split)
-    answers: Answers | Matches
+    table = read_rows(submission, file, queries, problems)
+    if table is None:
+        return None, problems
+    loaded = _placed(submission, table, queries, problems, allow_missing=allow_missing)
+    if loaded is not None:
+        loaded = replace(loaded, submission=replace(submission, sha256=sha256_file(path)))
+    return loaded, problems
+
+
+def _placed(
+    submission: Submission,
+    table: pa.Table,
+    queries: Queries,
+    problems: Problems,
+    *,
+    allow_missing: bool,
+) -> Loaded | None:
+    values = read_values(table, submission.columns, problems)
+    answers: SplitAnswers | SplitMatches
     if submission.kind == "matches":
-        answers = read_matches(submission, queries, problems)
+        answers = place_matches(values, queries, problems)
     else:
-        answers = read_answers(submission, queries, problems, scratch, allow_missing=allow_missing)
+        answers = place_answers(values, queries, problems, allow_missing=allow_missing)
     return None if problems else Loaded(submission, queries, answers)
 
 
@@ -81,11 +133,23 @@ def load_in_memory(
     split: str,
     method: str,
     problems: Problems,
-    scratch: Scratch,
     *,
-    allow_missing: bool,
+    allow_missing: bool = False,
 ) -> Loaded | None:
-    """Check and read answers that are arrays; arguments as `load` and `_open_answers`.
+    """Check and read answers that are arrays.
+
+    Args:
+        answers: A table or a mapping with the columns of a submission, each one value per row, or
+            the positions alone, float (R, 2), pixels. Without `pair_id` and `query_id` the rows
+            are in the order of the queries.
+        dataset: The dataset.
+        split: The split that is answered.
+        method: Name of the method.
+        problems: Receives everything that is wrong.
+        allow_missing: Whether a query without an answer is not a problem.
+
+    Returns:
+        The answers as a submission, or None if there is a problem.
 
     Raises:
         CallError: The split has no queries, or the answers are not columns.
@@ -96,59 +160,33 @@ def load_in_memory(
         required = "one of " + ", ".join(splits)
         raise CallError("this split has no queries", found=repr(split), required=required)
     queries = read_queries(dataset, split)
-    sha256 = dataset.queries_sha256(split)
-    footer = {"split": split, "queries_sha256": sha256, "method": {"name": method}}
-    submission = _open_answers(answers, queries, footer, problems)
-    if submission is None:
-        return None
-    answers = read_answers(submission, queries, problems, scratch, allow_missing=allow_missing)
-    return None if problems else Loaded(submission, queries, answers)
-
-
-def _open_answers(
-    answers: Given, queries: Queries, footer: Mapping[str, Any], problems: Problems
-) -> Submission | None:
-    """Return answers in memory as a submission.
-
-    Args:
-        answers: A table or a mapping with the columns of a submission, each one value per row, or
-            the positions alone, float (R, 2), pixels. Without `pair_id` and `query_id` the rows
-            are in the order of the queries.
-        queries: The split's queries.
-        footer: What the footer of a file says: `split`, `queries_sha256`, `method`.
-        problems: Receives missing columns and columns of a wrong type.
-
-    Raises:
-        CallError: The answers are not a table, or rows without keys are not one per query.
-    """
-    table = _table(answers)
-    if not {"pair_id", "query_id"} & set(table.column_names):
-        if len(table) != queries.rows:
-            raise CallError(
-                "answers without pair_id and query_id must be one per query, in their order",
-                found=f"{len(table):,} answers",
-                required=f"{queries.rows:,}, the queries of split {queries.split}",
-            )
-        pair = np.repeat(np.arange(queries.pairs), np.diff(queries.starts))
-        query = np.arange(queries.rows) - queries.starts[pair]
-        table = table.append_column("pair_id", pa.array(pair))
-        table = table.append_column("query_id", pa.array(query))
+    table = _with_keys(_table(answers), queries)
     columns = check_columns(table.schema, "answers", problems)
     if columns is None:
         return None
     used = table.select(list(columns))
-    modes = pc.sum(pc.list_value_length(used["modes"])).as_py() if "modes" in columns else 0
-    return Submission(
-        name="answers in memory",
-        schema=used.schema,
-        read=lambda rows: iter(used.to_batches(rows)),
-        sha256=lambda: _sha256(used),
-        kind="answers",
-        footer=footer,
-        columns=columns,
-        rows=len(used),
-        most_modes=modes or 0,
+    sha256 = dataset.queries_sha256(split)
+    footer = {"split": split, "queries_sha256": sha256, "method": {"name": method}}
+    submission = Submission(
+        "answers in memory", "answers", footer, columns, len(used), _sha256(used)
     )
+    return _placed(submission, used, queries, problems, allow_missing=allow_missing)
+
+
+def _with_keys(table: pa.Table, queries: Queries) -> pa.Table:
+    """Return a table with `pair_id` and `query_id`, of rows in the queries' order without them."""
+    if {"pair_id", "query_id"} & set(table.column_names):
+        return table
+    if len(table) != queries.rows:
+        raise CallError(
+            "answers without pair_id and query_id must be one per query, in their order",
+            found=f"{len(table):,} answers",
+            required=f"{queries.rows:,}, the queries of split {queries.split}",
+        )
+    pair = np.repeat(np.arange(queries.pairs), np.diff(queries.starts))
+    query = np.arange(queries.rows) - queries.starts[pair]
+    keyed = table.append_column("pair_id", pa.array(pair))
+    return keyed.append_column("query_id", pa.array(query))
 
 
 def _table(answers: Given) -> pa.Table:
@@ -164,6 +202,14 @@ def _table(answers: Given) -> pa.Table:
                 required="shape (number of queries, 2)",
             )
         columns = {"u": positions[:, 0], "v": positions[:, 1]}
+    for name, column in columns.items():
+        if np.iscomplexobj(column):
+            raise CallError(
+                "answers must be real numbers",
+                where=str(name),
+                found="complex numbers",
+                fix="Give u and v as two real columns.",
+            )
     try:
         return pa.table(dict(columns))
     except (pa.ArrowException, TypeError, ValueError) as error:
@@ -184,6 +230,7 @@ def check(
     truth: Path | str | None = None,
     *,
     allow_missing: bool = False,
+    limits: Limits | None = None,
 ) -> list[Issue]:
     """Return every problem of a submission; an empty list means that it can be scored.
 
@@ -194,21 +241,26 @@ def check(
         data: The dataset, or its folder; its queries suffice.
         truth: Not needed for a check; accepted so that calls look alike.
         allow_missing: Whether a query without an answer is not a problem.
+        limits: Read the file in a child process with these limits, as the commands do; None reads
+            it in this process.
 
     Raises:
         SpecError: The dataset is at fault, not the submission.
     """
-    return inspect(submission, data, allow_missing=allow_missing).issues()
+    return inspect(submission, data, allow_missing=allow_missing, limits=limits).issues()
 
 
 def inspect(
-    submission: Path | str, data: Dataset | Path | str, *, allow_missing: bool = False
+    submission: Path | str,
+    data: Dataset | Path | str,
+    *,
+    allow_missing: bool = False,
+    limits: Limits | None = None,
 ) -> Problems:
     """Return a submission's problems with their true totals, and hints; arguments as `check`."""
     dataset = data if isinstance(data, Dataset) else Dataset.open(data)
     problems = Problems(submission)
-    path = Path(submission)
-    loaded = load(path, dataset, problems, Scratch(), allow_missing=allow_missing)
-    if loaded is not None and isinstance(loaded.answers, Answers):
-        problems.hints = hints_without_truth(loaded.answers, loaded.queries)
+    loaded = load(Path(submission), dataset, problems, allow_missing=allow_missing, limits=limits)
+    if loaded is not None and isinstance(loaded.answers, SplitAnswers):
+        problems.hints = coordinate_hints(loaded.answers, loaded.queries)
     return problems

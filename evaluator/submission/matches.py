@@ -8,16 +8,15 @@ import numpy as np
 
 from pliant.evaluator.arrays import FloatArray, IntArray
 from pliant.evaluator.submission import limits
-from pliant.evaluator.submission.answers import Answers
-from pliant.evaluator.submission.batches import read_batches
+from pliant.evaluator.submission.answers import SplitAnswers
 from pliant.evaluator.submission.problems import Problems
 from pliant.evaluator.submission.queries import Queries
-from pliant.evaluator.submission.submission_file import Submission
+from pliant.evaluator.submission.values import Values
 
 
 @dataclass(frozen=True)
-class Matches:
-    """Keypoint matches, by pair, at most one from each source pixel.
+class SplitMatches:
+    """The keypoint matches of a split, by pair, at most one from each source pixel.
 
     Attributes:
         starts: int64 (P + 1,), first match of each pair, and M.
@@ -30,41 +29,39 @@ class Matches:
     uv_b_px: FloatArray
 
     @property
-    def answers(self) -> Answers:
+    def answers(self) -> SplitAnswers:
         """The target keypoints as answers to the source keypoints."""
-        return Answers(self.uv_b_px, None, None, None, None, None, len(self.uv_b_px))
+        return SplitAnswers(self.uv_b_px, answered=len(self.uv_b_px))
 
 
-def read_matches(submission: Submission, queries: Queries, problems: Problems) -> Matches:
-    """Read a submission of kind `matches`.
+def place_matches(values: Values, queries: Queries, problems: Problems) -> SplitMatches:
+    """Group the matches of a submission by pair.
 
     The truth has one value for each source pixel. Of several matches from one pixel only the one
     with the highest score is used, so repeating a match gives it no weight.
 
     Args:
-        submission: From `open_submission`.
+        values: The rows, from `read_values`.
         queries: The split's queries, which name the pairs.
-        problems: Receives whatever is wrong with a row.
+        problems: Receives whatever is wrong with a key.
 
     Returns:
         The matches; to be used only if `problems` stays empty.
     """
-    pairs: list[IntArray] = [np.empty(0, np.int64)]
-    positions: list[FloatArray] = [np.empty((0, 5))]
-    for batch in read_batches(submission, problems):
-        pair = batch.keys["pair_id"]
-        known = (pair >= 0) & (pair < queries.pairs)
+    pair = values.keys["pair_id"]
+    known = (pair >= 0) & (pair < queries.pairs)
 
-        def stray(row: int, pair: IntArray = pair, begin: int = batch.begin) -> tuple[str, str]:
-            required = f"required: pair ids below {queries.pairs}"
-            place = f"row {begin + row} (pair {pair[row]})"
-            return place, f"split {queries.split} has no such pair; {required}"
+    def stray(row: int) -> tuple[str, str]:
+        required = f"required: pair ids below {queries.pairs}"
+        return (
+            f"row {row} (pair {pair[row]})",
+            f"split {queries.split} has no such pair; {required}",
+        )
 
-        problems.add_rows("ROW_UNKNOWN", ~known, stray)
-        pairs.append(pair[known])
-        names = ("u_a", "v_a", "u", "v", "score")
-        positions.append(np.stack([batch.values[n] for n in names], axis=1)[known] * 1.0)
-    pair = np.concatenate(pairs)
+    problems.add_rows("ROW_UNKNOWN", ~known, stray)
+    names = ("u_a", "v_a", "u", "v", "score")
+    rows = np.stack([values.reals[name] for name in names], axis=1)[known].astype(np.float64)
+    pair = pair[known].astype(np.int64)
     count = np.bincount(pair, minlength=queries.pairs)
 
     def describe(index: int) -> tuple[str, str]:
@@ -72,11 +69,10 @@ def read_matches(submission: Submission, queries: Queries, problems: Problems) -
         return f"pair {index}", f"found {count[index]:,} matches; required: {required}"
 
     problems.add_rows("VALUE_OUT_OF_RANGE", count > limits.MAX_MATCHES_PER_PAIR, describe)
-    rows = np.concatenate(positions).astype(np.float64)
     kept = _best_of_each_pixel(pair, rows)
-    count = np.bincount(pair[kept], minlength=queries.pairs)
+    kept_count = np.bincount(pair[kept], minlength=queries.pairs)
     uv = rows[kept]
-    return Matches(np.concatenate([[0], np.cumsum(count)]), uv[:, :2], uv[:, 2:4])
+    return SplitMatches(np.concatenate([[0], np.cumsum(kept_count)]), uv[:, :2], uv[:, 2:4])
 
 
 def _best_of_each_pixel(pair: IntArray, rows: FloatArray) -> IntArray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -11,13 +12,12 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from pliant.evaluator.arrays import BoolArray, IntArray
-from pliant.evaluator.submission.stream import ColumnStream, numbers
+from pliant.evaluator.submission.columns import read_columns
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import SpecError
-from pliant.spec.io.parquet_columns import codes
 from pliant.spec.storage import layout
 
-_BLOCK_ROWS: Final = 1 << 18
+_INTEGERS: Final = ("pair_id", "query_id", "frame_a", "frame_b")
 _STRINGS: Final = ("tier", "sequence_a", "sequence_b")
 
 
@@ -94,59 +94,50 @@ def read_queries(dataset: Dataset, split: str) -> Queries:
         SpecError: The queries file is missing, damaged, or not numbered as specified.
     """
     path = dataset.local(layout.queries_name(split))
-    integers = ("pair_id", "query_id", "frame_a", "frame_b")
-    stream = ColumnStream(path, [*integers, *_STRINGS], _STRINGS)
-    firsts: list[pa.Table] = []  # the first query of each pair
-    starts = np.empty(0, np.int64)
-    last_pair, last_start = -1, 0
-    for begin in range(0, stream.rows, _BLOCK_ROWS):
-        table = stream.take(min(_BLOCK_ROWS, stream.rows - begin))
-        pair = numbers(table["pair_id"], np.int64)
-        step = np.diff(pair, prepend=last_pair)
-        first = np.flatnonzero(step)  # rows at which a pair begins, in this block
-        begins = np.concatenate([[last_start], begin + first])
-        rows = np.arange(begin, begin + len(pair))
-        expected = rows - np.repeat(begins, np.diff(np.concatenate([[0], first, [len(pair)]])))
-        query = numbers(table["query_id"], np.int64)
-        if np.any(step[first] != 1) or not np.array_equal(query, expected):
-            raise SpecError(
-                "the queries are not numbered consecutively",
-                path=path,
-                where="pair_id, query_id",
-                required="pair ids 0, 1, 2 … and query ids 0, 1, 2 … within each, ascending",
-                fix="Run: pliant validate",
-            )
-        starts = np.append(starts, begin + first)
-        firsts.append(_with_text(table.take(first)))
-        last_pair, last_start = int(pair[-1]), int(begins[-1])
-    if not stream.rows:
+    table = read_columns(path, (*_INTEGERS, *_STRINGS))
+    if not len(table):
         raise SpecError("the split has no queries", path=path, fix="Run: pliant validate")
-    pairs = pa.concat_tables(firsts)
-    tiers = pairs["tier"].unique().to_pylist()
+    pair, query = table["pair_id"].to_numpy(), table["query_id"].to_numpy()
+    step = np.diff(pair, prepend=-1)
+    first = np.flatnonzero(step)  # rows at which a pair begins
+    starts = np.append(first, len(pair))
+    expected = np.arange(len(pair)) - np.repeat(first, np.diff(starts)) if len(first) else None
+    if expected is None or np.any(step[first] != 1) or not np.array_equal(query, expected):
+        raise SpecError(
+            "the queries are not numbered consecutively",
+            path=path,
+            where="pair_id, query_id",
+            required="pair ids 0, 1, 2 … and query ids 0, 1, 2 … within each, ascending",
+            fix="Run: pliant validate",
+        )
+    tiers, tier = _coded(table, ("tier",), first)
     unknown = [name for name in tiers if name not in dataset.tiers]
     if unknown:
         raise SpecError("the queries name a tier the dataset has not", path=path, found=unknown[0])
-    both = pa.chunked_array([*pairs["sequence_a"].chunks, *pairs["sequence_b"].chunks])
-    sequences = both.unique().to_pylist()
+    sequences, both = _coded(table, ("sequence_a", "sequence_b"), first)
     return Queries(
         split=split,
         path=path,
-        starts=np.append(starts, stream.rows),
+        starts=starts,
         tiers=tiers,
-        tier=codes(pairs["tier"], tiers),
+        tier=tier,
         sequences=sequences,
-        sequence_a=codes(pairs["sequence_a"], sequences),
-        sequence_b=codes(pairs["sequence_b"], sequences),
-        frame_a=numbers(pairs["frame_a"], np.int32),
-        frame_b=numbers(pairs["frame_b"], np.int32),
+        sequence_a=both[: len(first)],
+        sequence_b=both[len(first) :],
+        frame_a=table["frame_a"].to_numpy()[first],
+        frame_b=table["frame_b"].to_numpy()[first],
         size=dataset.size,
     )
 
 
-def _with_text(table: pa.Table) -> pa.Table:
-    """Return a table whose dictionaries are plain text, which tables with others can be joined."""
-    fields = [
-        pa.field(field.name, pa.string()) if field.name in _STRINGS else field
-        for field in table.schema
+def _coded(
+    table: pa.Table, columns: Sequence[str], rows: IntArray
+) -> tuple[list[str], npt.NDArray[np.int32]]:
+    """Return the texts of columns in some rows, by first occurrence, and the code of each."""
+    parts = [
+        chunk.dictionary_decode() if pa.types.is_dictionary(chunk.type) else chunk
+        for name in columns
+        for chunk in table[name].take(rows).chunks
     ]
-    return table.cast(pa.schema(fields))
+    encoded = pa.concat_arrays(parts).dictionary_encode()
+    return encoded.dictionary.to_pylist(), encoded.indices.to_numpy()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -14,12 +14,13 @@ import pyarrow.parquet as pq
 from pliant.evaluator.submission import limits
 from pliant.evaluator.submission.file_kinds import kind_of_file
 from pliant.evaluator.submission.problems import Problems
+from pliant.evaluator.submission.queries import Queries
+from pliant.evaluator.submission.values import MODE_FIELDS
 from pliant.spec.conventions import SPEC_VERSION
 from pliant.spec.dataset import Dataset, check_version
 from pliant.spec.io.jsonfiles import schema_errors
-from pliant.spec.io.parquet import footer_of, open_table
-from pliant.spec.io.parquet_footer import ColumnChunk, read_column_chunks
-from pliant.spec.io.reading import FileRefusedError, sha256_file
+from pliant.spec.io.parquet import footer_of
+from pliant.spec.io.reading import FileRefusedError
 from pliant.spec.text import name_fault
 from pliant.spec.validation.findings import reason
 
@@ -35,8 +36,6 @@ OPTIONAL: Final[dict[str, dict[str, str]]] = {
     "answers": {"visible": "probability", "sigma": "real", "modes": "modes"},
     "matches": {},
 }
-MODE_FIELDS: Final = ("u", "v", "sigma", "weight")
-
 _TEMPLATE: Final = (
     "The footer is JSON under the key `pliant` of the file's metadata; "
     "`pliant submit-template` writes a file that has it."
@@ -56,25 +55,19 @@ class Submission:
 
     Attributes:
         name: Name of the file, without its folder.
-        schema: Its columns and their types.
-        read: Returns an iterator over the rows, at most so many in each batch.
-        sha256: Of the file, computed when it is asked for.
         kind: `answers` or `matches`.
         footer: The footer object.
         columns: The columns to read, by name: `integer`, `real`, `probability` or `modes`.
-        rows: Rows the footer announces.
-        most_modes: The most modes that all rows can have together, by the footer.
+        rows: Number of rows.
+        sha256: Of the file.
     """
 
     name: str
-    schema: pa.Schema
-    read: Callable[[int], Iterator[pa.RecordBatch]]
-    sha256: Callable[[], str]
     kind: str
     footer: Mapping[str, Any]
     columns: Mapping[str, str]
     rows: int
-    most_modes: int
+    sha256: str = ""
 
     @property
     def split(self) -> str:
@@ -82,7 +75,9 @@ class Submission:
         return str(self.footer["split"])
 
 
-def open_submission(path: Path, dataset: Dataset, problems: Problems) -> Submission | None:
+def open_submission(
+    path: Path, dataset: Dataset, problems: Problems
+) -> tuple[Submission, pq.ParquetFile] | None:
     """Open a submission; everything that is wrong with it goes to `problems`.
 
     Args:
@@ -91,38 +86,51 @@ def open_submission(path: Path, dataset: Dataset, problems: Problems) -> Submiss
         problems: Receives the problems of the file, its footer and its columns.
 
     Returns:
-        The submission, or None where its rows cannot be read or matched with queries.
+        The submission without its sha256, and its file; None where its rows cannot be read or
+        matched with queries.
     """
-    opened = _open(path, problems)
-    if opened is None:
+    file = _open(path, problems)
+    if file is None:
         return None
-    file, chunks = opened
     footer = _footer(file, path, dataset, problems)
     kind = None if footer is None else str(footer["table"])
     columns = check_columns(file.schema_arrow, kind or "answers", problems)
     if footer is None or kind is None or columns is None:
         return None
-    if not _sizes_sane(chunks, columns, problems):
+    return Submission(path.name, kind, footer, columns, file.metadata.num_rows), file
+
+
+def read_rows(
+    submission: Submission, file: pq.ParquetFile, queries: Queries, problems: Problems
+) -> pa.Table | None:
+    """Decode the columns of a submission, or None where they are damaged or far too many."""
+    required, most = f"{queries.rows:,}, one for each query", queries.rows
+    if submission.kind == "matches":
+        most = queries.pairs * limits.MAX_MATCHES_PER_PAIR
+        required = f"at most {most:,}, {limits.MAX_MATCHES_PER_PAIR:,} for each image pair"
+    if submission.rows > most + limits.MAX_EXCESS_ROWS:
+        found = f"found {submission.rows:,} rows; required: {required}"
+        problems.add_many("ROW_UNKNOWN", submission.rows - most, [("", found)])
         return None
-    leaves = [chunk for chunk in chunks if chunk.path[0] == "modes" and "modes" in columns]
-    # Every leaf of a chunk announces the same values; the largest is an upper bound.
-    most: dict[int, int] = {}
-    for chunk in leaves:
-        most[chunk.row_group] = max(most.get(chunk.row_group, 0), chunk.values)
-    return Submission(
-        name=path.name,
-        schema=file.schema_arrow,
-        read=lambda rows: file.iter_batches(rows, columns=list(columns), use_threads=False),
-        sha256=lambda: sha256_file(path),
-        kind=kind,
-        footer=footer,
-        columns=columns,
-        rows=file.metadata.num_rows,
-        most_modes=sum(most.values()),
-    )
+    try:
+        table = file.read(list(submission.columns), use_threads=False)
+        table.validate(full=True)
+    except MemoryError:
+        raise  # the limit of the child process
+    except Exception as error:  # Arrow's errors on a hostile file do not share a base
+        problems.add("FILE_UNREADABLE", "", f"the rows cannot be decoded: {_short(error)}")
+        return None
+    if len(table) != submission.rows:
+        problems.add(
+            "FILE_UNREADABLE",
+            "",
+            f"found {len(table):,} rows; its footer announces {submission.rows:,}",
+        )
+        return None
+    return table
 
 
-def _open(path: Path, problems: Problems) -> tuple[pq.ParquetFile, list[ColumnChunk]] | None:
+def _open(path: Path, problems: Problems) -> pq.ParquetFile | None:
     try:
         resolved = path.resolve(strict=True)
         regular = resolved.is_file()
@@ -140,16 +148,13 @@ def _open(path: Path, problems: Problems) -> tuple[pq.ParquetFile, list[ColumnCh
         problems.differs("FILE_TOO_LARGE", "", f"{size:,} bytes", required)
         return None
     try:
-        file = open_table(resolved)
-        chunks = read_column_chunks(resolved)
+        file = pq.ParquetFile(resolved, pre_buffer=False)
         _ = file.schema_arrow.names
-    except FileRefusedError as error:
-        problems.add(error.code, error.where or "", kind_of_file(resolved) or _short(reason(error)))
-        return None
     except Exception as error:  # Arrow's errors on a hostile file do not share a base
-        problems.add("FILE_UNREADABLE", "", f"its schema cannot be read: {_short(error)}")
+        text = kind_of_file(resolved) or f"the Parquet file cannot be decoded: {_short(error)}"
+        problems.add("FILE_UNREADABLE", "", text)
         return None
-    return file, chunks
+    return file
 
 
 def _footer(
@@ -259,28 +264,6 @@ def _accepts(wanted: str, found: pa.DataType) -> bool:
         names.count(name) == 1 and _accepts("real", fields[names.index(name)].type)
         for name in MODE_FIELDS
     )
-
-
-def _sizes_sane(chunks: list[ColumnChunk], columns: Mapping[str, str], problems: Problems) -> bool:
-    """Check, before a page is decoded, what the metadata announces for the columns we read."""
-    for chunk in chunks:
-        name = chunk.path[0]
-        if name not in columns:
-            continue
-        place = f"{name}, row group {chunk.row_group}"
-        modes = columns[name] == "modes"
-        most = chunk.rows * (limits.MAX_MODES if modes else 1)
-        if chunk.values > most:
-            code = "MODES_INVALID" if modes else "FILE_UNREADABLE"
-            found = f"{chunk.values:,} values in {chunk.rows:,} rows"
-            problems.differs(code, place, found, f"at most {most:,}")
-            return False
-        allowed = limits.MAX_VALUE_BYTES * max(chunk.values, 0) + 2**20
-        if chunk.uncompressed_bytes > allowed:
-            found = f"{chunk.uncompressed_bytes:,} bytes for {chunk.values:,} numbers"
-            problems.differs("FILE_TOO_LARGE", place, found, f"at most {allowed:,}")
-            return False
-    return True
 
 
 def _short(text: object) -> str:

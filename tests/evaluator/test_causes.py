@@ -15,8 +15,8 @@ from PIL import Image, ImageFilter
 
 from pliant.cli.main import run
 from pliant.evaluator import evaluate, evaluate_answers, write_report
+from pliant.evaluator.comparison import differences
 from pliant.evaluator.scores import Scores, read_scores
-from pliant.evaluator.statistics.comparison import differences
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
 from pliant.spec.sequence import SequenceRecord

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pliant.evaluator.controls import Controls
-from pliant.evaluator.submission.blocks import VISIBLE, Block
+from pliant.evaluator.metrics.blocks import VISIBLE, Block
 
 # Two pairs. Pair 0: three visible points on a line, 10 px apart, and a hidden one. Pair 1: one
 # point. All of them move by (3, 4) from the source to the target, so `identity` errs by 5 px.

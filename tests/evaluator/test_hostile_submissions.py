@@ -1,7 +1,7 @@
 """More than two hundred files that somebody might submit, by mistake or on purpose.
 
 Every case says which issue codes must be reported, all of them; None stands for damaged bytes,
-of which nobody can say beforehand what a reader will see. Whatever the file, `check` and
+of which nobody can say beforehand what a reader will see. Whatever the file, `inspect` and
 `evaluate` give the same verdict and neither raises anything but its own errors.
 """
 
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import functools
 import json
+import os
 from collections.abc import Callable
 from datetime import date
 from decimal import Decimal
@@ -24,6 +25,8 @@ import pytest
 
 from pliant.cli.main import run
 from pliant.evaluator import evaluate, inspect
+from pliant.spec.errors import SubmissionError
+from pliant.spec.limits import Limits, run_limited
 from pliant.spec.validation.issue_codes import ISSUE_CODES
 
 Build = Callable[[Any, Path], None]
@@ -501,23 +504,80 @@ def test_there_are_many_cases_and_all_codes_are_of_the_catalogue() -> None:
     assert submission_codes - codes <= {"PATH_UNSAFE"}, "a code without a case"
 
 
-@pytest.mark.parametrize("name", CASES)
-def test_a_hostile_file_gets_its_codes_and_no_traceback(
+def verdict(path: Path, root: Path) -> set[str]:
+    """Return the codes of a file; `evaluate` must refuse exactly what `inspect` refuses."""
+    problems = inspect(path, root)
+    for issue in problems.issues():
+        assert issue.message, issue
+    found: set[str] = set()
+    try:
+        evaluate(path, root, protocol="paper")
+    except SubmissionError as error:
+        found = {issue.code for issue in error.issues}
+    assert found == set(problems.counts)
+    return found
+
+
+def verdicts(folder: Path, root: Path) -> dict[str, set[str]]:
+    return {path.name: verdict(path, root) for path in sorted(folder.iterdir())}
+
+
+@pytest.mark.parametrize("name", [name for name in CASES if CASES[name][0] is not None])
+def test_a_hostile_file_gets_its_codes(name: str, scene: Any, tmp_path: Path) -> None:
+    expected, build = CASES[name]
+    build(scene, tmp_path / "submission.parquet")
+    assert verdict(tmp_path / "submission.parquet", scene.root) == expected
+
+
+def test_damaged_files_get_a_verdict(scene: Any, tmp_path: Path) -> None:
+    """All in one child process: what crashes it fails the test."""
+    damaged = [name for name, (expected, _) in CASES.items() if expected is None]
+    for name in damaged:
+        CASES[name][1](scene, tmp_path / name)
+    found = run_limited(functools.partial(verdicts, tmp_path, scene.root))
+    assert set(found) == set(damaged)
+    assert sum(codes == {"FILE_UNREADABLE"} for codes in found.values()) > 20
+
+
+@pytest.mark.parametrize("name", ["good", "text", "cut to 50 %", "u nan", "a folder", "no footer"])
+def test_the_commands_end_without_a_traceback(
     name: str, scene: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     expected, build = CASES[name]
     path = tmp_path / "submission.parquet"
     build(scene, path)
-    problems = inspect(path, scene.root)
-    assert expected is None or set(problems.counts) == expected
-    for issue in problems.issues():
-        assert issue.message, issue
     arguments = [str(path), "--data", str(scene.root)]
-    status = run(["check", *arguments])
-    assert status == (1 if problems else 0)
+    status = 1 if expected else 0
+    assert run(["check", *arguments]) == status
     assert run(["evaluate", *arguments, "--protocol", "paper"]) == status
     out = capsys.readouterr()
     assert "Traceback" not in out.out + out.err
+    assert all(code in out.out and code in out.err for code in expected or ())
+
+
+def crash(*_: object, **__: object) -> None:
+    os.abort()
+
+
+def test_a_crash_of_the_reader_and_a_bomb_are_issues(scene: Any, tmp_path: Path) -> None:
+    """A file of a megabyte whose mixtures take gigabytes, within a limit of 300 MB."""
+    path = tmp_path / "bomb.parquet"
+    count = 1 << 24
+    lists = pa.ListArray.from_arrays(
+        pa.array(np.append([0], np.full(scene.rows, count)).astype(np.int32)),
+        pa.array([MODE], MODES_TYPE.value_type).take(pa.array(np.zeros(count, np.int32))),
+    )
+    scene.submit(path, scene.table().append_column("modes", lists))
+    assert path.stat().st_size < 2**22
+    limits = Limits(memory_bytes=300 * 2**20)
+    assert set(inspect(path, scene.root, limits=limits).counts) == {"FILE_TOO_LARGE"}
+    with pytest.raises(SubmissionError, match="FILE_TOO_LARGE"):
+        evaluate(path, scene.root, limits=limits)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("pliant.evaluator.submission.loading._load", crash)
+        crashed = inspect(path, scene.root, limits=Limits())
+    assert set(crashed.counts) == {"FILE_UNREADABLE"}
+    assert "crashed" in crashed.issues()[0].message
 
 
 def test_other_encodings_score_like_the_plain_file(scene: Any, tmp_path: Path) -> None:

@@ -10,9 +10,9 @@ import pytest
 
 from pliant.evaluator import evaluate_answers, read_protocol
 from pliant.evaluator.metrics.base import Metric
+from pliant.evaluator.metrics.blocks import Block
 from pliant.evaluator.protocols.protocol import parse_protocol
 from pliant.evaluator.statistics.ratios import Figure, Ratio
-from pliant.evaluator.submission.blocks import Block
 from pliant.spec.configuration import configuration
 from pliant.spec.constraints import Bounds
 from pliant.spec.errors import CallError

@@ -16,10 +16,10 @@ import pytest
 
 from pliant.cli.main import run
 from pliant.evaluator import evaluate, read_scores, write_report
+from pliant.evaluator.comparison import differences, ranks
 from pliant.evaluator.report import plots
 from pliant.evaluator.report.canvas import Labels
 from pliant.evaluator.report.leaderboard import render_leaderboard
-from pliant.evaluator.statistics.comparison import differences, ranks
 from pliant.spec.errors import CallError, SubmissionError
 from tests.evaluator.figures import figure
 

@@ -13,7 +13,6 @@ import pytest
 from pliant.evaluator import evaluate
 from pliant.evaluator.statistics.bootstrap import Bootstrap, Clusters, expanded_tail, intervals
 from pliant.evaluator.statistics.ratios import Ratio
-from pliant.evaluator.submission.answers import Scratch
 
 
 @pytest.fixture(scope="module")
@@ -32,41 +31,17 @@ def without_submission(document: dict[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in document.items() if key != "submission"}
 
 
-def test_blocks_and_batches_of_any_size_give_the_same_scores(
+def test_blocks_of_any_size_give_the_same_scores(
     scene: Any, noisy: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     whole = evaluate(noisy, scene.root)
     for rows in (1, 21, 47):
-        monkeypatch.setattr("pliant.evaluator.submission.blocks.BLOCK_ROWS", rows)
-        monkeypatch.setattr("pliant.evaluator.submission.stream.BATCH_ROWS", rows)
-        monkeypatch.setattr("pliant.evaluator.submission.batches.BATCH_ROWS", rows)
-        monkeypatch.setattr("pliant.evaluator.submission.queries._BLOCK_ROWS", rows)
+        monkeypatch.setattr("pliant.evaluator.metrics.blocks.BLOCK_ROWS", rows)
         cut = evaluate(noisy, scene.root)
         for name, value in whole.overall.items():
             expected = None if value is None else pytest.approx(value, rel=1e-12)
             assert cut.overall[name] == expected, name
         assert cut.per_pair.equals(whole.per_pair)
-
-
-def test_arrays_on_disk_give_the_same_scores_and_leave_nothing(
-    scene: Any, noisy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    import tempfile
-
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    made: list[Scratch] = []
-    start = Scratch.__init__
-
-    def spy(self: Scratch, limit: int) -> None:
-        start(self, limit)
-        made.append(self)
-
-    monkeypatch.setattr(Scratch, "__init__", spy)
-    in_memory = evaluate(noisy, scene.root)
-    mapped = evaluate(noisy, scene.root, memory_limit_bytes=0)
-    assert [scratch.on_disk for scratch in made] == [False, True]
-    assert mapped.document == in_memory.document
-    assert not list(tmp_path.iterdir())
 
 
 def test_two_evaluations_agree_to_the_byte(scene: Any, noisy: Path, tmp_path: Path) -> None:

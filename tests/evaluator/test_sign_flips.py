@@ -12,8 +12,8 @@ import pytest
 from scipy.stats import permutation_test
 
 from pliant.evaluator import evaluate
+from pliant.evaluator.comparison import differences
 from pliant.evaluator.scores import Scores
-from pliant.evaluator.statistics.comparison import differences
 from pliant.evaluator.statistics.ratios import Ratio
 from pliant.evaluator.statistics.sign_flips import _subsets, fewest_sequences, paired_difference
 from pliant.spec.errors import SpecError

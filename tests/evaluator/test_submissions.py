@@ -15,7 +15,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from pliant.cli.main import run
-from pliant.evaluator import Scores, check, evaluate, inspect
+from pliant.evaluator import Scores, check, evaluate, inspect, read_scores
 from pliant.evaluator.submission.problems import Problems
 from pliant.spec.errors import Issue, SubmissionError
 from tests.evaluator.figures import figure
@@ -113,7 +113,7 @@ def test_the_commands_exit_and_print_as_promised(
     report = tmp_path / "report"
     assert run(["evaluate", str(good), *data, "--json", "--out", str(report)]) == 0
     document = json.loads(capsys.readouterr().out)
-    assert document == json.loads((report / "scores.json").read_text())
+    assert document == read_scores(report).document
     assert run(["evaluate", str(good), *data]) == 0
     assert "RMSE (px)" in capsys.readouterr().out
     assert run(["evaluate", str(bad), *data, "--out", str(tmp_path / "none")]) == 1

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from pliant.evaluator.scores import Scores, read_scores
-from pliant.evaluator.submission.answers import Answers, Scratch
+from pliant.evaluator.submission.answers import SplitAnswers
 from pliant.evaluator.submission.loading import load
 from pliant.evaluator.submission.problems import Problems
 from pliant.spec.dataset import Dataset
@@ -37,7 +37,7 @@ class RecordedMethod:
     def __init__(
         self,
         name: str,
-        answers: Answers,
+        answers: SplitAnswers,
         split: str,
         queries: RecordedQueries,
         errors: list[float | None],
@@ -118,7 +118,7 @@ def read_submission(path: Path, dataset: Dataset, queries: RecordedQueries) -> R
         CallError: It contains keypoint matches, not answers.
     """
     problems = Problems(path)
-    loaded = load(path, dataset, problems, Scratch(), allow_missing=True)
+    loaded = load(path, dataset, problems, allow_missing=True)
     if loaded is None:
         issues = problems.issues()
         raise SubmissionError(
@@ -128,7 +128,7 @@ def read_submission(path: Path, dataset: Dataset, queries: RecordedQueries) -> R
             fix=f"List all problems with: pliant check {path} --data DATA",
             issues=issues,
         )
-    if not isinstance(loaded.answers, Answers):
+    if not isinstance(loaded.answers, SplitAnswers):
         raise CallError(
             "keypoint matches answer no queries", path=path, required="a submission of answers"
         )

@@ -11,11 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from pliant.evaluator.arrays import BoolArray, FloatArray
+from pliant.evaluator.metrics.blocks import positions_px
 from pliant.evaluator.metrics.causes import CAUSES, NO_CAUSE
-from pliant.evaluator.submission.answers import Answers
-from pliant.evaluator.submission.matches import Matches
+from pliant.evaluator.submission.answers import SplitAnswers
 from pliant.evaluator.submission.queries import Queries
-from pliant.evaluator.submission.stream import numbers
 from pliant.spec.io.parquet import read_rows
 
 Codes = npt.NDArray[np.uint8]
@@ -71,7 +70,7 @@ class Example:
 
 
 def choose_examples(
-    answers: Answers | Matches,
+    answers: SplitAnswers,
     queries: Queries,
     columns: Mapping[str, FloatArray],
     truth: Path,
@@ -80,13 +79,13 @@ def choose_examples(
     """Return pairs of each tier, from the best to the worst by RMSE.
 
     Args:
-        answers: The answers; keypoint matches have no examples.
+        answers: The answers.
         queries: The queries.
         columns: The pair table.
         truth: The truth file.
         causes: uint8 (R,), the cause of each answer as its index in `CAUSES`, or None.
     """
-    if isinstance(answers, Matches) or "sum_squared_px2" not in columns:
+    if "sum_squared_px2" not in columns:
         return ()
     counted = columns["counted"]
     rmse = np.sqrt(columns["sum_squared_px2"] / np.maximum(counted, 1))
@@ -128,14 +127,13 @@ def _main_cause(columns: Mapping[str, FloatArray], pair: int) -> str:
 
 
 def _rows(
-    pair: int, answers: Answers, queries: Queries, truth: Path, causes: Codes | None
+    pair: int, answers: SplitAnswers, queries: Queries, truth: Path, causes: Codes | None
 ) -> dict[str, Any]:
     """Return some visible queries of a pair with their truth, answer and cause."""
     begin, end = int(queries.starts[pair]), int(queries.starts[pair + 1])
     table = read_rows(truth, "truth", begin, end, ["u_b", "v_b", "visibility_b"])
     asked = read_rows(queries.path, "queries", begin, end, ["u_a", "v_a"])
-    true_px = np.stack([numbers(table[n], np.float64) for n in ("u_b", "v_b")], axis=1)
-    uv_a = np.stack([numbers(asked[n], np.float64) for n in ("u_a", "v_a")], axis=1)
+    true_px, uv_a = positions_px(table, "u_b", "v_b"), positions_px(asked, "u_a", "v_a")
     answer = answers.uv_px[begin:end].astype(np.float64)
     visible: BoolArray = np.array([s == "visible" for s in table["visibility_b"].to_pylist()])
     usable = np.flatnonzero(visible & np.isfinite(answer[:, 0]))

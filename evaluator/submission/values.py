@@ -1,12 +1,12 @@
-"""Decodes a submission batch by batch into plain arrays, and notes every value it must not hold.
+"""Brings a submission's rows to plain arrays, and notes every value that they must not hold.
 
-The fast path costs one minimum and one maximum a column; only a batch that fails it is
-looked at row by row, to name the rows.
+A column without a fault costs one minimum and one maximum; only another one is looked at row by
+row, to name the rows.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -18,9 +18,8 @@ import pyarrow.compute as pc
 from pliant.evaluator.arrays import BoolArray, IntArray, RealArray
 from pliant.evaluator.submission import limits
 from pliant.evaluator.submission.problems import Problems
-from pliant.evaluator.submission.stream import BATCH_ROWS
-from pliant.evaluator.submission.submission_file import MODE_FIELDS, Submission
 
+MODE_FIELDS: Final = ("u", "v", "sigma", "weight")
 _RANGES: Final = {
     "sigma": (0.0, limits.MAX_SIGMA_PX, "greater than 0 and at most 1e6 px"),
     "visible": (0.0, 1.0, "a probability, 0 to 1"),
@@ -36,7 +35,7 @@ _SCORE: Final = (-np.inf, np.inf, "a finite number")
 
 @dataclass(frozen=True)
 class Modes:
-    """The mixtures of one batch.
+    """The mixtures of a submission.
 
     Attributes:
         count: int64 (N,), modes of each row.
@@ -48,76 +47,39 @@ class Modes:
 
 
 @dataclass(frozen=True)
-class Batch:
-    """Some consecutive rows of a submission.
+class Values:
+    """The rows of a submission, in the order of the file.
 
     Attributes:
-        begin: Row number of the first.
-        keys: int64 (N,) by column name (`pair_id`, `query_id`); -1 stands for a null and for
+        keys: Integers (N,) by column name (`pair_id`, `query_id`); -1 stands for a null and for
             what no int64 holds.
-        values: float32 or float64 (N,) by column name.
+        reals: float32 or float64 (N,) by column name.
         modes: The mixtures, or None.
         good: bool (N,), rows whose values may all be used, or None for all of them.
     """
 
-    begin: int
     keys: dict[str, IntArray]
-    values: dict[str, RealArray]
+    reals: dict[str, RealArray]
     modes: Modes | None
     good: BoolArray | None
 
-    @property
-    def rows(self) -> int:
-        """Number of rows."""
-        return len(self.keys["pair_id"])
 
-
-def read_batches(submission: Submission, problems: Problems) -> Iterator[Batch]:
-    """Yield the rows of a submission, and note nulls, non-finite and out-of-range values.
+def read_values(table: pa.Table, columns: Mapping[str, str], problems: Problems) -> Values:
+    """Return the rows of a submission, and note nulls, non-finite and out-of-range values.
 
     Args:
-        submission: From `open_submission`.
+        table: The columns.
+        columns: Name -> `integer`, `real`, `probability` or `modes`.
         problems: Receives what is wrong, with row numbers, ids, found and required.
     """
-    begin = 0
-    iterator = submission.read(BATCH_ROWS)
-    while True:
-        try:
-            record = next(iterator, None)
-            with np.errstate(invalid="ignore"):  # a signalling NaN warns of itself
-                batch = None if record is None else _decode(record, begin, submission, problems)
-        except Exception as error:  # Arrow's errors on a hostile file do not share a base
-            text = " ".join(str(error).split())[:200]
-            problems.add("FILE_UNREADABLE", f"row {begin} or later", f"cannot be decoded: {text}")
-            return
-        if batch is None:
-            break
-        begin += batch.rows
-        if begin > submission.rows:
-            break
-        yield batch
-    if begin != submission.rows:
-        problems.add(
-            "FILE_UNREADABLE",
-            "",
-            f"found another number of rows than the {submission.rows:,} its footer announces",
-        )
-
-
-def _decode(
-    record: pa.RecordBatch, begin: int, submission: Submission, problems: Problems
-) -> Batch:
-    record.validate(full=True)
-    checks = _Checks(record, begin, problems)
+    checks = _Checks(table, problems)
     keys: dict[str, IntArray] = {}
-    values: dict[str, RealArray] = {}
+    reals: dict[str, RealArray] = {}
     modes: Modes | None = None
-    for name, kind in submission.columns.items():
-        array = record.column(name)
-        if pa.types.is_dictionary(array.type):
-            array = array.dictionary_decode()
+    for name, kind in columns.items():
+        array = _plain(table[name])
         if kind == "modes":
-            of_modes = _Checks(record, begin, problems)
+            of_modes = _Checks(table, problems)
             modes = _read_modes(array, of_modes)
             checks.refuse(~of_modes.good)
             continue
@@ -127,23 +89,33 @@ def _decode(
         if kind == "integer":
             keys[name] = _integers(array)
         else:
-            values[name] = _reals(array)
-            checks.note_values(name, name, values[name], null)
-    return Batch(begin, keys, values, modes, checks.good if checks.any else None)
+            reals[name] = _reals(array)
+            with np.errstate(invalid="ignore"):  # a signalling NaN warns of itself
+                checks.note_values(name, name, reals[name], null)
+    return Values(keys, reals, modes, checks.good if checks.any else None)
+
+
+def _plain(column: pa.ChunkedArray) -> pa.Array:
+    """Return a column as one array, its dictionaries decoded."""
+    kind = column.type
+    if pa.types.is_dictionary(kind):
+        chunks = [chunk.dictionary_decode() for chunk in column.chunks]
+        column = pa.chunked_array(chunks, kind.value_type)
+    return pa.concat_arrays(column.chunks) if column.num_chunks else pa.array([], column.type)
 
 
 class _Checks:
-    """Notes what is wrong with the rows of one batch.
+    """Notes what is wrong with rows.
 
     Attributes:
         good: bool (N,), rows whose values may be used.
         any: Whether a row may not be used.
     """
 
-    def __init__(self, record: pa.RecordBatch, begin: int, problems: Problems) -> None:
-        self._record, self._begin, self._problems = record, begin, problems
-        self._ids = [name for name in ("pair_id", "query_id") if name in record.schema.names]
-        self.good = np.ones(record.num_rows, bool)
+    def __init__(self, table: pa.Table, problems: Problems) -> None:
+        self._table, self._problems = table, problems
+        self._ids = [name for name in ("pair_id", "query_id") if name in table.schema.names]
+        self.good = np.ones(table.num_rows, bool)
         self.any = False
 
     def refuse(self, wrong: BoolArray | IntArray) -> None:
@@ -166,8 +138,8 @@ class _Checks:
         def describe(index: int) -> tuple[str, str]:
             row = index if owner is None else int(owner[index])
             text = message if isinstance(message, str) else message(index)
-            ids = (f"{name[:-3]} {self._record.column(name)[row].as_py()}" for name in self._ids)
-            return f"row {self._begin + row} ({', '.join(ids)})", text
+            ids = (f"{name[:-3]} {self._table[name][row].as_py()}" for name in self._ids)
+            return f"row {row} ({', '.join(ids)})", text
 
         self._problems.add_rows(code, wrong, describe)
 
@@ -204,7 +176,7 @@ def _integers(array: pa.Array) -> IntArray:
     result: npt.NDArray[Any] = array.to_numpy(zero_copy_only=False)
     if result.dtype == np.uint64:
         result = np.minimum(result, np.uint64(2**62))
-    return result.astype(np.int64, copy=False)
+    return result.astype(np.int64 if result.dtype.kind == "u" else result.dtype, copy=False)
 
 
 def _reals(array: pa.Array) -> RealArray:
@@ -215,7 +187,7 @@ def _reals(array: pa.Array) -> RealArray:
 
 
 def _read_modes(array: pa.Array, checks: _Checks) -> Modes:
-    """Read the mixtures of a batch."""
+    """Read the mixtures of all rows."""
     rows = len(array)
     null = array.is_null().to_numpy(zero_copy_only=False)
     checks.note("VALUE_NULL", null, "modes is null; required: a list")

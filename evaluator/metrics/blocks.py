@@ -14,9 +14,9 @@ import pyarrow as pa
 
 from pliant.evaluator.arrays import BoolArray, FloatArray, IntArray, RealArray, StateArray
 from pliant.evaluator.metrics.errors import squared_error_px2, sum_by_pair
-from pliant.evaluator.submission.answers import Answers
+from pliant.evaluator.submission.answers import SplitAnswers
+from pliant.evaluator.submission.columns import read_columns
 from pliant.evaluator.submission.queries import Queries
-from pliant.evaluator.submission.stream import ColumnStream, numbers
 from pliant.spec.conventions import VISIBILITY_STATES
 from pliant.spec.errors import SpecError
 from pliant.spec.io.parquet import footer_of, open_table
@@ -127,7 +127,7 @@ class Block:
 def read_blocks(
     queries: Queries,
     truth: Path,
-    answers: Answers,
+    answers: SplitAnswers,
     *,
     truth_columns: Sequence[str] = (),
     query_pixels: bool = False,
@@ -150,54 +150,80 @@ def read_blocks(
         SpecError: The truth is damaged or does not belong to these queries.
     """
     names = ["pair_id", "query_id", "u_b", "v_b", "visibility_b", *truth_columns]
-    stream = ColumnStream(truth, names, ["visibility_b"])
-    if stream.rows != queries.rows:
-        raise _foreign_truth(truth, f"{stream.rows:,} rows", f"{queries.rows:,} rows")
-    query_stream = ColumnStream(queries.path, ["u_a", "v_a"]) if query_pixels else None
+    truths = read_columns(truth, names)
+    if len(truths) != queries.rows:
+        raise _foreign_truth(truth, f"{len(truths):,} rows", f"{queries.rows:,} rows")
+    asked = read_columns(queries.path, ["u_a", "v_a"]) if query_pixels else None
     complete = answers.answered == queries.rows
     for first_pair, end_pair in _spans(queries.starts, block_rows or BLOCK_ROWS):
         first, end = int(queries.starts[first_pair]), int(queries.starts[end_pair])
         starts = queries.starts[first_pair : end_pair + 1] - first
-        table = stream.take(end - first)
-        pair = np.repeat(np.arange(first_pair, end_pair), np.diff(starts))
-        query = np.arange(end - first) - np.repeat(starts[:-1], np.diff(starts))
-        if not (
-            np.array_equal(numbers(table["pair_id"], np.int64), pair)
-            and np.array_equal(numbers(table["query_id"], np.int64), query)
-        ):
-            raise _foreign_truth(truth, f"other keys in rows {first} to {end}", "the queries' keys")
-        state = codes(table["visibility_b"], VISIBILITY_STATES)
-        true_px = np.stack([numbers(table[n], np.float64) for n in ("u_b", "v_b")], axis=1)
-        if state.min() < 0:
-            raise SpecError(
-                "an unknown visibility state",
-                path=truth,
-                where="visibility_b",
-                required=", ".join(VISIBILITY_STATES),
-            )
-        if not np.isfinite(true_px[state == VISIBLE]).all():
-            raise SpecError("a visible point has no finite position", path=truth, where="u_b, v_b")
+        table = truths.slice(first, end - first)
+        _check_keys(table, truth, first_pair, first, starts)
+        state, true_px = _positions(table, truth)
         answer_px = answers.uv_px[first:end]
         if cap_errors:
             answer_px = _capped(answer_px, true_px, state == VISIBLE, queries.diagonal_px)
-        uv_a = None
-        if query_stream is not None:
-            taken = query_stream.take(end - first)
-            uv_a = np.stack([numbers(taken[n], np.float64) for n in ("u_a", "v_a")], axis=1)
         yield Block(
             first_row=first,
             first_pair=first_pair,
             starts=starts,
             true_px=true_px,
-            state=state.astype(np.uint8),
+            state=state,
             answer_px=answer_px,
             missing=None if complete else np.isnan(answer_px[:, 0]),
             missing_px=queries.diagonal_px,
-            uv_a_px=uv_a,
-            point=numbers(table["point"], np.int64) if "point" in truth_columns else None,
-            box_px=numbers(table["box_px"], np.float64) if "box_px" in truth_columns else None,
+            uv_a_px=None
+            if asked is None
+            else positions_px(asked.slice(first, end - first), "u_a", "v_a"),
+            point=table["point"].to_numpy().astype(np.int64) if "point" in truth_columns else None,
+            box_px=table["box_px"].to_numpy().astype(np.float64)
+            if "box_px" in truth_columns
+            else None,
             partners=_partners(table["alternatives"]) if "alternatives" in truth_columns else None,
         )
+
+
+def positions_px(table: pa.Table, u: str, v: str) -> FloatArray:
+    """Return two columns as positions, float64 (N, 2), pixels."""
+    return np.stack([table[name].to_numpy() for name in (u, v)], axis=1).astype(np.float64)
+
+
+def _check_keys(table: pa.Table, truth: Path, pair: int, row: int, starts: IntArray) -> None:
+    """Refuse a truth whose keys are not those of the queries.
+
+    Args:
+        table: The truth of consecutive whole pairs.
+        truth: Its file.
+        pair: The first pair.
+        row: Its first row.
+        starts: int64 (P + 1,), first row of each pair in the table.
+    """
+    count = np.diff(starts)
+    pairs = np.repeat(np.arange(pair, pair + len(count)), count)
+    queries = np.arange(len(table)) - np.repeat(starts[:-1], count)
+    if not (
+        np.array_equal(table["pair_id"].to_numpy(), pairs)
+        and np.array_equal(table["query_id"].to_numpy(), queries)
+    ):
+        found = f"other keys in rows {row} to {row + len(table)}"
+        raise _foreign_truth(truth, found, "the queries' keys")
+
+
+def _positions(table: pa.Table, truth: Path) -> tuple[StateArray, FloatArray]:
+    """Return the visibility, uint8 (N,), and the true positions, float64 (N, 2), of a truth."""
+    state = codes(table["visibility_b"], VISIBILITY_STATES)
+    true_px = positions_px(table, "u_b", "v_b")
+    if state.min() < 0:
+        raise SpecError(
+            "an unknown visibility state",
+            path=truth,
+            where="visibility_b",
+            required=", ".join(VISIBILITY_STATES),
+        )
+    if not np.isfinite(true_px[state == VISIBLE]).all():
+        raise SpecError("a visible point has no finite position", path=truth, where="u_b, v_b")
+    return state.astype(np.uint8), true_px
 
 
 def _capped(

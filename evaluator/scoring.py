@@ -1,0 +1,246 @@
+"""Scores a submission that was read: its blocks pass the metrics, and the sums become figures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import Any, Final
+from typing import Protocol as Interface
+
+import numpy as np
+
+from pliant.evaluator.controls import Controls
+from pliant.evaluator.examples import Example, choose_examples
+from pliant.evaluator.metrics.base import (
+    OVERALL,
+    Groups,
+    Metric,
+    NoSettings,
+    PairTable,
+    ScoringContext,
+    Summary,
+)
+from pliant.evaluator.metrics.blocks import Block, read_blocks
+from pliant.evaluator.metrics.causes import CAUSES_VERSION, Causes, CausesSettings
+from pliant.evaluator.metrics.localisation import Counts
+from pliant.evaluator.metrics.matches import match_blocks
+from pliant.evaluator.metrics.surfaces import Surfaces
+from pliant.evaluator.protocols.protocol import Protocol, metric_class
+from pliant.evaluator.scores import SCORES_VERSION, Scores, pair_table, tool_versions
+from pliant.evaluator.statistics.bootstrap import Clusters, intervals
+from pliant.evaluator.statistics.ratios import Ratio
+from pliant.evaluator.submission.answers import SplitAnswers
+from pliant.evaluator.submission.hints import coordinate_hints
+from pliant.evaluator.submission.loading import Loaded
+from pliant.evaluator.submission.matches import SplitMatches
+from pliant.evaluator.truth_hints import TruthHints
+from pliant.spec.dataset import Dataset
+from pliant.spec.io.reading import sha256_file
+from pliant.spec.storage import layout
+
+_ROWS_WITH_IMAGES: Final = 1 << 13
+
+
+class Observer(Interface):
+    """Whatever looks at the blocks as they pass."""
+
+    def update(self, block: Block) -> None:
+        """Take in one block; blocks come in order, each once."""
+
+
+def score(
+    loaded: Loaded,
+    dataset: Dataset,
+    truth: Path,
+    protocol: Protocol,
+    *,
+    hide_truth: bool,
+    progress: Callable[[int, int], None] | None,
+) -> Scores:
+    """Score a submission.
+
+    Args:
+        loaded: A submission in which nothing is wrong.
+        dataset: The dataset.
+        truth: The split's truth file.
+        protocol: A protocol for submissions of this kind.
+        hide_truth: As for `evaluate`.
+        progress: As for `evaluate`.
+
+    Raises:
+        SpecError: The dataset or the truth is at fault.
+    """
+    queries, has_images = loaded.queries, _has_images(dataset)
+    answers = loaded.answers if isinstance(loaded.answers, SplitAnswers) else None
+    context = _context(loaded, dataset, protocol)
+    metrics: list[Metric[Any]] = [Counts(NoSettings(), context)]
+    for family, settings in protocol.settings.items():
+        metrics.append(metric_class(family)(settings, context))
+    causes = hints = controls = None
+    if answers is not None and not hide_truth:
+        if has_images:
+            causes = Causes(CausesSettings(), context)
+            metrics.append(causes)
+        hints, controls = TruthHints(answers, queries), Controls(queries.rows)
+    observers: list[Observer] = [*metrics]
+    observers += [each for each in (hints, controls) if each is not None]
+    for block in _blocks(loaded, truth, protocol, context, metrics, hide_truth, has_images):
+        for each in observers:
+            each.update(block)
+        if progress is not None:
+            progress(block.pairs.stop, queries.pairs)
+    summary = _summary(loaded, protocol, context, metrics)
+    method = str(loaded.submission.footer["method"]["name"])
+    if controls is not None and (said := controls.sentence(method)) is not None:
+        summary.notes["controls"] = said
+    document = {
+        **_provenance(loaded, dataset, truth, protocol),
+        **_results(loaded, protocol, context, summary),
+        "tools": tool_versions(),
+        **({"hide_truth": True} if hide_truth else {}),
+    }
+    columns = context.table.columns
+    examples: tuple[Example, ...] = ()
+    if answers is not None and not hide_truth:
+        codes = None if causes is None else causes.codes
+        examples = choose_examples(answers, queries, columns, truth, codes)
+    sentences = [] if answers is None else coordinate_hints(answers, queries)
+    sentences += [] if hints is None else hints.found()
+    return Scores(document, pair_table(queries, columns), examples, tuple(sentences))
+
+
+def _context(loaded: Loaded, dataset: Dataset, protocol: Protocol) -> ScoringContext:
+    queries, settings, answers = loaded.queries, protocol.settings, loaded.answers
+    names = [x for r in protocol.ratios.values() for x in (r.numerator, r.denominator)]
+    search_px = settings["geodesic"].search_px if "geodesic" in settings else 1
+    surfaces = Surfaces(dataset, search_px, CausesSettings().precise * max(queries.size))
+    rows = answers.answers if isinstance(answers, SplitMatches) else answers
+    return ScoringContext(dataset, queries, rows, PairTable(queries.pairs, names), surfaces)
+
+
+def _blocks(
+    loaded: Loaded,
+    truth: Path,
+    protocol: Protocol,
+    context: ScoringContext,
+    metrics: Iterable[Metric[Any]],
+    hide_truth: bool,
+    has_images: bool,
+) -> Iterator[Block]:
+    """Yield the split, or its keypoint matches, with the truth that the metrics need."""
+    if isinstance(loaded.answers, SplitMatches):
+        footprints = protocol.settings["matches"].visible_within_footprints
+        return match_blocks(loaded.answers, context, footprints)
+    return read_blocks(
+        loaded.queries,
+        truth,
+        loaded.answers,
+        truth_columns=sorted({column for each in metrics for column in each.truth_columns}),
+        query_pixels=not hide_truth or any(each.query_pixels for each in metrics),
+        # Where surface images are read too, they take the time: shorter blocks show progress.
+        block_rows=_ROWS_WITH_IMAGES if has_images else None,
+        cap_errors=hide_truth,
+    )
+
+
+def _summary(
+    loaded: Loaded,
+    protocol: Protocol,
+    context: ScoringContext,
+    metrics: Iterable[Metric[Any]],
+) -> Summary:
+    """Return the metrics' own results and the quotient of every ratio, by group."""
+    queries, answers = loaded.queries, loaded.answers
+    starts = answers.starts if isinstance(answers, SplitMatches) else queries.starts
+    summary, groups = Summary(), Groups.of(queries, starts)
+    for metric in metrics:
+        metric.finish(groups, summary)
+    for ratio in protocol.ratios.values():
+        above, below = ratio.terms(context.table.columns)
+        for index, name in groups:
+            mask = groups.masks[index]
+            value = ratio.finish(np.array(above[mask].sum()), np.array(below[mask].sum()))
+            summary.set(name, ratio.name, float(value))
+    return summary
+
+
+def _results(
+    loaded: Loaded, protocol: Protocol, context: ScoringContext, summary: Summary
+) -> dict[str, Any]:
+    """Return the part of scores.json that says what was found."""
+    queries, answers, columns = loaded.queries, loaded.answers, context.table.columns
+    ratios: list[Ratio] = list(protocol.ratios.values())
+    clusters = Clusters.of(queries.sequence_a, queries.tier, len(queries.tiers))
+    overall_intervals, *tier_intervals = intervals(ratios, columns, clusters, protocol.bootstrap)
+    of_tier = [queries.tier == code for code in range(len(queries.tiers))]
+    sequences = {OVERALL: len(np.unique(queries.sequence_a))}
+    for tier, mask in zip(queries.tiers, of_tier, strict=True):
+        sequences[tier] = len(np.unique(queries.sequence_a[mask]))
+
+    def values(group: str) -> dict[str, float | None]:
+        found = summary.values.get(group, {})
+        return {figure: found[figure] for figure in protocol.figures if figure in found}
+
+    if isinstance(answers, SplitMatches):
+        coverage = float((np.diff(answers.starts) > 0).mean())
+    else:
+        coverage = answers.answered / queries.rows
+    document = {
+        "coverage": coverage,
+        "counts": {
+            "pairs": queries.pairs,
+            "queries": queries.rows,
+            "counted": int(columns["counted"].sum()),
+            "sequences": sequences,
+        },
+        "overall": values(OVERALL),
+        "tiers": {tier: values(tier) for tier in queries.tiers},
+        "intervals": {
+            "level": protocol.bootstrap.level,
+            "overall": overall_intervals,
+            "tiers": dict(zip(queries.tiers, tier_intervals, strict=True)),
+        },
+        "curves": summary.curves,
+        "slices": summary.slices,
+        "notes": summary.notes,
+    }
+    if summary.causes:
+        tiers = {group: found for group, found in summary.causes.items() if group != OVERALL}
+        overall = summary.causes[OVERALL]
+        document["causes"] = {"version": CAUSES_VERSION, "overall": overall, "tiers": tiers}
+    return document
+
+
+def _has_images(dataset: Dataset) -> bool:
+    return any(sequence.has(layout.depth_name(0)) for sequence in dataset.sequences[-1:])
+
+
+def _provenance(
+    loaded: Loaded, dataset: Dataset, truth: Path, protocol: Protocol
+) -> dict[str, Any]:
+    """Return the part of scores.json that says what was scored, and how."""
+    submission, queries = loaded.submission, loaded.queries
+    return {
+        "scores_version": SCORES_VERSION,
+        "protocol": protocol.name,
+        "protocol_version": protocol.version,
+        "protocol_sha256": protocol.sha256,
+        "headline": list(protocol.headline),
+        "dataset": {
+            "id": dataset.id,
+            "version": dataset.version,
+            "title": dataset.info["title"],
+            "image_size": list(queries.size),
+            "queries_sha256": submission.footer["queries_sha256"],
+            "truth_sha256": sha256_file(truth) if protocol.kind == "answers" else None,
+        },
+        "split": queries.split,
+        "submission": {
+            "file": submission.name,
+            "sha256": submission.sha256,
+            "kind": submission.kind,
+            "rows": submission.rows,
+            "columns": sorted(submission.columns),
+            "method": dict(submission.footer["method"]),
+        },
+    }
