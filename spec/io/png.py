@@ -18,6 +18,7 @@ from pliant.spec.io.reading import AnyFile, FileRefusedError, read_bytes
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _UP_FILTER = 2
 _HEADER_BYTES = 33
+_SRGB_GAMMA = (45455).to_bytes(4, "big")
 _GREY, _RGB = 0, 2
 """PNG's numbers of colour types."""
 
@@ -100,6 +101,34 @@ def png_size(head: bytes, path: AnyFile, colour_type: int = _RGB) -> tuple[int, 
         )
     refuse_large(width, height, path)
     return width, height
+
+
+def png_remarks(data: bytes) -> list[str]:
+    """Return what other readers may understand in another way: colour chunks, a missing end.
+
+    Args:
+        data: A PNG file that can be decoded.
+    """
+    kinds: dict[bytes, bytes] = {}
+    at = len(_SIGNATURE)
+    while at + 8 <= len(data) and b"IEND" not in kinds:
+        length = int.from_bytes(data[at : at + 4], "big")
+        kinds.setdefault(data[at + 4 : at + 8], data[at + 8 : at + 8 + length])
+        at += length + 12
+    found = []
+    if b"IEND" not in kinds:
+        found.append("it has no IEND chunk: truncated?")
+    elif at != len(data):
+        found.append("bytes follow its IEND chunk")
+    if b"tRNS" in kinds:
+        found.append("a tRNS chunk makes one colour transparent")
+    if kinds.get(b"gAMA", _SRGB_GAMMA) != _SRGB_GAMMA or (
+        b"gAMA" in kinds and b"sRGB" not in kinds
+    ):
+        found.append("a gAMA chunk states another transfer curve than sRGB")
+    if b"iCCP" in kinds:
+        found.append("an iCCP chunk states another colour space than sRGB")
+    return found
 
 
 def refuse_large(width: int, height: int, path: AnyFile) -> None:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import io
 import json
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from PIL import Image
 
 from pliant.spec.io.png import read_rgb, write_rgb
 from tests.conformance.edits import (
@@ -19,6 +22,7 @@ from tests.conformance.edits import (
     Case,
     Edit,
     both,
+    change_bytes,
     change_exr,
     change_json,
     change_rows,
@@ -30,6 +34,7 @@ Channels = dict[str, Any]
 FloatArray = npt.NDArray[np.float64]
 
 _EXR = f"{CLOTH_TRAIN}/depth/000000.exr"
+_PNG = f"{CLOTH_TRAIN}/rgb/000000.png"
 
 
 def _moved(move: Callable[[FloatArray], FloatArray]) -> Edit:
@@ -89,6 +94,60 @@ def _eight_bits(values: FloatArray) -> FloatArray:
 def _material_8_bits(channels: Channels) -> None:
     for name in ("surface.m0", "surface.m1"):
         channels[name][:] = np.rint(channels[name].astype(np.float64) * 255) / 255
+
+
+def _material_noise(channels: Channels) -> None:
+    rng = np.random.default_rng(0)
+    seen = channels["surface.object"] > 0
+    for name in ("surface.m0", "surface.m1"):
+        noisy = channels[name][seen] + rng.normal(0, 0.01, np.count_nonzero(seen))
+        channels[name][seen] = np.clip(noisy, 0, 1)
+
+
+def enlarged(rgb: Any) -> Any:
+    height, width = rgb.shape[:2]
+    small = Image.fromarray(rgb).resize((width // 2, height // 2), Image.Resampling.BOX)
+    return np.asarray(small.resize((width, height), Image.Resampling.BILINEAR))
+
+
+def jpeg(rgb: Any) -> Any:
+    stream = io.BytesIO()
+    Image.fromarray(rgb).save(stream, "JPEG", quality=25)
+    return np.asarray(Image.open(stream))
+
+
+def _with_chunk(kind: bytes, payload: bytes) -> Callable[[bytes], bytes]:
+    """Put a chunk in front of the first IDAT."""
+    chunk = len(payload).to_bytes(4, "big") + kind + payload
+    chunk += zlib.crc32(kind + payload).to_bytes(4, "big")
+
+    def edit(data: bytes) -> bytes:
+        at = data.index(b"IDAT") - 4
+        return data[:at] + chunk + data[at:]
+
+    return edit
+
+
+def _elsewhere(root: Path) -> None:
+    """Call a rope an episode, and move object and camera of its second frame by 2 m."""
+
+    def cameras(document: dict[str, Any]) -> None:
+        pose = np.array(document["frames"][1]["world_to_camera"])
+        pose[:3, 3] -= pose[:3, 0] * 2
+        document["frames"][1]["world_to_camera"] = pose.tolist()
+
+    def points(rows: list[dict[str, Any]]) -> None:
+        for row in rows:
+            row["x_m"] += 2 * (row["frame"] == 1)
+
+    def listing(rows: list[dict[str, Any]]) -> None:
+        for row in rows:
+            row["temporal"] |= row["id"] == Path(ROPE_TRAIN).name
+
+    change_json(f"{ROPE_TRAIN}/cameras.json", cameras)(root)
+    change_json(f"{ROPE_TRAIN}/sequence.json", lambda d: d.update(temporal=True))(root)
+    change_rows(f"{ROPE_TRAIN}/correspondences.parquet", points)(root)
+    change_rows("sequences.parquet", listing)(root)
 
 
 def _column(channels: Channels) -> Channels:
@@ -288,6 +347,63 @@ CASES = [
         "the colour image is noise",
         ("COLOUR_DOUBTFUL",),
         _pictures(CLOTH_TRAIN, _random),
+    ),
+    _case(
+        "colour-grey",
+        "minimal",
+        "the colour image is grey",
+        ("COLOUR_LOST",),
+        _pictures(CLOTH_TRAIN, lambda pictures: [rgb[..., [1, 1, 1]] for rgb in pictures]),
+    ),
+    _case(
+        "colour-enlarged",
+        "minimal",
+        "the colour image was half as large and is enlarged (bilinear)",
+        ("COLOUR_LOST",),
+        _pictures(CLOTH_TRAIN, lambda pictures: [enlarged(rgb) for rgb in pictures]),
+    ),
+    _case(
+        "colour-jpeg",
+        "minimal",
+        "the colour image was a JPEG of quality 25",
+        ("COLOUR_LOST",),
+        _pictures(CLOTH_TRAIN, lambda pictures: [jpeg(rgb) for rgb in pictures]),
+    ),
+    _case(
+        "png-without-end",
+        "minimal",
+        "the colour image has no IEND chunk",
+        ("IMAGE_AMBIGUOUS",),
+        change_bytes(_PNG, lambda data: data[:-12]),
+    ),
+    _case(
+        "png-transparent-colour",
+        "minimal",
+        "the colour image has a tRNS chunk",
+        ("IMAGE_AMBIGUOUS",),
+        change_bytes(_PNG, _with_chunk(b"tRNS", bytes(6))),
+    ),
+    _case(
+        "png-gamma",
+        "minimal",
+        "the colour image has a gAMA chunk of a linear curve",
+        ("IMAGE_AMBIGUOUS",),
+        change_bytes(_PNG, _with_chunk(b"gAMA", (100_000).to_bytes(4, "big"))),
+    ),
+    _case(
+        "material-noisy",
+        "minimal",
+        "m0 and m1 have noise of 0.01",
+        ("SURFACE_NOISY",),
+        change_exr(_EXR, _material_noise),
+    ),
+    _case(
+        "temporal-of-independent-frames",
+        "full",
+        "temporal is true, and the object is somewhere else in the second frame",
+        ("TEMPORAL_DOUBTFUL",),
+        _NO_TRUTH,
+        _elsewhere,
     ),
     _case(
         "split-shared-content",

@@ -20,6 +20,9 @@ SHIFT_PX: Final = 0.1
 SCATTER_PX: Final = 0.1
 """Median distance from the median shift, pixels; the interpolation's error is added."""
 
+NOISE: Final = 0.1
+"""Noise from pixel to pixel, pixels of material or footprints of depth; curvature adds to it."""
+
 DEPTH_SHIFT: Final = 0.15
 """Median depth residual, pixel footprints; what curvature explains is added."""
 
@@ -40,8 +43,8 @@ def check_agreement(
         fitting: Points of frames whose surface image shows most of them.
         others: Points of the other frames, which have an issue of their own.
         problems: Those of the correspondence table. Gets `OFFSET_DISAGREES`,
-            `OFFSET_SCATTERS`, `DEPTH_IMAGE_DISAGREES`, `DEPTH_IMAGE_SCATTERS` and
-            `SCALE_DISAGREES`.
+            `OFFSET_SCATTERS`, `DEPTH_IMAGE_DISAGREES`, `DEPTH_IMAGE_SCATTERS`,
+            `SURFACE_NOISY` and `SCALE_DISAGREES`.
 
     Returns:
         True if the images' depth is known not to be that of the tables.
@@ -54,6 +57,7 @@ def check_agreement(
     measured = joined([*frames, *(part for part in others.frames() if _in_place(part))])
     if measured is None or len(measured) < MIN_POINTS:
         return False
+    _check_noise(measured, problems)
     wrong_depth = _check_depth(measured, problems)
     if not wrong_depth:
         _check_scale(tier, measured, problems.findings.at(DATASET_JSON))
@@ -65,10 +69,15 @@ def _in_place(part: Measured) -> bool:
     return len(part) >= MIN_POINTS and float(np.median(np.abs(part.offset_px))) < 0.5
 
 
-def _doubt(values: FloatArray) -> float:
-    """Return five standard errors of the median of values (N, K): the largest of the columns."""
+def _doubt(values: FloatArray, errors: float = 5.0) -> float:
+    """Return some standard errors of the median of values (N, K): the largest of the columns."""
     spread = 1.4826 * np.median(np.abs(values - np.median(values, axis=0)), axis=0)
-    return float(np.max(5 * 1.2533 * spread / np.sqrt(len(values))))
+    return float(np.max(errors * 1.2533 * spread / np.sqrt(len(values))))
+
+
+def _median_over(values: FloatArray, limit: float) -> bool:
+    """Return whether the median of values (N,) is over a limit by two standard errors."""
+    return float(np.median(values)) > limit + _doubt(values[:, None], 2.0)
 
 
 def _check_shift(parts: list[Measured], measured: Measured, problems: FileProblems) -> bool:
@@ -120,6 +129,17 @@ def _few(numbers: list[int]) -> str:
     return shown + (f" and {len(numbers) - 5} more" if len(numbers) > 5 else "")
 
 
+def _check_noise(measured: Measured, problems: FileProblems) -> None:
+    noise = float(np.median(measured.noise_px))
+    if _median_over(measured.noise_px, NOISE + 2 * float(np.median(measured.bend_px))):
+        problems.add(
+            "SURFACE_NOISY",
+            "",
+            f"the material coordinates of the surface layer have noise of {noise:.2f} px (median) "
+            "from pixel to pixel: noise added, or values predicted instead of computed?",
+        )
+
+
 def _check_depth(measured: Measured, problems: FileProblems) -> bool:
     residual = measured.shown_m - measured.depth_m
     relative = residual / measured.footprint_m
@@ -128,8 +148,11 @@ def _check_depth(measured: Measured, problems: FileProblems) -> bool:
     if abs(middle) > DEPTH_SHIFT + 2.2 * explained + _doubt(relative[:, None]):
         problems.diagnose("DEPTH_IMAGE_DISAGREES", _depth_text(measured))
         return True
-    scatter = 2 * float(np.median(np.abs(relative - middle)))
-    if scatter > DEPTH_SCATTER + 1.5 * explained:
+    distance = 2 * np.abs(relative - middle)
+    bend = float(np.median(measured.bend_depth))
+    if _median_over(distance, DEPTH_SCATTER + 1.5 * explained + bend) or _median_over(
+        measured.noise_depth, NOISE + 4 * bend
+    ):
         size = 1e3 * float(np.median(np.abs(residual - np.median(residual))))
         problems.add(
             "DEPTH_IMAGE_SCATTERS",

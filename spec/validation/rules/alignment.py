@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -26,6 +26,9 @@ SAMPLES_PER_SEQUENCE = 1536
 
 MIN_SLOPE = 0.02
 """Smallest sine of the angle between the two material directions in the image."""
+
+JUMP: Final = 6.0
+"""Largest step of the material between neighbours over the usual one, on one surface."""
 
 _AROUND = np.arange(-1, 3)
 
@@ -42,6 +45,10 @@ class Measured:
         shown_m: float64 (N,), depth of the image at the same place.
         ray: float64 (N,), length of the ray through the place over its planar depth, >= 1.
         footprint_m: float64 (N,), a pixel's width at the point's depth.
+        bend_px: float64 (N,), interpolation error that the mean second differences explain, pixels.
+        noise_px: float64 (N,), noise of the material from pixel to pixel, pixels.
+        bend_depth: float64 (N,), as `bend_px` of the depth, footprints.
+        noise_depth: float64 (N,), as `noise_px` of the depth, footprints.
         metres: float64 (N, 2), metres on the surface for one unit of each material coordinate;
             NaN for another object than the queried one.
     """
@@ -53,6 +60,10 @@ class Measured:
     shown_m: FloatArray
     ray: FloatArray
     footprint_m: FloatArray
+    bend_px: FloatArray
+    noise_px: FloatArray
+    bend_depth: FloatArray
+    noise_depth: FloatArray
     metres: FloatArray
 
     def __len__(self) -> int:
@@ -160,7 +171,7 @@ def _sample(view: FrameView) -> Sample | None:
 
 
 def _measure(sample: Sample) -> Measured:
-    """Measure sampled points; those at which the material has no two directions are left out."""
+    """Measure sampled points, except where the material has no two directions or has a jump."""
     m = np.moveaxis(sample.material, -1, 0)
     depth = sample.shown_m.astype(np.float64)
     a, b = (sample.uv_px - 0.5 - sample.cell).T
@@ -178,9 +189,15 @@ def _measure(sample: Sample) -> Measured:
             [dv[0] * here[1] - dv[1] * here[0], du[1] * here[0] - du[0] * here[1]], axis=1
         )
         offset /= determinant[:, None]
-        reach = (np.abs(dv[1]) + np.abs(du[1])) * bend[0]
-        reach += (np.abs(dv[0]) + np.abs(du[0])) * bend[1]
-        error = reach / (8 * np.abs(determinant))
+        across = np.abs(dv) + np.abs(du)
+        error = (across[1] * bend[0] + across[0] * bend[1]) / (8 * np.abs(determinant))
+        curve = _bend(m)
+        bend_px = (across[1] * curve[0] + across[0] * curve[1]) / (8 * np.abs(determinant))
+        noise = _noise(m)
+        noise_px = np.maximum(
+            np.hypot(dv[1] * noise[0], dv[0] * noise[1]),
+            np.hypot(du[1] * noise[0], du[0] * noise[1]),
+        ) / np.abs(determinant)
         # |dX / dm0| and |dX / dm1|: [Xu Xv] times the inverse of J.
         u = sample.cell[:, 0, None, None] + 0.5 + _AROUND[None, None, :]
         v = sample.cell[:, 1, None, None] + 0.5 + _AROUND[None, :, None]
@@ -190,6 +207,7 @@ def _measure(sample: Sample) -> Measured:
         sides = (xu * dv[1] - xv * du[1], xv * du[0] - xu * dv[0])
         metres = np.stack([np.linalg.norm(side / determinant, axis=0) for side in sides], axis=1)
     metres[~sample.queried] = np.nan
+    footprint = sample.depth_m / focal.min(axis=1)
     found = Measured(
         frame=sample.frame,
         offset_px=offset,
@@ -198,10 +216,44 @@ def _measure(sample: Sample) -> Measured:
         # 1 / z, not z, is affine in the image of a plane.
         shown_m=1 / _bilinear(1 / depth[None], a, b)[0],
         ray=np.sqrt(1 + (slope**2).sum(axis=1)),
-        footprint_m=sample.depth_m / focal.min(axis=1),
+        footprint_m=footprint,
+        bend_px=bend_px,
+        noise_px=noise_px,
+        bend_depth=_bend(depth[None])[0] / 8 / footprint,
+        noise_depth=_noise(depth[None])[0] / footprint,
         metres=metres,
     )
-    return found.chosen((np.abs(determinant) > MIN_SLOPE * size) & np.isfinite(error))
+    usable = (np.abs(determinant) > MIN_SLOPE * size) & np.isfinite(error)
+    return found.chosen(usable & _is_one_surface(m))
+
+
+def _is_one_surface(m: FloatArray) -> npt.NDArray[np.bool_]:
+    """Return where material (2, N, 4, 4) has no jump: not two parts of an object that cross."""
+    along_u, along_v = (np.abs(np.diff(m, axis=axis)) for axis in (3, 2))
+    slope = np.median(along_u, axis=(2, 3)) + np.median(along_v, axis=(2, 3))
+    largest = np.maximum(along_u.max(axis=(2, 3)), along_v.max(axis=(2, 3)))
+    return np.asarray(np.all(largest <= JUMP * slope, axis=0))
+
+
+def _bend(values: FloatArray) -> FloatArray:
+    """Return |mean second difference| along u plus along v of (C, N, 4, 4): (C, N).
+
+    A mean over the 4x4 pixels: noise cancels in it, curvature does not.
+    """
+    along_u, along_v = (np.diff(values, 2, axis=axis).mean(axis=(2, 3)) for axis in (3, 2))
+    return np.asarray(np.abs(along_u) + np.abs(along_v))
+
+
+def _noise(values: FloatArray) -> FloatArray:
+    """Return the standard deviation of noise in (C, N, 4, 4) from its third differences: (C, N).
+
+    A smooth surface has small ones. Those of white noise have 20 times its variance, and the
+    median of their size is 0.6745 of their deviation.
+    """
+    along_u = np.diff(values, 3, axis=3)[..., 0]
+    along_v = np.diff(values, 3, axis=2)[..., 0, :]
+    size = np.median(np.abs(np.concatenate([along_u, along_v], axis=-1)), axis=-1)
+    return np.asarray(size / (0.6745 * np.sqrt(20)))
 
 
 def _bilinear(values: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray:

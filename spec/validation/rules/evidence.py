@@ -17,8 +17,10 @@ from pliant.spec.validation.rules.colour import MAX_FRAMES, Colours, Rgb, is_bla
 from pliant.spec.validation.rules.correspondences import FrameRows
 from pliant.spec.validation.rules.diagnosis import RowSample, diagnose_rows
 from pliant.spec.validation.rules.duplicates import FrameKeys, digest_of, shape_key
+from pliant.spec.validation.rules.episodes import unordered
 from pliant.spec.validation.rules.files import SequenceFiles
 from pliant.spec.validation.rules.frames import FrameView
+from pliant.spec.validation.rules.pictures import GREY, coarse_form
 from pliant.spec.validation.rules.surfaces import ShownSurface
 
 PRECISION_FRAMES = 2
@@ -29,6 +31,9 @@ MIN_SHOWN = 50
 
 MOVED_PX = 2.0
 """Points that move farther cannot have one and the same picture."""
+
+_IN_COLOUR = ("photo", "fast", "raster")
+"""Styles whose pictures have colours."""
 
 _VISIBILITY = ("VISIBLE_DISAGREES", "MATERIAL_DISAGREES", "OCCLUDED_DISAGREES")
 
@@ -45,6 +50,8 @@ class Evidence:
         colours: Colour images against the surface images.
         keys: What identifies each frame.
         blank: Frames whose picture is one colour.
+        looked: Pictures looked at for a coarser form.
+        coarse: Coarser form -> frames that have it.
     """
 
     frames: int
@@ -54,6 +61,8 @@ class Evidence:
     colours: Colours = field(default_factory=Colours)
     keys: FrameKeys = field(default_factory=FrameKeys)
     blank: list[int] = field(default_factory=list)
+    looked: int = 0
+    coarse: dict[str, list[int]] = field(default_factory=dict)
 
     def add_picture(self, frame: int, rgb: Rgb) -> None:
         """Note a colour image."""
@@ -61,6 +70,11 @@ class Evidence:
             self.blank.append(frame)
         else:
             self.keys.pictures[frame] = digest_of(rgb[::4])  # a quarter of the rows tells
+            if self.looked < PRECISION_FRAMES:
+                self.looked += 1
+                form = coarse_form(rgb)
+                if form is not None:
+                    self.coarse.setdefault(form, []).append(frame)
 
     def add_shown(self, frame: int, surface: ShownSurface) -> None:
         """Note a frame's surface image: where nothing is seen, pictures may be empty and equal."""
@@ -113,16 +127,20 @@ class Evidence:
                     if table.counts.get(code, 0) > 1:
                         table.diagnose(code, "follow from DEPTH_IMAGE_DISAGREES")
         self._check_blank(info, pictures)
+        self._check_coarse(info, pictures)
+        reason = unordered(self.rows.rows) if info["temporal"] else None
+        if reason is not None:
+            files.at(layout.SEQUENCE_JSON).add("TEMPORAL_DOUBTFUL", "temporal", reason)
+        repeated = cameras is not None and self._check_repeated(cameras, pictures)
         explained = self.colours.explain()
         # A surface image that is shifted against the points is also shifted against the colours.
         if explained is not None and "OFFSET_DISAGREES" not in table.counts:
             certain, text = explained
             # Noise, a depth camera's faults and foreign pictures leave doubt about an outline.
-            clean = info["noise"] is None and info["style"] in ("photo", "fast", "raster")
+            clean = info["noise"] is None and info["style"] in _IN_COLOUR
             code = "COLOUR_DISAGREES" if certain and clean else "COLOUR_DOUBTFUL"
-            pictures.diagnose(code, text)
-        if cameras is not None:
-            self._check_repeated(cameras, pictures)
+            if certain or not repeated:  # a repeated picture shows another frame's outline
+                pictures.diagnose(code, text)
 
     def _check_blank(self, info: dict[str, Any], problems: FileProblems) -> None:
         if self.blank:
@@ -134,7 +152,14 @@ class Evidence:
                 "rendering failed?",
             )
 
-    def _check_repeated(self, cameras: Cameras, problems: FileProblems) -> None:
+    def _check_coarse(self, info: dict[str, Any], problems: FileProblems) -> None:
+        for form, frames in self.coarse.items():
+            if form == GREY and info["style"] not in _IN_COLOUR:
+                continue
+            if 2 * len(frames) > self.looked:
+                problems.diagnose("COLOUR_LOST", f"the pictures {form}")
+
+    def _check_repeated(self, cameras: Cameras, problems: FileProblems) -> bool:
         """A picture that is repeated although the points moved shows one of the frames wrongly."""
         first: dict[int, int] = {}
         moved = []
@@ -153,3 +178,4 @@ class Evidence:
                 f"{len(moved)} pictures repeat that of an earlier frame, here {moved[0][0]}, "
                 "though the points moved",
             )
+        return bool(moved)

@@ -9,8 +9,10 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
+from pliant.spec.io import limits
 from pliant.spec.io.exr import Surface, read_camera_depth, read_surface
-from pliant.spec.io.png import read_mask, read_rgb
+from pliant.spec.io.png import png_remarks, read_mask, read_rgb
+from pliant.spec.io.reading import read_bytes
 from pliant.spec.model import Tier
 from pliant.spec.storage import layout
 from pliant.spec.validation.findings import FileProblems
@@ -78,8 +80,12 @@ def check_rgb(context: Context, files: SequenceFiles, frame: int) -> npt.NDArray
     name = layout.rgb_name(frame)
     file = files.contents(name)
     if file is not None and not context.quick:
-        with files.at(name).refusals():
-            return read_rgb(file, size=(context.width, context.height))
+        problems = files.at(name)
+        with problems.refusals():
+            rgb = read_rgb(file, size=(context.width, context.height))
+            for remark in png_remarks(read_bytes(file, limits.MAX_IMAGE_FILE_BYTES)):
+                problems.add("IMAGE_AMBIGUOUS", "", remark)
+            return rgb
     return None
 
 

@@ -23,7 +23,8 @@ from pliant.spec.dataset import Dataset
 from pliant.spec.io.exr import Surface, read_surface, write_surface
 from pliant.spec.io.png import read_rgb, write_rgb
 from pliant.spec.validation.validate import Report, validate
-from tests.conformance.edits import change_exr, listed
+from tests.conformance.broken_agreement import enlarged, jpeg
+from tests.conformance.edits import change_exr, change_json, change_rows, listed
 
 Array = np.ndarray[Any, Any]
 Rng = np.random.Generator
@@ -342,6 +343,7 @@ mutation("rounded-to-pixel-centres", "OFFSET_SCATTERS", rounded)
 mutation("focal-length-1-percent", "OFFSET_SCATTERS", zoomed(1.01))
 mutation("material-8-bits", FEW, material(eight_bits))
 mutation("material-float16", FEW, material(lambda m: m.astype(np.float16)))
+mutation("material-noise", "SURFACE_NOISY", material(noise(0.004)))
 mutation("depth-float16", FEW, depth(lambda z: z.astype(np.float16)))
 mutation("depth-8-bits", FEW, depth(eight_bits))
 mutation("depth-whole-millimetres", FEW, depth(lambda z: np.round(z, 3)))
@@ -354,6 +356,9 @@ mutation("depth-disparity", DEPTH, depth(lambda z: 1 / z))
 mutation("world-in-millimetres", "SCALE_DISAGREES", world(1000.0))
 mutation("world-in-centimetres", "SCALE_DISAGREES", world(100.0))
 mutation("tables-of-the-next-frame", "", next_tables)
+mutation("rgb-grey", "COLOUR_LOST", colour(lambda rgb: [each[..., [1, 1, 1]] for each in rgb]))
+mutation("rgb-enlarged", "COLOUR_LOST", colour(lambda rgb: [enlarged(each) for each in rgb]))
+mutation("rgb-jpeg-25", "COLOUR_LOST", colour(lambda rgb: [jpeg(each) for each in rgb]))
 mutation("rgb-next-frame", COLOUR, colour(lambda rgb: rgb[1:] + rgb[:1]))
 mutation("rgb-frame-before", COLOUR, colour(lambda rgb: rgb[-1:] + rgb[:-1]))
 mutation("rgb-other-sequence", "COLOUR_DOUBTFUL", other_sequence)
@@ -428,6 +433,16 @@ def test_errors_of_all_rows_are_diagnosed_once(copy: Path, name: str) -> None:
     assert report.counts[code] > 1000
     assert len(issues) <= 2, [str(issue) for issue in issues][:4]
     assert text in issues[0].message
+
+
+def test_independent_frames_called_an_episode(copy: Path) -> None:
+    for path in copy.glob("sequences/*/*/sequence.json"):
+        change_json(str(path.relative_to(copy)), lambda d: d.update(temporal=True))(copy)
+    change_rows("sequences.parquet", lambda rows: [row | {"temporal": True} for row in rows])(copy)
+    report = validate(copy)
+    assert set(report.counts) == {"TEMPORAL_DOUBTFUL"}
+    doubted = {issue.path.split("/")[1] for issue in report.issues}
+    assert "rope" in doubted
 
 
 @pytest.mark.parametrize("factor", [10.0, 0.1, 1000.0, 0.001])
