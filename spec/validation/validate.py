@@ -25,7 +25,7 @@ from pliant.spec.validation.rules.files import read_document
 from pliant.spec.validation.rules.listing import check_checksums, check_listing
 from pliant.spec.validation.rules.packed import check_any_sequence, check_index
 from pliant.spec.validation.rules.queries import check_split_queries
-from pliant.spec.validation.rules.sequences import SequenceResult
+from pliant.spec.validation.rules.result import SequenceResult
 from pliant.spec.validation.rules.structure import check_root
 from pliant.spec.validation.rules.tiers import check_tiers
 

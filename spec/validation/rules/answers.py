@@ -15,7 +15,7 @@ from pliant.spec.io.parquet_columns import codes, load_columns
 from pliant.spec.storage import layout
 from pliant.spec.tables import TRUTH
 from pliant.spec.validation.rules.context import Context
-from pliant.spec.validation.rules.sequences import SequenceResult
+from pliant.spec.validation.rules.result import SequenceResult
 from pliant.spec.validation.rules.tables import CheckedTable, numbers
 
 _MAX_ALTERNATIVES = 64  # as many as dataset.schema.json allows symmetries

@@ -6,55 +6,15 @@ pixels, and the positions of the points before the camera to the micrometre.
 
 from __future__ import annotations
 
-import hashlib
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Final
+from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from pliant.spec.storage import layout
 from pliant.spec.validation.findings import Findings
-from pliant.spec.validation.rules.cameras import Cameras
-from pliant.spec.validation.rules.correspondences import FrameRows
+from pliant.spec.validation.rules.result import SequenceResult
 
 SAME_M: Final = 1e-6
-
-SHAPE_POINTS: Final = 512
-"""About so many points, spread over the table, stand for the shape."""
-
-if TYPE_CHECKING:
-    from pliant.spec.validation.rules.sequences import SequenceResult
-
-FloatArray = npt.NDArray[np.float64]
-
-
-@dataclass
-class FrameKeys:
-    """What identifies the frames of a sequence.
-
-    Attributes:
-        pictures: uint64 each, digest of the decoded colour pixels; 0 for a blank picture.
-        shapes: float64 (6,) each, mean and spread of the points in the camera's axes, metres.
-        depths: uint64 each, digest of the decoded depth image.
-    """
-
-    pictures: dict[int, int] = field(default_factory=dict)
-    shapes: dict[int, FloatArray] = field(default_factory=dict)
-    depths: dict[int, int] = field(default_factory=dict)
-
-
-def digest_of(pixels: npt.NDArray[Any]) -> int:
-    """Return 63 bits that differ where pixels differ."""
-    data = np.ascontiguousarray(pixels).data
-    return int.from_bytes(hashlib.sha256(data).digest()[:8], "little") >> 1
-
-
-def shape_key(cameras: Cameras, rows: FrameRows) -> FloatArray:
-    """Return mean and spread of points of a frame in the camera's axes, float64 (6,), metres."""
-    pose = cameras.world_to_camera[rows.frame]
-    local = rows.xyz_m[:: 1 + len(rows.xyz_m) // SHAPE_POINTS] @ pose[:3, :3].T + pose[:3, 3]
-    return np.concatenate([local.mean(axis=0), local.std(axis=0)])
 
 
 def compare_frames(sequences: list[SequenceResult], findings: Findings) -> None:

@@ -16,11 +16,11 @@ from pliant.spec.validation.rules.cameras import Cameras
 from pliant.spec.validation.rules.colour import MAX_FRAMES, Colours, Rgb, is_blank
 from pliant.spec.validation.rules.correspondences import FrameRows
 from pliant.spec.validation.rules.diagnosis import RowSample, diagnose_rows
-from pliant.spec.validation.rules.duplicates import FrameKeys, digest_of, shape_key
 from pliant.spec.validation.rules.episodes import unordered
 from pliant.spec.validation.rules.files import SequenceFiles
 from pliant.spec.validation.rules.frames import FrameView
 from pliant.spec.validation.rules.pictures import GREY, coarse_form
+from pliant.spec.validation.rules.result import FrameKeys, digest_of, shape_key
 from pliant.spec.validation.rules.surfaces import ShownSurface
 
 PRECISION_FRAMES = 2

@@ -18,7 +18,8 @@ from pliant.spec.storage.packed import Member, members_of
 from pliant.spec.validation.findings import FileProblems, Findings
 from pliant.spec.validation.rules.context import Context
 from pliant.spec.validation.rules.listing import check_identity
-from pliant.spec.validation.rules.sequences import SequenceResult, check_sequence
+from pliant.spec.validation.rules.result import SequenceResult
+from pliant.spec.validation.rules.sequences import check_sequence
 from pliant.spec.validation.rules.structure import printable
 from pliant.spec.validation.rules.tables import check_table
 

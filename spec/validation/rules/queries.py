@@ -19,7 +19,7 @@ from pliant.spec.validation.rules.answers import Aligned, compare_answers, read_
 from pliant.spec.validation.rules.context import Context
 from pliant.spec.validation.rules.correspondences import VISIBLE
 from pliant.spec.validation.rules.listing import check_identity
-from pliant.spec.validation.rules.sequences import SequenceResult
+from pliant.spec.validation.rules.result import SequenceResult
 from pliant.spec.validation.rules.tables import CheckedTable, check_table, numbers
 
 _TABLES_IN_MEMORY = 16

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from pliant.spec.model import Tier
 from pliant.spec.storage import layout
-from pliant.spec.validation.findings import FileProblems, Findings
+from pliant.spec.validation.findings import FileProblems
 from pliant.spec.validation.rules.cameras import Cameras, check_cameras
 from pliant.spec.validation.rules.context import Context
 from pliant.spec.validation.rules.correspondences import (
@@ -22,7 +20,6 @@ from pliant.spec.validation.rules.correspondences import (
     frame_rows,
     open_correspondences,
 )
-from pliant.spec.validation.rules.duplicates import FrameKeys
 from pliant.spec.validation.rules.evidence import PRECISION_FRAMES, Evidence
 from pliant.spec.validation.rules.files import (
     SequenceFiles,
@@ -33,40 +30,12 @@ from pliant.spec.validation.rules.files import (
 from pliant.spec.validation.rules.frames import FrameView
 from pliant.spec.validation.rules.points import PointSet, check_points
 from pliant.spec.validation.rules.precision import check_precision
+from pliant.spec.validation.rules.result import SequenceResult
 from pliant.spec.validation.rules.surfaces import check_recorded, check_rgb, check_surface
 from pliant.spec.validation.rules.visibility import check_visibility
 
 _SHARE = "self_occluded"
 _FROM_ROW = ("id", "tier", "split", "shape", "frames", "temporal", "seed", "style")
-
-
-@dataclass
-class SequenceResult:
-    """What checking a sequence gives to the rules above it.
-
-    Attributes:
-        id: The sequence.
-        tier: The folder of its tier.
-        split: Its split, None if its sequence.json is not readable.
-        frames: Its frames, 0 likewise.
-        findings: Its problems.
-        points_digest: Hash of its point table, None if that is not sound.
-        temporal: True for an episode.
-        keys: What identifies each frame.
-        boxes_px: float32 (F,), longer side of the queried object's visible box; NaN unknown.
-        tables_sound: True if queries can be checked against its tables.
-    """
-
-    id: str
-    tier: str
-    split: str | None = None
-    frames: int = 0
-    findings: Findings = field(default_factory=Findings)
-    points_digest: bytes | None = None
-    temporal: bool = False
-    keys: FrameKeys = field(default_factory=FrameKeys)
-    boxes_px: npt.NDArray[np.float32] = field(default_factory=lambda: np.zeros(0, np.float32))
-    tables_sound: bool = False
 
 
 def check_sequence(
