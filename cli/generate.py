@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import click
+from rich.filesize import decimal
 
 from pliant.cli.interrupts import terminated_like_interrupted
 from pliant.cli.options import (
@@ -148,7 +149,7 @@ def _parse_splits(text: str) -> dict[str, int]:
 
 
 def _dry_run(config: GenerateConfig, out: Path, workers: int, as_json: bool) -> int:
-    from pliant.generator.runner.estimate import Estimate, estimate_run
+    from pliant.generator.runner.estimate import estimate_run
     from pliant.generator.runner.manifest import RunFolder, refuse_changes
     from pliant.generator.runner.plan import plan_run
 
@@ -158,7 +159,7 @@ def _dry_run(config: GenerateConfig, out: Path, workers: int, as_json: bool) -> 
     if stored is not None:
         refuse_changes(stored, config.resolved(), out)
     plan = plan_run(config, out)
-    estimate = estimate_run(config, plan, workers) if plan.missing else Estimate(0.0, 0, 0)
+    estimate = estimate_run(config, plan, workers)
     if as_json:
         document = {
             "sequences": len(plan.tasks),
@@ -172,8 +173,9 @@ def _dry_run(config: GenerateConfig, out: Path, workers: int, as_json: bool) -> 
         return 0
     echo(describe_plan(plan, config, out, workers))
     echo(
-        f"By a trial of each tier: about {duration(estimate.seconds)}, "
-        f"{size(estimate.bytes)} in {estimate.files:,} files. Nothing was written."
+        f"By trials of each tier with {plural(workers, 'worker')}: about "
+        f"{duration(estimate.seconds)}, {decimal(estimate.bytes)} in "
+        f"{estimate.files:,} files. Nothing was written."
     )
     return 0
 
@@ -193,11 +195,11 @@ def describe_plan(plan: Plan, config: GenerateConfig, out: Path, workers: int) -
 
 
 class _Display:
-    """Shows how far a run is: the plan, the cost of the first sequence, and a bar."""
+    """Shows how far a run is: the plan, a forecast once every tier is measured, and a bar."""
 
     def __init__(self, bar: Bar, out: Path, workers: int) -> None:
         self._bar, self._out, self._workers = bar, out, workers
-        self._begun = self._measured = False
+        self._begun = self._forecast = False
 
     def __call__(self, state: Progress) -> None:
         if not self._begun:
@@ -207,18 +209,20 @@ class _Display:
                 f"make, {state.frames_wanted:,} images, {plural(self._workers, 'worker')}; "
                 f"log {state.log}"
             )
-        if state.measured and not self._measured:
-            self._measured = True
-            name, frames, seconds, written = state.measured
-            left = seconds / frames * state.frames_wanted / self._workers
-            total = written / frames * state.frames_wanted
+        left = None if self._forecast else state.forecast.left()
+        if left is not None and left.seconds:
+            self._forecast = True
+            costs = ", ".join(
+                f"{tier} {seconds:.2f} s and {decimal(round(written))}"
+                for tier, (seconds, written) in state.forecast.per_image().items()
+            )
             self._bar.print(
-                f"{name}: {seconds / frames:.2f} s and {size(written / frames)} per image, so "
-                f"about {duration(left)} and {size(total)} in all"
+                f"Measured per image: {costs}; left: about {duration(left.seconds)} and "
+                f"{decimal(round(left.bytes))}"
             )
         facts = f"{state.images_per_s:.1f} images/s"
         if state.memory_bytes:
-            facts += f", {size(state.memory_bytes)} per worker"
+            facts += f", {decimal(state.memory_bytes)} per worker"
         if state.failures:
             facts += f", {state.failures} failed attempts"
         self._bar(state.frames, state.frames_wanted, facts=facts)
@@ -245,7 +249,7 @@ def _report(summary: Summary, as_json: bool) -> None:
         return
     echo(
         f"{summary.root}: {summary.sequences} sequences, {summary.made} made now "
-        f"({summary.frames:,} images, {size(summary.bytes)}, {duration(summary.seconds)})."
+        f"({summary.frames:,} images, {decimal(summary.bytes)}, {duration(summary.seconds)})."
     )
     for each in summary.failed:
         last = each.error.splitlines()[-1]
@@ -265,12 +269,3 @@ def duration(seconds: float) -> str:
     if seconds < 5400:
         return f"{seconds / 60:.0f} min"
     return f"{seconds / 3600:.1f} h"
-
-
-def size(count: float) -> str:
-    """Return a number of bytes for people, in powers of 1000."""
-    for unit in ("B", "kB", "MB", "GB"):
-        if count < 1000:
-            return f"{count:.0f} {unit}" if unit == "B" else f"{count:.1f} {unit}"
-        count /= 1000
-    return f"{count:.1f} TB"

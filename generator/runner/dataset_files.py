@@ -31,7 +31,6 @@ from pliant.spec.tables import SEQUENCES
 
 def write_dataset_files(
     config: GenerateConfig,
-    resolved: Mapping[str, Any],
     tasks: Sequence[SequenceTask],
     root: Path,
     scratch: Path,
@@ -42,8 +41,7 @@ def write_dataset_files(
     file is replaced and put back after the last one: a folder that has it is whole.
 
     Args:
-        config: The dataset's config.
-        resolved: The same with every default filled in, kept as provenance.
+        config: The dataset's config, kept as provenance.
         tasks: The finished sequences, in the order of the table.
         root: The dataset's folder.
         scratch: A folder on the same file system.
@@ -70,7 +68,7 @@ def write_dataset_files(
         queries_dir=made / QUERIES_DIR,
         truth_dir=made / TRUTH_DIR,
     )
-    write_json(made / DATASET_JSON, describe_dataset(config, resolved, tiers, infos), "dataset")
+    write_json(made / DATASET_JSON, describe_dataset(config, tiers, infos), "dataset")
     (root / DATASET_JSON).unlink(missing_ok=True)
     for name in (QUERIES_DIR, TRUTH_DIR):
         shutil.rmtree(root / name, ignore_errors=True)
@@ -83,7 +81,6 @@ def write_dataset_files(
 
 def describe_dataset(
     config: GenerateConfig,
-    resolved: Mapping[str, Any],
     tiers: Sequence[Tier],
     infos: Sequence[Mapping[str, Any]],
 ) -> dict[str, Any]:
@@ -91,7 +88,6 @@ def describe_dataset(
 
     Args:
         config: The dataset's config.
-        resolved: The same with every default filled in.
         tiers: The tiers.
         infos: The `sequence.json` of every sequence.
     """
@@ -113,7 +109,7 @@ def describe_dataset(
         "provenance": {
             "generator": f"pliant {version('pliant')}",
             "seed": config.public_seed,
-            "config": dict(resolved),
+            "config": config.resolved(),
             "tools": {key: tool for info in infos for key, tool in info["tools"].items()},
         },
     }

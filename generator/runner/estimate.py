@@ -1,4 +1,4 @@
-"""What a run will take, by trial: one short sequence of each tier, made and thrown away."""
+"""What a run will take, by trial: short sequences of each tier, made and thrown away."""
 
 from __future__ import annotations
 
@@ -9,14 +9,19 @@ from pathlib import Path
 from typing import Final
 
 from pliant.generator.config import GenerateConfig
-from pliant.generator.runner.engine import Failed, Finished
+from pliant.generator.runner.engine import Failed, Finished, OpenMaker
 from pliant.generator.runner.engine_local import LocalEngine
-from pliant.generator.runner.plan import Plan, first_of_each_tier
+from pliant.generator.runner.forecast import Forecast
+from pliant.generator.runner.plan import Plan
 from pliant.generator.runner.run import open_sequence_maker, required_packages
+from pliant.generator.seeding import SequenceTask
 from pliant.spec.errors import CallError, GenerationError
 from pliant.spec.extras import require_packages
 
-TRIAL_FRAMES: Final = 3
+TRIAL_FRAMES: Final = 6
+
+TRIAL_ROUNDS: Final = 2
+"""Sequences of each tier that a worker makes: the first also loads code."""
 
 
 @dataclass(frozen=True)
@@ -34,35 +39,48 @@ class Estimate:
     files: int
 
 
-def estimate_run(config: GenerateConfig, plan: Plan, workers: int) -> Estimate:
-    """Measure a sequence of at most three frames per tier and extrapolate.
+def estimate_run(
+    config: GenerateConfig, plan: Plan, workers: int, open_maker: OpenMaker | None = None
+) -> Estimate:
+    """Measure sequences of at most six frames of each tier, with all workers busy.
 
     Args:
         config: The dataset's config.
         plan: What is missing.
         workers: Sequences in work at a time.
+        open_maker: What makes the trial sequences, picklable; None renders them.
 
     Raises:
         CallError: There is no worker.
+        MissingExtraError: Numba, or for its styles Blender, is not installed.
         GenerationError: A trial sequence cannot be made.
     """
     if workers < 1:
         raise CallError("there must be a worker", where="workers", found=workers, required=">= 1")
-    require_packages(required_packages(config.style), "generating a dataset", "generate")
+    if open_maker is None:
+        require_packages(required_packages(config.style), "generating a dataset", "generate")
     missing = plan.missing
+    if not missing:
+        return Estimate(0.0, 0, 0)
+    forecast = Forecast.of(missing, config.frames, workers)
     short = replace(config, frames=min(config.frames, TRIAL_FRAMES))
-    seconds = size = 0.0
+    trials = [
+        SequenceTask(tier, "train", number)
+        for tier in forecast.frames_left
+        for number in range(TRIAL_ROUNDS * workers)
+    ]
     with tempfile.TemporaryDirectory(prefix="pliant-trial-") as folder:
         root = Path(folder)
-        open_maker = functools.partial(open_sequence_maker, short, root, root / "partial", 1)
-        for event in LocalEngine(1).events(first_of_each_tier(missing), open_maker):
+        maker = open_maker or functools.partial(
+            open_sequence_maker, short, root, root / "partial", 1
+        )
+        for event in LocalEngine(workers).events(trials, maker):
             if isinstance(event, Failed):
                 raise GenerationError(
                     "the trial sequence failed", where=event.task.id, found=event.error
                 )
             if isinstance(event, Finished):
-                alike = sum(task.tier == event.task.tier for task in missing)
-                frames = alike * config.frames / event.result.frames
-                seconds += event.result.seconds * frames / workers
-                size += event.result.bytes * frames
-    return Estimate(seconds, round(size), len(missing) * (2 * config.frames + 4))
+                forecast.measure(event.task.tier, event.result)
+    left = forecast.left()
+    assert left is not None  # every tier that is missing was tried
+    return Estimate(left.seconds, round(left.bytes), len(missing) * (2 * config.frames + 4))

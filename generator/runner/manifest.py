@@ -16,7 +16,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
 
-from pliant.generator.config import GROWING_FIELDS, LABEL_FIELDS
+from pliant.generator.config import GROWING_FIELDS, LABEL_FIELDS, GenerateConfig
 from pliant.spec.errors import CallError
 from pliant.spec.io.writing import replacing
 from pliant.spec.secrets import (
@@ -130,13 +130,8 @@ class RunFolder:
             write_secret_seed(self.root, seed)
         return seed
 
-    def is_finished(self, config: Mapping[str, Any]) -> bool:
-        """Return whether a run with just this config, and this Pliant, came to its end.
-
-        Args:
-            config: The config as it was given, defaults of the sections not filled in: the
-                question costs no import of theirs.
-        """
+    def is_finished(self, config: GenerateConfig) -> bool:
+        """Return whether a run with just this config, and this Pliant, came to its end."""
         stored = _read_object(self._config)
         if stored is None or stored.get("finished") is not True:
             return False
@@ -154,10 +149,9 @@ class RunFolder:
         resolved = None if stored is None else stored.get("resolved")
         return resolved if isinstance(resolved, dict) else None
 
-    def store_config(
-        self, config: Mapping[str, Any], resolved: Mapping[str, Any], *, finished: bool
-    ) -> None:
-        """Remember the config as given and as resolved, and whether its run came to its end."""
+    def store_config(self, config: GenerateConfig, *, finished: bool) -> None:
+        """Remember a config, and whether its run came to its end."""
+        resolved = config.resolved()
         document = {"given": _given(config), "resolved": resolved, "finished": finished}
         write_atomically(self._config, json.dumps(document, indent=1, sort_keys=True) + "\n")
 
@@ -193,8 +187,6 @@ def refuse_changes(stored: Mapping[str, Any], wanted: Mapping[str, Any], root: P
     Raises:
         CallError: Fields differ; the message names each with both values.
     """
-    # `queries.kind` is younger than the first sets, which all asked pairs.
-    stored = {**stored, "queries": {"kind": "pairs", **stored.get("queries", {})}}
     free = {*GROWING_FIELDS, *LABEL_FIELDS}
     free |= {kind for kind in ("rope", "cloth") if kind not in stored or kind not in wanted}
     differences = _differences(
@@ -224,8 +216,8 @@ def write_atomically(path: Path, text: str) -> None:
         partial.write_text(text, encoding="utf-8")
 
 
-def _given(config: Mapping[str, Any]) -> dict[str, Any]:
-    return {"pliant": version("pliant"), "config": json.loads(json.dumps(config))}
+def _given(config: GenerateConfig) -> dict[str, Any]:
+    return {"pliant": version("pliant"), "config": json.loads(json.dumps(config.to_dict()))}
 
 
 def _read_object(path: Path) -> dict[str, Any] | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -109,8 +109,3 @@ def plan_tasks(config: GenerateConfig) -> tuple[SequenceTask, ...]:
         for split, count in config.counts.items()
         for index in range(count)
     )
-
-
-def first_of_each_tier(tasks: Sequence[SequenceTask]) -> list[SequenceTask]:
-    """Return one task per tier, the first in order."""
-    return list({task.tier: task for task in reversed(tasks)}.values())[::-1]

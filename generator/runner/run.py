@@ -13,6 +13,7 @@ from typing import Final, Literal
 
 from pliant.generator.config import BLENDER_STYLES, GenerateConfig
 from pliant.generator.runner.engine import Engine, Failed, Finished, Maker, OpenMaker, Rendered
+from pliant.generator.runner.forecast import Forecast
 from pliant.generator.runner.manifest import Failure, RunFolder, refuse_changes
 from pliant.generator.runner.plan import Plan, plan_run
 from pliant.generator.seeding import SequenceTask
@@ -43,19 +44,26 @@ class Progress:
         memory_bytes: Largest resident memory a worker reported.
         started: `time.monotonic()` at the start of the rendering.
         log: The run's log file.
-        measured: First finished sequence of this run: (id, frames, seconds, bytes).
+        forecast: What is left, from what the finished sequences took.
     """
 
     plan: Plan
     sequences: int
     frames_wanted: int
+    forecast: Forecast
     frames: int = 0
     bytes: int = 0
     failures: int = 0
     memory_bytes: int = 0
     started: float = field(default_factory=time.monotonic)
     log: Path | None = None
-    measured: tuple[str, int, float, int] | None = None
+
+    @classmethod
+    def of(cls, plan: Plan, workers: int, log: Path) -> Progress:
+        """Return the progress of a run that begins."""
+        missing, frames = plan.missing, plan.frames_per_sequence
+        forecast = Forecast.of(missing, frames, workers)
+        return cls(plan, len(plan.finished), len(missing) * frames, forecast, log=log)
 
     @property
     def seconds(self) -> float:
@@ -140,25 +148,11 @@ def generate(
     with run.locked(), _logged(run) as log:
         plan = plan_run(config, root)
         whole = not plan.missing and (root / DATASET_JSON).is_file()
-        if whole and run.is_finished(config.to_dict()):
+        if whole and run.is_finished(config):
             run.clear_partial()
             return Summary(root, len(plan.tasks), 0, 0, 0, time.monotonic() - started)
-        resolved = config.resolved()
-        stored = run.stored_config()
-        if stored is not None:
-            refuse_changes(stored, resolved, root)
-        if config.secret_seed:
-            config = replace(config, seed=run.secret_seed(begun=stored is not None))
-        run.store_config(config.to_dict(), resolved, finished=False)
-        _remove_damaged(root, plan, run.partial)
-        run.clear_partial()
-        state = Progress(
-            plan,
-            sequences=len(plan.finished),
-            frames_wanted=len(plan.missing) * config.frames,
-            log=log,
-        )
-        logger.info("%d of %d sequences to make in %s", len(plan.missing), len(plan.tasks), root)
+        config = _begin(run, config, plan)
+        state = Progress.of(plan, workers, log)
         failed: list[Failure] = []
         if plan.missing:
             chosen = _open_engine(engine, workers, log, config.style)
@@ -169,26 +163,7 @@ def generate(
                 failed = _make_missing(root, plan, chosen, maker, state, progress or _ignore)
             finally:
                 run.clear_partial()
-        from pliant.generator.runner.dataset_files import write_dataset_files
-
-        run.store_failures(failed)
-        missing = {failure.id for failure in failed}
-        tasks = [task for task in plan.tasks if task.id not in missing]
-        if not tasks:
-            raise GenerationError(
-                "no sequence could be made", path=log, found=failed[0].error.splitlines()[-1]
-            )
-        try:
-            write_dataset_files(config, resolved, tasks, root, run.partial)
-            run.store_config(config.to_dict(), resolved, finished=True)
-        except OSError as error:
-            raise GenerationError(
-                "the dataset's tables cannot be written",
-                path=root,
-                found=error.strerror or error,
-                fix=_kept(len(tasks), len(plan.tasks)),
-            ) from error
-        logger.info("finished: %d sequences, %d failed", len(tasks), len(failed))
+        tasks = _finish(run, config, plan, failed, log)
         return Summary(
             root=root,
             sequences=len(tasks),
@@ -198,6 +173,58 @@ def generate(
             seconds=time.monotonic() - started,
             failed=tuple(failed),
         )
+
+
+def _begin(run: RunFolder, config: GenerateConfig, plan: Plan) -> GenerateConfig:
+    """Bind the folder to a config and clear what earlier runs left unfinished.
+
+    Returns:
+        The config, with the secret seed if it has one.
+
+    Raises:
+        CallError: The folder contains a set made with other settings, or has lost its seed.
+    """
+    stored = run.stored_config()
+    if stored is not None:
+        refuse_changes(stored, config.resolved(), run.root)
+    if config.secret_seed:
+        config = replace(config, seed=run.secret_seed(begun=stored is not None))
+    run.store_config(config, finished=False)
+    _remove_damaged(run.root, plan, run.partial)
+    run.clear_partial()
+    logger.info("%d of %d sequences to make in %s", len(plan.missing), len(plan.tasks), run.root)
+    return config
+
+
+def _finish(
+    run: RunFolder, config: GenerateConfig, plan: Plan, failed: list[Failure], log: Path
+) -> list[SequenceTask]:
+    """Write the dataset's own files over the sequences that could be made, and return these.
+
+    Raises:
+        GenerationError: There is none, or the files cannot be written.
+    """
+    from pliant.generator.runner.dataset_files import write_dataset_files
+
+    run.store_failures(failed)
+    missing = {failure.id for failure in failed}
+    tasks = [task for task in plan.tasks if task.id not in missing]
+    if not tasks:
+        raise GenerationError(
+            "no sequence could be made", path=log, found=failed[0].error.splitlines()[-1]
+        )
+    try:
+        write_dataset_files(config, tasks, run.root, run.partial)
+        run.store_config(config, finished=True)
+    except OSError as error:
+        raise GenerationError(
+            "the dataset's tables cannot be written",
+            path=run.root,
+            found=error.strerror or error,
+            fix=_kept(len(tasks), len(plan.tasks)),
+        ) from error
+    logger.info("finished: %d sequences, %d failed", len(tasks), len(failed))
+    return tasks
 
 
 def _remove_damaged(root: Path, plan: Plan, partial: Path) -> None:
@@ -260,8 +287,7 @@ def _count(state: Progress, event: Finished) -> None:
     state.sequences += 1
     state.bytes += result.bytes
     state.memory_bytes = max(state.memory_bytes, result.memory_bytes)
-    if state.measured is None:
-        state.measured = (result.id, result.frames, result.seconds, result.bytes)
+    state.forecast.finish(event.task.tier, result)
     stages = ", ".join(f"{stage} {spent:.3f}" for stage, spent in result.stage_cpu_s.items())
     logger.info(
         "%s: %d frames, %.2f s, %.2f CPU s (%s), %.0f MB resident, %d bytes",

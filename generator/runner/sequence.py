@@ -63,6 +63,7 @@ class SequenceMaker:
             config.style, config.size, threads=threads, depth_camera=self._depth_camera
         )
         self._tools = tool_versions(config.style)
+        self._tiers: set[str] = set()  # of which a sequence was made
 
     def make(self, task: SequenceTask, on_frame: Callable[[], None]) -> SequenceResult:
         """Make one sequence: populate, pose, annotate, render, write.
@@ -125,6 +126,8 @@ class SequenceMaker:
                     scene_object.points,
                 )
         clock.seconds["encode"] = writer.encode_cpu_s
+        warm = task.tier in self._tiers
+        self._tiers.add(task.tier)
         return SequenceResult(
             id=task.id,
             frames=scene_object.frames,
@@ -133,6 +136,7 @@ class SequenceMaker:
             cpu_s=time.process_time() - cpu_started,
             stage_cpu_s=clock.seconds,
             memory_bytes=resident_bytes(),
+            warm=warm,
         )
 
     def view(

@@ -39,7 +39,7 @@ def test_a_tier_of_one_module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     tasks = plan_tasks(config)
     for task in tasks:
         maker.make(task, lambda: None)
-    write_dataset_files(config, config.resolved(), tasks, root, scratch)
+    write_dataset_files(config, tasks, root, scratch)
     assert validate(root).errors == 0
     dataset = Dataset.open(root)
     sequence = dataset.sequence("rope-coil-test-000000")

@@ -40,7 +40,7 @@ def made(config: GenerateConfig, root: Path) -> Dataset:
     maker, tasks = SequenceMaker(config, root, scratch, overlap=False), plan_tasks(config)
     for task in tasks:
         maker.make(task, lambda: None)
-    write_dataset_files(config, config.resolved(), tasks, root, scratch)
+    write_dataset_files(config, tasks, root, scratch)
     return Dataset.open(root)
 
 

@@ -70,6 +70,6 @@ def test_a_dataset_of_towels_is_valid(tmp_path: Path) -> None:
     maker, tasks = SequenceMaker(CONFIG, root, scratch, overlap=False), plan_tasks(CONFIG)
     for task in tasks:
         maker.make(task, lambda: None)
-    write_dataset_files(CONFIG, CONFIG.resolved(), tasks, root, scratch)
+    write_dataset_files(CONFIG, tasks, root, scratch)
     assert validate(root).errors == 0
     assert len(Dataset.open(root).queries("test")) > 50

@@ -132,7 +132,7 @@ def test_a_dataset_of_drawn_ropes_is_exact_and_records_the_draws(tmp_path: Path)
     tasks = plan_tasks(config)
     for task in tasks:
         maker.make(task, lambda: None)
-    write_dataset_files(config, config.resolved(), tasks, root, scratch)
+    write_dataset_files(config, tasks, root, scratch)
     report = validate(root)
     assert (report.errors, list(report.issues)) == (0, [])
     dataset = Dataset.open(root)

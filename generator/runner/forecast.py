@@ -1,0 +1,96 @@
+"""What is left of a run, from what its own finished sequences took."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from pliant.generator.runner.engine import SequenceResult
+from pliant.generator.seeding import SequenceTask
+
+
+class Left(NamedTuple):
+    """What is left of a run.
+
+    Attributes:
+        seconds: Wall time, with as many workers as the measured sequences had beside them.
+        bytes: Space of the sequences that are missing.
+    """
+
+    seconds: float
+    bytes: float
+
+
+@dataclass
+class _Cost:
+    """Sums over the finished sequences of a tier; `warm` says whether the workers were."""
+
+    warm: bool = False
+    frames: int = 0
+    seconds: float = 0.0
+    bytes: int = 0
+
+
+@dataclass
+class Forecast:
+    """Cost of an image, tier by tier; nothing is forecast for a tier before it is measured.
+
+    A worker's first sequence of a tier also loads or compiles code, so it counts only until another
+    one is finished. Sequences are timed while the other workers work, so that what they
+    take from each other is in the figures.
+
+    Attributes:
+        workers: Sequences in work at a time.
+        frames_left: Tier -> frames of its sequences that are not finished.
+    """
+
+    workers: int
+    frames_left: dict[str, int]
+    _costs: dict[str, _Cost] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, missing: Iterable[SequenceTask], frames: int, workers: int) -> Forecast:
+        """Return the forecast of a run that has made nothing yet.
+
+        Args:
+            missing: Its sequences.
+            frames: Frames of each.
+            workers: Sequences in work at a time.
+        """
+        left: dict[str, int] = {}
+        for task in missing:
+            left[task.tier] = left.get(task.tier, 0) + frames
+        return cls(workers, left)
+
+    def finish(self, tier: str, result: SequenceResult) -> None:
+        """Count a finished sequence of the run: measure it, and leave it out of what is left."""
+        self.measure(tier, result)
+        self.frames_left[tier] -= result.frames
+
+    def measure(self, tier: str, result: SequenceResult) -> None:
+        """Take what a sequence cost."""
+        cost = self._costs.setdefault(tier, _Cost())
+        if result.warm and not cost.warm:
+            cost = self._costs[tier] = _Cost(warm=True)
+        if result.warm or not cost.warm:
+            cost.frames += result.frames
+            cost.seconds += result.seconds
+            cost.bytes += result.bytes
+
+    def left(self) -> Left | None:
+        """Return what is left, None while a tier with missing sequences has none measured."""
+        waiting = {tier: frames for tier, frames in self.frames_left.items() if frames > 0}
+        if waiting.keys() - self._costs.keys():
+            return None
+        shares = [(self._costs[tier], frames) for tier, frames in waiting.items()]
+        seconds = sum(cost.seconds / cost.frames * frames for cost, frames in shares)
+        size = sum(cost.bytes / cost.frames * frames for cost, frames in shares)
+        return Left(seconds / self.workers, size)
+
+    def per_image(self) -> dict[str, tuple[float, float]]:
+        """Return tier -> (seconds of a worker, bytes) per image, for the measured tiers."""
+        return {
+            tier: (cost.seconds / cost.frames, cost.bytes / cost.frames)
+            for tier, cost in self._costs.items()
+        }

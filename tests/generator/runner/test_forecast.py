@@ -1,0 +1,58 @@
+from __future__ import annotations
+
+import pytest
+
+from pliant.generator.runner.engine import SequenceResult
+from pliant.generator.runner.estimate import estimate_run
+from pliant.generator.runner.forecast import Forecast
+from pliant.generator.runner.plan import plan_run
+from pliant.generator.runner.run import generate
+from pliant.generator.seeding import SequenceTask
+
+
+def result(seconds: float, size: int, *, warm: bool) -> SequenceResult:
+    return SequenceResult("id", 10, size, seconds, seconds, warm=warm)
+
+
+def test_a_forecast_by_hand() -> None:
+    missing = [SequenceTask(tier, "test", k) for tier in ("rope", "cloth-1") for k in range(4)]
+    forecast = Forecast.of(missing, frames=10, workers=2)
+    forecast.finish("rope", result(30.0, 1000, warm=False))  # compiles
+    assert forecast.left() is None  # nothing is known of the cloths
+    forecast.finish("cloth-1", result(50.0, 4000, warm=False))
+    # 3 ropes of 30 s and 3 cloths of 50 s, two at a time.
+    assert forecast.left() == pytest.approx((120.0, 15_000))
+    forecast.finish("rope", result(1.0, 1000, warm=True))  # what a warm one takes is what counts
+    forecast.finish("rope", result(3.0, 3000, warm=True))
+    forecast.finish("cloth-1", result(90.0, 4000, warm=False))  # another worker's first
+    # 1 rope of 2 s and 2000 bytes, 2 cloths of 70 s and 4000 bytes.
+    assert forecast.left() == pytest.approx((71.0, 10_000))
+    assert forecast.per_image()["rope"] == pytest.approx((0.2, 200))
+    for _ in range(2):
+        forecast.finish("cloth-1", result(60.0, 4000, warm=True))
+    forecast.finish("rope", result(1.0, 1000, warm=True))
+    assert forecast.left() == pytest.approx((0.0, 0.0))
+
+
+def test_trials_and_runs_forecast_what_a_run_takes(standin, tmp_path) -> None:
+    config = standin.small_config(frames=8, splits={"train": 6})
+    plan = plan_run(config, tmp_path / "set")
+    maker = standin.maker(config, tmp_path / "trial", frame_s=0.05)
+    estimate = estimate_run(config, plan, 2, maker)
+    forecasts = []
+
+    def show(state) -> None:
+        forecasts.append((state.frames, state.forecast.left()))
+
+    out = tmp_path / "set"
+    maker = standin.maker(config, out, frame_s=0.05)
+    summary = generate(config, out, workers=2, open_maker=maker, progress=show)
+    sleeping_s = 6 * 8 * 0.05 / 2
+    assert sleeping_s <= estimate.seconds < 5 * sleeping_s  # encoding and syncing come on top
+    assert estimate.bytes == pytest.approx(summary.bytes, rel=0.05)
+    assert forecasts[0] == (0, None)
+    first = next(left for _, left in forecasts if left is not None)
+    assert 0.8 * sleeping_s * 5 / 6 <= first.seconds < 5 * sleeping_s
+    last = forecasts[-1][1]
+    assert last is not None
+    assert last.seconds == 0
