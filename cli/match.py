@@ -52,6 +52,12 @@ def _positions(
 )
 @path_option("--mask-target", "FILE", "The same for the target.")
 @path_option(
+    "--objects-source",
+    "FILE",
+    "Picture that is black outside the rope and its ball; with --mask-source of the rope alone.",
+)
+@path_option("--objects-target", "FILE", "The same for the target.")
+@path_option(
     "--depth-source", "FILE", "Depth image: 16-bit millimetres (png, tif) or metres (npy)."
 )
 @path_option("--depth-target", "FILE", "The same for the target.")
@@ -71,16 +77,16 @@ def command(
     """Find pixels of one picture in another, and draw matches, heat map and confidence.
 
     METHOD is a name that `pliant methods` lists (all but oracle), the folder of a training run,
-    or a matcher of your own: path/to/my.py:Matcher or package.module:Matcher. Without
-    --mask-target the whole target is searched. The heat map is drawn for a single point.
+    or a matcher of your own: path/to/my.py:Matcher or package.module:Matcher. Without a mask, a
+    background of one colour gives one; otherwise the whole target is searched. A rope's ball is
+    separated from a mask that contains it. The heat map is drawn for a single point.
     """
     from pliant.api import open_method
     from pliant.baselines.matcher import SplitMatcher
-    from pliant.baselines.views import read_frame
     from pliant.spec.errors import CallError
-    from pliant.spec.io.photo import photo_size
     from pliant.viewer.match_figure import check_figure_path, draw_match
     from pliant.viewer.photo_match import grid_points, match_photo
+    from pliant.viewer.photo_views import PhotoFiles, read_photo_view
 
     at = given["at"]
     if bool(at) == (given["grid"] is not None):
@@ -94,23 +100,29 @@ def command(
     with progress_bar(title, "steps", hidden=hidden) as bar:
         bar(0, 3, title="Reading the pictures")
         a, b = (
-            read_frame(path, given[f"mask_{side}"], given[f"depth_{side}"], given["max_size"])
-            for side, path in (("source", source), ("target", target))
+            read_photo_view(
+                PhotoFiles(
+                    path, *(given[f"{kind}_{side}"] for kind in ("mask", "objects", "depth"))
+                ),
+                given["max_size"],
+                asked,
+            )
+            for side, path, asked in (("source", source, at), ("target", target, ()))
         )
-        sizes = (photo_size(source), photo_size(target))
-        at = at or grid_points(a, given["grid"], sizes[0])
+        at = at or grid_points(matcher, a.view, given["grid"], a.size)
         bar(1, 3, title=title)
-        match = match_photo(matcher, a, b, at, sizes=sizes)
+        match = match_photo(matcher, a.view, b.view, at, sizes=(a.size, b.size))
         bar(2, 3, title="Drawing")
-        draw_match(match, a, b, out)
-    document = match.as_dict()
+        draw_match(match, a.view, b.view, out)
+    notes = [*a.notes, *b.notes]
+    document = {**match.as_dict(), "notes": notes}
     files = {"source": str(source), "target": str(target), "figure": str(out)}
     lines = [
         f"{matcher.name}: {_point(point)} of {source} is at {_point(point, 'match_px')} of "
         f"{target}{_certainty(point)}"
         for point in document.get("points", [document])
     ]
-    lines += [*(f"Warning: {warning}" for warning in match.warnings()), f"Drawn in {out}"]
+    lines += [*notes, *(f"Warning: {warning}" for warning in match.warnings()), f"Drawn in {out}"]
     echo_result({**document, **files}, "\n".join(lines), as_json=as_json)
 
 

@@ -129,8 +129,8 @@ def _headline(match: PhotoMatch, single: PointMatch | None) -> str:
     if single is None:
         return f"{match.method}, {len(match.points)} points"
     confidence = match.confidence(single)
-    if confidence is not None and single.heat is not None:
-        parts.append(f"confidence {confidence:.2f} ({single.heat.confidence_label})")
+    if confidence is not None:
+        parts.append(f"confidence {confidence:.2f} ({match.confidence_is(single)})")
     if single.visible is not None:
         parts.append(f"visible with probability {single.visible:.2f}")
     if single.sigma_px is not None:
@@ -179,10 +179,7 @@ def _rings(axes: Any, match: PointMatch) -> int:
     """Draw two standard deviations around the answer or its modes; return how many rings."""
     from matplotlib.patches import Circle
 
-    rings = [] if match.modes is None else [tuple(map(float, mode)) for mode in match.modes]
-    if match.sigma_px is not None:
-        rings.append((float(match.uv_b_px[0]), float(match.uv_b_px[1]), match.sigma_px, 1.0))
-    rings = [ring for ring in rings if ring[3] >= _LEAST_WEIGHT]
+    rings = [ring for ring in match.mixture.astype(float) if ring[3] >= _LEAST_WEIGHT]
     for u, v, sigma, weight in rings:
         ring = Circle((u, v), 2 * sigma, fill=False, color=_MATCH_COLOUR, linewidth=1.4)
         ring.set_alpha(max(weight, 0.35))

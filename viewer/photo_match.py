@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +19,7 @@ Float64 = npt.NDArray[np.float64]
 
 _LEAST_SIDE_PX: Final = 16
 _LEAST_SPREAD: Final = 2.0  # standard deviation of grey levels, below which a picture is blank
+_NEAR_SHARE: Final = 0.02  # of the target's longer side
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,28 @@ class PointMatch:
     familiarity: float | None
     heat: Heat | None
 
+    @property
+    def mixture(self) -> npt.NDArray[np.float32]:
+        """The answer's density, float32 (M, 4): u, v, standard deviation, weight; M = 0 for none.
+
+        Rings and the confidence are drawn from it.
+        """
+        if self.modes is not None:
+            return self.modes
+        if self.sigma_px is None:
+            return np.zeros((0, 4), np.float32)
+        return np.array([[*self.uv_b_px, self.sigma_px, 1.0]], np.float32)
+
+    def probability_within(self, radius_px: float) -> float:
+        """Return the probability of the density within a distance of the answer, 0 to 1."""
+        from scipy.special import chndtr
+
+        u, v, sigma, weight = self.mixture.astype(np.float64).T
+        square = (u - self.uv_b_px[0]) ** 2 + (v - self.uv_b_px[1]) ** 2
+        # Of a round normal density, squared distances over the variance are noncentral chi-squared.
+        share = chndtr((radius_px / sigma) ** 2, 2, square / sigma**2)
+        return float(np.clip((weight * share).sum() / weight.sum(), 0.0, 1.0))
+
 
 @dataclass(frozen=True)
 class PhotoMatch:
@@ -53,6 +76,7 @@ class PhotoMatch:
         points: The points.
         scale_a: (u, v), pixels of the source picture per pixel of its view.
         scale_b: Likewise of the target.
+        near_px: What is near an answer, in pixels of the target's view: 2 % of its longer side.
         blank: What is wrong with the pictures, in words; empty if nothing is.
     """
 
@@ -60,20 +84,34 @@ class PhotoMatch:
     points: list[PointMatch]
     scale_a: Float64
     scale_b: Float64
+    near_px: float
     blank: str = ""
 
     def confidence(self, point: PointMatch) -> float | None:
         """Return how sure an answer is, 0 to 1, or None where the method does not say.
 
-        It is the method's own confidence, 0 for a blank picture, and multiplied by the
+        It is the probability that the answer's own density puts near the answer, or the confidence
+        of a heat map where there is no density; 0 for a blank picture, and multiplied by the
         familiarity of a point that is unlike the training data.
         """
-        if point.heat is None:
+        if not len(point.mixture) and point.heat is None:
             return None
         if self.blank:
             return 0.0
+        if len(point.mixture):
+            own = point.probability_within(self.near_px)
+        else:
+            assert point.heat is not None
+            own = point.heat.confidence
         strange = point.familiarity is not None and point.familiarity < UNFAMILIAR
-        return point.heat.confidence * (point.familiarity or 0.0 if strange else 1.0)
+        return own * (point.familiarity or 0.0 if strange else 1.0)
+
+    def confidence_is(self, point: PointMatch) -> str | None:
+        """Return what the confidence is, in words."""
+        if len(point.mixture):
+            near_px = self.near_px * float(np.sqrt(self.scale_b.prod()))
+            return f"probability within {near_px:.0f} px of the answer"
+        return None if point.heat is None else point.heat.confidence_label
 
     def warnings(self) -> list[str]:
         """Return sentences on what makes the answers doubtful."""
@@ -105,7 +143,7 @@ class PhotoMatch:
             "visible": point.visible,
             "sigma_px": None if point.sigma_px is None else point.sigma_px * width,
             "confidence": self.confidence(point),
-            "confidence_is": None if point.heat is None else point.heat.confidence_label,
+            "confidence_is": self.confidence_is(point),
             "familiarity": point.familiarity,
         }
         if point.modes is not None:
@@ -157,13 +195,28 @@ def match_photo(
         )
         for k in range(len(at_px))
     ]
-    return PhotoMatch(matcher.name, points, scale_a, scale_b, _blank(source, target))
+    near_px = _NEAR_SHARE * float(max(target.rgb.shape[:2]))
+    blank = _blank(source, target)
+    return PhotoMatch(matcher.name, points, scale_a, scale_b, near_px, blank)
 
 
-def grid_points(view: Frame, count: int, size: tuple[int, int]) -> list[tuple[float, float]]:
-    """Return points of a regular grid that are on the object, or anywhere without a mask.
+@runtime_checkable
+class MaskFinder(Protocol):
+    """A method that finds the object in a picture that comes without a mask."""
+
+    def object_mask(self, view: Frame) -> npt.NDArray[np.bool_] | None:
+        """Return where a view shows the object, bool (H, W), or None where it is not found."""
+        ...
+
+
+def grid_points(
+    matcher: Matcher, view: Frame, count: int, size: tuple[int, int]
+) -> list[tuple[float, float]]:
+    """Return points of a regular grid that are on the object.
 
     Args:
+        matcher: The method, which may find the object itself. Where nobody knows the object, the
+            grid covers the picture.
         view: The source, perhaps reduced.
         count: About how many points.
         size: (width, height) of the picture.
@@ -172,7 +225,11 @@ def grid_points(view: Frame, count: int, size: tuple[int, int]) -> list[tuple[fl
         (u, v) in pixels of the picture.
     """
     height, width = view.rgb.shape[:2]
-    mask = np.ones((height, width), np.bool_) if view.mask is None else view.mask
+    mask = view.mask
+    if mask is None and isinstance(matcher, MaskFinder):
+        mask = matcher.object_mask(view)
+    if mask is None:
+        mask = np.ones((height, width), np.bool_)
     step = max(1.0, float(np.sqrt(np.count_nonzero(mask) / count)))
     rows, columns = (np.arange(step / 2, side, step) for side in (height, width))
     places = [(u, v) for v in rows for u in columns if mask[int(v), int(u)]]
@@ -187,7 +244,8 @@ def _check_queries(
     size: Float64,
 ) -> None:
     inside = lies_on(uv_px, np.ones(source.rgb.shape[:2], np.bool_))
-    on = inside if source.mask is None else lies_on(uv_px, source.mask)
+    shown = source.mask if source.objects is None else source.objects
+    on = inside if shown is None else lies_on(uv_px, shown)
     for number, at in enumerate(at_px):
         found = f"{at[0]:g},{at[1]:g}"
         if not inside[number]:
@@ -209,7 +267,6 @@ def _blank(source: Frame, target: Frame) -> str:
         height, width = view.rgb.shape[:2]
         if min(height, width) < _LEAST_SIDE_PX:
             return f"The {name} is only {width}x{height} px: there is nothing to compare."
-        shown = view.rgb if view.mask is None else view.rgb[view.mask]
-        if float(shown.mean(axis=-1).std()) < _LEAST_SPREAD:
+        if float(view.rgb.mean(axis=-1).std()) < _LEAST_SPREAD:
             return f"The {name} shows one colour only: there is nothing to compare."
     return ""

@@ -180,6 +180,10 @@ class DonMatcher:
         """Whether it finds a rope's masks itself where a picture comes without."""
         return self.settings.decode == "trace" and self._views.segments
 
+    def object_mask(self, view: Frame) -> npt.NDArray[np.bool_] | None:
+        """Return where a view shows the object, bool (H, W), or None where it is not found."""
+        return self._views.segmented(view).mask if self.finds_masks else view.mask
+
     def seen(self, view: Frame) -> Rectified:
         """Return a view as it is answered in: a rope's with masks, and from straight above."""
 

@@ -89,7 +89,7 @@ class LiveMethod:
             visible=point.visible,
             sigma_px=point.sigma_px,
             confidence=match.confidence(point),
-            confidence_is="" if point.heat is None else point.heat.confidence_label,
+            confidence_is=match.confidence_is(point) or "",
             familiarity=point.familiarity,
             heat=point.heat,
             material=material,
