@@ -46,6 +46,12 @@ from pliant.cli.terminal import echo_result, progress_bar
     "image_masks/ of a knots_info.json.",
 )
 @path_option(
+    "--objects",
+    "FOLDER",
+    "Pictures: masks of the rope and its ball, with --masks of the rope alone; default: a ball is "
+    "separated from the masks of a rope.",
+)
+@path_option(
     "--depth",
     "FOLDER",
     "Pictures: a depth image for each, of the same name and size: 16-bit millimetres (png, tif) "
@@ -70,9 +76,9 @@ def command(source: Path, out: Path, as_json: bool, **given: Any) -> None:
     """Import SOURCE as a dataset that can be validated, answered and scored.
 
     SOURCE is annotations.csv (picture,point,x,y,visible), COCO keypoints, LabelMe files or the
-    paper's knots_info.json, as a file or its folder, with its pictures; or a file of TAP-Vid
-    tracks (pickle or npz; nothing in it is executed). Cameras and material coordinates
-    are not known and omitted; the answers are written to DIR-truth/SPLIT.parquet.
+    paper's knots_info.json, as a file or its folder, with its pictures; or an npz file of TAP-Vid
+    tracks, or a folder of them. Cameras and material coordinates are not known and omitted; the
+    answers are written to DIR-truth/SPLIT.parquet.
     """
     from pliant.converters import ImportSettings, PictureOptions, read_source, write_imported
 
@@ -83,6 +89,7 @@ def command(source: Path, out: Path, as_json: bool, **given: Any) -> None:
         pairs=given.pop("pair_list"),
         size=given["size"],
         masks=given.pop("masks"),
+        objects=given.pop("objects"),
         depth=given.pop("depth"),
     )
     found = read_source(source, options, given.pop("coordinates"))
@@ -90,8 +97,13 @@ def command(source: Path, out: Path, as_json: bool, **given: Any) -> None:
     settings = ImportSettings(**{k: v or defaults.get(k, v) for k, v in given.items()})
     with progress_bar("Writing", "frames", hidden=as_json) as bar:
         done = write_imported(found.clips, out, settings, found.facts, progress=bar)
+    notes = list(found.notes)
+    if done.balls:
+        frames = f"{done.balls:,} of {done.frames:,} frames"
+        notes.append(f"A ball at the rope's end was separated from the masks of {frames}.")
     document = {**vars(done), "dataset": str(done.dataset), "truth": str(done.truth)}
-    text = (
+    document["notes"] = notes
+    text = "\n".join([*notes, ""]) + (
         f"{done.dataset}: {done.queries:,} queries in {done.pairs:,} pairs of {done.frames:,} "
         f"frames in {done.sequences:,} sequences. Answers: {done.truth}\n"
         f"Then: pliant predict METHOD --data {done.dataset} --split {settings.split} --out "

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from pliant.converters.annotations import Annotations, Collector, picture_in
+from pliant.converters.annotations import Annotations, Collector, Mark, picture_in
 from pliant.spec.errors import SpecError
 from pliant.spec.io.jsonfiles import read_json
 from pliant.spec.io.photo import photo_size
@@ -85,7 +84,8 @@ def read_coco(path: Path) -> Annotations:
             u, v, state = values[3 * number : 3 * number + 3]
             if state > 0:
                 picture = pictures[annotation["image_id"]]
-                marks.add(picture, f"{prefix}{name}", (float(u), float(v)), state == 2, where)
+                mark = Mark(float(u), float(v), state == 2)
+                marks.add(picture, f"{prefix}{name}", mark, where)
     return marks.annotations()
 
 
@@ -115,14 +115,14 @@ def read_labelme(files: Sequence[Path], path: Path) -> Annotations:
             label = _field(shape, "label", str, file, where)
             try:
                 ((u, v),) = shape["points"]
-                at = (float(u), float(v))
+                u, v = float(u), float(v)
             except (KeyError, TypeError, ValueError) as error:
                 raise SpecError(
                     "a point has no position", path=file, where=where, required="points [[x, y]]"
                 ) from error
             flags = shape.get("flags") or {}
             hidden = any(flags.get(flag) for flag in HIDDEN_FLAGS)
-            marks.add(picture, label, at, not hidden and math.isfinite(sum(at)), where)
+            marks.add(picture, label, Mark(u, v, not hidden), where)
     return marks.annotations()
 
 

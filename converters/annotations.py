@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import csv
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
+from typing import Any, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -30,6 +32,8 @@ class Annotations:
         visible: bool (N, T).
         unsaid: What the source cannot say, for the provenance.
         masks: The folder of masks that belongs to the source, or None.
+        suggested: Number of marks that were left out: a method suggested them, and nobody
+            confirmed them.
     """
 
     path: Path
@@ -39,6 +43,39 @@ class Annotations:
     visible: npt.NDArray[np.bool_]
     unsaid: Sequence[str] = ()
     masks: Path | None = None
+    suggested: int = 0
+
+
+Source = Literal["marked", "suggested", "confirmed"]
+"""Who says so: a person, a method, or a person of what a method suggested."""
+
+
+@dataclass(frozen=True)
+class Mark:
+    """Where a point is in a picture.
+
+    Attributes:
+        u_px, v_px: Pixels from the corner of the picture; NaN where the position is not given.
+        visible: Whether the point is seen there.
+        source: Who says so; what a method suggested is no truth until a person confirms it.
+    """
+
+    u_px: float
+    v_px: float
+    visible: bool
+    source: Source = "marked"
+
+
+def mark_source(text: Any) -> Source:
+    """Return a source by its name.
+
+    Raises:
+        ValueError: There is none of this name.
+    """
+    for source in get_args(Source):
+        if text == source:
+            return source
+    raise ValueError(f"source {text!r}")
 
 
 class Collector:
@@ -48,34 +85,38 @@ class Collector:
         path: The file or folder that is read, for messages.
 
     Attributes:
-        marks: (picture, point) -> u, v and whether the point is seen.
+        marks: (picture, point) -> mark.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self._pictures: dict[Path, None] = {}
-        self._points: dict[str, None] = {}
-        self.marks: dict[tuple[Path, str], tuple[float, float, bool]] = {}
+        self.marks: dict[tuple[Path, str], Mark] = {}
 
     def add_picture(self, picture: Path) -> None:
         """Add a picture, marked or not."""
         self._pictures[picture] = None
 
-    def add(
-        self, picture: Path, point: str, uv_px: tuple[float, float], visible: bool, where: str
-    ) -> None:
+    def add(self, picture: Path, point: str, mark: Mark, where: str) -> None:
         """Add a mark.
 
         Args:
             picture: The picture file.
             point: Name of the point.
-            uv_px: Its position; NaN where it is not given.
-            visible: Whether the point is seen there.
+            mark: Where it is.
             where: The mark's place in the source, for messages.
 
         Raises:
-            SpecError: The point is marked there already.
+            SpecError: The point is marked there already, or its name cannot be printed.
         """
+        if not point.isprintable():
+            raise SpecError(
+                "the name of a point has characters that cannot be printed",
+                path=self.path,
+                where=where,
+                found=repr(point)[:80],
+                fix="Rename the point.",
+            )
         if (picture, point) in self.marks:
             raise SpecError(
                 f"the point {point!r} is marked twice in {picture.name}",
@@ -84,40 +125,42 @@ class Collector:
                 fix="Give each point of an object one name, and each mark of a picture another.",
             )
         self.add_picture(picture)
-        self._points[point] = None
-        self.marks[picture, point] = (*uv_px, visible and bool(np.isfinite(uv_px).all()))
+        known = math.isfinite(mark.u_px + mark.v_px)
+        self.marks[picture, point] = replace(mark, visible=mark.visible and known)
 
     def annotations(self) -> Annotations:
-        """Return what was gathered; pictures are sorted by name.
+        """Return what was gathered, without suggestions; pictures are sorted by name.
 
         Raises:
             SpecError: No marks, fewer than two pictures, or a visible mark outside its
             picture.
         """
-        pictures, points = sorted(self._pictures), list(self._points)
+        kept = {key: mark for key, mark in self.marks.items() if mark.source != "suggested"}
+        suggested = len(self.marks) - len(kept)
+        pictures, points = sorted(self._pictures), list(dict.fromkeys(point for _, point in kept))
         if len(pictures) < 2 or not points:
             raise SpecError(
                 "there is nothing to ask",
                 path=self.path,
                 found=f"{len(points)} points in {len(pictures)} pictures",
                 required="points marked in at least two pictures",
+                fix=f"{suggested} suggested marks do not count: confirm them with pliant annotate."
+                if suggested
+                else None,
             )
         uv_px = np.full((len(points), len(pictures), 2), np.nan)
         visible = np.zeros(uv_px.shape[:2], np.bool_)
-        for (picture, point), mark in self.marks.items():
-            self._check_inside(picture, point, mark)
         frame = {picture: index for index, picture in enumerate(pictures)}
-        for row, point in enumerate(points):
-            for picture in pictures:
-                if (picture, point) in self.marks:
-                    u, v, seen = self.marks[picture, point]
-                    uv_px[row, frame[picture]] = u, v
-                    visible[row, frame[picture]] = seen
-        return Annotations(self.path, pictures, points, uv_px, visible)
+        row = {point: index for index, point in enumerate(points)}
+        for (picture, point), mark in kept.items():
+            self._check_inside(picture, point, mark)
+            uv_px[row[point], frame[picture]] = mark.u_px, mark.v_px
+            visible[row[point], frame[picture]] = mark.visible
+        return Annotations(self.path, pictures, points, uv_px, visible, suggested=suggested)
 
-    def _check_inside(self, picture: Path, point: str, mark: tuple[float, float, bool]) -> None:
+    def _check_inside(self, picture: Path, point: str, mark: Mark) -> None:
         """Refuse a visible mark outside its picture: the usual sign of an EXIF rotation."""
-        u, v, visible = mark
+        u, v, visible = mark.u_px, mark.v_px, mark.visible
         width, height = photo_size(picture)
         if visible and not (-_SLACK_PX <= u <= width and -_SLACK_PX <= v <= height):
             raise SpecError(
@@ -165,12 +208,15 @@ def _some_pictures(folder: Path) -> str:
     return ", ".join(names[:4]) + (" …" if len(names) > 4 else "") or "no pictures"
 
 
-def read_rows(path: Path, columns: Sequence[str]) -> list[tuple[str, dict[str, str]]]:
+def read_rows(
+    path: Path, columns: Sequence[str], optional: Sequence[str] = ()
+) -> list[tuple[str, dict[str, str]]]:
     """Read a CSV file with a header; more columns may be there.
 
     Args:
         path: The file, UTF-8, separated by commas or semicolons.
         columns: The columns that it must have.
+        optional: Columns that are empty in a file without them.
 
     Returns:
         (place, row) for each row that is not empty.
@@ -187,24 +233,34 @@ def read_rows(path: Path, columns: Sequence[str]) -> list[tuple[str, dict[str, s
         raise SpecError("the file is not UTF-8 text", path=path) from error
     head = text.split("\n", 1)[0]
     lines = csv.DictReader(
-        text.splitlines(), delimiter=";" if head.count(";") > head.count(",") else ","
+        text.splitlines(),
+        delimiter=";" if head.count(";") > head.count(",") else ",",
     )
-    found = [name.strip() for name in lines.fieldnames or []]
-    if not set(columns) <= set(found):
-        raise SpecError(
-            "the header lacks columns",
-            path=path,
-            where="line 1",
-            found=head[:80],
-            required=",".join(columns),
-        )
-    lines.fieldnames = found
-    rows = []
-    for row in lines:
-        where = f"line {lines.line_num}"
-        if any(row[name] is None for name in columns):
+    wanted = [*columns, *optional]
+    rows: list[tuple[str, dict[str, str]]] = []
+    try:
+        found = [name.strip() for name in lines.fieldnames or []]
+        if not set(columns) <= set(found):
             raise SpecError(
-                "the row lacks values", path=path, where=where, required=",".join(columns)
+                "the header lacks columns",
+                path=path,
+                where="line 1",
+                found=head[:80],
+                required=",".join(columns),
             )
-        rows.append((where, {name: row[name].strip() for name in columns}))
+        lines.fieldnames = found
+        for row in lines:
+            where = f"line {lines.line_num}"
+            if any(row[name] is None for name in columns):
+                raise SpecError(
+                    "the row lacks values", path=path, where=where, required=",".join(columns)
+                )
+            rows.append((where, {name: (row.get(name) or "").strip() for name in wanted}))
+    except csv.Error as error:  # a field of more than 128 KiB
+        raise SpecError(
+            "the line is not of a CSV file",
+            path=path,
+            where=f"line {lines.line_num}",
+            found=str(error),
+        ) from error
     return rows

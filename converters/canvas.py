@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pliant.converters.annotations import Annotations, read_rows
-from pliant.converters.clip import Clip, Floats, Image
+from pliant.converters.clip import ATTACHED, OBJECT, Clip, Floats, Image
 from pliant.spec.errors import CallError, SpecError
 from pliant.spec.io import limits
 from pliant.spec.io.photo import photo_size, read_depth, read_mask, read_photo
@@ -82,9 +82,19 @@ class Canvas:
             rgb = np.asarray(reduced)
         return self._filled(rgb, 0)
 
-    def read_mask(self, path: Path, frame: int) -> npt.NDArray[np.bool_]:
-        """Return a picture's mask on the canvas, bool (H, W)."""
-        return self._filled(self._nearest(read_mask(path, self.original[frame]), frame), False)
+    def read_mask(self, path: Path, frame: int, objects: Path | None) -> Image:
+        """Return a picture's mask on the canvas, uint8 (H, W): see `OBJECT` and `ATTACHED`.
+
+        Args:
+            path: The mask of the object.
+            frame: The picture.
+            objects: A mask of the object and what is attached to it, or None.
+        """
+        mask = read_mask(path, self.original[frame])
+        ids = np.where(mask, OBJECT, 0).astype(np.uint8)
+        if objects is not None:
+            ids[read_mask(objects, self.original[frame]) & ~mask] = ATTACHED
+        return self._filled(self._nearest(ids, frame), 0)
 
     def read_depth(self, path: Path, frame: int) -> npt.NDArray[np.float32]:
         """Return a picture's depth on the canvas, float32 (H, W), metres."""
@@ -118,6 +128,7 @@ class PictureOptions:
         pairs: A CSV of the pairs to ask about, columns `source` and `target`; None for no list.
         size: (width, height) of the canvas, px; None for the smallest that all pictures fit in.
         masks: A folder of masks, one for each picture; None for those of the source, if any.
+        objects: A folder of masks of the object and what is attached to it, or None.
         depth: A folder of depth images, one for each picture, or None.
     """
 
@@ -126,6 +137,7 @@ class PictureOptions:
     pairs: Path | None = None
     size: tuple[int, int] | None = None
     masks: Path | None = None
+    objects: Path | None = None
     depth: Path | None = None
 
 
@@ -141,8 +153,16 @@ def clip_of(annotations: Annotations, options: PictureOptions) -> Clip:
         SpecError: A picture or the list of pairs cannot be read.
     """
     canvas = Canvas(annotations.pictures, options.size)
+
+    def mask(frame: int) -> Image:
+        assert masks is not None
+        return canvas.read_mask(masks[frame], frame, objects[frame] if objects else None)
+
     uv_px = annotations.uv_px + (0.5 if options.pixels == "index" else 0.0)
     masks = _companions(annotations.pictures, options.masks or annotations.masks)
+    objects = _companions(annotations.pictures, options.objects)
+    if objects is not None and masks is None:
+        raise CallError("masks of all objects need --masks of the object", path=options.objects)
     depths = _companions(annotations.pictures, options.depth)
     names = [picture.name for picture in annotations.pictures]
     name = annotations.path.stem if annotations.path.is_file() else annotations.path.name
@@ -160,7 +180,7 @@ def clip_of(annotations: Annotations, options: PictureOptions) -> Clip:
             "points": list(annotations.points),
             "not_said": list(annotations.unsaid),
         },
-        read_mask=None if masks is None else lambda k: canvas.read_mask(masks[k], k),
+        read_mask=None if masks is None else mask,
         read_depth=None if depths is None else lambda k: canvas.read_depth(depths[k], k),
     )
 

@@ -28,12 +28,14 @@ class Source:
         kind: What its points usually are on.
         queries: Which pairs of frames its own benchmark asks about.
         facts: Where it comes from and how it was read, for the dataset's provenance.
+        notes: What was left out, in sentences.
     """
 
     clips: Sequence[Clip]
     kind: Literal["rope", "cloth"]
     queries: Scheme
     facts: Mapping[str, Any]
+    notes: Sequence[str] = ()
 
 
 def read_source(
@@ -43,7 +45,7 @@ def read_source(
 
     Args:
         path: `annotations.csv`, a COCO or LabelMe file, the folder of one of them or of
-            `knots_info.json`, or a file of TAP-Vid tracks.
+            `knots_info.json`, or an npz file of TAP-Vid tracks, or a folder of such files.
         options: How annotated pictures are read.
         coordinates: Of tracks, what positions are.
 
@@ -54,20 +56,36 @@ def read_source(
     options = options or PictureOptions()
     if not path.exists():
         raise CallError("there is nothing to import", path=path)
-    if path.is_file() and path.suffix.lower() not in (".csv", ".json"):
-        given = next((p for p in (options.pairs, options.masks, options.depth) if p), None)
+    if tracks := _track_files(path):
+        given = next(
+            (p for p in (options.pairs, options.masks, options.objects, options.depth) if p), None
+        )
         if given is not None:
             raise CallError(
                 "lists of pairs, masks and depth are for annotated pictures, not for tracks",
                 path=given,
             )
-        tracks = read_tapvid(path, coordinates=coordinates)
+        clips = read_tapvid(tracks, coordinates=coordinates)
         facts = {"source": path.name, "format": "tap-vid", "coordinates": coordinates}
-        return Source(tracks, "cloth", "first", facts)
+        return Source(clips, "cloth", "first", facts)
     name, annotations = _annotations(path)
     clip = clip_of(annotations, options)
     facts = {"source": path.name, "format": name, "pixels": options.pixels, **(clip.facts or {})}
-    return Source([clip], "rope", "pairs", facts)
+    notes = []
+    if annotations.suggested:
+        notes.append(
+            f"{annotations.suggested} marks were left out: a method suggested them, and nobody "
+            f"confirmed them. Confirm them with: pliant annotate {annotations.path.parent}"
+        )
+    return Source([clip], "rope", "pairs", facts, notes)
+
+
+def _track_files(path: Path) -> list[Path]:
+    """Return the files of point tracks at a path: one that is no annotation, or all npz."""
+    if path.is_file():
+        return [] if path.suffix.lower() in (".csv", ".json") else [path]
+    annotated = ANNOTATIONS_CSV, KNOTS_JSON, f"images/{KNOTS_JSON}"
+    return [] if any((path / name).is_file() for name in annotated) else sorted(path.glob("*.npz"))
 
 
 def _annotations(path: Path) -> tuple[str, Annotations]:

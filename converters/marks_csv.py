@@ -1,7 +1,8 @@
-"""Reads `annotations.csv`: one row for each mark, `picture,point,x,y,visible`.
+"""Reads `annotations.csv`: one row for each mark, `picture,point,x,y,visible,source`.
 
 x and y are pixels from the upper-left corner of the picture as viewers show it, so that the centre
-of the first pixel is at (0.5, 0.5). `pliant annotate` writes this file.
+of the first pixel is at (0.5, 0.5). `source` is `marked` (also where the column is missing),
+`suggested` by a method, or `confirmed`. `pliant annotate` writes this file.
 """
 
 from __future__ import annotations
@@ -10,11 +11,18 @@ import math
 from pathlib import Path
 from typing import Final
 
-from pliant.converters.annotations import Annotations, Collector, picture_in, read_rows
+from pliant.converters.annotations import (
+    Annotations,
+    Collector,
+    Mark,
+    mark_source,
+    picture_in,
+    read_rows,
+)
 from pliant.spec.errors import SpecError
 
 ANNOTATIONS_CSV: Final = "annotations.csv"
-COLUMNS: Final = ("picture", "point", "x", "y", "visible")
+COLUMNS: Final = ("picture", "point", "x", "y", "visible", "source")
 
 _VISIBLE: Final = {"1": True, "true": True, "yes": True, "0": False, "false": False, "no": False}
 
@@ -35,7 +43,7 @@ def collect_marks(path: Path) -> Collector:
         SpecError: A row is damaged, or names a picture that is not there.
     """
     marks = Collector(path)
-    for where, row in read_rows(path, COLUMNS):
+    for where, row in read_rows(path, COLUMNS[:5], COLUMNS[5:]):
         picture = picture_in(path.parent, row["picture"], path, f"{where}, picture")
         if row["visible"].lower() not in _VISIBLE:
             raise SpecError(
@@ -48,7 +56,17 @@ def collect_marks(path: Path) -> Collector:
         if not row["point"]:
             raise SpecError("the point has no name", path=path, where=where)
         u, v = (_number(row[axis], visible, path, f"{where}, {axis}") for axis in "xy")
-        marks.add(picture, row["point"], (u, v), visible, where)
+        try:
+            source = mark_source(row["source"] or "marked")
+        except ValueError as error:
+            raise SpecError(
+                "unknown source",
+                path=path,
+                where=where,
+                found=repr(row["source"])[:40],
+                required="marked, suggested or confirmed",
+            ) from error
+        marks.add(picture, row["point"], Mark(u, v, visible, source), where)
     return marks
 
 

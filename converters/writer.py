@@ -18,8 +18,9 @@ from typing import Any, Final, Literal
 import numpy as np
 import pyarrow as pa
 
-from pliant.converters.clip import Clip, resized
+from pliant.converters.clip import ATTACHED, OBJECT, Clip, Image, resized
 from pliant.converters.queries import Scheme, make_queries
+from pliant.spec.ball import separate_ball
 from pliant.spec.conventions import CONVENTIONS, SPEC_VERSION
 from pliant.spec.dataset import is_name
 from pliant.spec.errors import CallError, SpecError
@@ -72,6 +73,7 @@ class Imported:
         dataset: The dataset's folder.
         truth: The file of the answers.
         sequences, frames, pairs, queries: How many.
+        balls: Frames from whose mask a ball was separated.
     """
 
     dataset: Path
@@ -80,6 +82,7 @@ class Imported:
     frames: int
     pairs: int
     queries: int
+    balls: int
 
 
 def write_imported(
@@ -140,12 +143,13 @@ def write_imported(
     out.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=f".{out.name}-", dir=out.parent) as scratch:
         root = Path(scratch) / "dataset"
+        masks = _Masks(settings.kind)
         done, total = 0, sum(clip.frames for clip in clips)
         for index, (clip, name) in enumerate(zip(clips, ids, strict=True)):
             folder = layout.sequence_dir(root, settings.id, name)
             files = []
             for frame in range(clip.frames):
-                files += _write_frame(clip, frame, folder)
+                files += _write_frame(clip, frame, folder, masks)
                 done += 1
                 if progress is not None:
                     progress(done, total)
@@ -156,11 +160,11 @@ def write_imported(
         measured = all(clip.read_depth is not None for clip in clips)
         unknown = [*UNKNOWN, *([] if measured else ["depth"])]
         config = {**source, "queries": settings.queries, "sources": names, "unknown": unknown}
-        write_json(root / layout.DATASET_JSON, _dataset(settings, size, config), "dataset")
+        write_json(root / layout.DATASET_JSON, _dataset(settings, size, config, masks), "dataset")
         shutil.move(answers.parent, beside)
         shutil.move(root, out)
     pairs = int(queries["pair_id"][-1].as_py()) + 1
-    return Imported(out, beside / answers.name, len(clips), total, pairs, len(queries))
+    return Imported(out, beside / answers.name, len(clips), total, pairs, len(queries), masks.balls)
 
 
 def _common_size(clips: Sequence[Clip]) -> tuple[int, int]:
@@ -214,7 +218,33 @@ def _write_tables(
     return answers
 
 
-def _write_frame(clip: Clip, frame: int, folder: Path) -> list[str]:
+class _Masks:
+    """Separates balls from masks of ropes, and remembers what the masks show.
+
+    Args:
+        kind: Kind of the object.
+
+    Attributes:
+        attached: Whether a mask shows something that is attached to the object.
+        balls: Number of masks from which a ball was separated.
+    """
+
+    def __init__(self, kind: str) -> None:
+        self._rope = kind == "rope"
+        self.attached, self.balls = False, 0
+
+    def separated(self, ids: Image) -> Image:
+        """Return a mask, uint8 (H, W), with a rope's ball as `ATTACHED`."""
+        if self._rope and not (ids == ATTACHED).any():
+            _, ball = separate_ball(ids == OBJECT)
+            if ball is not None:
+                ids = np.where(ball, ATTACHED, ids).astype(np.uint8)
+                self.balls += 1
+        self.attached |= bool((ids == ATTACHED).any())
+        return ids
+
+
+def _write_frame(clip: Clip, frame: int, folder: Path, masks: _Masks) -> list[str]:
     """Write what is known of a frame; return the files, relative to the folder."""
     names = [layout.rgb_name(frame)]
     names += [layout.mask_name(frame)] if clip.read_mask else []
@@ -223,7 +253,7 @@ def _write_frame(clip: Clip, frame: int, folder: Path) -> list[str]:
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
     write_rgb(folder / names[0], clip.read(frame))
     if clip.read_mask:
-        write_mask(folder / layout.mask_name(frame), clip.read_mask(frame).astype(np.uint8))
+        write_mask(folder / layout.mask_name(frame), masks.separated(clip.read_mask(frame)))
     if clip.read_depth:
         write_camera_depth(folder / layout.camera_depth_name(frame), clip.read_depth(frame))
     return names
@@ -253,10 +283,11 @@ def _sequence(
 
 
 def _dataset(
-    settings: ImportSettings, size: tuple[int, int], config: Mapping[str, Any]
+    settings: ImportSettings, size: tuple[int, int], config: Mapping[str, Any], masks: _Masks
 ) -> dict[str, Any]:
     """Return `dataset.json`; the tier's material is one that is called unknown."""
     unsaid = config["unknown"]
+    names = {OBJECT: "unknown", **({ATTACHED: "attached"} if masks.attached else {})}
     unknown = {"name": "unknown", "min": 0, "max": 1, "metres_per_unit": 1, "period": None}
     return {
         "spec_version": SPEC_VERSION,
@@ -274,8 +305,11 @@ def _dataset(
                 "name": settings.id,
                 "kind": settings.kind,
                 "variant": "unknown",
-                "queried_object": 1,
-                "objects": [{"id": 1, "name": "unknown", "material": [unknown, unknown]}],
+                "queried_object": OBJECT,
+                "objects": [
+                    {"id": number, "name": name, "material": [unknown, unknown]}
+                    for number, name in names.items()
+                ],
                 "symmetries": [],
             }
         ],
