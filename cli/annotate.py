@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,11 +22,14 @@ def command(folder: Path, points: str, method: str | None, port: int, no_browser
     """Click the same points in the pictures of DIR and write DIR/annotations.csv.
 
     Serves a page on this machine only. Every change is saved at once; Ctrl-C stops the server, and
-    the same command continues. `pliant import DIR --out DATA` makes a dataset of the result.
+    the same command continues. Suggested marks count once they are confirmed or moved.
+    `pliant import DIR --out DATA` makes a dataset of the result.
     """
     from pliant.baselines.matcher import Matcher, SplitMatcher
     from pliant.spec.errors import CallError
-    from pliant.viewer.annotate import Annotation, Suggester, make_server
+    from pliant.viewer.annotate_app import annotate_application
+    from pliant.viewer.annotation import Annotation, Suggester
+    from pliant.viewer.local_app import LocalServer
 
     annotation = Annotation(folder, [name.strip() for name in points.split(",") if name.strip()])
     suggester = None
@@ -39,9 +43,12 @@ def command(folder: Path, points: str, method: str | None, port: int, no_browser
             )
         matcher: Matcher = opened
         suggester = Suggester(annotation, lambda: matcher)
-    server = make_server(annotation, suggester, port)
-    show_page(server, plural(len(annotation.pictures), "picture"), no_browser=no_browser)
+    application = partial(annotate_application, annotation, suggester)
+    subject = plural(len(annotation.pictures), "picture")
+    show_page(LocalServer(application, port), subject, no_browser=no_browser)
+    open_marks = annotation.count("suggested")
+    left = f", {open_marks} of them suggested: import leaves these out" if open_marks else ""
     echo(
-        f"{plural(annotation.count(), 'mark')} in {annotation.path}\n"
+        f"{plural(annotation.count(), 'mark')} in {annotation.path}{left}\n"
         f"Then: pliant import {folder} --out DATA"
     )

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import webbrowser
 from pathlib import Path
 
 import click
 
+from pliant.cli.local_page import show_page
 from pliant.cli.options import PATH, port_options
-from pliant.cli.terminal import echo, plural
+from pliant.cli.terminal import plural
 
 
 @click.command()
@@ -32,28 +32,14 @@ def command(
     shipped models for the objects of DATA, where torch is installed. The page is served to this
     machine alone; Ctrl-C ends.
     """
-    from pliant.api import load
-    from pliant.spec.errors import MissingExtraError
-
-    try:
-        from pliant.viewer.explorer.opening import open_explorer
-        from pliant.viewer.explorer.server import ExplorerServer
-    except ModuleNotFoundError as error:
-        if str(error.name).split(".")[0] not in ("starlette", "uvicorn"):
-            raise
-        raise MissingExtraError("pliant explore", "explore") from error
-    from pliant.api import open_method
+    from pliant.api import load, open_method
+    from pliant.viewer.explorer.opening import open_explorer
+    from pliant.viewer.local_app import LocalServer
 
     dataset = load(data)
     if truth is not None:
         dataset = dataset.with_private(truth)
     explorer = open_explorer(dataset, answers, open_method)
-    server = ExplorerServer(explorer, port)
     names = ", ".join(method.name for method in explorer.methods) or "no methods"
-    echo(
-        f"{dataset.id}: {plural(len(dataset.sequences), 'sequence')}, {names}\n"
-        f"{server.address} (Ctrl-C ends)"
-    )
-    if not no_browser:
-        webbrowser.open(server.address)
-    server.run()
+    subject = f"{dataset.id}: {plural(len(dataset.sequences), 'sequence')}, {names}"
+    show_page(LocalServer(explorer.application, port), subject, no_browser=no_browser)

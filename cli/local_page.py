@@ -1,28 +1,25 @@
-"""Showing the page of a local server until Ctrl-C."""
+"""Showing a local page until Ctrl-C."""
 
 from __future__ import annotations
 
 import webbrowser
-from http.server import HTTPServer
+from typing import TYPE_CHECKING
 
 from pliant.cli.terminal import echo
 
+if TYPE_CHECKING:
+    from pliant.viewer.local_app import LocalServer
 
-def show_page(server: HTTPServer, subject: str, *, no_browser: bool) -> None:
+
+def show_page(server: LocalServer, subject: str, *, no_browser: bool) -> None:
     """Print a server's address, open it in the browser, and serve until Ctrl-C.
 
     Args:
-        server: A server on 127.0.0.1; it is closed at the end.
+        server: The server; it is closed at the end.
         subject: What the page shows.
-        no_browser: Leave the browser alone.
+        no_browser: Do not open a browser.
     """
-    address = f"http://127.0.0.1:{server.server_address[1]}/"
-    echo(f"{subject} at {address} (Ctrl-C ends)")
+    echo(f"{subject}\n{server.address} (Ctrl-C ends)")
     if not no_browser:
-        webbrowser.open(address)
-    try:
-        server.serve_forever()
-    except KeyboardInterrupt:
-        pass
-    finally:
-        server.server_close()
+        webbrowser.open(server.address)
+    server.run()

@@ -68,7 +68,6 @@ def command(
             trusted_proxy=trusted_proxy,
         )
         return
-    from pliant.viewer.site_server import make_site_server
+    from pliant.viewer.local_app import site_server
 
-    server = make_site_server(places[0], port)
-    show_page(server, str(places[0]), no_browser=no_browser)
+    show_page(site_server(places[0], port), str(places[0]), no_browser=no_browser)

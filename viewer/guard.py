@@ -1,4 +1,4 @@
-"""Keeps other web pages out: requests must name this machine, carry the token, and be its own.
+"""Lets only this machine's own pages reach a local application, and bounds what they send.
 
 A page of another site can make a browser ask 127.0.0.1, also under a name of its own that points
 here (DNS rebinding). It neither knows the token nor can it hide its `Host` or `Origin`.
@@ -6,6 +6,7 @@ here (DNS rebinding). It neither knows the token nor can it hide its `Host` or `
 
 from __future__ import annotations
 
+import asyncio
 import secrets
 from typing import Final
 
@@ -13,58 +14,108 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-_POLICY: Final = (
+STRICT_POLICY: Final = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; "
     "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
+"""Content security policy of pages that load nothing but their own files."""
+
+_MAX_BODY_BYTES: Final = 4 * 2**20
+_BODY_S: Final = 20.0
+_METHODS: Final = ("GET", "HEAD", "POST")
 
 
 class Guard:
-    """Answers 403 to what does not come from the explorer's own page.
+    """Refuses what does not come from this machine's own page, and what is too large or too slow.
 
     Args:
         app: The application.
-        token: The first part of every path.
+        token: The first part of every path; empty for an application without one.
+        policy: Its content security policy; empty for none.
     """
 
-    def __init__(self, app: ASGIApp, token: str) -> None:
-        self._app, self._token = app, token
+    def __init__(self, app: ASGIApp, token: str = "", policy: str = STRICT_POLICY) -> None:
+        self._app, self._token, self._policy = app, token, policy
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass a request on, or refuse it; see the ASGI specification."""
         if scope["type"] != "http":
             return
 
-        async def send_with_policy(message: Message) -> None:
+        async def send_with_headers(message: Message) -> None:
             if message["type"] == "http.response.start":
                 headers = MutableHeaders(scope=message)
-                headers["Content-Security-Policy"] = _POLICY
+                if self._policy:
+                    headers["Content-Security-Policy"] = self._policy
                 headers["Referrer-Policy"] = "no-referrer"
                 headers["X-Content-Type-Options"] = "nosniff"
                 headers["Cross-Origin-Resource-Policy"] = "same-origin"
                 headers.setdefault("Cache-Control", "no-store")
             await send(message)
 
-        reason = self._refusal(scope)
+        status, reason = self._refusal(scope)
+        if not reason:
+            try:
+                body = await _body(receive)
+            except _BodyRefusedError as error:
+                status, reason = error.status, str(error)
         if reason:
-            refused = PlainTextResponse(f"Refused: {reason}\n", status_code=403)
-            await refused(scope, receive, send_with_policy)
+            refused = PlainTextResponse(f"Refused: {reason}\n", status)
+            await refused(scope, receive, send_with_headers)
         else:
-            await self._app(scope, receive, send_with_policy)
+            await self._app(scope, _replayed(body, receive), send_with_headers)
 
-    def _refusal(self, scope: Scope) -> str:
-        """Return why a request is refused, or an empty text."""
+    def _refusal(self, scope: Scope) -> tuple[int, str]:
+        """Return the status and the reason why a request is refused; an empty text if it is not."""
+        if scope["method"] not in _METHODS:
+            return 405, f"only {', '.join(_METHODS)} are answered"
+        if not scope["path"].startswith("/") or not scope["path"].isprintable():
+            return 400, "this is not a path"
         headers = Headers(scope=scope)
         port = scope["server"][1]
         own = {f"127.0.0.1:{port}", f"localhost:{port}"}
         if headers.get("host", "") not in own:
-            return "another host"
+            return 403, "another host"
         origin = headers.get("origin")
         if origin is not None and origin not in {f"http://{host}" for host in own}:
-            return "another origin"
+            return 403, "another origin"
         if headers.get("sec-fetch-site", "none") not in ("none", "same-origin"):
-            return "another site"
+            return 403, "another site"
         given = scope["path"].split("/")[1]
-        if not secrets.compare_digest(given.encode(), self._token.encode()):
-            return "the address lacks the token that pliant explore printed"
-        return ""
+        if self._token and not secrets.compare_digest(given.encode(), self._token.encode()):
+            return 403, "the address lacks the token that the command printed"
+        return 200, ""
+
+
+class _BodyRefusedError(Exception):
+    """A body that is too large or too slow, with the status that says so."""
+
+    def __init__(self, status: int, reason: str) -> None:
+        super().__init__(reason)
+        self.status = status
+
+
+async def _body(receive: Receive) -> bytes:
+    """Read the body of a request."""
+    body = bytearray()
+    try:
+        async with asyncio.timeout(_BODY_S):
+            while True:
+                message = await receive()
+                body += message.get("body", b"")
+                if len(body) > _MAX_BODY_BYTES:
+                    raise _BodyRefusedError(413, f"more than {_MAX_BODY_BYTES:,} bytes")
+                if not message.get("more_body"):
+                    return bytes(body)
+    except TimeoutError:
+        raise _BodyRefusedError(408, f"not complete after {_BODY_S:g} s") from None
+
+
+def _replayed(body: bytes, receive: Receive) -> Receive:
+    """Return a `receive` that gives a body that was read already."""
+    messages: list[Message] = [{"type": "http.request", "body": body, "more_body": False}]
+
+    async def replayed() -> Message:
+        return messages.pop() if messages else await receive()
+
+    return replayed

@@ -10,11 +10,9 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from starlette.applications import Starlette
 from starlette.requests import Request
-from starlette.responses import FileResponse, JSONResponse, RedirectResponse, Response
-from starlette.routing import Mount, Route
-from starlette.staticfiles import StaticFiles
+from starlette.responses import JSONResponse, Response
+from starlette.routing import Route
 from starlette.types import ASGIApp
 
 from pliant.spec.dataset import Dataset
@@ -22,7 +20,6 @@ from pliant.spec.errors import CallError, PliantError
 from pliant.viewer.explorer.answers import MethodAnswer
 from pliant.viewer.explorer.catalogue import catalogue
 from pliant.viewer.explorer.frames import FramePair, FrameStore
-from pliant.viewer.explorer.guard import Guard
 from pliant.viewer.explorer.layers import (
     FRAME_LAYERS,
     METHOD_LAYERS,
@@ -35,6 +32,7 @@ from pliant.viewer.explorer.recorded import RecordedQueries
 from pliant.viewer.explorer.scene import depth_bytes, pose_bytes, scene_document
 from pliant.viewer.explorer.submissions import Method
 from pliant.viewer.explorer.truth import TruthFinder, rounded
+from pliant.viewer.local_app import page_application
 
 STATIC: Final = Path(__file__).parent / "static"
 
@@ -67,22 +65,12 @@ class Explorer:
         Args:
             token: What nobody else knows.
         """
-        pages = [
-            Route("/", lambda request: FileResponse(STATIC / "index.html")),
-            Route("/api/dataset", self._bound(_dataset)),
-            Route("/api/layer", self._bound(_layer)),
-            Route("/api/truth", self._bound(_truth)),
-            Route("/api/answer", self._bound(_answer)),
-            Route("/api/warm", self._bound(_warm)),
-            Route("/api/queries", self._bound(_queries)),
-            Route("/api/error", self._bound(_error)),
-            Route("/api/scene", self._bound(_scene)),
-            Route("/api/pose", self._bound(_pose)),
-            Route("/api/depth", self._bound(_depth)),
-            Mount("/static", StaticFiles(directory=STATIC)),
-        ]
-        slash = Route(f"/{token}", lambda request: RedirectResponse(f"/{token}/"))
-        return Guard(Starlette(routes=[slash, Mount(f"/{token}", routes=pages)]), token)
+        calls = (
+            *(_dataset, _layer, _truth, _answer, _warm, _queries),
+            *(_error, _scene, _pose, _depth),
+        )
+        routes = [Route(f"/api/{call.__name__[1:]}", self._bound(call)) for call in calls]
+        return page_application(STATIC, routes, token)
 
     def _bound(self, handler: Handler) -> Callable[[Request], Response]:
         """Return an endpoint that reports what is wrong as JSON."""
@@ -108,9 +96,10 @@ class Explorer:
     def method(self, request: Request) -> Method:
         """Return the method that a request names by its number."""
         given = request.query_params.get("method", "")
-        if not given.isdecimal() or int(given) >= len(self.methods):
+        numbered = {str(number): method for number, method in enumerate(self.methods)}
+        if given not in numbered:
             raise CallError("unknown method", where="method", found=repr(given)[:40])
-        return self.methods[int(given)]
+        return numbered[given]
 
 
 def _dataset(explorer: Explorer, request: Request) -> Response:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ from pliant.viewer.explorer.mesh import PosedMesh, PosedPoints
 
 Value = TypeVar("Value")
 
+_NUMBER: Final = re.compile("[0-9]{1,9}")
 _KEPT_FRAMES: Final = 8
 _KEPT_POSES: Final = 64
 
@@ -56,7 +58,8 @@ class FrameStore:
         """
         name, _, index = key.rpartition("/")
         sequence = self._sequences.get(name)
-        if sequence is None or not index.isdecimal() or int(index) >= sequence.frames:
+        known = sequence is not None and _NUMBER.fullmatch(index) is not None
+        if sequence is None or not known or int(index) >= sequence.frames:
             raise CallError("the dataset has no such frame", found=repr(key)[:100])
         return RecordedFrame(sequence, int(index))
 

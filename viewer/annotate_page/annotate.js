@@ -1,0 +1,196 @@
+"use strict";
+const $ = id => document.getElementById(id);
+const view = $("view"), small = $("small"), images = new Map();
+let state = {pictures: [], points: [], marks: {}, suggests: false}, at = 0, other = 0, chosen = null, past = [];
+let zoom = 1, left = 0, top_ = 0;  // of the picture in the view, CSS pixels
+
+const picture = (k = at) => state.pictures[k];
+const own = (k = at) => state.marks[picture(k).name] ||= {};
+const colour = point => `hsl(${(state.points.indexOf(point) * 137.5) % 360} 85% 55%)`;
+const suggested = mark => mark?.[3] === "suggested";
+const unconfirmed = () => state.points.filter(point => suggested(own()[point]));
+const todo = () => state.points.find(point => !own()[point] || suggested(own()[point])) ?? state.points[0] ?? null;
+const copy = value => JSON.parse(JSON.stringify(value));
+
+function say(text, bad = false) { $("said").textContent = text; $("said").className = bad ? "bad" : ""; }
+
+function image(k) {
+  if (!images.has(k)) {
+    const loaded = new Image();
+    loaded.onload = draw;
+    loaded.onerror = () => say(`${picture(k).name} cannot be shown`, true);
+    loaded.src = `picture/${k}`;
+    images.set(k, loaded);
+    if (images.size > 6) for (const each of images.keys()) if (each !== k && each !== at && each !== other) { images.delete(each); break; }
+  }
+  return images.get(k);
+}
+
+async function send(path, body) {
+  const answer = await fetch(path, {method: "POST", body: JSON.stringify(body)});
+  const found = await answer.json();
+  if (found.error) throw new Error(found.error);
+  return found;
+}
+
+let saving = Promise.resolve();
+function save() {
+  const body = copy({points: state.points, marks: state.marks});
+  saving = saving.then(async () => {
+    try { const {saved, suggested} = await send("marks", body);
+      say(`${saved} marks saved` + (suggested ? `, ${suggested} of them suggested: confirm them (Enter) or move them` : "")); }
+    catch (error) { say(`Not saved: ${error.message}`, true); }
+  });
+}
+
+function change(what) { past.push(copy({points: state.points, marks: state.marks})); if (past.length > 200) past.shift(); what(); save(); render(); }
+function undo() { const last = past.pop(); if (!last) return; Object.assign(state, last); if (!state.points.includes(chosen)) chosen = state.points[0] ?? null; save(); render(); }
+
+function fit() {
+  const {width, height} = picture(), box = view.getBoundingClientRect();
+  zoom = Math.min(box.width / width, box.height / height) * .97;
+  left = (box.width - width * zoom) / 2; top_ = (box.height - height * zoom) / 2;
+  draw();
+}
+function zoomBy(factor, x, y) {
+  const box = view.getBoundingClientRect(); x ??= box.width / 2; y ??= box.height / 2;
+  const next = Math.min(40, Math.max(.02, zoom * factor));
+  left = x - (x - left) * next / zoom; top_ = y - (y - top_) * next / zoom; zoom = next; draw();
+}
+
+function paint(canvas, k, scale, x, y) {
+  const box = canvas.getBoundingClientRect(), dense = window.devicePixelRatio || 1, pen = canvas.getContext("2d");
+  canvas.width = box.width * dense; canvas.height = box.height * dense;
+  pen.setTransform(dense, 0, 0, dense, 0, 0);
+  const shown = image(k), {width, height} = picture(k);
+  pen.imageSmoothingEnabled = scale < 4;
+  if (shown.complete && shown.naturalWidth) pen.drawImage(shown, x, y, width * scale, height * scale);
+  for (const point of state.points) {
+    const mark = own(k)[point];
+    if (!mark || mark[0] === null) continue;
+    const u = x + mark[0] * scale, v = y + mark[1] * scale, large = point === chosen ? 8 : 6;
+    for (const [line, ink] of [[4, "#000"], [2, colour(point)]]) {
+      pen.beginPath(); pen.arc(u, v, large, 0, 7); pen.lineWidth = line; pen.strokeStyle = ink;
+      pen.setLineDash(suggested(mark) ? [4, 3] : []); pen.stroke();
+      if (!mark[2]) { pen.beginPath(); pen.moveTo(u - large, v + large); pen.lineTo(u + large, v - large); pen.stroke(); }
+    }
+    pen.setLineDash([]); pen.fillStyle = colour(point); pen.fillRect(u - 1, v - 1, 2, 2);
+    pen.font = "12px sans-serif"; pen.lineWidth = 3; pen.strokeStyle = "#000"; pen.strokeText(point, u + 11, v + 4);
+    pen.fillStyle = "#fff"; pen.fillText(point, u + 11, v + 4);
+  }
+}
+function draw() {
+  if (!state.pictures.length) return;
+  paint(view, at, zoom, left, top_);
+  const box = small.getBoundingClientRect(), {width, height} = picture(other), mark = own(other)[chosen];
+  let scale = Math.min(box.width / width, box.height / height), x = (box.width - width * scale) / 2, y = (box.height - height * scale) / 2;
+  if (mark && mark[0] !== null) { scale *= 3; x = box.width / 2 - mark[0] * scale; y = box.height / 2 - mark[1] * scale; }
+  paint(small, other, scale, x, y);
+}
+
+function render() {
+  const {name} = picture(), marks = own();
+  $("name").textContent = `${at + 1} of ${state.pictures.length}: ${name}`;
+  $("points").replaceChildren(...state.points.map(point => {
+    const row = document.createElement("li"), button = document.createElement("button"), mark = marks[point];
+    button.type = "button"; button.dataset.point = point; button.setAttribute("aria-pressed", String(point === chosen));
+    const dot = document.createElement("i"), text = document.createElement("span"), note = document.createElement("small");
+    dot.style.background = colour(point); text.textContent = point;
+    note.textContent = !mark ? "" : suggested(mark) ? "suggested" : !mark[2] ? "hidden" : `${mark[0].toFixed(1)}, ${mark[1].toFixed(1)}`;
+    button.append(dot, text, note); button.onclick = () => { chosen = point; render(); };
+    row.append(button); return row;
+  }));
+  $("previous").disabled = at === 0; $("next").disabled = at === state.pictures.length - 1;
+  $("undo").disabled = !past.length; $("remove").disabled = !marks[chosen]; $("hide").disabled = chosen === null;
+  $("confirm").disabled = !unconfirmed().length;
+  $("other").value = String(other); $("suggest").disabled = other === at;
+  draw();
+}
+
+function go(to) {
+  if (to < 0 || to >= state.pictures.length) return;
+  if (other === to || Object.keys(own(at)).length) other = at;
+  at = to; chosen = todo();
+  fit(); render();
+}
+function step(by) { const k = state.points.indexOf(chosen) + by; if (k >= 0 && k < state.points.length) { chosen = state.points[k]; render(); } }
+function place(u, v) {
+  const {width, height} = picture();
+  if (u < 0 || v < 0 || u >= width || v >= height) return say("That is outside the picture", true);
+  if (chosen === null) return say("Add a point first: give it a name at the right", true);
+  change(() => { own()[chosen] = [u, v, own()[chosen]?.[0] != null ? own()[chosen][2] : true, "marked"]; });
+  const rest = state.points.slice(state.points.indexOf(chosen) + 1).find(point => !own()[point]);
+  if (rest) { chosen = rest; render(); }
+}
+function hide() {
+  if (chosen === null) return;
+  const mark = own()[chosen];
+  change(() => {
+    if (mark && mark[0] === null) delete own()[chosen];
+    else own()[chosen] = mark ? [mark[0], mark[1], !mark[2], "marked"] : [null, null, false, "marked"];
+  });
+}
+function accept(all) {
+  const points = all ? unconfirmed() : suggested(own()[chosen]) ? [chosen] : [];
+  if (points.length) change(() => { for (const point of points) own()[point][3] = "confirmed"; });
+  const next = unconfirmed()[0];
+  if (next) { chosen = next; render(); }
+}
+function remove() { if (own()[chosen]) change(() => delete own()[chosen]); }
+async function suggest() {
+  if (!state.suggests || other === at) return;
+  say("Looking for the points …");
+  try {
+    await saving;
+    const {marks, warnings} = await send("suggest", {source: other, target: at});
+    const missing = Object.entries(marks).filter(([point]) => !own()[point]);
+    if (missing.length) change(() => { for (const [point, [u, v]] of missing) own()[point] = [u, v, true, "suggested"]; });
+    await saving;
+    if (missing.length) { chosen = missing[0][0]; render(); }
+    say([`${missing.length} points suggested: confirm (Enter) or move each`, ...warnings].join(". "), warnings.length > 0);
+  } catch (error) { say(error.message, true); }
+}
+
+let held = null;
+view.onpointerdown = event => { held = {x: event.clientX, y: event.clientY, left, top_, moved: false}; view.setPointerCapture(event.pointerId); view.focus(); };
+view.onpointermove = event => {
+  if (!held) return;
+  const x = event.clientX - held.x, y = event.clientY - held.y;
+  held.moved ||= Math.hypot(x, y) > 5;
+  if (held.moved) { left = held.left + x; top_ = held.top_ + y; draw(); }
+};
+view.onpointerup = event => {
+  const box = view.getBoundingClientRect(), clicked = held && !held.moved && event.button === 0;
+  held = null;
+  if (clicked) place((event.clientX - box.left - left) / zoom, (event.clientY - box.top - top_) / zoom);
+};
+view.onwheel = event => { event.preventDefault(); const box = view.getBoundingClientRect(); zoomBy(Math.exp(-event.deltaY / 400), event.clientX - box.left, event.clientY - box.top); };
+const KEYS = {n: () => go(at + 1), p: () => go(at - 1), ArrowDown: () => step(1), ArrowUp: () => step(-1), h: hide, Enter: () => accept(false), Delete: remove, Backspace: remove,
+  "+": () => zoomBy(1.3), "=": () => zoomBy(1.3), "-": () => zoomBy(1 / 1.3), 0: fit, s: suggest};
+document.onkeydown = event => {
+  if (["INPUT", "SELECT"].includes(event.target.tagName)) return;
+  if ((event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "z") { event.preventDefault(); undo(); return; }
+  if (event.key === "Enter" && event.target.tagName === "BUTTON") return;
+  if (event.key === "Enter" && event.shiftKey) { event.preventDefault(); accept(true); return; }
+  const act = !event.ctrlKey && !event.metaKey && !event.altKey && KEYS[event.key.length === 1 ? event.key.toLowerCase() : event.key];
+  if (act) { event.preventDefault(); act(); }
+};
+for (const [id, act] of Object.entries({previous: KEYS.p, next: KEYS.n, out: KEYS["-"], in: KEYS["+"], whole: fit, hide, confirm: event => accept(event.shiftKey), remove, undo, suggest})) $(id).onclick = event => act(event);
+$("add").onsubmit = event => {
+  event.preventDefault();
+  const name = $("new").value.trim();
+  if (!name || state.points.includes(name)) return say(name ? `There is a point ${name} already` : "Give the point a name", true);
+  change(() => { state.points.push(name); chosen = name; });
+  $("new").value = "";
+};
+$("other").onchange = () => { other = Number($("other").value); render(); };
+window.onresize = draw;
+(async () => {
+  state = await (await fetch("state")).json();
+  $("other").replaceChildren(...state.pictures.map((each, k) => { const option = document.createElement("option"); option.value = k; option.textContent = each.name; return option; }));
+  $("suggest").hidden = !state.suggests;
+  chosen = todo();
+  fit(); render();
+  say(state.points.length ? "Click the chosen point in the picture" : "Add a point: give it a name");
+  document.body.dataset.ready = "yes";
+})();
