@@ -260,7 +260,7 @@ def read_rows(
         raise SpecError(
             "the line is not of a CSV file",
             path=path,
-            where=f"line {lines.line_num}",
+            where=f"line {lines.line_num + 1}",
             found=str(error),
         ) from error
     return rows

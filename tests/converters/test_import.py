@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import pickle
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +14,10 @@ import pytest
 from PIL import Image
 
 from pliant.cli.main import run
+from pliant.converters import tapvid
 from pliant.evaluator import evaluate
 from pliant.spec.dataset import Dataset
+from pliant.spec.errors import SpecError
 from pliant.spec.io.parquet import read_table
 from pliant.spec.validation.validate import validate
 
@@ -154,45 +157,53 @@ def approximately(rows: list[tuple[Any, ...]], expected: list[tuple[Any, ...]]) 
             assert found == (value if isinstance(value, str) else pytest.approx(value, abs=2e-6))
 
 
-@pytest.mark.parametrize("form", ["dict", "list", "record", "npz", "pixels"])
+def saved(folder: Path, name: str = "tracks", **changes: Any) -> Path:
+    """Write `tracks` with other arrays as an npz file."""
+    folder.mkdir(exist_ok=True)
+    path = folder / f"{name}.npz"
+    np.savez_compressed(path, **{**tracks(), **changes})
+    return path
+
+
+@pytest.mark.parametrize("form", ["file", "folder", "pixels"])
 def test_tracks_come_out_where_they_are(form: str, tmp_path: Path) -> None:
     record = tracks()
-    path = tmp_path / ("tracks.npz" if form == "npz" else "tracks.pkl")
-    if form == "npz":
-        np.savez(path, **record)
-    else:
-        if form == "pixels":
-            record["points"] = record["points"] * np.array([WIDTH, HEIGHT], np.float32)
-        held: Any = {"dict": {"goat": record}, "list": [record]}.get(form, record)
-        path.write_bytes(pickle.dumps(held))
-    dataset = imported(path, tmp_path / "out")
+    if form == "pixels":
+        record["points"] = record["points"] * np.array([WIDTH, HEIGHT], np.float32)
+    path = saved(tmp_path / "clips", **record)
+    dataset = imported(path.parent if form == "folder" else path, tmp_path / "out")
     approximately(asked_and_true(tmp_path / "out"), EXPECTED)
     (sequence,) = dataset.sequences
     assert sequence.temporal
     for frame in range(3):
         np.testing.assert_array_equal(sequence.rgb(frame), record["video"][frame])
-    name = "goat" if form == "dict" else "tracks-0000" if form == "list" else "tracks"
-    assert dataset.info["provenance"]["config"]["sources"] == {sequence.id: name}
+    assert dataset.info["provenance"]["config"]["sources"] == {sequence.id: "tracks"}
 
 
-def test_encoded_frames_are_decoded(tmp_path: Path) -> None:
-    record = tracks()
-    frames = []
-    for image in record["video"]:
+def test_the_five_lines_convert_a_pickle(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Raw and encoded frames, as TAP-Vid's files have them; the code is that of the page."""
+    encoded = []
+    for image in tracks()["video"]:
         buffer = io.BytesIO()
         Image.fromarray(image).save(buffer, "JPEG")
-        frames.append(buffer.getvalue())
-    path = tmp_path / "tracks.pkl"
-    path.write_bytes(pickle.dumps({"goat": {**record, "video": frames}}))
-    dataset = imported(path, tmp_path / "out")
-    with Image.open(io.BytesIO(frames[1])) as picture:
-        np.testing.assert_array_equal(dataset.sequences[0].rgb(1), np.asarray(picture))
-    approximately(asked_and_true(tmp_path / "out"), EXPECTED)
+        encoded.append(buffer.getvalue())
+    pickled = {"goat": tracks(), "jpeg": {**tracks(), "video": encoded}}
+    (tmp_path / "tracks.pkl").write_bytes(pickle.dumps(pickled))
+    monkeypatch.chdir(tmp_path)
+    page = (Path(__file__).parents[2] / "docs" / "import.md").read_text()
+    code = page.split("```python\n")[1].split("```")[0]
+    assert code.count("\n") == 6
+    exec(code, {})
+    dataset = imported(tmp_path / "clips", tmp_path / "out")
+    np.testing.assert_array_equal(dataset.sequences[0].rgb(1), tracks()["video"][1])
+    with Image.open(io.BytesIO(encoded[1])) as picture:
+        np.testing.assert_array_equal(dataset.sequences[1].rgb(1), np.asarray(picture))
+    approximately(asked_and_true(tmp_path / "out")[3:], EXPECTED)
 
 
 def test_clips_of_two_sizes_need_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = tmp_path / "tracks.pkl"
-    path.write_bytes(pickle.dumps([tracks(), tracks(60, 80)]))
+    saved(tmp_path / "clips", "a")
+    path = saved(tmp_path / "clips", "b", **tracks(60, 80)).parent
     assert run(["import", str(path), "--out", str(tmp_path / "out")]) == 2
     said = capsys.readouterr().err
     assert "found 40x30, 80x60" in said
@@ -209,10 +220,8 @@ def test_clips_of_two_sizes_need_one(tmp_path: Path, capsys: pytest.CaptureFixtu
 
 def test_imported_set_is_answered_and_scored(tmp_path: Path) -> None:
     """By hand: staying where it was errs by 10 px on point 0 and by (3.5, 26.5) on point 1."""
-    path = tmp_path / "tracks.pkl"
-    path.write_bytes(pickle.dumps(tracks()))
     out, answers = tmp_path / "out", tmp_path / "identity.parquet"
-    imported(path, out)
+    imported(saved(tmp_path / "clips"), out)
     command = ["predict", "identity", "--data", str(out), "--out", str(answers)]
     assert run(command) == 0
     scores = evaluate(answers, out, truth=tmp_path / "out-truth" / "test.parquet")
@@ -270,30 +279,61 @@ def test_broken_annotations_are_named(
     assert {path.name for path in tmp_path.iterdir()} == {"knots"}
 
 
-def test_broken_tracks_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    record = tracks()
-    cases: list[tuple[Any, str]] = [
-        ({**record, "points": record["points"][:, :2]}, "do not belong together"),
-        ({"video": record["video"]}, "no points, occluded"),
-        ({**record, "video": record["video"].astype(float)}, "a frame is not a colour image"),
-        ({**record, "video": [b"no picture"] * 3}, "a frame cannot be read"),
-        ({**record, "points": record["points"] * np.nan}, "a visible point has no position"),
-        ([], "contains no point tracks"),
-    ]
-    for held, said in cases:
-        path = tmp_path / "tracks.pkl"
-        path.write_bytes(pickle.dumps(held))
-        assert run(["import", str(path), "--out", str(tmp_path / "out")]) == 1
-        assert said in capsys.readouterr().err
-    assert {path.name for path in tmp_path.iterdir()} == {"tracks.pkl"}
+BROKEN_TRACKS: dict[str, tuple[dict[str, Any], str]] = {
+    "fewer frames": ({"points": tracks()["points"][:, :2]}, "do not belong together"),
+    "no frames": ({"video": np.zeros((0, 4, 4, 3), np.uint8)}, "do not belong together"),
+    "one number": ({"video": np.uint8(3)}, "do not belong together"),
+    "floats": ({"video": tracks()["video"].astype(float)}, "a frame is not a colour image"),
+    "no picture": ({"video": np.array([b"no picture"] * 3)}, "a frame cannot be read"),
+    "nowhere": ({"points": tracks()["points"] * np.nan}, "a visible point has no position"),
+    "text": ({"points": np.array(["x"])}, "these are not numbers"),
+    # Arrays of objects in an npz are pickles, and would be run.
+    "objects": ({"video": np.array([b"jpeg", None], dtype=object)}, "Its arrays must be numbers"),
+}
 
 
-def test_an_npz_of_objects_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Object arrays in an npz are pickles, and would be run."""
-    path = tmp_path / "tracks.npz"
-    np.savez(path, **{**tracks(), "video": np.array([b"jpeg", None], dtype=object)})
+@pytest.mark.parametrize("case", BROKEN_TRACKS)
+def test_broken_tracks_are_named(
+    case: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    changes, said = BROKEN_TRACKS[case]
+    path = saved(tmp_path / "clips", **changes)
     assert run(["import", str(path), "--out", str(tmp_path / "out")]) == 1
-    assert "Its arrays must be numeric" in capsys.readouterr().err
+    assert said in capsys.readouterr().err
+    assert {path.name for path in tmp_path.iterdir()} == {"clips"}
+
+
+def test_an_incomplete_or_damaged_file_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    np.savez(tmp_path / "part.npz", video=tracks()["video"])
+    (tmp_path / "cut.npz").write_bytes((tmp_path / "part.npz").read_bytes()[:300])
+    for name, said in (("part", "no points, occluded"), ("cut", "the npz file cannot be read")):
+        assert run(["import", str(tmp_path / f"{name}.npz"), "--out", str(tmp_path / "out")]) == 1
+        assert said in capsys.readouterr().err
+
+
+def test_what_is_large_once_unpacked_is_refused_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tapvid, "_MAX_UNPACKED_BYTES", 10**6)
+    path = saved(tmp_path, video=np.zeros((3, 700, 700, 3), np.uint8))
+    assert path.stat().st_size < 10**5
+    with pytest.raises(SpecError, match=r"4\.4 MB once unpacked; at most 1\.0 MB"):
+        tapvid.read_npz(path)
+
+
+def test_a_size_that_lies_ends_at_the_limit_of_memory(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The archive declares little, the array's header 8 TB."""
+    header = np.lib.format.header_data_from_array_1_0(np.zeros(0, np.uint8))
+    file = io.BytesIO()
+    np.lib.format.write_array_header_1_0(file, {**header, "shape": (2**43,)})
+    with zipfile.ZipFile(tmp_path / "lie.npz", "w") as archive:
+        archive.writestr("video.npy", file.getvalue())
+    assert run(["import", str(tmp_path / "lie.npz"), "--out", str(tmp_path / "out")]) == 1
+    assert "lie.npz" in capsys.readouterr().err
 
 
 def test_size_beyond_the_limit_is_refused(

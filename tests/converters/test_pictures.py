@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -191,6 +192,14 @@ def broken_csv(old: str, new: str) -> str:
     return CSV.replace(old, new)
 
 
+SOURCES = """picture,point,x,y,visible,source
+a b.JPG,ball,4,6,1,suggested
+b.tif,ball,5,7,1,confirmed
+a b.JPG,end,9,9,1,confirmed
+b.tif,end,8,8,1,marked
+"""
+
+
 BROKEN: dict[str, tuple[str, str]] = {
     "header": (broken_csv("point,", ""), "line 1: the header lacks columns"),
     "picture": (broken_csv("b.tif,end", "d.tif,end"), "picture not found; found 'd.tif'"),
@@ -202,6 +211,10 @@ BROKEN: dict[str, tuple[str, str]] = {
     # Annotated as stored, not as shown: 30 x 20.
     "outside": (broken_csv("2.25,8,1", "28,8,1"), "If the tool ignored the EXIF orientation"),
     "one picture": ("\n".join(CSV.split("\n")[:3]), "2 points in 1 pictures"),
+    "long field": (broken_csv("ball,4.5", "b" * 200_000 + ",4.5"), "line 2: the line is not of"),
+    "nul": (broken_csv("ball,4.5", "ba\0ll,4.5"), "line 2: the name of a point has characters"),
+    "source": (SOURCES.replace("confirmed", "guessed"), "line 3: unknown source; found 'guessed'"),
+    "suggested": (re.sub("confirmed|marked", "suggested", SOURCES), "4 suggested marks do not"),
     "other points": (
         "picture,point,x,y,visible\na b.JPG,a,1,1,1\nb.tif,b,1,1,1\n",
         "Mark the same points, under the same names",
@@ -219,6 +232,18 @@ def test_a_broken_csv_is_refused_with_its_line(
     assert run(["import", str(folder), "--out", str(tmp_path / "out")]) == 1
     assert said in capsys.readouterr().err
     assert {path.name for path in tmp_path.iterdir()} == {"photos"}
+
+
+def test_suggestions_are_no_truth(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The ball of the first picture is a suggestion: nothing is known of it there."""
+    folder = photographs(tmp_path / "photos")
+    (folder / "annotations.csv").write_text(SOURCES)
+    imported(folder, tmp_path / "out")
+    assert asked(tmp_path / "out") == {
+        (0, 9.0, 9.0, 1, 8.0, 8.0, "visible"),
+        (1, 8.0, 8.0, 0, 9.0, 9.0, "visible"),
+    }
+    assert "1 marks were left out" in capsys.readouterr().out
 
 
 def test_a_folder_without_annotations_names_the_remedy(
@@ -293,6 +318,35 @@ def test_masks_and_depth_are_kept(tmp_path: Path) -> None:
     (masks / "b.png").unlink()
     (tmp_path / "x").mkdir()
     assert run(["import", str(folder), "--out", str(tmp_path / "x/o"), *options]) == 2
+
+
+@pytest.mark.parametrize("given", [False, True])
+def test_the_ball_in_a_mask_is_not_the_rope(
+    given: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A strand 6 px thick with a disc of radius 9 px at its end; separated, or given apart."""
+    rows, columns = np.mgrid[:60, :160]
+    strand = (abs(rows - 30) <= 3) & (columns > 20) & (columns < 150)
+    ball = np.hypot(rows - 30, columns - 20) <= 9
+    masks = {"objects": strand | ball, "masks": strand & ~ball if given else strand | ball}
+    for name, mask in {**masks, "photos": strand}.items():
+        (tmp_path / name).mkdir()
+        for number, picture in enumerate(("a.png", "b.png")):
+            grey = (mask * np.uint8(250 - number)).astype(np.uint8)
+            Image.fromarray(grey).save(tmp_path / name / picture)
+    marks = "".join(f"{name}.png,end,149,30,1\n" for name in "ab")
+    (tmp_path / "photos/annotations.csv").write_text("picture,point,x,y,visible\n" + marks)
+    options = ["--masks", str(tmp_path / "masks")]
+    options += ["--objects", str(tmp_path / "objects")] if given else []
+    dataset = imported(tmp_path / "photos", tmp_path / "out", *options)
+    frame = dataset.sequences[0][0]
+    ids = frame.object_ids
+    assert ids is not None
+    assert frame.mask is not None
+    assert (ids > 0).sum() == (strand | ball).sum()
+    assert (frame.mask & ball).sum() <= (0 if given else 40)  # the strand's own end in it
+    assert (frame.mask & ~ball).sum() >= 0.97 * (strand & ~ball).sum()
+    assert ("separated from the masks of 2 of 2 frames" in capsys.readouterr().out) != given
 
 
 def test_masks_of_the_paper_are_read(tmp_path: Path) -> None:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 import re
 import shlex
-import threading
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +16,10 @@ from PIL import Image, ImageDraw
 
 from pliant.baselines.controls import Identity
 from pliant.cli.main import run
-from pliant.viewer.annotate import Annotation, Suggester, make_server
+from pliant.viewer.annotate_app import annotate_application
+from pliant.viewer.annotation import Annotation, Suggester
 from tests.browser import CHROMIUM, DRIVER, chromium
+from tests.viewer.serving import served
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "photographs.md"
 SIZES = [(240, 180), (180, 240), (160, 120), (250, 150), (200, 200), (220, 165)]
@@ -91,25 +93,20 @@ def test_a_folder_of_photographs_becomes_a_scored_table(
 def click_points(folder: Path) -> None:
     """Mark the points of every picture in a browser; the end of the first one is hidden."""
     annotation = Annotation(folder, list(POINTS))
-    server = make_server(annotation, Suggester(annotation, Identity))
-    threading.Thread(target=server.serve_forever, daemon=True).start()
-    try:
-        with chromium() as browser:
-            browser.size(1300, 900)
-            browser.open(f"http://127.0.0.1:{server.server_address[1]}/")
-            browser.wait("document.body.dataset.ready")
-            for number, size in enumerate(SIZES):
-                browser.wait("image(at).complete")
-                for place in POINTS.values():
-                    click(browser, *rope_at(size, number, place))
-                if number == 0:
-                    browser.keys("h")
-                browser.keys("n")
-            marks = len(SIZES) * len(POINTS)
-            browser.wait(f"$('said').textContent.includes('{marks} marks saved')")
-    finally:
-        server.shutdown()
-        server.server_close()
+    application = partial(annotate_application, annotation, Suggester(annotation, Identity))
+    with served(application) as address, chromium() as browser:
+        browser.size(1300, 900)
+        browser.open(address)
+        browser.wait("document.body.dataset.ready")
+        for number, size in enumerate(SIZES):
+            browser.wait("image(at).complete")
+            for place in POINTS.values():
+                click(browser, *rope_at(size, number, place))
+            if number == 0:
+                browser.keys("h")
+            browser.keys("n")
+        marks = len(SIZES) * len(POINTS)
+        browser.wait(f"$('said').textContent.includes('{marks} marks saved')")
 
 
 def click(browser: Any, u: float, v: float) -> None:

@@ -3,11 +3,7 @@
 from __future__ import annotations
 
 import json
-import threading
-import urllib.error
-import urllib.request
-from collections.abc import Iterator
-from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +13,10 @@ from PIL import Image
 
 from pliant.baselines.controls import Identity
 from pliant.spec.errors import CallError, SpecError
-from pliant.viewer.annotate import Annotation, Suggester, make_server
-from tests.browser import Browser
+from pliant.viewer.annotate_app import annotate_application
+from pliant.viewer.annotation import Annotation, Suggester
+from tests.browser import Browser, Keys
+from tests.viewer.serving import ask, below, served
 
 SIZES = {"one.jpg": (400, 300), "two.png": (300, 400), "three.webp": (200, 150)}
 
@@ -32,65 +30,44 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-@contextmanager
-def served(annotation: Annotation, suggester: Suggester | None = None) -> Iterator[str]:
-    server = make_server(annotation, suggester)
-    thread = threading.Thread(target=server.serve_forever, daemon=True)
-    thread.start()
-    try:
-        yield f"http://127.0.0.1:{server.server_address[1]}"
-    finally:
-        server.shutdown()
-        server.server_close()
-        thread.join()
-
-
-def get(address: str, **headers: str) -> bytes:
-    with urllib.request.urlopen(urllib.request.Request(address, headers=headers)) as answer:
-        data: bytes = answer.read()
-        return data
-
-
-def post(address: str, document: Any, token: str) -> Any:
-    body = json.dumps(document).encode()
-    request = urllib.request.Request(address, body, {"X-Token": token}, method="POST")
-    with urllib.request.urlopen(request) as answer:
-        return json.load(answer)
-
-
-def token_of(address: str) -> str:
-    facts = get(f"{address}/").decode().split("const FACTS = ")[1].split(";\n")[0]
-    token: str = json.loads(facts)["token"]
-    return token
+def application(annotation: Annotation, *, suggests: bool = False) -> Any:
+    suggester = Suggester(annotation, Identity) if suggests else None
+    return partial(annotate_application, annotation, suggester)
 
 
 def test_marks_are_written_and_read_again(folder: Path) -> None:
     annotation = Annotation(folder, ["ball", "end"])
     marks = {
-        "one.jpg": {"ball": [10.25, 20.5, True], "end": [None, None, False]},
-        "two.png": {"ball": [300, 0, False]},
+        "one.jpg": {
+            "ball": [10.25, 20.5, True, "suggested"],
+            "end": [None, None, False, "marked"],
+        },
+        "two.png": {"ball": [300, 0, False, "confirmed"]},
     }
     annotation.update({"points": ["ball", "end"], "marks": marks})
     assert (folder / "annotations.csv").read_text().splitlines() == [
-        "picture,point,x,y,visible",
-        "one.jpg,ball,10.250,20.500,1",
-        "one.jpg,end,,,0",
-        "two.png,ball,300.000,0.000,0",
+        "picture,point,x,y,visible,source",
+        "one.jpg,ball,10.250,20.500,1,suggested",
+        "one.jpg,end,,,0,marked",
+        "two.png,ball,300.000,0.000,0,confirmed",
     ]
     again = Annotation(folder, ["middle"])
     assert again.points == ["middle", "ball", "end"]
-    assert json.loads(json.dumps(again.marks)) == marks
+    assert json.loads(json.dumps(again.state()["marks"])) == marks
+    assert (again.count(), again.count("suggested")) == (3, 1)
 
 
 @pytest.mark.parametrize(
     "marks",
     [
-        {"four.jpg": {"ball": [1, 1, True]}},
-        {"one.jpg": {"tail": [1, 1, True]}},
-        {"one.jpg": {"ball": [401, 1, True]}},
-        {"one.jpg": {"ball": [None, None, True]}},
-        {"one.jpg": {"ball": [1, float("nan"), True]}},
-        {"one.jpg": {"ball": [1, 1, "yes"]}},
+        {"four.jpg": {"ball": [1, 1, True, "marked"]}},
+        {"one.jpg": {"tail": [1, 1, True, "marked"]}},
+        {"one.jpg": {"ball": [401, 1, True, "marked"]}},
+        {"one.jpg": {"ball": [None, None, True, "marked"]}},
+        {"one.jpg": {"ball": [1, float("nan"), True, "marked"]}},
+        {"one.jpg": {"ball": [1, 1, "yes", "marked"]}},
+        {"one.jpg": {"ball": [1, 1, True, "guessed"]}},
+        {"one.jpg": {"ball": [1, 1, True]}},
         {"one.jpg": 3},
     ],
 )
@@ -114,28 +91,40 @@ def test_a_damaged_file_is_not_overwritten(folder: Path) -> None:
         Annotation(folder)
 
 
-def test_other_pages_reach_nothing(folder: Path) -> None:
-    with served(Annotation(folder, ["ball"])) as address:
-        document = {"points": ["ball"], "marks": {}}
-        for call in (
-            lambda: post(f"{address}/marks", document, "guessed"),
-            lambda: get(f"{address}/state", Host="evil.example"),
-            lambda: get(f"{address}/picture/99"),
-            lambda: get(f"{address}/picture/../annotations.csv"),
-        ):
-            with pytest.raises(urllib.error.HTTPError) as refused:
-                call()
-            refused.value.close()
-        assert post(f"{address}/marks", document, token_of(address)) == {"saved": 0}
-        assert get(f"{address}/picture/1")[:2] == b"\xff\xd8"
+def test_the_page_asks_and_saves(folder: Path) -> None:
+    annotation = Annotation(folder, ["ball"])
+    with served(application(annotation, suggests=True)) as address:
+
+        def post(name: str, document: Any) -> tuple[int, Any]:
+            body = document if isinstance(document, bytes) else json.dumps(document).encode()
+            status, said = ask(address, below(address, name), "POST", body=body)
+            return status, json.loads(said)
+
+        assert json.loads(ask(address, below(address, "state"))[1])["suggests"]
+        assert ask(address, below(address, "picture/1"))[1][:2] == b"\xff\xd8"
+        for number in ("99", "9" * 5000, "-1", "%00", "..%2fannotations.csv"):
+            assert ask(address, below(address, f"picture/{number}"))[0] in (400, 404)
+        marks = {"one.jpg": {"ball": [9, 9, True, "marked"]}}
+        saved = {"saved": 1, "suggested": 0}
+        assert post("marks", {"points": ["ball"], "marks": marks}) == (200, saved)
+        assert post("suggest", {"source": 0, "target": 2})[1]["marks"] == {"ball": [9.0, 9.0]}
+        for broken in (b"", b"{", b"[" * 10**5, b"9" * 5000, b"null", b"\xff"):
+            assert post("marks", broken)[0] == 400
+            assert post("suggest", broken)[0] == 400
+        assert post("suggest", b'{"source": 1e999, "target": 0}')[0] == 400
+        (folder / "two.png").unlink()
+        assert ask(address, below(address, "picture/2"))[0] == 422
+        assert ask(address, "/marks", "POST", body=b"{}")[0] == 403
+    assert marks_of(folder) == ["one.jpg,ball,9.000,9.000,1,marked"]
 
 
 def test_suggestions_are_in_pixels_of_the_pictures(folder: Path) -> None:
     """`identity` answers the same place of the view: by hand, both pictures are their own view."""
-    annotation = Annotation(folder, ["ball"])
-    annotation.update({"points": ["ball"], "marks": {"one.jpg": {"ball": [100, 50, True]}}})
+    annotation = Annotation(folder, ["ball", "end"])
+    marks = {"ball": [100, 50, True, "marked"], "end": [90, 40, True, "suggested"]}
+    annotation.update({"points": ["ball", "end"], "marks": {"one.jpg": marks}})
     suggester = Suggester(annotation, Identity)
-    assert suggester.suggest(0, 2)["marks"] == {"ball": [100.0, 50.0]}
+    assert suggester.suggest(0, 2)["marks"] == {"ball": [100.0, 50.0]}  # none from a suggestion
     assert "no visible marks" in suggester.suggest(2, 0)["warnings"][0]
 
 
@@ -151,50 +140,86 @@ def click_picture(browser: Browser, u: float, v: float) -> None:
 
 
 def test_points_are_clicked_in_a_browser(browser: Browser, folder: Path) -> None:
-    """Click, next picture, hidden by keyboard, undo, zoom, a new point, suggestions."""
-    annotation = Annotation(folder, ["ball", "end"])
-    with served(annotation, Suggester(annotation, Identity)) as address:
+    """Click, next picture, hidden by keyboard, undo, zoom, a new point."""
+    browser.errors()
+    with served(application(Annotation(folder, ["ball", "end"]))) as address:
         browser.size(1200, 800)
-        browser.open(f"{address}/")
+        browser.open(address)
         browser.wait("document.body.dataset.ready && image(0).complete")
         click_picture(browser, 100, 150)
         browser.wait("$('said').textContent.includes('1 marks saved')")
         assert browser.run("return chosen") == "end"
         browser.keys("h")  # nobody sees the end here
         browser.wait("$('said').textContent.includes('2 marks saved')")
-        name, point, x, y, visible = marks_of(folder)[0].split(",")
-        assert (name, point, visible) == ("one.jpg", "ball", "1")
+        name, point, x, y, visible, source = marks_of(folder)[0].split(",")
+        assert (name, point, visible, source) == ("one.jpg", "ball", "1", "marked")
         assert float(x) == pytest.approx(100, abs=0.6)
         assert float(y) == pytest.approx(150, abs=0.6)
-        assert marks_of(folder)[1] == "one.jpg,end,,,0"
+        assert marks_of(folder)[1] == "one.jpg,end,,,0,marked"
         browser.keys("n")
         assert browser.run("return picture().name") == "three.webp"
-        browser.keys("s")
-        browser.wait("$('said').textContent.includes('1 points suggested')")
-        assert marks_of(folder)[2].startswith("three.webp,ball,")
-        browser.keys("\ue009", "z")  # Ctrl+Z
-        browser.wait("$('said').textContent.includes('2 marks saved')")
-        assert len(marks_of(folder)) == 2
         for _ in range(6):
             browser.keys("+")
         browser.run("left = 300 - 60.5 * zoom; top_ = 300 - 70.25 * zoom; draw()")
         browser.run("$('new').value = 'middle'; $('add').requestSubmit()")
         click_picture(browser, 60.5, 70.25)
         browser.wait("$('said').textContent.includes('3 marks saved')")
-        name, point, x, y, _ = marks_of(folder)[2].split(",")
+        name, point, x, y, *_ = marks_of(folder)[2].split(",")
         assert (name, point) == ("three.webp", "middle")
         assert float(x) == pytest.approx(60.5, abs=0.2)  # a pixel of the window is less here
         assert float(y) == pytest.approx(70.25, abs=0.2)
-        browser.open(f"{address}/")  # everything is there again
+        browser.keys(Keys.CONTROL, "z")
+        browser.wait("$('said').textContent.includes('2 marks saved')")
+        browser.open(address)  # everything is there again
         browser.wait("document.body.dataset.ready")
         assert browser.run("return state.points") == ["ball", "end", "middle"]
+        assert browser.run("return $('suggest').hidden")
+    assert browser.errors() == []
 
 
+def test_a_suggestion_counts_once_it_is_confirmed_or_moved(browser: Browser, folder: Path) -> None:
+    annotation = Annotation(folder, ["ball", "end", "middle"])
+    placed = {name: [50 + 9 * k, 50, True, "marked"] for k, name in enumerate(annotation.points)}
+    annotation.update({"points": annotation.points, "marks": {"one.jpg": placed}})
+    said = "$('said').textContent"
+
+    def sources() -> list[str]:
+        return [row.split(",")[-1] for row in marks_of(folder) if row.startswith("three")]
+
+    with served(application(annotation, suggests=True)) as address:
+        browser.size(1200, 800)
+        browser.open(address)
+        browser.wait("document.body.dataset.ready")
+        browser.keys("n")
+        browser.keys("s")
+        browser.wait(f"{said}.includes('3 points suggested')")
+        assert sources() == ["suggested"] * 3
+        notes = "return [...document.querySelectorAll('#points small')].map(e => e.textContent)"
+        assert browser.run(notes) == ["suggested"] * 3
+        browser.keys(Keys.ENTER)  # the first; the next is chosen
+        browser.wait(f"{said}.includes('2 of them suggested')")
+        assert browser.run("return chosen") == "end"
+        browser.wait("image(at).complete")
+        click_picture(browser, 80, 60)  # moved
+        browser.wait(f"{said}.includes('1 of them suggested')")
+        assert sources() == ["confirmed", "marked", "suggested"]
+        browser.keys(Keys.SHIFT, Keys.ENTER)
+        browser.wait(f"{said} === '6 marks saved'")
+        assert sources() == ["confirmed", "marked", "confirmed"]
+        assert browser.run("return $('confirm').disabled")
+
+
+@pytest.mark.parametrize("dark", [False, True])
 @pytest.mark.parametrize("width", [400, 1200])
-def test_the_page_fits_its_window(browser: Browser, folder: Path, width: int) -> None:
-    with served(Annotation(folder, ["ball", "a point with quite a long name"])) as address:
-        browser.size(width, 800)
-        browser.open(f"{address}/")
+def test_the_page_fits_its_window(browser: Browser, folder: Path, width: int, dark: bool) -> None:
+    browser.errors()
+    annotation = Annotation(folder, ["ball", "a point with quite a long name"])
+    with served(application(annotation)) as address:
+        browser.size(width, 800, dark=dark)
+        browser.open(address)
         browser.wait("document.body.dataset.ready")
         assert browser.run("return document.documentElement.scrollWidth") <= width
         assert browser.run("return view.getBoundingClientRect().height") >= 240
+        paper = browser.run("return getComputedStyle(document.body).backgroundColor")
+        assert (sum(map(int, paper.strip("rgb()").split(","))) < 300) == dark
+    assert browser.errors() == []

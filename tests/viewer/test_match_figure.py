@@ -21,6 +21,7 @@ from pliant.spec.frame import Pair
 from pliant.spec.io.photo import read_photo
 from pliant.viewer.match_figure import _heat, _rings, draw_match
 from pliant.viewer.photo_match import grid_points, match_photo
+from pliant.viewer.photo_views import PhotoFiles, read_photo_view
 
 
 class Unsure:
@@ -56,7 +57,9 @@ def test_everything_a_method_says_is_told(pose: Any, view_of: Any, tmp_path: Pat
     match = match_photo(Unsure(), view, view, [(100, 100)])
     document = match.as_dict()
     assert document["visible"] == pytest.approx(0.9)
-    assert document["confidence"] is None
+    # Of the nearer mode, 1 - exp(-r^2 / 2 sigma^2) is within r: 2 % of 240 px, sigma 4 px.
+    assert document["confidence"] == pytest.approx(0.7 * (1 - np.exp(-(4.8**2) / 32)), abs=1e-3)
+    assert document["confidence_is"] == "probability within 5 px of the answer"
     assert document["modes"][1] == pytest.approx({"u": 80, "v": 60, "sigma": 9, "weight": 0.3})
     draw_match(match, view, view, tmp_path / "figure.svg")
     assert "visible with probability 0.90" in _svg_text(tmp_path / "figure.svg")
@@ -282,10 +285,87 @@ def test_several_points_and_a_grid(
 def test_grid_points_cover_the_object() -> None:
     mask = np.zeros((40, 60), np.bool_)
     mask[10:30, 20:40] = True
-    points = grid_points(Frame(np.zeros((40, 60, 3), np.uint8), mask), 16, (120, 80))
+    view = Frame(np.zeros((40, 60, 3), np.uint8), mask)
+    points = grid_points(Identity(), view, 16, (120, 80))
     assert set(points) == {
         (u, v) for u in (45.0, 55.0, 65.0, 75.0) for v in (25.0, 35.0, 45.0, 55.0)
     }
+
+
+def rope_on(colour: tuple[int, int, int], noise: int = 0) -> tuple[Any, Any, Any]:
+    """Return a picture of a blue strand with a red disc at its end, and where both are."""
+    rows, columns = np.mgrid[:120, :240]
+    strand = (abs(rows - 60 - 20 * np.sin(columns / 30)) <= 4) & (abs(columns - 120) < 90)
+    ball = np.hypot(rows - 60 - 20 * np.sin(1), columns - 30) <= 11
+    rgb = np.empty((120, 240, 3), np.int16)
+    rgb[:] = colour
+    rgb += np.random.default_rng(0).integers(-noise, noise + 1, rgb.shape, np.int16)
+    rgb[strand], rgb[ball] = (60, 90, 200), (200, 60, 60)
+    return rgb.clip(0, 255).astype(np.uint8), strand & ~ball, ball
+
+
+@pytest.mark.parametrize("colour", [(0, 0, 0), (255, 255, 255), (30, 120, 60)])
+def test_a_background_of_one_colour_is_a_mask(colour: tuple[int, int, int], tmp_path: Path) -> None:
+    rgb, strand, ball = rope_on(colour, noise=8)
+    path = tmp_path / "rope.png"
+    Image.fromarray(rgb).save(path)
+    photo = read_photo_view(PhotoFiles(path), asked_px=[(150.5, 60.5 + 20 * np.sin(5))])
+    assert photo.view.mask is not None
+    assert photo.view.objects is not None
+    np.testing.assert_array_equal(photo.view.objects, strand | ball)
+    assert (photo.view.mask & strand).sum() > 0.97 * strand.sum()
+    assert (photo.view.mask & ball).sum() < 0.1 * ball.sum()
+    assert ["one colour" in photo.notes[0], "ball" in photo.notes[1]] == [True, True]
+    missed = read_photo_view(PhotoFiles(path), asked_px=[(3, 3)]).view
+    assert missed.mask is None  # what is asked about is no part of it
+
+
+def test_other_backgrounds_give_no_mask(tmp_path: Path) -> None:
+    rgb, *_ = rope_on((120, 120, 120), noise=40)
+    empty = np.full((60, 80, 3), 200, np.uint8)
+    halves = empty.copy()
+    halves[:30] = 90
+    for number, picture in enumerate((rgb, empty, halves)):
+        path = tmp_path / f"{number}.png"
+        Image.fromarray(picture).save(path)
+        assert read_photo_view(PhotoFiles(path)).view.mask is None
+
+
+@pytest.mark.parametrize("given", ["whole", "both"])
+def test_a_ball_in_a_given_mask_is_separated(
+    given: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rgb, strand, ball = rope_on((120, 120, 120), noise=40)
+    masks = {"rope": strand, "whole": strand | ball}
+    for name, picture in {"photo": rgb, **masks}.items():
+        Image.fromarray(picture).save(tmp_path / f"{name}.png")
+    photo, rope, whole = (str(tmp_path / f"{name}.png") for name in ("photo", *masks))
+    options: list[str] = []
+    for side in ("source", "target"):
+        options += [f"--{side}", photo, f"--mask-{side}", whole if given == "whole" else rope]
+        options += [f"--objects-{side}", whole] if given == "both" else []
+    out = str(tmp_path / "figure.png")
+    found = matched(capsys, "identity", *options, "--grid", "20", "--out", out)
+    asked = np.array([point["query_px"] for point in found["points"]]).astype(int)
+    assert not ball[asked[:, 1], asked[:, 0]].any()
+    separated = "photo.png: a ball at the rope's end was separated from the mask."
+    assert found["notes"] == ([separated] * 2 if given == "whole" else [])
+
+
+class Finder(Identity):
+    """Finds the object where the picture is bright."""
+
+    def object_mask(self, view: Frame) -> npt.NDArray[np.bool_]:
+        return view.rgb.min(axis=2) > 200
+
+
+def test_a_grid_is_on_the_object_that_the_method_finds() -> None:
+    rgb = np.zeros((40, 60, 3), np.uint8)
+    rgb[10:30, 20:40] = 255
+    view = Frame(rgb)
+    assert len(grid_points(Finder(), view, 16, (60, 40))) == 16
+    assert all(20 < u < 40 for u, _ in grid_points(Finder(), view, 16, (60, 40)))
+    assert max(u for u, _ in grid_points(Identity(), view, 16, (60, 40))) > 50
 
 
 @pytest.mark.parametrize("method", ["sift", "surf", "orb", "random"])

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -26,8 +24,8 @@ from pliant.viewer.explorer.app import Explorer
 from pliant.viewer.explorer.frames import FrameStore
 from pliant.viewer.explorer.live import LiveMethod
 from pliant.viewer.explorer.recorded import RecordedQueries
-from pliant.viewer.explorer.server import ExplorerServer
 from pliant.viewer.explorer.submissions import read_submission
+from tests.viewer.serving import served
 
 SHIFT_PX = 6.0
 
@@ -94,21 +92,8 @@ def make_explorer(root: Path, submission: Path) -> Explorer:
     return Explorer(frames, queries, [LiveMethod(Shifted(), frames), recorded])
 
 
-@contextmanager
-def served(explorer: Explorer) -> Iterator[str]:
-    """Serve an explorer; yield its address, which ends with a slash."""
-    server = ExplorerServer(explorer)
-    thread = threading.Thread(target=server.run, daemon=True)
-    thread.start()
-    try:
-        yield server.address
-    finally:
-        server.stop()
-        thread.join(timeout=10)
-
-
 @pytest.fixture(scope="session")
 def address(explorer: Explorer) -> Iterator[str]:
     """The address of the explorer's page."""
-    with ExitStack() as stack:
-        yield stack.enter_context(served(explorer))
+    with served(explorer.application) as address:
+        yield address

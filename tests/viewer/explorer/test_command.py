@@ -60,13 +60,18 @@ def test_what_is_wrong_is_one_sentence(
             assert len(capfd.readouterr().err.strip().splitlines()) == 1
 
 
-def test_a_missing_extra_is_named(tiny_dataset: Path) -> None:
+def test_a_missing_extra_is_named(tiny_dataset: Path, tmp_path: Path) -> None:
+    """As in a base install, for every command that serves a page."""
+    (tmp_path / "index.html").write_text("a site")
+    calls = {"explore": tiny_dataset, "annotate": tmp_path, "serve": tmp_path}
+    named = [(name, str(path)) for name, path in calls.items()]
     code = (
-        "import sys; sys.modules['uvicorn'] = None\n"
-        "from pliant.cli.main import main; main(['explore', sys.argv[1], '--no-browser'])"
+        "import sys; sys.modules['uvicorn'] = sys.modules['starlette'] = None\n"
+        "from pliant.cli.main import run\n"
+        f"print([run([*call, '--no-browser']) for call in {named}])"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code, str(tiny_dataset)], capture_output=True, text=True
-    )
-    assert done.returncode == 2
-    assert "pip install 'pliant[explore]'" in done.stderr
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.stdout == "[2, 2, 2]\n"
+    for name, said in zip(calls, done.stderr.strip().splitlines(), strict=True):
+        assert f"pliant {name} needs" in said
+        assert "pip install 'pliant[explore]'" in said
