@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 from urllib.parse import urlsplit
 
 import pytest
@@ -79,7 +80,7 @@ def test_pages_are_served_to_this_machine(site: str, page: str) -> None:
 def test_foreign_requests_are_refused(site: str, page: str, headers: dict[str, str]) -> None:
     for address in (site, page):
         port = urlsplit(address).port
-        given = {name: value.format(port=port) for name, value in headers.items()}
+        given: dict[str, Any] = {name: each.format(port=port) for name, each in headers.items()}
         for name in ("", "static/own.html"):
             status, body = ask(address, below(address, name), **given)
             assert status == 403
