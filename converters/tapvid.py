@@ -54,7 +54,7 @@ def read_tapvid(files: Sequence[Path], *, coordinates: Coordinates = "auto") -> 
                 "pickles are not read, because they can run code",
                 path=path,
                 required="npz files",
-                fix="Convert one that you trust with the five lines in docs/import.md.",
+                fix="Convert one that you trust to npz, as docs/import.md shows.",
             )
 
     @lru_cache(maxsize=1)  # the frames of a clip are read one after the other

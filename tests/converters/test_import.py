@@ -180,7 +180,9 @@ def test_tracks_come_out_where_they_are(form: str, tmp_path: Path) -> None:
     assert dataset.info["provenance"]["config"]["sources"] == {sequence.id: "tracks"}
 
 
-def test_the_five_lines_convert_a_pickle(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_code_of_the_page_converts_a_pickle(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Raw and encoded frames, as TAP-Vid's files have them; the code is that of the page."""
     encoded = []
     for image in tracks()["video"]:
@@ -192,7 +194,6 @@ def test_the_five_lines_convert_a_pickle(tmp_path: Path, monkeypatch: pytest.Mon
     monkeypatch.chdir(tmp_path)
     page = (Path(__file__).parents[2] / "docs" / "import.md").read_text()
     code = page.split("```python\n")[1].split("```")[0]
-    assert code.count("\n") == 6
     exec(code, {})
     dataset = imported(tmp_path / "clips", tmp_path / "out")
     np.testing.assert_array_equal(dataset.sequences[0].rgb(1), tracks()["video"][1])
