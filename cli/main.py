@@ -35,7 +35,7 @@ SECTIONS: Final[dict[str, dict[str, tuple[str, str]]]] = {
         ),
     },
     "Scoring": {
-        "submit-template": ("pliant.cli.submit_template", "Write an empty submission to fill in."),
+        "submission": ("pliant.cli.submission", "Make a submission of CSV, JSON lines or Parquet."),
         "check": ("pliant.cli.check", "List a submission's problems without scoring it."),
         "evaluate": ("pliant.cli.evaluate", "Score a submission by a named protocol."),
         "compare": ("pliant.cli.compare", "Paired differences between reports, with intervals."),

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Final
 
 _ADVICE: Final = (
-    "Submissions are Parquet files: fill in the one that `pliant submit-template` writes, or write "
-    "the table with pyarrow, pandas or polars."
+    "Submissions are Parquet files with a footer. A table of answers (CSV, JSON lines, Parquet) "
+    "becomes one by: pliant submission ANSWERS --data DATA --out SUB.parquet"
 )
 _STARTS: Final = {
     b"PK\x03\x04": "a zip archive (or npz, xlsx)",

@@ -37,8 +37,8 @@ OPTIONAL: Final[dict[str, dict[str, str]]] = {
     "matches": {},
 }
 _TEMPLATE: Final = (
-    "The footer is JSON under the key `pliant` of the file's metadata; "
-    "`pliant submit-template` writes a file that has it."
+    "The footer is JSON under the key `pliant` of the file's metadata. A table of answers becomes a "
+    "submission by: pliant submission ANSWERS --data DATA --out SUB.parquet"
 )
 
 _WANTED: Final = {

@@ -1,4 +1,4 @@
-"""`pliant submit-template`: refused with every row named until it is filled, then scored."""
+"""`pliant submission` without answers: refused with every row named until it is filled, then scored."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ DATA = Path(__file__).resolve().parents[1] / "data" / "tiny-submission" / "datas
 
 
 def written(out: Path, *options: str) -> int:
-    return run(["submit-template", "--data", str(DATA), "--out", str(out), *options])
+    return run(["submission", "--data", str(DATA), "--out", str(out), *options])
 
 
 def test_unfilled_template_names_every_row(

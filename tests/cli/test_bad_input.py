@@ -37,7 +37,14 @@ INPUTS: dict[str, tuple[str, list[str]]] = {
     "publish": ("DATA", ["publish", "DATA", "--out", "OUT"]),
     "predict with a dataset": ("DATA", ["predict", "identity", "--data", "DATA", "--out", "OUT"]),
     "predict with a run": ("RUN", ["predict", "RUN", "--data", "DATA", "--out", "OUT"]),
-    "submit-template": ("DATA", ["submit-template", "--data", "DATA", "--out", "OUT.parquet"]),
+    "submission with a dataset": (
+        "DATA",
+        ["submission", "--data", "DATA", "--out", "OUT.parquet"],
+    ),
+    "submission of a table": (
+        "ANSWERS.csv",
+        ["submission", "ANSWERS.csv", "--data", "DATA", "--out", "OUT.parquet"],
+    ),
     "train on a dataset": ("DATA", ["train", "don", "--data", "DATA", "--out", "OUT"]),
     "train with settings": (
         "CONFIG",
@@ -160,12 +167,15 @@ def good(tiny_dataset: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[s
     shutil.copytree(Path(shipped.__file__).parent / "shipped" / "don-rope", run_folder)
     config = run_folder / "config.yaml"
     config.write_text(config.read_text().replace("decode: trace", "decode: median"))  # quicker
+    answers = folder / "ANSWERS.csv"
+    answers.write_text("pair_id,query_id,u,v\n0,0,1,2\n")
     truth = tiny_dataset / "truth" / "test.parquet"
     return found | {
         "DATA": tiny_dataset,
         "RUN": run_folder,
         "PICTURE": found["GOOD.png"],
         "TRUTH": truth,
+        "ANSWERS.csv": answers,
         "FILE": found["GOOD.png"],
     }
 

@@ -40,7 +40,7 @@ CALLS = {
     "leaderboard OUT/report --out OUT/l.html": "",
     "site OUT/report --out OUT/m": "",
     "serve OUT/none": "",
-    "submit-template --data sample --out OUT/n.parquet": "",
+    "submission --data sample --out OUT/n.parquet": "",
     "annotate OUT/none": "",
     "import OUT/none --out OUT/o": "",
     "spec": "",

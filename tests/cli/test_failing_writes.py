@@ -22,7 +22,7 @@ LIMITED = (
     "sys.exit(run(sys.argv[1:]))\n"
 )
 COMMANDS = {
-    "submit-template": ["submit-template", "--data", "DATA", "--out", "OUT.parquet"],
+    "submission": ["submission", "--data", "DATA", "--out", "OUT.parquet"],
     "predict": ["predict", "identity", "--data", "DATA", "--out", "OUT.parquet"],
     "evaluate": ["evaluate", "SUB", "--data", "DATA", "--out", "OUT"],
     "leaderboard": ["leaderboard", "REPORT", "--out", "OUT.html"],

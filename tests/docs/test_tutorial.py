@@ -60,7 +60,7 @@ def test_the_tour(
                 monkeypatch.setattr(sys, "argv", words[1:])
                 runpy.run_path(str(EXAMPLE), run_name="__main__")
     assert set(called) == {
-        "generate", "info", "validate", "view", "predict", "submit-template", "train", "check",
+        "generate", "info", "validate", "view", "predict", "submission", "train", "check",
         "evaluate", "compare", "leaderboard", "publish",
     }  # fmt: skip
     scores = [

@@ -1,0 +1,178 @@
+"""`pliant submission`: tables of answers become submissions; wrong ones name row and column."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from pliant.cli.main import run
+from pliant.evaluator import check, evaluate
+from pliant.spec.io.parquet import read_footer
+
+DATA = Path(__file__).resolve().parents[1] / "data" / "tiny-submission" / "dataset"
+Rows = list[dict[str, Any]]
+
+
+@pytest.fixture(scope="module")
+def rows() -> Rows:
+    """The truth of every query."""
+    truth = pq.read_table(DATA / "truth" / "test.parquet")
+    columns = {"pair_id": "pair_id", "query_id": "query_id", "u": "u_b", "v": "v_b"}
+    return [
+        {name: row[column] for name, column in columns.items()}
+        for row in truth.select([*columns.values()]).to_pylist()
+    ]
+
+
+def separated(separator: str, end: str = "\n") -> Callable[[Rows], bytes]:
+    def text(rows: Rows) -> bytes:
+        lines = [rows[0], *(row.values() for row in rows)]
+        return end.join(separator.join(map(str, line)) for line in lines).encode()
+
+    return text
+
+
+def pandas_parquet(rows: Rows) -> bytes:
+    """What `DataFrame.to_parquet` writes: its own metadata, float ids, the index as a column."""
+    table = pa.Table.from_pylist(
+        [{**row, "pair_id": float(row["pair_id"]), "__index_level_0__": 0} for row in rows]
+    ).replace_schema_metadata({"pandas": "{}"})
+    sink = pa.BufferOutputStream()
+    pq.write_table(table, sink)
+    return sink.getvalue().to_pybytes()
+
+
+FORMATS: dict[str, tuple[str, Callable[[Rows], bytes]]] = {
+    "csv": ("mine.csv", separated(",")),
+    "csv of Windows": ("mine.CSV", lambda rows: b"\xef\xbb\xbf" + separated(",", "\r\n")(rows)),
+    "csv with semicolons": ("mine.csv", separated(";")),
+    "tsv": ("mine.tsv", separated("\t")),
+    "JSON lines": ("mine.jsonl", lambda rows: "\n".join(map(json.dumps, rows)).encode()),
+    "pandas": ("mine.parquet", pandas_parquet),
+}
+
+
+def made(path: Path, *options: str) -> int:
+    out = path.parent / "out.parquet"
+    return run(["submission", str(path), "--data", str(DATA), "--out", str(out), *options])
+
+
+@pytest.mark.parametrize("kind", FORMATS)
+@pytest.mark.parametrize("shuffled", [False, True])
+def test_truth_in_any_format_scores_zero(
+    kind: str, shuffled: bool, rows: Rows, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    name, written = FORMATS[kind]
+    order = np.random.default_rng(0).permutation(len(rows)) if shuffled else range(len(rows))
+    (tmp_path / name).write_bytes(written([rows[row] for row in order]))
+    assert made(tmp_path / name) == 0
+    said = capsys.readouterr().out
+    assert ("left out: __index_level_0__" in said) == (kind == "pandas")
+    assert check(tmp_path / "out.parquet", DATA) == []
+    assert evaluate(tmp_path / "out.parquet", DATA).overall["rmse_px"] == 0
+    assert read_footer(tmp_path / "out.parquet")["method"] == {"name": "mine"}
+
+
+def test_rows_without_ids_are_in_the_order_of_the_queries(rows: Rows, tmp_path: Path) -> None:
+    bare = [{"u": row["u"], "v": row["v"], "visible": 1, "sigma": 2.5} for row in rows]
+    (tmp_path / "mine.csv").write_bytes(separated(",")(bare))
+    assert made(tmp_path / "mine.csv", "--method", "ours") == 0
+    scores = evaluate(tmp_path / "out.parquet", DATA)
+    assert (scores.overall["rmse_px"], scores.method) == (0, "ours")
+    assert pq.read_table(tmp_path / "out.parquet").column_names == [
+        "pair_id", "query_id", "u", "v", "visible", "sigma"
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("text", "code", "message"),
+    [
+        ("u,v\n1,2\n", 1, "one row per query; found 1 rows; required: {n}, in the order"),
+        ("pair_id,query_id,u,v\n0,0,1,2\n", 1, "no answer; found 1 of {n}, none for pair_id"),
+        ("pair_id,query_id,u,v\n0,0,1,2\n0,0,1,2\n", 1, "line 3: this query is answered again"),
+        ("pair_id,query_id,u,v\n0,0,1,2\n77,1,1,2\n", 1, "line 3: there is no such query; found"),
+        ("pair_id,query_id,u,v\n0,0.5,1,2\n", 1, "line 2, column query_id: .* '0.5'; .*whole"),
+        ("u,v\n1,2\n1,\n", 1, "line 3, column v: a value is missing.*found ''"),
+        ("u,v\n1,2\nnan,2\n", 1, "line 3, column u: .*found 'nan'"),
+        ("u,v\n1,2\n2,3\n1,1e99\n", 1, "line 4, column v: .*found '1e99'"),  # of float32
+        ('u,v\n1,"2,5"\n', 1, "line 2, column v: .*found '2,5'; required: a number, such as 320.5"),
+        (f"u,v\n1,{'7' * 200_000}x\n", 1, r"line 2, column v: .*… \(200003 characters\)"),
+        ("u,v\n1,2,3\n", 2, "cannot be read; found .*Expected 2 columns, got 3"),
+        ("x,y\n1,2\n", 2, "columns are not those of a submission; found x, y; required: u, v"),
+        ("pair_id,u,v\n1,2,3\n", 2, "found pair_id, u, v; .*both or neither of pair_id and quer"),
+        ("u,u,v\n1,2,3\n", 2, "columns are not those of a submission; found u, u, v"),
+        ("", 2, "cannot be read; found Empty CSV file"),
+        ("\udcff\n", 2, "cannot be read"),
+    ],
+)  # fmt: skip
+def test_a_wrong_table_names_row_and_column(
+    text: str, code: int, message: str, rows: Rows, tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    path = tmp_path / "mine.csv"
+    path.write_bytes(text.encode(errors="surrogateescape"))
+    assert made(path) == code
+    error = capsys.readouterr().err
+    assert re.search(message.replace("{n}", str(len(rows))), error), error
+    assert len(error) < 1000
+    assert not (tmp_path / "out.parquet").exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("a.jsonl", b'{"u": 1, "v": 2}\n[1, 2]\n', r"line 2: this is not JSON lines; found \[1"),
+        ("a.jsonl", b'{"u": 1, "v": "x"}\n', "line 1, column v: .*found 'x'"),
+        ("a.jsonl", b'{"u": 1, "v": null}\n', "line 1, column v: .*found None"),
+        ("a.jsonl", b"[" * 100_000, "line 1: this is not JSON lines"),
+        ("a.parquet", b"PAR1", "cannot be read"),
+        ("a.xlsx", b"PK", "found .xlsx; required: a .csv, .tsv, .jsonl or .parquet file"),
+        ("a.npy", None, "file not found"),
+    ],
+)
+def test_other_files(
+    name: str, content: bytes | None, message: str, tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    if content is not None:
+        (tmp_path / name).write_bytes(content)
+    assert made(tmp_path / name) in (1, 2)
+    error = capsys.readouterr().err
+    assert re.search(message, error), error
+    assert "Traceback" not in error
+
+
+def test_some_answers_are_enough_where_that_is_said(rows: Rows, tmp_path: Path) -> None:
+    (tmp_path / "mine.csv").write_bytes(separated(",")(rows[3:7][::-1]))
+    assert made(tmp_path / "mine.csv", "--allow-missing") == 0
+    table = pq.read_table(tmp_path / "out.parquet")
+    assert table["query_id"].to_pylist() == [row["query_id"] for row in rows[3:7]]
+
+
+def test_matches(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "mine.tsv"
+    header = "score\tpair_id\tu_a\tv_a\tu\tv\n"
+    path.write_text(f"{header}0.5\t1\t2.5\t3.5\t4\t5\n0.25\t0\t1\t1\t2\t2\n")
+    assert made(path, "--kind", "matches") == 0
+    table = pq.read_table(tmp_path / "out.parquet")
+    assert table["pair_id"].to_pylist() == [0, 1]
+    assert table["score"].to_pylist() == [0.25, 0.5]
+    assert check(tmp_path / "out.parquet", DATA) == []
+    path.write_text(f"{header}0.5\t9999\t2.5\t3.5\t4\t5\n")
+    assert made(path, "--kind", "matches") == 1
+    assert "line 2: there is no such pair; found pair_id 9999" in capsys.readouterr().err
+
+
+def test_a_file_that_is_no_submission_is_kept(rows: Rows, tmp_path: Path) -> None:
+    (tmp_path / "mine.csv").write_bytes(separated(",")(rows))
+    (tmp_path / "out.parquet").write_text("precious")
+    assert made(tmp_path / "mine.csv") == 2
+    assert (tmp_path / "out.parquet").read_text() == "precious"
