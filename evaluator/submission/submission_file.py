@@ -37,7 +37,7 @@ OPTIONAL: Final[dict[str, dict[str, str]]] = {
     "matches": {},
 }
 _TEMPLATE: Final = (
-    "The footer is JSON under the key `pliant` of the file's metadata. A table of answers becomes a "
+    "The footer is JSON under the key `pliant` of the file's metadata. A table becomes a "
     "submission by: pliant submission ANSWERS --data DATA --out SUB.parquet"
 )
 

@@ -1,4 +1,4 @@
-"""`pliant submission` without answers: refused with every row named until it is filled, then scored."""
+"""`pliant submission` without answers: refused with every row named, then filled and scored."""
 
 from __future__ import annotations
 
