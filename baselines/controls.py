@@ -12,6 +12,7 @@ import pyarrow.compute as pc
 
 from pliant.baselines.pixels import central_position, pixel_centres, searched_mask
 from pliant.spec.answers import Answers
+from pliant.spec.calls import check_type
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, SpecError
 from pliant.spec.frame import Pair
@@ -51,6 +52,7 @@ class RandomInMask:
     name = "random"
 
     def __init__(self, seed: int = 0) -> None:
+        check_type("seed", seed, int, required="a whole number")
         self._seed = seed
 
     def describe(self) -> Mapping[str, Any]:

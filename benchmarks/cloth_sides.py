@@ -19,14 +19,14 @@ from scipy.spatial import cKDTree
 
 from pliant.generator.objects.cloth.sampling import MIRRORS
 from pliant.loaders.frame_store import FrameStore
-from pliant.loaders.views import FrameView
+from pliant.loaders.views import TrainingFrame
 from pliant.spec.dataset import Dataset
 
 NEIGHBOURS = 8
 LEAST_VISIBLE = 3
 
 
-def shows_underside(view: FrameView, material: npt.NDArray[np.float64]) -> bool:
+def shows_underside(view: TrainingFrame, material: npt.NDArray[np.float64]) -> bool:
     """Return whether most visible points see the material mirrored.
 
     Args:

@@ -60,7 +60,7 @@ def measure(quick: bool) -> dict[str, Value]:
         def decode(start: int) -> None:
             for number in range(2 * sequences):
                 ref = stored.store.frames[(start + number) % sequences]
-                ref.sequence.rgb(ref.frame)
+                ref.sequence.rgb(ref.index)
 
         bare[0], stored[0]  # what is only done once
         decode(0)

@@ -16,7 +16,8 @@ import numpy.typing as npt
 from PIL import Image
 
 from pliant.loaders.recolouring import noisy_depth, recolour, recolour_regions, replace_background
-from pliant.loaders.views import FrameView
+from pliant.loaders.views import TrainingFrame
+from pliant.spec.calls import check_type
 from pliant.spec.configuration import configuration
 from pliant.spec.constraints import Bounds, Refused, Share
 
@@ -58,6 +59,20 @@ class AugmentSettings:
     def __post_init__(self) -> None:
         if 0.5 <= self.margin < 1:
             raise Refused("0 to below 0.5, or 1 for none", "margin")
+
+
+def check_augmentation(augmentation: object) -> None:
+    """Refuse what is neither `AugmentSettings` nor None.
+
+    Raises:
+        CallError: It is something else.
+    """
+    check_type(
+        "augmentation",
+        augmentation,
+        (AugmentSettings, type(None)),
+        required="AugmentSettings(...) or None",
+    )
 
 
 def rotation_about_centre(
@@ -114,7 +129,7 @@ def placement_in_image(
     return np.column_stack([factor * turn, middle - factor * (low + high) / 2])
 
 
-def warp_view(view: FrameView, affine: npt.NDArray[np.float64]) -> FrameView:
+def warp_view(view: TrainingFrame, affine: npt.NDArray[np.float64]) -> TrainingFrame:
     """Return a frame moved by an affine map of its pixel coordinates.
 
     The image is interpolated bilinearly, mask and depth take the nearest pixel, the points
@@ -149,7 +164,15 @@ def warp_view(view: FrameView, affine: npt.NDArray[np.float64]) -> FrameView:
     depth_m = np.asarray(moved(view.depth_m, nearest, math.inf))
     uv = (view.uv_px.astype(np.float64) @ affine[:, :2].T + affine[:, 2]).astype(np.float32)
     inside = (uv >= 0).all(axis=1) & (uv < size).all(axis=1)
-    return FrameView(rgb, mask, objects, depth_m, uv, view.visible & inside)
+    return replace(
+        view,
+        rgb=rgb,
+        mask=mask,
+        objects=objects,
+        depth_m=depth_m,
+        uv_px=uv,
+        visible=view.visible & inside,
+    )
 
 
 def _inverse(affine: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
@@ -160,7 +183,7 @@ def _inverse(affine: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
 
 
 def draw_placement(
-    rng: np.random.Generator, views: Sequence[FrameView], settings: AugmentSettings
+    rng: np.random.Generator, views: Sequence[TrainingFrame], settings: AugmentSettings
 ) -> npt.NDArray[np.float64] | None:
     """Draw one map of pixel coordinates for all of some frames.
 
@@ -186,10 +209,10 @@ def draw_placement(
 
 def augment(
     rng: np.random.Generator,
-    view: FrameView,
+    view: TrainingFrame,
     settings: AugmentSettings,
     affine: npt.NDArray[np.float64] | None,
-) -> FrameView:
+) -> TrainingFrame:
     """Return a randomly changed frame, its truth changed along.
 
     Args:

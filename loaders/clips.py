@@ -8,12 +8,18 @@ import numpy as np
 import torch
 from torch.utils.data import Dataset as TorchDataset
 
-from pliant.loaders.augment import AugmentSettings, rotation_about_centre, warp_view
-from pliant.loaders.frame_store import FrameStore
+from pliant.loaders.augment import (
+    AugmentSettings,
+    check_augmentation,
+    rotation_about_centre,
+    warp_view,
+)
+from pliant.loaders.frame_store import FrameStore, check_store
 from pliant.loaders.inputs import InputKind, NetworkInput
 from pliant.loaders.order import sample_generator
 from pliant.loaders.recolouring import recolour
-from pliant.loaders.views import FrameView
+from pliant.loaders.views import TrainingFrame
+from pliant.spec.calls import check_whole
 from pliant.spec.errors import CallError
 
 
@@ -52,8 +58,13 @@ class ClipDataset(TorchDataset[dict[str, torch.Tensor]]):
         seed: int = 0,
         augmentation: AugmentSettings | None = None,
     ) -> None:
-        if length < 2 or step < 1 or queries < 1:
-            raise CallError("a clip needs length >= 2, step >= 1 and queries >= 1")
+        check_store(store)
+        check_whole("length", length, 2)
+        check_whole("step", step, 1)
+        check_whole("step_max", step if step_max is None else step_max, 1)
+        check_whole("queries", queries, 1)
+        check_whole("seed", seed)
+        check_augmentation(augmentation)
         self.store = store
         self.length, self.queries = length, queries
         self.input = NetworkInput(input)
@@ -73,7 +84,7 @@ class ClipDataset(TorchDataset[dict[str, torch.Tensor]]):
         return [
             number
             for number, ref in enumerate(self.store.frames)
-            if ref.sequence.temporal and ref.frame + span < ref.sequence.frames
+            if ref.sequence.temporal and ref.index + span < ref.sequence.frames
         ]
 
     def __len__(self) -> int:
@@ -106,8 +117,8 @@ class ClipDataset(TorchDataset[dict[str, torch.Tensor]]):
         }
 
     def _augmented(
-        self, rng: np.random.Generator, views: list[FrameView], settings: AugmentSettings
-    ) -> list[FrameView]:
+        self, rng: np.random.Generator, views: list[TrainingFrame], settings: AugmentSettings
+    ) -> list[TrainingFrame]:
         """Return the frames moved and tinted alike, each with its own noise."""
         angle = float(np.radians(rng.uniform(-settings.rotate_deg, settings.rotate_deg)))
         factor = float(np.exp(rng.uniform(-1, 1) * np.log1p(settings.scale)))
@@ -134,6 +145,7 @@ class FrameDataset(TorchDataset[dict[str, torch.Tensor]]):
     """
 
     def __init__(self, store: FrameStore, input: InputKind = "rgb") -> None:
+        check_store(store)
         self.store = store
         self.input = NetworkInput(input)
 
@@ -142,7 +154,7 @@ class FrameDataset(TorchDataset[dict[str, torch.Tensor]]):
 
     def __getitem__(self, index: int) -> dict[str, torch.Tensor]:
         if not 0 <= index < len(self):
-            raise IndexError(index)
+            raise IndexError(f"frame {index} of {len(self)}")
         view = self.store.view(index)
         known = np.isfinite(view.uv_px).all(axis=-1)
         return {

@@ -10,35 +10,23 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import dataclass, fields
+import operator
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
-from pliant.loaders.views import FrameView, read_view, surface_points
+from pliant.loaders.views import TrainingFrame, read_training_frame, surface_points
+from pliant.spec.calls import PATH, check_type, check_whole
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
+from pliant.spec.io.allocation import allocate
 from pliant.spec.model import Tier
-from pliant.spec.sequence import SequenceRecord
 from pliant.spec.storage import layout
 
-_STORED: Final = tuple(field.name for field in fields(FrameView))
-"""What a record keeps."""
-
-
-@dataclass(frozen=True)
-class FrameRef:
-    """Which frame of which sequence."""
-
-    sequence: SequenceRecord
-    frame: int
-
-    @property
-    def key(self) -> str:
-        """`SEQUENCE/FRAME`, unique in the dataset."""
-        return f"{self.sequence.id}/{self.frame}"
+_STORED: Final = ("rgb", "mask", "objects", "depth_m", "uv_px", "visible")
+"""What a record keeps of a `TrainingFrame`."""
 
 
 def named_tier(dataset: Dataset, name: str) -> Tier:
@@ -83,9 +71,22 @@ class FrameStore:
         split: str,
         size: tuple[int, int] = (160, 120),
         *,
-        cache: Path | None = None,
+        cache: Path | str | None = None,
         limit: int | None = None,
     ) -> None:
+        fix = 'Open it: FrameStore(pliant.load("DATA"), tier, split)'
+        check_type("dataset", dataset, Dataset, fix=fix)
+        check_type("tier", tier, str)
+        check_type("split", split, str)
+        check_type("size", size, (tuple, list), required="(width, height), pixels")
+        for side in size:
+            check_whole("size", side, 1)
+        if len(size) != 2:
+            raise CallError("wrong size", found=size, required="(width, height), pixels")
+        check_type("cache", cache, (*PATH, type(None)), required="a folder or None")
+        check_type("limit", limit, (int, type(None)), required="a whole number or None")
+        if limit is not None:
+            check_whole("limit", limit, 1)
         self.tier = named_tier(dataset, tier)
         sequences = [s for s in dataset.sequences if s.tier == tier and s.split == split][:limit]
         if not sequences:
@@ -99,7 +100,7 @@ class FrameStore:
         self.full_size = dataset.size
         self.where = f"tier {tier}, split {split}"
         self.root = dataset.root
-        self.frames = [FrameRef(s, f) for s in sequences for f in range(s.frames)]
+        self.frames = [frame for sequence in sequences for frame in sequence]
         points = sequences[0].points()
         ids = self._surface_points = surface_points(sequences[0], self.tier.queried_object)
         self.material = np.stack([points["m0"].to_numpy(), points["m1"].to_numpy()], axis=1)[ids]
@@ -113,8 +114,11 @@ class FrameStore:
                     [dataset.info, tier, split, size, limit, _STORED], sort_keys=True
                 ).encode()
             ).hexdigest()[:16]
-            cache.mkdir(parents=True, exist_ok=True)
-            self._path = cache / f"{tier}-{split}-{size[0]}x{size[1]}-{digest}.frames"
+            folder = Path(cache)
+            if folder.exists() and not folder.is_dir():
+                raise CallError("this is not a folder", path=folder, where="cache")
+            folder.mkdir(parents=True, exist_ok=True)
+            self._path = folder / f"{tier}-{split}-{size[0]}x{size[1]}-{digest}.frames"
 
     @property
     def points(self) -> int:
@@ -124,7 +128,7 @@ class FrameStore:
     def __len__(self) -> int:
         return len(self.frames)
 
-    def view(self, index: int) -> FrameView:
+    def view(self, index: int) -> TrainingFrame:
         """Return a frame.
 
         Args:
@@ -133,6 +137,8 @@ class FrameStore:
         Raises:
             SpecError: A file of it is missing or damaged.
         """
+        if not 0 <= operator.index(index) < len(self):
+            raise IndexError(f"frame {index} of {len(self)} frames of {self.where}")
         if self._path is None:
             return self._decode(index)
         if self._records is None:  # opened on first use: each worker process maps the file itself
@@ -144,12 +150,11 @@ class FrameStore:
                 self._records[name][index] = getattr(view, name)
             self._records["done"][index] = 1  # last: a half-written record is decoded again
             return view
-        return FrameView(**{name: np.array(record[name]) for name in _STORED})
+        stored: dict[str, Any] = {name: np.array(record[name]) for name in _STORED}
+        return TrainingFrame(**stored, key=self.frames[index].key)
 
-    def _decode(self, index: int) -> FrameView:
-        ref = self.frames[index]
-        queried = self.tier.queried_object
-        return read_view(ref.sequence, ref.frame, queried, self.size, self._surface_points)
+    def _decode(self, index: int) -> TrainingFrame:
+        return read_training_frame(self.frames[index], self.size, self._surface_points)
 
     def _open(self, path: Path) -> npt.NDArray[np.void]:
         width, height = self.size
@@ -164,13 +169,22 @@ class FrameStore:
                 ("visible", np.bool_, (self.points,)),
             ]
         )
-        with open(path, "ab") as file:
-            file.truncate(record.itemsize * len(self))  # sparse: no byte is written yet
+        allocate(path, record.itemsize * len(self), "the cache of decoded frames")
         return np.memmap(path, dtype=record, mode="r+", shape=(len(self),))
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave the mapping out: a worker opens its own."""
         return {**self.__dict__, "_records": None}
+
+
+def check_store(store: object) -> None:
+    """Refuse what is not a `FrameStore`.
+
+    Raises:
+        CallError: It is something else.
+    """
+    fix = 'Make one: FrameStore(pliant.load("DATA"), "rope", "train")'
+    check_type("store", store, FrameStore, fix=fix)
 
 
 def _partners(

@@ -45,6 +45,13 @@ class NetworkInput:
     masks: bool = False
 
     def __post_init__(self) -> None:
+        if self.kind not in IMAGE_CHANNELS:
+            raise CallError(
+                "unknown kind of network input",
+                where="input",
+                found=repr(self.kind),
+                required="one of " + ", ".join(IMAGE_CHANNELS),
+            )
         if not self.names:
             raise CallError(
                 "a network that sees silhouettes needs the masks",

@@ -9,7 +9,7 @@ import numpy.typing as npt
 from PIL import Image, ImageFilter
 
 from pliant.loaders.augment import AugmentSettings
-from pliant.loaders.views import FrameView
+from pliant.loaders.views import TrainingFrame
 
 Mask = npt.NDArray[np.bool_]
 
@@ -19,7 +19,7 @@ _HOLE_SHARE: Final = 0.04
 
 
 def given_masks(
-    rng: np.random.Generator, view: FrameView, settings: AugmentSettings
+    rng: np.random.Generator, view: TrainingFrame, settings: AugmentSettings
 ) -> tuple[Mask | None, Mask | None]:
     """Return the masks that the network is given in a training step.
 

@@ -7,6 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 from torch.utils.data import Sampler
 
+from pliant.spec.calls import check_whole
+
 
 class StepOrder(Sampler[list[int]]):
     """Batches of sample numbers, step after step; step k never depends on where a run began.
@@ -23,6 +25,11 @@ class StepOrder(Sampler[list[int]]):
     """
 
     def __init__(self, batch: int, start: int, stop: int, *, rank: int = 0, world: int = 1) -> None:
+        check_whole("batch", batch, 1)
+        check_whole("start", start)
+        check_whole("stop", stop)
+        check_whole("world", world, 1)
+        check_whole("rank", rank, 0, world - 1)
         self.batch, self.start, self.stop = batch, start, stop
         self.rank, self.world = rank, world
 
@@ -42,5 +49,12 @@ def sample_generator(seed: int, sample: int, stream: int = 0) -> np.random.Gener
         seed: The run's seed, >= 0.
         sample: The sample's number, >= 0.
         stream: Which dataset (training 0, validation 1 …).
+
+    Raises:
+        IndexError: The number is negative.
+        CallError: It is not a number.
     """
+    if isinstance(sample, int) and sample < 0:
+        raise IndexError(f"sample {sample}: samples are numbered from 0")
+    check_whole("index", sample)
     return np.random.default_rng(np.random.SeedSequence([seed, stream, sample]))

@@ -11,13 +11,14 @@ import numpy.typing as npt
 import torch
 from torch.utils.data import Dataset as TorchDataset
 
-from pliant.loaders.augment import AugmentSettings, augment, draw_placement
-from pliant.loaders.frame_store import FrameStore
+from pliant.loaders.augment import AugmentSettings, augment, check_augmentation, draw_placement
+from pliant.loaders.frame_store import FrameStore, check_store
 from pliant.loaders.inputs import InputKind, NetworkInput
 from pliant.loaders.masks import given_masks
 from pliant.loaders.order import sample_generator
 from pliant.loaders.orientation import Orientation
-from pliant.loaders.views import FrameView
+from pliant.loaders.views import TrainingFrame
+from pliant.spec.calls import check_type, check_whole
 from pliant.spec.configuration import configuration
 from pliant.spec.constraints import Bounds, Count
 from pliant.spec.errors import CallError
@@ -102,7 +103,18 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
         augmentation: AugmentSettings | None = None,
         orientation: bool = False,
     ) -> None:
+        check_store(store)
+        check_type("settings", settings, (PairSettings, type(None)), required="PairSettings")
+        check_whole("seed", seed)
+        check_augmentation(augmentation)
         self.store, self.settings = store, settings or PairSettings()
+        if orientation and self.settings.matches != "points":
+            raise CallError(
+                "the orientation needs matches from the points",
+                where="orientation",
+                found=f"matches={self.settings.matches!r}",
+                fix='Use PairSettings(matches="points")',
+            )
         self.seed, self.augmentation = seed, augmentation
         self._orientation: Orientation | None = None
         if orientation:
@@ -148,8 +160,8 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
         return {**self._tensors(rng, frames, views, action), **extra}
 
     def _augmented(
-        self, rng: np.random.Generator, views: list[FrameView], settings: AugmentSettings
-    ) -> tuple[list[FrameView], float]:
+        self, rng: np.random.Generator, views: list[TrainingFrame], settings: AugmentSettings
+    ) -> tuple[list[TrainingFrame], float]:
         """Return the changed views, and by how much distances between them have grown.
 
         Frames of one sequence are moved together: were each turned on its own, a point at rest
@@ -186,7 +198,7 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
         return rng.choice(group, size=self.settings.views, replace=False)
 
     def _draw_points(
-        self, rng: np.random.Generator, views: list[FrameView]
+        self, rng: np.random.Generator, views: list[TrainingFrame]
     ) -> npt.NDArray[np.intp]:
         """Return the rows of Q points, intp (Q,), seen in two views or more where there are any."""
         seen = np.stack([view.visible for view in views]).sum(axis=0)  # (P,)
@@ -197,12 +209,12 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
         return rng.choice(candidates, size=count, replace=len(candidates) < count)
 
     def _surface_matches(
-        self, rng: np.random.Generator, frames: npt.NDArray[np.int64], views: list[FrameView]
-    ) -> list[FrameView]:
+        self, rng: np.random.Generator, frames: npt.NDArray[np.int64], views: list[TrainingFrame]
+    ) -> list[TrainingFrame]:
         """Return the views with points drawn from the first one's surface, found in the others."""
         tier, count = self.store.tier, self.settings.queries
         refs = [self.store.frames[frame] for frame in frames]
-        surfaces = [ref.sequence.surface(ref.frame) for ref in refs]
+        surfaces = [ref.sequence.surface(ref.index) for ref in refs]
         _, material = draw_surface_pixels(rng, surfaces[0], tier.queried_object, count)
         orbit = tier.orbit(material).reshape(-1, 2)
         scale = np.array(self.store.size) / np.array(self.store.full_size)
@@ -216,7 +228,7 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
         return matched
 
     def _action_px(
-        self, frames: npt.NDArray[np.int64], views: list[FrameView]
+        self, frames: npt.NDArray[np.int64], views: list[TrainingFrame]
     ) -> npt.NDArray[np.float32]:
         action = np.full((len(views), len(views)), np.inf, dtype=np.float32)
         refs = [self.store.frames[frame] for frame in frames]
@@ -233,7 +245,7 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
         self,
         rng: np.random.Generator,
         frames: npt.NDArray[np.int64],
-        views: list[FrameView],
+        views: list[TrainingFrame],
         action: npt.NDArray[np.float32],
     ) -> dict[str, torch.Tensor]:
         slots = 1 + len(self.store.tier.symmetries)
@@ -252,7 +264,7 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
         }
         return {name: torch.from_numpy(np.ascontiguousarray(a)) for name, a in sample.items()}
 
-    def _image(self, rng: np.random.Generator, view: FrameView) -> npt.NDArray[np.float32]:
+    def _image(self, rng: np.random.Generator, view: TrainingFrame) -> npt.NDArray[np.float32]:
         seen = self.settings.network_input
         masks: tuple[npt.NDArray[np.bool_] | None, ...] = (view.mask, view.objects)
         if seen.masks and self.augmentation is not None:
@@ -269,6 +281,14 @@ class MixedPairs(TorchDataset[dict[str, torch.Tensor]]):
     """
 
     def __init__(self, parts: Sequence[PairDataset], seed: int = 0) -> None:
+        check_type("parts", parts, (list, tuple), required="a list of PairDataset")
+        for part in parts:
+            check_type("parts", part, PairDataset)
+        check_whole("seed", seed)
+        if not parts:
+            raise CallError(
+                "there is no dataset to draw from", where="parts", found="an empty list"
+            )
         self.parts, self.seed = list(parts), seed
         self._ends = np.cumsum([len(part) for part in self.parts])
 

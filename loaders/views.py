@@ -12,15 +12,18 @@ import pyarrow.compute as pc
 from PIL import Image
 
 from pliant.spec.errors import SpecError
+from pliant.spec.frame import Frame
 from pliant.spec.io.resizing import resize_nearest
-from pliant.spec.sequence import SequenceRecord
+from pliant.spec.sequence import RecordedFrame, SequenceRecord
 
 _COVERED: Final = 0.5
 
 
-@dataclass(frozen=True)
-class FrameView:
-    """One frame at a working size (w, h), in that size's own pixels.
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class TrainingFrame(Frame):
+    """One frame at a working size (w, h), in that size's own pixels, with its ground truth.
+
+    `replace` returns the frame without it.
 
     Attributes:
         rgb: uint8 (h, w, 3), sRGB.
@@ -31,7 +34,6 @@ class FrameView:
         visible: bool (P,), True where the camera sees the point.
     """
 
-    rgb: npt.NDArray[np.uint8]
     mask: npt.NDArray[np.bool_]
     objects: npt.NDArray[np.bool_]
     depth_m: npt.NDArray[np.float32]
@@ -94,19 +96,13 @@ def _equals(column: pa.ChunkedArray, text: str) -> npt.NDArray[np.bool_]:
     return np.asarray(pc.equal(column, text).combine_chunks().to_numpy(zero_copy_only=False))
 
 
-def read_view(
-    sequence: SequenceRecord,
-    frame: int,
-    queried_object: int,
-    size: tuple[int, int],
-    points: npt.NDArray[np.intp],
-) -> FrameView:
+def read_training_frame(
+    frame: RecordedFrame, size: tuple[int, int], points: npt.NDArray[np.intp]
+) -> TrainingFrame:
     """Read a frame and bring it to a working size, the truth with it.
 
     Args:
-        sequence: The sequence.
-        frame: 0 to frames - 1.
-        queried_object: Object id that the mask shows.
+        frame: The frame.
         size: (w, h).
         points: intp (P,), ids of the points to keep (`surface_points`).
 
@@ -116,22 +112,24 @@ def read_view(
     Raises:
         SpecError: A file is missing or damaged, or the tables disagree.
     """
-    surface = sequence.surface(frame)
-    table = sequence.correspondences(frame)
+    sequence = frame.sequence
+    surface = sequence.surface(frame.index)  # not `frame.surface`: each is needed only once
+    table = sequence.correspondences(frame.index)
     if table.num_rows <= points.max(initial=-1):
         raise SpecError(
             "the correspondences hold fewer points than points.parquet",
             path=sequence.dir,
-            where=f"frame {frame}",
+            where=f"frame {frame.index}",
             found=table.num_rows,
         )
     scale = np.array([size[0] / sequence.size[0], size[1] / sequence.size[1]])
     uv_full = np.stack([table["u_px"].to_numpy(), table["v_px"].to_numpy()], axis=1)[points]
-    return FrameView(
-        rgb=resize_rgb(sequence.rgb(frame), size),
-        mask=resize_mask(surface.object_id == queried_object, size),
+    return TrainingFrame(
+        rgb=resize_rgb(sequence.rgb(frame.index), size),
+        mask=resize_mask(frame.queried_in(surface.object_id), size),
         objects=resize_mask(surface.object_id > 0, size),
         depth_m=resize_nearest(surface.depth_m, size),
+        key=frame.key,
         uv_px=(uv_full * scale).astype(np.float32),
         visible=_equals(table["visibility"], "visible")[points],
     )

@@ -7,8 +7,10 @@ import re
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
+from pliant.spec.answers import Answers
+from pliant.spec.calls import PATH, check_type, check_whole
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
 
@@ -17,20 +19,23 @@ if TYPE_CHECKING:
     import numpy.typing as npt
     import pyarrow as pa
 
-    from pliant.baselines import (Matcher, SplitMatcher)
+    from pliant.baselines import Matcher, SplitMatcher
     from pliant.baselines.adapters import MatchFunction
     from pliant.baselines.predict import SplitAnswers
     from pliant.evaluator.scores import Scores
     from pliant.spec.validation.validate import Report
 
+_ANSWERS: Final = (
+    "what predict returns, the path of a submission, a table, or positions (N, 2) in pixels"
+)
 _HUB_ID = re.compile(r"[A-Za-z0-9][\w.-]*/[A-Za-z0-9][\w.-]*")
 
 
-def load(source: Path | str) -> Dataset:
+def load(source: Dataset | Path | str) -> Dataset:
     """Open a dataset.
 
     Args:
-        source: Its folder, a URL that fsspec knows (`s3://`, `https://`), or the id of a dataset
+        source: An open dataset (returned as it is), its folder, a URL that fsspec knows (`s3://`, `https://`), or the id of a dataset
             on the Hugging Face Hub (`USER/NAME`) where no such folder exists. `sample` is the
             small dataset of ropes that the package contains.
 
@@ -38,6 +43,11 @@ def load(source: Path | str) -> Dataset:
         SpecError: It is not a dataset, or its version cannot be read.
         MissingExtraError: A URL or Hub id, and the extra `publish` is not installed.
     """
+    if isinstance(source, Dataset):
+        return source
+    check_type(
+        "dataset", source, PATH, required="a folder, a URL, a Hub id (USER/NAME) or a Dataset"
+    )
     text = str(source)
     if "://" not in text and not Path(text).exists() and _HUB_ID.fullmatch(text):
         return Dataset.open(f"hf://datasets/{text}")
@@ -64,6 +74,7 @@ def open_method(method: str, **options: Any) -> Matcher | SplitMatcher:
     from pliant.models import load_matcher
     from pliant.models.shipped import load_shipped, shipped_names
 
+    check_type("method", method, str, required="the name of a method")
     if method in METHODS:
         made: Matcher | SplitMatcher = make(METHODS[method], method, options)
         return made
@@ -122,8 +133,12 @@ def predict(
     """
     from pliant.baselines.predict import answer
 
-    chosen: Any = open_method(method) if isinstance(method, str) else method
-    opened = dataset if isinstance(dataset, Dataset) else load(dataset)
+    opened = load(dataset)
+    check_type("split", split, str)
+    check_whole("workers", workers, 1)
+    if progress is not None and not callable(progress):
+        raise CallError("the argument must be a function", where="progress", found=repr(progress))
+    chosen: Any = open_method(str(method)) if isinstance(method, PATH) else method
     return answer(opened, split, chosen, workers=workers, progress=progress)
 
 
@@ -156,7 +171,13 @@ def evaluate(
     from pliant.evaluator import evaluate as evaluate_file
     from pliant.evaluator import evaluate_answers
 
-    opened = dataset if isinstance(dataset, Dataset) else load(dataset)
+    opened = load(dataset)
+    check_type("split", split, str)
+    check_type("truth", truth, (*PATH, type(None)), required="a file, a folder or None")
+    check_type("protocol", protocol, (str, type(None)), required="the name of a protocol or None")
+    check_type("allow_missing", allow_missing, bool)
+    if answers is None or isinstance(answers, Dataset | Answers | int | float | bool):
+        check_type("answers", answers, SplitAnswers, required=_ANSWERS)
     if isinstance(answers, str | Path):
         return evaluate_file(
             answers, opened, truth=truth, protocol=protocol, allow_missing=allow_missing
@@ -191,6 +212,8 @@ def validate(dataset: Dataset | Path | str, *, workers: int = 1) -> Report:
     """
     from pliant.spec.validation.validate import validate as validate_folder
 
+    check_type("dataset", dataset, (Dataset, *PATH), required="a folder or a Dataset")
+    check_whole("workers", workers, 1)
     return validate_folder(
         dataset.root if isinstance(dataset, Dataset) else dataset, workers=workers
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 import re
 from collections import Counter
 from collections.abc import Iterator
@@ -12,6 +13,7 @@ from typing import Any, Final
 
 import pyarrow as pa
 
+from pliant.spec.calls import check_whole
 from pliant.spec.conventions import SPEC_VERSION, SPLITS
 from pliant.spec.errors import CallError, SpecError
 from pliant.spec.io.jsonfiles import read_json
@@ -218,7 +220,9 @@ class Dataset:
 
     def frame(self, sequence_id: str, index: int) -> RecordedFrame:
         """Return a frame by the id of its sequence and its index; its files are read later."""
-        return RecordedFrame(self.sequence(sequence_id), index)
+        sequence = self.sequence(sequence_id)
+        check_whole("index", index, 0, sequence.frames - 1)
+        return RecordedFrame(sequence, index)
 
     def frames(self, split: str | None = None, tier: str | None = None) -> list[RecordedFrame]:
         """Return the frames of the dataset, of one split, of one tier.
@@ -249,7 +253,12 @@ class Dataset:
 
     def __getitem__(self, key: int | str) -> SequenceRecord:
         """Return a sequence by its id, or by its place in `sequences.parquet`."""
-        return self.sequence(key) if isinstance(key, str) else self.sequences[key]
+        if isinstance(key, str):
+            return self.sequence(key)
+        number = operator.index(key)
+        if not -len(self) <= number < len(self):
+            raise IndexError(f"the dataset has {len(self)} sequences, and no sequence {number}")
+        return self.sequences[number]
 
     def __repr__(self) -> str:
         splits = Counter(each.split for each in self.sequences)

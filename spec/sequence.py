@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -81,7 +82,10 @@ class SequenceRecord:
         Raises:
             IndexError: The sequence has no such frame.
         """
-        return RecordedFrame(self, range(self.frames)[frame])
+        try:
+            return RecordedFrame(self, range(self.frames)[operator.index(frame)])
+        except IndexError:
+            raise IndexError(f"{self.id} has {self.frames} frames, and no frame {frame}") from None
 
     def __iter__(self) -> Iterator[RecordedFrame]:
         return (RecordedFrame(self, frame) for frame in range(self.frames))

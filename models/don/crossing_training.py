@@ -18,9 +18,8 @@ from torch.nn import functional
 
 from pliant.baselines.tracing import self_crossings
 from pliant.loaders.frame_store import FrameStore
-from pliant.loaders.views import FrameView
+from pliant.loaders.views import TrainingFrame
 from pliant.models.don.crossings import LEAST_APART, picture_of
-from pliant.models.don.validation import as_view
 from pliant.models.networks.crossing_network import (
     CrossingNetwork,
     CrossingPatches,
@@ -70,7 +69,7 @@ def _labelled(
     along = store.material[:, 0]
     for number in range(min(most, len(store))):
         frame = store.view(number)
-        view = as_view(frame, store.frames[number].key)
+        view = frame.replace()
         picture = picture_of(view, depth=depth)
         line = _middle_line(frame, along)
         if picture is None or line is None:
@@ -96,7 +95,7 @@ def _labelled(
 
 
 def _middle_line(
-    frame: FrameView, along: npt.NDArray[np.floating[Any]]
+    frame: TrainingFrame, along: npt.NDArray[np.floating[Any]]
 ) -> npt.NDArray[np.float64] | None:
     """Return the rope's middle at 100 shares of its length, px; None if a stretch has no point."""
     bins = np.clip((along * _BINS).astype(np.int64), 0, _BINS - 1)

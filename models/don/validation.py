@@ -11,10 +11,9 @@ import numpy.typing as npt
 from pliant.evaluator.metrics.errors import endpoint_error_px, rmse_px
 from pliant.loaders.frame_store import FrameStore
 from pliant.loaders.order import sample_generator
-from pliant.loaders.views import FrameView
 from pliant.models.don.matcher import DonMatcher
 from pliant.spec.errors import CallError
-from pliant.spec.frame import Frame, Pair
+from pliant.spec.frame import Pair
 
 Float32 = npt.NDArray[np.float32]
 VALIDATION_STREAM = 1
@@ -75,8 +74,8 @@ def draw_validation_pairs(
         orbit = np.column_stack([points, store.partners[points]])  # (Q, 1 + S)
         drawn.append(
             ValidationPair(
-                source=as_view(view_a, f"{store.root}/{store.frames[a].key}"),
-                target=as_view(view_b, f"{store.root}/{store.frames[b].key}"),
+                source=view_a.replace(key=f"{store.root}/{store.frames[a].key}"),
+                target=view_b.replace(key=f"{store.root}/{store.frames[b].key}"),
                 uv_a_px=view_a.uv_px[points],
                 uv_b_px=np.nan_to_num(view_b.uv_px[orbit]),
                 visible=view_b.visible[orbit] & np.isfinite(view_b.uv_px[orbit]).all(axis=2),
@@ -85,17 +84,6 @@ def draw_validation_pairs(
     if not drawn:
         raise CallError("no validation pair has a visible point", found=f"{pairs} pairs tried")
     return drawn
-
-
-def as_view(view: FrameView, key: str) -> Frame:
-    """Return a stored frame as methods see it.
-
-    Args:
-        view: The frame.
-        key: Its name, another for every frame that one method sees: frames of two datasets may
-            share the name within their dataset.
-    """
-    return Frame(view.rgb, view.mask, view.depth_m, key, view.objects)
 
 
 def validate(

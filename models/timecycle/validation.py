@@ -73,7 +73,7 @@ def draw_stretches(
     Raises:
         CallError: No episode is long enough.
     """
-    first = [number for number, ref in enumerate(store.frames) if ref.frame == 0]
+    first = [number for number, ref in enumerate(store.frames) if ref.index == 0]
     episodes = [
         number
         for number in first

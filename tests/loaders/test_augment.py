@@ -16,13 +16,13 @@ from pliant.loaders.augment import (
 )
 from pliant.loaders.masks import given_masks
 from pliant.loaders.recolouring import noisy_depth, recolour, recolour_regions
-from pliant.loaders.views import FrameView
+from pliant.loaders.views import TrainingFrame
 from pliant.spec.errors import CallError
 
 SIZE = (160, 120)
 
 
-def blob_view(points: np.ndarray, sigma: float = 3.0) -> FrameView:
+def blob_view(points: np.ndarray, sigma: float = 3.0) -> TrainingFrame:
     """One bright blob at each point, on black."""
     u, v = np.meshgrid(np.arange(SIZE[0]) + 0.5, np.arange(SIZE[1]) + 0.5)
     image = np.zeros((SIZE[1], SIZE[0]))
@@ -30,7 +30,7 @@ def blob_view(points: np.ndarray, sigma: float = 3.0) -> FrameView:
         image += 250 * np.exp(-((u - point[0]) ** 2 + (v - point[1]) ** 2) / (2 * sigma**2))
     rgb = np.repeat(image.round().clip(0, 255).astype(np.uint8)[..., None], 3, axis=2)
     mask = image > 30
-    return FrameView(
+    return TrainingFrame(
         rgb=rgb,
         mask=mask,
         objects=mask,
@@ -40,7 +40,9 @@ def blob_view(points: np.ndarray, sigma: float = 3.0) -> FrameView:
     )
 
 
-def augmented(rng: np.random.Generator, view: FrameView, settings: AugmentSettings) -> FrameView:
+def augmented(
+    rng: np.random.Generator, view: TrainingFrame, settings: AugmentSettings
+) -> TrainingFrame:
     return augment(rng, view, settings, draw_placement(rng, [view], settings))
 
 
@@ -65,13 +67,13 @@ def test_points_move_with_the_pixels(angle_deg: float, scale: float) -> None:
 def test_a_quarter_turn_is_exact() -> None:
     """Turning by 90 degrees about the centre maps the centre of a square's pixel to another's."""
     square = (np.arange(64 * 64 * 3).reshape(64, 64, 3) % 251).astype(np.uint8)
-    view = FrameView(
-        square,
-        np.zeros((64, 64), bool),
-        np.zeros((64, 64), bool),
-        np.ones((64, 64), np.float32),
-        np.array([[10.5, 20.5]], np.float32),
-        np.array([True]),
+    view = TrainingFrame(
+        rgb=square,
+        mask=np.zeros((64, 64), bool),
+        objects=np.zeros((64, 64), bool),
+        depth_m=np.ones((64, 64), np.float32),
+        uv_px=np.array([[10.5, 20.5]], np.float32),
+        visible=np.array([True]),
     )
     moved = warp_view(view, rotation_about_centre((64, 64), math.pi / 2))
     np.testing.assert_allclose(moved.uv_px, [[64 - 20.5, 10.5]], atol=1e-5)
@@ -93,7 +95,7 @@ def test_mask_and_depth_move_together() -> None:
     assert moved.mask.sum() == pytest.approx(view.mask.sum(), rel=0.05)
 
 
-def with_ball() -> FrameView:
+def with_ball() -> TrainingFrame:
     """A view whose second blob belongs to another object than the queried one."""
     view = blob_view(np.array([[50.0, 50.0], [110.0, 60.0]]))
     own = view.mask & (np.arange(SIZE[0]) < 80)

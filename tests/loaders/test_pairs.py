@@ -164,7 +164,7 @@ def test_next_pairs_are_neighbours_and_tell_their_action(
     sample = pairs[5]
     a, b = (pairs.store.frames[int(frame)] for frame in sample["frames"])
     assert a.sequence.id == b.sequence.id
-    assert b.frame == a.frame + 1
+    assert b.index == a.index + 1
     # The sheet turns by 0.05 rad a frame: a point moves by 2 sin(0.025) times its distance
     # from the centre, at most half the diagonal.
     index = int(a.sequence.id[-6:])

@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from pliant.baselines.tracing import Nadir, Trace, self_crossings
-from pliant.loaders.views import FrameView
+from pliant.loaders.views import TrainingFrame
 from pliant.models.don.crossing_training import fit_crossings
 from pliant.models.don.crossings import CROSSINGS, load_crossing_network, with_overlaps
 from pliant.models.networks.crossing_network import CrossingNetwork, crossing_patches
@@ -24,7 +24,7 @@ HALF_PX = 4.0
 POINTS = 400
 
 
-def painted(rng: np.random.Generator) -> tuple[FrameView, np.ndarray, bool]:
+def painted(rng: np.random.Generator) -> tuple[TrainingFrame, np.ndarray, bool]:
     """Return a looped rope, its middle line, and whether its first passage is the upper one."""
     t = np.linspace(-1.35, 1.35, POINTS)
     turn, first_is_upper = rng.uniform(0, 2 * np.pi), bool(rng.random() < 0.5)
@@ -52,7 +52,14 @@ def painted(rng: np.random.Generator) -> tuple[FrameView, np.ndarray, bool]:
     visible[lower] = gap > HALF_PX
     image = rgb.clip(0, 255).astype(np.uint8)
     positions = line.astype(np.float32)
-    frame = FrameView(image, mask, mask, depth.astype(np.float32), positions, visible)
+    frame = TrainingFrame(
+        rgb=image,
+        mask=mask,
+        objects=mask,
+        depth_m=depth.astype(np.float32),
+        uv_px=positions,
+        visible=visible,
+    )
     return frame, line, first_is_upper
 
 
@@ -68,7 +75,7 @@ class PaintedStore:
     def __len__(self) -> int:
         return len(self.drawn)
 
-    def view(self, number: int) -> FrameView:
+    def view(self, number: int) -> TrainingFrame:
         return self.drawn[number][0]
 
 
