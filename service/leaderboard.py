@@ -83,7 +83,7 @@ def leaderboard(session: Session, version: Version, show: str) -> Board:
     rows: list[Row] = []
     controls: list[Row] = []
     previous: tuple[float | None, int] = (None, 0)
-    for score, submission, owner, submissions in session.execute(chosen).tuples():
+    for score, submission, owner, submissions in session.execute(chosen):
         rank = None
         if not owner.is_host:
             same = score.main is not None and score.main == previous[0]
@@ -102,7 +102,7 @@ def history(session: Session, version: Version, team_id: int) -> list[Row]:
         .order_by(Submission.id.desc())
         .with_only_columns(Score, Submission, Team)
     )
-    return [_row(*each, 1, None) for each in session.execute(found).tuples()]
+    return [_row(*each, 1, None) for each in session.execute(found)]
 
 
 def _scored(version: Version) -> Select[Any]:

@@ -144,9 +144,9 @@ def held(session: Session, lease: Lease) -> Job | None:
 
 def counts(session: Session) -> dict[str, int]:
     """Return the number of jobs in each state."""
-    rows: Sequence[tuple[str, int]] = (
-        session.execute(select(Job.state, func.count()).group_by(Job.state)).tuples().all()
-    )
+    rows: Sequence[tuple[str, int]] = session.execute(
+        select(Job.state, func.count()).group_by(Job.state)
+    ).all()
     return dict(rows)
 
 

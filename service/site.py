@@ -64,7 +64,7 @@ def write_challenge_site(challenge: Challenge, out: Path) -> list[str]:
             .order_by(Score.submission_id, Score.version_id)
         )
         receipts: dict[int, list[object]] = {}
-        for number, receipt in session.execute(public).tuples():
+        for number, receipt in session.execute(public):
             receipts.setdefault(number, []).append(receipt)
         for number, found in receipts.items():
             write_json(folder / "submissions" / f"{number}.json", found)

@@ -151,7 +151,7 @@ def rescore(session: Session, versions: Sequence[Version], *, actor: str) -> int
         scored = select(Submission).where(
             Submission.phase == phase, Submission.state == State.SCORED
         )
-        found = set(session.execute(select(Score.submission_id, Score.version_id)).tuples().all())
+        found = set(session.execute(select(Score.submission_id, Score.version_id)).all())
         for submission in session.scalars(scored.order_by(Submission.id)):
             missing = [each for each in wanted if (submission.id, each) not in found]
             if missing:

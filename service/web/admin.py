@@ -51,7 +51,7 @@ def _values(session: Session, site: Site) -> dict[str, Any]:
         .join(Score, Score.submission_id == Submission.id)
         .group_by(Submission.team_id, Score.version_id)
     )
-    for team_id, version_id, count in session.execute(scored).tuples():
+    for team_id, version_id, count in session.execute(scored):
         given = count * bits_per_submission(versions[version_id])
         bits[team_id] = bits.get(team_id, 0) + given
     left: dict[int, list[tuple[str, Attempts]]] = {

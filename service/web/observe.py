@@ -79,7 +79,7 @@ class Metrics(Collector):
             for state, count in queue.counts(session).items():
                 jobs.add_metric([state], count)
             query = select(Submission.state, func.count()).group_by(Submission.state)
-            for state, count in session.execute(query).tuples():
+            for state, count in session.execute(query):
                 files.add_metric([state], count)
         yield jobs
         yield files

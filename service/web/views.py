@@ -150,7 +150,7 @@ def submission_view(
         issues=problems.get("issues", []),
         counts=problems.get("counts", {}),
         failure=submission.failure,
-        scores=[_score_view(*each) for each in session.execute(scored).tuples()],
+        scores=[_score_view(*each) for each in session.execute(scored)],
     )
 
 

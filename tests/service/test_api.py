@@ -1,0 +1,310 @@
+"""The web process: who may send, read and change what; limits; faults of disk and database."""
+
+from __future__ import annotations
+
+import csv
+import errno
+import io
+import json
+import os
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import pytest
+from fastapi.testclient import TestClient
+from sqlalchemy import text
+
+from pliant.service.receipts import read_public_key, verify_receipt
+from pliant.service.store import FolderStore
+from pliant.service.web.app import make_app
+from pliant.service.web.security import COOKIE
+from pliant.service.worker import Worker
+from tests.service.conftest import Halves, MakeTrial, Trial, quick
+
+API = "/api/v1"
+
+
+def bearer(token: str) -> dict[str, str]:
+    return {"Authorization": f"Bearer {token}"}
+
+
+def submit(client: TestClient, token: str, content: bytes, **query: Any) -> Any:
+    return client.post(f"{API}/submissions", content=content, headers=bearer(token), params=query)
+
+
+def work(trial: Trial) -> None:
+    worker = Worker(trial.challenge, quick)
+    while worker.work_once():
+        pass
+
+
+@pytest.fixture
+def client(trial: Trial) -> Iterator[TestClient]:
+    with client_of(trial) as made:
+        yield made
+
+
+def client_of(trial: Trial) -> TestClient:
+    app = make_app(trial.challenge)
+    return TestClient(app, raise_server_exceptions=True, follow_redirects=False)
+
+
+def test_a_real_file_is_scored_and_a_bad_one_refused(
+    make_trial: MakeTrial, service_halves: Halves
+) -> None:
+    trial = make_trial()
+    good = service_halves.submissions[0].read_bytes()
+    worker = Worker(trial.challenge)
+    with client_of(trial) as client:
+        sent = submit(client, trial.tokens[0], good, file_name="../mine.parquet")
+        assert sent.status_code == 201
+        assert sent.json()["queue_position"] == 1
+        assert sent.json()["file_name"] == "mine.parquet"
+        submit(client, trial.tokens[0], good[:2000])
+        submit(client, trial.tokens[0], good, check_only=True)
+        while worker.work_once():
+            pass
+        scored, refused, checked = (
+            client.get(f"{API}/submissions/{n}", headers=bearer(trial.tokens[0])).json()
+            for n in (1, 2, 3)
+        )
+        assert (scored["state"], refused["state"], checked["state"]) == (
+            "scored", "refused", "checked",
+        )  # fmt: skip
+        assert scored["method"] == "identity"
+        for value in scored["scores"][0]["figures"]["overall"].values():
+            assert value == float(f"{value:.4g}")
+        assert refused["counts"] == {"FILE_UNREADABLE": 1}
+        assert str(trial.challenge.root) not in json.dumps(refused)
+        board = client.get(f"{API}/leaderboard").json()
+        assert [(row["rank"], row["team"]) for row in board["rows"]] == [(1, "Ada")]
+        rows = list(csv.DictReader(io.StringIO(client.get(f"{API}/leaderboard.csv").text)))
+        assert rows[0]["team"] == "Ada"
+        receipt = client.get(f"{API}/submissions/1/receipt").json()
+        verify_receipt(receipt, read_public_key(trial.challenge.public_key))
+        assert receipt["file_sha256"] == scored["file_sha256"]
+        assert receipt["figures"] == scored["scores"][0]["figures"]
+
+
+def test_other_teams_and_visitors_see_only_what_is_public(trial: Trial, client: TestClient) -> None:
+    ada, grace = trial.tokens
+    waiting = submit(client, ada, b"good").json()["id"]
+    for headers in ({}, bearer(grace)):
+        assert client.get(f"{API}/submissions/{waiting}", headers=headers).status_code == 404
+    work(trial)
+    refused = submit(client, ada, b"bad").json()["id"]
+    work(trial)
+    for headers in ({}, bearer(grace)):
+        public = client.get(f"{API}/submissions/{waiting}", headers=headers).json()
+        assert public["state"] == "scored"
+        assert public["file_name"] is None
+        for path in (f"{refused}", f"{refused}/receipt", f"{refused}/events"):
+            found = client.get(f"{API}/submissions/{path}", headers=headers)
+            assert found.status_code == 404, path
+        for number in (waiting, refused):
+            found = client.get(f"{API}/submissions/{number}/file", headers=headers)
+            assert found.status_code in (401, 404)
+    assert client.get(f"{API}/submissions/{waiting}/file", headers=bearer(ada)).content == b"good"
+    assert client.get(f"{API}/submissions/{waiting}/file", headers=bearer(trial.host)).is_success
+    assert client.get(f"{API}/submissions", headers=bearer(grace)).json() == []
+
+
+def test_tokens(trial: Trial, client: TestClient) -> None:
+    ada, grace = trial.tokens
+    mixed = ada.rpartition("_")[0] + "_" + grace.rpartition("_")[2]
+    for wrong in ("", "pliant_", mixed, ada[:-1], ada.upper(), "é" * 30):
+        found = client.get(
+            f"{API}/submissions", headers=[(b"Authorization", b"Bearer " + wrong.encode())]
+        )
+        assert found.status_code == 401, wrong
+    with trial.challenge.database.read() as session:
+        stored = " ".join(map(str, session.execute(text("SELECT * FROM token")).all()))
+    assert not any(token.rpartition("_")[2] in stored for token in trial.tokens)
+    who = trial.who(ada)
+    signed_in = login(client, ada)
+    admin = login(client, trial.host)
+    form = {"csrf": csrf_of(client, admin), "token_id": who.token_id}
+    done = client.post("/admin/revoke", data=form, headers=with_cookie(admin))
+    assert done.status_code == 303
+    assert client.get(f"{API}/submissions", headers=bearer(ada)).status_code == 401
+    assert client.get(f"{API}/submissions", headers=with_cookie(signed_in)).status_code == 401
+
+
+def test_wrong_tokens_are_limited(make_trial: MakeTrial) -> None:
+    trial = make_trial()
+    with client_of(trial) as client:
+        codes = [
+            client.get(f"{API}/submissions", headers=bearer("x")).status_code for _ in range(12)
+        ]
+        assert codes == [401] * 10 + [429] * 2
+        assert client.post("/login", data={"token": trial.host}).status_code == 429
+
+
+def login(client: TestClient, token: str) -> str:
+    answer = client.post("/login", data={"token": token})
+    assert answer.status_code == 303
+    cookie = answer.headers["set-cookie"]
+    assert "HttpOnly" in cookie
+    assert "SameSite=lax" in cookie
+    client.cookies.clear()
+    return cookie.partition("=")[2].partition(";")[0]
+
+
+def with_cookie(cookie: str) -> dict[str, str]:
+    return {"Cookie": f"{COOKIE}={cookie}"}
+
+
+def csrf_of(client: TestClient, cookie: str) -> str:
+    page = client.get("/submissions", headers=with_cookie(cookie)).text
+    return page.partition('name="csrf" value="')[2].partition('"')[0]
+
+
+def test_forms_need_their_own_page(make_trial: MakeTrial) -> None:
+    trial = make_trial()
+    with client_of(trial) as client:
+        cookie = login(client, trial.host)
+        csrf = csrf_of(client, cookie)
+        jar = with_cookie(cookie)
+        wrong = [
+            client.post("/admin/invite", data={"name": "Eve"}, headers=jar),
+            client.post("/admin/invite", data={"name": "Eve", "csrf": "x"}, headers=jar),
+            client.post(
+                "/admin/invite",
+                data={"name": "Eve", "csrf": csrf},
+                headers={**jar, "Origin": "https://elsewhere.example"},
+            ),
+            client.post(f"{API}/submissions", content=b"x", headers=jar),
+            client.post("/admin/invite", data={"name": "Eve", "csrf": csrf}),
+        ]
+        assert [each.status_code for each in wrong] == [422, 403, 403, 401, 401]
+        done = client.post("/admin/invite", data={"name": "Eve", "csrf": csrf}, headers=jar)
+        assert "shown this once" in done.text
+        ada = login(client, trial.tokens[0])
+        for path in ("/admin", "/admin/audit"):
+            assert client.get(path, headers=with_cookie(ada)).status_code == 404
+        form = {"csrf": csrf_of(client, ada), "team": 2, "phase": "test", "amount": 5}
+        assert client.post("/admin/credit", data=form, headers=with_cookie(ada)).status_code == 404
+
+
+def test_upload_by_form(make_trial: MakeTrial) -> None:
+    trial = make_trial("max_file_mb: 0.2\n")
+    with client_of(trial) as client:
+        cookie = login(client, trial.tokens[0])
+        form = {"csrf": csrf_of(client, cookie), "phase": "test"}
+        jar = with_cookie(cookie)
+        sent = client.post("/submit", data=form, files={"file": ("a", b"good")}, headers=jar)
+        assert sent.headers["location"] == "/submissions/1"
+        large = client.post(
+            "/submit", data=form, files={"file": ("a", b"x" * 500_000)}, headers=jar
+        )
+        assert large.status_code == 413
+        nothing = client.post("/submit", data=form, headers=jar)
+        assert nothing.status_code == 400
+        assert submit(client, trial.tokens[0], b"x" * 250_000).status_code == 413
+        assert submit(client, trial.tokens[0], b"").status_code == 400
+        assert not list(trial.challenge.incoming.glob("*.parquet"))
+
+
+def test_parallel_requests_over_http(trial: Trial, client: TestClient) -> None:
+    with ThreadPoolExecutor(10) as pool:
+        answers = list(
+            pool.map(lambda n: submit(client, trial.tokens[0], b"f%d" % n).status_code, range(9))
+        )
+    assert sorted(answers) == [201] * 5 + [429] * 4
+
+
+def test_download_in_ranges(make_trial: MakeTrial, service_halves: Halves) -> None:
+    trial = make_trial()
+    name = "sequences.parquet"
+    whole = (service_halves.public / name).read_bytes()
+    with client_of(trial) as client:
+        part = client.get(f"/data/{name}", headers={"Range": "bytes=10-19"})
+        assert part.status_code == 206
+        assert part.content == whole[10:20]
+        assert client.get(f"/data/{name}").content == whole
+        for path in (
+            "../challenge.yaml",
+            "%2e%2e/challenge.sqlite",
+            "..%2fkeys",
+            "x%00y",
+            "a" * 999,
+        ):
+            assert client.get(f"/data/{path}").status_code == 404, path
+
+
+def test_headers_and_operations(make_trial: MakeTrial) -> None:
+    trial = make_trial()
+    with client_of(trial) as client:
+        page = client.get("/")
+        assert "default-src 'none'" in page.headers["content-security-policy"]
+        assert page.headers["x-content-type-options"] == "nosniff"
+        assert client.get("/healthz").text == "ok"
+        submit(client, trial.tokens[0], b"good")
+        metrics = client.get("/metrics").text
+        assert 'pliant_jobs{state="queued"} 1.0' in metrics
+        assert client.get("/no/such/page").status_code == 404
+
+
+def test_a_full_disk_charges_nothing(
+    trial: Trial, client: TestClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(self: FolderStore, file: Path, sha256: str) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(FolderStore, "put", full)
+        answer = submit(client, trial.tokens[0], b"good")
+    assert answer.status_code == 507
+    assert answer.json()["code"] == "DISK_FULL"
+    assert not list(trial.challenge.incoming.glob("*.parquet"))
+    assert client.get(f"{API}/submissions", headers=bearer(trial.tokens[0])).json() == []
+    assert submit(client, trial.tokens[0], b"good").status_code == 201
+
+
+def test_a_locked_database_is_a_503(make_trial: MakeTrial, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pliant.service.database.BUSY_S", 0.2)
+    trial = make_trial()
+    with client_of(trial) as client, trial.challenge.database.write():
+        answer = submit(client, trial.tokens[0], b"good")
+        assert answer.status_code == 503
+        assert answer.json()["code"] == "DATABASE_UNREACHABLE"
+        assert "retry-after" in answer.headers
+        assert client.get("/").status_code == 200
+    with client_of(trial) as client:
+        assert submit(client, trial.tokens[0], b"good").status_code == 201
+
+
+def test_events_end_with_the_state(trial: Trial, client: TestClient) -> None:
+    submit(client, trial.tokens[0], b"good")
+    work(trial)
+    with client.stream("GET", f"{API}/submissions/1/events") as stream:
+        assert stream.headers["content-type"].startswith("text/event-stream")
+        assert (
+            "".join(stream.iter_text()).strip()
+            == 'data: {"state": "scored", "queue_position": null}'
+        )
+
+
+def test_withdraw_credit_and_rescore_by_the_host(trial: Trial, client: TestClient) -> None:
+    submit(client, trial.tokens[0], b"good")
+    submit(client, trial.tokens[1], b"good too")
+    work(trial)
+    cookie = login(client, trial.host)
+    form, jar = {"csrf": csrf_of(client, cookie)}, with_cookie(cookie)
+    done = client.post("/admin/withdraw", data={**form, "submission": 1}, headers=jar)
+    assert done.status_code == 303
+    board = client.get(f"{API}/leaderboard").json()
+    assert [row["team"] for row in board["rows"]] == ["Grace"]
+    assert client.get(f"{API}/submissions/1").status_code == 404
+    credited = {**form, "team": 2, "phase": "test", "amount": 3}
+    assert client.post("/admin/credit", data=credited, headers=jar).status_code == 303
+    rescored = {**form, "phase": "test", "protocol": "paper", "reason": "the paper's figures"}
+    assert "2 submissions wait" in client.post("/admin/rescore", data=rescored, headers=jar).text
+    work(trial)
+    view = client.get(f"{API}/submissions/2").json()
+    assert [each["protocol"].split()[0] for each in view["scores"]] == ["standard", "paper"]
+    log = client.get("/admin/audit", headers=jar).text
+    for action in ("withdrawn", "credited", "version added", "rescored"):
+        assert action in log
