@@ -11,7 +11,6 @@ import pyarrow.parquet as pq
 from sqlalchemy import JSON, BigInteger, Boolean, Column, Float, insert, select, text
 from sqlalchemy.orm import Session
 
-from pliant.service.audit import canonical
 from pliant.service.models import Base, WebSession
 from pliant.spec.errors import SpecError
 
@@ -84,7 +83,7 @@ def _arrow_type(column: Column[Any]) -> pa.DataType:
 
 
 def _stored(value: Any) -> Any:
-    return canonical(value) if isinstance(value, dict | list) else value
+    return json.dumps(value) if isinstance(value, dict | list) else value
 
 
 def _loaded(value: str | None) -> Any:

@@ -1,0 +1,279 @@
+"""What is kept: the log, receipts, versions of scoring, backups, archives, tables."""
+
+from __future__ import annotations
+
+import json
+import os
+import stat
+import tarfile
+from pathlib import Path
+
+import pytest
+from alembic.autogenerate import compare_metadata
+from alembic.runtime.migration import MigrationContext
+from sqlalchemy import select, text
+from sqlalchemy.exc import DBAPIError
+
+from pliant.cli.main import run
+from pliant.service.archive import restore_challenge, write_archive, write_backup
+from pliant.service.audit import verify_log
+from pliant.service.challenge import Challenge, create_challenge
+from pliant.service.models import APPEND_ONLY, Base, Score, Version
+from pliant.service.receipts import Signer, read_public_key, verify_receipt, write_keys
+from pliant.service.rescoring import rescore_challenge
+from pliant.service.settings import read_challenge_settings
+from pliant.service.site import write_challenge_site
+from pliant.service.worker import Worker
+from pliant.spec.errors import CallError, SpecError
+from tests.service.conftest import Halves, MakeTrial, Trial, quick
+
+
+def scored(trial: Trial) -> Trial:
+    trial.send(b"good")
+    trial.send(b"fine", team=1)
+    trial.send(b"bad")
+    work(trial)
+    return trial
+
+
+def work(trial: Trial) -> None:
+    worker = Worker(trial.challenge, quick)
+    while worker.work_once():
+        pass
+
+
+def rows(challenge: Challenge) -> dict[str, list[tuple[object, ...]]]:
+    with challenge.database.read() as session:
+        return {
+            table.name: [
+                tuple(map(str, row))
+                for row in session.execute(select(table).order_by(*table.primary_key.columns))
+            ]
+            for table in Base.metadata.sorted_tables
+        }
+
+
+def test_tables_are_those_of_the_models(trial: Trial) -> None:
+    with trial.challenge.database.engine.connect() as connection:
+        context = MigrationContext.configure(connection)
+        assert compare_metadata(context, Base.metadata) == []
+
+
+def test_the_database_refuses_to_change_what_is_written(trial: Trial) -> None:
+    scored(trial)
+    for table in APPEND_ONLY:
+        key = "seq" if table == "audit" else "id"
+        for statement in (f"DELETE FROM {table}", f"UPDATE {table} SET {key} = {key} + 100"):
+            with (
+                pytest.raises(DBAPIError, match="append-only"),
+                trial.challenge.database.write() as session,
+            ):
+                session.execute(text(statement))
+
+
+@pytest.mark.parametrize(
+    ("statement", "message"),
+    [
+        ("UPDATE audit SET actor = 'somebody' WHERE seq = 3", "entry 3.*changed"),
+        ("DELETE FROM audit WHERE seq = 4", "entry 4.*changed"),
+        ("UPDATE score SET figures = '{}' WHERE id = 1", "submission 1"),
+        ("DELETE FROM score WHERE id = 2", "a logged score is missing"),
+    ],
+)
+def test_changes_outside_the_service_are_found(
+    make_trial: MakeTrial, statement: str, message: str
+) -> None:
+    trial = scored(make_trial())
+    root = str(trial.challenge.root)
+    assert run(["challenge", "audit", root]) == 0
+    with trial.challenge.database.write() as session:
+        for table in APPEND_ONLY:
+            for event in ("update", "delete"):
+                session.execute(text(f"DROP TRIGGER {table}_no_{event}"))
+        session.execute(text(statement))
+    with trial.challenge.database.read() as session, pytest.raises(SpecError, match=message):
+        verify_log(session)
+    assert run(["challenge", "audit", root]) == 1
+
+
+def test_receipts(make_trial: MakeTrial, tmp_path: Path) -> None:
+    trial = scored(make_trial())
+    with trial.challenge.database.read() as session:
+        receipt = session.scalars(select(Score.receipt)).first()
+    assert receipt is not None
+    key = read_public_key(trial.challenge.public_key)
+    verify_receipt(json.loads(json.dumps(receipt)), key)
+    for name in receipt:
+        changed = {**receipt, name: "1.0" if name == "receipt_version" else "x"}
+        if changed != receipt:
+            with pytest.raises(SpecError):
+                verify_receipt(changed, key)
+    with pytest.raises(SpecError, match="signature"):
+        verify_receipt({**receipt, "more": 1}, key)
+    write_keys(tmp_path / "other")
+    other = read_public_key(tmp_path / "other" / "receipts.public.pem")
+    with pytest.raises(SpecError, match="another key"):
+        verify_receipt(receipt, other)
+    for wrong in (None, [], "x", {}, {"signature": 1}):
+        with pytest.raises(SpecError, match="not a receipt"):
+            verify_receipt(wrong, key)
+    file, pem = tmp_path / "receipt.json", str(trial.challenge.public_key)
+    file.write_text(json.dumps(receipt))
+    assert run(["verify", str(file), "--key", pem]) == 0
+    (tmp_path / "good").write_bytes(b"good")
+    assert run(["verify", str(file), "--key", pem, "--file", str(tmp_path / "good")]) == 0
+    assert run(["verify", str(file), "--key", pem, "--file", pem]) == 1
+    assert run(["verify", str(file), "--key", str(file)]) == 2
+
+
+def test_secrets_are_readable_by_their_owner_alone(make_trial: MakeTrial) -> None:
+    challenge = make_trial().challenge
+    for path in [challenge.private_key, *challenge.private(1).rglob("*")]:
+        mode = stat.S_IMODE(path.stat().st_mode)
+        assert mode in (0o600, 0o700), path
+    assert not (challenge.private(1) / "codabench").exists()
+
+
+def test_rescoring_adds_scores_and_changes_none(
+    make_trial: MakeTrial, service_halves: Halves
+) -> None:
+    trial = scored(make_trial())
+    before = rows(trial.challenge)["score"]
+    versions, count = rescore_challenge(trial.challenge, None, "paper", None, "more figures")
+    assert (len(versions), count) == (1, 2)
+    work(trial)
+    after = rows(trial.challenge)["score"]
+    assert after[: len(before)] == before
+    assert len(after) == 4
+    _, again = rescore_challenge(trial.challenge, None, "paper", None, "the same")
+    assert again == 0
+    _, same_truth = rescore_challenge(trial.challenge, None, None, service_halves.private, "same")
+    assert same_truth == 0
+    with pytest.raises(CallError, match="nothing would change"):
+        rescore_challenge(trial.challenge, None, None, None, "nothing")
+    trial.send(b"later")
+    work(trial)
+    with trial.challenge.database.read() as session:
+        found = session.execute(
+            select(Score.submission_id, Version.protocol)
+            .join(Version, Version.id == Score.version_id)
+            .where(Score.submission_id == 4)
+        ).all()
+        verify_log(session)
+    assert sorted(each[1] for each in found) == ["paper", "standard"]
+
+
+def test_backup_and_archive_give_the_same_service(
+    trial: Trial, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    scored(trial)
+    url = None
+    write_backup(trial.challenge, tmp_path / "backup")
+    trial.send(b"new")
+    work(trial)
+    write_backup(trial.challenge, tmp_path / "backup")
+    write_archive(trial.challenge, tmp_path / "all.tar", b"secret")
+    write_archive(trial.challenge, tmp_path / "keyless.tar", None)
+    key = trial.challenge.private_key.read_bytes()
+    for source, passphrase in (("backup", None), ("all.tar", b"secret"), ("keyless.tar", None)):
+        if trial.url is not None:
+            url = request.getfixturevalue("postgres")()
+        out = tmp_path / f"restored-{source}"
+        restore_challenge(tmp_path / source, out, passphrase, url)
+        restored = Challenge.open(out, url)
+        expected, found = rows(trial.challenge), rows(restored)
+        assert found["audit"][:-1] == expected["audit"]
+        for table in ("team", "token", "ledger", "submission", "score", "version", "job"):
+            assert found[table] == expected[table], table
+        assert (restored.private_key.read_bytes() == key) == (source != "keyless.tar")
+        again = Trial(restored, url, trial.host, trial.tokens)
+        assert again.send(b"after") == len(expected["submission"]) + 1
+        work(again)
+        with restored.database.read() as session:
+            verify_log(session)
+            receipts = session.scalars(select(Score.receipt).order_by(Score.id)).all()
+        verify_receipt(receipts[-1], read_public_key(restored.public_key))
+        if source == "keyless.tar":
+            earlier = next((out / "keys").glob("earlier-*.public.pem"))
+            verify_receipt(receipts[0], read_public_key(earlier))
+        restored.database.engine.dispose()
+
+
+def test_archives_contain_no_open_key_and_are_checked(
+    make_trial: MakeTrial, tmp_path: Path
+) -> None:
+    trial = scored(make_trial())
+    file = tmp_path / "all.tar"
+    write_archive(trial.challenge, file, b"secret")
+    secret = trial.challenge.private_key.read_bytes().splitlines()[1]
+    assert secret not in file.read_bytes()
+    assert stat.S_IMODE(file.stat().st_mode) == 0o600
+    with tarfile.open(file) as tar:
+        names = tar.getnames()
+    for name in (".zenodo.json", "site/index.html", "database/audit.parquet", "challenge.yaml"):
+        assert name in names
+    with pytest.raises(CallError, match="passphrase"):
+        restore_challenge(file, tmp_path / "wrong", b"wrong", None)
+    assert not (tmp_path / "wrong").exists()
+    data = file.read_bytes()
+    at = data.index(b"good")  # the content of a submission
+    (tmp_path / "changed.tar").write_bytes(data[:at] + b"evil" + data[at + 4 :])
+    with pytest.raises(SpecError, match="changed"):
+        restore_challenge(tmp_path / "changed.tar", tmp_path / "changed", None, None)
+
+
+def test_the_site_needs_no_service(make_trial: MakeTrial, tmp_path: Path) -> None:
+    trial = scored(make_trial())
+    pages = write_challenge_site(trial.challenge, tmp_path / "site")
+    assert pages == ["index.html"]
+    page = (tmp_path / "site" / "index.html").read_text()
+    assert "Ada" in page
+    assert 'href="/' not in page
+    receipts = json.loads((tmp_path / "site" / "submissions" / "1.json").read_text())
+    verify_receipt(receipts[0], read_public_key(tmp_path / "site" / "key.pem"))
+    assert not (tmp_path / "site" / "submissions" / "3.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("yaml", "message"),
+    [
+        ("phases: []", "phases"),
+        ("colour: red", "colour"),
+        ("phases: [{name: a, split: nowhere}]", "split must be one of"),
+        ("phases: [{name: a, split: test}, {name: a, split: val}]", "same name"),
+        ("phases: [{name: a, split: test, opens: '2027-01-01T00:00:00'}]", "time zone"),
+        ("max_file_mb: -1", "max_file_mb"),
+    ],
+)
+def test_settings_name_what_is_wrong(tmp_path: Path, yaml: str, message: str) -> None:
+    path = tmp_path / "challenge.yaml"
+    path.write_text(yaml)
+    with pytest.raises(CallError, match=message):
+        read_challenge_settings(path, ("test",))
+
+
+def test_what_create_and_open_refuse(tmp_path: Path, service_halves: Halves) -> None:
+    halves = service_halves
+    with pytest.raises(CallError, match="not a challenge"):
+        Challenge.open(tmp_path)
+    with pytest.raises(SpecError):
+        create_challenge(tmp_path / "a", halves.public, halves.public, ["test"])
+    assert not (tmp_path / "a").exists()
+    config = tmp_path / "c.yaml"
+    config.write_text("phases: [{name: a, split: test, protocols: [none]}]")
+    with pytest.raises(CallError, match="protocol"):
+        create_challenge(tmp_path / "a", halves.public, halves.private, [], config)
+    create_challenge(tmp_path / "a", halves.public, halves.private, ["test"])
+    with pytest.raises(CallError, match="exists already"):
+        create_challenge(tmp_path / "a", halves.public, halves.private, ["test"])
+    assert not [name for name in os.listdir(tmp_path) if name.startswith(".")]
+    (tmp_path / "a" / "challenge.sqlite").unlink()
+    with pytest.raises(CallError, match="database is missing"):
+        Challenge.open(tmp_path / "a")
+
+
+def test_keys_are_read_strictly(tmp_path: Path) -> None:
+    write_keys(tmp_path / "keys")
+    assert Signer.read(tmp_path / "keys" / "receipts.private.pem").key_id
+    with pytest.raises(CallError, match="not a public key"):
+        read_public_key(tmp_path / "keys" / "receipts.private.pem")

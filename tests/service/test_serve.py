@@ -1,0 +1,156 @@
+"""The whole service as processes: a newcomer's path, graceful stop, what leaks."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import sqlite3
+import struct
+import time
+import urllib.error
+import urllib.request
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pliant.cli.main import run
+from pliant.service.challenge import Challenge
+from pliant.spec.io.parquet import read_table
+from tests.service.conftest import Halves
+from tests.service.server import serving
+
+PAGES = (
+    "/", "/?show=last", "/rules", "/data", "/submit", "/login", "/teams/2", "/submissions",
+    "/submissions/1", "/submissions/2", "/admin", "/admin/audit", "/metrics", "/healthz",
+    "/api/v1/challenge", "/api/v1/leaderboard", "/api/v1/leaderboard.csv", "/api/v1/submissions",
+    "/api/v1/submissions.csv", "/api/v1/submissions/1", "/api/v1/submissions/1/receipt",
+    "/api/v1/submissions/1/events", "/api/v1/submissions/2", "/api/v1/key",
+    "/api/v1/openapi.json", "/no/such/page", "/api/v1/leaderboard?version=99",
+    "/data/truth/test.parquet", "/data/../private/1/truth/test.parquet",
+)  # fmt: skip
+
+
+def fetch(address: str, token: str | None = None) -> bytes:
+    headers = {} if token is None else {"Authorization": f"Bearer {token}"}
+    try:
+        with urllib.request.urlopen(urllib.request.Request(address, headers=headers)) as answer:
+            return str(answer.headers).encode() + answer.read()
+    except urllib.error.HTTPError as error:
+        with error:
+            return str(error.headers).encode() + error.read()
+
+
+def secrets_of(private: Path) -> dict[str, bytes]:
+    """Return what must appear nowhere: positions in every form, bytes and hashes of the files."""
+    found: dict[str, bytes] = {}
+    table = read_table(private / "truth" / "test.parquet", "truth")
+    uv = np.stack([table["u_b"].to_numpy(), table["v_b"].to_numpy()], axis=1)
+    for row, (u, v) in enumerate(uv):
+        for order in "<>":
+            found[f"row {row} float32 {order}"] = struct.pack(f"{order}2f", u, v)
+            found[f"row {row} float64 {order}"] = struct.pack(f"{order}2d", u, v)
+        for value in (u, v):
+            if abs(value * 1000 - round(value * 1000)) > 0.01:
+                for text in (repr(float(value)), str(np.float32(value)), f"{value:.5f}"):
+                    found[f"row {row} {text}"] = text.encode()
+    for name in ("u_b", "v_b"):
+        values = table[name].to_numpy().astype("<f4")
+        for row in range(len(values) - 1):
+            found[f"column {name} {row}"] = values[row : row + 2].tobytes()
+    for path in private.rglob("*"):
+        if path.is_file() and path.name not in ("README.md", "dataset.json", "manifest.json"):
+            data = path.read_bytes()
+            sha256 = hashlib.sha256(data)
+            found[f"{path.name} sha256"] = sha256.digest()
+            if path.name != "test.parquet":  # pages name the truth by its sha256
+                found[f"{path.name} sha256 text"] = sha256.hexdigest().encode()
+            found[f"{path.name} md5"] = hashlib.md5(data).hexdigest().encode()
+            found[f"{path.name} bytes"] = data[len(data) // 2 : len(data) // 2 + 24]
+    return found
+
+
+def test_the_search_for_answers_finds_them(service_halves: Halves) -> None:
+    found = secrets_of(service_halves.private)
+    truth = (service_halves.private / "truth" / "test.parquet").read_bytes()
+    assert any(data in truth for data in found.values())
+    table = read_table(service_halves.private / "truth" / "test.parquet", "truth")
+    text = json.dumps(table.slice(0, 3).to_pylist()).encode()
+    assert sum(data in text for data in found.values()) >= 4
+
+
+def test_a_newcomers_path(
+    service_halves: Halves, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Create, invite, serve, submit; then everything that the service said is searched."""
+    halves, root, log = service_halves, tmp_path / "challenge", tmp_path / "log"
+    data = ["--data", str(halves.public), "--private", str(halves.private)]
+    assert run(["challenge", "create", str(root), *data, "--json"]) == 0
+    host = json.loads(capfd.readouterr().out)["host_token"]
+    assert run(["challenge", "invite", str(root), "Ada", "--json"]) == 0
+    token = json.loads(capfd.readouterr().out)["token"]
+    bad = tmp_path / "bad.parquet"
+    bad.write_bytes(halves.submissions[0].read_bytes()[:3000])
+    with serving(root, log, "--workers", "1") as server:
+        to = ["--to", server.address, "--token", token]
+        assert run(["submit", str(halves.submissions[0]), *to]) == 0
+        shown = capfd.readouterr()
+        assert "rmse_px" in shown.out
+        assert "Submission 1: scored" in shown.out
+        assert "in the queue" in shown.err
+        assert run(["submit", str(bad), *to, "--json"]) == 1
+        assert json.loads(capfd.readouterr().out)["counts"] == {"FILE_UNREADABLE": 1}
+        assert run(["submit", str(bad), "--to", server.address, "--token", "wrong"]) == 2
+        assert "TOKEN_INVALID" in capfd.readouterr().err
+        said = {path: fetch(server.address + path) for path in PAGES}
+        said |= {f"{path} host": fetch(server.address + path, host) for path in PAGES}
+        assert server.stop() == 0
+    said["log"] = log.read_bytes()
+    for secret in (token, host):
+        assert secret.rpartition("_")[2].encode() not in b"".join(said.values())
+    everything = b"\n".join(said.values())
+    leaked = [name for name, data in secrets_of(halves.private).items() if data in everything]
+    assert leaked == []
+    assert run(["challenge", "audit", str(root)]) == 0
+
+
+def test_a_graceful_stop_finishes_or_gives_back(
+    service_halves: Halves, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    root = tmp_path / "challenge"
+    halves = service_halves
+    data = ["--data", str(halves.public), "--private", str(halves.private)]
+    assert run(["challenge", "create", str(root), *data]) == 0
+    capfd.readouterr()
+    assert run(["challenge", "invite", str(root), "Ada", "--json"]) == 0
+    token = json.loads(capfd.readouterr().out)["token"]
+    with serving(root, tmp_path / "log", "--workers", "1") as server:
+        to = ["--to", server.address, "--token", token, "--no-wait"]
+        for file in halves.submissions:
+            assert run(["submit", str(file), *to]) == 0
+        time.sleep(1)
+        assert server.stop() == 0
+    with sqlite3.connect(root / "challenge.sqlite") as connection:
+        found = connection.execute("SELECT state, count(*) FROM job GROUP BY state").fetchall()
+    connection.close()
+    assert set(dict(found)) <= {"queued", "done"}
+
+
+def test_the_web_process_never_opens_the_answers(
+    service_halves: Halves, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """With the private folder out of its reach the web process serves every page."""
+    root = tmp_path / "challenge"
+    halves = service_halves
+    data = ["--data", str(halves.public), "--private", str(halves.private)]
+    assert run(["challenge", "create", str(root), *data, "--json"]) == 0
+    host = json.loads(capfd.readouterr().out)["host_token"]
+    os.rename(root / "private", tmp_path / "elsewhere")
+    os.rename(root / "keys" / "receipts.private.pem", tmp_path / "key")
+    with serving(root, tmp_path / "log", "--workers", "0") as server:
+        for path in PAGES:
+            assert b"INTERNAL" not in fetch(server.address + path, host), path
+        to = ["--to", server.address, "--token", host, "--no-wait"]
+        assert run(["submit", str(halves.submissions[0]), *to]) == 0
+    Challenge.open(root).database.engine.dispose()
