@@ -114,7 +114,8 @@ def test_receipts(make_trial: MakeTrial, tmp_path: Path) -> None:
     other = read_public_key(tmp_path / "other" / "receipts.public.pem")
     with pytest.raises(SpecError, match="another key"):
         verify_receipt(receipt, other)
-    for wrong in (None, [], "x", {}, {"signature": 1}):
+    wrongs: list[object] = [None, [], "x", {}, {"signature": 1}]
+    for wrong in wrongs:
         with pytest.raises(SpecError, match="not a receipt"):
             verify_receipt(wrong, key)
     file, pem = tmp_path / "receipt.json", str(trial.challenge.public_key)

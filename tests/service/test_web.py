@@ -1,0 +1,191 @@
+"""The pages in a real browser: a team's path and the host's, dark, 400 px, no console error."""
+
+from __future__ import annotations
+
+import sqlite3
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("selenium")
+
+from selenium.webdriver.common.by import By
+from selenium.webdriver.support.wait import WebDriverWait
+
+from tests.browser import CHROMIUM, DRIVER, Browser, chromium
+from tests.service.conftest import Halves, MakeTrial, Trial
+from tests.service.server import Server, serving
+
+pytestmark = pytest.mark.skipif(CHROMIUM is None or DRIVER is None, reason="needs Chromium")
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with chromium() as made:
+        yield made
+
+
+class Page:
+    """What a person does in a browser.
+
+    Args:
+        browser: The browser.
+        server: The service.
+    """
+
+    def __init__(self, browser: Browser, server: Server) -> None:
+        self.browser, self.server = browser, server
+
+    def go(self, path: str) -> str:
+        self.browser.open(self.server.address + path)
+        return self.text()
+
+    def text(self) -> str:
+        return str(self.browser.run("return document.body.innerText"))
+
+    def fill(self, name: str, value: str) -> None:
+        field = self.browser.driver.find_element(By.CSS_SELECTOR, f"main [name={name}]")
+        field.send_keys(value)
+
+    def press(self, selector: str) -> None:
+        self.browser.driver.find_element(By.CSS_SELECTOR, selector).click()
+
+    def sign_in(self, token: str) -> None:
+        self.browser.open(self.server.address + "/login")
+        self.browser.driver.delete_all_cookies()
+        self.go("/login")
+        self.fill("token", token)
+        self.press("main button.main")
+        self.browser.wait("location.pathname !== '/login'")
+
+
+def test_a_host_and_a_team(
+    make_trial: MakeTrial, service_halves: Halves, browser: Browser, tmp_path: Path
+) -> None:
+    trial = make_trial()
+    bad = tmp_path / "bad.parquet"
+    bad.write_bytes(service_halves.submissions[0].read_bytes()[:3000])
+    with serving(trial.challenge.root, tmp_path / "log", "--workers", "1") as server:
+        page = Page(browser, server)
+        browser.size(1200, 900)
+        page.sign_in(trial.host)
+        page.fill("name", "Knots")
+        page.press("form[action='/admin/invite'] button")
+        browser.wait("document.getElementById('token')")
+        token = str(browser.run("return document.getElementById('token').textContent"))
+        assert token.startswith("pliant_")
+        assert token not in page.go("/admin")
+
+        page.sign_in(token)
+        page.go("/submit")
+        page.fill("file", str(service_halves.submissions[0]))
+        page.press("main button.main")
+        browser.wait("location.pathname === '/submissions/1'")
+        browser.wait("document.querySelector('.state.scored')")
+        assert "RMSE" in page.text()
+        assert "Receipt" in page.text()
+        page.go("/submit")
+        page.fill("file", str(bad))
+        page.press("main button.main")
+        browser.wait("document.querySelector('.state.refused')")
+        assert "FILE_UNREADABLE" in page.text()
+        assert "4 attempts left today, 99 in all" in page.go("/submit")
+        assert "Knots" in page.go("/")
+
+        page.sign_in(trial.host)
+        page.go("/admin")
+        page.press("tr:last-child form[action='/admin/credit'] button")
+        browser.wait("document.body.innerText.includes('test: 5 today, 100 in all')")
+        page.fill("reason", "the figures of the paper")
+        browser.run("document.querySelector('select[name=protocol]').value = 'paper'")
+        page.press("form[action='/admin/rescore'] button")
+        browser.wait("document.body.innerText.includes('1 submissions wait')")
+        wait_for_jobs(trial)
+        assert page.go("/submissions/1").count("truth 1") == 2
+        assert "rescored" in page.go("/admin/audit")
+        look_at_every_page(page)
+        assert browser.errors() == []
+        assert server.stop() == 0
+
+
+def wait_for_jobs(trial: Trial) -> None:
+    for _ in range(300):
+        connection = sqlite3.connect(trial.challenge.root / "challenge.sqlite")
+        left = connection.execute("SELECT count(*) FROM job WHERE state != 'done'").fetchone()[0]
+        connection.close()
+        if not left:
+            return
+        time.sleep(0.1)
+    raise AssertionError("jobs are left")
+
+
+def look_at_every_page(page: Page) -> None:
+    """Every page fits 400 px, can be used by keyboard, and is readable in the dark."""
+    paths = ("/", "/rules", "/data", "/submit", "/submissions", "/submissions/1", "/submissions/2",
+             "/teams/2", "/admin", "/admin/audit")  # fmt: skip
+    for width, dark in ((1200, False), (400, False), (400, True)):
+        page.browser.size(width, 800, dark=dark)
+        for path in paths:
+            page.go(path)
+            overflow = page.browser.run(
+                "return document.documentElement.scrollWidth - document.documentElement.clientWidth"
+            )
+            assert overflow <= 0, (path, width)
+            ratio = page.browser.run(_CONTRAST)
+            assert ratio >= 4.5, (path, width, dark, ratio)
+            unnamed = page.browser.run(
+                "return [...document.querySelectorAll('input:not([type=hidden]), select')]"
+                ".filter(e => !e.labels?.length && !e.ariaLabel).map(e => e.name)"
+            )
+            assert unnamed == [], path
+
+
+_CONTRAST = """
+const light = css => {
+  const c = document.createElement("canvas").getContext("2d");
+  c.fillStyle = css; c.fillRect(0, 0, 1, 1);
+  const [r, g, b] = [...c.getImageData(0, 0, 1, 1).data].map(v => v / 255)
+    .map(v => v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4);
+  return 0.2126 * r + 0.7152 * g + 0.0722 * b;
+};
+const back = element => {
+  for (let e = element; e; e = e.parentElement) {
+    const css = getComputedStyle(e).backgroundColor;
+    if (!css.endsWith(", 0)") && css !== "transparent") return css;
+  }
+  return "white";
+};
+let least = 21;
+for (const e of document.querySelectorAll("main *, nav *")) {
+  if (![...e.childNodes].some(n => n.nodeType === 3 && n.textContent.trim())) continue;
+  if (!e.checkVisibility() || e.disabled || e.tagName === "OPTION") continue;
+  const [a, b] = [light(getComputedStyle(e).color), light(back(e))].sort((x, y) => y - x);
+  least = Math.min(least, (a + 0.05) / (b + 0.05));
+}
+return least;
+"""
+
+
+def test_without_javascript(
+    make_trial: MakeTrial, service_halves: Halves, browser: Browser, tmp_path: Path
+) -> None:
+    trial = make_trial()
+    with serving(trial.challenge.root, tmp_path / "log", "--workers", "1") as server:
+        page = Page(browser, server)
+        command = "Emulation.setScriptExecutionDisabled"
+        browser.driver.execute_cdp_cmd(command, {"value": True})
+        try:
+            browser.driver.get(server.address + "/login")
+            field = browser.driver.find_element(By.CSS_SELECTOR, "main [name=token]")
+            field.send_keys(trial.tokens[0])
+            page.press("main button.main")
+            browser.driver.get(server.address + "/submit")
+            page.fill("file", str(service_halves.submissions[0]))
+            page.press("main button.main")
+            scored = (By.CSS_SELECTOR, ".state.scored")
+            WebDriverWait(browser.driver, 60).until(lambda driver: driver.find_elements(*scored))
+            assert "Receipt" in browser.driver.page_source
+        finally:
+            browser.driver.execute_cdp_cmd(command, {"value": False})
