@@ -12,7 +12,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -27,6 +27,7 @@ from pliant.spec.tables import CORRESPONDENCES, INDEX
 SHARD_BYTES: Final = 500_000_000
 GROUP_BYTES: Final = 32 * 2**20
 _INDEX_GROUP_FILES: Final = 4096
+_LENGTH_BYTES: Final = 4
 _GROUP_ROWS: Final = 2**17
 
 _IMAGE = pa.struct([pa.field("bytes", pa.binary()), pa.field("path", pa.string())])
@@ -110,6 +111,15 @@ class FolderToPack:
         return self.sizes[name] if name in self.sizes else len(self.files[name])
 
 
+class _Blob(NamedTuple):
+    """A file inside a row: its column, sequence, path in the sequence's folder and size."""
+
+    column: str
+    sequence: str
+    path: str
+    size: int
+
+
 class _Shards:
     """The shards of one kind and split, one after another."""
 
@@ -119,7 +129,8 @@ class _Shards:
         self._writer: ShardWriter | None = None
         # What waits for its row group: rows, their files, and tables of rows without files.
         self._rows: list[dict[str, Any]] = []
-        self._blobs: list[tuple[str, str, str, bytes]] = []  # column, sequence, path, bytes
+        self._blobs: list[_Blob] = []
+        self._groups: list[list[_Blob]] = []  # of each row group of the present shard
         self._tables: list[pa.Table] = []
         self._waiting = 0  # bytes of the files
         self.schema = {"frames": FRAMES, "folders": FOLDERS, "correspondences": ROWS}[folder]
@@ -130,9 +141,9 @@ class _Shards:
         if written and written + size > self._packer.shard_bytes:
             self._roll()
 
-    def add(self, row: dict[str, Any], blobs: list[tuple[str, str, str, bytes]]) -> None:
-        """Append a row; `blobs` are its files as (column, sequence, path, bytes)."""
-        size = sum(len(blob[3]) for blob in blobs)
+    def add(self, row: dict[str, Any], blobs: list[_Blob]) -> None:
+        """Append a row and the files in it."""
+        size = sum(blob.size for blob in blobs)
         if self._rows and self._waiting + size > GROUP_BYTES:
             self.flush()
         self._rows.append(row)
@@ -154,14 +165,8 @@ class _Shards:
             self._tables = []
         if not self._rows:
             return
-        columns = ("image", "depth_exr", "content")
-        ordered = [blob for name in columns for blob in self._blobs if blob[0] == name]
-        table = pa.Table.from_pylist(self._rows, schema=self.schema)
-        offsets = self._open().write(table, [blob[3] for blob in ordered])
-        shard = layout.shard_name(self._folder, self._split, self._number)
-        for (_, sequence, path, data), offset in zip(ordered, offsets, strict=True):
-            place = {"path": path, "shard": shard, "offset": offset, "bytes": len(data)}
-            self._packer.places[sequence].append(place)
+        self._open().write(pa.Table.from_pylist(self._rows, schema=self.schema))
+        self._groups.append(self._blobs)
         self._rows, self._blobs, self._waiting = [], [], 0
 
     def _roll(self) -> None:
@@ -171,9 +176,17 @@ class _Shards:
     def close(self) -> None:
         """Finish the present shard."""
         self.flush()
-        if self._writer is not None:
-            self._writer.close()
-            self._writer = None
+        if self._writer is None:
+            return
+        shard = layout.shard_name(self._folder, self._split, self._number)
+        ends = self._writer.close()
+        for group, blobs in zip(ends, self._groups or [[]] * len(ends), strict=True):
+            for blob in reversed(blobs):
+                offset = group[blob.column] - blob.size
+                group[blob.column] = offset - _LENGTH_BYTES
+                place = {"path": blob.path, "shard": shard, "offset": offset, "bytes": blob.size}
+                self._packer.places[blob.sequence].append(place)
+        self._groups, self._writer = [], None
 
     def abandon(self) -> None:
         """Let go of the open file."""
@@ -242,9 +255,9 @@ class Packer:
         for frame in range(folder.frames):
             rgb_name, depth_name = layout.rgb_name(frame), layout.depth_name(frame)
             rgb, depth = folder.files[rgb_name], folder.files.get(depth_name)
-            blobs = [("image", folder.id, rgb_name, rgb)]
+            blobs = [_Blob("image.bytes", folder.id, rgb_name, len(rgb))]
             if depth is not None:
-                blobs.append(("depth_exr", folder.id, depth_name, depth))
+                blobs.append(_Blob("depth_exr", folder.id, depth_name, len(depth)))
             row = {
                 "sequence": folder.id,
                 "tier": folder.tier,
@@ -260,7 +273,7 @@ class Packer:
         for name in others:
             data = folder.files[name]
             row = {"sequence": folder.id, "path": name, "content": data}
-            rest.add(row, [("content", folder.id, name, data)])
+            rest.add(row, [_Blob("content", folder.id, name, len(data))])
         if self._rows and layout.CORRESPONDENCES_TABLE in folder.files:
             self._of("correspondences", folder.split).add_table(correspondence_rows(folder))
 

@@ -1,4 +1,4 @@
-"""One Parquet shard: rows written group by group, and where in the file each blob came to be.
+"""One Parquet shard: rows written group by group, and where in the file its blobs are.
 
 A blob column is stored plainly (no compression, no dictionary, no statistics), so the bytes of
 each value are in the file as they are. Its reader needs no Parquet: an offset and a length do.
@@ -7,7 +7,6 @@ each value are in the file as they are. Its reader needs no Parquet: an offset a
 from __future__ import annotations
 
 import json
-import struct
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -17,7 +16,8 @@ import pyarrow.parquet as pq
 
 from pliant.spec.conventions import FOOTER_KEY, SPEC_VERSION
 
-_HEAD: Final = 64
+_PAGE_BYTES: Final = 2**31 - 1
+"""A column of a row group is one page: its values follow each other without a gap."""
 
 
 class ShardWriter:
@@ -45,9 +45,10 @@ class ShardWriter:
         entries: dict[bytes | str, str] = {FOOTER_KEY: text}
         entries.update(metadata or {})
         self._schema = schema.with_metadata(entries)
+        self._blobs = tuple(blobs)
         leaves = list(_leaves(schema))
         plain = [leaf for leaf in leaves if leaf not in blobs]
-        self._stream = open(path, "wb+")  # noqa: SIM115 - closed by close()
+        self._stream = open(path, "wb")  # noqa: SIM115 - closed by close()
         self._writer = pq.ParquetWriter(
             self._stream,
             self._schema,
@@ -57,6 +58,7 @@ class ShardWriter:
             compression_level=dict.fromkeys(plain, 3),
             use_dictionary=plain or False,
             write_statistics=plain or False,
+            data_page_size=_PAGE_BYTES,
         )
 
     @property
@@ -64,48 +66,36 @@ class ShardWriter:
         """Bytes written so far."""
         return self._stream.tell()
 
-    def write(self, table: pa.Table, blobs: Sequence[bytes] = ()) -> list[int]:
-        """Append a row group.
-
-        Args:
-            table: Its rows.
-            blobs: The values of its blob columns that are not null, column by column.
-
-        Returns:
-            Where in the file each of them begins.
-        """
-        begin = self._stream.tell()
+    def write(self, table: pa.Table) -> None:
+        """Append a row group."""
         self._writer.write_table(table.cast(self._schema), row_group_size=max(table.num_rows, 1))
         self._stream.flush()
-        self._stream.seek(begin)
-        region = self._stream.read()
-        offsets = []
-        at = 0
-        for blob in blobs:
-            at = _find(region, struct.pack("<I", len(blob)), blob, at)
-            offsets.append(begin + at)
-            at += len(blob)
-        return offsets
 
-    def close(self) -> None:
-        """Write the footer; the file is whole now."""
+    def close(self) -> list[dict[str, int]]:
+        """Write the footer; the file is whole now.
+
+        Returns:
+            Of every row group, where in the file each blob column ends, by its path. Its last
+            value ends there; each value comes after its length, a 32-bit number.
+        """
         self._writer.close()
         self._stream.close()
+        ends = []
+        metadata = pq.read_metadata(self.path)
+        for group in map(metadata.row_group, range(metadata.num_row_groups)):
+            chunks = [group.column(index) for index in range(group.num_columns)]
+            ends.append(
+                {
+                    chunk.path_in_schema: chunk.data_page_offset + chunk.total_compressed_size
+                    for chunk in chunks
+                    if chunk.path_in_schema in self._blobs
+                }
+            )
+        return ends
 
     def abandon(self) -> None:
         """Let go of a file that nobody will want."""
         self._stream.close()
-
-
-def _find(region: bytes, length: bytes, blob: bytes, at: int) -> int:
-    """Return where a blob that follows its length begins in a region, from a place on."""
-    head = length + blob[:_HEAD]
-    while (found := region.find(head, at)) >= 0:
-        begin = found + len(length)
-        if region[begin : begin + len(blob)] == blob:
-            return begin
-        at = found + 1
-    raise RuntimeError("this Arrow stores a plain column in another way; the shard has no index")
 
 
 def _leaves(schema: pa.Schema) -> list[str]:
