@@ -35,7 +35,7 @@ def command(submission: Path, data: Path, allow_missing: bool, as_json: bool) ->
         }
         echo_json(document)
     elif issues:
-        for issue in issues:
+        for issue in problems.causes:
             echo(str(issue))
         counts = ", ".join(f"{code} {count:,}" for code, count in problems.counts.items())
         echo(f"{submission}: {plural(problems.total, 'problem')} ({counts}).")

@@ -12,6 +12,7 @@ from pliant.cli.options import json_option, path_option, reports_argument
 from pliant.cli.terminal import echo, echo_json, plural
 
 if TYPE_CHECKING:
+    from pliant.evaluator.comparison import Difference
     from pliant.evaluator.scores import Scores
 
 
@@ -33,9 +34,9 @@ def command(
     """Compare report folders of one protocol, dataset and split.
 
     Methods are compared sequence by sequence with a sign-flip test. A verdict needs an interval
-    that excludes zero and at least 6 sequences. Each line ends with the number of sequences
-    that a verdict on this difference would need. The last lines show the causes of each method's
-    squared error, where the reports have them.
+    that excludes zero and at least 6 sequences; with fewer, only the order is shown. Each line
+    ends with the number of sequences that a verdict on this difference would need. The last lines
+    show the causes of each method's squared error, where the reports have them.
     """
     from pliant.evaluator.comparison import differences, method_names, ranks
     from pliant.evaluator.protocols.protocol import read_protocol
@@ -74,27 +75,9 @@ def command(
             document["causes"] = causes
         echo_json(document)
         return 0
-    last = ("", "")
-    one_tier = len({item.group for item in found} - {"overall"}) == 1
-    for item in found:
-        if one_tier and item.group != "overall":
-            continue  # the same figures once more
-        shown = heading(item.metric, protocol)
-        if (item.metric, item.group) != last:
-            last = (item.metric, item.group)
-            echo(f"{shown.in_text}, {item.group}")
-        interval = ""
-        if item.low == item.low:
-            interval = f" [{shown.written(item.low)}, {shown.written(item.high)}]"
-        sign = "+" if item.value > 0 else ""
-        echo(
-            f"  {item.method} against {item.against}: {sign}{shown.written(item.value)}"
-            f"{interval}: {item.verdict} ({_sequences(item.sequences, item.sequences_needed)})"
-        )
-    if any(item.verdict == "too few sequences" for item in found):
-        echo(f"No verdict is given with fewer than {fewest} sequences.")
+    _print_differences(scores, names, found, fewest)
     for (group, metric), places in standing.items():
-        if group == "overall":
+        if group == "overall" and any(place > 1 for place in places):
             order = sorted(zip(places, names, strict=True))
             text = ", ".join(f"{place}. {name}" for place, name in order)
             echo(f"Ranks by {heading(metric, protocol).label}: {text}")
@@ -103,6 +86,64 @@ def command(
     if out is not None:
         echo(f"Comparison: {out}")
     return 0
+
+
+def _print_differences(
+    scores: Sequence[Scores], names: Sequence[str], found: Sequence[Difference], fewest: int
+) -> None:
+    """Print each difference, or only the order of the methods where there is no verdict."""
+    from pliant.evaluator.report.cells import heading
+
+    protocol = str(scores[0].document["protocol"])
+    without: list[Difference] = []
+    tables: dict[tuple[str, str], list[Difference]] = {}
+    one_tier = len({item.group for item in found} - {"overall"}) == 1
+    for item in found:
+        if item.group == "overall" or not one_tier:  # else the same figures once more
+            tables.setdefault((item.metric, item.group), []).append(item)
+    for (metric, group), items in tables.items():
+        shown = heading(metric, protocol)
+        title = f"{shown.in_text}, {group}"
+        if all(item.verdict == "too few sequences" for item in items):
+            without += items
+            sign = -1 if shown.better == "higher" else 1
+            offset = {item.method: sign * item.value for item in items if item.against == names[0]}
+            order = sorted(names, key=lambda name: offset.get(name, 0.0))
+            echo(f"{title}, best first: {', '.join(_with_values(scores, names, order, items[0]))}")
+            continue
+        echo(title if shown.better == "neither" else f"{title}, {shown.better} is better")
+        for item in items:
+            interval = ""
+            if item.low == item.low:
+                interval = f" [{shown.written(item.low)}, {shown.written(item.high)}]"
+            value = f"{'+' if item.value > 0 else ''}{shown.written(item.value)}"
+            echo(
+                f"  {item.method} against {item.against}: {value}{interval}: {item.verdict} "
+                f"({_sequences(item.sequences, item.sequences_needed)})"
+            )
+    if without:
+        most = max(item.sequences for item in without)
+        needed = max(item.sequences_needed or fewest for item in without)
+        echo(
+            f"No verdict on {plural(len(without), 'difference')}: {plural(most, 'sequence')}, and "
+            f"at least {fewest} are needed (about {needed:,} for all of them)."
+        )
+
+
+def _with_values(
+    scores: Sequence[Scores], names: Sequence[str], order: Sequence[str], item: Difference
+) -> list[str]:
+    """Return the methods with their scores by the metric and group of a difference."""
+    from pliant.evaluator.report.cells import heading
+
+    shown = heading(item.metric, str(scores[0].document["protocol"]))
+    values = {
+        name: (each.overall if item.group == "overall" else each.tiers[item.group]).get(item.metric)
+        for name, each in zip(names, scores, strict=True)
+    }
+    return [
+        name if values[name] is None else f"{name} {shown.written(values[name])}" for name in order
+    ]
 
 
 def _causes(scores: Sequence[Scores], names: Sequence[str]) -> dict[str, Any] | None:

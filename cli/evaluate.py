@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -92,6 +93,23 @@ def command(
     return 0
 
 
+def _notes(notes: Mapping[str, str]) -> list[str]:
+    """Return one line per cause: the same text, or the same optional columns left out."""
+    columns, others = [], dict[str, list[str]]()
+    for name, text in notes.items():
+        cause, _, effect = text.partition(": ")
+        if cause.startswith("the submission has "):
+            columns.append((cause.removeprefix("the submission has "), effect))
+        else:
+            others.setdefault(text, []).append(name)
+    lines = [f"Note, {', '.join(names)}: {text}" for text, names in others.items()]
+    if columns:
+        without = dict.fromkeys(column for column, _ in columns)
+        effects = dict.fromkeys(effect for _, effect in columns if effect)
+        lines.append(f"Note: the submission has {', '.join(without)}: {'; '.join(effects)}")
+    return lines
+
+
 def _print(scores: Scores, out: Path | None) -> None:
     """Print the headline table."""
     from pliant.evaluator.report.cells import heading, score_cell
@@ -113,7 +131,7 @@ def _print(scores: Scores, out: Path | None) -> None:
             f"{group:>{width}} {cell.value:>8} {cell.coverage}".rstrip() for group, cell in shown
         )
         echo(f"  {heading(metric, document['protocol']).in_text:32} {cells}")
-    for name, note in document["notes"].items():
-        echo(f"Note, {name}: {note}", err=True)
+    for line in _notes(document["notes"]):
+        echo(line, err=True)
     if out is not None:
         echo(f"Report: {out / 'report.html'}")

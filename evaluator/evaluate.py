@@ -50,7 +50,7 @@ def evaluate(
         The scores.
 
     Raises:
-        SubmissionError: Something is wrong with the submission; `issues` has it all.
+        SubmissionError: Something is wrong with the submission; `issues` has every cause.
         SpecError: The dataset or the truth is at fault.
         CallError: No such protocol, or one for another kind of submission.
     """
@@ -89,7 +89,7 @@ def evaluate_answers(
         progress: As for `evaluate`.
 
     Raises:
-        SubmissionError: Something is wrong with the answers; `issues` has it all.
+        SubmissionError: Something is wrong with the answers; `issues` has every cause.
         SpecError: The dataset or the truth is at fault.
         CallError: No such protocol or split, or the answers are not columns of one length.
     """
@@ -143,7 +143,7 @@ def _scored(
 
 
 def _refusal(problems: Problems) -> SubmissionError:
-    issues = problems.issues()
+    issues = problems.causes
     codes = ", ".join(f"{code} {total:,}" for code, total in problems.counts.items())
     return SubmissionError(
         "the submission cannot be scored",

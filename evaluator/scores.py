@@ -173,7 +173,9 @@ def read_scores(folder: Path) -> Scores:
     try:
         document = parse_json(path.read_bytes(), path)
         jsonschema.validate(document, scores_schema())
-        files = document.pop("files", {PER_PAIR_TABLE: ""})
+        if "files" not in document:
+            raise _no_report(path, "no field `files`: it was written by an earlier version")
+        files = document.pop("files")
         for name, listed in files.items():
             if (folder / name).is_file() and sha256_file(folder / name) != listed:
                 raise _mixed(folder / name)

@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 from typing import Final
 
-_ADVICE: Final = (
+ADVICE: Final = (
     "Submissions are Parquet files with a footer. A table of answers (CSV, JSON lines, Parquet) "
     "becomes one by: pliant submission ANSWERS --data DATA --out SUB.parquet"
 )
@@ -34,10 +34,10 @@ def kind_of_file(path: Path) -> str | None:
     except OSError:
         return None
     if not start:
-        return f"the file is empty. {_ADVICE}"
+        return f"the file is empty. {ADVICE}"
     for magic, kind in _STARTS.items():
         if start.startswith(magic):
-            return f"this is {kind}. {_ADVICE}"
+            return f"this is {kind}. {ADVICE}"
     try:
         text = start.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -47,8 +47,8 @@ def kind_of_file(path: Path) -> str | None:
     if not text.isprintable() and not re.fullmatch(r"[^\x00-\x08\x0e-\x1f\x7f]*", text):
         return None
     if text.lstrip().startswith(("{", "[")):
-        return f"this is a JSON file. {_ADVICE}"
+        return f"this is a JSON file. {ADVICE}"
     line = text.splitlines()[0]
     if line.count(",") or line.count(";") or line.count("\t"):
-        return f"this is a CSV file. {_ADVICE}"
-    return f"this is a text file. {_ADVICE}"
+        return f"this is a CSV file. {ADVICE}"
+    return f"this is a text file. {ADVICE}"

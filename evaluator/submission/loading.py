@@ -88,7 +88,7 @@ def load(
             message += f"; {word} {value}" if value is not None else ""
         problems.add(code, "", message)
         return None
-    problems.findings.merge(found.findings)
+    problems.include(found)
     return loaded
 
 

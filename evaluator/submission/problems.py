@@ -3,10 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Final
 
+import numpy as np
+
+from pliant.evaluator.arrays import BoolArray
 from pliant.spec.errors import Issue
-from pliant.spec.validation.findings import LISTED_PER_CODE, FileProblems, Findings
+from pliant.spec.validation.findings import (
+    LISTED_PER_CODE,
+    FileProblems,
+    Findings,
+    RowDescription,
+)
 from pliant.spec.validation.issue_codes import make_issue
+
+PLACES: Final = 3
+"""So many places of one cause are named."""
 
 
 class Problems(FileProblems):
@@ -17,25 +29,45 @@ class Problems(FileProblems):
         listed: Number of problems of one code that are put in words.
 
     Attributes:
+        causes: One issue for each rule that is broken: the first problem in words, the first
+            places, and how often.
         hints: Sentences about what looks wrong in a submission that can be scored.
     """
 
     def __init__(self, path: object, *, listed: int = LISTED_PER_CODE) -> None:
         super().__init__(Findings(listed), str(path))
+        self.causes: list[Issue] = []
         self.hints: list[str] = []
 
     def __bool__(self) -> bool:
         return bool(self.counts)
 
+    def add(self, code: str, where: str, message: str) -> None:
+        """Add one problem: field, row or frame; found, required and what to do."""
+        self.add_many(code, 1, [(where, message)])
+
     def differs(self, code: str, where: str, found: str, required: object) -> None:
         """Add one problem: something was found that is not what is required."""
         self.add(code, where, f"found {found}; required: {required}")
 
+    def add_rows(self, code: str, bad: BoolArray, describe: RowDescription) -> None:
+        """Add a problem for every true element; see `Findings.add_rows`."""
+        super().add_rows(code, bad, describe)
+        rows = np.flatnonzero(bad)
+        if len(rows):
+            self._add_cause(code, len(rows), [describe(row) for row in rows[:PLACES].tolist()])
+
     def add_many(self, code: str, count: int, described: Sequence[tuple[str, str]]) -> None:
         """Add `count` problems of one code, of which some are described by (where, message)."""
         for where, message in described:
-            self.add(code, where, message)
+            self.findings.add(code, self.path, where, message)
         self.counts[code] = self.counts.get(code, 0) + count - len(described)
+        self._add_cause(code, count, described)
+
+    def include(self, other: Problems) -> None:
+        """Add the problems that another process found in the same file."""
+        self.findings.merge(other.findings)
+        self.causes += other.causes
 
     def issues(self) -> list[Issue]:
         """Return the issues, and after those of a capped code one with their total."""
@@ -47,3 +79,8 @@ class Problems(FileProblems):
                 message = f"{total:,} in all; the first {len(listed)} are listed"
                 result.append(make_issue(code, self.path, "", message))
         return result
+
+    def _add_cause(self, code: str, count: int, described: Sequence[tuple[str, str]]) -> None:
+        places = [where for where, _ in described[:PLACES]] + ["…"] * (count > PLACES)
+        message = described[0][1] + (f" ({count:,} times)" if count > 1 else "")
+        self.causes.append(make_issue(code, self.path, "; ".join(places), message))

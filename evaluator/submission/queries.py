@@ -98,11 +98,12 @@ def read_queries(dataset: Dataset, split: str) -> Queries:
     if not len(table):
         raise SpecError("the split has no queries", path=path, fix="Run: pliant validate")
     pair, query = table["pair_id"].to_numpy(), table["query_id"].to_numpy()
-    step = np.diff(pair, prepend=-1)
-    first = np.flatnonzero(step)  # rows at which a pair begins
-    starts = np.append(first, len(pair))
-    expected = np.arange(len(pair)) - np.repeat(first, np.diff(starts)) if len(first) else None
-    if expected is None or np.any(step[first] != 1) or not np.array_equal(query, expected):
+    later = np.flatnonzero(pair[1:] != pair[:-1]) + 1  # rows at which another pair begins
+    first = np.append(0, later)
+    step = np.diff(query)
+    step[later - 1] = 1
+    numbered = np.array_equal(pair[first], np.arange(len(first))) and not query[first].any()
+    if not numbered or np.any(step != 1):
         raise SpecError(
             "the queries are not numbered consecutively",
             path=path,
@@ -118,7 +119,7 @@ def read_queries(dataset: Dataset, split: str) -> Queries:
     return Queries(
         split=split,
         path=path,
-        starts=starts,
+        starts=np.append(first, len(pair)),
         tiers=tiers,
         tier=tier,
         sequences=sequences,

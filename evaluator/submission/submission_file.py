@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from pliant.evaluator.submission import limits
-from pliant.evaluator.submission.file_kinds import kind_of_file
+from pliant.evaluator.submission.file_kinds import ADVICE, kind_of_file
 from pliant.evaluator.submission.problems import Problems
 from pliant.evaluator.submission.queries import Queries
 from pliant.evaluator.submission.values import MODE_FIELDS
@@ -36,11 +36,6 @@ OPTIONAL: Final[dict[str, dict[str, str]]] = {
     "answers": {"visible": "probability", "sigma": "real", "modes": "modes"},
     "matches": {},
 }
-_TEMPLATE: Final = (
-    "The footer is JSON under the key `pliant` of the file's metadata. A table becomes a "
-    "submission by: pliant submission ANSWERS --data DATA --out SUB.parquet"
-)
-
 _WANTED: Final = {
     "integer": "an integer type",
     "real": "float32 or float64",
@@ -164,7 +159,13 @@ def _footer(
     try:
         footer = footer_of(file, path)
     except FileRefusedError as error:
-        problems.add(error.code, error.where or "", f"{_short(reason(error))} {_TEMPLATE}")
+        text = _short(reason(error))
+        if error.code == "FOOTER_MISSING":
+            text = (
+                "the file does not say which queries it answers: it has no entry `pliant` in its "
+                f"metadata. {ADVICE}"
+            )
+        problems.add(error.code, error.where or "", text)
         return None
     try:
         check_version(footer.get("spec_version"), path)

@@ -179,14 +179,19 @@ def test_other_files_are_recognised(write: Any, says: str, scene: Any, tmp_path:
     (issue,) = inspect(path, scene.root).issues()
     assert issue.code == "FILE_UNREADABLE"
     assert issue.message.startswith(says)
-    assert "pliant submission ANSWERS" in issue.message
+    assert "pliant submission ANSWERS --data DATA" in issue.message
 
 
-def test_a_missing_footer_points_to_the_template(scene: Any, tmp_path: Path) -> None:
+def test_a_missing_footer_is_said_once_with_the_command_that_writes_it(
+    scene: Any, tmp_path: Path
+) -> None:
     pq.write_table(scene.table(), tmp_path / "s.parquet")
     (issue,) = inspect(tmp_path / "s.parquet", scene.root).issues()
     assert issue.code == "FOOTER_MISSING"
-    assert "pliant submission ANSWERS" in issue.message
+    assert issue.message.count("footer") == 1
+    assert issue.message.endswith(
+        "becomes one by: pliant submission ANSWERS --data DATA --out SUB.parquet"
+    )
 
 
 @pytest.mark.parametrize("version", ["1.0", "1", 1.0, None, ""])

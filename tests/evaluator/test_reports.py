@@ -224,13 +224,32 @@ def test_a_leaderboard_ranks_and_sorts(reports: Path, tmp_path: Path) -> None:
 def test_compare_prints_verdicts_or_json(reports: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folders = [str(reports / name) for name in ("near", "far")]
     assert run(["compare", *folders]) == 0
-    assert "far against near: +" in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert "RMSE (px), overall, lower is better\n  far against near: +" in out
+    assert "Ranks by RMSE: 1. near, 2. far" in out
     assert run(["compare", *folders, "--metric", "rmse_px", "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["methods"] == ["near", "far"]
     assert {d["metric"] for d in document["differences"]} == {"rmse_px"}
     assert run(["compare", folders[0]]) == 2
     assert run(["compare", folders[0], "/nowhere"]) == 2
+
+
+def test_compare_of_few_sequences_shows_the_order_and_no_rank(
+    scene_maker: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene = scene_maker(tmp_path / "data", sequences=2, images=False)
+    for name, off in (("far", 9.0), ("near", 3.0), ("middle", 6.0)):
+        table = scene.table(scene.true_px + np.array([off, 0]))
+        path = scene.submit(tmp_path / "s.parquet", table, method={"name": name})
+        write_report(evaluate(path, scene.root), tmp_path / "reports" / name)
+    metrics = ["--metric", "rmse_px", "--metric", "pck_8px"]
+    assert run(["compare", str(tmp_path / "reports"), *metrics]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == "RMSE (px), overall, best first: near 3.00, middle 6.00, far 9.00"
+    assert lines[3] == "PCK 8 px, overall, best first: middle 1.000, near 1.000, far 0.000"
+    assert lines[6].startswith("No verdict on 18 differences: 4 sequences, and at least 6 are ")
+    assert len(lines) == 7
 
 
 def test_plots_are_well_formed_and_alike_for_alike_input() -> None:
