@@ -1,4 +1,4 @@
-"""`pliant export`: a trained model with its model card."""
+"""`pliant train export`: a trained model with its model card."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pliant.cli.options import PATH, data_option, json_option, out_option, path_
 from pliant.cli.terminal import echo_result
 
 
-@click.command()
+@click.command("export")
 @click.argument("run", type=PATH)
 @click.option("--name", required=True, help="Name of the model, such as don-rope.")
 @data_option("Dataset that it was trained on.")

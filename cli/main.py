@@ -22,13 +22,11 @@ SECTIONS: Final[dict[str, dict[str, tuple[str, str]]]] = {
         "import": ("pliant.cli.import_data", "Import images and point annotations of other tools."),
         "validate": ("pliant.cli.validate", "Check a dataset against the specification."),
         "info": ("pliant.cli.info", "Show a summary of a dataset."),
-        "spec": ("pliant.cli.spec", "Print or write the specification's schemas."),
     },
     "Methods": {
         "methods": ("pliant.cli.methods", "List the methods, and what is missing for them."),
         "predict": ("pliant.cli.predict", "Run a method on the queries of a split."),
-        "train": ("pliant.cli.train", "Train a learned method."),
-        "export": ("pliant.cli.export", "Export a trained model with its model card."),
+        "train": ("pliant.cli.train", "Train a learned method; export a trained one."),
         "benchmark": (
             "pliant.cli.benchmark",
             "Make a reference benchmark, from config to table.",

@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 
 import click
 
+from pliant.cli import export
 from pliant.cli.interrupts import terminated_like_interrupted
 from pliant.cli.options import data_option, json_option, out_option, path_option, set_option
 from pliant.cli.terminal import Bar, echo, echo_json, progress_bar
@@ -18,10 +19,13 @@ F = TypeVar("F", bound=Callable[..., None])
 
 @click.group("train")
 def command() -> None:
-    """Train a learned method on a dataset.
+    """Train a learned method on a dataset, or export what was trained.
 
     A run is a folder; `pliant predict RUN` and `pliant match RUN` answer with it afterwards.
     """
+
+
+command.add_command(export.command)
 
 
 def _run_options(function: F) -> F:

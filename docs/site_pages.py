@@ -44,25 +44,6 @@ SETTINGS: Final = {
     "pliant benchmark": BenchmarkConfig,
 }
 
-CLI: Final = r"""# Command line
-
-Tab completion of commands and options: add one line to the shell's start-up file.
-
-| shell | file | line |
-|---|---|---|
-| bash | `~/.bashrc` | `eval "$(_PLIANT_COMPLETE=bash_source pliant)"` |
-| zsh | `~/.zshrc` | `eval "$(_PLIANT_COMPLETE=zsh_source pliant)"` |
-| fish | `~/.config/fish/config.fish` | `_PLIANT_COMPLETE=fish_source pliant \| source` |
-
-::: mkdocs-click
-    :module: pliant.cli.main
-    :command: cli
-    :prog_name: pliant
-    :depth: 1
-    :style: table
-    :list_subcommands: true
-"""
-
 API: Final = {
     "Load, predict, evaluate": (
         "pliant.api.load",
@@ -86,7 +67,6 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the pages that are copied from the repository or generated from the code."""
     pages = {target: (ROOT / source).read_text() for source, target in COPIED.items()}
     pages |= {
-        "reference/cli.md": CLI,
         "reference/api.md": _api(),
         "reference/configuration.md": _configuration(),
         "reference/metrics.md": _metrics(),

@@ -119,10 +119,13 @@ INPUTS: dict[str, tuple[str, list[str]]] = {
             "OUT.png",
         ],
     ),
-    "export a run": ("RUN", ["export", "RUN", "--name", "a", "--data", "DATA", "--out", "OUT"]),
+    "export a run": (
+        "RUN",
+        ["train", "export", "RUN", "--name", "a", "--data", "DATA", "--out", "OUT"],
+    ),
     "benchmark": ("CONFIG", ["benchmark", "CONFIG", "--out", "OUT"]),
     "generate": ("CONFIG", ["generate", "rope", "--config", "CONFIG", "--out", "OUT"]),
-    "spec": ("FILE", ["spec", "--out", "FILE"]),
+    "write the specification": ("FILE", ["validate", "--spec", "FILE"]),
 }
 FOLDERS: dict[str, tuple[str, ...]] = {
     "DATA": ("dataset.json", "sequences.parquet", "queries/test.parquet"),
@@ -134,13 +137,16 @@ FOLDERS: dict[str, tuple[str, ...]] = {
 
 
 def test_every_command_that_reads_something_is_here() -> None:
-    """Those that serve pages until they are stopped have their inputs in `tests/viewer`."""
+    """Those that serve pages have their inputs in `tests/viewer`, the service's in `tests/service`."""
     assert {call[0] for _, call in INPUTS.values()} == set(COMMANDS) - {
         "demo",
         "methods",
         "annotate",
         "explore",
         "serve",
+        "challenge",
+        "submit",
+        "verify",
     }
 
 

@@ -26,7 +26,7 @@ CALLS = {
     "predict identity --data sample --out OUT/e.parquet": "",
     "train don --data sample --out OUT/f": "train",
     "train timecycle --data sample --out OUT/f": "train",
-    "export OUT --name a --data sample --out OUT/g": "train",
+    "train export OUT --name a --data sample --out OUT/g": "train",
     "benchmark benchmarks/suite/demo.yaml --out OUT/h": "all",
     "explore sample --no-browser": "explore",
     "match sift --source A.png --target B.png --at 1,1 --out OUT/i.png": "classical",
@@ -46,7 +46,7 @@ CALLS = {
     "submission --data sample --out OUT/n.parquet": "",
     "annotate OUT/none": "",
     "import OUT/none --out OUT/o": "",
-    "spec": "",
+    "validate --spec OUT/q": "",
 }
 """Call -> the extra that it needs, empty for none. A call without may fail for its input."""
 

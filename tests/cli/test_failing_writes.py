@@ -28,7 +28,7 @@ COMMANDS = {
     "leaderboard": ["leaderboard", "REPORT", "--out", "OUT.html"],
     "site": ["site", "REPORT", "--out", "OUT"],
     "view": ["view", "DATA", "--out", "OUT.png", "--count", "2"],
-    "spec": ["spec", "--out", "OUT"],
+    "spec": ["validate", "--spec", "OUT"],
     "publish": ["publish", "DATA", "--out", "OUT"],
     "generate": ["generate", "rope", "--sequences", "1", "--style", "raster",
                  "--size", "64x64", "--out", "OUT", "--workers", "1"],

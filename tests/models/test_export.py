@@ -209,14 +209,14 @@ def test_a_run_of_the_same_name_is_not_taken_for_it(
     assert read_footer(Path("sub.parquet"))["method"]["name"] == "don"
 
 
-def test_ship_command(
+def test_export_command(
     trained: Path,
     models: Path,
     tiny_dataset: Path,
     tmp_path: Path,
     capfd: pytest.CaptureFixture[str],
 ) -> None:
-    arguments = ["ship", str(trained), "--name", "a-model", "--data", str(tiny_dataset)]
+    arguments = ["train", "export", str(trained), "--name", "a-model", "--data", str(tiny_dataset)]
     scores = ["--scores", str(models.parent / "report" / "scores.json")]
     assert run([*arguments, *scores, "--out", str(tmp_path), "--json"]) == 0
     told = json.loads(capfd.readouterr().out)
