@@ -137,7 +137,7 @@ FOLDERS: dict[str, tuple[str, ...]] = {
 
 
 def test_every_command_that_reads_something_is_here() -> None:
-    """Those that serve pages have their inputs in `tests/viewer`, the service's in `tests/service`."""
+    """Inputs of those that serve pages are in `tests/viewer`, of the service in `tests/service`."""
     assert {call[0] for _, call in INPUTS.values()} == set(COMMANDS) - {
         "demo",
         "methods",
