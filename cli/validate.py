@@ -39,8 +39,6 @@ def command(
     Lists every problem with its code and place. Exit code 0: valid; 1: invalid; 2: folder not
     found.
     """
-    if (data is None) == (spec is None):
-        raise click.UsageError("Name the folder of a dataset, or --spec OUT.")
     if spec is not None:
         from pliant.spec.export import write_specification
 
@@ -48,6 +46,8 @@ def command(
         document = {"written": [str(path) for path in written]}
         echo_result(document, f"Wrote {len(written)} files to {spec}.", as_json=as_json)
         return 0
+    if data is None:
+        raise click.UsageError("Name the folder of a dataset, or --spec OUT.")
     from pliant.spec.validation.validate import validate
 
     with progress_bar("Validating", hidden=as_json) as bar:
