@@ -119,7 +119,8 @@ def read_depth(path: Path | str, size: tuple[int, int]) -> npt.NDArray[np.float3
     path = _existing(path)
     try:
         if path.suffix.lower() == ".npy":
-            values = np.load(path, allow_pickle=False)
+            with open(path, "rb") as stream:  # `np.load` would also open an archive of arrays
+                values = np.lib.format.read_array(stream, allow_pickle=False)
         else:
             with Image.open(path) as opened:
                 values = np.asarray(opened)
@@ -140,7 +141,8 @@ def read_depth(path: Path | str, size: tuple[int, int]) -> npt.NDArray[np.float3
             required="16-bit millimetres (.png, .tif) or metres (.npy)",
         )
     _check_shape("depth image", path, values.shape, size)
-    depth_m = values.astype(np.float32) / (1 if metres else _MILLIMETRES_PER_METRE)
+    with np.errstate(over="ignore", invalid="ignore"):
+        depth_m = values.astype(np.float32) / (1 if metres else _MILLIMETRES_PER_METRE)
     return np.where(np.isfinite(depth_m) & (depth_m > 0), depth_m, np.inf).astype(np.float32)
 
 
