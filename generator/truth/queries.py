@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,7 @@ import pyarrow as pa
 from pliant.generator.config import QuerySettings
 from pliant.generator.seeding import RandomStreams, SequenceTask, Stream
 from pliant.generator.truth.query_sampling import (
-    FrameRef,
+    FrameTask,
     Tracks,
     draw_points,
     frame_pairs,
@@ -115,7 +114,7 @@ def _split_tables(
         points = read_table(members[0].folder(root) / POINTS_TABLE, "points")
         askable = _queried_points(points, tier.queried_object)
         partners = np.array(points["partners"].to_pylist(), np.int64).reshape(len(points), -1)
-        drawn: dict[FrameRef, npt.NDArray[np.int64]] = {}
+        drawn: dict[FrameTask, npt.NDArray[np.int64]] = {}
         for task in members:
             rng = RandomStreams(seed, task).generator(Stream.QUERY_PAIRS)
             frames, wanted = len(tracks(task).boxes_px), settings.pairs_per_sequence
@@ -145,9 +144,9 @@ def _split_tables(
                         [source.frame + skip for skip in settings.skips] or range(frames),
                         settings.moving_share,
                     )
-                pair = Pair(len(queries), source, target)
                 rows = rng.permutation(drawn[source])
-                tables = pair.tables(rows, tracks(source.task), tracks(target.task), partners)
+                seen = tracks(source.task), tracks(target.task)
+                tables = pair_tables(len(queries), source, target, rows, seen, partners)
                 if tables is not None:
                     queries.append(tables[0])
                     truth.append(tables[1])
@@ -163,70 +162,61 @@ def _queried_points(points: pa.Table, queried: int) -> npt.NDArray[np.int64]:
     return np.flatnonzero((points["object"].to_numpy() == queried) & (kind == "surface"))
 
 
-@dataclass(frozen=True)
-class Pair:
-    """One image pair: its number in the file, its source and its target."""
+def pair_tables(
+    pair_id: int,
+    source: FrameTask,
+    target: FrameTask,
+    chosen: npt.NDArray[np.int64],
+    tracks: tuple[Tracks, Tracks],
+    partners: npt.NDArray[np.int64],
+) -> tuple[pa.Table, pa.Table] | None:
+    """Return the rows of queries and truth of a pair, None if it cannot be asked about.
 
-    pair_id: int
-    source: FrameRef
-    target: FrameRef
-
-    def tables(
-        self,
-        chosen: npt.NDArray[np.int64],
-        source: Tracks,
-        target: Tracks,
-        partners: npt.NDArray[np.int64],
-    ) -> tuple[pa.Table, pa.Table] | None:
-        """Return the rows of queries and truth, or None if this pair cannot be asked about.
-
-        Args:
-            chosen: Ids of the points to ask, visible in the source, in the order of the rows.
-            source: Tracks of the source's sequence.
-            target: Tracks of the target's sequence.
-            partners: int64 (P, S), per symmetry the point each is mapped to.
-        """
-        a, b = self.source.frame, self.target.frame
-        box = target.boxes_px[b]
-        if box is None or len(chosen) == 0:
-            return None
-        count = len(chosen)
-        tier = [self.source.task.tier] * count
-        ids = np.arange(count, dtype=np.int32)
-        pair_ids = np.full(count, self.pair_id, np.int32)
-        uv_a = source.uv_px[a, chosen]
-        queries = [
-            pair_ids,
-            ids,
-            tier,
-            [self.source.task.id] * count,
-            np.full(count, a, np.int32),
-            [self.target.task.id] * count,
-            np.full(count, b, np.int32),
-            np.ascontiguousarray(uv_a[:, 0]),
-            np.ascontiguousarray(uv_a[:, 1]),
+    Args:
+        pair_id: Its number in the file.
+        source: The frame that the points are asked in.
+        target: The frame where they are to be found.
+        chosen: Ids of the points to ask, visible in the source, in the order of the rows.
+        tracks: Tracks of the sequences of source and target.
+        partners: int64 (P, S), per symmetry the point each is mapped to.
+    """
+    box = tracks[1].boxes_px[target.frame]
+    if box is None or len(chosen) == 0:
+        return None
+    count = len(chosen)
+    uv_a = tracks[0].uv_px[source.frame, chosen]
+    uv_b, states = tracks[1].uv_px[target.frame], tracks[1].visibility[target.frame]
+    shared = {
+        "pair_id": np.full(count, pair_id, np.int32),
+        "query_id": np.arange(count, dtype=np.int32),
+        "tier": [source.task.tier] * count,
+    }
+    queries = {
+        **shared,
+        "sequence_a": [source.task.id] * count,
+        "frame_a": np.full(count, source.frame, np.int32),
+        "sequence_b": [target.task.id] * count,
+        "frame_b": np.full(count, target.frame, np.int32),
+        "u_a": np.ascontiguousarray(uv_a[:, 0]),
+        "v_a": np.ascontiguousarray(uv_a[:, 1]),
+    }
+    alternatives = [
+        [
+            {"u": uv_b[partner, 0], "v": uv_b[partner, 1], "visibility": states[partner]}
+            for partner in partners[point]
         ]
-        uv_b = target.uv_px[b]
-        states = target.visibility[b]
-        alternatives = [
-            [
-                {"u": uv_b[partner, 0], "v": uv_b[partner, 1], "visibility": states[partner]}
-                for partner in partners[point]
-            ]
-            for point in chosen
-        ]
-        truth = [
-            pair_ids,
-            ids,
-            tier,
-            chosen.astype(np.int32),
-            np.ascontiguousarray(uv_b[chosen, 0]),
-            np.ascontiguousarray(uv_b[chosen, 1]),
-            states[chosen].tolist(),
-            np.full(count, max(box[2] - box[0], box[3] - box[1]), np.float32),
-            pa.array(alternatives, TRUTH.field("alternatives").type),
-        ]
-        return pa.table(queries, schema=QUERIES), pa.table(truth, schema=TRUTH)
+        for point in chosen
+    ]
+    truth = {
+        **shared,
+        "point": chosen.astype(np.int32),
+        "u_b": np.ascontiguousarray(uv_b[chosen, 0]),
+        "v_b": np.ascontiguousarray(uv_b[chosen, 1]),
+        "visibility_b": states[chosen].tolist(),
+        "box_px": np.full(count, max(box[2] - box[0], box[3] - box[1]), np.float32),
+        "alternatives": pa.array(alternatives, TRUTH.field("alternatives").type),
+    }
+    return pa.table(queries, schema=QUERIES), pa.table(truth, schema=TRUTH)
 
 
 def _read_tracks(folder: Path) -> Tracks:

@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -23,9 +23,8 @@ MOVING_PX: Final = 4.0
 """A point that is nowhere farther than this from its place in the source does not move."""
 
 
-@dataclass(frozen=True)
-class FrameRef:
-    """One image: a frame of a sequence."""
+class FrameTask(NamedTuple):
+    """A frame of one of the sequences that are made."""
 
     task: SequenceTask
     frame: int
@@ -67,7 +66,7 @@ class Tracks:
 
 
 def point_classes(
-    seed: int, source: FrameRef, frames: int, partners: npt.NDArray[np.int64]
+    seed: int, source: FrameTask, frames: int, partners: npt.NDArray[np.int64]
 ) -> npt.NDArray[np.int64]:
     """Divide the material points at random into classes of nearly equal size.
 
@@ -129,7 +128,7 @@ def draw_points(
     return rng.permutation(np.concatenate([first, others[: total - len(first)]]))
 
 
-def track_pairs(target: SequenceTask, frames: int) -> Iterator[tuple[FrameRef, FrameRef]]:
+def track_pairs(target: SequenceTask, frames: int) -> Iterator[tuple[FrameTask, FrameTask]]:
     """Yield frame 0 as the source of every later frame of an episode.
 
     Args:
@@ -137,12 +136,12 @@ def track_pairs(target: SequenceTask, frames: int) -> Iterator[tuple[FrameRef, F
         frames: Its frames.
     """
     for frame in range(1, frames):
-        yield FrameRef(target, 0), FrameRef(target, frame)
+        yield FrameTask(target, 0), FrameTask(target, frame)
 
 
 def skip_pairs(
     rng: np.random.Generator, target: SequenceTask, frames: int, skips: Sequence[int]
-) -> Iterator[tuple[FrameRef, FrameRef]]:
+) -> Iterator[tuple[FrameTask, FrameTask]]:
     """Yield frames of an episode with the frames that are `skips` later; no target is a source.
 
     Args:
@@ -160,7 +159,7 @@ def skip_pairs(
         sources.add(frame)
         targets |= later
         for skip in skips:
-            yield FrameRef(target, frame), FrameRef(target, frame + skip)
+            yield FrameTask(target, frame), FrameTask(target, frame + skip)
 
 
 def frame_pairs(
@@ -169,7 +168,7 @@ def frame_pairs(
     members: Sequence[SequenceTask],
     frames: int,
     wanted: int,
-) -> Iterator[tuple[FrameRef, FrameRef]]:
+) -> Iterator[tuple[FrameTask, FrameTask]]:
     """Yield candidate (source, target) frames of different classes, more than wanted.
 
     No pair is repeated.
@@ -182,8 +181,8 @@ def frame_pairs(
         wanted: Pairs the caller will take.
     """
     if frames == 1:
-        own = FrameRef(target, 0)
-        sources = [FrameRef(task, 0) for task in members]
+        own = FrameTask(target, 0)
+        sources = [FrameTask(task, 0) for task in members]
         others = [each for each in sources if each.point_class(1) != own.point_class(1)]
         for k in rng.permutation(len(others)):
             yield others[k], own
@@ -197,10 +196,10 @@ def frame_pairs(
             first = int(rng.integers(low, max(high - 1, low + 1)))
             seen |= {(0, first), (0, min(first + 1, high - 1))}
     for a, b in sorted(seen):
-        yield FrameRef(target, a), FrameRef(target, b)
+        yield FrameTask(target, a), FrameTask(target, b)
     for _ in range(20 * wanted):
         a, b = (int(k) for k in rng.choice(frames, size=2, replace=False))
-        pair = FrameRef(target, a), FrameRef(target, b)
+        pair = FrameTask(target, a), FrameTask(target, b)
         if (a, b) not in seen and pair[0].point_class(frames) != pair[1].point_class(frames):
             seen.add((a, b))
             yield pair

@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 
 from pliant.generator.config import GenerateConfig, QuerySettings
-from pliant.generator.runner.manifest import refuse_changes
 from pliant.generator.runner.run import generate
 from pliant.generator.seeding import SequenceTask
-from pliant.generator.truth.queries import Pair
+from pliant.generator.truth.queries import pair_tables
 from pliant.generator.truth.query_sampling import (
-    FrameRef,
+    FrameTask,
     Tracks,
     draw_points,
     frame_pairs,
@@ -23,6 +22,7 @@ from pliant.spec.errors import CallError
 from pliant.spec.io.parquet import read_footer
 
 TASK = SequenceTask("rope", "test", 0)
+FRAMES = FrameTask(TASK, 0), FrameTask(TASK, 1)
 
 
 def tracks(states: list[list[str]], boxes: list[list[int] | None]) -> Tracks:
@@ -40,11 +40,10 @@ def test_rows_of_a_pair_by_hand():
         ],
         [[0, 0, 9, 9], [2, 3, 12, 8]],
     )
-    pair = Pair(7, FrameRef(TASK, 0), FrameRef(TASK, 1))
     partners = np.array([[3], [2], [1], [0]])
     # Point 3 is hidden in frame A: two queries are left.
     chosen = draw_points(np.random.default_rng(0), seen, 0, np.array([0, 1, 3]), 10)
-    asked = pair.tables(chosen, seen, seen, partners)
+    asked = pair_tables(7, *FRAMES, chosen, (seen, seen), partners)
     assert asked is not None
     queries, truth = asked
     assert queries["pair_id"].to_pylist() == truth["pair_id"].to_pylist() == [7, 7]
@@ -69,9 +68,9 @@ def test_rows_of_a_pair_by_hand():
 )
 def test_a_pair_that_cannot_be_asked(states, boxes):
     seen = tracks(states, boxes)
-    pair = Pair(0, FrameRef(TASK, 0), FrameRef(TASK, 1))
     chosen = draw_points(np.random.default_rng(0), seen, 0, np.array([0]), 3)
-    assert pair.tables(chosen, seen, seen, np.empty((1, 0), np.int64)) is None
+    none = np.empty((1, 0), np.int64)
+    assert pair_tables(0, *FRAMES, chosen, (seen, seen), none) is None
 
 
 @pytest.mark.parametrize("frames", [2, 3, 24, 3000])
@@ -101,11 +100,11 @@ def test_no_pair_has_source_and_target_of_one_class(frames):
 
 def test_classes_divide_the_material_and_keep_symmetric_points_together():
     partners = np.arange(400)[::-1, None]  # a rope that looks the same from both ends
-    one, other = (FrameRef(SequenceTask("rope", "test", k), 0) for k in (0, 1))
+    one, other = (FrameTask(SequenceTask("rope", "test", k), 0) for k in (0, 1))
     classes = point_classes(5, one, 24, partners)
     assert (classes == classes[::-1]).all()
     assert np.bincount(classes).tolist() == [100] * 4
-    assert (classes == point_classes(5, FrameRef(one.task, 7), 24, partners)).all()
+    assert (classes == point_classes(5, FrameTask(one.task, 7), 24, partners)).all()
     assert (classes != point_classes(5, other, 24, partners)).mean() > 0.5
     # Single frames are paired across sequences, so they share one division.
     assert (point_classes(5, one, 1, partners) == point_classes(5, other, 1, partners)).all()
@@ -162,16 +161,6 @@ def test_a_track_needs_an_episode():
         GenerateConfig(("rope",), queries=QuerySettings(kind="track"))
     with pytest.raises(CallError, match=r"query\.kind: .* Did you mean 'track'"):
         QuerySettings(kind="tracks")  # type: ignore[arg-type]
-
-
-def test_a_set_from_before_tracks_goes_on(tmp_path):
-    """Its stored config lacks `queries.kind`: pairs were all there was."""
-    wanted = GenerateConfig(("rope",)).to_dict()
-    stored = {**wanted, "queries": {k: v for k, v in wanted["queries"].items() if k != "kind"}}
-    refuse_changes(stored, wanted, tmp_path)
-    track = GenerateConfig(("rope",), frames=2, episodes=True, queries=QuerySettings(kind="track"))
-    with pytest.raises(CallError, match=r"queries\.kind"):
-        refuse_changes(stored, track.to_dict(), tmp_path)
 
 
 def test_single_frames_are_paired_across_sequences(standin, tmp_path):
