@@ -19,7 +19,6 @@ from pliant.spec.model import Tier
 TIER_MODULES: Final[dict[str, str]] = {
     "rope": "pliant.generator.objects.rope.sampler",
     "cloth": "pliant.generator.objects.cloth.sampling",
-    "towel": "pliant.generator.objects.cloth.towel",
 }
 """Module of a tier, or of all tiers of a kind."""
 

@@ -114,7 +114,7 @@ def table_reflectance(table: TableAppearance, xy_m: FloatArray) -> FloatArray:
 
 
 def cloth_images(appearance: Appearance, side_px: int = 768) -> tuple[Image, Image]:
-    """Return what is woven and printed on a cloth, front and back.
+    """Return what is woven into a cloth, front and back.
 
     Args:
         appearance: The appearance of a cloth sequence.
@@ -129,17 +129,7 @@ def cloth_images(appearance: Appearance, side_px: int = 768) -> tuple[Image, Ima
     u, v = np.meshgrid(place, place)
     front = np.broadcast_to(ground, (side_px, side_px, 3)).astype(np.float64)
     back = np.broadcast_to(np.asarray(appearance.back_colour), front.shape).astype(np.float64)
-    if appearance.pattern == "striped":
-        edges, first = _stripes(appearance.pattern_seed)
-        band = (np.searchsorted(edges, u) + first) % 2 == 1
-        wide = np.searchsorted(edges, u) % 5 == 3
-        front[band] = second
-        front[band & wide] = third
-        back = front
-    elif appearance.pattern == "printed":
-        _print(front, u, v, second, third, appearance.pattern_seed)
-        back = 0.75 * np.asarray(appearance.back_colour) + 0.25 * front  # the print shines through
-    elif appearance.pattern == "towel":
+    if appearance.pattern == "towel":
         end = (u > _STRIPE[0]) & (u < _STRIPE[1])
         stripe = end | ((v > _SIDE_STRIPE[0]) & (v < _SIDE_STRIPE[1]))
         hem = np.maximum(np.abs(u - 0.5), np.abs(v - 0.5)) > 0.5 - _HEM
@@ -149,39 +139,3 @@ def cloth_images(appearance: Appearance, side_px: int = 768) -> tuple[Image, Ima
     weave = np.cos(2 * np.pi * WEAVE_THREADS * u) * np.cos(2 * np.pi * WEAVE_THREADS * v)
     shade = (1.0 - appearance.weave_contrast * (0.5 - 0.5 * weave))[..., None]
     return (front * shade).astype(np.float32), (back * shade).astype(np.float32)
-
-
-def _stripes(seed: int) -> tuple[FloatArray, int]:
-    """Return the stripes' edges along u: widths that grow, so that the ends differ."""
-    rng = np.random.default_rng(seed)
-    widths = np.sort(rng.uniform(0.02, 0.11, 14))
-    edges = np.cumsum(widths) / widths.sum()
-    return edges[:-1], int(rng.integers(2))
-
-
-def _print(
-    front: FloatArray,
-    u: FloatArray,
-    v: FloatArray,
-    second: FloatArray,
-    third: FloatArray,
-    seed: int,
-) -> None:
-    """Print discs, rings and bars of many sizes, no two places alike."""
-    rng = np.random.default_rng(seed)
-    for k in range(46):
-        cu, cv = rng.uniform(0.02, 0.98, 2)
-        size = rng.uniform(0.02, 0.085)
-        turn = rng.uniform(0, np.pi)
-        ink = second if rng.random() < 0.6 else third
-        du, dv = u - cu, v - cv
-        distance = np.hypot(du, dv)
-        if k % 3 == 0:
-            mark = distance < size
-        elif k % 3 == 1:
-            mark = (distance < size) & (distance > 0.55 * size)
-        else:
-            along = np.abs(np.cos(turn) * du + np.sin(turn) * dv)
-            across = np.abs(np.cos(turn) * dv - np.sin(turn) * du)
-            mark = (along < 1.6 * size) & (across < 0.28 * size)
-        front[mark] = ink

@@ -5,7 +5,7 @@ styles render the same appearance. Colours are linear RGB reflectances.
 
 An appearance never breaks a symmetry that its tier declares: a rope's odd strand is strand 0, on
 which the reversal lands again; a plain cloth is woven alike under the eight maps of the
-square; stripes depend on u alone. Patterns are on the material in the same place in every
+square. Patterns are on the material in the same place in every
 sequence of a tier; only their colours change.
 """
 
@@ -77,8 +77,7 @@ class Appearance:
         ball_colour: Colour of the rope's ball.
         cloth_colours: Cloth: the colours that its pattern is made of, the ground first.
         back_colour: Cloth: colour of the back's ground, the front's own where both are alike.
-        pattern: Cloth: `plain`, `two-sided`, `striped`, `printed` or `towel`.
-        pattern_seed: The pattern's layout; it follows from the tier's name alone.
+        pattern: Cloth: `plain` or `towel`.
         weave_contrast: Cloth: strength of the weave.
         specular: Strength of the highlights, 0 to 1.
     """
@@ -91,7 +90,6 @@ class Appearance:
     cloth_colours: tuple[Colour, ...]
     back_colour: Colour
     pattern: str
-    pattern_seed: int
     weave_contrast: float
     specular: float
 
@@ -140,7 +138,7 @@ def sample_appearance(
         strands = tuple(_linear(second if k in odd else main) for k in range(count))
     else:
         cloth = (_linear(main), _linear(second), _linear(third))
-        back = second if scene_object.variant in ("two-sided", "towel") else main
+        back = second if scene_object.variant == "towel" else main
     return Appearance(
         light=light,
         table=table,
@@ -150,7 +148,6 @@ def sample_appearance(
         cloth_colours=cloth,
         back_colour=_linear(back),
         pattern=scene_object.variant,
-        pattern_seed=sum(scene_object.tier.encode()) + 1,
         weave_contrast=float(rng.uniform(*settings.weave_contrast)),
         specular=float(rng.uniform(*settings.specular)),
     )

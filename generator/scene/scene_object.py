@@ -106,8 +106,8 @@ class SceneObject:
         size_m: A length for framing the camera: rope length, or cloth side, metres.
         thickness_m: Rope diameter or cloth thickness, metres.
         info: JSON-able parameters kept in `sequence.json` (control points, handles, actions …).
-        variant: Appearance that the tier's symmetry depends on (`plain`, `two-sided`,
-            `striped`, `printed`, `towel`; a rope: `plain`).
+        variant: Appearance that the tier's symmetry depends on (`plain`,
+            or a cloth's `towel`).
     """
 
     tier: str

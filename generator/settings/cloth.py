@@ -12,7 +12,7 @@ from pliant.spec.errors import CallError
 if TYPE_CHECKING:
     from pliant.generator.objects.cloth.simulator import Sheet
 
-Variant = Literal["plain", "two-sided", "striped", "printed", "towel"]
+Variant = Literal["plain", "towel"]
 
 COVERAGE_BANDS: Final[dict[int, tuple[float, float]]] = {
     1: (0.70, 0.90),
@@ -38,8 +38,8 @@ class ClothSettings:
     Attributes:
         level: 1 smooth, 2 wrinkled and folded, 3 heavily scrunched; None takes the digit at
             the end of the tier's name (`cloth-2`), and 2 for the tier `towel`.
-        variant: `plain` (one colour), `two-sided` (a back of another shade), `striped`,
-            `printed`, or `towel` (a hem and a stripe; the tier `towel` always has it).
+        variant: `plain` (one colour), or `towel` (a hem and two stripes; the tier `towel` always
+            has it).
         side_m: Side of the square, metres.
         points_a_side: Point masses along a side.
         doublings: How often the simulated cells are halved for rendering.

@@ -96,7 +96,7 @@ def tube_scene_object(rows: int = 160, ring: int = 12) -> SceneObject:
     )
 
 
-def sheet_scene_object(cells: int = 60, variant: str = "plain") -> SceneObject:
+def sheet_scene_object(cells: int = 60) -> SceneObject:
     """A wavy sheet whose corner is folded over."""
     u, v = np.meshgrid(np.linspace(0, 1, cells + 1), np.linspace(0, 1, cells + 1), indexing="ij")
     rest = np.stack([u, v, 0 * u], axis=-1).reshape(-1, 3)
@@ -139,7 +139,6 @@ def sheet_scene_object(cells: int = 60, variant: str = "plain") -> SceneObject:
         pose=lambda frame: Pose({"cloth": vertices + np.array([0.003 * frame, 0, 0])}),
         size_m=SIDE_M,
         thickness_m=0.002,
-        variant=variant,
     )
 
 

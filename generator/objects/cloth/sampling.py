@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+import math
+from dataclasses import asdict, replace
 from typing import Final
 
 import numpy as np
@@ -25,10 +26,9 @@ ROTATIONS: Final = (
     Symmetry("rotation_180", ((-1, 0), (0, -1)), (1, 1)),
     Symmetry("rotation_270", ((0, 1), (-1, 0)), (0, 1)),
 )
-_MIRROR_V: Final = Symmetry("mirror_v", ((1, 0), (0, -1)), (0, 1))
 MIRRORS: Final = (
     Symmetry("mirror_u", ((-1, 0), (0, 1)), (1, 0)),
-    _MIRROR_V,
+    Symmetry("mirror_v", ((1, 0), (0, -1)), (0, 1)),
     Symmetry("mirror_diagonal", ((0, 1), (1, 0)), (0, 0)),
     Symmetry("mirror_antidiagonal", ((0, -1), (-1, 0)), (1, 1)),
 )
@@ -36,14 +36,8 @@ MIRRORS: Final = (
 SYMMETRIES: Final[dict[Variant, tuple[Symmetry, ...]]] = {
     # Both faces alike: turning the cloth over about an axis in its plane mirrors (u, v).
     "plain": ROTATIONS + MIRRORS,
-    # A back of another shade distinguishes a turned-over cloth; only rotations remain.
-    "two-sided": ROTATIONS,
-    # Bands across u, unequal from end to end, alike on both faces: turning the cloth over
-    # about the u axis changes nothing.
-    "striped": (_MIRROR_V,),
-    # No map leaves the print as it is.
-    "printed": (),
-    # The wide stripe is near one end, the narrow one along one side.
+    # A wide stripe is near one end, a narrow one along one side, on both faces, in exchanged
+    # colours. From the back they are a mirror image, so the picture says which face is up.
     "towel": (),
 }
 """Variant -> the maps of (u, v) under which the cloth looks the same, without the identity."""
@@ -67,13 +61,22 @@ def cloth_tier(settings: ClothSettings, name: str) -> Tier:
 
 
 def describe(config: GenerateConfig, tier: str) -> Tier:
-    """Return the cloth tier of a dataset."""
-    return cloth_tier(config.cloth, tier)
+    """Return a cloth tier of a dataset."""
+    return cloth_tier(_settings_of(config, tier), tier)
 
 
 def sample(config: GenerateConfig, streams: RandomStreams) -> SceneObject:
     """Draw one sequence of a dataset's cloth tier, as `sample_cloth` does."""
-    return sample_cloth(config.cloth, streams, config.frames, temporal=config.episodes)
+    settings = _settings_of(config, streams.task.tier)
+    return sample_cloth(settings, streams, config.frames, temporal=config.episodes)
+
+
+def _settings_of(config: GenerateConfig, tier: str) -> ClothSettings:
+    """Return the settings of a tier: a towel has level 2 unless one is given, and any angle."""
+    if tier != "towel":
+        return config.cloth
+    level = config.cloth.level or 2
+    return replace(config.cloth, variant="towel", level=level, yaw_max_rad=math.pi)
 
 
 def sample_cloth(

@@ -108,7 +108,7 @@ def test_points_and_partners_are_exact(variant: Variant) -> None:
     assert len(points.vertex) == 33 * 33
     assert part.double_sided
     np.testing.assert_array_equal(part.chart(part.rest[points.vertex]), points.material)
-    expected = {"plain": 7, "two-sided": 3, "striped": 1, "printed": 0, "towel": 0}
+    expected = {"plain": 7, "towel": 0}
     assert len(tier.symmetries) == expected[variant]
     assert points.partners.shape == (33 * 33, expected[variant])
     seen = {tuple(range(33 * 33))}
@@ -122,18 +122,12 @@ def test_points_and_partners_are_exact(variant: Variant) -> None:
     assert len(seen) == expected[variant] + 1  # all different, none the identity
 
 
-@pytest.mark.parametrize("variant", ["plain", "two-sided"])
-def test_the_symmetries_are_a_group_of_the_square(variant: Variant) -> None:
-    settings = ClothSettings(variant=variant)
-    partners = sample("cloth-1", settings).points.partners.T
+def test_the_symmetries_are_a_group_of_the_square() -> None:
+    partners = sample("cloth-1", ClothSettings()).points.partners.T
     maps = {tuple(range(33 * 33)), *map(tuple, partners)}
     for one in maps:
         for two in maps:
             assert tuple(np.array(one)[list(two)]) in maps
-    # A two-sided cloth keeps only maps that can be had without turning it over.
-    for symmetry in cloth_tier(settings, "t").symmetries:
-        determinant = round(np.linalg.det(np.array(symmetry.matrix)))
-        assert determinant == 1 or variant == "plain"
 
 
 def test_the_tier_describes_the_material() -> None:
