@@ -10,12 +10,11 @@ import pytest
 
 from pliant.generator.config import TIER_KINDS, GenerateConfig
 from pliant.generator.objects.tiers import TIER_MODULES
-from pliant.generator.runner.dataset_files import write_dataset_files
-from pliant.generator.runner.plan import plan_tasks
-from pliant.generator.runner.sequence import SequenceMaker
+from pliant.generator.runner.run import generate
 from pliant.generator.settings import RopeSettings
 from pliant.spec.dataset import Dataset
 from pliant.spec.validation.validate import validate
+from tests.generator.runner.standin import InProcess
 
 EXAMPLE = Path(__file__).with_name("coil_tier.py")
 
@@ -33,13 +32,8 @@ def test_a_tier_of_one_module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
         style="raster",
         rope=RopeSettings(ball=False),
     )
-    root, scratch = tmp_path / "coils", tmp_path / "scratch"
-    scratch.mkdir()
-    maker = SequenceMaker(config, root, scratch, overlap=False)
-    tasks = plan_tasks(config)
-    for task in tasks:
-        maker.make(task, lambda: None)
-    write_dataset_files(config, tasks, root, scratch)
+    root = tmp_path / "coils"
+    assert not generate(config, root, engine=InProcess()).failed
     assert validate(root).errors == 0
     dataset = Dataset.open(root)
     sequence = dataset.sequence("rope-coil-test-000000")

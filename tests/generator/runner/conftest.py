@@ -31,5 +31,5 @@ def uninterrupted(
 
     out = tmp_path_factory.mktemp("uninterrupted") / "set"
     config = standin.small_config()
-    generate(config, out, workers=1, open_maker=standin.maker(config, out))
+    generate(config, out, engine=standin.InProcess(), open_maker=standin.maker(config, out))
     return digests(out)

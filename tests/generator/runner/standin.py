@@ -11,14 +11,14 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Generator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from pliant.generator.config import GenerateConfig
-from pliant.generator.runner.engine import SequenceResult
+from pliant.generator.runner.engine import Event, OpenMaker, Rendered, SequenceResult, attempt
 from pliant.generator.runner.sequence_writer import SequenceWriter
 from pliant.generator.scene.camera import Camera
 from pliant.generator.scene.scene_object import Points
@@ -121,6 +121,23 @@ class StandInMaker:
             if not marker.exists():
                 marker.touch()
                 os.kill(os.getpid(), signal.SIGKILL)
+
+
+class InProcess:
+    """An engine that makes the tasks here, one after another: no process has to start."""
+
+    workers = 1
+
+    def events(
+        self, tasks: Sequence[SequenceTask], open_maker: OpenMaker
+    ) -> Generator[Event, None, None]:
+        opened = open_maker()
+        for task in tasks:
+            frames: list[SequenceTask] = []
+            event = attempt(opened, task, functools.partial(frames.append, task))
+            yield Rendered(task, len(frames))
+            yield event
+        opened.close()
 
 
 def maker(

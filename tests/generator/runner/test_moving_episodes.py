@@ -9,13 +9,12 @@ import numpy as np
 import pytest
 
 from pliant.generator.config import GenerateConfig, QuerySettings
-from pliant.generator.runner.dataset_files import write_dataset_files
-from pliant.generator.runner.plan import plan_tasks
-from pliant.generator.runner.sequence import SequenceMaker
+from pliant.generator.runner.run import generate
 from pliant.generator.settings import RopeSettings
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
 from pliant.spec.validation.validate import validate
+from tests.generator.runner.standin import InProcess
 
 FRAMES = 24
 CONFIG = GenerateConfig(
@@ -35,12 +34,7 @@ CONFIG = GenerateConfig(
 
 
 def made(config: GenerateConfig, root: Path) -> Dataset:
-    scratch = root.with_name(root.name + "-scratch")
-    scratch.mkdir(parents=True)
-    maker, tasks = SequenceMaker(config, root, scratch, overlap=False), plan_tasks(config)
-    for task in tasks:
-        maker.make(task, lambda: None)
-    write_dataset_files(config, tasks, root, scratch)
+    assert not generate(config, root, engine=InProcess()).failed
     return Dataset.open(root)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import pytest
@@ -10,6 +11,8 @@ from pliant.generator.config import GenerateConfig
 from pliant.generator.runner.run import generate
 from pliant.generator.settings import AppearanceSettings, ClothSettings, RopeSettings
 from pliant.spec.configuration import settings_from
+from pliant.spec.dataset import Dataset
+from pliant.spec.validation.validate import validate
 
 
 def config(style, count):
@@ -36,24 +39,22 @@ def test_grown_by_three_workers_equals_made_at_once_by_one(style, digests, tmp_p
     assert digests(tmp_path / "grown") == digests(tmp_path / "at-once")
 
 
-def test_noise_changes_the_colours_alone(digests, tmp_path):
+def test_noise_changes_the_colours_alone(standin, digests, tmp_path):
     plain = replace(config("raster", 1), tiers=("rope",))
     noisy = replace(plain, noise={"gaussian": [2.0, 2.0]})
-    generate(plain, tmp_path / "plain")
-    generate(noisy, tmp_path / "noisy")
+    generate(plain, tmp_path / "plain", engine=standin.InProcess())
+    generate(noisy, tmp_path / "noisy", engine=standin.InProcess())
     before, after = digests(tmp_path / "plain"), digests(tmp_path / "noisy")
     changed = {name.split("/")[-1] for name in before if before[name] != after[name]}
     assert changed == {"000000.png", "000001.png", "sequence.json", "dataset.json"}
 
 
-def test_the_depth_camera_changes_the_colours_alone(digests, tmp_path):
+def test_the_depth_camera_changes_the_colours_alone(standin, digests, tmp_path):
     """Its pictures are of the same truth, the same queries and the same cameras."""
-    from pliant.spec.dataset import Dataset
-
     small = replace(config("raster", 1), tiers=("rope",))
     deep = replace(small, style="real-depth", depth_camera={"specks": [2, 2]})
-    generate(small, tmp_path / "raster")
-    generate(deep, tmp_path / "deep")
+    generate(small, tmp_path / "raster", engine=standin.InProcess())
+    generate(deep, tmp_path / "deep", engine=standin.InProcess())
     before, after = digests(tmp_path / "raster"), digests(tmp_path / "deep")
     assert before.keys() == after.keys()
     changed = {name.split("/")[-1] for name in before if before[name] != after[name]}
@@ -66,23 +67,17 @@ def test_the_depth_camera_changes_the_colours_alone(digests, tmp_path):
     faults = kept["parameters"]["depth_camera"]
     assert faults["specks"] == [2, 2]
     assert faults == dataset.info["provenance"]["config"]["depth_camera"]
-    from pliant.spec.validation.validate import validate
-
     assert validate(tmp_path / "deep").errors == 0
 
 
 def test_the_camera_sees_every_configuration_whole(tiny_dataset):
-    from pliant.spec.dataset import Dataset
-
     for sequence in Dataset.open(tiny_dataset).sequences:
         states = set(sequence.correspondences()["visibility"].to_pylist())
         assert "out_of_frame" not in states, sequence.id
         assert "visible" in states
 
 
-def test_sequences_share_materials_and_another_set_has_others(tmp_path):
-    from pliant.spec.dataset import Dataset
-
+def test_sequences_share_materials_and_another_set_has_others(standin, tmp_path):
     small = GenerateConfig(
         tiers=("rope",),
         splits={"train": 2, "test": 1},
@@ -93,8 +88,8 @@ def test_sequences_share_materials_and_another_set_has_others(tmp_path):
         look=AppearanceSettings(materials=1),
     )
     other_look = replace(small, look=AppearanceSettings(materials=1, first_material=1))
-    generate(small, tmp_path / "seen")
-    generate(other_look, tmp_path / "unseen")
+    generate(small, tmp_path / "seen", engine=standin.InProcess())
+    generate(other_look, tmp_path / "unseen", engine=standin.InProcess())
     seen, unseen = (
         [s.info["parameters"]["look"] for s in Dataset.open(tmp_path / name).sequences]
         for name in ("seen", "unseen")
@@ -110,10 +105,8 @@ def test_sequences_share_materials_and_another_set_has_others(tmp_path):
         assert getattr(first, name)().equals(getattr(other, name)())
 
 
-def test_a_dataset_says_how_to_make_it_again(digests, tmp_path):
+def test_a_dataset_says_how_to_make_it_again(standin, digests, tmp_path):
     """From `provenance.config` alone, whatever order its keys were given in."""
-    import json
-
     shapes = {"open": 1.0, "loop": 1.0, "knot": 1.0, "overlap": 1.0}
     given = GenerateConfig(
         tiers=("rope",),
@@ -124,10 +117,10 @@ def test_a_dataset_says_how_to_make_it_again(digests, tmp_path):
         seed=3,
         rope=RopeSettings(shapes=shapes, knots={"figure-eight": 1.0, "overhand": 1.0}),
     )
-    generate(given, tmp_path / "first")
+    generate(given, tmp_path / "first", engine=standin.InProcess())
     document = json.loads((tmp_path / "first" / "dataset.json").read_text())
     again = settings_from(GenerateConfig, document["provenance"]["config"])
-    generate(again, tmp_path / "again")
+    generate(again, tmp_path / "again", engine=standin.InProcess())
     first, second = digests(tmp_path / "first"), digests(tmp_path / "again")
     differing = {name for name in first if first[name] != second[name]}
     assert first.keys() == second.keys()

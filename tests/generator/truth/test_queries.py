@@ -141,7 +141,7 @@ def test_a_track_asks_frame_0_in_every_later_frame(standin, tmp_path):
         queries=QuerySettings(queries_per_pair=3, kind="track"),
     )
     out = tmp_path / "set"
-    generate(config, out, open_maker=standin.maker(config, out))
+    generate(config, out, engine=standin.InProcess(), open_maker=standin.maker(config, out))
     dataset = Dataset.open(out)
     queries, points = dataset.queries("test"), dataset.truth("test")["point"].to_pylist()
     rows = list(zip(queries.to_pylist(), points, strict=True))
@@ -166,7 +166,7 @@ def test_a_track_needs_an_episode():
 def test_single_frames_are_paired_across_sequences(standin, tmp_path):
     config = standin.small_config(frames=1, episodes=False, splits={"val": 1, "test": 3})
     out = tmp_path / "set"
-    generate(config, out, open_maker=standin.maker(config, out))
+    generate(config, out, engine=standin.InProcess(), open_maker=standin.maker(config, out))
     dataset = Dataset.open(out)
     # One sequence alone makes no pair: the split has no queries, and that is no error.
     assert dataset.splits_with_queries() == ["test"]

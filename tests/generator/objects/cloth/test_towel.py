@@ -12,14 +12,13 @@ from pliant.generator.config import GenerateConfig
 from pliant.generator.objects.cloth.sampling import MIRRORS, ROTATIONS
 from pliant.generator.objects.tiers import describe_tier, sample_scene_object
 from pliant.generator.rendering.patterns import cloth_images
-from pliant.generator.runner.dataset_files import write_dataset_files
-from pliant.generator.runner.plan import plan_tasks
-from pliant.generator.runner.sequence import SequenceMaker
+from pliant.generator.runner.run import generate
 from pliant.generator.scene.appearance import sample_appearance
 from pliant.generator.seeding import SequenceTask
 from pliant.generator.settings import AppearanceSettings, ClothSettings
 from pliant.spec.dataset import Dataset
 from pliant.spec.validation.validate import validate
+from tests.generator.runner.standin import InProcess
 
 CONFIG = GenerateConfig(
     tiers=("towel",),
@@ -65,11 +64,7 @@ def test_a_towel_has_one_answer_and_any_orientation() -> None:
 
 
 def test_a_dataset_of_towels_is_valid(tmp_path: Path) -> None:
-    root, scratch = tmp_path / "towels", tmp_path / "scratch"
-    scratch.mkdir()
-    maker, tasks = SequenceMaker(CONFIG, root, scratch, overlap=False), plan_tasks(CONFIG)
-    for task in tasks:
-        maker.make(task, lambda: None)
-    write_dataset_files(CONFIG, tasks, root, scratch)
+    root = tmp_path / "towels"
+    assert not generate(CONFIG, root, engine=InProcess()).failed
     assert validate(root).errors == 0
     assert len(Dataset.open(root).queries("test")) > 50

@@ -10,14 +10,13 @@ import pytest
 from pliant.generator.config import GenerateConfig
 from pliant.generator.objects.rope import RopeSettings, rope_tier, sample_rope
 from pliant.generator.objects.rope.sampler import draw_proportions
-from pliant.generator.runner.dataset_files import write_dataset_files
-from pliant.generator.runner.plan import plan_tasks
-from pliant.generator.runner.sequence import SequenceMaker
+from pliant.generator.runner.run import generate
 from pliant.generator.seeding import RandomStreams, SequenceTask
 from pliant.spec.configuration import settings_from, settings_to_dict
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
 from pliant.spec.validation.validate import validate
+from tests.generator.runner.standin import InProcess
 
 RANGES = {
     "length_m": [1.15, 1.6],
@@ -126,13 +125,8 @@ def test_a_dataset_of_drawn_ropes_is_exact_and_records_the_draws(tmp_path: Path)
         seed=3,
         rope=rope(ball=False),
     )
-    root, scratch = tmp_path / "ropes", tmp_path / "scratch"
-    scratch.mkdir()
-    maker = SequenceMaker(config, root, scratch, overlap=False)
-    tasks = plan_tasks(config)
-    for task in tasks:
-        maker.make(task, lambda: None)
-    write_dataset_files(config, tasks, root, scratch)
+    root = tmp_path / "ropes"
+    assert not generate(config, root, engine=InProcess()).failed
     report = validate(root)
     assert (report.errors, list(report.issues)) == (0, [])
     dataset = Dataset.open(root)
