@@ -3,14 +3,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from pliant.generator.objects.cloth import ClothSettings, sample_cloth
 from pliant.generator.scene.camera import Camera, sample_camera
 from pliant.generator.scene.scene_object import Part, Points, Pose, SceneMesh, SceneObject
+from pliant.generator.seeding import RandomStreams, SequenceTask
 from pliant.generator.settings import CameraSettings
 from pliant.generator.truth.frame_truth import FrameTruth, frame_truth
 
 
-def embree(world: np.ndarray, faces: np.ndarray, camera: Camera, uv: np.ndarray) -> np.ndarray:
-    """Return planar depth and triangle of the first hit at image positions, by embree."""
+def embree(
+    world: np.ndarray, faces: np.ndarray, camera: Camera, uv: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return planar depth, triangle and place of the first hit at image positions, by embree."""
     trimesh = pytest.importorskip("trimesh")
     from trimesh.ray.ray_pyembree import RayMeshIntersector
 
@@ -21,18 +25,22 @@ def embree(world: np.ndarray, faces: np.ndarray, camera: Camera, uv: np.ndarray)
     directions = rays @ camera.world_to_camera[:3, :3]
     centre = np.broadcast_to(camera.centre_m, directions.shape)
     triangle = RayMeshIntersector(mesh).intersects_first(centre, directions)
-    depth = np.full(len(uv), np.inf)
-    hit = triangle >= 0
-    a, b, c = np.moveaxis(world[faces[triangle[hit]]], 1, 0)
+    # embree says which triangle, in float32; where on it is worked out here in float64.
+    a, b, c = np.moveaxis(world[faces[triangle]], 1, 0)
     normal = np.cross(b - a, c - a)
-    reach = ((a - camera.centre_m) * normal).sum(1) / (directions[hit] * normal).sum(1)
-    depth[hit] = reach  # the rays have z = 1, so the reach is the planar depth
-    return np.stack([depth, triangle], axis=1)
+    reach = ((a - camera.centre_m) * normal).sum(1) / (directions * normal).sum(1)
+    # The rays have z = 1, so the reach is the planar depth.
+    depth = np.where(triangle >= 0, reach, np.inf)
+    return depth, triangle, camera.centre_m + reach[:, None] * directions
 
 
-@pytest.fixture(scope="module", params=["tube", "sheet"])
+@pytest.fixture(scope="module", params=["tube", "sheet", "heap"])
 def scene(request: pytest.FixtureRequest) -> tuple[SceneObject, Camera, FrameTruth]:
-    scene_object: SceneObject = request.getfixturevalue(request.param)
+    if request.param == "heap":
+        streams = RandomStreams(0, SequenceTask("cloth-3", "train", 0))
+        scene_object = sample_cloth(ClothSettings(points_a_side=33), streams, 3)
+    else:
+        scene_object = request.getfixturevalue(request.param)
     settings = CameraSettings(top=0.0)
     camera = sample_camera(np.random.default_rng(5), scene_object, settings, (640, 480))
     return scene_object, camera, frame_truth(scene_object, scene_object.pose(2), camera)
@@ -46,7 +54,7 @@ def test_depth_equals_an_independent_ray_cast(scene: Scene) -> None:
     faces = SceneMesh.of(scene_object).faces
     v, u = np.mgrid[: camera.height, : camera.width]
     uv = np.stack([u.ravel() + 0.5, v.ravel() + 0.5], axis=1)
-    depth = embree(truth.world_vertices, faces, camera, uv)[:, 0]
+    depth = embree(truth.world_vertices, faces, camera, uv)[0]
     ours = truth.surface.depth_m.ravel().astype(np.float64)
     same = (np.isinf(depth) & np.isinf(ours)) | (
         np.abs(np.where(np.isinf(depth), 0, depth) - np.where(np.isinf(ours), 0, ours)) <= 1e-5
@@ -60,30 +68,39 @@ def test_visibility_equals_an_independent_ray_cast(scene: Scene) -> None:
     faces = SceneMesh.of(scene_object).faces
     surface = np.flatnonzero(~scene_object.points.centreline)
     uv = truth.uv_px[surface]
-    depth = embree(truth.world_vertices, faces, camera, uv)[:, 0]
+    depth = embree(truth.world_vertices, faces, camera, uv)[0]
     hidden = depth < truth.depth_m[surface] - 2e-5
     turn = np.arange(8) * np.pi / 4
     around = uv[:, None] + 0.5 * np.stack([np.cos(turn), np.sin(turn)], axis=1)
-    ring = embree(truth.world_vertices, faces, camera, around.reshape(-1, 2))[:, 0].reshape(-1, 8)
+    ring = embree(truth.world_vertices, faces, camera, around.reshape(-1, 2))[0].reshape(-1, 8)
     ring = np.where(np.isinf(ring), 9.0, ring)
     smooth = (ring.max(axis=1) - ring.min(axis=1) < 4e-3) & np.isfinite(depth)
-    assert smooth.mean() > 0.5
+    assert smooth.mean() > 0.4
     ours = np.array(truth.visibility)[surface] != "visible"
     assert (ours == hidden)[smooth].mean() >= 0.999
     assert 0.05 < ours.mean() < 0.95
 
 
-def test_a_visible_point_lies_on_the_surface_image(scene: Scene) -> None:
-    """Interpolating nothing: the pixel that holds a visible point shows nearly its material."""
-    scene_object, _, truth = scene
-    seen = np.array(truth.visibility) == "visible"
-    seen &= ~scene_object.points.centreline
-    column, row = np.floor(truth.uv_px[seen]).astype(int).T
-    m0 = truth.surface.m0[row, column]
-    on = truth.surface.object_id[row, column] == 1
-    assert on.mean() > 0.9
-    off = np.abs(m0 - scene_object.points.material[seen, 0])[on]
-    assert np.median(off) < 0.004
+def test_material_of_a_pixel_is_the_material_that_a_ray_meets(scene: Scene) -> None:
+    scene_object, camera, truth = scene
+    part, mesh = scene_object.parts[0], SceneMesh.of(scene_object)
+    rows, columns = np.nonzero(truth.surface.object_id == part.object_id)
+    pick = np.random.default_rng(0).permutation(len(rows))[:3000]
+    rows, columns = rows[pick], columns[pick]
+    uv = np.stack([columns + 0.5, rows + 0.5], axis=1)
+    _, triangle, places = embree(truth.world_vertices, mesh.faces, camera, uv)
+    hit = (triangle >= 0) & (triangle < len(part.faces))
+    corners = truth.world_vertices[mesh.faces[triangle[hit]]]
+    sides = corners[:, 1:] - corners[:, :1]
+    normal = np.cross(sides[:, 0], sides[:, 1])
+    basis = np.concatenate([sides, normal[:, None]], axis=1).transpose(0, 2, 1)
+    share = np.linalg.solve(basis, (places[hit] - corners[:, 0])[..., None])[:, :2, 0]
+    weights = np.column_stack([1.0 - share.sum(axis=1), share])
+    rest = np.einsum("nk,nkc->nc", weights, part.rest[part.faces[triangle[hit]]])
+    found = np.stack([truth.surface.m0, truth.surface.m1], axis=-1)[rows[hit], columns[hit]]
+    off = (found - part.chart(rest) + np.pi) % (2 * np.pi) - np.pi  # theta has a period
+    assert hit.mean() > 0.999
+    assert (np.abs(off).max(axis=1) < 1e-4).mean() > 0.999
 
 
 def test_every_pixel_reprojects_to_its_centre(scene: Scene) -> None:
