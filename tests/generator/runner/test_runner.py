@@ -17,8 +17,9 @@ def make(standin):
     def run(out, *, workers=0, faults=None, **changes):
         config = standin.small_config(**changes)
         maker = standin.maker(config, out, faults)
-        engine = "local" if workers else standin.InProcess()
-        return generate(config, out, workers=workers or 1, engine=engine, open_maker=maker)
+        if not workers:
+            return generate(config, out, engine=standin.InProcess(), open_maker=maker)
+        return generate(config, out, workers=workers, open_maker=maker)
 
     return run
 
