@@ -88,6 +88,15 @@ class HeatMatcher(Matcher, Protocol):
 
 
 @runtime_checkable
+class RemarkingMatcher(Matcher, Protocol):
+    """A method that can say what is wrong with two images before it is trusted."""
+
+    def remarks(self, source: Frame, target: Frame) -> list[str]:
+        """Return what a user should know of two images, as sentences; empty if nothing is wrong."""
+        ...
+
+
+@runtime_checkable
 class TrackMatcher(Matcher, Protocol):
     """A method that follows points through the frames of an episode.
 

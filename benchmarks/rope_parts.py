@@ -7,7 +7,6 @@ queries by its network alone, with the traces of both masks, and with over and u
 from __future__ import annotations
 
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -31,23 +30,25 @@ def main(data: Path, model: str, split: str, pairs: int) -> None:
     drawn = draw_validation_pairs(store, pairs, 48, 0)
     click.echo("| answers | pooled | mean over pairs | median | PCK 8 px | CPU s per pair |")
     click.echo("|---|---|---|---|---|---|")
-    for label, decode, crossings in (
-        ("network alone", "median", False),
-        ("with traces", "trace", False),
-        ("with traces, over and under", "trace", True),
-    ):
+    for label, crossings in (("with traces", False), ("with traces, over and under", True)):
         matcher = load_matcher(FOLDER / model)
         matcher.calibration = None
-        matcher.settings = replace(matcher.settings, decode=decode)
         if not crossings:
-            matcher.crossings = None
+            matcher.reader.crossings = None
         began = time.process_time()
         found = validate(matcher, drawn, dataset.size)
         cost = (time.process_time() - began) / len(drawn)
-        click.echo(
-            f"| {label} | {found['rmse_px']:.1f} | {found['rmse_px_mean_over_pairs']:.1f} "
-            f"| {found['median_px']:.1f} | {found['pck_8px']:.3f} | {cost:.2f} |"
-        )
+        if not crossings:
+            _row("network alone", "network_", found)
+        _row(label, "", found, f"{cost:.2f}")
+
+
+def _row(label: str, prefix: str, found: dict[str, float], cost: str = "") -> None:
+    rmse, mean, median, pck = (
+        found[prefix + name]
+        for name in ("rmse_px", "rmse_px_mean_over_pairs", "median_px", "pck_8px")
+    )
+    click.echo(f"| {label} | {rmse:.1f} | {mean:.1f} | {median:.1f} | {pck:.3f} | {cost} |")
 
 
 if __name__ == "__main__":

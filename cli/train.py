@@ -135,6 +135,12 @@ def _don_figures(facts: Mapping[str, Any]) -> None:
         f"{facts['steps']} steps; validation RMSE {rmse:.1f} px pooled, {mean:.1f} px mean over "
         f"pairs, median {median:.1f} px"
     )
+    if "network_rmse_px" in figures:
+        echo(
+            f"The network alone, without the traces of the masks: RMSE "
+            f"{figures['network_rmse_px']:.1f} px pooled, median "
+            f"{figures['network_median_px']:.1f} px"
+        )
 
 
 def _timecycle_figures(facts: Mapping[str, Any]) -> None:

@@ -60,6 +60,19 @@ class _Candidate:
         return self.thickness / self.roundness
 
 
+def without_small_holes(mask: Mask) -> Mask:
+    """Return a mask with holes filled that are small for it.
+
+    Args:
+        mask: bool (H, W).
+    """
+    parts, _ = ndimage.label(~mask)
+    sizes = np.bincount(parts.ravel())
+    small = sizes <= _LARGEST_HOLE * mask.sum()
+    small[0] = False  # the mask itself
+    return np.asarray(mask | small[parts])
+
+
 def separate_ball(mask: Mask) -> tuple[Mask, Mask | None]:
     """Divide a mask of a rope with a ball at its end.
 
@@ -71,7 +84,7 @@ def separate_ball(mask: Mask) -> tuple[Mask, Mask | None]:
         together. A mask without a ball, or of something else than a rope, comes back as it is,
         with None.
     """
-    filled = _without_small_holes(mask)
+    filled = without_small_holes(mask)
     depth_px: Floats = ndimage.distance_transform_edt(np.pad(filled, 1))[1:-1, 1:-1]
     ridge = (depth_px >= ndimage.maximum_filter(depth_px, 5)) & (depth_px > 1)
     if not ridge.any():
@@ -85,14 +98,6 @@ def separate_ball(mask: Mask) -> tuple[Mask, Mask | None]:
     if rope.sum() < _LEAST_ROPE * (2 * half_px) ** 2:
         return mask, None
     return rope, mask & ~rope
-
-
-def _without_small_holes(mask: Mask) -> Mask:
-    parts, _ = ndimage.label(~mask)
-    sizes = np.bincount(parts.ravel())
-    small = sizes <= _LARGEST_HOLE * mask.sum()
-    small[0] = False  # the mask itself
-    return np.asarray(mask | small[parts])
 
 
 def _candidates(depth_px: Floats, half_px: float) -> list[_Candidate]:

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pliant.baselines.answers import checked_answers
-from pliant.baselines.matcher import UNFAMILIAR, Heat, HeatMatcher, Matcher
+from pliant.baselines.matcher import UNFAMILIAR, Heat, HeatMatcher, Matcher, RemarkingMatcher
 from pliant.baselines.pixels import lies_on
 from pliant.spec.errors import CallError
 from pliant.spec.frame import Frame, Pair
@@ -78,6 +78,7 @@ class PhotoMatch:
         scale_b: Likewise of the target.
         near_px: What is near an answer, in pixels of the target's view: 2 % of its longer side.
         blank: What is wrong with the pictures, in words; empty if nothing is.
+        remarks: What the method says of the pictures and their masks.
     """
 
     method: str
@@ -86,6 +87,7 @@ class PhotoMatch:
     scale_b: Float64
     near_px: float
     blank: str = ""
+    remarks: Sequence[str] = ()
 
     def confidence(self, point: PointMatch) -> float | None:
         """Return how sure an answer is, 0 to 1, or None where the method does not say.
@@ -115,7 +117,7 @@ class PhotoMatch:
 
     def warnings(self) -> list[str]:
         """Return sentences on what makes the answers doubtful."""
-        found = [self.blank] if self.blank else []
+        found = [*([self.blank] if self.blank else []), *self.remarks]
         strange = sum(
             point.familiarity is not None and point.familiarity < UNFAMILIAR
             for point in self.points
@@ -197,7 +199,8 @@ def match_photo(
     ]
     near_px = _NEAR_SHARE * float(max(target.rgb.shape[:2]))
     blank = _blank(source, target)
-    return PhotoMatch(matcher.name, points, scale_a, scale_b, near_px, blank)
+    remarks = matcher.remarks(source, target) if isinstance(matcher, RemarkingMatcher) else []
+    return PhotoMatch(matcher.name, points, scale_a, scale_b, near_px, blank, remarks)
 
 
 @runtime_checkable

@@ -2,21 +2,24 @@
 
 from pliant.baselines.tracing.crossings import Crossing, Overlap, overlap, self_crossings
 from pliant.baselines.tracing.hypotheses import Likelihood, Trace, rope_traces
-from pliant.baselines.tracing.nadir import Nadir
+from pliant.baselines.tracing.mask_shape import MaskShape, mask_remarks
 from pliant.baselines.tracing.rectification import Rectified, rectified
 from pliant.baselines.tracing.rope_tracer import RopeTracer
+from pliant.baselines.tracing.tilt import Nadir
 from pliant.baselines.tracing.transfer import Located, located, placed
 
 __all__ = [
     "Crossing",
     "Likelihood",
     "Located",
+    "MaskShape",
     "Nadir",
     "Overlap",
     "Rectified",
     "RopeTracer",
     "Trace",
     "located",
+    "mask_remarks",
     "overlap",
     "placed",
     "rectified",

@@ -22,17 +22,9 @@ from scipy.linalg import solveh_banded
 
 from pliant.baselines.pixels import lies_on
 from pliant.baselines.tracing.depth_in_mask import FloatArray, Mask
-from pliant.baselines.tracing.nadir import Nadir
+from pliant.baselines.tracing.settings import TRACING
+from pliant.baselines.tracing.tilt import Nadir
 
-STATIONS: Final = 300
-"""Places that a trace is resampled to, evenly along it."""
-
-_ROUNDS: Final = 2
-_STIFFNESS: Final = 3.0
-_USUAL: Final = (0.75, 1.25)  # of the median width
-_REACH: Final = 3.0  # in half widths of the rope
-_STEP_PX: Final = 0.5
-_LEAST_WEIGHT: Final = 1e-3  # keeps the system regular
 _SECOND_DIFFERENCE: Final = (1.0, -2.0, 1.0)
 
 
@@ -56,7 +48,9 @@ class Centred:
     def usual(self) -> Mask:
         """Where the mask is as wide as usual: no crossing, no strand next to it, bool (K, S)."""
         relative = self.widths_px / self.usual_px
-        return np.asarray((relative > _USUAL[0]) & (relative < _USUAL[1]))
+        return np.asarray(
+            (relative > TRACING.usual_widths[0]) & (relative < TRACING.usual_widths[1])
+        )
 
 
 def centred(paths_px: Sequence[FloatArray], mask: Mask, half_px: float) -> Centred:
@@ -67,8 +61,8 @@ def centred(paths_px: Sequence[FloatArray], mask: Mask, half_px: float) -> Centr
         mask: bool (H, W), the rope.
         half_px: About half of the rope's width.
     """
-    for _ in range(_ROUNDS):
-        even_px = np.stack([evenly_spaced(path, STATIONS)[0] for path in paths_px])
+    for _ in range(TRACING.centring_rounds):
+        even_px = np.stack([evenly_spaced(path, TRACING.stations)[0] for path in paths_px])
         found = _moved(even_px, mask, half_px)
         paths_px = list(found.places_px)
     return found
@@ -112,11 +106,13 @@ def _normals(stations_px: FloatArray) -> FloatArray:
 
 def _to_edge(stations_px: FloatArray, way: FloatArray, mask: Mask, half_px: float) -> FloatArray:
     """Return how far the mask reaches from stations on one side, float64 (K, S); 0 off it."""
-    steps = np.arange(_STEP_PX / 2, _REACH * half_px, _STEP_PX)
+    steps = np.arange(
+        TRACING.edge_step_px / 2, TRACING.across_reach * half_px, TRACING.edge_step_px
+    )
     ahead = stations_px[:, :, None] + steps[:, None] * way[:, :, None]  # (K, S, T, 2)
     off = ~lies_on(ahead.reshape(-1, 2), mask).reshape(ahead.shape[:3])
     reached = np.where(off.any(axis=2), off.argmax(axis=2), len(steps))
-    return np.asarray(reached * _STEP_PX)
+    return np.asarray(reached * TRACING.edge_step_px)
 
 
 def _shift(
@@ -125,15 +121,15 @@ def _shift(
     """Return the shifts along the normals of one trace, float64 (S,)."""
     count = len(place)
     bands = np.zeros((3, count))  # the upper bands of the system's matrix
-    bands[2] = weight + _LEAST_WEIGHT
+    bands[2] = weight + TRACING.centring_least_weight
     known = weight * middle
     for axis in (0, 1):
         bend = np.diff(place[:, axis], n=2)
         for i, a in enumerate(_SECOND_DIFFERENCE):
             one = slice(i, count - 2 + i)
-            known[one] -= _STIFFNESS * a * normal[one, axis] * bend
+            known[one] -= TRACING.centring_stiffness * a * normal[one, axis] * bend
             for j in range(i, 3):
                 other = slice(j, count - 2 + j)
                 product = a * _SECOND_DIFFERENCE[j] * normal[one, axis] * normal[other, axis]
-                bands[2 - (j - i), other] += _STIFFNESS * product
+                bands[2 - (j - i), other] += TRACING.centring_stiffness * product
     return np.asarray(solveh_banded(bands, known))

@@ -1,10 +1,10 @@
 """Paths along a mask, sampled from a hidden Markov model of a rope.
 
-The hidden state after t of S equal steps is a pixel of the mask and one of 16 headings. A step
+The hidden state after t of T equal steps is a pixel of the mask and one of 16 headings. A step
 goes a fixed length ahead, keeps its heading or turns by one sixteenth, and is blurred by the
 pixel grid; steps that leave the mask are lost, so paths that stay in it gain. What speaks for a
 pixel at step t is the evidence of the caller: the likelihood of what is seen there if the pixel
-shows the share (t + 1/2) / S of the rope's length. Paths are drawn from the posterior by forward
+shows the share (t + 1/2) / T of the rope's length. Paths are drawn from the posterior by forward
 filtering and backward sampling (Fruehwirth-Schnatter 1994), for several step lengths in
 proportion to their marginal likelihoods.
 """
@@ -12,7 +12,6 @@ proportion to their marginal likelihoods.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -20,18 +19,7 @@ from scipy import sparse
 from scipy.ndimage import gaussian_filter1d
 
 from pliant.baselines.tracing.depth_in_mask import FloatArray
-
-STEPS: Final = 100
-"""Steps S from one end of a rope to the other."""
-
-_HEADINGS: Final = 16
-_TURNS: Final = {-1: 0.15, 0: 0.7, 1: 0.15}
-_BLUR_PX: Final = 0.6
-_LEAST_SHARE: Final = 0.02
-_LENGTHS: Final = (0.9, 1.05, 1.2, 1.4)
-_HIDDEN_SHARE: Final = 0.08
-_HIDDEN_LATER: Final = 0.02
-_SMOOTHING_STEPS: Final = 1.5
+from pliant.baselines.tracing.settings import TRACING
 
 
 @dataclass(frozen=True)
@@ -41,7 +29,7 @@ class Evidence:
     Attributes:
         pixels: int64 (N, 2), (row, column) of each pixel of the region.
         on_rope: bool (N,), False where another object hides the rope.
-        likelihood: float64 (N, STEPS), > 0, 1 where nothing is known.
+        likelihood: float64 (N, T), > 0, 1 where nothing is known.
     """
 
     pixels: npt.NDArray[np.int64]
@@ -58,14 +46,18 @@ def sampled_paths(evidence: Evidence, length_px: float, count: int) -> list[Floa
         count: How many paths.
 
     Returns:
-        About `count` paths, float64 (STEPS, 2) each, (u, v) of the region's pixel grid; the
+        About `count` paths, float64 (T, 2) each, (u, v) of the region's pixel grid; the
         same in every call. Empty where no path of any of the lengths stays in the region.
     """
-    hidden = np.where((np.arange(STEPS) + 0.5) / STEPS < _HIDDEN_SHARE, 1.0, _HIDDEN_LATER)
+    hidden = np.where(
+        (np.arange(TRACING.chain_steps) + 0.5) / TRACING.chain_steps < TRACING.hidden_first,
+        1.0,
+        TRACING.hidden_later,
+    )
     likelihood = np.where(evidence.on_rope[:, None], evidence.likelihood, hidden)
     filtered, log_evidence = [], []
-    for relative in _LENGTHS:
-        transition = _transition(evidence.pixels, relative * length_px / STEPS)
+    for relative in TRACING.chain_lengths:
+        transition = _transition(evidence.pixels, relative * length_px / TRACING.chain_steps)
         forward, value = _forward(transition, likelihood)
         filtered.append((transition.tocsc(), forward))
         log_evidence.append(value)
@@ -78,8 +70,10 @@ def sampled_paths(evidence: Evidence, length_px: float, count: int) -> list[Floa
     for (transition, forward), number in zip(filtered, drawn, strict=True):
         for _ in range(number):
             states = _backward(transition, forward, rng)
-            centres = evidence.pixels[states // _HEADINGS, ::-1] + 0.5
-            paths.append(gaussian_filter1d(centres, _SMOOTHING_STEPS, axis=0, mode="nearest"))
+            centres = evidence.pixels[states // TRACING.chain_headings, ::-1] + 0.5
+            paths.append(
+                gaussian_filter1d(centres, TRACING.chain_smoothing_steps, axis=0, mode="nearest")
+            )
     return paths
 
 
@@ -91,37 +85,39 @@ def _transition(pixels: npt.NDArray[np.int64], step_px: float) -> sparse.csr_arr
     reach = int(np.ceil(step_px + 1.5))
     down, right = (axis.ravel() for axis in np.mgrid[-reach : reach + 1, -reach : reach + 1])
     origin, arrival, weight = [], [], []
-    for heading in range(_HEADINGS):
-        for turn, likely in _TURNS.items():
-            angle = 2 * np.pi * (heading + turn / 2) / _HEADINGS
+    for heading in range(TRACING.chain_headings):
+        for turn, likely in TRACING.chain_turns:
+            angle = 2 * np.pi * (heading + turn / 2) / TRACING.chain_headings
             gap = (right - step_px * np.cos(angle)) ** 2 + (down - step_px * np.sin(angle)) ** 2
-            share = np.exp(-gap / (2 * _BLUR_PX**2))
+            share = np.exp(-gap / (2 * TRACING.chain_blur_px**2))
             share /= share.sum()
-            for k in np.flatnonzero(share > _LEAST_SHARE):
+            for k in np.flatnonzero(share > TRACING.chain_least_share):
                 row, column = rows + down[k], columns + right[k]
                 inside = (row >= 0) & (row < number.shape[0])
                 inside &= (column >= 0) & (column < number.shape[1])
                 start = np.flatnonzero(inside)
                 end = number[row[start], column[start]]
                 start, end = start[end >= 0], end[end >= 0]
-                origin.append(start * _HEADINGS + heading)
-                arrival.append(end * _HEADINGS + (heading + turn) % _HEADINGS)
+                origin.append(start * TRACING.chain_headings + heading)
+                arrival.append(
+                    end * TRACING.chain_headings + (heading + turn) % TRACING.chain_headings
+                )
                 weight.append(np.full(len(start), likely * share[k]))
-    size = len(pixels) * _HEADINGS
+    size = len(pixels) * TRACING.chain_headings
     entries = (np.concatenate(weight), (np.concatenate(origin), np.concatenate(arrival)))
     return sparse.csr_array(entries, shape=(size, size))
 
 
 def _forward(transition: sparse.csr_array, likelihood: FloatArray) -> tuple[FloatArray, float]:
-    """Return p(state at t | evidence up to t), float64 (STEPS, N 16), and log p(evidence).
+    """Return p(state at t | evidence up to t), float64 (T, N 16), and log p(evidence).
 
     Where no path of this length stays in the region, log p(evidence) is -inf.
     """
     onward = transition.T.tocsr()
-    forward = np.zeros((STEPS, transition.shape[0]))
+    forward = np.zeros((TRACING.chain_steps, transition.shape[0]))
     log_evidence = 0.0
-    for step in range(STEPS):
-        seen = np.repeat(likelihood[:, step], _HEADINGS)
+    for step in range(TRACING.chain_steps):
+        seen = np.repeat(likelihood[:, step], TRACING.chain_headings)
         state = onward @ forward[step - 1] * seen if step else seen / len(seen)
         total = float(state.sum())
         if total == 0:
@@ -134,10 +130,10 @@ def _forward(transition: sparse.csr_array, likelihood: FloatArray) -> tuple[Floa
 def _backward(
     transition: sparse.csc_array, forward: FloatArray, rng: np.random.Generator
 ) -> npt.NDArray[np.int64]:
-    """Draw one sequence of states from the posterior, int64 (STEPS,)."""
-    states = np.empty(STEPS, dtype=np.int64)
+    """Draw one sequence of states from the posterior, int64 (T,)."""
+    states = np.empty(TRACING.chain_steps, dtype=np.int64)
     states[-1] = _draw(forward[-1], rng)
-    for step in range(STEPS - 2, -1, -1):
+    for step in range(TRACING.chain_steps - 2, -1, -1):
         span = slice(*transition.indptr[states[step + 1] : states[step + 1] + 2])
         before = transition.indices[span]
         states[step] = before[_draw(forward[step, before] * transition.data[span], rng)]

@@ -9,15 +9,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from pliant.baselines.tracing.depth_in_mask import FloatArray
-
-_LEAST_SINE: Final = 0.35  # flatter crossings are taken for crossings at this angle
-_BODY: Final = 1.15  # half widths: a strand's edge, and how far off its middle a trace may be
+from pliant.baselines.tracing.settings import TRACING
 
 
 @dataclass(frozen=True)
@@ -87,7 +84,7 @@ def overlap(
         stations: Number of stations.
     """
     sine = abs(float(_cross(crossing.ways[0], crossing.ways[1])))
-    reach = math.ceil((half_px / max(sine, _LEAST_SINE) + half_px) / spacing_px)
+    reach = math.ceil((half_px / max(sine, TRACING.crossing_least_sine) + half_px) / spacing_px)
 
     def stretch(station: int) -> slice:
         return slice(max(0, station - reach), min(stations, station + reach + 1))
@@ -110,7 +107,10 @@ def nearest_stations(gap_px: FloatArray, overlaps: tuple[Overlap, ...]) -> npt.N
     station = gap_px.argmin(axis=1)
     for each in overlaps:
         above = gap_px[:, each.upper].argmin(axis=1) + each.upper.start
-        on_upper = np.take_along_axis(gap_px, above[:, None], axis=1)[:, 0] <= _BODY * each.half_px
+        on_upper = (
+            np.take_along_axis(gap_px, above[:, None], axis=1)[:, 0]
+            <= TRACING.crossing_body * each.half_px
+        )
         on_lower = (station >= each.lower.start) & (station < each.lower.stop)
         station = np.where(on_upper & on_lower, above, station)
     return station

@@ -6,8 +6,28 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
+from pliant.baselines.tracing.settings import TRACING
+
 FloatArray = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
+
+
+def working_factor(mask: Mask) -> int:
+    """Return how many pixels of a mask, along each side, become one pixel to read it."""
+    return max(1, round(mask.shape[1] / TRACING.working_width_px))
+
+
+def shrunk(mask: Mask, factor: int) -> Mask:
+    """Return a mask with a pixel for each block of pixels that is at least half covered.
+
+    Args:
+        mask: bool (H, W).
+        factor: Side of a block, px; what is left over at the last row and column is dropped.
+    """
+    height, width = mask.shape[0] // factor, mask.shape[1] // factor
+    whole = mask[: height * factor, : width * factor]
+    blocks = whole.reshape(height, factor, width, factor).mean(axis=(1, 3))
+    return np.asarray(blocks >= 0.5)
 
 
 def depth_in_mask(mask: Mask, reach_px: int = 16) -> FloatArray:

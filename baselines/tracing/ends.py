@@ -8,19 +8,12 @@ leaves it, are the same places of the rope in every image.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 
 from pliant.baselines.pixels import lies_on
 from pliant.baselines.tracing.depth_in_mask import FloatArray, Mask
-
-_LEAVES_AT: Final = 0.81
-"""Where a rope leaves its ball, as a share of the ball's radius: what is nearer is hidden in it."""
-
-_BACK: Final = 2.0
-_REACH: Final = 6.0
-_STEP_PX: Final = 0.5
+from pliant.baselines.tracing.settings import TRACING
 
 
 @dataclass(frozen=True)
@@ -78,19 +71,25 @@ def to_the_edge(path: FloatArray, mask: Mask, half_px: float) -> FloatArray:
     if len(within) < 2:
         return path
     path = path[: within[-1] + 1]
-    behind = np.linalg.norm(path - path[-1], axis=1) >= _BACK * half_px
+    behind = np.linalg.norm(path - path[-1], axis=1) >= TRACING.end_back * half_px
     if not behind.any():
         return path
     way = path[-1] - path[np.flatnonzero(behind)[-1]]
     way /= np.linalg.norm(way)
-    ahead = path[-1] + np.arange(_STEP_PX, _REACH * half_px, _STEP_PX)[:, None] * way
+    ahead = (
+        path[-1]
+        + np.arange(TRACING.edge_step_px, TRACING.end_reach * half_px, TRACING.edge_step_px)[
+            :, None
+        ]
+        * way
+    )
     outside = ~lies_on(ahead, mask)
     return np.vstack([path, ahead[: outside.argmax()]]) if outside.any() else path
 
 
 def _from_ball(path: FloatArray, ball: Ball) -> FloatArray:
     """Return a path that begins on the circle where the rope leaves its ball, if it begins near."""
-    least_px = _LEAVES_AT * ball.radius_px
+    least_px = TRACING.leaves_ball_at * ball.radius_px
     gap = np.linalg.norm(path - ball.middle_px, axis=1)
     first = int((gap > least_px).argmax())
     if not least_px < gap[first] < 2 * ball.radius_px:

@@ -6,12 +6,11 @@ import functools
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
 
 import numpy as np
 from PIL import Image, ImageFilter
 
-from pliant.baselines.tracing.centring import STATIONS, Centred, centred, evenly_spaced
+from pliant.baselines.tracing.centring import Centred, centred, evenly_spaced
 from pliant.baselines.tracing.chain import Evidence, sampled_paths
 from pliant.baselines.tracing.crossings import Overlap
 from pliant.baselines.tracing.depth_in_mask import (
@@ -19,22 +18,17 @@ from pliant.baselines.tracing.depth_in_mask import (
     Mask,
     depth_in_mask,
     farthest_pixels,
+    shrunk,
+    working_factor,
 )
 from pliant.baselines.tracing.ends import Ball, from_end_to_end
-from pliant.baselines.tracing.nadir import Nadir
-from pliant.baselines.tracing.tilt import small_tilt
+from pliant.baselines.tracing.settings import TRACING
+from pliant.baselines.tracing.tilt import Nadir, small_tilt
 from pliant.baselines.tracing.walk import walks
 
-_STRAIGHTNESS: Final = (0.3, 0.6, 0.9, 1.3, 1.8, 2.6)
-_INERTIA: Final = (0.35, 0.55, 0.72)
-_WORKING_WIDTH: Final = 320
-_SHORTEST_STEPS: Final = 20
-_SAMPLES: Final = 24
-_ALIKE: Final = 3.0  # neighbouring stations whose widths say the same
-
 Likelihood = Callable[[FloatArray], FloatArray]
-"""float64 (N, 2), places in image pixels -> float64 (N, STEPS), > 0, the likelihood of what is
-seen there at each step along the rope; 1 where nothing is known."""
+"""float64 (N, 2), places in image pixels -> float64 (N, T), > 0, the likelihood of what is
+seen there at each of T steps along the rope; 1 where nothing is known."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +36,7 @@ class Trace:
     """One reading of a rope in an image.
 
     Attributes:
-        uv_px: float64 (STATIONS, 2), evenly spaced from the first end to the last, image pixels.
+        uv_px: float64 (S, 2), evenly spaced from the first end to the last, image pixels.
         length_px: Its length, image pixels.
         half_px: Half of the rope's width, image pixels.
         coverage: Share of the mask that a rope along it covers, 0 to 1.
@@ -66,14 +60,14 @@ class Trace:
 
     @functools.cached_property
     def axes(self) -> FloatArray:
-        """The unit vectors along and across it at its stations, float64 (STATIONS, 2, 2)."""
+        """The unit vectors along and across it at its stations, float64 (S, 2, 2)."""
         way = np.gradient(self.uv_px, axis=0)
         way /= np.linalg.norm(way, axis=1, keepdims=True) + 1e-9
         return np.stack([way, np.stack([-way[:, 1], way[:, 0]], axis=1)], axis=1)
 
     @functools.cached_property
     def sight(self) -> FloatArray:
-        """How the line of sight leans along and across it, tangents of angles, (STATIONS, 2)."""
+        """How the line of sight leans along and across it, tangents of angles, (S, 2)."""
         aside = (self.uv_px - self.nadir.below_px) / self.nadir.focal_px
         return np.asarray(np.einsum("nij,nj->ni", self.axes, aside))
 
@@ -98,16 +92,16 @@ def rope_traces(
     Returns:
         Traces, the most plausible first; empty where the mask shows no rope.
     """
-    factor = max(1, round(mask.shape[1] / _WORKING_WIDTH))
-    small = _shrunk(mask, factor)
-    if small.sum() < _SHORTEST_STEPS:
+    factor = working_factor(mask)
+    small = shrunk(mask, factor)
+    if small.sum() < TRACING.shortest_steps:
         return []
     depth = depth_in_mask(small)
     inner = depth[depth > 1]
     half_px = 1.15 * float(np.median(inner)) if len(inner) else 1.0
     other = np.zeros_like(small)
     if objects is not None:
-        other = _shrunk(objects & ~mask, factor)
+        other = shrunk(objects & ~mask, factor)
     opened = _opened(other)
     ball = Ball.of_mask(opened, factor) if opened.any() else None
     starts = _starts_at_ends(small) if ball is None else [_start_at_ball(small, ball, factor)]
@@ -117,7 +111,7 @@ def rope_traces(
         found = likelihood((pixels[:, ::-1] + 0.5) * factor)
         evidence = Evidence(pixels, small[tuple(pixels.T)], found)
         length_px = float(small.sum() / (2 * max(np.percentile(depth[small], 80), 0.8)))
-        paths += sampled_paths(evidence, length_px, _SAMPLES)
+        paths += sampled_paths(evidence, length_px, TRACING.chain_samples)
     if not paths:
         return []
     about_px = half_px * factor
@@ -127,7 +121,8 @@ def rope_traces(
     for middle in middles.places_px:
         whole = from_end_to_end(middle, mask, about_px, ball)
         traces.append(_measured(whole, small, half_px, factor, middles.usual_px / 2, below))
-    return sorted(traces, key=lambda trace: -trace.score)
+    long = [trace for trace in traces if trace.length_px > 0]  # a rope that is one pixel is none
+    return sorted(long, key=lambda trace: -trace.score)
 
 
 def _walked(
@@ -135,19 +130,12 @@ def _walked(
 ) -> list[FloatArray]:
     """Return the walks that are long enough, from each start with every setting of a walker."""
     relative = np.minimum(depth, half_px) / half_px
-    settings = np.array(list(itertools.product(_STRAIGHTNESS, _INERTIA)))
+    settings = np.array(list(itertools.product(TRACING.walk_straightness, TRACING.walk_inertia)))
     paths = []
     for place, heading in starts:
         walked = walks(relative, place, heading, settings[:, 0], settings[:, 1])
-        paths += [path for path in walked if len(path) >= _SHORTEST_STEPS]
+        paths += [path for path in walked if len(path) >= TRACING.shortest_steps]
     return paths
-
-
-def _shrunk(mask: Mask, factor: int) -> Mask:
-    height, width = mask.shape[0] // factor, mask.shape[1] // factor
-    whole = mask[: height * factor, : width * factor]
-    blocks = whole.reshape(height, factor, width, factor).mean(axis=(1, 3))
-    return np.asarray(blocks >= 0.5)
 
 
 def _opened(mask: Mask) -> Mask:
@@ -179,7 +167,7 @@ def _starts_at_ends(mask: Mask) -> list[tuple[FloatArray, FloatArray]]:
 
 def _heading(places: FloatArray, start: FloatArray, otherwise: FloatArray) -> FloatArray:
     """Return the unit vector to the middle of the mask around a place."""
-    near = places[np.linalg.norm(places - start, axis=1) < 7]
+    near = places[np.linalg.norm(places - start, axis=1) < TRACING.heading_px]
     way = near.mean(axis=0) - start
     if np.linalg.norm(way) < 0.5:
         way = otherwise
@@ -191,13 +179,15 @@ def _tilted(nadir: Nadir, middles: Centred) -> Nadir:
     usual = middles.usual
     places, normals = middles.places_px[usual], middles.normals[usual]
     widths = middles.widths_px[usual]
-    return replace(nadir, tilt=small_tilt(places, normals, widths, nadir, _ALIKE * len(usual)))
+    return replace(
+        nadir, tilt=small_tilt(places, normals, widths, nadir, TRACING.alike * len(usual))
+    )
 
 
 def _measured(
     path_px: FloatArray, mask: Mask, half_px: float, factor: int, rope_half_px: float, nadir: Nadir
 ) -> Trace:
-    in_image, length_px = evenly_spaced(path_px, STATIONS, nadir)
+    in_image, length_px = evenly_spaced(path_px, TRACING.stations, nadir)
     stations = in_image / factor
     covered = _covered(stations, mask.shape, half_px + 1)
     sparse = stations[::3]

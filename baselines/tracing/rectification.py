@@ -1,38 +1,24 @@
 """A rope seen at a slant, brought to a view from straight above.
 
-A rope is equally thick everywhere, so its apparent width is inversely proportional to its distance
-from the camera. On a table, 1 / distance is linear in the image: with a camera that is not rolled
-and whose optical axis is `t` off the table's normal,
-
-    width(v) ~ 1 + tan(t) (v - c_v) / f.
-
-The widths along a mask's ridge therefore tell t, and with it the homography K R K^-1 (Hartley and
-Zisserman, Multiple View Geometry, 8.4) to the image that a camera straight above would take. There,
-arc lengths in pixels are in proportion to those of the rope.
+The widths along a mask tell the camera's tilt (`tilt.py`), and with it the homography K R K^-1
+(Hartley and Zisserman, Multiple View Geometry, 8.4) to the image that a camera straight above would
+take. There, arc lengths in pixels are in proportion to those of the rope.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
-from pliant.baselines.tracing.depth_in_mask import FloatArray, Mask, depth_in_mask, ridge
-from pliant.baselines.tracing.nadir import FOCAL_WIDTHS, Nadir
-from pliant.baselines.tracing.tilt import robust_fit
+from pliant.baselines.tracing.depth_in_mask import FloatArray, Mask
+from pliant.baselines.tracing.settings import TRACING
+from pliant.baselines.tracing.tilt import Nadir, slant
 from pliant.spec.answers import Answers
 from pliant.spec.frame import Frame
-
-_LEAST_TILT: Final = 0.36  # tangent of 20 degrees: below it, tracing does not suffer
-_LARGEST_TILT: Final = 1.2
-_LEAST_SIGNIFICANCE: Final = 3.0
-_LEAST_RIDGE: Final = 40
-_USUAL: Final = (0.6, 1.35)  # of the median width; what is wider are strands side by side
-_RESIDUAL_PX: Final = 0.6
-_FILL: Final = 0.86  # of the frame, at most
 
 
 @dataclass(frozen=True)
@@ -107,44 +93,15 @@ def rectified(view: Frame) -> Rectified:
         view: The view. Without a mask, with too little of a rope or from almost straight above it
             stays as it is.
     """
-    if view.mask is None or (tilt := camera_tilt(view.mask)) is None:
-        return Rectified.unchanged(view)
-    shown = view.mask if view.objects is None else view.objects
     above = Nadir.of_image(view.rgb.shape)
+    if view.mask is None or (tilt := slant(view.mask, above)) is None:
+        return Rectified(view, above)
+    shown = view.mask if view.objects is None else view.objects
     turned = _from_above(tilt, above)
     scale, shift_px = _fit(turned, shown)
     fit = np.array([[scale, 0, shift_px[0]], [0, scale, shift_px[1]], [0, 0, 1]])
     homography = fit @ turned
     return Rectified(_warped(view, homography), above.scaled(scale, shift_px), homography)
-
-
-def camera_tilt(mask: Mask) -> float | None:
-    """Return the tangent of the angle between the optical axis and the table's normal.
-
-    Args:
-        mask: bool (H, W), the rope.
-
-    Returns:
-        0.36 to 1.2, positive where the lower part of the image is nearer; None where the widths
-        show no such tilt.
-    """
-    height, width = mask.shape
-    half_px = depth_in_mask(mask, width)
-    middle = ridge(half_px, 1.5)
-    if middle.sum() < _LEAST_RIDGE:
-        return None
-    rows = np.nonzero(middle)[0] + 0.5
-    widths = half_px[middle]
-    relative = widths / np.median(widths)
-    usual = (relative > _USUAL[0]) & (relative < _USUAL[1])
-    place = (rows[usual] - height / 2) / (FOCAL_WIDTHS * width)
-    design = np.stack([np.ones_like(place), place], axis=1)
-    solution, covariance = robust_fit(design, widths[usual], _RESIDUAL_PX)
-    slope = float(solution[1] / solution[0])
-    error = float(np.sqrt(covariance[1, 1]) / solution[0])
-    if slope < max(_LEAST_TILT, _LEAST_SIGNIFICANCE * error):
-        return None
-    return min(slope, _LARGEST_TILT)
 
 
 def _from_above(tilt: float, above: Nadir) -> FloatArray:
@@ -164,7 +121,7 @@ def _fit(homography: FloatArray, shown: Mask) -> tuple[float, FloatArray]:
     low, high = mapped.min(axis=0), mapped.max(axis=0)
     size = np.array(shown.shape[::-1])
     usual = 1 / float(np.median(_magnification(homography, places)))
-    scale = min(usual, float((_FILL * size / np.maximum(high - low, 1)).min()))
+    scale = min(usual, float((TRACING.slant_fill * size / np.maximum(high - low, 1)).min()))
     return scale, np.asarray(size / 2 - scale * (low + high) / 2)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from pliant.baselines.pixels import central_position
 from pliant.baselines.tracing.hypotheses import Trace, rope_traces
+from pliant.baselines.tracing.mask_shape import mask_remarks
 from pliant.baselines.tracing.rectification import Rectified, rectified
 from pliant.baselines.tracing.transfer import best_pair, located, placed
 from pliant.spec.answers import Answers
@@ -49,6 +50,10 @@ class RopeTracer:
         answers = above_b.back(Answers(found.astype(np.float32)))
         size = np.array(target.rgb.shape[1::-1], dtype=np.float32)
         return Answers(answers.uv_px.clip(0, size))
+
+    def remarks(self, source: Frame, target: Frame) -> list[str]:
+        """Return what should be known of two pictures, as sentences; see `RemarkingMatcher`."""
+        return mask_remarks(source, target)
 
     def _of(self, view: Frame) -> tuple[Rectified, list[Trace]]:
         def traced() -> tuple[Rectified, list[Trace]]:

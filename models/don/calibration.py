@@ -81,7 +81,7 @@ def calibrate(
             straight = straight + own
         else:
             apart[kind] = own
-    if matcher.finds_masks:
+    if matcher.reader.finds_masks:
         bare = [pair.without_masks() for pair in pairs[:_UNMASKED_PAIRS]]
         apart["unmasked"] = _searched(matcher, bare, full_size).all
     sharp = _fit_visible(Calibration(sharpness=matcher.sharpness), distances, hidden)
@@ -131,7 +131,7 @@ def _searched(
     either_way: list[_Pair] = []
     distances, hidden = [], []
     for pair in pairs:
-        source, target = matcher.seen(pair.source), matcher.seen(pair.target)
+        source, target = map(matcher.reader.seen, (pair.source, pair.target))
         found = matcher.search(source, target, source.forward(pair.uv_a_px))
         seen = pair.visible[:, 0]
         distances.append(found.distance)

@@ -67,6 +67,10 @@ class ViewDescriber:
         # A key names a frame, and two frames of other sizes never share one.
         return self._kept.get(view.key, lambda: self._describe(view))
 
+    def pixel_scale(self, view: Frame) -> npt.NDArray[np.float64]:
+        """Return pixels of a view per network pixel, (u, v)."""
+        return np.array([view.rgb.shape[1] / self.size[0], view.rgb.shape[0] / self.size[1]])
+
     @property
     def segments(self) -> bool:
         """Whether `segmented` finds anything: the network predicts masks and sees a picture."""

@@ -74,5 +74,5 @@ def load_matcher(run: Path | str) -> DonMatcher:
         matcher.familiarity = Familiarity.from_document(values, run / FAMILIARITY)
     if (run / CROSSINGS).is_file():
         depth = not settings.pairs.network_input.colour
-        matcher.crossings = load_crossing_network(run / CROSSINGS, depth=depth)
+        matcher.reader.crossings = load_crossing_network(run / CROSSINGS, depth=depth)
     return matcher

@@ -55,74 +55,27 @@ def don_loss(
     Returns:
         The scalar to minimise, and named parts of it for the log.
     """
-    B, V, Q, R, _ = batch["uv_px"].shape
-    descriptors = out.descriptors
-    mask = batch["mask"].flatten(0, 1)
-    at_points = batch["uv_px"][:, :, :, 0].flatten(0, 1)
-    own = sample_descriptors(descriptors, at_points).view(B, V, Q, -1)
-    # others[t] are the source views of target view t.
-    others = torch.tensor([[s for s in range(V) if s != t] for t in range(V)], device=mask.device)
-    sources = own[:, others].reshape(B * V, (V - 1) * Q, -1)  # (N, q, D), N = B V
-    slots = R if settings.symmetric else 1
-    target_uv = batch["uv_px"][:, :, None, :, :slots].expand(-1, -1, V - 1, -1, -1, -1)
-    in_source = batch["visible"][:, others, :, 0].reshape(B * V, (V - 1) * Q)
-    in_target = batch["visible"][:, :, None, :, :slots].expand(-1, -1, V - 1, -1, -1)
-    in_target = in_target.reshape(B * V, (V - 1) * Q, slots)
-    # A query counts if its point is seen in both views; partners add modes, never queries.
-    counts = in_source & in_target[..., 0]
-    targets = Targets(
-        target_uv.reshape(B * V, (V - 1) * Q, slots, 2), in_target & counts[..., None]
-    )
-    parts: Figures = {}
-    if settings.kind == "distributional":
-        parts[settings.kind] = distributional_loss(
-            sources,
-            _competitors(descriptors, mask, settings, generator),
-            targets,
-            scale=scale,
-            sigma_px=settings.sigma_at(progress),
-            direction=settings.direction,
-            chunk=settings.chunk or None,
-        )
-    else:
-        parts[settings.kind] = contrastive_loss(
-            sources,
-            sample_descriptors(descriptors, targets.uv_px[:, :, 0]),
-            counts,
-            _non_matches(descriptors, mask, (V - 1) * Q, settings, generator),
-            targets,
-            Hinge(settings.margin, settings.guard_px, settings.squared, settings.hard_scaling),
-            settings.chunk or None,
-        )
+    seen = _gathered(out.descriptors, batch, settings)
     mu = penalty_weight(progress, *settings.space_mu)
+    parts: Figures = {settings.kind: _matching(seen, scale, settings, progress, generator)}
     if settings.space_weight > 0:
         pixels = _space_pixels(batch, settings, generator)
-        parts["lipschitz_space"] = _space(descriptors, mask, V, scale, pixels, settings, mu)
+        parts["lipschitz_space"] = _space(seen, scale, pixels, settings, mu)
     if settings.time_weight > 0:
-        pool = _competitors(descriptors, mask, settings, generator)
-        log_p = log_probabilities(sources, pool.descriptors, scale)
-        views = torch.arange(V, device=mask.device)[:, None].expand_as(others)
-        parts["lipschitz_time"] = lipschitz_time_loss(
-            soft_argmax(log_p, pool.uv_px).view(-1, Q, 2),
-            batch["uv_px"][:, others, :, 0].reshape(-1, Q, 2),
-            batch["action_px"][:, views, others].flatten(),
-            in_source.view(-1, Q),
-            lipschitz=settings.time_constant,
-            mu=mu,
-        )
+        parts["lipschitz_time"] = _time(seen, batch, scale, settings, mu, generator)
     in_view = batch["visible"][..., 0].flatten(0, 1)
     if settings.orientation_weight > 0:
         parts["orientation"] = orientation_loss(
-            sample_descriptors(out.orientation, at_points),
+            sample_descriptors(out.orientation, batch["uv_px"][:, :, :, 0].flatten(0, 1)),
             batch["orientation"].flatten(0, 1),
             in_view,
-            reversible=slots > 1,
+            reversible=seen.slots > 1,
         )
     if settings.canonical_weight > 0 and canonical is not None:
-        material = batch["material"][:, None, :, :slots].expand(-1, V, -1, -1, -1)
+        material = batch["material"][:, None, :, : seen.slots].expand(-1, seen.views, -1, -1, -1)
         parts["canonical"] = canonical_loss(
             canonical,
-            own.flatten(0, 1),
+            seen.own.flatten(0, 1),
             material.flatten(0, 1),
             in_view,
             scale=scale,
@@ -140,6 +93,99 @@ def don_loss(
     return loss, {name: part.detach() for name, part in parts.items()}
 
 
+@dataclass(frozen=True)
+class _Gathered:
+    """A batch by target views, N = B V of them, each asked for q = (V - 1) Q points.
+
+    Attributes:
+        descriptors: float (N, D, h, w).
+        mask: bool (N, h, w).
+        own: float (B, V, Q, D), the points' descriptors in each view.
+        others: int64 (V, V - 1), the source views of each target view.
+        sources: float (N, q, D), the points' descriptors in the source views.
+        in_source: bool (N, q), which of them are seen there.
+        targets: Where they are in the target view. A query counts if its point is seen in both
+            views; partners add modes, never queries.
+        counts: bool (N, q), which queries count.
+    """
+
+    descriptors: torch.Tensor
+    mask: torch.Tensor
+    own: torch.Tensor
+    others: torch.Tensor
+    sources: torch.Tensor
+    in_source: torch.Tensor
+    targets: Targets
+    counts: torch.Tensor
+
+    @property
+    def views(self) -> int:
+        """V."""
+        return self.own.shape[1]
+
+    @property
+    def slots(self) -> int:
+        """Places of a point and those of its symmetry partners that are taken into account."""
+        return self.targets.uv_px.shape[2]
+
+
+def _gathered(
+    descriptors: torch.Tensor, batch: Mapping[str, torch.Tensor], settings: LossSettings
+) -> _Gathered:
+    B, V, Q, R, _ = batch["uv_px"].shape
+    mask = batch["mask"].flatten(0, 1)
+    at_points = batch["uv_px"][:, :, :, 0].flatten(0, 1)
+    own = sample_descriptors(descriptors, at_points).view(B, V, Q, -1)
+    others = torch.tensor([[s for s in range(V) if s != t] for t in range(V)], device=mask.device)
+    slots = R if settings.symmetric else 1
+    target_uv = batch["uv_px"][:, :, None, :, :slots].expand(-1, -1, V - 1, -1, -1, -1)
+    in_source = batch["visible"][:, others, :, 0].reshape(B * V, (V - 1) * Q)
+    in_target = batch["visible"][:, :, None, :, :slots].expand(-1, -1, V - 1, -1, -1)
+    in_target = in_target.reshape(B * V, (V - 1) * Q, slots)
+    counts = in_source & in_target[..., 0]
+    return _Gathered(
+        descriptors=descriptors,
+        mask=mask,
+        own=own,
+        others=others,
+        sources=own[:, others].reshape(B * V, (V - 1) * Q, -1),
+        in_source=in_source,
+        targets=Targets(
+            target_uv.reshape(B * V, (V - 1) * Q, slots, 2), in_target & counts[..., None]
+        ),
+        counts=counts,
+    )
+
+
+def _matching(
+    seen: _Gathered,
+    scale: torch.Tensor,
+    settings: LossSettings,
+    progress: float,
+    generator: torch.Generator | None,
+) -> torch.Tensor:
+    """Return the main loss: distributional or contrastive."""
+    if settings.kind == "distributional":
+        return distributional_loss(
+            seen.sources,
+            _competitors(seen, settings, generator),
+            seen.targets,
+            scale=scale,
+            sigma_px=settings.sigma_at(progress),
+            direction=settings.direction,
+            chunk=settings.chunk or None,
+        )
+    return contrastive_loss(
+        seen.sources,
+        sample_descriptors(seen.descriptors, seen.targets.uv_px[:, :, 0]),
+        seen.counts,
+        _non_matches(seen, settings, generator),
+        seen.targets,
+        Hinge(settings.margin, settings.guard_px, settings.squared, settings.hard_scaling),
+        settings.chunk or None,
+    )
+
+
 def _weights(settings: LossSettings) -> dict[str, float]:
     """Return the weight of each part that is added to the main loss."""
     return {
@@ -152,16 +198,13 @@ def _weights(settings: LossSettings) -> dict[str, float]:
 
 
 def _non_matches(
-    descriptors: torch.Tensor,
-    mask: torch.Tensor,
-    queries: int,
-    settings: LossSettings,
-    generator: torch.Generator | None,
+    seen: _Gathered, settings: LossSettings, generator: torch.Generator | None
 ) -> NonMatches:
-    drawn = draw_non_matches(mask, queries, settings.non_matches, generator)  # (N, q, K)
-    rows = descriptors.flatten(2).transpose(1, 2)  # (N, h w, D)
+    queries = seen.sources.shape[1]
+    drawn = draw_non_matches(seen.mask, queries, settings.non_matches, generator)  # (N, q, K)
+    rows = seen.descriptors.flatten(2).transpose(1, 2)  # (N, h w, D)
     index = drawn.flatten(1)[..., None].expand(-1, -1, rows.shape[-1])
-    width = mask.shape[-1]
+    width = seen.mask.shape[-1]
     return NonMatches(
         rows.gather(1, index).view(*drawn.shape, -1),
         torch.stack([drawn % width, drawn // width], dim=-1) + 0.5,
@@ -169,15 +212,12 @@ def _non_matches(
 
 
 def _competitors(
-    descriptors: torch.Tensor,
-    mask: torch.Tensor,
-    settings: LossSettings,
-    generator: torch.Generator | None,
+    seen: _Gathered, settings: LossSettings, generator: torch.Generator | None
 ) -> Candidates:
-    mask = widened(mask, settings.mask_margin_px)
+    mask = widened(seen.mask, settings.mask_margin_px)
     if settings.background < 0 or settings.bin_px > 1:
-        return all_bins(descriptors, mask, settings.bin_px)
-    return object_and_background(descriptors, mask, settings.background, generator)
+        return all_bins(seen.descriptors, mask, settings.bin_px)
+    return object_and_background(seen.descriptors, mask, settings.background, generator)
 
 
 @dataclass(frozen=True)
@@ -212,26 +252,48 @@ def _space_pixels(
 
 
 def _space(
-    descriptors: torch.Tensor,
-    mask: torch.Tensor,
-    views: int,
+    seen: _Gathered,
     scale: torch.Tensor,
     pixels: _SpacePixels,
     settings: LossSettings,
     mu: float,
 ) -> torch.Tensor:
     """Return the Lipschitz loss of some pixels of each view, predicted into the next view."""
-    query = sample_descriptors(descriptors, pixels.uv_px)
-    following = torch.arange(len(mask), device=mask.device).view(-1, views).roll(-1, 1).flatten()
-    target = all_bins(descriptors[following], mask[following])
-    seen = target.on_object.any(dim=1, keepdim=True)
-    usable = target.on_object | ~seen
+    query = sample_descriptors(seen.descriptors, pixels.uv_px)
+    number = torch.arange(len(seen.mask), device=seen.mask.device)
+    following = number.view(-1, seen.views).roll(-1, 1).flatten()
+    target = all_bins(seen.descriptors[following], seen.mask[following])
+    shown = target.on_object.any(dim=1, keepdim=True)
+    usable = target.on_object | ~shown
     log_p = log_probabilities(query, target.descriptors, scale, usable)
     return lipschitz_space_loss(
         soft_argmax(log_p, target.uv_px),
         pixels.uv_px,
-        pixels.valid & seen,
+        pixels.valid & shown,
         pixels.near,
         lipschitz=settings.space_constant,
+        mu=mu,
+    )
+
+
+def _time(
+    seen: _Gathered,
+    batch: Mapping[str, torch.Tensor],
+    scale: torch.Tensor,
+    settings: LossSettings,
+    mu: float,
+    generator: torch.Generator | None,
+) -> torch.Tensor:
+    """Return the Lipschitz loss of every point, predicted from each other view."""
+    pool = _competitors(seen, settings, generator)
+    log_p = log_probabilities(seen.sources, pool.descriptors, scale)
+    views = torch.arange(seen.views, device=seen.mask.device)[:, None].expand_as(seen.others)
+    points = batch["uv_px"].shape[2]
+    return lipschitz_time_loss(
+        soft_argmax(log_p, pool.uv_px).view(-1, points, 2),
+        batch["uv_px"][:, seen.others, :, 0].reshape(-1, points, 2),
+        batch["action_px"][:, views, seen.others].flatten(),
+        seen.in_source.view(-1, points),
+        lipschitz=settings.time_constant,
         mu=mu,
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -11,54 +11,28 @@ import numpy.typing as npt
 import torch
 
 from pliant.baselines.matcher import Heat
-from pliant.baselines.tracing import Rectified, Trace, rectified, rope_traces
-from pliant.models.don.candidates import pixel_grid, widened
+from pliant.baselines.tracing import Rectified
 from pliant.models.don.certainty import Calibration
-from pliant.models.don.crossings import with_overlaps
+from pliant.models.don.comparison import Comparer, Comparison
 from pliant.models.don.decoding import decode_position, mixture_of_modes, spread_about
 from pliant.models.don.described import ViewDescriber
-from pliant.models.don.familiarity import Asked, Described, Familiarity
+from pliant.models.don.familiarity import Familiarity, fit_familiarity
+from pliant.models.don.rope_reader import RopeReader
 from pliant.models.don.settings import DonSettings
-from pliant.models.don.tracing import (
-    TracedPlaces,
-    TracedView,
-    canonical_likelihood,
-    enlarged,
-    traced_places,
+from pliant.models.don.strangeness import (
+    Asked,
+    Described,
+    UsualDescriptors,
+    traced_statistics,
 )
-from pliant.models.losses.distributional import log_probabilities
-from pliant.models.networks.crossing_network import CrossingNetwork
-from pliant.models.networks.descriptor_network import (
-    DescriptorNetwork,
-    sample_descriptors,
-)
+from pliant.models.don.tracing import TracedPlaces, TracedView, traced_places
+from pliant.models.networks.descriptor_network import DescriptorNetwork
 from pliant.spec.answers import Answers
 from pliant.spec.frame import Frame, Pair
 from pliant.spec.io.resizing import resize_nearest
-from pliant.spec.lru_cache import LRUCache
 
-_KEPT_VIEWS = 8
-_KEPT_TRACES = 128
 _PIXELS_AT_ONCE = 4096
 _NEAR_ANSWER = 2.0  # pixels of the network
-_MIRROR_WEIGHT = 1 / 3  # with 1/2, more sheets come out on the wrong side
-
-
-@dataclass(frozen=True)
-class Comparison:
-    """The descriptors of N queries against those of the target's candidates.
-
-    Attributes:
-        log_p: float (N, M), log probabilities over the candidates, before calibration.
-        uv_px: float (M, 2), the candidates, in pixels of the network.
-        distance: float64 (N,), squared descriptor distance to the best one times the scale.
-        query: float (N, D), the queries' descriptors in the upright source.
-    """
-
-    log_p: torch.Tensor
-    uv_px: torch.Tensor
-    distance: npt.NDArray[np.float64]
-    query: torch.Tensor
 
 
 @dataclass(frozen=True)
@@ -106,6 +80,10 @@ class DonMatcher:
         settings: The run's settings.
         calibration: Its certainty.
         facts: What the footer also has (run, dataset, steps …).
+
+    Attributes:
+        reader: Brings images to the view that they are answered in, and traces ropes.
+        familiarity: Says how usual queries are, or None.
     """
 
     name = "don"
@@ -125,7 +103,6 @@ class DonMatcher:
         self.sharpness = 1.0 if calibration is None else calibration.sharpness
         self.facts = dict(facts or {})
         self.familiarity: Familiarity | None = None
-        self.crossings: CrossingNetwork | None = None
         self._views = ViewDescriber(
             self.network,
             self.input,
@@ -133,8 +110,8 @@ class DonMatcher:
             settings.answer.rotations,
             settings.answer.mirrored,
         )
-        self._rectified: LRUCache[Rectified] = LRUCache(_KEPT_VIEWS)
-        self._traces: LRUCache[list[Trace]] = LRUCache(_KEPT_TRACES)
+        self._comparer = Comparer(self.network, self._views, settings.answer)
+        self.reader = RopeReader(self.network, self._views, settings.answer)
 
     def describe(self) -> Mapping[str, Any]:
         """Return what the footer of a submission says about the method."""
@@ -157,13 +134,46 @@ class DonMatcher:
         answers = decided.target.back(self._answers(decided))
         if self.familiarity is None:
             return answers
-        asked = self.asked(decided.source.view, decided.target.view, decided.found)
-        return replace(answers, familiarity=self.familiarity.score(asked))
+        usual = self.familiarity.descriptors
+        statistics = (
+            self._traced_statistics(decided)
+            if usual is None
+            else usual.statistics(self._asked(decided))
+        )
+        return replace(answers, familiarity=self.familiarity.score(statistics))
+
+    def fitted_familiarity(self, pairs: Sequence[Pair]) -> Familiarity:
+        """Return the familiarity of pairs like those of the training split.
+
+        Args:
+            pairs: Pairs with queries, with and without masks as the matcher is to meet them.
+        """
+        decided = (self._decided(pair.source, pair.target, pair.uv_a_px) for pair in pairs)
+        if self.settings.decode == "trace":
+            return fit_familiarity(np.concatenate(list(map(self._traced_statistics, decided))))
+        asked = list(map(self._asked, decided))
+        usual = UsualDescriptors.of(asked)
+        return fit_familiarity(np.concatenate(list(map(usual.statistics, asked))), usual)
+
+    def _traced_statistics(self, decided: _Decided) -> npt.NDArray[np.float64]:
+        source, target = self._traced(decided.source), self._traced(decided.target)
+        return traced_statistics(source, target, decided.found.traced, decided.position_px)
+
+    def _asked(self, decided: _Decided) -> Asked:
+        source, target = (
+            Described(each.maps[0].numpy(), each.mask)
+            for each in map(self._views.described, (decided.source.view, decided.target.view))
+        )
+        return Asked(source, target, decided.found.query.numpy(), decided.found.distance)
+
+    def remarks(self, source: Frame, target: Frame) -> list[str]:
+        """Return what should be known of two pictures, as sentences; see `RemarkingMatcher`."""
+        return self.reader.remarks(source, target) if self.settings.decode == "trace" else []
 
     def _decided(self, source: Frame, target: Frame, uv_a_px: npt.NDArray[np.float32]) -> _Decided:
         """Search for queries in the views as they are answered in, float32 (N, 2), N >= 1."""
         unmasked = source.mask is None or target.mask is None
-        from_view, in_view = self.seen(source), self.seen(target)
+        from_view, in_view = self.reader.seen(source), self.reader.seen(target)
         found = self.search(from_view, in_view, from_view.forward(uv_a_px))
         calibration = self.calibration
         if calibration is not None:
@@ -175,29 +185,15 @@ class DonMatcher:
         position = self.decoded(found, in_view.view)
         return _Decided(from_view, in_view, found, calibration, position)
 
-    @property
-    def finds_masks(self) -> bool:
-        """Whether it finds a rope's masks itself where a picture comes without."""
-        return self.settings.decode == "trace" and self._views.segments
-
     def object_mask(self, view: Frame) -> npt.NDArray[np.bool_] | None:
         """Return where a view shows the object, bool (H, W), or None where it is not found."""
-        return self._views.segmented(view).mask if self.finds_masks else view.mask
-
-    def seen(self, view: Frame) -> Rectified:
-        """Return a view as it is answered in: a rope's with masks, and from straight above."""
-
-        def prepared() -> Rectified:
-            masked = self._views.segmented(view) if self.settings.decode == "trace" else view
-            return rectified(masked) if self.settings.rectify else Rectified.unchanged(masked)
-
-        return self._rectified.get(view.key, prepared)
+        return self._views.segmented(view).mask if self.reader.finds_masks else view.mask
 
     def _answers(self, decided: _Decided) -> Answers:
         """Return what the distribution says of the queries, in pixels of the target as seen."""
         found, calibration = decided.found, decided.calibration
         log_p, uv = found.log_p, found.uv_px
-        scale = self._pixel_scale(decided.target.view)
+        scale = self._views.pixel_scale(decided.target.view)
         position = decided.position_px.astype(np.float32)
         if calibration is None:
             return Answers(position)
@@ -234,7 +230,7 @@ class DonMatcher:
         heat = resize_nearest(grid, (seen.view.rgb.shape[1], seen.view.rgb.shape[0]))
         if seen.view.mask is not None and self.settings.search == "mask":
             heat = np.where(seen.view.mask, heat, np.float32(np.nan))
-        answer = torch.from_numpy(decided.position_px / self._pixel_scale(seen.view)).float()
+        answer = torch.from_numpy(decided.position_px / self._views.pixel_scale(seen.view)).float()
         near = (found.uv_px - answer).norm(dim=1) <= _NEAR_ANSWER
         mass = float(flat.exp()[near].sum())
         return Heat(
@@ -254,13 +250,10 @@ class DonMatcher:
         compared = self.compare(source.view, target.view, uv_a_px)
         traced = None
         if self.settings.decode == "trace":
-            scale = self.network.scale.detach().cpu()
-            traced = traced_places(
-                self._traced(source), self._traced(target), scale * self.sharpness, uv_a_px
-            )
+            traced = traced_places(self._traced(source), self._traced(target), self._scale, uv_a_px)
         log_p, deciding, uv = compared.log_p, compared.log_p, compared.uv_px
         if traced is not None:
-            candidates_px = uv.double().numpy() * self._pixel_scale(target.view)
+            candidates_px = uv.double().numpy() * self._views.pixel_scale(target.view)
             deciding = traced.weighed_in(log_p, candidates_px)
             log_p = traced.either_way(deciding, log_p, candidates_px)
         return Search(log_p, uv, compared.distance, compared.query, traced, deciding)
@@ -273,80 +266,26 @@ class DonMatcher:
             target: The image to find them in.
             uv_a_px: float32 (N, 2), in pixels of the source.
         """
-        a, b = self._views.described(source), self._views.described(target)
-        width, height = self.size
-        query_uv = torch.as_tensor(
-            np.asarray(uv_a_px, dtype=np.float64) / self._pixel_scale(source), dtype=torch.float32
-        )
-        chosen = self._searched(b.mask)
-        uv = pixel_grid(height, width, 1, torch.device("cpu"))[chosen]
-        total = torch.zeros(len(query_uv), len(uv))
-        distance = torch.zeros(len(query_uv))
-        queries = []
-        with torch.inference_mode():
-            scale = self.network.scale.detach().cpu()
-            for turn, map_a, map_b in zip(self._views.turns, a.maps, b.maps, strict=True):
-                turned = _turned_uv(query_uv, turn, width, height)
-                query = sample_descriptors(map_a[None], turned[None])  # (1, N, D)
-                queries.append(query[0])
-                upright = torch.rot90(map_b, turn, (1, 2))
-                rows = upright.flatten(1).T[chosen]  # (M, D)
-                total += log_probabilities(query, rows[None], scale)[0]
-                gap = torch.cdist(query[0], rows).square().min(dim=1).values
-                distance += gap * scale
-            turns = len(a.maps)
-            mean = total / turns
-            if a.mirrored is not None and b.mirrored is not None:
-                query = sample_descriptors(a.mirrored[None], query_uv[None])
-                rows = b.mirrored.flatten(1).T[chosen]
-                mirrored = log_probabilities(query, rows[None], scale)[0]
-                mean = (1 - _MIRROR_WEIGHT) * mean + _MIRROR_WEIGHT * mirrored
-        log_p = (mean * self.sharpness).log_softmax(dim=1)
-        return Comparison(log_p, uv, (distance / turns).double().numpy(), queries[0])
+        return self._comparer.compare(source, target, uv_a_px, self.sharpness)
+
+    @property
+    def _scale(self) -> torch.Tensor:
+        return self.network.scale.detach().cpu() * self.sharpness
+
+    def _traced(self, seen: Rectified) -> TracedView:
+        return self.reader.traced(seen, self._scale)
 
     def decoded(self, found: Search, target: Frame) -> npt.NDArray[np.float64]:
         """Return the positions that a search ends at, float64 (N, 2) in pixels of the target."""
         sharp = decode_position(found.deciding, found.uv_px, self.settings.decode)
-        position = sharp.double().numpy() * self._pixel_scale(target)
+        position = sharp.double().numpy() * self._views.pixel_scale(target)
         return position if found.traced is None else found.traced.refined(position)
 
-    def _traced(self, seen: Rectified) -> TracedView:
-        view = seen.view
-
-        def traced() -> list[Trace]:
-            own, factor = self._views.described(view), self._pixel_scale(view)
-            scale = self.network.scale.detach().cpu() * self.sharpness
-            says = canonical_likelihood(self.network, own.maps[0], scale)
-            if view.mask is not None:
-                given = None if says is None else lambda uv_px: says(uv_px / factor)
-                mask, traces = view.mask, rope_traces(view.mask, view.objects, given, seen.nadir)
-            elif own.mask is not None:
-                found = rope_traces(own.mask, own.objects, says)
-                mask, traces = own.mask, enlarged(found, factor)
-            else:
-                return []
-            return (
-                traces
-                if self.crossings is None
-                else with_overlaps(self.crossings, view, mask, traces)
-            )
-
-        descriptors = self._views.described(view).maps[0]
-        return TracedView(view, descriptors, self._traces.get(view.key, traced))
-
-    def asked(self, source: Frame, target: Frame, compared: Comparison) -> Asked:
-        """Return what `Familiarity` looks at.
-
-        Args:
-            source: The image the queries are in.
-            target: The image to find them in.
-            compared: From `compare` or `search` of both.
-        """
-        source_described, target_described = (
-            Described(each.maps[0].numpy(), each.mask)
-            for each in (self._views.described(source), self._views.described(target))
-        )
-        return Asked(source_described, target_described, compared.query.numpy(), compared.distance)
+    def answered_by_network(self, pair: Pair) -> npt.NDArray[np.float64]:
+        """Return what the network alone answers, without traces: float64 (N, 2), target pixels."""
+        found = self.compare(pair.source, pair.target, pair.uv_a_px)
+        position = decode_position(found.log_p, found.uv_px, "median")
+        return position.double().numpy() * self._views.pixel_scale(pair.target)
 
     def descriptor_map(self, view: Frame) -> npt.NDArray[np.float32]:
         """Return a frame's descriptors at the network's size, float32 (h, w, D)."""
@@ -375,23 +314,3 @@ class DonMatcher:
     def working_mask(self, view: Frame) -> npt.NDArray[np.bool_] | None:
         """Return a frame's mask at the network's size, bool (h, w), or None."""
         return self._views.described(view).mask
-
-    def _searched(self, mask: npt.NDArray[np.bool_] | None) -> torch.Tensor:
-        width, height = self.size
-        if mask is None or not mask.any() or self.settings.search == "image":
-            return torch.arange(width * height)
-        wide = widened(torch.from_numpy(mask)[None], self.settings.margin_px)
-        return wide.flatten().nonzero()[:, 0]
-
-    def _pixel_scale(self, view: Frame) -> npt.NDArray[np.float64]:
-        """Return pixels of a view per network pixel, (u, v)."""
-        return np.array([view.rgb.shape[1] / self.size[0], view.rgb.shape[0] / self.size[1]])
-
-
-def _turned_uv(uv_px: torch.Tensor, turn: int, width: int, height: int) -> torch.Tensor:
-    """Return positions in an image turned clockwise by quarter turns (`rot90(image, -turn)`)."""
-    u, v = uv_px.unbind(dim=-1)
-    for _ in range(turn):
-        u, v = height - v, u
-        width, height = height, width
-    return torch.stack([u, v], dim=-1)

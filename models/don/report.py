@@ -45,6 +45,7 @@ def write_run_report(
         "RMSE, pooled": "val/rmse_px",
         "RMSE, mean over pairs": "val/rmse_px_mean_over_pairs",
         "median": "val/median_px",
+        "network alone, RMSE, pooled": "val/network_rmse_px",
     }
     charts = [
         history_svg(history, {"loss": "loss"}, "Training loss"),

@@ -33,8 +33,8 @@ import torch
 from scipy.ndimage import gaussian_filter
 from scipy.special import softmax
 
-from pliant.baselines.tracing import Likelihood, Trace, located, placed
-from pliant.baselines.tracing.chain import STEPS
+from pliant.baselines.tracing import Likelihood, MaskShape, Trace, located, placed
+from pliant.baselines.tracing.settings import TRACING
 from pliant.models.networks.descriptor_network import DescriptorNetwork, sample_descriptors
 from pliant.spec.frame import Frame
 
@@ -64,12 +64,14 @@ class TracedView:
     Attributes:
         view: The image.
         descriptors: float (D, h, w), at the network's size.
-        traces: T traces in pixels of the image.
+        traces: T traces in pixels of the image, the most plausible first.
+        shape: The shape of the mask that they follow.
     """
 
     view: Frame
     descriptors: torch.Tensor
     traces: Sequence[Trace]
+    shape: MaskShape
 
     @property
     def ends_alike(self) -> bool:
@@ -106,15 +108,15 @@ def canonical_likelihood(
     head = network.canonical
     if head is None:
         return None
-    step = (head.anchors[:, 0] * STEPS).long().clamp(0, STEPS - 1)
-    share = torch.bincount(step, minlength=STEPS).clamp_min(1) / len(step)
+    step = (head.anchors[:, 0] * TRACING.chain_steps).long().clamp(0, TRACING.chain_steps - 1)
+    share = torch.bincount(step, minlength=TRACING.chain_steps).clamp_min(1) / len(step)
 
     def likelihood(uv_px: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         places = torch.from_numpy(uv_px.astype(np.float32))
         with torch.inference_mode():
             seen = sample_descriptors(descriptors[None], places[None])[0]
             p = head.log_probabilities(seen, scale).exp()
-            at_step = torch.zeros(len(p), STEPS).index_add_(1, step, p) / share
+            at_step = torch.zeros(len(p), TRACING.chain_steps).index_add_(1, step, p) / share
         floored = (at_step.double().numpy() + _FLOOR) / (1 + _FLOOR)
         return np.asarray(floored**_EXPONENT)
 
@@ -206,6 +208,13 @@ class TracedPlaces:
         blurred = gaussian_filter(counted, (0, _CELLS, _CELLS), mode="constant")
         blurred *= 2 * np.pi * _CELLS**2
         return np.asarray(blurred[:, wanted[:, 1], wanted[:, 0]])
+
+    def share_within(
+        self, uv_px: npt.NDArray[np.float64], radius_px: float
+    ) -> npt.NDArray[np.float64]:
+        """Return the weight of the places near positions (N, 2), float64 (N,), 0 to 1."""
+        gap = np.linalg.norm(self.uv_px - uv_px, axis=-1)  # (K, N)
+        return np.asarray((self.weight[:, None] * (gap < radius_px)).sum(axis=0))
 
     def refined(self, uv_px: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         """Return positions moved to the mean of the places near them.

@@ -14,7 +14,7 @@ from pliant.loaders.frame_store import FrameStore, named_tier
 from pliant.models.don.calibration import calibrate, fit_sharpness
 from pliant.models.don.crossing_training import fit_crossings
 from pliant.models.don.crossings import CROSSINGS
-from pliant.models.don.familiarity import FAMILIARITY, Familiarity, fit_familiarity
+from pliant.models.don.familiarity import FAMILIARITY, Familiarity
 from pliant.models.don.loading import don_network
 from pliant.models.don.loss import don_loss
 from pliant.models.don.matcher import DonMatcher
@@ -158,11 +158,11 @@ class DonTask(Task[DonSettings]):
         matcher = self.matcher(self.settings, facts)
         if self.settings.answer.crossings:
             depth = not self.settings.pairs.network_input.colour
-            matcher.crossings = fit_crossings(
+            matcher.reader.crossings = fit_crossings(
                 self._frames(self.settings.split, whole=True), depth=depth, seed=seed
             )
-            if matcher.crossings is not None:
-                save_weights(run / CROSSINGS, matcher.crossings.state_dict())
+            if matcher.reader.crossings is not None:
+                save_weights(run / CROSSINGS, matcher.reader.crossings.state_dict())
         matcher.calibration = calibration = calibrate(matcher, pairs, size)
         facts["validation"] = validate(matcher, final_pairs, size)
         write_json(run / RUN_FACTS, facts)
@@ -189,16 +189,10 @@ class DonTask(Task[DonSettings]):
 
 
 def familiarity_of(matcher: DonMatcher, pairs: Sequence[ValidationPair]) -> Familiarity:
-    """Return the statistics of validation pairs, with and (if it sees more) without their masks."""
-    asked = []
-    for pair in pairs:
-        shown = [pair]
-        if matcher.input.colour or matcher.input.depth:
-            shown.append(pair.without_masks())
-        for each in shown:
-            compared = matcher.compare(each.source, each.target, each.uv_a_px)
-            asked.append(matcher.asked(each.source, each.target, compared))
-    return fit_familiarity(asked)
+    """Return the familiarity of validation pairs, also without masks if the network sees more."""
+    sees_more = matcher.input.colour or matcher.input.depth
+    bare = [pair.without_masks() for pair in pairs] if sees_more else []
+    return matcher.fitted_familiarity([*pairs, *bare])
 
 
 def train_don(

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -99,33 +100,67 @@ def validate(
     Returns:
         `rmse_px` pooled over points visible in both frames, `rmse_px_mean_over_pairs`,
         `median_px`, `pck_8px`; with symmetries also `symmetric_rmse_px`, each answer against
-        the nearest visible partner; `criterion_px`, the symmetric RMSE where there is one.
+        the nearest visible partner; `criterion_px`, the symmetric RMSE where there is one. Where
+        traces carry the answers, also the figures of the network alone, as `network_rmse_px` …:
+        traces answer well with a network that has learned nothing.
     """
-    strict, symmetric, per_pair = [], [], []
+    found = _errors(pairs, full_size, lambda pair: matcher.answer(pair).uv_px)
+    figures = _figures(found)
+    figures["criterion_px"] = figures.get("symmetric_rmse_px", figures["rmse_px"])
+    if matcher.settings.decode == "trace":
+        alone = _figures(_errors(pairs, full_size, matcher.answered_by_network))
+        figures |= {f"network_{name}": value for name, value in alone.items()}
+    return figures
+
+
+@dataclass(frozen=True)
+class _Errors:
+    """The errors of one way to answer, px of the dataset.
+
+    Attributes:
+        strict: float64 (Q,) for each pair, against the truth.
+        symmetric: Likewise, against the nearest visible partner; None without symmetries.
+    """
+
+    strict: list[npt.NDArray[np.float64]]
+    symmetric: list[npt.NDArray[np.float64]] | None
+
+
+def _errors(
+    pairs: Sequence[ValidationPair],
+    full_size: tuple[int, int],
+    answer: Callable[[ValidationPair], npt.NDArray[np.floating[Any]]],
+) -> _Errors:
+    """Return the errors on the points visible in both frames of pairs.
+
+    Raises:
+        CallError: There is no such point.
+    """
+    strict, symmetric = [], []
     for pair in pairs:
+        seen = pair.visible[:, 0]
+        if not seen.any():
+            continue
         scale = np.array(full_size) / np.array(pair.target.rgb.shape[1::-1])
-        answers = matcher.answer(pair)
-        found = answers.uv_px * scale
-        truth = pair.uv_b_px * scale
+        found, truth = answer(pair) * scale, pair.uv_b_px * scale
         errors = np.stack(
             [endpoint_error_px(found, truth[:, slot]) for slot in range(truth.shape[1])], axis=1
         )  # (Q, 1 + S)
-        seen = pair.visible[:, 0]
-        if seen.any():
-            strict.append(errors[seen, 0])
-            per_pair.append(rmse_px(errors[seen, 0]))
-            symmetric.append(np.where(pair.visible, errors, np.inf)[seen].min(axis=1))
+        strict.append(errors[seen, 0])
+        symmetric.append(np.where(pair.visible, errors, np.inf)[seen].min(axis=1))
     if not strict:
         raise CallError("no validation pair shows a point in both frames")
-    pooled = np.concatenate(strict)
+    return _Errors(strict, symmetric if pairs[0].visible.shape[1] > 1 else None)
+
+
+def _figures(errors: _Errors) -> dict[str, float]:
+    pooled = np.concatenate(errors.strict)
     figures = {
         "rmse_px": rmse_px(pooled),
-        "rmse_px_mean_over_pairs": float(np.mean(per_pair)),
+        "rmse_px_mean_over_pairs": float(np.mean([rmse_px(each) for each in errors.strict])),
         "median_px": float(np.median(pooled)),
         "pck_8px": float(np.mean(pooled <= 8.0)),
     }
-    figures["criterion_px"] = figures["rmse_px"]
-    if pairs[0].visible.shape[1] > 1:
-        figures["symmetric_rmse_px"] = rmse_px(np.concatenate(symmetric))
-        figures["criterion_px"] = figures["symmetric_rmse_px"]
+    if errors.symmetric is not None:
+        figures["symmetric_rmse_px"] = rmse_px(np.concatenate(errors.symmetric))
     return figures

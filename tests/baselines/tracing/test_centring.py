@@ -3,7 +3,7 @@
 import numpy as np
 
 from pliant.baselines.tracing.centring import centred, evenly_spaced
-from pliant.baselines.tracing.nadir import Nadir
+from pliant.baselines.tracing.tilt import Nadir
 
 HALF_PX = 5.0
 

@@ -4,8 +4,11 @@ import numpy as np
 import pytest
 
 from pliant.baselines.tracing import Likelihood, rope_traces
-from pliant.baselines.tracing.chain import STEPS, Evidence, sampled_paths
+from pliant.baselines.tracing.chain import Evidence, sampled_paths
+from pliant.baselines.tracing.settings import TRACING
 from tests.baselines.tracing.test_tracing import arc_places, loop, painted, wave
+
+STEPS = TRACING.chain_steps
 
 
 def place_likelihood(curve: np.ndarray, sharpness: float = 20.0) -> Likelihood:

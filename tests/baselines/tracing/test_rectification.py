@@ -10,12 +10,13 @@ import numpy.typing as npt
 import pytest
 
 from pliant.baselines.tracing import RopeTracer, rectified
-from pliant.baselines.tracing.rectification import camera_tilt
+from pliant.baselines.tracing.tilt import Nadir, slant
 from pliant.spec.answers import Answers
 from pliant.spec.frame import Frame, Pair
 
 WIDTH, HEIGHT, FOCAL = 640, 480, 686.0
 RADIUS_M = 0.011
+ABOVE = Nadir.of_image((HEIGHT, WIDTH))
 
 Floats = npt.NDArray[np.float64]
 
@@ -59,7 +60,7 @@ def drawn(tilt_deg: float) -> Frame:
 def test_the_tilt_is_read_off_the_widths(tilt_deg: float) -> None:
     mask = drawn(tilt_deg).mask
     assert mask is not None
-    found = camera_tilt(mask)
+    found = slant(mask, ABOVE)
     assert found is not None
     assert np.degrees(np.arctan(found)) == pytest.approx(tilt_deg, abs=6)
 
@@ -79,8 +80,8 @@ def test_without_a_mask_or_a_rope_nothing_is_rectified() -> None:
     assert rectified(Frame(view.rgb)).homography is None
     speck = np.zeros((HEIGHT, WIDTH), dtype=np.bool_)
     speck[100:104, 100:104] = True
-    assert camera_tilt(speck) is None
-    assert camera_tilt(np.zeros_like(speck)) is None
+    assert slant(speck, ABOVE) is None
+    assert slant(np.zeros_like(speck), ABOVE) is None
 
 
 def test_distances_are_those_on_the_table_afterwards() -> None:

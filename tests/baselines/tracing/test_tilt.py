@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from pliant.baselines.tracing.nadir import Nadir
-from pliant.baselines.tracing.tilt import small_tilt
+from pliant.baselines.tracing.tilt import Nadir, small_tilt
 
 NADIR = Nadir(np.array([320.0, 240.0]), 685.0)
 

@@ -5,8 +5,20 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pliant.models.don.familiarity import Asked, Described, Familiarity, fit_familiarity
+from pliant.baselines.tracing import MaskShape, Nadir, Trace
+from pliant.models.don.familiarity import Familiarity, fit_familiarity
+from pliant.models.don.strangeness import (
+    TRACED,
+    Asked,
+    Described,
+    UsualDescriptors,
+    traced_statistics,
+)
+from pliant.models.don.tracing import TracedPlaces, TracedView
 from pliant.spec.errors import TrainingError
+from pliant.spec.frame import Frame
+
+torch = pytest.importorskip("torch")
 
 DIM, SIDE = 4, 20
 RNG = np.random.default_rng(5)
@@ -14,7 +26,7 @@ SPREAD = np.array([1.0, 3.0, 0.5, 2.0])
 
 
 def picture(share: float = 0.25, shift: float = 0.0, scale: float = 1.0) -> Described:
-    """Descriptors on the object are Gaussian; beside it they are far away."""
+    """Descriptors on the object are Gaussian; off it they are far away."""
     mask = np.zeros((SIDE, SIDE), np.bool_)
     mask.reshape(-1)[: int(share * SIDE**2)] = True
     values = RNG.normal(size=(SIDE, SIDE, DIM)) * SPREAD * scale + shift
@@ -29,13 +41,20 @@ def asked(source: Described, target: Described, distance: float = 1.0, shift: fl
 
 @pytest.fixture(scope="module")
 def fitted() -> Familiarity:
-    return fit_familiarity([asked(picture(), picture()) for _ in range(100)])
+    validation = [asked(picture(), picture()) for _ in range(100)]
+    usual = UsualDescriptors.of(validation)
+    return fit_familiarity(np.concatenate(list(map(usual.statistics, validation))), usual)
+
+
+def scores(fitted: Familiarity, *queries: Asked) -> np.ndarray:
+    assert fitted.descriptors is not None
+    return fitted.score(np.concatenate(list(map(fitted.descriptors.statistics, queries))))
 
 
 def test_the_score_is_the_share_of_queries_as_unusual(fitted: Familiarity) -> None:
-    scores = np.concatenate([fitted.score(asked(picture(), picture())) for _ in range(100)])
+    found = scores(fitted, *(asked(picture(), picture()) for _ in range(100)))
     for level in (0.1, 0.3, 0.5, 0.7, 0.9):
-        assert np.mean(scores <= level) == pytest.approx(level, abs=0.06)
+        assert np.mean(found <= level) == pytest.approx(level, abs=0.06)
 
 
 STRANGE = {
@@ -49,23 +68,87 @@ STRANGE = {
 
 @pytest.mark.parametrize("case", STRANGE)
 def test_strange_queries_score_nothing(case: str, fitted: Familiarity) -> None:
-    assert fitted.score(STRANGE[case]()).max() < 0.01
+    assert scores(fitted, STRANGE[case]()).max() < 0.01
 
 
 def test_an_object_of_twice_the_size_is_not_strange(fitted: Familiarity) -> None:
-    assert np.median(fitted.score(asked(picture(), picture(share=0.5)))) > 0.2
+    assert np.median(scores(fitted, asked(picture(), picture(share=0.5)))) > 0.2
 
 
 def test_without_masks_the_query_alone_counts(fitted: Familiarity) -> None:
     bare = [Described(each.descriptors, None) for each in (picture(), picture())]
-    assert np.median(fitted.score(asked(bare[0], bare[1]))) > 0.2
-    assert fitted.score(asked(bare[0], bare[1], shift=60)).max() < 0.01
+    assert np.median(scores(fitted, asked(bare[0], bare[1]))) > 0.2
+    assert scores(fitted, asked(bare[0], bare[1], shift=60)).max() < 0.01
 
 
-def test_it_is_stored_whole(fitted: Familiarity) -> None:
-    again = Familiarity.from_document(fitted.as_document(), "familiarity.json")
-    query = asked(picture(), picture())
-    np.testing.assert_array_equal(again.score(query), fitted.score(query))
-    document = {**fitted.as_document(), "mean": [0.0]}
+LINE = np.stack([np.linspace(10, 310, 300), np.full(300, 120.0)], axis=1)
+
+
+def traced(
+    shape: MaskShape, *, coverage: float = 0.98, retraced: float = 0.0, length_px: float = 300.0
+) -> TracedView:
+    trace = Trace(LINE, length_px, 4.0, coverage, retraced, Nadir.of_image((240, 320)))
+    frame = Frame(np.zeros((240, 320, 3), np.uint8))
+    return TracedView(frame, torch.zeros(2, 24, 32), [trace], shape)
+
+
+ONE_ROPE = MaskShape(parts=1, ends=2, has_ball=False)
+
+
+def statistics(view: TracedView, agreeing: float = 0.97) -> np.ndarray:
+    """Three queries that readings of this weight carry to the answers."""
+    answers = LINE[[50, 100, 200]]
+    places = np.stack([answers, answers + np.array([60, 0])])
+    weighed = TracedPlaces(places, np.array([agreeing, 1 - agreeing]), 1.5)
+    return traced_statistics(traced(ONE_ROPE), view, weighed, answers)
+
+
+@pytest.fixture(scope="module")
+def of_ropes() -> Familiarity:
+    rng = np.random.default_rng(1)
+    views = [
+        traced(
+            MaskShape(1, int(rng.integers(0, 3)), has_ball=False),
+            coverage=1 - 0.05 * rng.random(),
+            retraced=0.02 * rng.random(),
+            length_px=300 + 60 * rng.random(),
+        )
+        for _ in range(300)
+    ]
+    return fit_familiarity(
+        np.concatenate([statistics(each, 1 - 0.1 * rng.random()) for each in views])
+    )
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        lambda: statistics(traced(MaskShape(2, 2, has_ball=False))),
+        lambda: statistics(traced(MaskShape(1, 4, has_ball=False))),
+        lambda: statistics(traced(MaskShape(1, 1, has_ball=True))),
+        lambda: statistics(traced(ONE_ROPE, coverage=0.6)),
+        lambda: statistics(traced(ONE_ROPE, retraced=0.5)),
+        lambda: statistics(traced(ONE_ROPE, length_px=30.0)),
+        lambda: statistics(traced(ONE_ROPE), agreeing=0.5),
+        lambda: traced_statistics(traced(ONE_ROPE), traced(ONE_ROPE), None, LINE[:3]),
+    ],
+    ids=["parts", "ends", "ball", "uncovered", "retraced", "stout", "elsewhere", "no trace"],
+)
+def test_what_is_not_one_rope_is_strange(case: object, of_ropes: Familiarity) -> None:
+    assert of_ropes.score(case()).max() < 0.01  # type: ignore[operator]
+    assert of_ropes.score(statistics(traced(ONE_ROPE))).min() > 0.1
+
+
+@pytest.mark.parametrize("kind", ["fitted", "of_ropes"])
+def test_it_is_stored_whole(kind: str, request: pytest.FixtureRequest) -> None:
+    stored = request.getfixturevalue(kind)
+    again = Familiarity.from_document(stored.as_document(), "familiarity.json")
+    values = RNG.normal(size=(20, len(stored.thresholds)))
+    np.testing.assert_array_equal(again.score(values), stored.score(values))
+    assert (again.descriptors is None) == (stored.descriptors is None)
+    assert len(stored.thresholds) == len(
+        TRACED if again.descriptors is None else UsualDescriptors.STATISTICS
+    )
+    damaged = {**stored.as_document(), "thresholds": [[0.0]]}
     with pytest.raises(TrainingError, match="the familiarity is damaged"):
-        Familiarity.from_document(document, "familiarity.json")
+        Familiarity.from_document(damaged, "familiarity.json")

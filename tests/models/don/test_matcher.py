@@ -24,6 +24,7 @@ from pliant.models.don.certainty import Calibration, mean_doubt
 from pliant.models.don.decoding import Widths, decode_position, mixture_of_modes, spread_about
 from pliant.models.don.matcher import DonMatcher, Search
 from pliant.models.don.report import descriptor_colours
+from pliant.models.don.rope_reader import RopeReader
 from pliant.models.don.settings import AnswerSettings, DonSettings
 from pliant.models.don.validation import ValidationPair, draw_validation_pairs, validate
 from pliant.models.networks.descriptor_network import (
@@ -290,7 +291,7 @@ def test_rectified_views_have_a_calibration_of_their_own(
         slanted = view.key.startswith("slanted")
         return replace(as_it_is, homography=np.eye(3)) if slanted else as_it_is
 
-    monkeypatch.setattr(matcher, "seen", seen)
+    monkeypatch.setattr(matcher.reader, "seen", seen)
     calibration = calibrate(matcher, pairs, SIZE)
     assert calibration.tilted is not None
     assert Calibration.from_document(asdict(calibration)) == calibration
@@ -323,7 +324,7 @@ def test_views_without_masks_have_a_calibration_of_their_own(
     pairs = [within(pair) for pair in draw_validation_pairs(store, 4, 30, seed=3)]
     matcher = by_colour(scale=400.0)
     assert calibrate(matcher, pairs, SIZE).unmasked is None, "it finds no masks"
-    monkeypatch.setattr(DonMatcher, "finds_masks", True)
+    monkeypatch.setattr(RopeReader, "finds_masks", True)
     calibration = calibrate(matcher, pairs, SIZE)
     assert calibration.unmasked is not None
     assert Calibration.from_document(asdict(calibration)) == calibration

@@ -1,0 +1,113 @@
+"""What the shape of a mask says of whether it is that of one rope."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+from scipy.signal import fftconvolve
+
+from pliant.baselines.tracing.depth_in_mask import (
+    FloatArray,
+    Mask,
+    depth_in_mask,
+    ridge,
+    shrunk,
+    working_factor,
+)
+from pliant.baselines.tracing.settings import TRACING
+from pliant.spec.ball import separate_ball, without_small_holes
+from pliant.spec.frame import Frame
+
+
+@dataclass(frozen=True)
+class MaskShape:
+    """The shape of a mask.
+
+    Attributes:
+        parts: Its connected parts, together with the rope's ball; specks do not count.
+        ends: Its loose ends: 2 of a rope, 1 of one with a ball, fewer where a knot hides them.
+        has_ball: Whether the mask of the rope contains a ball.
+    """
+
+    parts: int
+    ends: int
+    has_ball: bool
+
+    @classmethod
+    def of(cls, mask: Mask, objects: Mask | None = None) -> MaskShape:
+        """Return the shape of a mask.
+
+        Args:
+            mask: bool (H, W), the rope.
+            objects: bool (H, W), the rope and its ball, or None.
+        """
+        factor = working_factor(mask)
+        small = shrunk(mask, factor)
+        whole = without_small_holes(small if objects is None else small | shrunk(objects, factor))
+        labels, _ = ndimage.label(whole, np.ones((3, 3)))
+        sizes = np.bincount(labels.ravel())[1:]
+        parts = int((sizes >= TRACING.shape_least_part * sizes.max()).sum()) if len(sizes) else 0
+        return cls(parts, _ends(whole), separate_ball(mask)[1] is not None)
+
+    @property
+    def several_ropes(self) -> bool:
+        """Whether it shows more than one rope."""
+        return self.parts > 1 or self.ends > 2
+
+    def remark(self, name: str) -> str:
+        """Return what a user should know, as a sentence; empty for a mask of one rope.
+
+        Args:
+            name: What the picture is called.
+        """
+        if self.several_ropes:
+            return (
+                f"The mask of the {name} shows more than one rope (parts: {self.parts}, loose "
+                f"ends: {self.ends}): give a mask of one rope."
+            )
+        if self.has_ball:
+            return f"The mask of the {name} contains a ball, which was taken for rope."
+        return ""
+
+
+def mask_remarks(source: Frame, target: Frame) -> list[str]:
+    """Return what a user should know of the masks of two pictures of ropes, as sentences."""
+    found = [
+        MaskShape.of(frame.mask, frame.objects).remark(name)
+        for name, frame in (("source", source), ("target", target))
+        if frame.mask is not None
+    ]
+    return [remark for remark in found if remark]
+
+
+def _ends(mask: Mask) -> int:
+    """Return how many loose ends a mask has: places with little of it around them."""
+    depth_px = depth_in_mask(mask, max(mask.shape))
+    middle = ridge(depth_px, 0.5)
+    if not middle.any():
+        return 0
+    half_px = float(np.median(depth_px[middle]))
+    reach = int(np.ceil(TRACING.shape_around * half_px))
+    if reach > min(mask.shape):  # no rope: it fills the image
+        return 0
+    row, column = np.mgrid[-reach : reach + 1, -reach : reach + 1]
+    disc = np.hypot(row, column) <= TRACING.shape_around * half_px
+    around: FloatArray = fftconvolve(mask.astype(np.float64), disc.astype(np.float64), "same")
+    places, _ = ndimage.label(
+        mask & (around < TRACING.shape_at_end * _strand_px2(half_px)), np.ones((3, 3))
+    )
+    return int((np.bincount(places.ravel())[1:] >= TRACING.shape_least_end * half_px**2).sum())
+
+
+def _strand_px2(half_px: float) -> float:
+    """Return the area of a straight strand within the disc."""
+    return (
+        2
+        * half_px**2
+        * float(
+            np.sqrt(TRACING.shape_around**2 - 1)
+            + TRACING.shape_around**2 * np.arcsin(1 / TRACING.shape_around)
+        )
+    )

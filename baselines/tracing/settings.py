@@ -1,0 +1,137 @@
+"""Every constant of reading ropes, and how it was chosen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+
+@dataclass(frozen=True)
+class TracingSettings:
+    """The constants of `baselines/tracing`.
+
+    *Geometry*: follows from the shape of strands, masks and cameras. *Compared*: the best of
+    several values on validation pairs of rendered ropes (`docs/design-notes.md`). *Cost*: larger
+    values cost time. *Unrecorded*: it works, and the history does not say what else was tried. No
+    value was chosen on real pictures or on a test split.
+
+    Lengths are in half widths of the rope unless the name says otherwise.
+
+    Attributes:
+        working_width_px: Masks are walked at about this width (cost).
+        shortest_steps: Walks of fewer places, and masks of fewer pixels, are no rope (unrecorded).
+        stations: Places that a trace is resampled to, evenly along it (cost).
+        walk_step_px: Length of a step on the working mask (unrecorded).
+        walk_turns_deg: Directions looked in, from the heading: start, stop, step (unrecorded).
+        walk_look_px: How far ahead a walker looks (unrecorded).
+        walk_look_weights: What it sees there counts by this (unrecorded).
+        walk_turn_cost: Of a squared angle, times a walker's straightness (unrecorded).
+        walk_straightness: Of the walkers that start at each end (unrecorded).
+        walk_inertia: Share of the heading that they keep in a step (unrecorded).
+        walk_least_depth: Share of the half width below which a place is off the rope (unrecorded).
+        walk_misses: Steps off the rope in a row after which a walk ends (unrecorded).
+        walk_most_steps: Longest walk: enough for a rope of five image widths (geometry).
+        walk_across_px: How far to either side the middle of the mask is looked for (unrecorded).
+        walk_centring: Share of the way to that middle that a step takes (unrecorded).
+        heading_px: Radius around a start whose middle gives the first heading (unrecorded).
+        chain_steps: Steps of the hidden Markov model from one end to the other (cost).
+        chain_headings: Its headings (cost).
+        chain_turns: Probability of each turn in a step, in headings (unrecorded).
+        chain_blur_px: Blur of a step by the pixel grid (geometry).
+        chain_least_share: Smaller shares of a step are left out (cost).
+        chain_lengths: Rope lengths tried, in lengths of a rope without crossings (geometry: where
+            strands cover each other the mask is smaller than the rope).
+        chain_samples: Paths drawn (cost).
+        hidden_first: First share of a rope that its ball may hide (geometry).
+        hidden_later: Likelihood of being hidden by something after that (unrecorded).
+        chain_smoothing_steps: Blur of a drawn path (unrecorded).
+        centring_rounds: How often paths move to the middle (cost).
+        centring_stiffness: Weight of a path's bends (compared: a stiffer one is no better).
+        centring_least_weight: Keeps the system regular (unrecorded).
+        usual_widths: Of the median; elsewhere a strand crosses or touches (geometry).
+        across_reach: How far to either side the edge of the mask is looked for (geometry).
+        edge_step_px: Step on the way to an edge (cost).
+        leaves_ball_at: Where a rope leaves its ball, as a share of the ball's radius (unrecorded).
+        end_back: Length over which the way at an end is measured (unrecorded).
+        end_reach: Where the mask goes on longer than this, a path does not (unrecorded).
+        crossing_least_sine: Flatter crossings are taken for crossings at this angle (unrecorded).
+        crossing_body: A strand's edge, and how far off its middle a trace may be (geometry).
+        alike: Neighbouring stations whose widths say the same (geometry: their distance).
+        focal_widths: Focal length in image widths of an unknown camera: 50 degrees across
+            (geometry: the middle of usual lenses).
+        tilt_prior: Standard deviation of a camera's tilt before anything is measured, tangent of an
+            angle (unrecorded; the generator's cameras from above have up to 0.07).
+        tilt_places: Independent widths that a tilt takes at least (unrecorded).
+        fit_rounds: Of weighing residuals (cost).
+        slant_least: Tangent of 20 degrees; tracing does not suffer from less (compared).
+        slant_largest: More is taken for this (geometry: a rope of 50 degrees is foreshortened to
+            two thirds).
+        slant_significance: Standard errors that it exceeds at least (unrecorded).
+        slant_ridge: Pixels of ridge that it takes (unrecorded).
+        slant_widths: Of the median; wider are strands side by side (geometry).
+        slant_residual_px: Widths scatter by this at least (geometry: pixels).
+        slant_fill: Share of the frame that a rectified rope fills at most (unrecorded).
+        shape_least_part: Smaller parts than this share of the largest are specks (unrecorded).
+        shape_around: Radius in which loose ends are looked for (unrecorded).
+        shape_at_end: Area of a rope within that around its end, over that around its middle
+            (geometry: 0.6 two half widths before the end, at least 0.97 in the middle).
+        shape_least_end: Square half widths; smaller places are ragged edges (unrecorded).
+    """
+
+    working_width_px: int = 320
+    shortest_steps: int = 20
+    stations: int = 300
+    walk_step_px: float = 1.5
+    walk_turns_deg: tuple[int, int, int] = (-50, 51, 5)
+    walk_look_px: tuple[float, ...] = (1.5, 3.0, 4.5, 7.0)
+    walk_look_weights: tuple[float, ...] = (1.0, 1.0, 0.7, 0.5)
+    walk_turn_cost: float = 1.2
+    walk_straightness: tuple[float, ...] = (0.3, 0.6, 0.9, 1.3, 1.8, 2.6)
+    walk_inertia: tuple[float, ...] = (0.35, 0.55, 0.72)
+    walk_least_depth: float = 0.15
+    walk_misses: int = 3
+    walk_most_steps: int = 1200
+    walk_across_px: float = 1.5
+    walk_centring: float = 0.4
+    heading_px: float = 7.0
+    chain_steps: int = 100
+    chain_headings: int = 16
+    chain_turns: tuple[tuple[int, float], ...] = ((-1, 0.15), (0, 0.7), (1, 0.15))
+    chain_blur_px: float = 0.6
+    chain_least_share: float = 0.02
+    chain_lengths: tuple[float, ...] = (0.9, 1.05, 1.2, 1.4)
+    chain_samples: int = 24
+    hidden_first: float = 0.08
+    hidden_later: float = 0.02
+    chain_smoothing_steps: float = 1.5
+    centring_rounds: int = 2
+    centring_stiffness: float = 3.0
+    centring_least_weight: float = 1e-3
+    usual_widths: tuple[float, float] = (0.75, 1.25)
+    across_reach: float = 3.0
+    edge_step_px: float = 0.5
+    leaves_ball_at: float = 0.81
+    end_back: float = 2.0
+    end_reach: float = 6.0
+    crossing_least_sine: float = 0.35
+    crossing_body: float = 1.15
+    alike: float = 3.0
+    focal_widths: float = 1.07
+    tilt_prior: float = 0.06
+    tilt_places: int = 40
+    fit_rounds: int = 15
+    slant_least: float = 0.36
+    slant_largest: float = 1.2
+    slant_significance: float = 3.0
+    slant_ridge: int = 40
+    slant_widths: tuple[float, float] = (0.6, 1.35)
+    slant_residual_px: float = 0.6
+    slant_fill: float = 0.86
+    shape_least_part: float = 0.1
+    shape_around: float = 5.0
+    shape_at_end: float = 0.65
+    shape_least_end: float = 1.0
+
+
+TRACING: Final = TracingSettings()
+"""The values in use."""

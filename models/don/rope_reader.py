@@ -1,0 +1,95 @@
+"""Ropes as a network and the tracer read them together: masks, the view from above, traces."""
+
+from __future__ import annotations
+
+import torch
+
+from pliant.baselines.tracing import (
+    MaskShape,
+    Rectified,
+    Trace,
+    mask_remarks,
+    rectified,
+    rope_traces,
+)
+from pliant.models.don.crossings import with_overlaps
+from pliant.models.don.described import DescribedView, ViewDescriber
+from pliant.models.don.settings import AnswerSettings
+from pliant.models.don.tracing import TracedView, canonical_likelihood, enlarged
+from pliant.models.networks.crossing_network import CrossingNetwork
+from pliant.models.networks.descriptor_network import DescriptorNetwork
+from pliant.spec.frame import Frame
+from pliant.spec.lru_cache import LRUCache
+
+_KEPT_VIEWS = 8
+_KEPT_TRACES = 128
+
+
+class RopeReader:
+    """Brings images to the view that they are answered in, and traces the ropes in them.
+
+    Args:
+        network: The network.
+        views: What describes images with it.
+        settings: How answers are made.
+
+    Attributes:
+        crossings: Tells which strand is on top, or None.
+    """
+
+    def __init__(
+        self, network: DescriptorNetwork, views: ViewDescriber, settings: AnswerSettings
+    ) -> None:
+        self._network, self._views, self._settings = network, views, settings
+        self.crossings: CrossingNetwork | None = None
+        self._rectified: LRUCache[Rectified] = LRUCache(_KEPT_VIEWS)
+        self._readings: LRUCache[tuple[list[Trace], MaskShape]] = LRUCache(_KEPT_TRACES)
+
+    @property
+    def finds_masks(self) -> bool:
+        """Whether it finds a rope's masks itself where a picture comes without."""
+        return self._settings.decode == "trace" and self._views.segments
+
+    def seen(self, view: Frame) -> Rectified:
+        """Return a view as it is answered in: a rope's with masks, and from straight above."""
+
+        def prepared() -> Rectified:
+            masked = self._views.segmented(view) if self._settings.decode == "trace" else view
+            return rectified(masked) if self._settings.rectify else Rectified.unchanged(masked)
+
+        return self._rectified.get(view.key, prepared)
+
+    def remarks(self, source: Frame, target: Frame) -> list[str]:
+        """Return what should be known of the masks of two pictures, as sentences."""
+        return mask_remarks(self.seen(source).view, self.seen(target).view)
+
+    def traced(self, seen: Rectified, scale: torch.Tensor) -> TracedView:
+        """Return a view with its traces.
+
+        Args:
+            seen: From `seen`.
+            scale: Scalar, inverse temperature.
+        """
+        view = seen.view
+        own = self._views.described(view)
+        traces, shape = self._readings.get(view.key, lambda: self._read(seen, own, scale))
+        return TracedView(view, own.maps[0], traces, shape)
+
+    def _read(
+        self, seen: Rectified, own: DescribedView, scale: torch.Tensor
+    ) -> tuple[list[Trace], MaskShape]:
+        """Return the traces of a view in its pixels, and the shape of the mask that they follow."""
+        view, factor = seen.view, self._views.pixel_scale(seen.view)
+        says = canonical_likelihood(self._network, own.maps[0], scale)
+        if view.mask is not None:
+            given = None if says is None else lambda uv_px: says(uv_px / factor)
+            mask, objects = view.mask, view.objects
+            traces = rope_traces(mask, objects, given, seen.nadir)
+        elif own.mask is not None:
+            mask, objects = own.mask, own.objects
+            traces = enlarged(rope_traces(mask, objects, says), factor)
+        else:
+            return [], MaskShape(0, 0, has_ball=False)
+        if self.crossings is not None:
+            traces = with_overlaps(self.crossings, view, mask, traces)
+        return traces, MaskShape.of(mask, objects)
