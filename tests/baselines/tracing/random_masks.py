@@ -13,7 +13,7 @@ KINDS = ("thin", "thick", "holed", "fragmented", "pixel", "full", "figure eight"
 
 def random_masks(rng: np.random.Generator) -> tuple[Mask, Mask]:
     """Return the masks of a rope and of the rope with its ball, if it has one: bool (H, W)."""
-    height, width = (int(side) for side in rng.integers(8, 73, 2))
+    height, width = (int(side) for side in rng.integers(8, 49, 2))
     kind = KINDS[int(rng.integers(len(KINDS)))]
     mask = np.zeros((height, width), np.bool_)
     start = (int(rng.integers(height)), int(rng.integers(width)))

@@ -32,7 +32,7 @@ def check_traces(traces: list[Trace], mask: np.ndarray) -> None:
 
 @pytest.fixture(autouse=True)
 def _short_walks(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Walks in circles need not last as long on masks of at most 72 px as on pictures."""
+    """Walks in circles need not last as long on masks of at most 48 px as on pictures."""
     monkeypatch.setattr(walk, "TRACING", replace(TRACING, walk_most_steps=150))
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from pliant.baselines.tracing import Nadir, Trace
+from pliant.baselines.tracing import MaskShape, Nadir, Trace
 from pliant.models.don.tracing import TracedPlaces, TracedView, traced_places
 from pliant.spec.frame import Frame
 
@@ -59,7 +59,7 @@ def line_view(ends_alike: bool, known: bool = True) -> TracedView:
     ]
     rgb = np.zeros((20, 80, 3), dtype=np.uint8)
     view = Frame(rgb, mask, objects=objects if known else None)
-    return TracedView(view, torch.zeros(4, 20, 80), traces)
+    return TracedView(view, torch.zeros(4, 20, 80), traces, MaskShape.of(mask, objects))
 
 
 def test_a_rope_with_ends_alike_has_two_answers() -> None:
@@ -97,8 +97,8 @@ def test_plausible_traces_that_agree_have_the_weight() -> None:
     right, reverse = view.traces
     short = replace(right, coverage=0.9)
     ramp = torch.linspace(0, 30, 80).expand(4, 20, 80)  # the descriptors tell the two ends apart
-    source = TracedView(view.view, ramp, [right])
-    target = TracedView(view.view, ramp, [short, reverse, right])
+    source = replace(view, descriptors=ramp, traces=[right])
+    target = replace(view, descriptors=ramp, traces=[short, reverse, right])
     queries = np.array([[22.0, 10.0]], dtype=np.float32)
     found = traced_places(source, target, torch.tensor(1.0), queries)
     assert found is not None
