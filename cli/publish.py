@@ -41,14 +41,20 @@ _UNITS = {"": 1, "B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9}
 )
 @click.option("--url", metavar="URL", help="Address of the published dataset.")
 @click.option("--date", metavar="YYYY-MM-DD", help="Date of the release.")
-@click.option(
-    "--bundle/--no-bundle",
-    default=True,
-    help="With --hold-out, put a Codabench bundle into the private half (the default).",
+@path_option(
+    "--bundle",
+    "WHEEL",
+    "With --hold-out, put a Codabench bundle that scores with this wheel of Pliant into the "
+    "private half.",
 )
 @json_option
 def command(
-    folder: Path, out: Path, private: Path | None, bundle: bool, as_json: bool, **given: Any
+    folder: Path,
+    out: Path,
+    private: Path | None,
+    bundle: Path | None,
+    as_json: bool,
+    **given: Any,
 ) -> int:
     """Package the dataset DIR for release: shards, description, checksums.
 
@@ -61,7 +67,7 @@ def command(
     splits = dict.fromkeys(name for text in given.pop("hold_out") for name in text.split(","))
     shard_bytes = parse_size(given.pop("shard_size"))
     settings = PublishSettings(hold_out=tuple(splits), shard_bytes=shard_bytes, **given)
-    finish = _bundle_writer() if bundle and splits else None
+    finish = None if bundle is None else _bundle_writer(bundle, settings.hold_out)
     with terminated_like_interrupted(""), progress_bar("", "sequences", hidden=as_json) as bar:
         published = publish(
             folder,
@@ -101,12 +107,16 @@ def parse_size(text: str) -> int:
     return int(float(match[1]) * _UNITS[match[2]])
 
 
-def _bundle_writer() -> Finish:
-    """Return what adds the Codabench bundle to the private half."""
-    from pliant.publishing.competition.bundle import write_bundle
+def _bundle_writer(wheel: Path, hold_out: tuple[str, ...]) -> Finish:
+    """Return what adds the competition bundles to the private half."""
+    from pliant.publishing.competition.bundle import check_wheel, write_bundle
+
+    if not hold_out:
+        raise CallError("a bundle needs a held-out split", where="--bundle", required="--hold-out")
+    check_wheel(wheel)
 
     def finish(public: Path, private: Path | None) -> None:
         if private is not None:
-            write_bundle(public, private, private / "codabench")
+            write_bundle(public, private, wheel, private / "codabench")
 
     return finish

@@ -1,4 +1,4 @@
-"""Competitions on existing platforms: writes Codabench and EvalAI bundles.
+"""Competitions on Codabench: `bundle.write_bundle` makes a bundle of a public and a private half.
 
-`bundle.write_bundle` makes them from a public and a private half; the answers stay private.
+Codabench alone sees the answers. A challenge on a server of one's own is `pliant challenge`.
 """

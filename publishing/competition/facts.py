@@ -58,11 +58,6 @@ class Competition:
     columns: tuple[Column, ...]
 
     @property
-    def name(self) -> str:
-        """Return `ID-VERSION-SPLIT`, for file names."""
-        return f"{self.dataset['id']}-{self.dataset['version']}-{self.split}"
-
-    @property
     def rules(self) -> dict[str, Any]:
         """Return what the reference data's `competition.json` says."""
         return {
@@ -71,7 +66,6 @@ class Competition:
             "split": self.split,
             "protocol": self.protocol.name,
             "protocol_sha256": self.protocol.sha256,
-            "columns": [column.key for column in self.columns],
         }
 
 

@@ -7,7 +7,6 @@ from typing import Any, Final
 
 import jinja2
 import yaml
-from markdown_it import MarkdownIt
 
 from pliant.publishing.competition.facts import Competition
 from pliant.spec.io.yamlfiles import parse_yaml
@@ -25,38 +24,15 @@ PAGES: Final = {
 _FOLDER: Final = resources.files("pliant.publishing.competition")
 
 
-def render_pages(competition: Competition, platform: str) -> dict[str, str]:
-    """Return the pages in Markdown by name.
-
-    Args:
-        competition: What they are about.
-        platform: `codabench`, which wants the Parquet file in a zip archive, or `evalai`.
-    """
-    return {
-        name: _render(f"{name}.md.j2", competition, platform=platform) for name in [*PAGES, "kit"]
-    }
+def render_pages(competition: Competition) -> dict[str, str]:
+    """Return the pages in Markdown by name, and `kit`, the README of the starting kit."""
+    return {name: _render(f"{name}.md.j2", competition) for name in [*PAGES, "kit"]}
 
 
-def render_yaml(template: str, competition: Competition, **facts: object) -> bytes:
-    """Return a platform's configuration file.
-
-    Args:
-        template: Name of its template in `files/`.
-        competition: The competition.
-        **facts: What else the template shows.
-    """
-    return dump_yaml(parse_yaml(_render(template, competition, pages=PAGES, **facts)))
-
-
-def dump_yaml(document: object) -> bytes:
-    """Return JSON values as a YAML file."""
+def competition_yaml(competition: Competition) -> bytes:
+    """Return Codabench's configuration file."""
+    document = parse_yaml(_render("competition.yaml.j2", competition, pages=PAGES))
     return yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=100).encode()
-
-
-def as_html(markdown: str) -> str:
-    """Return a page in HTML; HTML in the text is shown as text."""
-    html: str = MarkdownIt("commonmark", {"html": False}).enable("table").render(markdown)
-    return html
 
 
 def file_bytes(name: str) -> bytes:
@@ -67,7 +43,7 @@ def file_bytes(name: str) -> bytes:
 def _render(template: str, competition: Competition, **facts: Any) -> str:
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("pliant.publishing.competition", "files"),
-        autoescape=False,  # Markdown; as HTML it is escaped below
+        autoescape=False,  # Markdown
         undefined=jinja2.StrictUndefined,
         finalize=shown,
         trim_blocks=True,

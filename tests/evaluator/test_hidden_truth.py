@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from pliant.evaluator import evaluate
-from pliant.evaluator.competition.scoring import flat_scores
+from pliant.evaluator.competition import flat_scores
 from pliant.evaluator.hidden_truth import public_scores
 from pliant.evaluator.scores import Scores
 from pliant.spec.errors import CallError

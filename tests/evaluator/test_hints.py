@@ -17,8 +17,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from pliant.cli.main import run
-from pliant.evaluator import evaluate, inspect, write_report
-from pliant.evaluator.competition import codabench_program, evalai_program, scoring
+from pliant.evaluator import competition, evaluate, inspect, write_report
 from pliant.evaluator.hidden_truth import public_scores
 from pliant.evaluator.scores import Scores
 
@@ -121,7 +120,7 @@ def test_scores_with_hidden_truth_have_no_hint_that_needs_it(
     assert "half a pixel" not in capsys.readouterr().err
 
 
-def test_competition_programs_show_no_hint(
+def test_the_competition_program_shows_no_hint(
     scene: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Not even where the evaluation gives one."""
@@ -137,17 +136,13 @@ def test_competition_programs_show_no_hint(
     def with_hint(scores: Scores) -> Scores:
         return replace(public_scores(scores), hints=(hint,))
 
-    monkeypatch.setattr(scoring, "public_scores", with_hint)
-    assert scoring.score(path, reference).hints == ()
-    assert codabench_program.main([str(tmp_path / "input"), str(tmp_path / "output")]) == 0
-    with zipfile.ZipFile(tmp_path / "ref.zip", "w") as archive:
-        for file in reference.rglob("*"):
-            archive.write(file, file.relative_to(reference))
-    result = evalai_program.evaluate(str(tmp_path / "ref.zip"), str(path), "test")
+    monkeypatch.setattr(competition, "public_scores", with_hint)
+    assert competition.score(path, reference).hints == ()
+    assert competition.codabench([str(tmp_path / "input"), str(tmp_path / "output")]) == 0
     shown = capsys.readouterr()
     pages = [file.read_text() for file in (tmp_path / "output").iterdir()]
     assert len(pages) == 2
-    assert hint not in "".join([shown.out, shown.err, *pages, json.dumps(result)])
+    assert hint not in "".join([shown.out, shown.err, *pages])
 
 
 def _zipped(scene: Any, path: Path) -> None:

@@ -115,7 +115,6 @@ def test_two_publications_are_the_same_bytes(halves: Any, tmp_path: Path) -> Non
         "--shard-size",
         "300kB",
         "--answers-are-public",
-        "--no-bundle",
     ]
     command += ["--author", "Ada", "--author", "Grace", "--json"]
     other = {"LC_ALL": "C", "TZ": "Asia/Tokyo", "PYTHONHASHSEED": "7"}
@@ -226,7 +225,7 @@ def test_a_damaged_or_linked_dataset_is_not_published(
 def test_a_guessable_seed_is_refused_unless_the_answers_are_public(
     halves: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    arguments = ["publish", str(halves.whole), "--out", str(tmp_path / "out"), "--no-bundle"]
+    arguments = ["publish", str(halves.whole), "--out", str(tmp_path / "out")]
     assert run([*arguments, "--hold-out", "test"]) == 2
     assert "anybody can generate the held-out answers again" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
@@ -377,7 +376,7 @@ def test_hugging_face_datasets_shows_pictures(
 
 def test_command_reports(halves: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ["publish", str(halves.whole), "--out", str(tmp_path / "out"), "--hold-out", "test"]
-    assert run([*arguments, "--no-bundle"]) == 0
+    assert run([*arguments]) == 0
     shown = capsys.readouterr()
     assert "15 sequences, 30 frames" in shown.out
     assert "can be guessed (0)" in shown.err  # the tiny dataset's seed

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shlex
 import subprocess
+import sys
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -15,9 +16,10 @@ import pytest
 import yaml
 
 from pliant.evaluator import evaluate
-from pliant.evaluator.competition.codabench_program import main
-from pliant.evaluator.competition.scoring import flat_scores
+from pliant.evaluator.competition import codabench, flat_scores
 from pliant.evaluator.hidden_truth import public_scores
+from pliant.publishing.competition.bundle import check_wheel, write_bundle
+from pliant.spec.errors import CallError, SpecError
 
 
 @pytest.fixture(scope="module")
@@ -32,8 +34,8 @@ def competition(bundles: Path, tmp_path_factory: pytest.TempPathFactory) -> Path
 class Worker:
     """A compute worker: lays out /app for a scoring step and runs the program's command."""
 
-    def __init__(self, competition: Path, app: Path, python: Path) -> None:
-        self.app, self.python = app, python
+    def __init__(self, competition: Path, app: Path) -> None:
+        self.app = app
         task = yaml.safe_load((competition / "competition.yaml").read_text())["tasks"][0]
         for archive, place in (
             (competition / task["scoring_program"], "program"),
@@ -57,7 +59,7 @@ class Worker:
         words = [word.replace("/app/", f"{self.app}/") for word in shlex.split(command)]
         assert words[0] == "python3"
         return subprocess.run(
-            [str(self.python), *words[1:]],
+            [sys.executable, *words[1:]],
             cwd=self.app / "program",
             env={"HOME": str(Path.home()), "PYTHONUNBUFFERED": "1"},
             capture_output=True,
@@ -66,21 +68,8 @@ class Worker:
 
 
 @pytest.fixture
-def worker(competition: Path, tmp_path: Path, bare_python: Path) -> Worker:
-    return Worker(competition, tmp_path / "app", bare_python)
-
-
-def test_the_bare_python_is_bare(bare_python: Path) -> None:
-    names = ["pliant", "torch", "bpy", "cv2", "numba", "click", "pip"]
-    code = f"""
-import importlib.util as u
-print([name for name in {names} if u.find_spec(name)])
-import numpy, pyarrow, OpenEXR, matplotlib, jinja2, jsonschema, PIL
-"""
-    done = subprocess.run(
-        [bare_python, "-I", "-c", code], capture_output=True, text=True, check=True
-    )
-    assert done.stdout.strip() == "[]"
+def worker(competition: Path, tmp_path: Path) -> Worker:
+    return Worker(competition, tmp_path / "app")
 
 
 def public_flat(submission: Path, scene: Any) -> dict[str, float]:
@@ -138,20 +127,15 @@ def test_competition_names_only_files_that_are_there(competition: Path) -> None:
         assert "{%" not in text, page
 
 
-def unfilled(competition: Path) -> bytes:
-    with zipfile.ZipFile(competition / "starting_kit.zip") as kit:
-        return kit.read("template.parquet")
-
-
-def test_unfilled_template_ends_with_one_line_and_no_score(
-    competition: Path, worker: Worker, scene: Any
-) -> None:
-    done = worker.run(template=unfilled(competition))
+def test_an_unfilled_template_ends_with_one_line_and_no_score(worker: Worker, scene: Any) -> None:
+    path = worker.app / "template.parquet"
+    scene.submit(path, scene.table(np.full((scene.rows, 2), np.nan)))
+    done = worker.run(template=path)
     assert done.returncode == 1
     assert done.stderr.startswith("Error: ")
     assert done.stderr.count("\n") == 1
     assert f"VALUE_NOT_FINITE {2 * scene.rows}" in done.stderr
-    assert "row 0 (pair 0, query 0)" in done.stdout  # every reason, in the participants' log
+    assert "row 0 (pair 0, query 0)" in done.stdout  # every cause, in the participants' log
     assert list((worker.app / "output").iterdir()) == []
 
 
@@ -183,7 +167,7 @@ def test_bad_submission_ends_with_one_line_and_no_score(
         table = pa.table({"pair_id": scene.queries["pair_id"], **numbers})
         files = {"a": scene.submit(tmp_path / "matches.parquet", table, kind="matches")}
     worker.put(**files)
-    assert main([str(worker.app / "input"), str(worker.app / "output")]) == 1
+    assert codabench([str(worker.app / "input"), str(worker.app / "output")]) == 1
     said = capsys.readouterr().err
     assert said.startswith("Error: ")
     assert said.count("\n") == 1
@@ -192,13 +176,13 @@ def test_bad_submission_ends_with_one_line_and_no_score(
 
 
 def test_starting_kit_makes_a_submission_that_scores(
-    competition: Path, tmp_path: Path, bare_python: Path, scene: Any
+    competition: Path, tmp_path: Path, scene: Any
 ) -> None:
     kit = tmp_path / "kit"
     with zipfile.ZipFile(competition / "starting_kit.zip") as archive:
         archive.extractall(kit)
     out = tmp_path / "submission.parquet"
-    command = [str(bare_python), "submit_without_pliant.py", "data", "test", str(out)]
+    command = [sys.executable, "submit_without_pliant.py", "data", "test", str(out)]
     subprocess.run(command, cwd=kit, check=True)
     documented = Path(__file__).parents[3] / "docs" / "examples" / "submit_without_pliant.py"
     assert (kit / "submit_without_pliant.py").read_bytes() == documented.read_bytes()
@@ -216,3 +200,22 @@ def test_nothing_that_participants_get_holds_an_answer(competition: Path, scene:
         assert b"u_b" not in data or name == "scoring_program.zip"  # the code names the column
         for row in (0, scene.rows - 1):
             assert np.float32(scene.true_px[row, 0]).tobytes() not in data
+
+
+def test_equal_halves_give_equal_bytes(
+    halves: tuple[Path, Path], wheel: Path, tmp_path: Path
+) -> None:
+    first, second = (write_bundle(*halves, wheel, tmp_path / name) for name in "ab")
+    assert [path.name for path in first] == ["codabench-test.zip", "README.md"]
+    for one, other in zip(first, second, strict=True):
+        assert one.read_bytes() == other.read_bytes(), one.name
+    assert sorted(p.name for p in (tmp_path / "a").iterdir()) == sorted(p.name for p in first)
+
+
+def test_wrong_calls_are_refused(halves: tuple[Path, Path], wheel: Path, tmp_path: Path) -> None:
+    with pytest.raises(SpecError, match="the private half has no truth"):
+        write_bundle(halves[0], halves[0], wheel, tmp_path / "out")
+    (tmp_path / "pliant-1-py3-none-any.whl").write_text("no archive")
+    for path in (tmp_path / "pliant-1-py3-none-any.whl", tmp_path / "gone.whl"):
+        with pytest.raises(CallError, match=r"not a wheel of Pliant.*pip wheel --no-deps"):
+            check_wheel(path)

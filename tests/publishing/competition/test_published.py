@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import subprocess
+import sys
 import zipfile
 from pathlib import Path
 
@@ -11,25 +12,23 @@ import numpy as np
 import pytest
 
 from pliant.evaluator import evaluate
-from pliant.evaluator.competition.scoring import flat_scores
+from pliant.evaluator.competition import flat_scores
 from pliant.spec.dataset import Dataset
 
 
 @pytest.fixture(scope="module")
-def published(tiny_dataset: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def published(tiny_dataset: Path, wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder that holds the halves `public` and `public-private`."""
     from pliant.cli.main import run
 
     folder = tmp_path_factory.mktemp("published")
     out = folder / "public"
-    options = ["--hold-out", "test", "--answers-are-public"]
+    options = ["--hold-out", "test", "--answers-are-public", "--bundle", str(wheel)]
     assert run(["publish", str(tiny_dataset), "--out", str(out), *options]) == 0
     return folder
 
 
-def test_one_score_everywhere(
-    tiny_dataset: Path, published: Path, bare_python: Path, tmp_path: Path
-) -> None:
+def test_one_score_everywhere(tiny_dataset: Path, published: Path, tmp_path: Path) -> None:
     from pliant.baselines.submission_file import query_keys, write_answers
     from pliant.spec.answers import Answers
 
@@ -60,7 +59,7 @@ def test_one_score_everywhere(
     (tmp_path / "app/input/res").mkdir()
     (tmp_path / "app/input/res/mine.parquet").write_bytes(submission.read_bytes())
     subprocess.run(
-        [bare_python, "score.py", tmp_path / "app/input", tmp_path / "app/output"],
+        [sys.executable, "score.py", tmp_path / "app/input", tmp_path / "app/output"],
         cwd=tmp_path / "app/program",
         check=True,
     )
@@ -73,7 +72,7 @@ def test_one_score_everywhere(
 
 def test_public_half_holds_no_bundle(published: Path) -> None:
     assert not list((published / "public").rglob("*.zip"))
-    assert (published / "public-private" / "codabench" / "evalai-test.zip").is_file()
+    assert (published / "public-private" / "codabench" / "codabench-test.zip").is_file()
     sums = (published / "public-private" / "SHA256SUMS").read_text()
     assert "codabench/codabench-test.zip" in sums
 
