@@ -306,13 +306,13 @@ def rope_on(colour: tuple[int, int, int], noise: int = 0) -> tuple[Any, Any, Any
 
 @pytest.mark.parametrize("colour", [(0, 0, 0), (255, 255, 255), (30, 120, 60)])
 def test_a_background_of_one_colour_is_a_mask(colour: tuple[int, int, int], tmp_path: Path) -> None:
-    rgb, strand, ball = rope_on(colour, noise=8)
-    path = tmp_path / "rope.png"
-    Image.fromarray(rgb).save(path)
+    rgb, strand, ball = rope_on(colour)
+    path = tmp_path / "rope.jpg"
+    Image.fromarray(rgb).save(path, quality=95)
     photo = read_photo_view(PhotoFiles(path), asked_px=[(150.5, 60.5 + 20 * np.sin(5))])
     assert photo.view.mask is not None
     assert photo.view.objects is not None
-    np.testing.assert_array_equal(photo.view.objects, strand | ball)
+    assert np.mean(photo.view.objects != (strand | ball)) < 0.02
     assert (photo.view.mask & strand).sum() > 0.97 * strand.sum()
     assert (photo.view.mask & ball).sum() < 0.1 * ball.sum()
     assert ["one colour" in photo.notes[0], "ball" in photo.notes[1]] == [True, True]
@@ -321,7 +321,7 @@ def test_a_background_of_one_colour_is_a_mask(colour: tuple[int, int, int], tmp_
 
 
 def test_other_backgrounds_give_no_mask(tmp_path: Path) -> None:
-    rgb, *_ = rope_on((120, 120, 120), noise=40)
+    rgb, *_ = rope_on((120, 120, 120), noise=4)  # a table: its shadows would be taken for rope
     empty = np.full((60, 80, 3), 200, np.uint8)
     halves = empty.copy()
     halves[:30] = 90
