@@ -7,6 +7,7 @@ here (DNS rebinding). It neither knows the token nor can it hide its `Host` or `
 from __future__ import annotations
 
 import asyncio
+import logging
 import secrets
 from typing import Final
 
@@ -22,6 +23,7 @@ STRICT_POLICY: Final = (
 
 _MAX_BODY_BYTES: Final = 4 * 2**20
 _BODY_S: Final = 20.0
+_LOG: Final = logging.getLogger(__name__)
 _METHODS: Final = ("GET", "HEAD", "POST")
 
 
@@ -62,8 +64,11 @@ class Guard:
         if reason:
             refused = PlainTextResponse(f"Refused: {reason}\n", status)
             await refused(scope, receive, send_with_headers)
-        else:
+            return
+        try:
             await self._app(scope, _replayed(body, receive), send_with_headers)
+        except Exception:  # Starlette has answered with status 500
+            _LOG.exception("%s %s failed", scope["method"], scope["path"])
 
     def _refusal(self, scope: Scope) -> tuple[int, str]:
         """Return the status and the reason why a request is refused; an empty text if it is not."""

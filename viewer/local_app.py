@@ -115,7 +115,7 @@ class LocalServer:
         settings = uvicorn.Config(
             application(secret),
             http=_PatientProtocol,
-            log_level="error",
+            log_level="critical",
             access_log=False,
             lifespan="off",
             ws="none",

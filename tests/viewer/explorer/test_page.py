@@ -230,6 +230,7 @@ def test_the_page_fits_a_phone(page: Page, tab: str, dark: bool) -> None:
     levels = [sum(map(int, each.strip("rgb()").split(","))) for each in (back, ink)]
     assert (levels[0] < levels[1]) == dark
     assert abs(levels[0] - levels[1]) > 400
+    assert page.browser.run("return localStorage.getItem('theme')") is None  # nobody chose
     page.browser.keys("t")
     switched = page.browser.run("return getComputedStyle(document.body).backgroundColor")
     assert switched != back

@@ -53,7 +53,6 @@ function given() {
 function theme(name) {
   document.documentElement.dataset.theme = name;
   $("theme").textContent = name === "dark" ? "Light" : "Dark";
-  localStorage.setItem("theme", name);
   scene?.recolour();
 }
 
@@ -78,7 +77,11 @@ function nextMethod() {
 function wire() {
   $("tab-compare").onclick = () => set({ tab: "compare" });
   $("tab-scene").onclick = () => set({ tab: "scene" });
-  $("theme").onclick = () => theme(document.documentElement.dataset.theme === "dark" ? "light" : "dark");
+  $("theme").onclick = () => {
+    const chosen = document.documentElement.dataset.theme === "dark" ? "light" : "dark";
+    localStorage.setItem("theme", chosen);
+    theme(chosen);
+  };
   $("previous").onclick = () => browse.step(-1);
   $("next").onclick = () => browse.step(1);
   $("swap").onclick = swap;
