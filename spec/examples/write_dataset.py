@@ -19,6 +19,7 @@ import pyarrow.parquet as pq
 from PIL import Image
 
 WIDTH, HEIGHT, FOCAL_PX, CAMERA_M, SIDE_M = 64, 48, 100.0, 0.5, 0.15
+SIZE = {"width": WIDTH, "height": HEIGHT}
 POSES = [(0.96, 0.28, 0.0, 0.0), (0.28, 0.96, 0.1, 0.02)]  # cos, sin, x_m, y_m of each frame
 GRID = (0.125, 0.5, 0.875)  # material coordinates of the 3 x 3 points
 ORDER = [4, 0, 7, 2, 8, 5, 1, 6, 3]  # the queries, in random order
@@ -86,9 +87,12 @@ def place(frame: int, m0: float, m1: float) -> dict[str, Any]:
     return {"frame": frame, **at, "x_m": x, "y_m": y, "z_m": 0.0}
 
 
-def main(root: Path, submission: Path) -> None:
-    """Write the dataset and the answers."""
-    folder = root / "sequences/card/card-test-000000"
+Rows = list[list[dict[str, Any]]]
+"""Frame -> the rows of its points."""
+
+
+def write_sequence(folder: Path) -> tuple[Rows, float]:
+    """Write images, cameras and tables; return the rows, and the box in the second frame."""
     for name in ("rgb", "depth"):
         (folder / name).mkdir(parents=True)
     boxes = [save_images(folder, frame) for frame in (0, 1)]
@@ -96,8 +100,7 @@ def main(root: Path, submission: Path) -> None:
     pose = [[1, 0, 0, 0], [0, -1, 0, 0], [0, 0, -1, CAMERA_M], [0, 0, 0, 1]]
     K = [[FOCAL_PX, 0, WIDTH / 2], [0, FOCAL_PX, HEIGHT / 2], [0, 0, 1]]
     cameras = [{"frame": frame, "K": K, "world_to_camera": pose} for frame in (0, 1)]
-    size = {"width": WIDTH, "height": HEIGHT}
-    save_json(folder / "cameras.json", {"spec_version": VERSION, **size, "frames": cameras})
+    save_json(folder / "cameras.json", {"spec_version": VERSION, **SIZE, "frames": cameras})
 
     material = [(m0, m1) for m1 in GRID for m0 in GRID]
     points: dict[str, Any] = {
@@ -123,7 +126,11 @@ def main(root: Path, submission: Path) -> None:
         name: (kind, [row[name] for row in rows]) for name, kind in kinds.items()
     }
     save_table(folder / "correspondences.parquet", columns, table="correspondences")
+    return found, max(boxes[1])
 
+
+def write_dataset(root: Path, folder: Path) -> None:
+    """Write sequence.json, and the two files that list the sequence and describe the dataset."""
     files = [
         {
             "path": path.relative_to(folder).as_posix(),
@@ -167,10 +174,13 @@ def main(root: Path, submission: Path) -> None:
     }
     made: dict[str, Any] = {"generator": "write_dataset", "seed": None, "config": {}, "tools": {}}
     words = {"title": "Card", "description": "A card in two frames.", "licence": "CC0-1.0"}
-    rest = {"image_size": size, "tiers": [tier], "splits": ["test"], "provenance": made}
+    rest = {"image_size": SIZE, "tiers": [tier], "splits": ["test"], "provenance": made}
     head = {"spec_version": VERSION, **NAME, **words, "conventions": CONVENTIONS}
     save_json(root / "dataset.json", {**head, **rest})
 
+
+def write_split(root: Path, submission: Path, found: Rows, box_px: float) -> None:
+    """Write queries, truth and the answers: every point where it was, 20 px to the right."""
     count = len(ORDER)
     pair: dict[str, Any] = {"pair_id": (INT, [0] * count), "query_id": (INT, range(count))}
     of: dict[str, Any] = {"dataset": NAME, "split": "test"}
@@ -193,12 +203,11 @@ def main(root: Path, submission: Path) -> None:
         "u_b": (FLOAT, [found[1][p]["u_px"] for p in ORDER]),
         "v_b": (FLOAT, [found[1][p]["v_px"] for p in ORDER]),
         "visibility_b": (TEXT, [found[1][p]["visibility"] for p in ORDER]),
-        "box_px": (FLOAT, [max(boxes[1])] * count),
+        "box_px": (FLOAT, [box_px] * count),
         "alternatives": (pa.list_(ALTERNATIVE), [[alternative(p)] for p in ORDER]),
     }
     save_table(root / "truth/test.parquet", truth, table="truth", **of, queries_sha256=asked)
 
-    # The answers: every point where it was, 20 px to the right.
     answers = {
         **pair,
         "u": (FLOAT, [found[0][p]["u_px"] + 20 for p in ORDER]),
@@ -206,6 +215,14 @@ def main(root: Path, submission: Path) -> None:
     }
     by: dict[str, Any] = {"queries_sha256": asked, "method": {"name": "twenty-right"}}
     save_table(submission, answers, table="answers", **of, **by)
+
+
+def main(root: Path, submission: Path) -> None:
+    """Write the dataset and the answers."""
+    folder = root / "sequences/card/card-test-000000"
+    found, box_px = write_sequence(folder)
+    write_dataset(root, folder)
+    write_split(root, submission, found, box_px)
 
 
 if __name__ == "__main__":
