@@ -19,8 +19,6 @@ POINT_KINDS: Final = ("surface", "centreline")
 
 SPLITS: Final = ("train", "val", "test")
 
-BACKGROUND_OBJECT: Final = 0
-"""Object id of pixels where no object of the dataset is seen (table, backdrop)."""
 
 CONVENTIONS: Final[dict[str, Any]] = {
     "pixel_origin": "top_left_corner",

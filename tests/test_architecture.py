@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import ast
 import importlib.util
 import subprocess
 import sys
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -58,6 +60,29 @@ def test_arrows_point_one_way(folder: str) -> None:
             if name.startswith("pliant."):
                 target = name.split(".")[1]
                 assert target == folder or target in ARROWS[folder], f"{path} imports {name}"
+
+
+@pytest.mark.parametrize("folder", [folder for folder in FOLDERS if folder != "benchmarks"])
+def test_modules_import_each_other_one_way(folder: str) -> None:
+    """No circle of files; imports inside functions and for types alone are left out."""
+    names = {
+        ".".join(["pliant", *path.relative_to(ROOT).with_suffix("").parts]).removesuffix(
+            ".__init__"
+        ): path
+        for path in modules(folder)
+    }
+    graph: dict[str, set[str]] = {}
+    for name, path in names.items():
+        body = ast.parse(path.read_text()).body
+        top = [node for node in body if isinstance(node, ast.ImportFrom)]
+        found = {node.module for node in top} | {
+            f"{node.module}.{alias.name}" for node in top for alias in node.names
+        }
+        graph[name] = {each for each in found if each in names and each != name}
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        pytest.fail(f"these import each other: {' -> '.join(error.args[1])}")
 
 
 @pytest.mark.parametrize("folder", sorted(FORBIDDEN))
