@@ -109,7 +109,7 @@ def run_shown(
     from pliant.benchmarks.suite.run import run_benchmark
 
     message = "Interrupted: finished work is kept; the same command resumes (benchmark: --resume)."
-    with terminated_like_interrupted(message), rich_progress() as bar:
+    with terminated_like_interrupted(message), rich_progress(time_left=True) as bar:
         return run_benchmark(
             config, out, resume=resume, workers=workers, until=until, watcher=_Display(bar)
         )

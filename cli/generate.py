@@ -17,7 +17,7 @@ from pliant.cli.options import (
     path_option,
     set_option,
 )
-from pliant.cli.terminal import Bar, echo, echo_json, plural, progress_bar
+from pliant.cli.terminal import Bar, duration, echo, echo_json, plural, progress_bar
 from pliant.spec.cores import cpu_cores
 from pliant.spec.errors import CallError
 
@@ -220,12 +220,10 @@ class _Display:
                 f"Measured per image: {costs}; left: about {duration(left.seconds)} and "
                 f"{decimal(round(left.bytes))}"
             )
-        facts = f"{state.images_per_s:.1f} images/s"
-        if state.memory_bytes:
-            facts += f", {decimal(state.memory_bytes)} per worker"
+        facts = [f"{decimal(state.memory_bytes)} per worker"] if state.memory_bytes else []
         if state.failures:
-            facts += f", {state.failures} failed attempts"
-        self._bar(state.frames, state.frames_wanted, facts=facts)
+            facts.append(f"{state.failures} failed attempts")
+        self._bar(state.frames, state.frames_wanted, facts=", ".join(facts))
 
 
 def _report(summary: Summary, as_json: bool) -> None:
@@ -260,12 +258,3 @@ def _report(summary: Summary, as_json: bool) -> None:
             f"{summary.root / '.pliant' / 'failures.json'}. The same command tries them again.",
             err=True,
         )
-
-
-def duration(seconds: float) -> str:
-    """Return a length of time for people."""
-    if seconds < 90:
-        return f"{seconds:.1f} s"
-    if seconds < 5400:
-        return f"{seconds / 60:.0f} min"
-    return f"{seconds / 3600:.1f} h"

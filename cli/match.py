@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -96,8 +95,8 @@ def command(
     matcher = open_method(method, **given["options"])
     if isinstance(matcher, SplitMatcher):
         raise CallError(f"the method {method!r} answers the queries of a dataset, not photographs")
-    title, hidden = f"Matching with {matcher.name}", not sys.stderr.isatty()
-    with progress_bar(title, "steps", hidden=hidden) as bar:
+    title = f"Matching with {matcher.name}"
+    with progress_bar(title, "steps") as bar:
         bar(0, 3, title="Reading the pictures")
         a, b = (
             read_photo_view(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from pathlib import Path
 from typing import Any, Literal
@@ -63,13 +62,9 @@ def command(
     dataset = Dataset.open(data)
     matcher = open_method(method, **options)
     started = time.perf_counter()
-    with progress_bar(matcher.name, "pairs", hidden=not sys.stderr.isatty()) as bar:
-
-        def show(done: int, total: int) -> None:
-            bar(done, total, facts=f"{done / (time.perf_counter() - started):.1f} pairs/s")
-
+    with progress_bar(matcher.name, "pairs") as bar:
         prediction = predict(
-            dataset, split, matcher, out, kind, workers=workers, masks=not no_masks, progress=show
+            dataset, split, matcher, out, kind, workers=workers, masks=not no_masks, progress=bar
         )
     seconds = time.perf_counter() - started
     ran = f"{prediction.method.get('implementation', '')} {prediction.method.get('version', '')}"

@@ -3,14 +3,24 @@
 from __future__ import annotations
 
 import json
+import sys
+import time
+from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from threading import Event, Thread
+from typing import TYPE_CHECKING, Final
 
 import click
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
+
+LOG_EVERY_S: Final = 30.0
+"""Seconds between the lines of a command whose stderr is no terminal."""
+
+_RATE_CALLS: Final = 200
+"""The rate is that of the last so many calls."""
 
 
 def echo(text: str, *, err: bool = False) -> None:
@@ -47,13 +57,16 @@ def echo_result(document: object, text: str, *, as_json: bool) -> None:
         echo(text)
 
 
-def rich_progress(unit: str = "", *, hidden: bool = False, transient: bool = True) -> Progress:
+def rich_progress(
+    unit: str = "", *, hidden: bool = False, transient: bool = True, time_left: bool = False
+) -> Progress:
     """Return rich's display of tasks on stderr.
 
     Args:
         unit: What is counted, shown after the numbers.
         hidden: Show nothing.
         transient: Whether the display disappears at the end.
+        time_left: Show rich's estimate of the time left.
     """
     from rich.console import Console
     from rich.progress import (
@@ -71,7 +84,7 @@ def rich_progress(unit: str = "", *, hidden: bool = False, transient: bool = Tru
         MofNCompleteColumn(),
         unit,
         TimeElapsedColumn(),
-        TimeRemainingColumn(),
+        *([TimeRemainingColumn()] if time_left else []),
         TextColumn("{task.fields[facts]}"),
         console=Console(stderr=True),
         transient=transient,
@@ -80,11 +93,22 @@ def rich_progress(unit: str = "", *, hidden: bool = False, transient: bool = Tru
 
 
 class Bar:
-    """One progress bar; call it with what is done and what there is in all."""
+    """How far a command is, its measured rate, and the time left by that rate.
 
-    def __init__(self, title: str, progress: Progress) -> None:
-        self._title, self._progress = title, progress
+    On a terminal it is a bar. Elsewhere, in a log, `line` is its text.
+
+    Args:
+        title: What is being done.
+        unit: What is counted.
+        progress: The display of the bar.
+    """
+
+    def __init__(self, title: str, unit: str, progress: Progress) -> None:
+        self._title, self._unit, self._progress = title, unit, progress
         self._task: TaskID | None = None
+        self._begun = time.monotonic()
+        self._seen: deque[tuple[float, int]] = deque(maxlen=_RATE_CALLS)
+        self._total, self._facts = 0, ""
 
     def __call__(self, done: int, total: int, *, title: str = "", facts: str = "") -> None:
         """Move the bar, which appears at the first call.
@@ -95,6 +119,8 @@ class Bar:
             title: What is being done now; empty keeps the bar's title.
             facts: Text after the bar.
         """
+        self._seen.append((time.monotonic(), done))
+        self._total, self._facts = total, facts
         if self._task is None:
             self._task = self._progress.add_task("", total=total, facts="")
         self._progress.update(
@@ -102,13 +128,29 @@ class Bar:
             description=title or self._title,
             completed=done,
             total=total,
-            facts=facts,
+            facts=self._rate_and_facts(),
         )
 
-    @property
-    def rate(self) -> float | None:
-        """Units per second, None before it is known."""
-        return None if self._task is None else self._progress.tasks[0].speed
+    def line(self) -> str:
+        """Return the state in one line, for a log."""
+        if not self._seen:
+            return f"{self._title}: preparing, {duration(time.monotonic() - self._begun)} so far"
+        done = f"{self._seen[-1][1]:,} of {self._total:,} {self._unit}"
+        return f"{self._title}: {done}, {self._rate_and_facts()}".rstrip(", ")
+
+    def _rate_and_facts(self) -> str:
+        """Return the rate since the first of the last calls, the time left by it, and the facts.
+
+        The first call is where measuring begins, so the time of preparations does not count.
+        """
+        (begun, first), (now, done) = self._seen[0], self._seen[-1]
+        texts = []
+        if done > first and now > begun:
+            rate = (done - first) / (now - begun)
+            shown = f"{rate:.2g} {self._unit}/s"
+            left = f"{duration((self._total - done) / rate)} left" if done < self._total else ""
+            texts = [shown, left]
+        return ", ".join(text for text in (*texts, self._facts) if text)
 
     def print(self, text: str) -> None:
         """Print a line above the bar."""
@@ -119,7 +161,7 @@ class Bar:
 def progress_bar(
     title: str, unit: str = "", *, hidden: bool = False, transient: bool = True
 ) -> Iterator[Bar]:
-    """Show a progress bar on stderr.
+    """Show progress on stderr: a bar on a terminal, elsewhere a line every 30 s.
 
     Args:
         title: What is being done.
@@ -130,8 +172,32 @@ def progress_bar(
     Yields:
         The bar.
     """
-    with rich_progress(unit, hidden=hidden, transient=transient) as progress:
-        yield Bar(title, progress)
+    in_log = not sys.stderr.isatty()
+    with rich_progress(unit, hidden=hidden or in_log, transient=transient) as progress:
+        bar = Bar(title, unit, progress)
+        if hidden or not in_log:
+            yield bar
+            return
+        ended = Event()
+
+        def write_lines() -> None:
+            while not ended.wait(LOG_EVERY_S):
+                echo(bar.line(), err=True)
+
+        Thread(target=write_lines, daemon=True).start()
+        try:
+            yield bar
+        finally:
+            ended.set()
+
+
+def duration(seconds: float) -> str:
+    """Return a length of time for people."""
+    if seconds < 90:
+        return f"{seconds:.1f} s"
+    if seconds < 5400:
+        return f"{seconds / 60:.0f} min"
+    return f"{seconds / 3600:.1f} h"
 
 
 def plural(count: int, noun: str) -> str:

@@ -14,8 +14,9 @@ from pliant.loaders.inputs import NetworkInput
 from pliant.models.networks.canonical import CanonicalHead
 from pliant.models.networks.resnet import DEPTHS, ResNetFCN
 from pliant.models.networks.unet import UNet
+from pliant.models.training.settings import Channels
 from pliant.spec.configuration import configuration
-from pliant.spec.constraints import Bounds, Count, Natural, OneOf, Refused
+from pliant.spec.constraints import Bounds, OneOf, Refused
 from pliant.spec.errors import CallError
 
 ORIENTATION_CHANNELS: Final = 3
@@ -31,7 +32,7 @@ class NetworkSettings:
 
     Attributes:
         name: `unet`, `resnet18`, `resnet34` or `resnet50`.
-        descriptor_dim: Channels D of a descriptor, >= 1.
+        descriptor_dim: Channels D of a descriptor.
         normalise: True for descriptors of unit length.
         widths: U-Net: channels of each level, finest first.
         global_blocks: U-Net: attention blocks at the coarsest level.
@@ -42,16 +43,16 @@ class NetworkSettings:
     """
 
     name: Annotated[str, OneOf(("unet", *DEPTHS))] = "unet"
-    descriptor_dim: Count = 16
+    descriptor_dim: Channels = 16
     normalise: bool = False
-    widths: Annotated[tuple[int, ...], Bounds(8, multiple_of=8)] = (24, 48, 96, 160)
-    global_blocks: Natural = 2
+    widths: Annotated[tuple[int, ...], Bounds(8, 1024, multiple_of=8)] = (24, 48, 96, 160)
+    global_blocks: Annotated[int, Bounds(0, 64)] = 2
     patch: Literal[1, 2, 4] = 1
     pretrained: str = ""
 
     def __post_init__(self) -> None:
-        if len(self.widths) < 2 or self.widths[-1] % 32:
-            raise Refused("at least two multiples of 8, the last one of 32", "widths")
+        if not 2 <= len(self.widths) <= 8 or self.widths[-1] % 32:
+            raise Refused("two to eight multiples of 8, the last one of 32", "widths")
 
 
 def _unet(settings: NetworkSettings, channels_in: int, channels_out: int) -> nn.Module:

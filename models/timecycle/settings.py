@@ -6,7 +6,12 @@ from dataclasses import field
 from typing import Annotated, Literal
 
 from pliant.loaders.augment import AugmentSettings
-from pliant.models.training.settings import RunSettings, ValidationSettings
+from pliant.models.training.settings import (
+    BatchSize,
+    Channels,
+    RunSettings,
+    ValidationSettings,
+)
 from pliant.spec.configuration import configuration
 from pliant.spec.constraints import (
     Bounds,
@@ -18,7 +23,7 @@ from pliant.spec.constraints import (
     Share,
 )
 
-Width = Annotated[int, Bounds(8, multiple_of=8)]
+Width = Annotated[int, Bounds(8, 1024, multiple_of=8)]
 
 
 @configuration(frozen=True)
@@ -34,7 +39,7 @@ class EncoderSettings:
     """
 
     name: Literal["small", "resnet18", "resnet34", "resnet50"] = "small"
-    dim: Count = 64
+    dim: Channels = 64
     widths: tuple[Width, Width, Width] = (32, 64, 96)
     pretrained: str = ""
 
@@ -57,7 +62,7 @@ class LocaliserSettings:
     """
 
     kind: Literal["moments", "conv"] = "moments"
-    widths: Annotated[tuple[int, int], Bounds(1)] = (128, 64)
+    widths: tuple[Channels, Channels] = (128, 64)
     kernel: Literal[1, 3] = 3
 
 
@@ -214,7 +219,7 @@ class TimeCycleSettings(RunSettings):
     width: Annotated[int, Bounds(32, 4096, "px", multiple_of=8)] = 320
     height: Annotated[int, Bounds(32, 4096, "px", multiple_of=8)] = 240
     steps: Count = 800
-    batch: Count = 4
+    batch: BatchSize = 4
     checkpoint_every: Count = 100
     clips: ClipSettings = field(default_factory=ClipSettings)
     augment: AugmentSettings = field(default_factory=AugmentSettings)

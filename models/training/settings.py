@@ -9,6 +9,11 @@ from pliant.spec.configuration import configuration
 from pliant.spec.constraints import Bounds, Count, Natural, NonNegative, Positive
 
 BelowOne = Annotated[float, Bounds(0, 1, below=True)]
+BatchSize = Annotated[int, Bounds(1, 4096)]
+Channels = Annotated[int, Bounds(1, 1024)]
+"""Channels of a layer or descriptor. The bounds refuse a mistyped or hostile config before its
+network takes the memory of the machine."""
+
 Precision = Literal["auto", "float32", "bfloat16"]
 
 
@@ -94,10 +99,10 @@ class RunSettings:
     height: Annotated[int, Bounds(8, 8192, "px")] = 120
     seed: Natural = 0
     steps: Count = 3000
-    batch: Count = 8
+    batch: BatchSize = 8
     precision: Precision = "float32"
-    threads: Natural = 0
-    workers: Natural = 0
+    threads: Annotated[int, Bounds(0, 1024)] = 0
+    workers: Annotated[int, Bounds(0, 256)] = 0
     cache: bool = True
     cache_dir: str = ""
     checkpoint_every: Count = 250

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from pliant.cli.generate import build_config, duration
+from pliant.cli.generate import build_config
 from pliant.cli.main import run
 from pliant.generator.settings import NoiseSettings, RopeSettings
 from pliant.spec.errors import CallError
@@ -109,7 +109,3 @@ def test_a_plan_in_words(tmp_path, capsys):
     text = capsys.readouterr().out
     assert "2 sequences (rope; per tier test 2) of 1 frame (configurations): 2 images" in text
     assert "Nothing was written." in text
-
-
-def test_durations_for_people():
-    assert [duration(s) for s in (3, 600, 36000)] == ["3.0 s", "10 min", "10.0 h"]

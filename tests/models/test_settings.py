@@ -60,6 +60,12 @@ def test_set_wins_over_the_file(tmp_path: Path) -> None:
             'wrong type; found "small"; required: a mapping',
         ),
         ("steps", "--set needs KEY=VALUE"),
+        ("network.descriptor_dim=1000000000", "found 1000000000; required: 1 to 1024"),
+        ("network.widths=[8, 1000000000]", "required: 8 to 1024"),
+        ("network.widths=[8,8,8,8,8,8,8,8,32]", "two to eight multiples of 8"),
+        ("network.global_blocks=1000000000", "required: 0 to 64"),
+        ("batch=1000000000", "required: 1 to 4096"),
+        ("workers=1000000000", "required: 0 to 256"),
         ("loss.time_weight=1", "required: 'sequence' or 'next' for loss.time_weight above 0"),
         (
             "answer.rotations=3",

@@ -1,0 +1,75 @@
+"""Progress of long commands: in a log a line every so often, with the measured rate."""
+
+from __future__ import annotations
+
+import re
+import time
+
+import pytest
+
+from pliant.cli import terminal
+from pliant.cli.terminal import Bar, duration, progress_bar, rich_progress
+
+
+def test_durations_for_people() -> None:
+    assert [duration(s) for s in (3, 600, 36000)] == ["3.0 s", "10 min", "10.0 h"]
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    now = [0.0]
+    monkeypatch.setattr(terminal.time, "monotonic", lambda: now[0])
+    return now
+
+
+def test_the_time_left_is_that_of_the_measured_rate(clock: list[float]) -> None:
+    """A slow beginning (reading frames, compiling) does not count."""
+    bar = Bar("Training", "steps", rich_progress(hidden=True))
+    clock[0] = 100
+    assert bar.line() == "Training: preparing, 2 min so far"
+    for step in range(1, 11):
+        bar(step, 3610, facts="loss 0.500")
+        clock[0] += 2
+    assert bar.line() == "Training: 10 of 3,610 steps, 0.5 steps/s, 2.0 h left, loss 0.500"
+    for step in range(11, 400):  # it becomes quicker: the last calls count
+        bar(step, 3610)
+        clock[0] += 1
+    assert bar.line() == "Training: 399 of 3,610 steps, 1 steps/s, 54 min left"
+    bar(3610, 3610)
+    assert "left" not in bar.line()
+
+
+def test_a_resumed_run_counts_what_it_did_itself(clock: list[float]) -> None:
+    bar = Bar("Training", "steps", rich_progress(hidden=True))
+    for step in (1001, 1002, 1003):
+        bar(step, 1103)
+        clock[0] += 10
+    assert bar.line() == "Training: 1,003 of 1,103 steps, 0.1 steps/s, 17 min left"
+
+
+def test_a_log_has_lines_also_before_the_first_step(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(terminal, "LOG_EVERY_S", 0.05)
+    with progress_bar("Training", "steps") as bar:
+        time.sleep(0.3)
+        bar(1, 4)
+        time.sleep(0.02)
+        bar(2, 4, facts="loss 1.250")
+        time.sleep(0.3)
+    shown = capfd.readouterr()
+    assert shown.out == ""
+    assert "Training: preparing, 0.1 s so far\n" in shown.err
+    assert re.search(r"Training: 2 of 4 steps, \d+ steps/s, 0\.\d s left, loss 1\.250\n", shown.err)
+    time.sleep(0.2)
+    assert capfd.readouterr().err == ""  # nothing after the end
+
+
+def test_json_and_terminals_have_no_lines(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(terminal, "LOG_EVERY_S", 0.01)
+    with progress_bar("Training", "steps", hidden=True) as bar:
+        bar(1, 2)
+        time.sleep(0.1)
+    assert capfd.readouterr() == ("", "")
