@@ -54,10 +54,9 @@ def service_halves(tiny_dataset: Path, tmp_path_factory: pytest.TempPathFactory)
 @pytest.fixture(scope="session")
 def postgres() -> Iterator[Callable[[], str]]:
     """A function that makes an empty database on a server of its own and returns its URL."""
-    if not (POSTGRES / "initdb").is_file() or shutil.which("runuser") is None:
-        pytest.skip("PostgreSQL is not installed")
     with tempfile.TemporaryDirectory(prefix="pg", dir="/tmp") as place:
         server = PostgresServer(Path(place))
+        server.require()
         server.create()
         server.start()
         try:
@@ -76,6 +75,11 @@ class PostgresServer:
     def __init__(self, place: Path) -> None:
         self.place = place
         self._databases = 0
+
+    def require(self) -> None:
+        """Skip the test where PostgreSQL cannot be run."""
+        if not (POSTGRES / "initdb").is_file() or shutil.which("runuser") is None:
+            pytest.skip("PostgreSQL is not installed")
 
     def create(self) -> None:
         shutil.chown(self.place, "postgres")

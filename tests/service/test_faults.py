@@ -1,0 +1,252 @@
+"""Faults: processes killed at any moment, a database that is gone, a disk that is full."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import psutil
+import pyarrow.parquet as pq
+import pytest
+from sqlalchemy import event, func, select
+
+from pliant.evaluator import evaluate
+from pliant.evaluator.hidden_truth import public_scores
+from pliant.service.audit import verify_log
+from pliant.service.challenge import Challenge
+from pliant.service.client import Client
+from pliant.service.models import Job, LedgerEntry, Score, State, Submission
+from pliant.service.receipts import read_public_key, verify_receipt
+from pliant.service.scoring import Result, Task
+from pliant.service.settings import Scoring
+from pliant.service.worker import Worker
+from pliant.spec.errors import CallError
+from tests.service.conftest import Halves, MakeTrial, PostgresServer, quick
+from tests.service.server import Server, serving
+from tests.service.test_api import API, client_of, submit
+
+RULES = """
+phases: [{name: test, split: test, attempts_per_day: 100000, attempts_total: 100000}]
+submissions_per_minute: 1000
+scoring: {lease_s: 2}
+"""
+
+
+class Sender(threading.Thread):
+    """Sends one file after another until it is stopped; a lost answer is asked for again.
+
+    Args:
+        address: Address of the service.
+        token: The team's token.
+        source: A valid submission; each file differs from it in the name of its method alone.
+        folder: Folder for the files.
+    """
+
+    def __init__(self, address: str, token: str, source: Path, folder: Path) -> None:
+        super().__init__(daemon=True)
+        self._client = Client(address, token)
+        self._source, self._folder = pq.read_table(source), folder
+        self._stopped = threading.Event()
+        self.accepted: dict[int, str] = {}
+
+    def run(self) -> None:
+        number = 0
+        while not self._stopped.is_set():
+            number += 1
+            path = self._folder / f"{number}.parquet"
+            footer = self._source.schema.metadata[b"pliant"]
+            changed = footer.replace(b'"name": "identity"', b'"name": "m%d"' % number)
+            changed = changed.replace(b'"name":"identity"', b'"name":"m%d"' % number)
+            assert changed != footer
+            metadata = {**self._source.schema.metadata, b"pliant": changed}
+            pq.write_table(self._source.replace_schema_metadata(metadata), path)
+            while True:
+                try:
+                    view = self._client.send(path)
+                    break
+                except CallError:
+                    if self._stopped.wait(0.1):
+                        return
+            self.accepted[view["id"]] = view["file_sha256"]
+            self._stopped.wait(1.2)
+
+    def stop(self) -> None:
+        self._stopped.set()
+        self.join()
+
+
+@pytest.mark.parametrize(
+    ("kind", "kills"),
+    [
+        ("sqlite", 3),
+        pytest.param("sqlite", 100, marks=pytest.mark.long),
+        pytest.param("postgresql", 100, marks=pytest.mark.long),
+    ],
+)
+@pytest.mark.timeout(3600)
+def test_killed_at_seeded_moments(
+    make_trial: MakeTrial,
+    service_halves: Halves,
+    tmp_path: Path,
+    request: pytest.FixtureRequest,
+    kind: str,
+    kills: int,
+) -> None:
+    """Nothing is lost, charged twice or scored twice with other figures; the log is whole."""
+    url = request.getfixturevalue("postgres")() if kind == "postgresql" else None
+    trial = make_trial(RULES, url)
+    rng = random.Random(20261124)
+    options = ["--workers", "2", *(["--database", url] if url else [])]
+    with serving(trial.challenge.root, tmp_path / "log", *options) as server:
+        source = service_halves.submissions[0]
+        sender = Sender(server.address, trial.tokens[0], source, tmp_path)
+        sender.start()
+        for _ in range(kills):
+            time.sleep(rng.uniform(0.0, 4.0))
+            kill_something(server, rng)
+            server.wait()
+        sender.stop()
+        wait_until_idle(trial.challenge)
+        assert server.stop() == 0
+    assert sender.accepted
+    check_books(trial.challenge, sender.accepted, service_halves)
+
+
+def kill_something(server: Server, rng: random.Random) -> None:
+    """Kill one worker, the web process, or all at once; what a supervisor restarts, is."""
+    what = rng.choice(["worker", "web", "all"])
+    processes = psutil.Process(server.process.pid).children(recursive=True)
+    workers = [each for each in processes if "spawn_main" in " ".join(each.cmdline())]
+    if what == "worker" and workers:
+        rng.choice(workers).send_signal(signal.SIGKILL)
+        return
+    if what == "web":
+        os.kill(server.process.pid, signal.SIGKILL)
+        server.process.wait()
+    else:
+        server.kill()
+    server.restart()
+
+
+def wait_until_idle(challenge: Challenge, seconds: float = 600) -> None:
+    end = time.monotonic() + seconds
+    query = select(func.count()).select_from(Job).where(Job.state.in_(["queued", "leased"]))
+    while time.monotonic() < end:
+        with challenge.database.read() as session:
+            if not session.scalar(query):
+                return
+        time.sleep(0.3)
+    raise AssertionError("jobs are left")
+
+
+def check_books(challenge: Challenge, accepted: dict[int, str], halves: Halves) -> None:
+    scores = evaluate(halves.submissions[0], halves.public, truth=halves.private, hide_truth=True)
+    expected = public_scores(scores).document
+    figures = {"overall": expected["overall"], **expected["tiers"]}
+    key = read_public_key(challenge.public_key)
+    with challenge.database.read() as session:
+        found = {each.id: each for each in session.scalars(select(Submission))}
+        for number, sha256 in accepted.items():
+            assert found[number].file_sha256 == sha256
+        assert len({each.file_sha256 for each in found.values()}) >= len(accepted)
+        scored = [each for each in found.values() if each.state == State.SCORED]
+        failed = [each for each in found.values() if each.state == State.FAILED]
+        assert len(scored) + len(failed) == len(found)
+        assert len(failed) <= len(found) // 5
+        by_submission = {each.submission_id: each for each in session.scalars(select(Score))}
+        assert by_submission.keys() == {each.id for each in scored}
+        for score in by_submission.values():
+            assert score.figures == figures
+            verify_receipt(score.receipt, key)
+        charged = dict(
+            session.execute(
+                select(LedgerEntry.submission_id, func.sum(LedgerEntry.amount)).group_by(
+                    LedgerEntry.submission_id
+                )
+            ).all()
+        )
+        assert charged == {**{each.id: -1 for each in scored}, **{each.id: 0 for each in failed}}
+        verify_log(session)
+    print(f"{len(accepted)} sent, {len(scored)} scored, {len(failed)} failed after three tries")
+
+
+@pytest.fixture
+def own_postgres() -> Iterator[PostgresServer]:
+    with tempfile.TemporaryDirectory(prefix="pg", dir="/tmp") as place:
+        server = PostgresServer(Path(place))
+        server.require()
+        server.create()
+        server.start()
+        yield server
+        server.stop("immediate")
+
+
+@pytest.mark.parametrize("seconds", [2, pytest.param(30, marks=pytest.mark.long)])
+def test_a_database_that_is_gone_for_a_while(
+    make_trial: MakeTrial, own_postgres: PostgresServer, seconds: int
+) -> None:
+    """Requests are answered with 503; the result that a worker has is stored afterwards."""
+    trial = make_trial(RULES, own_postgres.new_database())
+    trial.send(b"good")
+    gone, scored = threading.Event(), threading.Event()
+
+    def slow(task: Task, limits: Scoring) -> Result:
+        scored.set()
+        assert gone.wait(60)
+        return quick(task, limits)
+
+    worker = Worker(trial.challenge, slow)
+    thread = threading.Thread(target=worker.run)
+    thread.start()
+    assert scored.wait(30)
+    with client_of(trial) as client:
+        own_postgres.stop("immediate")
+        gone.set()
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            answer = submit(client, trial.tokens[0], b"during")
+            assert answer.status_code == 503
+            assert client.get("/healthz").status_code == 503
+            time.sleep(0.5)
+        own_postgres.start()
+        assert submit(client, trial.tokens[0], b"after").status_code == 201
+        wait_until_idle(trial.challenge, 60)
+        worker.stop()
+        thread.join()
+        views = client.get(f"{API}/leaderboard").json()["rows"]
+        assert views[0]["submissions"] == 2
+    with trial.challenge.database.read() as session:
+        assert set(session.scalars(select(Job.tries))) == {1}
+        verify_log(session)
+
+
+def test_a_full_database_disk(make_trial: MakeTrial) -> None:
+    """SQLite's own limit stands in for the disk: nothing is charged, and later all goes on."""
+    trial = make_trial(RULES)
+    database = trial.challenge.database
+    limit: list[str] = []
+    set_limit: Callable[..., None] = lambda connection, *_: [  # noqa: E731
+        connection.execute(f"PRAGMA max_page_count={each}") for each in limit
+    ]
+    event.listen(database.engine, "checkout", set_limit)
+    with database.engine.connect() as connection:
+        limit.append(str(connection.exec_driver_sql("PRAGMA page_count").scalar()))
+    with client_of(trial) as client:
+        statuses = [submit(client, trial.tokens[0], b"%d" % n).status_code for n in range(60)]
+        assert set(statuses) == {201, 507}
+        limit[0] = "1000000"
+        assert submit(client, trial.tokens[0], b"last").status_code == 201
+    worker = Worker(trial.challenge, quick)
+    while worker.work_once():
+        pass
+    with database.read() as session:
+        count = session.scalar(select(func.count()).select_from(Score))
+        charged = session.scalar(select(func.sum(LedgerEntry.amount)))
+        assert count == statuses.count(201) + 1 == -(charged or 0)
+        verify_log(session)
