@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import errno
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from importlib.metadata import version
 from typing import Any
 
+from anyio import to_thread
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import HTMLResponse, JSONResponse, PlainTextResponse
@@ -24,6 +27,15 @@ from pliant.spec.errors import PliantError
 
 _UPLOADS = frozenset({"/submit", "/api/v1/submissions"})
 _RETRY_AFTER_S = "5"
+_THREADS = 12
+"""Requests that are worked on at a time: more would only add memory and wait for each other."""
+
+
+@asynccontextmanager
+async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
+    del app
+    to_thread.current_default_thread_limiter().total_tokens = _THREADS
+    yield
 
 
 def make_app(challenge: Challenge, base_url: str = "") -> FastAPI:
@@ -37,6 +49,7 @@ def make_app(challenge: Challenge, base_url: str = "") -> FastAPI:
     app = FastAPI(
         title=site.title,
         version=version("pliant"),
+        lifespan=_lifespan,
         openapi_url="/api/v1/openapi.json",
         docs_url=None,
         redoc_url=None,

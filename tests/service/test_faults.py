@@ -8,8 +8,9 @@ import signal
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import psutil
 import pyarrow.parquet as pq
@@ -227,13 +228,15 @@ def test_a_database_that_is_gone_for_a_while(
 
 
 def test_a_full_database_disk(make_trial: MakeTrial) -> None:
-    """SQLite's own limit stands in for the disk: nothing is charged, and later all goes on."""
+    """With SQLite's own limit as the disk: nothing is charged, and later the service goes on."""
     trial = make_trial(RULES)
     database = trial.challenge.database
     limit: list[str] = []
-    set_limit: Callable[..., None] = lambda connection, *_: [  # noqa: E731
-        connection.execute(f"PRAGMA max_page_count={each}") for each in limit
-    ]
+
+    def set_limit(connection: Any, *_: Any) -> None:
+        for each in limit:
+            connection.execute(f"PRAGMA max_page_count={each}")
+
     event.listen(database.engine, "checkout", set_limit)
     with database.engine.connect() as connection:
         limit.append(str(connection.exec_driver_sql("PRAGMA page_count").scalar()))
