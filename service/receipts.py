@@ -111,7 +111,7 @@ def read_public_key(path: Path) -> Ed25519PublicKey:
 
 def write_keys(folder: Path) -> None:
     """Make a key pair; the private one is readable by its owner alone."""
-    folder.mkdir(mode=0o700, exist_ok=True)
+    folder.mkdir(mode=0o755, exist_ok=True)
     key = Ed25519PrivateKey.generate()
     private = key.private_bytes(
         serialization.Encoding.PEM,

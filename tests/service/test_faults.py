@@ -9,6 +9,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -122,11 +123,12 @@ def test_killed_at_seeded_moments(
 def kill_something(server: Server, rng: random.Random) -> None:
     """Kill one worker, the web process, or all at once; what a supervisor restarts, is."""
     what = rng.choice(["worker", "web", "all"])
-    processes = psutil.Process(server.process.pid).children(recursive=True)
-    workers = [each for each in processes if "spawn_main" in " ".join(each.cmdline())]
-    if what == "worker" and workers:
-        rng.choice(workers).send_signal(signal.SIGKILL)
-        return
+    with suppress(psutil.Error):  # a process may end while it is looked at
+        processes = psutil.Process(server.process.pid).children(recursive=True)
+        workers = [each for each in processes if "spawn_main" in " ".join(each.cmdline())]
+        if what == "worker" and workers:
+            rng.choice(workers).send_signal(signal.SIGKILL)
+            return
     if what == "web":
         os.kill(server.process.pid, signal.SIGKILL)
         server.process.wait()
