@@ -19,7 +19,7 @@ from tests.conformance.base import (
 )
 from tests.conformance.edits import (
     ROPE_TRAIN,
-    Case,
+    Edit,
     both,
     change_exr,
     change_json,
@@ -80,97 +80,33 @@ def _nothing(_: Any) -> None:
     return None
 
 
-CASES = [
-    Case("unchanged-full", "full", "nothing is changed", (), _nothing),
-    Case("unchanged-minimal", "minimal", "nothing is changed", (), _nothing),
-    Case("truth-left-out", "full", "the truth is left out", (), remove("truth")),
-    Case(
-        "held-out",
-        "full",
-        "the test split is held out: colour images and cameras alone",
-        (),
-        held_out,
+EDITS: dict[str, Edit] = {
+    "unchanged-full": _nothing,
+    "unchanged-minimal": _nothing,
+    "truth-left-out": remove("truth"),
+    "held-out": held_out,
+    "no-queries": both(remove("truth"), remove("queries")),
+    "papers": both(
+        *[
+            write(name, b"text\n")
+            for name in ("README.md", "LICENSE", "CITATION.cff", "croissant.json")
+        ]
     ),
-    Case(
-        "no-queries",
-        "full",
-        "queries and truth are left out",
-        (),
-        both(remove("truth"), remove("queries")),
+    "workshop": write(".pliant/logs/run.log", b"text\n"),
+    "other-png-writer": listed(_other_png),
+    "exr-zips": listed(change_exr(_EXR, _nothing, "ZIPS_COMPRESSION")),
+    "exr-uncompressed": listed(change_exr(_EXR, _nothing, "NO_COMPRESSION")),
+    "sharp-corner": _reshot(
+        "cloth-1", cloth_points(), *[cloth_shot(eye, flat=True) for eye in CORNERS]
     ),
-    Case(
-        "papers",
-        "minimal",
-        "README.md, LICENSE, CITATION.cff and croissant.json lie in the root",
-        (),
-        both(
-            *[
-                write(name, b"text\n")
-                for name in ("README.md", "LICENSE", "CITATION.cff", "croissant.json")
-            ]
-        ),
+    "grazing-sheet": _reshot(
+        "cloth-1", cloth_points(), *[cloth_shot(eye, flat=True) for eye in GRAZING]
     ),
-    Case(
-        "workshop",
-        "minimal",
-        "a generator's folder .pliant lies in the root",
-        (),
-        write(".pliant/logs/run.log", b"text\n"),
+    "thin-tube": _reshot(
+        "rope-bare", rope_points(ball=False), *[rope_shot(eye, ball=False) for eye in FAR_AWAY]
     ),
-    Case(
-        "other-png-writer",
-        "full",
-        "the PNG files come from another encoder",
-        (),
-        listed(_other_png),
+    "minor-version": change_json(
+        "dataset.json", lambda document: document.update(spec_version="1.9.0", funding="none")
     ),
-    Case(
-        "exr-zips",
-        "full",
-        "a depth image is compressed by ZIPS",
-        (),
-        listed(change_exr(_EXR, _nothing, "ZIPS_COMPRESSION")),
-    ),
-    Case(
-        "exr-uncompressed",
-        "full",
-        "a depth image is not compressed",
-        (),
-        listed(change_exr(_EXR, _nothing, "NO_COMPRESSION")),
-    ),
-    Case(
-        "sharp-corner",
-        "minimal",
-        "the tip of a sharp corner of the cloth passes between the pixel centres",
-        (),
-        _reshot("cloth-1", cloth_points(), *[cloth_shot(eye, flat=True) for eye in CORNERS]),
-    ),
-    Case(
-        "grazing-sheet",
-        "minimal",
-        "a flat cloth is seen at a grazing angle, and edge-on",
-        (),
-        _reshot("cloth-1", cloth_points(), *[cloth_shot(eye, flat=True) for eye in GRAZING]),
-    ),
-    Case(
-        "thin-tube",
-        "minimal",
-        "a tube is seen from so far that it is thinner than a pixel",
-        (),
-        _reshot(
-            "rope-bare",
-            rope_points(ball=False),
-            *[rope_shot(eye, ball=False) for eye in FAR_AWAY],
-        ),
-    ),
-    Case(
-        "minor-version",
-        "minimal",
-        "dataset.json is of version 1.9.0 with a field that 1.0 does not know",
-        ("SPEC_VERSION_NEWER",),
-        change_json(
-            "dataset.json", lambda document: document.update(spec_version="1.9.0", funding="none")
-        ),
-    ),
-]
+}
 """Every change that leaves a dataset valid; the last gives a warning."""

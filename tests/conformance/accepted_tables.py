@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from tests.conformance.edits import ROPE_TRAIN, Case, both, change_table, listed
+from tests.conformance.edits import ROPE_TRAIN, Edit, both, change_table, listed
 from tests.conformance.packed import pack
 
 FOREIGN = Path(__file__).resolve().parents[2] / "spec" / "conformance" / "foreign"
@@ -116,112 +116,34 @@ def _reversed_columns(table: pa.Table) -> pa.Table:
     return table.select(table.column_names[::-1])
 
 
-def _truth(name: str, text: str, edit: Any) -> Case:
-    return Case(f"truth-{name}", "full", f"the truth {text}", (), edit)
-
-
-CASES = [
-    Case(
-        "parquet-snappy",
-        "full",
-        "a table has other compression, small row groups, no statistics",
-        (),
-        listed(
-            _rewritten(_TRACKS, compression="snappy", row_group_size=17, write_statistics=False)
-        ),
+EDITS: dict[str, Edit] = {
+    "parquet-snappy": listed(
+        _rewritten(_TRACKS, compression="snappy", row_group_size=17, write_statistics=False)
     ),
-    Case(
-        "parquet-v2-pages",
-        "full",
-        "a table has data pages of version 2 and no dictionaries",
-        (),
-        listed(_rewritten(_TRACKS, data_page_version="2.0", use_dictionary=False)),
+    "parquet-v2-pages": listed(_rewritten(_TRACKS, data_page_version="2.0", use_dictionary=False)),
+    "text-64-bit-offsets": listed(change_table(_TRACKS, _large_strings)),
+    "text-dictionary": listed(change_table(_TRACKS, _every(_dictionaries))),
+    "columns-optional": listed(change_table(_TRACKS, _optional)),
+    "columns-reversed": listed(change_table(_TRACKS, _reversed_columns)),
+    "truth-row-groups": _rewritten(_TRUTH, compression="gzip", **_GROUPS),
+    "truth-plain": _rewritten(_TRUTH, **_PLAIN),
+    "truth-fallback": _rewritten(_TRUTH, compression="brotli", **_FALLBACK),
+    "truth-delta": _rewritten(_TRUTH, compression="lz4", **_DELTA),
+    "truth-old-lists": _rewritten(_TRUTH, use_compliant_nested_type=False, **_GROUPS),
+    "truth-64-bit-offsets": both(
+        change_table(_TRUTH, _every(_large)), _rewritten(_TRUTH, **_GROUPS)
     ),
-    Case(
-        "text-64-bit-offsets",
-        "full",
-        "a text column has 64-bit offsets",
-        (),
-        listed(change_table(_TRACKS, _large_strings)),
+    "truth-views": change_table(_TRUTH, _every(_views)),
+    "truth-dictionaries": both(
+        change_table(_TRUTH, _every(_dictionaries)), _rewritten(_TRUTH, **_GROUPS)
     ),
-    Case(
-        "text-dictionary",
-        "full",
-        "a text column is a dictionary",
-        (),
-        listed(change_table(_TRACKS, _every(_dictionaries))),
+    "truth-fields-reversed": change_table(_TRUTH, _every(_reversed_fields)),
+    "truth-by-polars": _foreign("polars"),
+    "truth-by-duckdb": _foreign("duckdb"),
+    "truth-by-javascript": _foreign("javascript"),
+    "index-row-groups": both(pack, _rewritten(_INDEX, row_group_size=1, compression="none")),
+    "index-dictionaries": both(
+        pack, change_table(_INDEX, _every(_dictionaries)), _rewritten(_INDEX, row_group_size=3)
     ),
-    Case(
-        "columns-optional",
-        "full",
-        "every column is marked optional, and holds no null",
-        (),
-        listed(change_table(_TRACKS, _optional)),
-    ),
-    Case(
-        "columns-reversed",
-        "full",
-        "the columns are in the reverse order",
-        (),
-        listed(change_table(_TRACKS, _reversed_columns)),
-    ),
-    _truth(
-        "row-groups",
-        "has several row groups, each with its dictionaries",
-        _rewritten(_TRUTH, compression="gzip", **_GROUPS),
-    ),
-    _truth("plain", "has several row groups and no dictionaries", _rewritten(_TRUTH, **_PLAIN)),
-    _truth(
-        "fallback",
-        "has dictionary pages followed by plain pages",
-        _rewritten(_TRUTH, compression="brotli", **_FALLBACK),
-    ),
-    _truth(
-        "delta",
-        "is stored in the delta encodings and as split bytes",
-        _rewritten(_TRUTH, compression="lz4", **_DELTA),
-    ),
-    _truth(
-        "old-lists",
-        "names the elements of lists as older writers do",
-        _rewritten(_TRUTH, use_compliant_nested_type=False, **_GROUPS),
-    ),
-    _truth(
-        "64-bit-offsets",
-        "has text and lists with 64-bit offsets, all of it optional",
-        both(change_table(_TRUTH, _every(_large)), _rewritten(_TRUTH, **_GROUPS)),
-    ),
-    _truth("views", "was written from Arrow's views", change_table(_TRUTH, _every(_views))),
-    _truth(
-        "dictionaries",
-        "was written from dictionaries with 8-bit indices",
-        both(change_table(_TRUTH, _every(_dictionaries)), _rewritten(_TRUTH, **_GROUPS)),
-    ),
-    _truth(
-        "fields-reversed",
-        "has the fields of a struct in the reverse order",
-        change_table(_TRUTH, _every(_reversed_fields)),
-    ),
-    _truth("by-polars", "was written by polars, in four row groups", _foreign("polars")),
-    _truth("by-duckdb", "was written by DuckDB, in the delta encodings", _foreign("duckdb")),
-    _truth("by-javascript", "was written by hyparquet-writer in Node", _foreign("javascript")),
-    Case(
-        "index-row-groups",
-        "full",
-        "the index of a packed dataset has a row group for every row",
-        (),
-        both(pack, _rewritten(_INDEX, row_group_size=1, compression="none")),
-    ),
-    Case(
-        "index-dictionaries",
-        "full",
-        "the index of a packed dataset was written from dictionaries, in two row groups",
-        (),
-        both(
-            pack,
-            change_table(_INDEX, _every(_dictionaries)),
-            _rewritten(_INDEX, row_group_size=3),
-        ),
-    ),
-]
+}
 """Every way of storing a table that leaves the dataset valid."""

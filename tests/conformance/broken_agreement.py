@@ -19,7 +19,6 @@ from tests.conformance.edits import (
     CLOTH_TRAIN,
     ROPE_TEST,
     ROPE_TRAIN,
-    Case,
     Edit,
     both,
     change_bytes,
@@ -210,219 +209,51 @@ _ALL = (
 )
 
 
-def _case(name: str, base: str, text: str, codes: tuple[str, ...], *edits: Edit) -> Case:
-    return Case(name, base, text, codes, listed(*edits))
-
-
-CASES = [
-    _case(
-        "opencv-tables",
-        "minimal",
-        "cameras and positions have pixel centres at whole numbers; the images do not",
-        ("OFFSET_DISAGREES",),
-        _opencv,
+EDITS: dict[str, Edit] = {
+    "opencv-tables": listed(_opencv),
+    "surface-one-column-right": listed(change_exr(_EXR, _column)),
+    "points-scattered": listed(_moved(_jitter)),
+    "depth-image-float16": listed(change_exr(_EXR, _depth(lambda z: z.astype(np.float16)))),
+    "depth-image-8-bits": listed(change_exr(_EXR, _depth(_eight_bits))),
+    "depth-image-whole-millimetres": listed(change_exr(_EXR, _depth(lambda z: np.round(z, 3)))),
+    "material-8-bits": listed(change_exr(_EXR, _material_8_bits)),
+    "depth-image-noisy": listed(
+        change_exr(_EXR, _depth(lambda z: z + np.random.default_rng(0).normal(0, 3e-3, z.shape)))
     ),
-    _case(
-        "surface-one-column-right",
-        "minimal",
-        "a depth and surface image is one column too far to the right",
-        ("OFFSET_DISAGREES",),
-        change_exr(_EXR, _column),
+    "depth-image-1-centimetre-more": listed(change_exr(_EXR, _depth(lambda z: z + 0.01))),
+    "depth-image-in-millimetres": listed(change_exr(_EXR, _depth(lambda z: z * 1000))),
+    "metres-per-unit-ten-times": listed(change_json("dataset.json", _scale(10.0))),
+    "metres-per-unit-a-tenth": listed(change_json("dataset.json", _scale(0.1))),
+    "cameras-of-the-other-frame": listed(
+        change_json(f"{ROPE_TRAIN}/cameras.json", _cameras_exchanged)
     ),
-    _case(
-        "points-scattered",
-        "minimal",
-        "the points are moved at random by 0.4 px, the tables with them",
-        ("OFFSET_SCATTERS",),
-        _moved(_jitter),
+    "colour-mirrored": listed(
+        _pictures(CLOTH_TRAIN, lambda pictures: [rgb[:, ::-1] for rgb in pictures])
     ),
-    _case(
-        "depth-image-float16",
-        "minimal",
-        "Z went through float16",
-        ("PRECISION_LOST",),
-        change_exr(_EXR, _depth(lambda z: z.astype(np.float16))),
+    "colour-shifted": listed(
+        _pictures(CLOTH_TRAIN, lambda pictures: [np.roll(rgb, 2, 1) for rgb in pictures])
     ),
-    _case(
-        "depth-image-8-bits",
-        "minimal",
-        "Z went through 256 levels",
-        ("PRECISION_LOST",),
-        change_exr(_EXR, _depth(_eight_bits)),
+    "colour-exchanged": listed(_pictures(CLOTH_TEST, lambda pictures: pictures[::-1])),
+    "colour-repeated": listed(_pictures(CLOTH_TEST, lambda pictures: [pictures[0]] * 2)),
+    "colour-black": listed(_pictures(CLOTH_TEST, lambda pictures: [0 * rgb for rgb in pictures])),
+    "colour-random": listed(_pictures(CLOTH_TRAIN, _random)),
+    "colour-grey": listed(
+        _pictures(CLOTH_TRAIN, lambda pictures: [rgb[..., [1, 1, 1]] for rgb in pictures])
     ),
-    _case(
-        "depth-image-whole-millimetres",
-        "minimal",
-        "Z is rounded to millimetres",
-        ("PRECISION_LOST",),
-        change_exr(_EXR, _depth(lambda z: np.round(z, 3))),
+    "colour-enlarged": listed(
+        _pictures(CLOTH_TRAIN, lambda pictures: [enlarged(rgb) for rgb in pictures])
     ),
-    _case(
-        "material-8-bits",
-        "minimal",
-        "m0 and m1 went through 256 levels",
-        ("PRECISION_LOST",),
-        change_exr(_EXR, _material_8_bits),
+    "colour-jpeg": listed(_pictures(CLOTH_TRAIN, lambda pictures: [jpeg(rgb) for rgb in pictures])),
+    "png-without-end": listed(change_bytes(_PNG, lambda data: data[:-12])),
+    "png-transparent-colour": listed(change_bytes(_PNG, _with_chunk(b"tRNS", bytes(6)))),
+    "png-gamma": listed(change_bytes(_PNG, _with_chunk(b"gAMA", (100_000).to_bytes(4, "big")))),
+    "material-noisy": listed(change_exr(_EXR, _material_noise)),
+    "temporal-of-independent-frames": listed(_NO_TRUTH, _elsewhere),
+    "split-shared-content": listed(
+        _NO_TRUTH, _copied(_ALL), change_rows("sequences.parquet", lambda rows: _same_share(rows))
     ),
-    _case(
-        "depth-image-noisy",
-        "minimal",
-        "Z has noise of 3 mm",
-        ("DEPTH_IMAGE_SCATTERS",),
-        change_exr(_EXR, _depth(lambda z: z + np.random.default_rng(0).normal(0, 3e-3, z.shape))),
-    ),
-    _case(
-        "depth-image-1-centimetre-more",
-        "minimal",
-        "Z is 1 cm more than the depth of the points",
-        ("DEPTH_IMAGE_DISAGREES",),
-        change_exr(_EXR, _depth(lambda z: z + 0.01)),
-    ),
-    _case(
-        "depth-image-in-millimetres",
-        "minimal",
-        "Z is in millimetres",
-        ("DEPTH_IMAGE_DISAGREES", "VISIBLE_DISAGREES"),
-        change_exr(_EXR, _depth(lambda z: z * 1000)),
-    ),
-    _case(
-        "metres-per-unit-ten-times",
-        "minimal",
-        "metres_per_unit is ten times the size of the cloth",
-        ("SCALE_DISAGREES",),
-        change_json("dataset.json", _scale(10.0)),
-    ),
-    _case(
-        "metres-per-unit-a-tenth",
-        "minimal",
-        "metres_per_unit is a tenth of the size of the cloth",
-        ("SCALE_DISAGREES",),
-        change_json("dataset.json", _scale(0.1)),
-    ),
-    _case(
-        "cameras-of-the-other-frame",
-        "full",
-        "the cameras of two frames change places",
-        ("DEPTH_DISAGREES", "REPROJECTION_DISAGREES"),
-        change_json(f"{ROPE_TRAIN}/cameras.json", _cameras_exchanged),
-    ),
-    _case(
-        "colour-mirrored",
-        "minimal",
-        "the colour image is mirrored",
-        ("COLOUR_DISAGREES",),
-        _pictures(CLOTH_TRAIN, lambda pictures: [rgb[:, ::-1] for rgb in pictures]),
-    ),
-    _case(
-        "colour-shifted",
-        "minimal",
-        "the colour image is two pixels too far to the right",
-        ("COLOUR_DISAGREES",),
-        _pictures(CLOTH_TRAIN, lambda pictures: [np.roll(rgb, 2, 1) for rgb in pictures]),
-    ),
-    _case(
-        "colour-exchanged",
-        "full",
-        "the colour images of two frames change places",
-        ("COLOUR_DISAGREES",),
-        _pictures(CLOTH_TEST, lambda pictures: pictures[::-1]),
-    ),
-    _case(
-        "colour-repeated",
-        "full",
-        "both frames have the first colour image",
-        ("COLOUR_DISAGREES", "FRAME_REPEATED"),
-        _pictures(CLOTH_TEST, lambda pictures: [pictures[0]] * 2),
-    ),
-    _case(
-        "colour-black",
-        "full",
-        "the colour images are black",
-        ("COLOUR_DISAGREES",),
-        _pictures(CLOTH_TEST, lambda pictures: [0 * rgb for rgb in pictures]),
-    ),
-    _case(
-        "colour-random",
-        "minimal",
-        "the colour image is noise",
-        ("COLOUR_DOUBTFUL",),
-        _pictures(CLOTH_TRAIN, _random),
-    ),
-    _case(
-        "colour-grey",
-        "minimal",
-        "the colour image is grey",
-        ("COLOUR_LOST",),
-        _pictures(CLOTH_TRAIN, lambda pictures: [rgb[..., [1, 1, 1]] for rgb in pictures]),
-    ),
-    _case(
-        "colour-enlarged",
-        "minimal",
-        "the colour image was half as large and is enlarged (bilinear)",
-        ("COLOUR_LOST",),
-        _pictures(CLOTH_TRAIN, lambda pictures: [enlarged(rgb) for rgb in pictures]),
-    ),
-    _case(
-        "colour-jpeg",
-        "minimal",
-        "the colour image was a JPEG of quality 25",
-        ("COLOUR_LOST",),
-        _pictures(CLOTH_TRAIN, lambda pictures: [jpeg(rgb) for rgb in pictures]),
-    ),
-    _case(
-        "png-without-end",
-        "minimal",
-        "the colour image has no IEND chunk",
-        ("IMAGE_AMBIGUOUS",),
-        change_bytes(_PNG, lambda data: data[:-12]),
-    ),
-    _case(
-        "png-transparent-colour",
-        "minimal",
-        "the colour image has a tRNS chunk",
-        ("IMAGE_AMBIGUOUS",),
-        change_bytes(_PNG, _with_chunk(b"tRNS", bytes(6))),
-    ),
-    _case(
-        "png-gamma",
-        "minimal",
-        "the colour image has a gAMA chunk of a linear curve",
-        ("IMAGE_AMBIGUOUS",),
-        change_bytes(_PNG, _with_chunk(b"gAMA", (100_000).to_bytes(4, "big"))),
-    ),
-    _case(
-        "material-noisy",
-        "minimal",
-        "m0 and m1 have noise of 0.01",
-        ("SURFACE_NOISY",),
-        change_exr(_EXR, _material_noise),
-    ),
-    _case(
-        "temporal-of-independent-frames",
-        "full",
-        "temporal is true, and the object is somewhere else in the second frame",
-        ("TEMPORAL_DOUBTFUL",),
-        _NO_TRUTH,
-        _elsewhere,
-    ),
-    _case(
-        "split-shared-content",
-        "full",
-        "a test sequence has the content of a training sequence, written by another encoder",
-        ("SPLIT_SHARED",),
-        _NO_TRUTH,
-        _copied(_ALL),
-        change_rows("sequences.parquet", lambda rows: _same_share(rows)),
-    ),
-    _case(
-        "split-shared-pictures",
-        "full",
-        "a test sequence has the colour images of a training sequence, written by another encoder",
-        ("SPLIT_SHARED",),
-        _NO_TRUTH,
-        _copied(_IMAGES),
-    ),
-]
+    "split-shared-pictures": listed(_NO_TRUTH, _copied(_IMAGES)),
+}
 """Every mutation of this kind."""
 
 

@@ -13,10 +13,12 @@ import shutil
 import tempfile
 import zipfile
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from pliant.spec.conventions import SPEC_VERSION
+from pliant.spec.io.yamlfiles import read_yaml
 from tests.conformance import (
     accepted,
     accepted_tables,
@@ -31,7 +33,7 @@ from tests.conformance import (
     submissions,
 )
 from tests.conformance.base import BASES
-from tests.conformance.edits import Case
+from tests.conformance.edits import Edit
 
 HERE = Path(__file__).resolve().parents[2] / "spec" / "conformance"
 DATASETS = HERE / "datasets"
@@ -40,18 +42,39 @@ FILES = HERE / "cases.zip"
 SUBMISSIONS = HERE / "submissions"
 SUBMISSIONS_INDEX = HERE / "submissions.json"
 
-CASES: list[Case] = [
-    *accepted.CASES,
-    *accepted_tables.CASES,
-    *broken_files.CASES,
-    *broken_documents.CASES,
-    *broken_tables.CASES,
-    *broken_geometry.CASES,
-    *broken_agreement.CASES,
-    *broken_queries.CASES,
-    *packed.CASES,
-    *recorded.CASES,
-]
+EDITS: dict[str, Edit] = {
+    **accepted.EDITS,
+    **accepted_tables.EDITS,
+    **broken_files.EDITS,
+    **broken_documents.EDITS,
+    **broken_tables.EDITS,
+    **broken_geometry.EDITS,
+    **broken_agreement.EDITS,
+    **broken_queries.EDITS,
+    **packed.EDITS,
+    **recorded.EDITS,
+}
+"""Name of a case -> what it changes in a copy of its base dataset."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One named way of changing a valid dataset, as `cases.yaml` lists it.
+
+    Attributes:
+        name: Unique, in words joined by hyphens.
+        base: The base dataset.
+        codes: The issue codes a validator must report: these and no others.
+        change: What is changed.
+    """
+
+    name: str
+    base: str
+    codes: list[str]
+    change: str
+
+
+CASES = [Case(**entry) for entry in read_yaml(Path(__file__).with_name("cases.yaml"))]
 """Every case of a dataset, in order."""
 
 _EPOCH = (1980, 1, 1, 0, 0, 0)
@@ -88,7 +111,7 @@ def describe(case: Case, base: Path, changed: Path) -> tuple[dict[str, Any], dic
     entry: dict[str, Any] = {
         "name": case.name,
         "base": case.base,
-        "change": case.text,
+        "change": case.change,
         "codes": sorted(case.codes),
         "remove": sorted((set(before) - set(after)) | (set(links) & set(before))),
         "files": sorted(files),
@@ -124,7 +147,7 @@ def build_cases(datasets: Path) -> Iterator[tuple[dict[str, Any], dict[str, byte
         for case in CASES:
             changed = Path(scratch) / case.name
             shutil.copytree(datasets / case.base, changed)
-            case.edit(changed)
+            EDITS[case.name](changed)
             yield describe(case, datasets / case.base, changed)
             shutil.rmtree(changed)
 

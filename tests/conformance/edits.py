@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -25,25 +24,6 @@ ROPE_TEST = "sequences/rope/rope-test-000000"
 BARE_TEST = "sequences/rope-bare/rope-bare-test-000000"
 CLOTH_TEST = "sequences/cloth-1/cloth-1-test-000000"
 CLOTH_TRAIN = "sequences/cloth-1/cloth-1-train-000000"
-
-
-@dataclass(frozen=True)
-class Case:
-    """One named way of changing a valid dataset.
-
-    Attributes:
-        name: Unique, in words joined by hyphens.
-        base: The base dataset.
-        text: What is changed.
-        codes: The issue codes a validator must report: these and no others.
-        edit: Makes the change in a copy of the base.
-    """
-
-    name: str
-    base: str
-    text: str
-    codes: tuple[str, ...]
-    edit: Edit
 
 
 def remove(path: str) -> Edit:

@@ -12,7 +12,7 @@ from pliant.spec.storage import layout
 from pliant.spec.storage.manifest import write_checksums, write_manifest
 from pliant.spec.storage.packing import FolderToPack, Packer
 from tests.conformance.accepted import held_out
-from tests.conformance.edits import Case, Edit, both, change_rows, remove, write
+from tests.conformance.edits import Edit, both, change_rows, remove, write
 
 
 def pack(root: Path) -> None:
@@ -80,84 +80,20 @@ def _appended(path: str) -> Edit:
     return edit
 
 
-CASES = [
-    Case("packed", "full", "the sequences are packed into shards", (), pack),
-    Case(
-        "packed-held-out",
-        "full",
-        "the test split is held out and the sequences are packed",
-        (),
-        both(held_out, pack),
+EDITS: dict[str, Edit] = {
+    "packed": pack,
+    "packed-held-out": both(held_out, pack),
+    "published": both(pack, _publish),
+    "packed-beyond-the-shard": _index(_beyond),
+    "packed-outside": _index(_elsewhere),
+    "packed-path-upwards": _index(_upwards),
+    "packed-shifted": _index(_shifted),
+    "packed-index-order": _index(lambda rows: rows.reverse()),
+    "packed-extra-file": both(pack, write("frames/notes.txt", b"text\n")),
+    "published-changed": both(
+        write("README.md", b"text\n"), pack, _publish, _appended("README.md")
     ),
-    Case(
-        "published",
-        "minimal",
-        "the dataset is packed and has SHA256SUMS and manifest.json",
-        (),
-        both(pack, _publish),
-    ),
-    Case(
-        "packed-beyond-the-shard",
-        "minimal",
-        "the index names a place behind a shard's end",
-        ("INDEX_INVALID",),
-        _index(_beyond),
-    ),
-    Case(
-        "packed-outside",
-        "minimal",
-        "the index names a shard outside the dataset",
-        ("INDEX_INVALID",),
-        _index(_elsewhere),
-    ),
-    Case(
-        "packed-path-upwards",
-        "minimal",
-        "the index gives a file a path that leaves its folder",
-        ("PATH_UNSAFE",),
-        _index(_upwards),
-    ),
-    Case(
-        "packed-shifted",
-        "minimal",
-        "the index names a place one byte behind an image's",
-        ("CHECKSUM_DIFFERS",),
-        _index(_shifted),
-    ),
-    Case(
-        "packed-index-order",
-        "full",
-        "the index lists the sequences in another order",
-        ("INDEX_INVALID",),
-        _index(lambda rows: rows.reverse()),
-    ),
-    Case(
-        "packed-extra-file",
-        "minimal",
-        "a file that is no shard lies among the shards",
-        ("FILE_EXTRA",),
-        both(pack, write("frames/notes.txt", b"text\n")),
-    ),
-    Case(
-        "published-changed",
-        "minimal",
-        "a paper was changed after SHA256SUMS was written",
-        ("CHECKSUM_DIFFERS",),
-        both(write("README.md", b"text\n"), pack, _publish, _appended("README.md")),
-    ),
-    Case(
-        "published-unlisted",
-        "minimal",
-        "a paper was added after SHA256SUMS was written",
-        ("FILE_UNLISTED",),
-        both(pack, _publish, write("README.md", b"text\n")),
-    ),
-    Case(
-        "published-gone",
-        "minimal",
-        "a paper that SHA256SUMS lists is gone",
-        ("FILE_MISSING",),
-        both(write("README.md", b"text\n"), pack, _publish, remove("README.md")),
-    ),
-]
+    "published-unlisted": both(pack, _publish, write("README.md", b"text\n")),
+    "published-gone": both(write("README.md", b"text\n"), pack, _publish, remove("README.md")),
+}
 """Packed and published datasets."""

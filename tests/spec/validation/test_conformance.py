@@ -37,9 +37,10 @@ def test_the_suite_is_what_its_source_says() -> None:
     shipped = {entry["name"]: (entry["base"], entry["codes"]) for entry in ENTRIES}
     assert len(shipped) == len(ENTRIES)
     assert shipped == {case.name: (case.base, sorted(case.codes)) for case in build.CASES}
+    assert set(shipped) == set(build.EDITS)
     invalid = [case for case in build.CASES if case.codes]
     assert len(invalid) >= 60
-    assert len({case.text for case in invalid}) == len(invalid)
+    assert len({case.change for case in invalid}) == len(invalid)
 
 
 def test_every_dataset_code_is_given_by_some_case() -> None:
