@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from pliant.cli.interrupts import terminated_like_interrupted
 from pliant.cli.options import PATH, data_option, json_option
 from pliant.cli.terminal import echo, echo_json, plural
 
@@ -23,7 +24,8 @@ def command(submission: Path, data: Path, allow_missing: bool, as_json: bool) ->
     from pliant.evaluator import inspect
     from pliant.spec.limits import Limits
 
-    problems = inspect(submission, data, allow_missing=allow_missing, limits=Limits())
+    with terminated_like_interrupted(""):
+        problems = inspect(submission, data, allow_missing=allow_missing, limits=Limits())
     issues = problems.issues()
     if as_json:
         document = {

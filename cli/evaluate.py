@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from pliant.cli.interrupts import terminated_like_interrupted
 from pliant.cli.options import PATH, data_option, json_option, path_option
 from pliant.cli.terminal import echo, echo_json, progress_bar
 
@@ -66,26 +67,27 @@ def command(
         from pliant.evaluator.report.report import check_out_dir
 
         check_out_dir(out)
-    try:
-        with progress_bar("Scoring", "pairs", hidden=as_json) as bar:
-            scores = evaluate(
-                submission,
-                data,
-                truth=truth,
-                protocol=protocol,
-                allow_missing=allow_missing,
-                hide_truth=hide_truth,
-                limits=Limits(),
-                progress=bar,
-            )
-    except SubmissionError as error:
-        for issue in error.issues:
-            echo(str(issue), err=True)
-        raise
+    with terminated_like_interrupted(""):
+        try:
+            with progress_bar("Scoring", "pairs", hidden=as_json) as bar:
+                scores = evaluate(
+                    submission,
+                    data,
+                    truth=truth,
+                    protocol=protocol,
+                    allow_missing=allow_missing,
+                    hide_truth=hide_truth,
+                    limits=Limits(),
+                    progress=bar,
+                )
+        except SubmissionError as error:
+            for issue in error.issues:
+                echo(str(issue), err=True)
+            raise
+        if out is not None:
+            write_report(scores, out, data=data)
     for hint in scores.hints:
         echo(f"Warning: {hint}", err=True)
-    if out is not None:
-        write_report(scores, out, data=data)
     if as_json:
         echo_json(scores.document, sort_keys=True)
     else:

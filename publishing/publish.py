@@ -13,13 +13,13 @@ from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 
-from pliant.evaluator.report.staging import staged
 from pliant.publishing.halves import Progress, write_private, write_public
 from pliant.publishing.held_out import scores_reveal, shown_answers
 from pliant.publishing.settings import PublishSettings
 from pliant.spec.conventions import SPLITS
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, SpecError
+from pliant.spec.io.staging import staged
 from pliant.spec.secrets import seed_weakness
 from pliant.spec.storage import layout
 from pliant.spec.storage.manifest import Half, write_checksums, write_manifest

@@ -15,7 +15,6 @@ from typing import Any, Final
 
 from sqlalchemy import inspect, select
 
-from pliant.evaluator.report.staging import staged
 from pliant.service.audit import HOST, record, verify_log
 from pliant.service.challenge import CHALLENGE_YAML, Challenge, database_of
 from pliant.service.models import Submission
@@ -36,6 +35,7 @@ from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, SpecError
 from pliant.spec.io.jsonfiles import write_json
 from pliant.spec.io.reading import sha256_file
+from pliant.spec.io.staging import staged
 from pliant.spec.io.writing import replacing
 from pliant.spec.storage.manifest import read_checksums, write_checksums
 

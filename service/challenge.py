@@ -21,7 +21,6 @@ from typing import Final
 
 import yaml
 
-from pliant.evaluator.report.staging import staged
 from pliant.service.audit import HOST, record
 from pliant.service.database import Database, sqlite_url
 from pliant.service.receipts import PRIVATE_KEY, PUBLIC_KEY, write_keys
@@ -31,6 +30,7 @@ from pliant.service.teams import invite
 from pliant.service.versions import add_missing_versions
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
+from pliant.spec.io.staging import staged
 
 CHALLENGE_YAML: Final = "challenge.yaml"
 SQLITE: Final = "challenge.sqlite"

@@ -6,7 +6,6 @@ from pathlib import Path
 
 from sqlalchemy import select
 
-from pliant.evaluator.report.staging import staged
 from pliant.service.audit import log_time
 from pliant.service.challenge import Challenge
 from pliant.service.leaderboard import leaderboard
@@ -15,6 +14,7 @@ from pliant.service.web.security import Throttle
 from pliant.service.web.state import Site, default_phase, default_version, static_file
 from pliant.service.web.views import board_csv
 from pliant.spec.io.jsonfiles import write_json
+from pliant.spec.io.staging import staged
 
 
 def write_challenge_site(challenge: Challenge, out: Path) -> list[str]:

@@ -18,7 +18,6 @@ from pliant.evaluator.report.canvas import Labels
 from pliant.evaluator.report.cells import heading, score_cell
 from pliant.evaluator.report.drawings import FramePictures, pair_svg
 from pliant.evaluator.report.pages import render_page
-from pliant.evaluator.report.staging import staged
 from pliant.evaluator.report.verdict import report_verdict
 from pliant.evaluator.scores import (
     PER_PAIR_TABLE,
@@ -29,6 +28,7 @@ from pliant.evaluator.scores import (
 )
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
+from pliant.spec.io.staging import staged
 
 REPORT_FILES: Final = (PER_PAIR_TABLE, REPORT_HTML, SCORES_JSON)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import pickle
 import shutil
 import subprocess
@@ -88,3 +89,36 @@ def test_files_of_two_reports_are_refused(scene: Any, tmp_path: Path) -> None:
             read_scores(folder)
     (tmp_path / "a" / "report.html").unlink()  # the page alone may go
     assert read_scores(tmp_path / "a").method == "test"
+
+
+TERMINATED = """
+import os, signal, sys
+from pliant.cli.main import run
+from pliant.evaluator import scores
+from pliant.spec import limits
+place, arguments = sys.argv[1], sys.argv[2:]
+def terminate(*args, **kwargs):
+    os.kill(os.getpid(), signal.SIGTERM)
+if place == "reading":
+    limits.subprocess.Popen.wait = terminate
+else:
+    scores.Scores.write = terminate
+sys.exit(run(arguments))
+"""
+
+
+@pytest.mark.parametrize("place", ["reading", "writing"])
+def test_a_terminated_evaluation_leaves_nothing(place: str, scene: Any, tmp_path: Path) -> None:
+    submission = scene.submit(tmp_path / "s.parquet")
+    (tmp_path / "temporary").mkdir()
+    out = tmp_path / "report"
+    command = [sys.executable, "-c", TERMINATED, place, "evaluate", str(submission)]
+    done = subprocess.run(
+        [*command, "--data", str(scene.root), "--out", str(out)],
+        env={**os.environ, "TMPDIR": str(tmp_path / "temporary")},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 130, done.stderr
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["s.parquet", "temporary"]
+    assert list((tmp_path / "temporary").iterdir()) == []
