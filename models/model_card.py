@@ -34,6 +34,7 @@ def model_card(
     """
     return render_page(
         "model_card.md.j2",
+        package="pliant.models",
         name=name,
         kind=str(settings.get("kind", "don")),
         settings={"threads": 0, "precision": "", "validation": {}, **settings},

@@ -41,6 +41,7 @@ def write_card(dataset: Dataset, root: Path, *, authors: Sequence[str], url: str
     )
     text = render_page(
         "dataset_card.md.j2",
+        package="pliant.publishing",
         front_matter=header,
         info={**info, "id": dataset.id, "version": dataset.version},
         kinds=" and ".join(sorted({tier.kind for tier in dataset.tiers.values()})),

@@ -86,6 +86,7 @@ def write_overview(config: BenchmarkConfig, out: Path, rows: Sequence[Row]) -> P
     }
     text = render_page(
         "overview.html.j2",
+        package="pliant.benchmarks.suite",
         title=next(iter(datasets.values())).info["title"].partition(":")[0],
         opening=opening(work, rows),
         verdict=[text for name, members in grouped for text in _verdict(name, members)],

@@ -70,6 +70,7 @@ def results_page(
         machines[note["machine"]] = max(note["cores"], machines.get(note["machine"], 0))
     return render_page(
         "results.md.j2" if pictures is None else "results.html.j2",
+        package="pliant.benchmarks.suite",
         pictures=pictures or (),
         controls={name.capitalize() for name in CONTROLS},
         config=config,

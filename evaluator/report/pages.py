@@ -11,28 +11,33 @@ import jinja2
 
 from pliant.spec.text import shown
 
+REPORT_PACKAGE: Final = "pliant.evaluator.report"
+"""Owner of the base page, the style sheet and the macros that pages of other packages use too."""
+
 CARD_WIDTH: Final = 100
 """Characters per line of prose in Markdown cards."""
 
 
-def render_page(template: str, **values: Any) -> str:
-    """Render a template of `evaluator/report/templates`.
+def render_page(template: str, *, package: str = REPORT_PACKAGE, **values: Any) -> str:
+    """Render a template of a package, over the base page and the style of the reports.
 
     Args:
-        template: File name. In `.html.j2` templates every value is escaped unless marked safe;
-            `.md.j2` templates are Markdown.
+        template: File name in the package's `templates`. In `.html.j2` templates every value is
+            escaped unless marked safe; `.md.j2` templates are Markdown.
+        package: The package that owns the template.
         **values: What the template shows.
 
     Returns:
         The page; HTML pages load nothing from elsewhere.
     """
-    return _environment().get_template(template).render(**values)
+    return _environment(package).get_template(template).render(**values)
 
 
 @functools.cache
-def _environment() -> jinja2.Environment:
+def _environment(package: str) -> jinja2.Environment:
+    packages = dict.fromkeys((package, REPORT_PACKAGE))
     environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("pliant.evaluator.report", "templates"),
+        loader=jinja2.ChoiceLoader([jinja2.PackageLoader(name, "templates") for name in packages]),
         autoescape=lambda name: name is not None and name.endswith(".html.j2"),
         undefined=jinja2.StrictUndefined,
         finalize=shown,

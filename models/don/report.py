@@ -12,9 +12,9 @@ from matplotlib.figure import Figure
 
 from pliant.evaluator.report.canvas import Labels, pictures_png, show_picture
 from pliant.evaluator.report.plots import line_svg
-from pliant.evaluator.report.run_page import Section, write_run_page
 from pliant.models.don.matcher import DonMatcher
 from pliant.models.don.validation import ValidationPair
+from pliant.models.training.run_page import Section, write_run_page
 from pliant.spec.frame import Frame, Pair
 
 _PAIRS_SHOWN = 4

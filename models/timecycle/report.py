@@ -11,11 +11,11 @@ from matplotlib.figure import Figure
 
 from pliant.evaluator.report.canvas import Labels, pictures_png, show_picture
 from pliant.evaluator.report.plots import line_svg
-from pliant.evaluator.report.run_page import Section, write_run_page
 from pliant.models.don.report import history_svg
 from pliant.models.timecycle.guard import Guard
 from pliant.models.timecycle.matcher import TimeCycleMatcher
 from pliant.models.timecycle.validation import Stretch, track_with
+from pliant.models.training.run_page import Section, write_run_page
 
 _SHOWN = 3
 _PARTS = ("long", "skip", "similarity", "self")

@@ -13,7 +13,7 @@ from pliant.cli.main import run
 from pliant.evaluator import evaluate, write_report
 from pliant.evaluator.report.canvas import Labels
 from pliant.evaluator.report.plots import line_svg
-from pliant.evaluator.report.run_page import Section, write_run_page
+from pliant.models.training.run_page import Section, write_run_page
 from tests.browser import CHROMIUM, DRIVER, Browser, chromium
 
 pytestmark = [

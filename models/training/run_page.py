@@ -44,7 +44,9 @@ def write_run_page(run: Path, facts: Mapping[str, Any], sections: Sequence[Secti
     Returns:
         The page.
     """
-    page = render_page("run.html.j2", name=run.name, facts=_flat(facts), sections=sections)
+    page = render_page(
+        "run.html.j2", package="pliant.models", name=run.name, facts=_flat(facts), sections=sections
+    )
     path = run / REPORT_HTML
     with replacing(path) as partial:
         partial.write_text(page, encoding="utf-8")
