@@ -29,7 +29,6 @@ os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 import statistics
 import tempfile
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import torch
@@ -101,7 +100,7 @@ def measure(quick: bool) -> dict[str, Value]:
             config = read_config(REFERENCE).sets[tier]
             if quick:
                 few = QuerySettings(pairs_per_sequence=1)
-                config = replace(config, splits=SMALL, sequences=None, queries=few)
+                config = config.replace(splits=SMALL, sequences=None, queries=few)
             generate(config, scratch / "set", workers=1 if quick else 2)
             data = str(scratch / "set")
         dataset = Dataset.open(data)

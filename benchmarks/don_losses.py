@@ -22,7 +22,6 @@ os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 import tempfile
 import time
-from dataclasses import replace
 from pathlib import Path
 
 from record import Value, main
@@ -62,7 +61,7 @@ def measure(quick: bool) -> dict[str, Value]:
         if data is None:
             config = read_config(REFERENCE).sets[tier]
             if quick:
-                config = replace(config, splits=SMALL_SPLITS, sequences=None)
+                config = config.replace(splits=SMALL_SPLITS, sequences=None)
             generate(config, scratch / "set", workers=1 if quick else 2)
             data = str(scratch / "set")
         dataset = Dataset.open(data)

@@ -23,7 +23,6 @@ import os
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 import tempfile
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -82,7 +81,7 @@ def measure(quick: bool) -> dict[str, Value]:
         if data is None:
             config = read_config(REFERENCE).sets["rope"]
             splits = {"test": 6 if quick else config.counts["test"]}
-            config = replace(config, splits=splits, sequences=None)
+            config = config.replace(splits=splits, sequences=None)
             generate(config, scratch / "set", workers=1 if quick else 2)
             data = str(scratch / "set")
         dataset = Dataset.open(data)

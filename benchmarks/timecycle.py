@@ -26,7 +26,6 @@ os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 import statistics
 import tempfile
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import torch
@@ -108,7 +107,7 @@ def measure(quick: bool) -> dict[str, Value]:
         settings = read_settings(TimeCycleSettings, RECIPE, ["threads=1", "tier=rope"])
         torch.set_num_threads(1)
         alone = Processes(0, 1, torch.device("cpu"))
-        few = replace(settings, limit=2)
+        few = settings.replace(limit=2)
         ratio = overhead_ratio(
             TimeCycleTask(dataset, few, scratch / "timing", alone), 3 if quick else 15
         )

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import field
-from typing import Annotated, Any, Final, Literal, get_args
+from typing import Annotated, Any, Final, Literal, Self, get_args
+
+from pydantic import model_validator
 
 from pliant.generator.settings import (
     AppearanceSettings,
@@ -14,7 +15,7 @@ from pliant.generator.settings import (
     NoiseSettings,
     RopeSettings,
 )
-from pliant.spec.configuration import configuration, settings_to_dict, unstored
+from pliant.spec.configuration import Settings, settings_to_dict
 from pliant.spec.constraints import Bounds, Count, Natural, NotEmpty, OneOf, Refused, Share
 from pliant.spec.conventions import SPLITS
 from pliant.spec.secrets import GUESSABLE_BELOW
@@ -60,8 +61,7 @@ LABEL_FIELDS: Final = ("id", "version", "title", "description", "licence")
 """Fields that only `dataset.json` shows; they may change on a set that exists."""
 
 
-@configuration(frozen=True)
-class QuerySettings:
+class QuerySettings(Settings):
     """How many queries the frozen benchmark asks.
 
     Attributes:
@@ -80,12 +80,11 @@ class QuerySettings:
     queries_per_pair: Count = 64
     splits: tuple[SplitName, ...] = ("val", "test")
     kind: Literal["pairs", "track"] = "pairs"
-    skips: tuple[Count, ...] = unstored(())
-    moving_share: Share = unstored(0.0)
+    skips: tuple[Count, ...] = ()
+    moving_share: Share = 0.0
 
 
-@configuration(frozen=True)
-class GenerateConfig:
+class GenerateConfig(Settings):
     """Everything that decides the bytes of a generated dataset.
 
     Attributes:
@@ -127,24 +126,25 @@ class GenerateConfig:
     width: Annotated[int, Bounds(16, 8192, "px")] = 640
     height: Annotated[int, Bounds(16, 8192, "px")] = 480
     seed: Annotated[int, Bounds(0, 2**128 - 1)] = 0
-    secret_seed: bool = unstored(False)
+    secret_seed: bool = False
     style: Style = "fast"
-    gripper: bool = unstored(False)
-    shutter: Share = unstored(0.0)
-    rope: RopeSettings = field(default_factory=RopeSettings)
-    cloth: ClothSettings = field(default_factory=ClothSettings)
-    look: AppearanceSettings = field(default_factory=AppearanceSettings)
-    camera: CameraSettings = field(default_factory=CameraSettings)
+    gripper: bool = False
+    shutter: Share = 0.0
+    rope: RopeSettings = RopeSettings()
+    cloth: ClothSettings = ClothSettings()
+    look: AppearanceSettings = AppearanceSettings()
+    camera: CameraSettings = CameraSettings()
     noise: NoiseSettings | None = None
-    depth_camera: DepthCameraSettings | None = unstored(None)
-    queries: QuerySettings = field(default_factory=QuerySettings)
+    depth_camera: DepthCameraSettings | None = None
+    queries: QuerySettings = QuerySettings()
     id: Annotated[str, NotEmpty()] = "pliant"
     version: str = "1.0.0"
     title: str = ""
     description: str = ""
     licence: str = "CC-BY-4.0"
 
-    def __post_init__(self) -> None:
+    @model_validator(mode="after")
+    def _check(self) -> Self:
         if not self.secret_seed and self.seed >= 2**63:
             raise Refused("0 to 2^63 - 1, or --secret-seed", "seed")
         if self.secret_seed and 0 < self.seed < GUESSABLE_BELOW:
@@ -176,6 +176,7 @@ class GenerateConfig:
         object.__setattr__(self, "tiers", tuple(t for t in TIER_KINDS if t in self.tiers))
         object.__setattr__(self, "splits", counts)
         object.__setattr__(self, "sequences", None)
+        return self
 
     @property
     def public_seed(self) -> int | None:
@@ -190,7 +191,7 @@ class GenerateConfig:
     @property
     def counts(self) -> Mapping[str, int]:
         """Split -> sequences per tier, in the order train, val, test."""
-        assert self.splits is not None  # __post_init__ has filled it
+        assert self.splits is not None  # _check has filled it
         return self.splits
 
     @property
@@ -208,7 +209,9 @@ class GenerateConfig:
         values = self.to_dict()
         for unused in {"rope", "cloth"} - {TIER_KINDS[tier] for tier in self.tiers}:
             del values[unused]
-        if self.depth_faults is not None:
+        if self.depth_faults is None:
+            del values["depth_camera"]
+        else:
             values["depth_camera"] = settings_to_dict(self.depth_faults)
         return values
 

@@ -9,21 +9,21 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Annotated, Any
+from typing import Annotated, Any, Self
 
 import numpy as np
 import numpy.typing as npt
 from PIL import Image
+from pydantic import model_validator
 
 from pliant.loaders.recolouring import noisy_depth, recolour, recolour_regions, replace_background
 from pliant.loaders.views import TrainingFrame
 from pliant.spec.calls import check_type
-from pliant.spec.configuration import configuration
+from pliant.spec.configuration import Settings
 from pliant.spec.constraints import Bounds, Refused, Share
 
 
-@configuration(frozen=True)
-class AugmentSettings:
+class AugmentSettings(Settings):
     """What may happen to a training frame. Zero switches each off.
 
     Attributes:
@@ -56,9 +56,11 @@ class AugmentSettings:
     mask_faults: Share = 0.0
     mask_drop: Annotated[float, Bounds(0, 0.5)] = 0.0
 
-    def __post_init__(self) -> None:
+    @model_validator(mode="after")
+    def _check(self) -> Self:
         if 0.5 <= self.margin < 1:
             raise Refused("0 to below 0.5, or 1 for none", "margin")
+        return self
 
 
 def check_augmentation(augmentation: object) -> None:

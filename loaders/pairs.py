@@ -19,7 +19,7 @@ from pliant.loaders.order import sample_generator
 from pliant.loaders.orientation import Orientation
 from pliant.loaders.views import TrainingFrame
 from pliant.spec.calls import check_type, check_whole
-from pliant.spec.configuration import configuration
+from pliant.spec.configuration import Settings
 from pliant.spec.constraints import Bounds, Count
 from pliant.spec.errors import CallError
 from pliant.spec.surface_search import SurfaceSearch, draw_surface_pixels
@@ -31,8 +31,7 @@ MIXING_STREAM: Final = 2
 """Random stream that chooses among datasets; 0 and 1 draw training and validation samples."""
 
 
-@configuration(frozen=True)
-class PairSettings:
+class PairSettings(Settings):
     """What one sample holds.
 
     Attributes:

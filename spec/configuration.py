@@ -1,7 +1,7 @@
-"""Settings: frozen classes that check themselves, from YAML or JSON files and `--set a.b=c`.
+"""Settings: frozen models that check themselves, from YAML or JSON files and `--set a.b=c`.
 
-A class of settings is a dataclass with the decorator `configuration`. Types, bounds and units are
-in its annotations (`spec/constraints.py`); `__post_init__` checks one field against another and
+A class of settings is a pydantic model, a subclass of `Settings`. Types, bounds and units are in
+its annotations (`spec/constraints.py`); a `model_validator` checks one field against another and
 raises `Refused`. Everything else follows from the class: reading, `--set`, messages with
 suggestions, the plain values that a dataset or a run stores, and a JSON Schema.
 """
@@ -9,13 +9,12 @@ suggestions, the plain values that a dataset or a run stores, and a JSON Schema.
 from __future__ import annotations
 
 import dataclasses
-import functools
 import json
 import re
 import typing
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from typing import Any, Final, Self, TypeVar
 
 import pydantic
 
@@ -24,11 +23,10 @@ from pliant.spec.errors import CallError
 from pliant.spec.io.yamlfiles import parse_yaml, read_yaml
 
 __all__ = [
-    "SettingsError", "configuration", "json_schema", "merged", "read_mapping", "read_settings",
-    "settings_from", "settings_to_dict", "unstored", "with_overrides",
+    "Settings", "SettingsError", "json_schema", "merged", "read_mapping", "read_settings",
+    "settings_from", "settings_to_dict", "with_overrides",
 ]  # fmt: skip
 
-S = TypeVar("S")
 
 _TYPES: Final = {
     "int": "a whole number",
@@ -39,7 +37,7 @@ _TYPES: Final = {
     "tuple": "a list",
     "list": "a list",
     "dict": "a mapping of names to values",
-    "dataclass": "a mapping of settings",
+    "model": "a mapping of settings",
     "none": "null",
 }
 """First word of a type error of pydantic -> what is required."""
@@ -57,49 +55,31 @@ class SettingsError(CallError):
         return SettingsError, (self.problems,)
 
 
-if TYPE_CHECKING:
-    from dataclasses import dataclass as configuration
-else:
+class Settings(pydantic.BaseModel):
+    """Base of every class of settings: frozen, without conversions, and without unknown keys.
 
-    def configuration(*, frozen):
-        """Make a frozen dataclass that checks the values it is made from.
-
-        Lists become tuples, whole numbers become floats and mappings become nested settings;
-        nothing else is converted. `dataclasses.replace` checks too.
-
-        Args:
-            frozen: True; for type checkers, which take this for `dataclasses.dataclass`.
-
-        Returns:
-            The decorator. The class raises `SettingsError` for values that it refuses.
-        """
-
-        def decorate(cls):
-            config = pydantic.ConfigDict(
-                extra="forbid", strict=True, allow_inf_nan=False,
-                json_schema_extra=functools.partial(_document, cls.__doc__ or ""),
-            )  # fmt: skip
-            made = pydantic.dataclasses.dataclass(cls, frozen=frozen, config=config)
-            names = [each.name for each in dataclasses.fields(made)]
-            section = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", cls.__name__).lower()
-            section = section.removesuffix("_settings") if "_settings" in section else ""
-            section = getattr(cls, "SECTION", section)
-
-            def __init__(self, *args, **values):  # noqa: N807
-                _fill(self, {**dict(zip(names, args, strict=False)), **values}, section)
-
-            made.__init__ = __init__
-            return made
-
-        return decorate
-
-
-def unstored(default: Any) -> Any:
-    """Return a field that stored settings leave out while it has its default.
-
-    For settings added later: what was made before, and is still made the same, is stored as before.
+    Made from keyword arguments, it raises pydantic's `ValidationError`; `settings_from` takes the
+    plain values of a file, and its `SettingsError` has one sentence per problem.
     """
-    return dataclasses.field(default=default, metadata={"unstored": True})
+
+    model_config = pydantic.ConfigDict(
+        frozen=True,
+        extra="forbid",
+        strict=True,
+        allow_inf_nan=False,
+        json_schema_extra=lambda schema, cls: _document(cls.__doc__ or "", schema),
+    )
+
+    def replace(self, **changes: Any) -> Self:
+        """Return settings with some values changed, checked like the whole.
+
+        Raises:
+            SettingsError: The class refuses the new values.
+        """
+        return settings_from(type(self), {**_values(self), **changes})
+
+
+S = TypeVar("S", bound=Settings)
 
 
 def settings_from(
@@ -113,7 +93,7 @@ def settings_from(
     """Build settings from plain values.
 
     Args:
-        cls: A class made with `configuration`.
+        cls: A class of settings.
         values: Field name -> value.
         where: Dotted name of these settings, for messages.
         path: File that the values come from, for messages.
@@ -129,10 +109,16 @@ def settings_from(
         raise CallError(
             "settings must be a mapping", path=path, where=where or None, found=_shown(values)
         )
-    settings = object.__new__(cls)
-    given = with_overrides(values, overrides) if overrides else values
-    _fill(settings, given, where, path, [text.partition("=")[0].strip() for text in overrides])
-    return settings
+    # Strict JSON takes lists for tuples, mappings for settings, and no other conversion.
+    document = json.dumps(with_overrides(values, overrides), default=_jsonable)
+    try:
+        return cls.model_validate_json(document)
+    except pydantic.ValidationError as error:
+        overridden = [text.partition("=")[0].strip() for text in overrides]
+        found = error.errors(include_url=False)
+        raise SettingsError(
+            [_problem(cls, each, where, path, overridden) for each in found]
+        ) from None
 
 
 def read_settings(
@@ -144,7 +130,7 @@ def read_settings(
     """Build settings from a YAML or JSON file and `--set` overrides.
 
     Args:
-        cls: A class made with `configuration`.
+        cls: A class of settings.
         path: The file, or None for the defaults.
         overrides: As for `with_overrides`.
         base: Plain values under the file's.
@@ -218,12 +204,12 @@ def merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
 
 def settings_to_dict(settings: Any) -> Any:
     """Return settings, or any dataclass, as JSON values: nested mappings, lists and scalars."""
+    if isinstance(settings, pydantic.BaseModel):
+        return settings_to_dict(_values(settings))
     if dataclasses.is_dataclass(settings) and not isinstance(settings, type):
         return {
             each.name: settings_to_dict(getattr(settings, each.name))
             for each in dataclasses.fields(settings)
-            if each.init
-            and not (each.metadata.get("unstored") and getattr(settings, each.name) == each.default)
         }
     if isinstance(settings, Mapping):
         return {str(key): settings_to_dict(value) for key, value in settings.items()}
@@ -232,41 +218,27 @@ def settings_to_dict(settings: Any) -> Any:
     return settings
 
 
-def json_schema(cls: type[Any]) -> dict[str, Any]:
+def json_schema(cls: type[Settings]) -> dict[str, Any]:
     """Return the JSON Schema (draft 2020-12) of a class of settings, with units and texts."""
-    schema = pydantic.TypeAdapter(cls).json_schema()
+    schema = cls.model_json_schema()
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
 
 
-def _fill(
-    settings: Any,
-    values: Mapping[str, Any],
-    where: str = "",
-    path: Path | None = None,
-    overridden: Sequence[str] = (),
-) -> None:
-    """Validate values into an object that has no fields yet."""
-    cls = type(settings)
-    # Strict JSON takes lists for tuples, mappings for settings, and no other conversion.
-    document = json.dumps(values, default=_jsonable)
-    try:
-        cls.__pydantic_validator__.validate_json(document, self_instance=settings)
-    except pydantic.ValidationError as error:
-        found = error.errors(include_url=False)
-        problems = [_problem(cls, each, where, path, overridden) for each in found]
-        raise SettingsError(problems) from None
+def _values(settings: pydantic.BaseModel) -> dict[str, Any]:
+    """Return the values of the fields; a model's own iterator gives cached properties too."""
+    return {name: getattr(settings, name) for name in type(settings).model_fields}
 
 
 def _jsonable(value: Any) -> Any:
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {each.name: getattr(value, each.name) for each in dataclasses.fields(value)}
+    if isinstance(value, pydantic.BaseModel):
+        return _values(value)
     if isinstance(value, Mapping):
         return dict(value)
     return value.item() if hasattr(value, "item") else str(value)
 
 
 def _problem(
-    cls: type[Any], raw: Any, where: str, path: Path | None, overridden: Sequence[str]
+    cls: type[Settings], raw: Any, where: str, path: Path | None, overridden: Sequence[str]
 ) -> CallError:
     """Return one error of pydantic as a sentence of ours."""
     place = [part for part in raw["loc"] if str(part) not in ("[key]", "[value]", "[source]")]
@@ -283,8 +255,8 @@ def _problem(
         unit = unit_of(next((part for part in place[::-1] if isinstance(part, str)), ""))
         if unit and required[-1:].isdigit():
             required += f" {unit}"
-    elif kind == "unexpected_keyword_argument":
-        known = [each.name for each in dataclasses.fields(_hint_at(cls, place[:-1]))]
+    elif kind == "extra_forbidden":
+        known = list(_hint_at(cls, place[:-1]).model_fields)
         message, found, fix = "unknown setting", None, did_you_mean(place[-1], known)
         required = None if fix else "one of " + ", ".join(known)
     elif kind == "too_long" or (kind == "missing" and isinstance(place[-1], int)):
@@ -317,12 +289,13 @@ def _shown(value: Any) -> str:
     return text if len(text) <= 80 else text[:77] + "..."
 
 
-def _hint_at(cls: type[Any], place: Sequence[Any]) -> Any:
+def _hint_at(cls: type[Settings], place: Sequence[Any]) -> Any:
     """Return the type of a place in the settings, without None."""
     hint: Any = cls
     for part in place:
-        if dataclasses.is_dataclass(hint):
-            hint = typing.get_type_hints(hint).get(str(part))
+        if isinstance(hint, type) and issubclass(hint, Settings):
+            field = hint.model_fields.get(str(part))
+            hint = None if field is None else field.annotation
         else:
             hint = next((each for each in typing.get_args(hint)[::-1] if each is not ...), None)
         options = [each for each in typing.get_args(hint) if each is not type(None)]
@@ -331,10 +304,10 @@ def _hint_at(cls: type[Any], place: Sequence[Any]) -> Any:
     return hint
 
 
-def _default(cls: type[Any], place: Sequence[Any]) -> Any:
+def _default(cls: type[Settings], place: Sequence[Any]) -> Any:
     """Return the default of the field at a place, None where it has none."""
-    default = getattr(_hint_at(cls, place[:-1]), str(place[-1]), None)
-    return settings_to_dict(default)
+    field = getattr(_hint_at(cls, place[:-1]), "model_fields", {}).get(str(place[-1]))
+    return None if field is None else settings_to_dict(field.get_default())
 
 
 def _document(text: str, schema: dict[str, Any]) -> None:

@@ -31,7 +31,7 @@ class Refused(ValueError):  # noqa: N818
     """
 
     def __init__(self, required: str, field: str = "", fix: str | None = None) -> None:
-        super().__init__(required)
+        super().__init__(f"{field}: {required}" if field else required)
         self.required, self.field, self.fix = required, field, fix
 
 
@@ -130,7 +130,7 @@ class OneOf(_Constraint):
     """A name is one of some names.
 
     Attributes:
-        names: They.
+        names: The possible names.
     """
 
     names: Collection[str]
@@ -155,7 +155,7 @@ class Weights(_Constraint):
     """A mapping gives some names weights >= 0, of which one is above 0.
 
     Attributes:
-        names: The names there are.
+        names: The possible names.
     """
 
     names: Collection[str]

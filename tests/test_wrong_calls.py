@@ -99,9 +99,6 @@ CALLS: dict[str, tuple[Call, str]] = {
     ),
     "PairDataset['a']": (lambda ds, store: PairDataset(store)["a"], "index: .*'a'"),
     "PairDataset[0:2]": (lambda ds, store: PairDataset(store)[0:2], "index: .*slice"),
-    "PairSettings views": (lambda ds, store: PairSettings(views=1), "views: .*>= 2"),
-    "PairSettings name": (lambda ds, store: PairSettings(vews=2), "Did you mean 'views'"),
-    "AugmentSettings": (lambda ds, store: AugmentSettings(rotate_deg="x"), "a number"),
     "FrameStore('sample')": (
         lambda ds, store: FrameStore("sample", "rope", "train"),
         "dataset: .*'sample'.*required: Dataset. Open it",
@@ -141,7 +138,14 @@ CALLS: dict[str, tuple[Call, str]] = {
     "ds.pairs('tets')": (lambda ds, store: ds.pairs("tets"), "no queries for split 'tets'"),
 }  # fmt: skip
 
-INDICES: dict[str, tuple[Call, type[Exception], str]] = {
+OTHERS: dict[str, tuple[Call, type[Exception], str]] = {
+    "PairSettings views": (lambda ds, store: PairSettings(views=1), ValueError, "views\n.*>= 2"),
+    "PairSettings name": (lambda ds, store: PairSettings(vews=2), ValueError, "vews\n.*not permit"),
+    "AugmentSettings": (
+        lambda ds, store: AugmentSettings(rotate_deg="x"),
+        ValueError,
+        "rotate_deg\n.*valid number",
+    ),
     "ds[99]": (lambda ds, store: ds[99], IndexError, "12 sequences, and no sequence 99"),
     "ds[1.5]": (lambda ds, store: ds[1.5], TypeError, "float"),
     "ds[0][9]": (lambda ds, store: ds[0][9], IndexError, "2 frames, and no frame 9"),
@@ -170,9 +174,9 @@ def test_wrong_call_says_what_is_wrong(name: str, ds: Dataset, store: FrameStore
         call(ds, store)
 
 
-@pytest.mark.parametrize("name", INDICES)
-def test_wrong_index(name: str, ds: Dataset, store: FrameStore) -> None:
-    call, kind, message = INDICES[name]
+@pytest.mark.parametrize("name", OTHERS)
+def test_wrong_value_or_index(name: str, ds: Dataset, store: FrameStore) -> None:
+    call, kind, message = OTHERS[name]
     with pytest.raises(kind, match=message):
         call(ds, store)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import field, replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -14,13 +13,7 @@ from pliant.baselines import METHODS
 from pliant.evaluator.protocols.protocol import read_protocol
 from pliant.generator.config import GenerateConfig
 from pliant.models.shipped import shipped_names
-from pliant.spec.configuration import (
-    configuration,
-    merged,
-    read_mapping,
-    settings_from,
-    with_overrides,
-)
+from pliant.spec.configuration import Settings, merged, read_mapping, settings_from, with_overrides
 from pliant.spec.constraints import Count, did_you_mean
 from pliant.spec.errors import CallError
 from pliant.spec.io.yamlfiles import parse_yaml
@@ -29,8 +22,7 @@ RECIPES: Final = files("pliant.models") / "configs"
 """The settings of trainings that are shipped with the trainers."""
 
 
-@configuration(frozen=True)
-class Training:
+class Training(Settings):
     """One run of a trainer.
 
     Attributes:
@@ -50,15 +42,14 @@ class Training:
     set: str
     trainer: Literal["don", "timecycle"] = "don"
     recipe: str = ""
-    settings: Mapping[str, Any] = field(default_factory=dict)
+    settings: Mapping[str, Any] = dict()
     after: str = ""
     seeds: Count = 1
     learned: bool = True
     arm: str = ""
 
 
-@configuration(frozen=True)
-class Test:
+class Test(Settings):
     """One block of the table: a tier's test queries, what answers them, what the paper found.
 
     Attributes:
@@ -86,7 +77,7 @@ class Test:
     protocols: tuple[str, ...] = ("standard", "paper")
     masks: bool = True
     figures: tuple[str, ...] = ()
-    paper_rmse_px: Mapping[str, float] = field(default_factory=dict)
+    paper_rmse_px: Mapping[str, float] = dict()
 
     @property
     def answering(self) -> tuple[str, ...]:
@@ -98,8 +89,7 @@ class Test:
         return method if self.masks else f"{method}-no-masks"
 
 
-@configuration(frozen=True)
-class Comparison:
+class Comparison(Settings):
     """A paired difference that the page reports.
 
     Attributes:
@@ -121,8 +111,7 @@ TEST_SPLIT: Final = "test"
 """The split that is asked about."""
 
 
-@configuration(frozen=True)
-class BenchmarkConfig:
+class BenchmarkConfig(Settings):
     """A named, frozen benchmark.
 
     Attributes:
@@ -134,19 +123,19 @@ class BenchmarkConfig:
         tests: Name -> block of the table.
         comparisons: Paired differences to report.
         checksums: File of the test queries' checksums, or None.
-        validate: Validate every set after it is generated.
+        validated: Validate every set after it is generated.
         part: Blocks that were chosen by `only`; otherwise empty.
     """
 
     name: str
     version: str
     sets: Mapping[str, GenerateConfig]
-    common: Mapping[str, Any] = field(default_factory=dict)
-    runs: Mapping[str, Training] = field(default_factory=dict)
-    tests: Mapping[str, Test] = field(default_factory=dict)
+    common: Mapping[str, Any] = dict()
+    runs: Mapping[str, Training] = dict()
+    tests: Mapping[str, Test] = dict()
     comparisons: tuple[Comparison, ...] = ()
     checksums: Path | None = None
-    validate: bool = False
+    validated: bool = False
     part: tuple[str, ...] = ()
 
     @property
@@ -173,8 +162,7 @@ class BenchmarkConfig:
         asked = {name for test in kept.values() for name in test.variants.values()}
         needed = asked | {run.set for run in runs.values()}
         answering = {name for test in kept.values() for name in test.answering}
-        return replace(
-            self,
+        return self.replace(
             sets={name: made for name, made in self.sets.items() if name in needed},
             runs=runs,
             tests=kept,
@@ -212,7 +200,7 @@ def read_config(path: Path, overrides: Sequence[str] = ()) -> BenchmarkConfig:
         values["runs"][key] = {**run, "settings": merged(recipe, run.get("settings") or {})}
     config = settings_from(BenchmarkConfig, values, path=path, overrides=overrides)
     if config.checksums is not None:
-        config = replace(config, checksums=path.parent / config.checksums)
+        config = config.replace(checksums=path.parent / config.checksums)
     _check_references(config, path)
     return _with_seeds(config)
 
@@ -224,20 +212,19 @@ def _with_seeds(config: BenchmarkConfig) -> BenchmarkConfig:
         first = int(run.settings.get("seed", 0))
         for index in range(run.seeds):
             several = bool(run.after) and config.runs[run.after].seeds > 1
-            one = replace(
-                run,
+            one = run.replace(
                 settings={**run.settings, "seed": first + index},
                 after=f"{run.after}-{index}" if several else run.after,
                 seeds=1,
                 arm=key,
             )
             runs |= {f"{key}-{index}": one} if run.seeds > 1 else {key: run}
-    expanded = replace(config, runs=runs)
+    expanded = config.replace(runs=runs)
     tests = {
-        key: replace(test, runs=tuple(one for name in test.runs for one in expanded.members(name)))
+        key: test.replace(runs=tuple(one for name in test.runs for one in expanded.members(name)))
         for key, test in config.tests.items()
     }
-    return replace(expanded, tests=tests)
+    return expanded.replace(tests=tests)
 
 
 def digest(*parts: Any) -> str:

@@ -117,7 +117,7 @@ def _generate(config: BenchmarkConfig, work: Workspace, workers: int, watcher: W
                     found=first.error.splitlines()[-1],
                     fix="Run the same command again to retry them",
                 )
-            if config.validate:
+            if config.validated:
                 _validate(work.set_path(name), workers)
         cost = work.cost(stage)
         watcher.ended(name, cost.wall_s, cost.cpu_s, "")

@@ -12,7 +12,7 @@ import numpy as np
 from pliant.evaluator.arrays import FloatArray
 from pliant.evaluator.metrics.base import Groups, Metric, Positive, ScoringContext, Summary
 from pliant.evaluator.metrics.blocks import Block
-from pliant.spec.configuration import configuration
+from pliant.spec.configuration import Settings
 from pliant.spec.constraints import Bounds
 
 _CDF_PX: Final = (0.5, 1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512)
@@ -21,8 +21,7 @@ _L2_STEP_PX: Final = 4.0
 _L2_BINS: Final = 32
 
 
-@configuration(frozen=True)
-class AnalysisSettings:
+class AnalysisSettings(Settings):
     """Settings of `analysis`.
 
     Attributes:

@@ -15,12 +15,11 @@ from pliant.evaluator.arrays import FloatArray
 from pliant.evaluator.metrics.base import Groups, Metric, Positives, ScoringContext, Summary
 from pliant.evaluator.metrics.blocks import Block
 from pliant.evaluator.statistics.ratios import Figure
-from pliant.spec.configuration import configuration
+from pliant.spec.configuration import Settings
 from pliant.spec.constraints import NotEmpty
 
 
-@configuration(frozen=True)
-class AucSettings:
+class AucSettings(Settings):
     """Settings of `auc`.
 
     Attributes:

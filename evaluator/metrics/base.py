@@ -15,7 +15,7 @@ from pliant.evaluator.metrics.surfaces import Surfaces
 from pliant.evaluator.statistics.ratios import Figure
 from pliant.evaluator.submission.answers import SplitAnswers
 from pliant.evaluator.submission.queries import Queries
-from pliant.spec.configuration import configuration
+from pliant.spec.configuration import Settings
 from pliant.spec.constraints import Bounds
 from pliant.spec.dataset import Dataset
 
@@ -129,8 +129,7 @@ class ScoringContext:
         return np.full(len(self.answers.uv_px), np.nan)
 
 
-@configuration(frozen=True)
-class NoSettings:
+class NoSettings(Settings):
     """A family without settings."""
 
 

@@ -17,7 +17,7 @@ from pliant.evaluator.metrics.base import Groups, Metric, Positive, ScoringConte
 from pliant.evaluator.metrics.blocks import Block
 from pliant.evaluator.metrics.surfaces import SurfaceFacts
 from pliant.evaluator.statistics.ratios import Figure, Ratio
-from pliant.spec.configuration import configuration
+from pliant.spec.configuration import Settings
 
 CAUSES_VERSION: Final = "1.0"
 
@@ -66,8 +66,7 @@ NO_CAUSE: Final = 255
 _OUTSIDE_RMSE: Final = "hidden"
 
 
-@configuration(frozen=True)
-class CausesSettings:
+class CausesSettings(Settings):
     """Lengths of the definitions, as shares of the longer side of the image.
 
     Attributes:

@@ -24,15 +24,14 @@ from pliant.evaluator.metrics.base import (
 from pliant.evaluator.metrics.blocks import Block
 from pliant.evaluator.metrics.errors import exact_quantiles
 from pliant.evaluator.statistics.ratios import Figure, Ratio
-from pliant.spec.configuration import configuration
+from pliant.spec.configuration import Settings
 from pliant.spec.constraints import Bounds
 
 _CHUNK_CELLS: Final = 1 << 19
 """Distances computed at once; they stay in the processor's cache."""
 
 
-@configuration(frozen=True)
-class ContinuitySettings:
+class ContinuitySettings(Settings):
     """Settings of `continuity`.
 
     Attributes:

@@ -21,7 +21,7 @@ from pliant.evaluator.metrics.blocks import Block
 from pliant.evaluator.metrics.mixtures import Mixtures
 from pliant.evaluator.statistics.ratios import Figure, Ratio
 from pliant.evaluator.submission.answers import SplitAnswers
-from pliant.spec.configuration import configuration
+from pliant.spec.configuration import Settings
 from pliant.spec.constraints import Bounds
 
 _MOST_SORTED: Final = 4_000_000
@@ -29,8 +29,7 @@ _MOST_SORTED: Final = 4_000_000
 _CHUNK_ROWS: Final = 1 << 15
 
 
-@configuration(frozen=True)
-class DistributionSettings:
+class DistributionSettings(Settings):
     """Settings of `distribution`.
 
     Attributes:

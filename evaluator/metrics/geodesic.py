@@ -9,12 +9,11 @@ import numpy as np
 from pliant.evaluator.metrics.base import Groups, Metric, Summary
 from pliant.evaluator.metrics.blocks import Block
 from pliant.evaluator.statistics.ratios import Figure, Ratio
-from pliant.spec.configuration import configuration
+from pliant.spec.configuration import Settings
 from pliant.spec.constraints import Bounds
 
 
-@configuration(frozen=True)
-class GeodesicSettings:
+class GeodesicSettings(Settings):
     """Settings of `geodesic`.
 
     Attributes:

@@ -15,7 +15,7 @@ from pliant.evaluator.metrics.base import (
 from pliant.evaluator.metrics.blocks import Block
 from pliant.evaluator.metrics.errors import exact_quantiles
 from pliant.evaluator.statistics.ratios import Figure, Ratio
-from pliant.spec.configuration import configuration
+from pliant.spec.configuration import Settings
 
 
 class Counts(Metric[NoSettings]):
@@ -32,8 +32,7 @@ class Counts(Metric[NoSettings]):
         self.table.put("queries", slice(0, queries.pairs), np.diff(queries.starts))
 
 
-@configuration(frozen=True)
-class LocalisationSettings:
+class LocalisationSettings(Settings):
     """Settings of `localisation`.
 
     Attributes:

@@ -23,13 +23,12 @@ from pliant.evaluator.metrics.surfaces import ObjectSurface, Surfaces, nearest_o
 from pliant.evaluator.statistics.ratios import Figure, Ratio
 from pliant.evaluator.submission.matches import SplitMatches
 from pliant.evaluator.submission.queries import Queries
-from pliant.spec.configuration import configuration
+from pliant.spec.configuration import Settings
 from pliant.spec.conventions import VISIBILITY_STATES
 from pliant.spec.errors import SpecError
 
 
-@configuration(frozen=True)
-class MatchesSettings:
+class MatchesSettings(Settings):
     """Settings of `matches`.
 
     Attributes:

@@ -15,11 +15,10 @@ from pliant.evaluator.metrics.base import Groups, Metric, Positive, Summary
 from pliant.evaluator.metrics.blocks import Block
 from pliant.evaluator.metrics.distribution import answered_mixtures, equivalent_positions
 from pliant.evaluator.statistics.ratios import Figure, Ratio
-from pliant.spec.configuration import configuration
+from pliant.spec.configuration import Settings
 
 
-@configuration(frozen=True)
-class OrbitSettings:
+class OrbitSettings(Settings):
     """Settings of `orbit`.
 
     Attributes:

@@ -16,11 +16,10 @@ from pliant.evaluator.arrays import FloatArray, IntArray
 from pliant.evaluator.metrics.base import Metric, Positives
 from pliant.evaluator.metrics.blocks import Block
 from pliant.evaluator.statistics.ratios import Figure, Ratio
-from pliant.spec.configuration import configuration
+from pliant.spec.configuration import Settings
 
 
-@configuration(frozen=True)
-class PckSettings:
+class PckSettings(Settings):
     """Settings of `pck`.
 
     Attributes:

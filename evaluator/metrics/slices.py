@@ -15,14 +15,13 @@ from pliant.evaluator.metrics.base import Groups, Metric, Positive, ScoringConte
 from pliant.evaluator.metrics.blocks import Block
 from pliant.evaluator.metrics.errors import endpoint_error_px
 from pliant.evaluator.statistics.ratios import Figure, Ratio
-from pliant.spec.configuration import configuration
+from pliant.spec.configuration import Settings
 from pliant.spec.conventions import VISIBILITY_STATES
 from pliant.spec.io.parquet import read_table
 from pliant.spec.storage import layout
 
 
-@configuration(frozen=True)
-class SlicesSettings:
+class SlicesSettings(Settings):
     """Settings of `slices`.
 
     Attributes:

@@ -19,12 +19,11 @@ from pliant.evaluator.metrics.base import Groups, Metric, Positive, Positives, S
 from pliant.evaluator.metrics.blocks import Block
 from pliant.evaluator.metrics.pck import threshold_level
 from pliant.evaluator.statistics.ratios import Figure, Ratio
-from pliant.spec.configuration import configuration
+from pliant.spec.configuration import Settings
 from pliant.spec.constraints import Bounds, NotEmpty
 
 
-@configuration(frozen=True)
-class TapvidSettings:
+class TapvidSettings(Settings):
     """Settings of `tapvid`.
 
     Attributes:

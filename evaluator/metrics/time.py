@@ -10,12 +10,11 @@ from pliant.evaluator.arrays import IntArray
 from pliant.evaluator.metrics.base import Groups, Metric, ScoringContext, Summary
 from pliant.evaluator.metrics.blocks import Block
 from pliant.evaluator.statistics.ratios import Figure, Ratio
-from pliant.spec.configuration import configuration
+from pliant.spec.configuration import Settings
 from pliant.spec.constraints import Bounds
 
 
-@configuration(frozen=True)
-class TimeSettings:
+class TimeSettings(Settings):
     """Settings of `time`.
 
     Attributes:

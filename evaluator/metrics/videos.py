@@ -21,11 +21,10 @@ from pliant.evaluator.metrics.tapvid import (
     tapvid_figures,
 )
 from pliant.evaluator.statistics.ratios import Figure
-from pliant.spec.configuration import configuration
+from pliant.spec.configuration import Settings
 
 
-@configuration(frozen=True)
-class VideosSettings:
+class VideosSettings(Settings):
     """Settings of `videos`.
 
     Attributes:

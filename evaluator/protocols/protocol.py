@@ -12,7 +12,7 @@ from typing import Annotated, Any, Final, Literal
 from pliant.evaluator.metrics.base import Metric
 from pliant.evaluator.statistics.bootstrap import Bootstrap
 from pliant.evaluator.statistics.ratios import Figure, Ratio
-from pliant.spec.configuration import configuration, settings_from, settings_to_dict
+from pliant.spec.configuration import Settings, settings_from, settings_to_dict
 from pliant.spec.constraints import NotEmpty
 from pliant.spec.errors import CallError
 
@@ -22,8 +22,7 @@ PROTOCOL_NAMES: Final = tuple(
 )
 
 
-@configuration(frozen=True)
-class Policy:
+class Policy(Settings):
     """What happens to answers that are missing, doubled, unknown or unusual."""
 
     missing: Literal["error", "counted_in_coverage"]
@@ -36,8 +35,7 @@ class Policy:
     predictions: Literal["as_submitted"]
 
 
-@configuration(frozen=True)
-class Protocol:
+class Protocol(Settings):
     """One protocol, as its file says.
 
     Attributes:

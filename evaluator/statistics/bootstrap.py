@@ -20,14 +20,13 @@ from scipy.special import ndtr, stdtrit
 
 from pliant.evaluator.arrays import FloatArray, IndexArray, IntArray
 from pliant.evaluator.statistics.ratios import Ratio
-from pliant.spec.configuration import configuration
+from pliant.spec.configuration import Settings
 from pliant.spec.constraints import Bounds
 
 _CHUNK_CELLS: Final = 1 << 22
 
 
-@configuration(frozen=True)
-class Bootstrap:
+class Bootstrap(Settings):
     """How confidence intervals are drawn.
 
     Attributes:

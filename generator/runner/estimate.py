@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import tempfile
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -63,7 +63,7 @@ def estimate_run(
     if not missing:
         return Estimate(0.0, 0, 0)
     forecast = Forecast.of(missing, config.frames, workers)
-    short = replace(config, frames=min(config.frames, TRIAL_FRAMES))
+    short = config.replace(frames=min(config.frames, TRIAL_FRAMES))
     trials = [
         SequenceTask(tier, "train", number)
         for tier in forecast.frames_left

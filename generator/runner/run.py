@@ -7,7 +7,7 @@ import logging
 import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, Literal
 
@@ -188,7 +188,7 @@ def _begin(run: RunFolder, config: GenerateConfig, plan: Plan) -> GenerateConfig
     if stored is not None:
         refuse_changes(stored, config.resolved(), run.root)
     if config.secret_seed:
-        config = replace(config, seed=run.secret_seed(begun=stored is not None))
+        config = config.replace(seed=run.secret_seed(begun=stored is not None))
     run.store_config(config, finished=False)
     _remove_damaged(run.root, plan, run.partial)
     run.clear_partial()

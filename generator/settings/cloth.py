@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Annotated, Final, Literal
+from typing import TYPE_CHECKING, Annotated, Final, Literal, Self
 
-from pliant.spec.configuration import configuration
+from pydantic import model_validator
+
+from pliant.spec.configuration import Settings
 from pliant.spec.constraints import Bounds, Range, Refused, Share
 from pliant.spec.errors import CallError
 
@@ -31,8 +33,7 @@ structural and shear springs adding up to 8 ks / m, is stable below 0.5."""
 _FRAMES_PER_SECOND: Final = 30
 
 
-@configuration(frozen=True)
-class ClothSettings:
+class ClothSettings(Settings):
     """How a cloth is made, shaped and handed on.
 
     Attributes:
@@ -83,7 +84,8 @@ class ClothSettings:
     yaw_max_rad: Annotated[float, Bounds(0, math.pi)] = 0.35
     max_tries: Annotated[int, Bounds(1, 1000)] = 25
 
-    def __post_init__(self) -> None:
+    @model_validator(mode="after")
+    def _check(self) -> Self:
         if self.tracked_a_side > self.render_a_side or self.render_cells % (
             self.tracked_a_side - 1
         ):
@@ -94,6 +96,7 @@ class ClothSettings:
             raise Refused(f"at most side_m / 20 = {0.05 * self.side_m:g}", "thickness_m")
         if self.coverage_band is not None and self.coverage_band[0] == self.coverage_band[1]:
             raise Refused("[low, high] with low < high", "coverage_band")
+        return self
 
     @property
     def render_cells(self) -> int:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from copy import copy
-from dataclasses import field, replace
 from itertools import product
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Final, Literal, Self
 
-from pliant.spec.configuration import configuration
+from pydantic import Field, model_validator
+
+from pliant.spec.configuration import Settings
 from pliant.spec.constraints import (
     Bounds,
     Count,
@@ -28,6 +28,9 @@ KNOTS: Final = ("overhand", "figure-eight")
 SHORTEST_KNOT_DIAMETERS: Final[Mapping[str, float]] = {"overhand": 20.0, "figure-eight": 28.0}
 """Rope lengths, in diameters, under which the flat knot would press strands into each other."""
 
+MAY_BE_DRAWN: Final = ("length_m", "radius_m", "structure", "strands", "turns")
+"""Settings that may be given as what each sequence draws its own from."""
+
 _DRAWN: Final = ("laid", "tube")
 """Structures that a rope of drawn proportions can have. A braid has gaps between its strands, at
 other places in every braid: a material point of one rope would be missing on the next."""
@@ -36,16 +39,15 @@ LONGEST_KNOT_SHARE: Final = 0.92
 """A knot may take this share of the rope; the rest is its two tails."""
 
 
-@configuration(frozen=True)
-class RopeSettings:
+class RopeSettings(Settings):
     """The settings of a rope tier; every value is checked when the object is made.
 
     The defaults keep the paper's proportions: four laid strands, a ball of 7.5 strand radii
     at the origin end, 12 control points, and its mix of shapes (30 % open, 25 % overlap,
     45 % loop and tuck, of which a third are here pulled into true knots).
 
-    The first five may also be given as what each sequence draws its own from: numbers as
-    [low, high], the structure as name -> weight.
+    `length_m`, `radius_m`, `structure`, `strands` and `turns` may also be given as what each
+    sequence draws its own from: numbers as [low, high], the structure as name -> weight.
 
     Attributes:
         length_m: Length of the rope along its centre line, metres.
@@ -89,13 +91,13 @@ class RopeSettings:
     ring: Annotated[int, Bounds(6, 64, multiple_of=2)] = 8
     ball: bool = True
     ball_strand_radii: Annotated[float, Bounds(0.5, 40)] = 7.5
-    shapes: Annotated[Mapping[str, float], Weights(SHAPES)] = field(
+    shapes: Annotated[Mapping[str, float], Weights(SHAPES)] = Field(
         default_factory=lambda: {"open": 0.30, "loop": 0.30, "overlap": 0.25, "knot": 0.15}
     )
-    knots: Annotated[Mapping[str, float], Weights(KNOTS)] = field(
+    knots: Annotated[Mapping[str, float], Weights(KNOTS)] = Field(
         default_factory=lambda: {"overhand": 0.6, "figure-eight": 0.4}
     )
-    knot_diameters: Mapping[Annotated[str, OneOf(KNOTS)], Range] = field(
+    knot_diameters: Mapping[Annotated[str, OneOf(KNOTS)], Range] = Field(
         default_factory=lambda: {"overhand": (22.0, 32.0), "figure-eight": (31.0, 38.0)}
     )
     loop_radius_m: Range = (0.042, 0.085)
@@ -113,7 +115,8 @@ class RopeSettings:
     hand_force_weights: Annotated[float, Bounds(0.5, 20)] = 1.6
     spread_share: Share = 0.4
 
-    def __post_init__(self) -> None:
+    @model_validator(mode="after")
+    def _check(self) -> Self:
         """Refuse what cannot be built.
 
         Raises:
@@ -126,11 +129,12 @@ class RopeSettings:
             extreme._check_shapes()
             extreme._check_points()
             extreme._check_episodes()
+        return self
 
     @property
     def drawn(self) -> dict[str, Any]:
         """Field -> what each sequence draws it from; empty where all are given."""
-        given = {name: getattr(self, name) for name in list(self.__dataclass_fields__)[:5]}
+        given = {name: getattr(self, name) for name in MAY_BE_DRAWN}
         return {name: each for name, each in given.items() if isinstance(each, tuple | Mapping)}
 
     @property
@@ -147,7 +151,7 @@ class RopeSettings:
 
     def with_values(self, values: dict[str, Any]) -> RopeSettings:
         """Return these settings with values for what is drawn; a tube has one strand."""
-        return replace(self, **_with_strands(values)) if values else self
+        return self.replace(**_with_strands(values)) if values else self
 
     def _extremes(self) -> Iterator[RopeSettings]:
         """Yield these settings with every combination of the ends of the ranges."""
@@ -157,10 +161,7 @@ class RopeSettings:
             for each in sources.values()
         ]
         for values in product(*ends):
-            extreme = copy(self)
-            for name, value in _with_strands(dict(zip(sources, values, strict=True))).items():
-                object.__setattr__(extreme, name, value)
-            yield extreme
+            yield self.model_copy(update=_with_strands(dict(zip(sources, values, strict=True))))
 
     @property
     def diameter_m(self) -> float:

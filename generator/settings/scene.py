@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import field
-from typing import Annotated, ClassVar, Final
+from typing import Annotated, Final, Self
 
-from pliant.spec.configuration import configuration, unstored
+from pydantic import Field, model_validator
+
+from pliant.spec.configuration import Settings
 from pliant.spec.constraints import (
     Bounds,
     Natural,
@@ -21,8 +22,7 @@ TABLES: Final = ("plain", "mottled", "wood")
 ROPE_COLOURINGS: Final = ("solid", "tracer", "two-tone")
 
 
-@configuration(frozen=True)
-class AppearanceSettings:
+class AppearanceSettings(Settings):
     """Ranges an appearance is drawn from, uniformly; (low, high) with low <= high.
 
     Attributes:
@@ -52,9 +52,7 @@ class AppearanceSettings:
             the same configurations in materials that the other has never shown.
     """
 
-    SECTION: ClassVar[str] = "look"
-
-    tables: Annotated[Mapping[str, float], Weights(TABLES)] = field(
+    tables: Annotated[Mapping[str, float], Weights(TABLES)] = Field(
         default_factory=lambda: {"plain": 0.25, "mottled": 0.45, "wood": 0.30}
     )
     table_value: Annotated[Range, Bounds(0, 1)] = (0.25, 0.85)
@@ -64,7 +62,7 @@ class AppearanceSettings:
     object_value: Annotated[Range, Bounds(0, 1)] = (0.45, 0.95)
     object_saturation: Annotated[Range, Bounds(0, 1)] = (0.10, 0.85)
     object_hue: Annotated[Range, Bounds(-1, 1)] = (0.0, 1.0)
-    rope_colourings: Annotated[Mapping[str, float], Weights(ROPE_COLOURINGS)] = field(
+    rope_colourings: Annotated[Mapping[str, float], Weights(ROPE_COLOURINGS)] = Field(
         default_factory=lambda: {"solid": 0.25, "tracer": 0.50, "two-tone": 0.25}
     )
     fibre_contrast: Annotated[Range, Bounds(0, 1)] = (0.10, 0.35)
@@ -88,8 +86,7 @@ MIN_MARGIN: Final = 0.02
 """Share of the frame that stays free on every side of the object at the start."""
 
 
-@configuration(frozen=True)
-class CameraSettings:
+class CameraSettings(Settings):
     """Ranges a camera is drawn from, uniformly; (low, high) with low <= high.
 
     Attributes:
@@ -121,13 +118,14 @@ class CameraSettings:
     oblique_roll_deg: Annotated[Range, Bounds(-180, 180)] = (-4.0, 4.0)
     distance_m: Annotated[Range, Bounds(CLEARANCE_M, 100)] | None = None
 
-    def __post_init__(self) -> None:
+    @model_validator(mode="after")
+    def _check(self) -> Self:
         if self.top + self.oblique <= 0:
             raise Refused("above 0 for one of top and oblique", "top")
+        return self
 
 
-@configuration(frozen=True)
-class NoiseSettings:
+class NoiseSettings(Settings):
     """Strengths, drawn uniformly for each frame; (low, high) with low <= high; 0 is none.
 
     Attributes:
@@ -148,12 +146,11 @@ class NoiseSettings:
     dropout: Annotated[Range, Bounds(0, 1)] = (0.0, 0.25)
     dropout_px: Annotated[int, Bounds(0, 16)] = 2
     dropout_scale_px: Annotated[float, Bounds(1, 1000)] = 12.0
-    blur_px: Annotated[Range, Bounds(0, 32)] = unstored((0.0, 0.0))
-    jpeg_quality: Annotated[WholeRange, Bounds(1, 95)] | None = unstored(None)
+    blur_px: Annotated[Range, Bounds(0, 32)] = (0.0, 0.0)
+    jpeg_quality: Annotated[WholeRange, Bounds(1, 95)] | None = None
 
 
-@configuration(frozen=True)
-class DepthCameraSettings:
+class DepthCameraSettings(Settings):
     """Strengths, drawn uniformly for each frame; (low, high) with low <= high.
 
     Attributes:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 from pliant.models.don.certainty import Calibration
@@ -54,7 +53,7 @@ def load_matcher(run: Path | str) -> DonMatcher:
     if not (run / CONFIG).is_file():
         raise CallError("this is not a training run", path=run, required=f"a folder with {CONFIG}")
     settings = read_settings(DonSettings, run / CONFIG)
-    settings = replace(settings, network=replace(settings.network, pretrained=""))
+    settings = settings.replace(network=settings.network.replace(pretrained=""))
     canonical = None
     if settings.loss.canonical_weight > 0:
         anchors = read_weights_file(run / BEST)[PREFIX + "anchors"]

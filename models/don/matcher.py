@@ -28,6 +28,7 @@ from pliant.models.don.strangeness import (
 from pliant.models.don.tracing import TracedPlaces, TracedView, traced_places
 from pliant.models.networks.descriptor_network import DescriptorNetwork
 from pliant.spec.answers import Answers
+from pliant.spec.configuration import settings_to_dict
 from pliant.spec.frame import Frame, Pair
 from pliant.spec.io.resizing import resize_nearest
 
@@ -120,7 +121,7 @@ class DonMatcher:
             "name": self.name,
             **self.facts,
             "input": {**asdict(self.input), "width": self.size[0], "height": self.size[1]},
-            "answer": asdict(self.settings),
+            "answer": settings_to_dict(self.settings),
             "calibration": calibration,
             "torch": torch.__version__,
         }

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import field
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
+
+from pydantic import model_validator
 
 from pliant.loaders import AugmentSettings, PairSettings
 from pliant.models.losses.distributional import Direction
 from pliant.models.networks.descriptor_network import NetworkSettings
 from pliant.models.training.settings import RunSettings, ValidationSettings
-from pliant.spec.configuration import configuration
+from pliant.spec.configuration import Settings
 from pliant.spec.constraints import (
     Bounds,
     Count,
@@ -32,8 +33,7 @@ def shrinking(first: float, last: float, progress: float) -> float:
     return float(first * (last / first) ** min(2 * progress, 1.0))
 
 
-@configuration(frozen=True)
-class LossSettings:
+class LossSettings(Settings):
     """What is minimised. Pixels are those of the network's input.
 
     Attributes:
@@ -127,7 +127,6 @@ class LossSettings:
         return shrinking(self.sigma_start_px or self.sigma_px, self.sigma_px, progress)
 
 
-@configuration(frozen=True)
 class PairValidationSettings(ValidationSettings):
     """How a run of Dense Object Nets is watched.
 
@@ -143,8 +142,7 @@ class PairValidationSettings(ValidationSettings):
     calibration_pairs: Count = 100
 
 
-@configuration(frozen=True)
-class AnswerSettings:
+class AnswerSettings(Settings):
     """How a trained network answers.
 
     Attributes:
@@ -174,7 +172,6 @@ class AnswerSettings:
     distribution: Literal["modes", "sigma", "none"] = "modes"
 
 
-@configuration(frozen=True)
 class DonSettings(RunSettings):
     """A whole run of Dense Object Nets.
 
@@ -189,15 +186,16 @@ class DonSettings(RunSettings):
             that of the run. Pairs are of one dataset and tier.
     """
 
-    pairs: PairSettings = field(default_factory=PairSettings)
-    augment: AugmentSettings = field(default_factory=AugmentSettings)
-    network: NetworkSettings = field(default_factory=NetworkSettings)
-    loss: LossSettings = field(default_factory=LossSettings)
-    validation: PairValidationSettings = field(default_factory=PairValidationSettings)
-    answer: AnswerSettings = field(default_factory=AnswerSettings)
+    pairs: PairSettings = PairSettings()
+    augment: AugmentSettings = AugmentSettings()
+    network: NetworkSettings = NetworkSettings()
+    loss: LossSettings = LossSettings()
+    validation: PairValidationSettings = PairValidationSettings()
+    answer: AnswerSettings = AnswerSettings()
     also: tuple[str, ...] = ()
 
-    def __post_init__(self) -> None:
+    @model_validator(mode="after")
+    def _check(self) -> Self:
         if self.loss.time_weight > 0 and self.pairs.pairing == "any":
             raise Refused(
                 "'sequence' or 'next' for loss.time_weight above 0",
@@ -219,3 +217,4 @@ class DonSettings(RunSettings):
             need_points.append("loss.space_pairs geodesic")
         if need_points and self.pairs.matches != "points":
             raise Refused(f"'points' for {need_points[0]}", "pairs.matches")
+        return self

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -116,8 +116,8 @@ class DonTask(Task[DonSettings]):
     def validate(self) -> Mapping[str, float]:
         """Return the errors on the validation pairs, px of the dataset."""
         # Upright images only while training: other copies are for the final answers.
-        upright = replace(self.settings.answer, rotations=1, mirrored=False)
-        matcher = self.matcher(replace(self.settings, answer=upright))
+        upright = self.settings.answer.replace(rotations=1, mirrored=False)
+        matcher = self.matcher(self.settings.replace(answer=upright))
         return validate(matcher, self.validation_pairs, self.dataset.size)
 
     def matcher(self, settings: DonSettings, facts: Mapping[str, Any] | None = None) -> DonMatcher:

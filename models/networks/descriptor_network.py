@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, Final, Literal
+from typing import Annotated, Final, Literal, Self
 
 import torch
+from pydantic import model_validator
 from torch import nn
 from torch.nn import functional
 
@@ -15,7 +16,7 @@ from pliant.models.networks.canonical import CanonicalHead
 from pliant.models.networks.resnet import DEPTHS, ResNetFCN
 from pliant.models.networks.unet import UNet
 from pliant.models.training.settings import Channels
-from pliant.spec.configuration import configuration
+from pliant.spec.configuration import Settings
 from pliant.spec.constraints import Bounds, OneOf, Refused
 from pliant.spec.errors import CallError
 
@@ -26,8 +27,7 @@ FOREGROUND_CHANNELS: Final = 2
 """Logits of the queried object's mask and of the mask of all objects."""
 
 
-@configuration(frozen=True)
-class NetworkSettings:
+class NetworkSettings(Settings):
     """Which network, and what it puts out.
 
     Attributes:
@@ -50,9 +50,11 @@ class NetworkSettings:
     patch: Literal[1, 2, 4] = 1
     pretrained: str = ""
 
-    def __post_init__(self) -> None:
+    @model_validator(mode="after")
+    def _check(self) -> Self:
         if not 2 <= len(self.widths) <= 8 or self.widths[-1] % 32:
             raise Refused("two to eight multiples of 8, the last one of 32", "widths")
+        return self
 
 
 def _unet(settings: NetworkSettings, channels_in: int, channels_out: int) -> nn.Module:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +20,7 @@ from pliant.models.timecycle.settings import PropagationSettings, TimeCycleSetti
 from pliant.models.training.checkpoint import load_best
 from pliant.models.training.run_folder import CONFIG, RUN_FACTS, read_run_json
 from pliant.spec.answers import Answers
-from pliant.spec.configuration import read_settings
+from pliant.spec.configuration import read_settings, settings_to_dict
 from pliant.spec.frame import Frame, Pair
 from pliant.spec.io.resizing import resize_nearest
 from pliant.spec.lru_cache import LRUCache
@@ -60,7 +59,7 @@ class TimeCycleMatcher:
             "name": self.name,
             **self.facts,
             "input": {"kind": "rgb", "width": self.size[0], "height": self.size[1]},
-            "propagation": asdict(self.settings.propagation),
+            "propagation": settings_to_dict(self.settings.propagation),
             "torch": torch.__version__,
         }
 
@@ -69,7 +68,7 @@ class TimeCycleMatcher:
         source, target, uv_a_px = pair.source, pair.target, pair.uv_a_px
         if len(uv_a_px) == 0:
             return Answers(np.zeros((0, 2), dtype=np.float32))
-        anywhere = replace(self.settings.propagation, radius=0.0, prior=0.0, smooth=0.0)
+        anywhere = self.settings.propagation.replace(radius=0.0, prior=0.0, smooth=0.0)
         propagator = self._propagator(source, uv_a_px, anywhere)
         with torch.inference_mode():
             found = propagator.step(self._encode(target), self._searched(target))
@@ -152,6 +151,6 @@ def load_timecycle(run: Path) -> TimeCycleMatcher:
         TrainingError: The run has no validated weights yet, or they do not fit.
     """
     settings = read_settings(TimeCycleSettings, run / CONFIG)
-    network = TimeCycleNetwork(replace(settings, encoder=replace(settings.encoder, pretrained="")))
+    network = TimeCycleNetwork(settings.replace(encoder=settings.encoder.replace(pretrained="")))
     load_best(network, run)
     return TimeCycleMatcher(network, settings, read_run_json(run / RUN_FACTS))

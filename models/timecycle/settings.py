@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import field
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
+
+from pydantic import model_validator
 
 from pliant.loaders.augment import AugmentSettings
 from pliant.models.training.settings import (
@@ -12,7 +13,7 @@ from pliant.models.training.settings import (
     RunSettings,
     ValidationSettings,
 )
-from pliant.spec.configuration import configuration
+from pliant.spec.configuration import Settings
 from pliant.spec.constraints import (
     Bounds,
     Count,
@@ -26,8 +27,7 @@ from pliant.spec.constraints import (
 Width = Annotated[int, Bounds(8, 1024, multiple_of=8)]
 
 
-@configuration(frozen=True)
-class EncoderSettings:
+class EncoderSettings(Settings):
     """The network that gives every cell of an image a descriptor.
 
     Attributes:
@@ -43,15 +43,16 @@ class EncoderSettings:
     widths: tuple[Width, Width, Width] = (32, 64, 96)
     pretrained: str = ""
 
-    def __post_init__(self) -> None:
+    @model_validator(mode="after")
+    def _check(self) -> Self:
         if self.pretrained and self.name == "small":
             raise Refused(
                 "empty for the encoder 'small'; a ResNet has pretrained weights", "pretrained"
             )
+        return self
 
 
-@configuration(frozen=True)
-class LocaliserSettings:
+class LocaliserSettings(Settings):
     """What reads a place off the affinities between a patch and a frame.
 
     Attributes:
@@ -66,8 +67,7 @@ class LocaliserSettings:
     kernel: Literal[1, 3] = 3
 
 
-@configuration(frozen=True)
-class ClipSettings:
+class ClipSettings(Settings):
     """What a training clip is.
 
     Attributes:
@@ -91,13 +91,14 @@ class ClipSettings:
     turn_deg: Annotated[float, Bounds(0, 180)] = 30.0
     recolour: Share = 0.1
 
-    def __post_init__(self) -> None:
+    @model_validator(mode="after")
+    def _check(self) -> Self:
         if self.step_max < self.step:
             raise Refused(f">= step, {self.step}", "step_max")
+        return self
 
 
-@configuration(frozen=True)
-class CycleLossSettings:
+class CycleLossSettings(Settings):
     """What is minimised. Each part has its own name in the log.
 
     Attributes:
@@ -129,8 +130,7 @@ class CycleLossSettings:
         return any((self.similarity, self.skip, self.long, self.self_cycle))
 
 
-@configuration(frozen=True)
-class WalkSettings:
+class WalkSettings(Settings):
     """The contrastive random walk, alone or in addition to the cycles.
 
     Attributes:
@@ -148,8 +148,7 @@ class WalkSettings:
     on_object: bool = False
 
 
-@configuration(frozen=True)
-class PropagationSettings:
+class PropagationSettings(Settings):
     """How points are carried through frames.
 
     Attributes:
@@ -177,12 +176,13 @@ class PropagationSettings:
     refine: Count = 2
     search: Literal["mask", "image"] = "image"
 
-    def __post_init__(self) -> None:
+    @model_validator(mode="after")
+    def _check(self) -> Self:
         if self.context == 0 and self.first_weight == 0:
             raise Refused("above 0 without context frames", "first_weight")
+        return self
 
 
-@configuration(frozen=True)
 class TrackValidationSettings(ValidationSettings):
     """How a run of TimeCycle is watched.
 
@@ -199,7 +199,6 @@ class TrackValidationSettings(ValidationSettings):
     queries: Count = 32
 
 
-@configuration(frozen=True)
 class TimeCycleSettings(RunSettings):
     """A whole run of TimeCycle.
 
@@ -221,16 +220,17 @@ class TimeCycleSettings(RunSettings):
     steps: Count = 800
     batch: BatchSize = 4
     checkpoint_every: Count = 100
-    clips: ClipSettings = field(default_factory=ClipSettings)
-    augment: AugmentSettings = field(default_factory=AugmentSettings)
-    encoder: EncoderSettings = field(default_factory=EncoderSettings)
-    localiser: LocaliserSettings = field(default_factory=LocaliserSettings)
-    losses: CycleLossSettings = field(default_factory=CycleLossSettings)
-    walk: WalkSettings = field(default_factory=WalkSettings)
-    validation: TrackValidationSettings = field(default_factory=TrackValidationSettings)
-    propagation: PropagationSettings = field(default_factory=PropagationSettings)
+    clips: ClipSettings = ClipSettings()
+    augment: AugmentSettings = AugmentSettings()
+    encoder: EncoderSettings = EncoderSettings()
+    localiser: LocaliserSettings = LocaliserSettings()
+    losses: CycleLossSettings = CycleLossSettings()
+    walk: WalkSettings = WalkSettings()
+    validation: TrackValidationSettings = TrackValidationSettings()
+    propagation: PropagationSettings = PropagationSettings()
 
-    def __post_init__(self) -> None:
+    @model_validator(mode="after")
+    def _check(self) -> Self:
         if not self.losses.any and self.walk.weight == 0:
             raise Refused(
                 "one weight above 0 of similarity, skip, long, self_cycle and walk.weight",
@@ -240,6 +240,7 @@ class TimeCycleSettings(RunSettings):
             raise Refused(f"<= {min(self.width, self.height) // 16}: two nodes", "walk.nodes")
         if self.losses.freeze and self.localiser.kind == "moments":
             raise Refused("0 for localiser.kind moments, which has no weights", "losses.freeze")
+        return self
 
     @property
     def patch_cells(self) -> int:

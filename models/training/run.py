@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypedDict
 
@@ -13,7 +12,7 @@ from pliant.models.training.checkpoint import BEST, load_best
 from pliant.models.training.loop import Progress, train
 from pliant.models.training.processes import joined_processes
 from pliant.models.training.run_folder import open_run, run_facts, with_tier
-from pliant.models.training.task import Settings, Task
+from pliant.models.training.task import Chosen, Task
 from pliant.spec.dataset import Dataset
 
 
@@ -32,10 +31,10 @@ class RunOptions(TypedDict, total=False):
 
 
 def train_task(
-    task_type: type[Task[Settings]],
+    task_type: type[Task[Chosen]],
     dataset: Dataset,
     run: Path,
-    settings: Settings,
+    settings: Chosen,
     options: RunOptions,
 ) -> dict[str, Any]:
     """Train a method; afterwards `load_matcher(run)` answers.
@@ -56,7 +55,7 @@ def train_task(
         CallError: The config does not fit the dataset, or the folder is in use.
         TrainingError: Nothing to resume, another config than it began with, or divergence.
     """
-    settings = replace(settings, tier=with_tier(settings.tier, dataset))
+    settings = settings.replace(tier=with_tier(settings.tier, dataset))
     if settings.threads:
         torch.set_num_threads(settings.threads)
     with joined_processes() as processes:

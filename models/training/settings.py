@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import field
 from typing import Annotated, Literal
 
-from pliant.spec.configuration import configuration
+from pliant.spec.configuration import Settings
 from pliant.spec.constraints import Bounds, Count, Natural, NonNegative, Positive
 
 BelowOne = Annotated[float, Bounds(0, 1, below=True)]
@@ -17,8 +16,7 @@ network takes the memory of the machine."""
 Precision = Literal["auto", "float32", "bfloat16"]
 
 
-@configuration(frozen=True)
-class OptimiserSettings:
+class OptimiserSettings(Settings):
     """The optimiser and how its learning rate goes.
 
     Attributes:
@@ -50,8 +48,7 @@ class OptimiserSettings:
     average: BelowOne = 0.99
 
 
-@configuration(frozen=True)
-class ValidationSettings:
+class ValidationSettings(Settings):
     """How a run is watched.
 
     Attributes:
@@ -68,8 +65,7 @@ class ValidationSettings:
     keep: Literal["best", "last"] = "best"
 
 
-@configuration(frozen=True)
-class RunSettings:
+class RunSettings(Settings):
     """Settings of every training run, whatever it trains.
 
     Attributes:
@@ -106,5 +102,5 @@ class RunSettings:
     cache: bool = True
     cache_dir: str = ""
     checkpoint_every: Count = 250
-    optimiser: OptimiserSettings = field(default_factory=OptimiserSettings)
-    validation: ValidationSettings = field(default_factory=ValidationSettings)
+    optimiser: OptimiserSettings = OptimiserSettings()
+    validation: ValidationSettings = ValidationSettings()

@@ -19,10 +19,10 @@ from pliant.models.training.settings import RunSettings
 from pliant.spec.dataset import Dataset
 
 Batch = Mapping[str, torch.Tensor]
-Settings = TypeVar("Settings", bound=RunSettings)
+Chosen = TypeVar("Chosen", bound=RunSettings)
 
 
-class Task(ABC, Generic[Settings]):
+class Task(ABC, Generic[Chosen]):
     """A method that is trained; the constructor of a subclass also sets `network` and `samples`.
 
     Attributes:
@@ -41,9 +41,7 @@ class Task(ABC, Generic[Settings]):
     samples: TorchDataset[dict[str, torch.Tensor]]
     answering: ClassVar[str]
 
-    def __init__(
-        self, dataset: Dataset, settings: Settings, run: Path, processes: Processes
-    ) -> None:
+    def __init__(self, dataset: Dataset, settings: Chosen, run: Path, processes: Processes) -> None:
         self.dataset, self.settings, self.processes = dataset, settings, processes
         self.size = (settings.width, settings.height)
         folder = Path(settings.cache_dir) if settings.cache_dir else run / "cache"

@@ -63,7 +63,7 @@ def published(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Path,
     for name, config in SETS.items():
         assert not generate(config, root / name).failed
         made[name] = config
-    tracks = replace(SETS["episodes"], queries=QuerySettings(queries_per_pair=32, kind="track"))
+    tracks = SETS["episodes"].replace(queries=QuerySettings(queries_per_pair=32, kind="track"))
     shutil.copytree(root / "episodes", root / "tracks")
     (root / "scratch").mkdir()
     write_dataset_files(tracks, plan_tasks(tracks), root / "tracks", root / "scratch")

@@ -23,7 +23,7 @@ TIERS = ("rope", "cloth-1")
 CONFIG = """
 name: two
 version: 1.0.0
-validate: true
+validated: true
 sets:
   both:
     title: Two <tiers>
@@ -137,7 +137,7 @@ def test_a_set_that_violates_the_specification_stops_the_run(
 
 def test_the_demo_is_a_config_of_the_package() -> None:
     config = read_config(Path(str(files("pliant.benchmarks.suite") / "demo.yaml")))
-    assert config.validate
+    assert config.validated
     assert [test.tier for test in config.tests.values()] == ["rope", "cloth-1", "cloth-3"]
     assert {name: made.id for name, made in config.sets.items()} == {
         "rope": "pliant-demo-rope", "cloth": "pliant-demo-cloth",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -215,7 +214,7 @@ def test_the_ablations_ask_the_sets_of_the_mini_benchmark() -> None:
     )
     for name, made in config.asked.items():
         same = mini.sets[name]
-        assert made == replace(same, id=made.id, version=made.version, title=made.title)
+        assert made == same.replace(id=made.id, version=made.version, title=made.title)
     for each in config.comparisons:
         assert len(config.members(each.method)) == len(config.members(each.against)) == 3
 
@@ -250,7 +249,7 @@ def test_a_regenerated_sequence_is_the_frozen_one(name: str, variant: str, tmp_p
     config = read_config(FOLDER / f"{name}.yaml")
     frozen = read_frozen(config)
     assert frozen is not None
-    few = replace(config.sets[variant], splits={"test": 1}, sequences=None)
+    few = config.sets[variant].replace(splits={"test": 1}, sequences=None)
     generate(few, tmp_path / "set")
     for sequence in Dataset.open(tmp_path / "set").sequences:
         table = sequence.dir / "correspondences.parquet"
@@ -301,8 +300,8 @@ def test_a_wrong_config_is_refused(change: dict[str, object], message: str, tmp_
 
 def test_a_training_is_another_when_what_it_started_from_is(config_file: Path) -> None:
     config = read_config(config_file)
-    changed = {**config.runs, "small": replace(config.runs["small"], settings={"steps": 5})}
-    other = replace(config, runs=changed)
+    changed = {**config.runs, "small": config.runs["small"].replace(settings={"steps": 5})}
+    other = config.replace(runs=changed)
     assert run_digest(config, "more") != run_digest(other, "more")
     assert run_digest(config, "more") == run_digest(read_config(config_file), "more")
 
@@ -313,7 +312,7 @@ def test_some_blocks_alone_with_what_they_need(config_file: Path, tmp_path: Path
     assert set(seeds.sets) == {"rope", "rope-noisy"}  # asked, and trained on
     assert set(seeds.runs) == {"twice-0", "twice-1"}
     assert (list(seeds.tests), seeds.comparisons) == (["rope-seeds"], ())
-    later = replace(config, tests={"later": replace(config.tests["rope"], runs=("more",))})
+    later = config.replace(tests={"later": config.tests["rope"].replace(runs=("more",))})
     alone = later.only(["later"])
     assert set(alone.runs) == {"small", "more"}  # `more` starts from `small`,
     assert alone.comparisons == ()  # which answers nothing
@@ -499,7 +498,7 @@ def test_the_same_config_gives_the_same_queries(
     out, _ = made
     config = read_config(config_file)
     noisy = {"rope-noisy": config.sets["rope-noisy"]}
-    one = replace(config, sets=noisy, runs={}, tests={}, comparisons=())
+    one = config.replace(sets=noisy, runs={}, tests={}, comparisons=())
     run_benchmark(one, tmp_path / "again", workers=1, until="generate", watcher=Recorder())
     again = set_checksums(tmp_path / "again" / "sets" / "rope-noisy")
     assert again == set_checksums(out / "sets" / "rope-noisy")
@@ -517,22 +516,22 @@ def test_folders_that_cannot_be_taken(
     with pytest.raises(CallError, match="begun already"):
         make(config, out)
     with pytest.raises(CallError, match="another benchmark"):
-        make(replace(config, version="2.0.0"), out, resume=True)
+        make(config.replace(version="2.0.0"), out, resume=True)
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "thesis.txt").write_text("mine")
     with pytest.raises(CallError, match="not empty"):
         make(config, tmp_path / "mine", resume=True)
     longer = {**config.runs["small"].settings, "steps": 6}
-    changed = {**config.runs, "small": replace(config.runs["small"], settings=longer)}
+    changed = {**config.runs, "small": config.runs["small"].replace(settings=longer)}
     with pytest.raises(CallError, match="made with other settings"):
-        make(replace(config, runs=changed), out, resume=True)
+        make(config.replace(runs=changed), out, resume=True)
 
 
 def test_a_failed_training_is_told_and_the_rest_is_kept(config_file: Path, tmp_path: Path) -> None:
     config = read_config(config_file)
-    wrong = replace(config.runs["small"], settings={**config.runs["small"].settings, "tier": "x"})
-    few = {"rope": replace(config.sets["rope"], splits={"train": 1, "test": 2})}
-    config = replace(config, sets=few, runs={"small": wrong}, tests={}, comparisons=())
+    wrong = config.runs["small"].replace(settings={**config.runs["small"].settings, "tier": "x"})
+    few = {"rope": config.sets["rope"].replace(splits={"train": 1, "test": 2})}
+    config = config.replace(sets=few, runs={"small": wrong}, tests={}, comparisons=())
     out = tmp_path / "out"
     watcher = Recorder()
     watcher.ended = lambda *_: None  # type: ignore[method-assign]

@@ -13,13 +13,12 @@ from pliant.evaluator.metrics.base import Metric
 from pliant.evaluator.metrics.blocks import Block
 from pliant.evaluator.protocols.protocol import parse_protocol
 from pliant.evaluator.statistics.ratios import Figure, Ratio
-from pliant.spec.configuration import configuration
+from pliant.spec.configuration import Settings
 from pliant.spec.constraints import Bounds
 from pliant.spec.errors import CallError
 
 
-@configuration(frozen=True)
-class HuberSettings:
+class HuberSettings(Settings):
     """Settings of `huber`."""
 
     delta_px: Annotated[float, Bounds(0, above=True)]

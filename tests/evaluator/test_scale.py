@@ -84,7 +84,7 @@ def test_memory_does_not_grow_with_row_groups(scene_maker: Any, tmp_path: Path) 
 def test_intervals_cover_what_they_should() -> None:
     """Of 400 made-up datasets with a known mean, about 95 % of the intervals hold it."""
     ratio = Ratio("mean", "lower", "", "", "", "total", "count")
-    settings = Bootstrap("sequence_a", 400, 0, 0.95)
+    settings = Bootstrap(unit="sequence_a", replicates=400, seed=0, level=0.95)
     rng = np.random.default_rng(0)
     sequences, pairs = 8, 5
     hits = 0
@@ -103,7 +103,7 @@ def test_an_interval_needs_two_sequences() -> None:
     ratio = Ratio("mean", "lower", "", "", "", "total", "count")
     columns = {"total": np.array([1.0, 2.0, 3.0]), "count": np.ones(3)}
     clusters = Clusters.of(np.array([7, 7, 9]), np.array([0, 0, 1]), 2)
-    settings = Bootstrap("sequence_a", 100, 0, 0.95)
+    settings = Bootstrap(unit="sequence_a", replicates=100, seed=0, level=0.95)
     assert intervals([ratio], columns, clusters, settings) == [{}, {}, {}]
     clusters = Clusters.of(np.array([5, 7, 9]), np.array([0, 0, 1]), 2)
     overall, first, second = intervals([ratio], columns, clusters, settings)

@@ -17,6 +17,7 @@ from pliant.loaders.augment import (
 from pliant.loaders.masks import given_masks
 from pliant.loaders.recolouring import noisy_depth, recolour, recolour_regions
 from pliant.loaders.views import TrainingFrame
+from pliant.spec.configuration import settings_from
 from pliant.spec.errors import CallError
 
 SIZE = (160, 120)
@@ -156,7 +157,7 @@ def test_all_off_changes_nothing() -> None:
 
 def test_settings_out_of_range_are_refused() -> None:
     with pytest.raises(CallError, match="rotate_deg"):
-        AugmentSettings(rotate_deg=200)
+        settings_from(AugmentSettings, {"rotate_deg": 200})
 
 
 @pytest.mark.parametrize("angle_deg", [0.0, 90.0, 37.0, -160.0])

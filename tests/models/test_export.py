@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -307,7 +306,7 @@ def test_models_of_the_package_answer(name: str, tmp_path: Path) -> None:
     matcher = load_shipped(name)
     assert matcher.name == name
     trained_on = read_settings(GenerateConfig, folder / "data.yaml")
-    few = replace(trained_on, splits={"test": 4}, sequences=None)
+    few = trained_on.replace(splits={"test": 4}, sequences=None)
     generate(few, tmp_path / "set")
     dataset = Dataset.open(tmp_path / "set")
     predict(dataset, "test", matcher, tmp_path / "answers.parquet")
@@ -326,8 +325,8 @@ def test_further_data_and_first_weights_are_named_without_paths(
 ) -> None:
     """The card of a run on several sets names them all; its config has no path of this machine."""
     settings = read_settings(DonSettings, trained / "config.yaml")
-    network = replace(settings.network, pretrained=str(trained))
-    changed = replace(settings, network=network, also=(f"{tiny_dataset}#rope",), steps=2)
+    network = settings.network.replace(pretrained=str(trained))
+    changed = settings.replace(network=network, also=(f"{tiny_dataset}#rope",), steps=2)
     train_don(Dataset.open(tiny_dataset), tmp_path / "run", changed)
     dataset = Dataset.open(tiny_dataset)
     folder = export_run(tmp_path / "run", "don-more", tmp_path / "out", dataset)

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import pickle
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Self
 
 import jsonschema
 import pytest
+from pydantic import ValidationError, model_validator
 
 from pliant.cli.main import run
 from pliant.spec.configuration import (
+    Settings,
     SettingsError,
-    configuration,
     json_schema,
     read_settings,
     settings_from,
@@ -27,8 +27,7 @@ from pliant.spec.errors import CallError
 from pliant.spec.io.yamlfiles import read_yaml, yaml_text
 
 
-@configuration(frozen=True)
-class LensSettings:
+class LensSettings(Settings):
     """A lens.
 
     Attributes:
@@ -41,21 +40,20 @@ class LensSettings:
     turns_deg: Annotated[Range, Bounds(-90, 90)] = (-10.0, 10.0)
 
 
-@configuration(frozen=True)
-class RigSettings:
+class RigSettings(Settings):
     """A rig of cameras."""
 
     kind: Annotated[str, OneOf(("stereo", "single"))] = "single"
     cameras: Count = 1
-    lens: LensSettings = dataclasses.field(default_factory=LensSettings)
+    lens: LensSettings = LensSettings()
     spare: LensSettings | None = None
-    colours: Annotated[Mapping[str, float], Weights(("red", "blue"))] = dataclasses.field(
-        default_factory=lambda: {"red": 1.0}
-    )
+    colours: Annotated[Mapping[str, float], Weights(("red", "blue"))] = {"red": 1.0}
 
-    def __post_init__(self) -> None:
+    @model_validator(mode="after")
+    def _check(self) -> Self:
         if self.kind == "stereo" and self.cameras < 2:
             raise Refused(">= 2 for a stereo rig", "cameras", "Add --set cameras=2")
+        return self
 
 
 @pytest.mark.parametrize(
@@ -138,26 +136,31 @@ def test_every_problem_is_reported_with_its_source(tmp_path: Path) -> None:
 
 
 def test_values_from_a_constructor_and_from_replace_are_checked() -> None:
-    with pytest.raises(SettingsError, match=r"lens\.focal_m: .*required: above 0 to 2 m"):
+    with pytest.raises(ValidationError, match="above 0 to 2"):
         LensSettings(focal_m=-1)
-    with pytest.raises(SettingsError, match=r"rig\.cameras: .*required: >= 1"):
-        dataclasses.replace(RigSettings(), cameras=0)
-    assert RigSettings(lens={"focal_m": 1}).lens == LensSettings(1.0)  # type: ignore[arg-type]
+    with pytest.raises(ValidationError, match="cameras: >= 2 for a stereo rig"):
+        RigSettings(kind="stereo")
+    with pytest.raises(SettingsError, match=r"cameras: .*required: >= 1"):
+        RigSettings().replace(cameras=0)
+    changed = RigSettings(cameras=3).replace(lens={"focal_m": 1})
+    assert (changed.cameras, changed.lens) == (3, LensSettings(focal_m=1.0))
 
 
 def test_settings_are_frozen_hashable_and_can_be_pickled() -> None:
-    lens = LensSettings(turns_deg=[1, 2])  # type: ignore[arg-type]
+    lens = LensSettings(turns_deg=(1, 2))
     assert lens.turns_deg == (1.0, 2.0)
     assert isinstance(lens.turns_deg[0], float)
     assert hash(lens) == hash(LensSettings(turns_deg=(1.0, 2.0)))
     assert pickle.loads(pickle.dumps(lens)) == lens
-    with pytest.raises(dataclasses.FrozenInstanceError):
-        lens.focal_m = 1.0  # type: ignore[misc]
+    with pytest.raises(ValidationError, match="frozen"):
+        lens.focal_m = 1.0
 
 
 def test_yaml_to_settings_and_back_changes_nothing(tmp_path: Path) -> None:
     path = tmp_path / "rig.yaml"
-    settings = RigSettings("stereo", 3, LensSettings(1e-3), LensSettings())
+    settings = RigSettings(
+        kind="stereo", cameras=3, lens=LensSettings(focal_m=1e-3), spare=LensSettings()
+    )
     path.write_text(yaml_text(settings_to_dict(settings)))
     assert read_settings(RigSettings, path) == settings
     assert read_yaml(path) == settings_to_dict(read_settings(RigSettings, path))
@@ -217,7 +220,7 @@ def test_the_schemas_accept_the_shipped_files_and_refuse_a_misspelt_key(
     from pliant.models.don.settings import DonSettings
     from pliant.models.timecycle.settings import TimeCycleSettings
 
-    classes = {
+    classes: dict[str, type[Settings]] = {
         "benchmark": BenchmarkConfig, "generate": GenerateConfig, "don": DonSettings,
         "timecycle": TimeCycleSettings,
     }  # fmt: skip

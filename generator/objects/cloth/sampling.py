@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, replace
 from typing import Final
 
 import numpy as np
@@ -16,6 +15,7 @@ from pliant.generator.objects.cloth.surface import PART
 from pliant.generator.scene.scene_object import FloatArray, Part, Points, SceneObject
 from pliant.generator.seeding import RandomStreams
 from pliant.generator.settings.cloth import ClothSettings, Variant
+from pliant.spec.configuration import settings_to_dict
 from pliant.spec.model import MaterialCoordinate, MaterialObject, Symmetry, Tier
 
 CLOTH_ID: Final = 1
@@ -76,7 +76,7 @@ def _settings_of(config: GenerateConfig, tier: str) -> ClothSettings:
     if tier != "towel":
         return config.cloth
     level = config.cloth.level or 2
-    return replace(config.cloth, variant="towel", level=level, yaw_max_rad=math.pi)
+    return config.cloth.replace(variant="towel", level=level, yaw_max_rad=math.pi)
 
 
 def sample_cloth(
@@ -114,7 +114,7 @@ def sample_cloth(
         info={
             "level": level,
             "coverage_band": list(settings.band_of(level)),
-            "cloth": asdict(settings),
+            "cloth": settings_to_dict(settings),
             "steps_per_second": settings.sheet().steps_per_second,
         },
         variant=settings.variant,

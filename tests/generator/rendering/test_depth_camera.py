@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +22,7 @@ from pliant.generator.scene.scene_object import SceneObject
 from pliant.generator.seeding import RandomStreams, SequenceTask, Stream
 from pliant.generator.settings import AppearanceSettings, DepthCameraSettings
 from pliant.generator.truth.frame_truth import FrameTruth, frame_truth
+from pliant.spec.configuration import settings_from
 from pliant.spec.errors import CallError
 
 SIZE = (160, 120)
@@ -105,9 +105,14 @@ def test_faults_follow_from_the_datasets_seed(tmp_path: Path, tube: SceneObject)
 
     def record(seed: int) -> None:
         config = GenerateConfig(
-            ("rope",), splits={"test": 2}, frames=2, width=160, height=120, style="real-depth",
+            tiers=("rope",),
+            splits={"test": 2},
+            frames=2,
+            width=160,
+            height=120,
+            style="real-depth",
             seed=seed,
-        )  # fmt: skip
+        )
         maker = SequenceMaker(config, tmp_path / str(seed), tmp_path / "scratch")
         for index in range(2):
             streams = RandomStreams(seed, SequenceTask("rope", "test", index))
@@ -136,7 +141,7 @@ def test_greys_of_a_frame_lie_close_together(tube: SceneObject) -> None:
 
 
 def test_a_flat_plate_is_changed_near_its_outline_alone() -> None:
-    settings = replace(FAULTLESS, frayed_px=(1.5, 1.5))
+    settings = FAULTLESS.replace(frayed_px=(1.5, 1.5))
     depth_m = plate()
     on = np.isfinite(depth_m)
     pictures = np.array([draw(depth_m, settings, seed) for seed in range(30)])
@@ -157,11 +162,11 @@ def test_steep_ground_is_lost_where_it_falls_to_the_right() -> None:
     depth_m = plate()
     depth_m[10:-10] -= np.where(np.isfinite(depth_m[10:-10]), (20 - abs(u - 30)) * 0.009, 0)
     depth_m = depth_m.astype(np.float32)
-    grey = draw(depth_m, replace(FAULTLESS, steepest=(0.5, 0.5)))
+    grey = draw(depth_m, FAULTLESS.replace(steepest=(0.5, 0.5)))
     up, down = grey[10:30, 12:28], grey[10:30, 33:48]
     assert (up > 0).mean() > 0.95
     assert (down > 0).mean() < 0.05
-    turned = draw(depth_m.T, replace(FAULTLESS, steepest=(0.5, 0.5)))
+    turned = draw(depth_m.T, FAULTLESS.replace(steepest=(0.5, 0.5)))
     assert (turned[10:-10, 10:-10] > 0).all()  # a ridge along the rows throws no shadow
 
 
@@ -181,13 +186,13 @@ def test_pixels_to_the_rim_by_hand() -> None:
 def test_pinholes_specks_and_noise() -> None:
     depth_m = plate(120, 160)
     on = np.isfinite(depth_m)
-    holed = draw(depth_m, replace(FAULTLESS, pinholes=(0.1, 0.1)))
+    holed = draw(depth_m, FAULTLESS.replace(pinholes=(0.1, 0.1)))
     assert (holed[on] == 0).mean() == pytest.approx(0.1, abs=0.02)
     assert (holed[~on] == 0).all()
-    specked = draw(depth_m, replace(FAULTLESS, specks=(40, 40)))
+    specked = draw(depth_m, FAULTLESS.replace(specks=(40, 40)))
     assert (specked[on] == 135).all()
     assert 0.001 < (specked[~on] > 0).mean() < 0.05
-    noisy = draw(depth_m, replace(FAULTLESS, noise_grey=(2, 2)))[on]
+    noisy = draw(depth_m, FAULTLESS.replace(noise_grey=(2, 2)))[on]
     assert noisy.std() == pytest.approx(2.0, abs=0.15)
 
 
@@ -213,4 +218,4 @@ def test_faults_follow_the_seed() -> None:
 def test_impossible_settings_are_refused(values: dict[str, tuple[float, float]]) -> None:
     (name,) = values
     with pytest.raises(CallError, match=rf"depth_camera\.{name}"):
-        DepthCameraSettings(**values)
+        settings_from(DepthCameraSettings, values, "depth_camera")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -45,7 +44,7 @@ def episode(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
 
 @pytest.fixture(scope="module")
 def plain(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
-    config = replace(CONFIG, gripper=False, shutter=0.0)
+    config = CONFIG.replace(gripper=False, shutter=0.0)
     return made(config, tmp_path_factory.mktemp("moving") / "plain")
 
 
@@ -85,7 +84,7 @@ def _states(sequence, frame: int) -> list[str]:
 
 
 def test_motion_blur_changes_what_moves_and_nothing_else(tmp_path: Path, plain: Dataset) -> None:
-    blurred = made(replace(CONFIG, gripper=False), tmp_path / "blurred")
+    blurred = made(CONFIG.replace(gripper=False), tmp_path / "blurred")
     sharp, soft = plain.sequences[0], blurred.sequences[0]
     assert soft.info["parameters"]["shutter"] == 0.5
     moved = [
@@ -141,5 +140,5 @@ def test_asked_points_move_and_targets_are_never_sources(episode: Dataset) -> No
 )
 def test_what_needs_an_episode_says_so(changes: dict[str, object], field: str) -> None:
     with pytest.raises(CallError) as refused:
-        replace(CONFIG, **changes)  # type: ignore[arg-type]
+        CONFIG.replace(**changes)
     assert refused.value.where == field

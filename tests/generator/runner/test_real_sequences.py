@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 
 import pytest
 
@@ -40,8 +39,8 @@ def test_grown_by_three_workers_equals_made_at_once_by_one(style, digests, tmp_p
 
 
 def test_noise_changes_the_colours_alone(standin, digests, tmp_path):
-    plain = replace(config("raster", 1), tiers=("rope",))
-    noisy = replace(plain, noise={"gaussian": [2.0, 2.0]})
+    plain = config("raster", 1).replace(tiers=("rope",))
+    noisy = plain.replace(noise={"gaussian": [2.0, 2.0]})
     generate(plain, tmp_path / "plain", engine=standin.InProcess())
     generate(noisy, tmp_path / "noisy", engine=standin.InProcess())
     before, after = digests(tmp_path / "plain"), digests(tmp_path / "noisy")
@@ -51,8 +50,8 @@ def test_noise_changes_the_colours_alone(standin, digests, tmp_path):
 
 def test_the_depth_camera_changes_the_colours_alone(standin, digests, tmp_path):
     """Its pictures are of the same truth, the same queries and the same cameras."""
-    small = replace(config("raster", 1), tiers=("rope",))
-    deep = replace(small, style="real-depth", depth_camera={"specks": [2, 2]})
+    small = config("raster", 1).replace(tiers=("rope",))
+    deep = small.replace(style="real-depth", depth_camera={"specks": [2, 2]})
     generate(small, tmp_path / "raster", engine=standin.InProcess())
     generate(deep, tmp_path / "deep", engine=standin.InProcess())
     before, after = digests(tmp_path / "raster"), digests(tmp_path / "deep")
@@ -87,7 +86,7 @@ def test_sequences_share_materials_and_another_set_has_others(standin, tmp_path)
         style="raster",
         look=AppearanceSettings(materials=1),
     )
-    other_look = replace(small, look=AppearanceSettings(materials=1, first_material=1))
+    other_look = small.replace(look=AppearanceSettings(materials=1, first_material=1))
     generate(small, tmp_path / "seen", engine=standin.InProcess())
     generate(other_look, tmp_path / "unseen", engine=standin.InProcess())
     seen, unseen = (

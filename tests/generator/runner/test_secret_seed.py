@@ -67,7 +67,7 @@ def test_a_lost_or_damaged_seed_stops_the_run(config, standin, tmp_path):
     generate(config, out, engine=standin.InProcess())
     shutil.rmtree(out / "sequences")
     with pytest.raises(CallError, match=r"secret_seed \(true there, null in this call\)"):
-        generate(replace(config, secret_seed=False, seed=0), out)
+        generate(config.replace(secret_seed=False, seed=0), out)
     (out / SECRET_SEED_FILE).write_text("{}")
     with pytest.raises(CallError, match="cannot be read"):
         generate(config, out)
@@ -79,7 +79,7 @@ def test_a_lost_or_damaged_seed_stops_the_run(config, standin, tmp_path):
 
 def test_a_public_set_gets_no_secret(config, standin, tmp_path):
     out = tmp_path / "set"
-    public = replace(config, secret_seed=False)
+    public = config.replace(secret_seed=False)
     generate(public, out, engine=standin.InProcess())
     with pytest.raises(CallError, match="secret_seed"):
         generate(config, out)

@@ -14,7 +14,7 @@ from pliant.generator.rendering.patterns import cloth_images, table_reflectance,
 from pliant.generator.scene.appearance import Appearance, sample_appearance
 from pliant.generator.scene.scene_object import SceneObject
 from pliant.generator.settings.scene import AppearanceSettings
-from pliant.spec.configuration import settings_to_dict
+from pliant.spec.configuration import settings_from, settings_to_dict
 from pliant.spec.errors import CallError
 
 
@@ -109,7 +109,7 @@ def test_value_noise_is_continuous_across_its_lattice() -> None:
 )
 def test_impossible_ranges_are_refused_by_name(values: dict[str, object], field: str) -> None:
     with pytest.raises(CallError, match=field):
-        AppearanceSettings(**values)  # type: ignore[arg-type]
+        settings_from(AppearanceSettings, values, "look")
 
 
 def test_colours_that_cannot_stand_out_are_refused(sheet: SceneObject) -> None:
@@ -136,7 +136,7 @@ def test_sequences_that_share_a_material_differ_in_light_alone(tube: SceneObject
 @pytest.mark.parametrize("name", ["materials", "first_material"])
 def test_a_negative_number_of_materials_is_refused(name: str) -> None:
     with pytest.raises(CallError, match=f"look.{name}"):
-        AppearanceSettings(**{name: -1})  # type: ignore[arg-type]
+        settings_from(AppearanceSettings, {name: -1}, "look")
 
 
 def test_materials_stay_in_their_family_of_hues(sheet: SceneObject) -> None:

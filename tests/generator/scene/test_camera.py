@@ -8,6 +8,7 @@ import pytest
 from pliant.generator.scene.camera import Camera, sample_camera
 from pliant.generator.scene.scene_object import SceneObject
 from pliant.generator.settings.scene import CameraSettings
+from pliant.spec.configuration import settings_from
 from pliant.spec.errors import CallError
 
 
@@ -96,7 +97,7 @@ def test_the_same_numbers_give_the_same_camera(tube: SceneObject) -> None:
 )
 def test_impossible_ranges_are_refused_by_name(values: dict[str, object], field: str) -> None:
     with pytest.raises(CallError, match=field):
-        CameraSettings(**values)  # type: ignore[arg-type]
+        settings_from(CameraSettings, values, "camera")
 
 
 def test_a_camera_inside_or_too_near_the_object_is_refused(tube: SceneObject) -> None:

@@ -17,6 +17,7 @@ from pliant.generator.truth.query_sampling import (
     frame_pairs,
     point_classes,
 )
+from pliant.spec.configuration import settings_from
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
 from pliant.spec.io.parquet import read_footer
@@ -158,9 +159,9 @@ def test_a_track_asks_frame_0_in_every_later_frame(standin, tmp_path):
 
 def test_a_track_needs_an_episode():
     with pytest.raises(CallError, match="only an episode can be tracked"):
-        GenerateConfig(("rope",), queries=QuerySettings(kind="track"))
+        settings_from(GenerateConfig, {"tiers": ["rope"], "queries": {"kind": "track"}})
     with pytest.raises(CallError, match=r"query\.kind: .* Did you mean 'track'"):
-        QuerySettings(kind="tracks")  # type: ignore[arg-type]
+        settings_from(QuerySettings, {"kind": "tracks"}, "query")
 
 
 def test_single_frames_are_paired_across_sequences(standin, tmp_path):

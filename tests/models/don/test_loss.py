@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import Literal
 
 import pytest
@@ -109,7 +108,7 @@ def test_lipschitz_terms_are_added_and_fall_silent_for_the_truth(
     assert float(figures["lipschitz_space"]) < 0.01
     assert float(other["lipschitz_space"]) > 0.1
     if pairs == "geodesic":  # no two points are so near
-        alone = replace(settings, space_reach_m=1e-6)
+        alone = settings.replace(space_reach_m=1e-6)
         _, none = don_loss(output(wrong), torch.tensor(1.0), batch, alone, generator=generator)
         assert float(none["lipschitz_space"]) == 0
 

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +18,7 @@ from pliant.models.networks.descriptor_network import (
 from pliant.models.networks.pretrained import read_weights
 from pliant.models.networks.resnet import BasicBlock, ResNetFCN
 from pliant.models.networks.unet import ConvBlock
+from pliant.spec.configuration import settings_from
 from pliant.spec.errors import CallError
 
 COLOUR = NetworkInput()
@@ -86,7 +86,7 @@ def test_patches_keep_the_size_of_the_output() -> None:
 
 def test_unknown_networks_are_refused() -> None:
     with pytest.raises(CallError, match=r"network\.name"):
-        NetworkSettings(name="vgg")
+        settings_from(NetworkSettings, {"name": "vgg"}, "network")
 
 
 def resnet_of(network: DescriptorNetwork) -> ResNetFCN:
@@ -190,7 +190,7 @@ def test_a_run_goes_on_from_the_weights_and_the_scale_of_another(tmp_path: Path)
     save_file(earlier.state_dict(), tmp_path / "best.safetensors")
     torch.manual_seed(2)
     source = str(tmp_path / "best.safetensors")
-    later = build_network(replace(settings, pretrained=source), COLOUR, initial_scale=1.0)
+    later = build_network(settings.replace(pretrained=source), COLOUR, initial_scale=1.0)
     image = torch.rand(1, 3, 32, 32)
     assert torch.equal(later(image), earlier(image))
     assert later.scale.item() == pytest.approx(2.5)
@@ -204,7 +204,7 @@ def test_a_colour_network_goes_on_with_grey_and_masks(tmp_path: Path) -> None:
     save_file(earlier.state_dict(), tmp_path / "best.safetensors")
     (tmp_path / "config.yaml").write_text("pairs: {input: rgb}\n")
     torch.manual_seed(2)
-    settings = replace(settings, pretrained=str(tmp_path))
+    settings = settings.replace(pretrained=str(tmp_path))
     seen = NetworkInput("grey", masks=True)
     later = build_network(settings, seen, orientation=True, foreground=True)
     grey = torch.rand(1, 1, 32, 32)
@@ -221,7 +221,7 @@ def test_channels_of_two_inputs_are_matched_by_name(tmp_path: Path) -> None:
     masked = build_network(settings, NetworkInput("depth", masks=True))
     save_file(masked.state_dict(), tmp_path / "best.safetensors")
     (tmp_path / "config.yaml").write_text("pairs: {input: depth, masks: true}\n")
-    settings = replace(settings, pretrained=str(tmp_path))
+    settings = settings.replace(pretrained=str(tmp_path))
     grey = build_network(settings, NetworkInput("grey", masks=True))
     name = "backbone.encoder.0.conv1.weight"
     given, taken = masked.state_dict()[name], grey.state_dict()[name]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 
@@ -53,7 +52,7 @@ def only(name: str, **changes: float) -> CycleLossSettings:
 def test_each_part_alone_reaches_the_encoder(name: str, cycle: str) -> None:
     torch.manual_seed(1)
     network = TimeCycleNetwork(SETTINGS)
-    settings = replace(only(name), cycle=cycle)  # type: ignore[arg-type]
+    settings = only(name).replace(cycle=cycle)
     parts = cycle_losses(network, **clip(network), settings=settings)
     named = {key for key in parts if not key.endswith("_cells")}
     assert named == {name.removesuffix("_cycle")}
@@ -65,9 +64,7 @@ def test_each_part_alone_reaches_the_encoder(name: str, cycle: str) -> None:
 
 def test_a_frozen_encoder_leaves_the_gradient_to_the_localiser() -> None:
     torch.manual_seed(1)
-    network = TimeCycleNetwork(
-        replace(SETTINGS, localiser=replace(SETTINGS.localiser, kind="conv"))
-    )
+    network = TimeCycleNetwork(SETTINGS.replace(localiser=SETTINGS.localiser.replace(kind="conv")))
     with torch.no_grad():
         inputs = clip(network)
     weighted_sum(cycle_losses(network, **inputs, settings=only("long")), only("long")).backward()
@@ -77,7 +74,7 @@ def test_a_frozen_encoder_leaves_the_gradient_to_the_localiser() -> None:
 
 def test_cycles_of_a_still_and_distinct_clip_come_home() -> None:
     """Perfect descriptors (every cell its own direction) and nothing moves: no error at all."""
-    network = TimeCycleNetwork(replace(SETTINGS, encoder=replace(SETTINGS.encoder, dim=96)))
+    network = TimeCycleNetwork(SETTINGS.replace(encoder=SETTINGS.encoder.replace(dim=96)))
     network.temperature = 0.02
     frame = torch.eye(96).reshape(96, 8, 12)
     frames = frame.expand(1, 4, 96, 8, 12)
@@ -105,7 +102,7 @@ def test_the_paper_weights_are_the_defaults_and_sum_as_named() -> None:
 
 def test_cycles_are_averaged_and_the_paper_recipe_weighs_their_sum() -> None:
     """In a still clip each cycle has the same error, so that a sum would grow with the frames."""
-    network = TimeCycleNetwork(replace(SETTINGS, encoder=replace(SETTINGS.encoder, dim=96)))
+    network = TimeCycleNetwork(SETTINGS.replace(encoder=SETTINGS.encoder.replace(dim=96)))
     network.temperature = 0.02
     frame = torch.eye(96).reshape(96, 8, 12)
     patch = frame[:, 2:6, 3:7].flatten(1).T[None]
@@ -184,7 +181,7 @@ def test_settings_that_cannot_be_are_refused(change: str, message: str) -> None:
 
 @pytest.mark.parametrize("name", ["resnet18", "resnet50"])
 def test_resnets_have_stride_8_too(name: str) -> None:
-    settings = replace(SETTINGS, encoder=replace(SETTINGS.encoder, name=name))  # type: ignore[arg-type]
+    settings = SETTINGS.replace(encoder=SETTINGS.encoder.replace(name=name))
     network = TimeCycleNetwork(settings).eval()
     with torch.no_grad():
         found = network.encode(torch.rand(1, 3, 64, 96))

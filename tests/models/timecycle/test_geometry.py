@@ -91,7 +91,7 @@ def test_the_convolutional_localiser_learns_shifts_and_turns() -> None:
     """With descriptors fixed (the encoder frozen), as its warm-up does: to a quarter of a cell."""
     torch.manual_seed(0)
     size, cells = (8, 8), 3
-    settings = LocaliserSettings("conv", widths=(48, 32), kernel=3)
+    settings = LocaliserSettings(kind="conv", widths=(48, 32), kernel=3)
     localiser = ConvLocaliser(size, cells, settings)
     begins = localiser(torch.full((1, 9, 64), 1 / 64))
     assert begins[0, :2].tolist() == pytest.approx([4.0, 4.0], abs=0.05)  # the frame's centre

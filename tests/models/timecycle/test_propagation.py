@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -90,7 +89,7 @@ def test_the_prior_breaks_a_tie_for_the_nearer_place() -> None:
     torch.testing.assert_close(
         Propagator(first, point, plain, 1.0).step(later), torch.tensor([[14.5, 10.5]])
     )
-    near = replace(plain, prior=3.0)
+    near = plain.replace(prior=3.0)
     found = Propagator(first, point, near, 1.0).step(later)
     # exp(-9/18) against exp(-81/18): 0.982 of the weight for the nearer.
     assert float(found[0, 0]) == pytest.approx(8.5 + 3 + 6 * (1 - 1 / (1 + np.exp(-4.0))), abs=1e-3)
@@ -151,7 +150,7 @@ def test_the_matcher_speaks_in_the_pictures_own_pixels() -> None:
 
 
 def test_one_step_looks_everywhere() -> None:
-    settings = replace(SETTINGS, propagation=replace(SETTINGS.propagation, search="mask"))
+    settings = SETTINGS.replace(propagation=SETTINGS.propagation.replace(search="mask"))
     matcher = TimeCycleMatcher(TimeCycleNetwork(settings), settings)
     a, b = views(2)
     found = matcher.answer(Pair(a, b, np.array([[60.5, 50.5]], dtype=np.float32))).uv_px

@@ -9,6 +9,7 @@ import pytest
 
 from pliant.generator.objects.cloth import ClothSettings, sample_cloth
 from pliant.generator.seeding import RandomStreams, SequenceTask
+from pliant.spec.configuration import settings_from
 from pliant.spec.errors import CallError
 
 
@@ -44,14 +45,14 @@ from pliant.spec.errors import CallError
 )
 def test_impossible_settings_are_refused_by_name(field: str, value: Any) -> None:
     with pytest.raises(CallError) as caught:
-        ClothSettings(**{field: value})
+        settings_from(ClothSettings, {field: value}, "cloth")
     assert caught.value.where == f"cloth.{field}"
     assert field in str(caught.value)
     assert caught.value.exit_code == 2
 
 
 def test_a_list_from_a_file_is_a_band() -> None:
-    assert ClothSettings(coverage_band=[0.3, 0.5]).coverage_band == (0.3, 0.5)  # type: ignore[arg-type]
+    assert settings_from(ClothSettings, {"coverage_band": [0.3, 0.5]}).coverage_band == (0.3, 0.5)
 
 
 def test_the_tier_names_the_level_unless_the_settings_do() -> None:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import pytest
 
 from pliant.generator.objects.rope import RopeSettings, rope_tier, sample_rope
 from pliant.generator.seeding import RandomStreams, SequenceTask
+from pliant.spec.configuration import settings_from
 from pliant.spec.errors import CallError
 from pliant.spec.model import Symmetry
 
@@ -71,7 +70,7 @@ def test_defaults_keep_the_papers_proportions() -> None:
 )
 def test_impossible_settings_name_their_field(values: dict[str, object], field: str) -> None:
     with pytest.raises(CallError) as refused:
-        RopeSettings(**values)  # type: ignore[arg-type]
+        settings_from(RopeSettings, values, "rope")
     assert refused.value.where is not None
     assert refused.value.where.startswith("rope.")
     assert refused.value.where.endswith(field)
@@ -82,14 +81,14 @@ def test_a_knot_longer_than_the_rope_is_allowed_where_it_is_never_drawn() -> Non
     sizes = {"overhand": (22.0, 32.0), "figure-eight": (31.0, 60.0)}
     RopeSettings(knot_diameters=sizes, knots={"overhand": 1.0})
     with pytest.raises(CallError, match="longer than the rope"):
-        RopeSettings(knot_diameters=sizes)
+        settings_from(RopeSettings, {"knot_diameters": sizes})
 
 
 def test_lists_of_a_config_file_become_tuples() -> None:
-    settings = RopeSettings(lift_m=[0.03, 0.05], length_m=2)  # type: ignore[arg-type]
+    settings = settings_from(RopeSettings, {"lift_m": [0.03, 0.05], "length_m": 2})
     assert settings.lift_m == (0.03, 0.05)
     assert isinstance(settings.length_m, float)
-    assert dataclasses.replace(settings, radius_m=0.015).radius_m == 0.015
+    assert settings.replace(radius_m=0.015).radius_m == 0.015
 
 
 @pytest.mark.parametrize(("frames", "temporal"), [(0, False), (3001, True)])
