@@ -18,9 +18,15 @@ from pliant.spec.io.reading import AnyFile, FileRefusedError, read_bytes
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _UP_FILTER = 2
 _HEADER_BYTES = 33
-_SRGB_GAMMA = (45455).to_bytes(4, "big")
 _GREY, _RGB = 0, 2
 """PNG's numbers of colour types."""
+
+_REMARKS = {
+    b"tRNS": "a tRNS chunk makes one colour transparent",
+    b"gAMA": "a gAMA chunk states a transfer curve, which some programs apply",
+    b"iCCP": "an iCCP chunk states a colour space, which some programs apply",
+}
+"""Kind of a chunk -> why it is remarked."""
 
 
 def write_rgb(path: Path | str, rgb: npt.NDArray[np.uint8], *, level: int = 1) -> None:
@@ -109,25 +115,16 @@ def png_remarks(data: bytes) -> list[str]:
     Args:
         data: A PNG file that can be decoded.
     """
-    kinds: dict[bytes, bytes] = {}
+    kinds: set[bytes] = set()
     at = len(_SIGNATURE)
     while at + 8 <= len(data) and b"IEND" not in kinds:
-        length = int.from_bytes(data[at : at + 4], "big")
-        kinds.setdefault(data[at + 4 : at + 8], data[at + 8 : at + 8 + length])
-        at += length + 12
-    found = []
+        kinds.add(data[at + 4 : at + 8])
+        at += int.from_bytes(data[at : at + 4], "big") + 12
+    found = [text for kind, text in _REMARKS.items() if kind in kinds]
     if b"IEND" not in kinds:
         found.append("it has no IEND chunk: truncated?")
     elif at != len(data):
         found.append("bytes follow its IEND chunk")
-    if b"tRNS" in kinds:
-        found.append("a tRNS chunk makes one colour transparent")
-    if kinds.get(b"gAMA", _SRGB_GAMMA) != _SRGB_GAMMA or (
-        b"gAMA" in kinds and b"sRGB" not in kinds
-    ):
-        found.append("a gAMA chunk states another transfer curve than sRGB")
-    if b"iCCP" in kinds:
-        found.append("an iCCP chunk states another colour space than sRGB")
     return found
 
 
