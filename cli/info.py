@@ -60,7 +60,7 @@ def describe(dataset: Dataset) -> dict[str, Any]:
                 "shapes": dict(Counter(each for each in rows["shape"].to_pylist() if each)),
                 "styles": sorted(set(rows["style"].to_pylist())),
                 "coverage": _spread(rows["coverage"]),
-                "self_occluded": _spread(_told(rows, dataset)["self_occluded"]),
+                "self_occluded": _spread(_measured(rows, dataset)["self_occluded"]),
             }
         )
     queries = {}
@@ -85,8 +85,8 @@ def describe(dataset: Dataset) -> dict[str, Any]:
     }
 
 
-def _told(rows: Any, dataset: Dataset) -> Any:
-    """Return the rows that tell how occluded they are: held-out ones hold a 0 in its place."""
+def _measured(rows: Any, dataset: Dataset) -> Any:
+    """Return the rows that say how occluded they are: held-out ones have a 0 in its place."""
     import pyarrow as pa
     import pyarrow.compute as pc
 

@@ -16,22 +16,20 @@ from pliant.spec.errors import CallError
 @click.argument("folder", metavar="DIR", type=PATH)
 @out_option(
     "FILE",
-    "Image to write: .png, .jpg, .webp; anatomy and tracks also .pdf, .svg; with --tracks "
-    "also .gif and .mp4.",
+    "Image to write: .png, .jpg, .webp; tracks and points also .pdf, .svg; --tracks also .gif.",
     FILE,
 )
 @choice_option(
     "--figure",
-    ["sheet", "index", "depth", "anatomy", "tracks", "points"],
+    ["sheet", "index", "depth", "tracks", "points"],
     "sheet: frames over index colours and depth; index, depth: one layer; "
-    "anatomy: curve, mesh, image, depth, index colours of a frame; tracks: a strip with points; "
+    "tracks: a strip with points; "
     "points: the queried points, with their names where they were imported.",
     "sheet",
 )
 @click.option(
     "--sequence", metavar="ID", help="A sequence; default: all, or the first suitable one."
 )
-@click.option("--frame", type=int, default=0, show_default=True, help="Frame of anatomy.")
 @click.option(
     "--count", type=int, default=24, show_default=True, help="Images on a sheet; steps of tracks."
 )

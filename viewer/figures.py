@@ -1,4 +1,4 @@
-"""Figures of a dataset: contact sheets, index colours, depth, the rope's anatomy, tracks.
+"""Figures of a dataset: contact sheets, index colours, depth, tracks.
 
 They are drawn from the files alone, so that they show what a reader of the dataset gets.
 """
@@ -18,7 +18,6 @@ from pliant.spec.errors import CallError
 from pliant.spec.io.writing import replacing
 from pliant.spec.model import Tier
 from pliant.spec.sequence import RecordedFrame, SequenceRecord
-from pliant.viewer.anatomy import draw_anatomy
 from pliant.viewer.drawing import (
     DRAWINGS,
     PICTURES,
@@ -29,10 +28,10 @@ from pliant.viewer.drawing import (
     index_image,
 )
 from pliant.viewer.point_tracks import draw_annotated_points, draw_point_tracks
-from pliant.viewer.tracks import ANIMATIONS, draw_tracks, read_predicted_tracks
+from pliant.viewer.tracks import ANIMATION, draw_tracks, read_predicted_tracks
 
 _SHEETS: Final = ("sheet", "index", "depth")
-FIGURES: Final = (*_SHEETS, "anatomy", "tracks", "points")
+FIGURES: Final = (*_SHEETS, "tracks", "points")
 
 _TILE_PX: Final = 240
 _GAP_PX: Final = 6
@@ -45,7 +44,6 @@ def draw_figure(
     *,
     figure: str = "sheet",
     sequence: str | None = None,
-    frame: int = 0,
     count: int = 24,
     truth: Path | None = None,
 ) -> Path:
@@ -53,7 +51,7 @@ def draw_figure(
 
     Args:
         root: The dataset's folder.
-        out: The image to write; `.png`, `.jpg`, `.webp`, and for `anatomy` and `tracks` also `.pdf`
+        out: The image to write; `.png`, `.jpg`, `.webp`, and for `tracks` and `points` also `.pdf`
             and `.svg`.
         figure: One of `FIGURES`.
         sequence: Id of a sequence; None takes all (sheets) or the first that fits (the others).
@@ -65,7 +63,7 @@ def draw_figure(
         `out`.
 
     Raises:
-        CallError: The figure, the sequence, the frame or the file's ending cannot be served.
+        CallError: The figure, the sequence or the file's ending cannot be served.
     """
     if figure not in FIGURES:
         raise CallError(
@@ -86,8 +84,6 @@ def draw_figure(
                 sheet.save(partial, quality=88)
             else:
                 sheet.save(partial)
-        elif figure == "anatomy":
-            draw_anatomy(chosen[0], frame, partial)
         elif figure == "points":
             draw_annotated_points(dataset, chosen[0], truth, count, partial)
         else:
@@ -109,7 +105,7 @@ def draw_predicted_tracks(
     Args:
         root: The dataset's folder.
         submission: The submission, of kind `answers`.
-        out: The image (as for `tracks`), or a `.gif` or `.mp4` of all frames.
+        out: The image (as for `tracks`), or a `.gif` of all frames.
         sequence: Id of an episode; None takes the first that is asked about.
         frames: Frames of the image; None takes 0, 22 and 87 where there are those.
 
@@ -118,9 +114,8 @@ def draw_predicted_tracks(
 
     Raises:
         CallError: The submission, the episode, a frame or the file's ending cannot be served.
-        MissingExtraError: `.mp4` without OpenCV.
     """
-    check_ending(out, (*DRAWINGS, *ANIMATIONS))
+    check_ending(out, (*DRAWINGS, ANIMATION))
     tracks = read_predicted_tracks(Dataset.open(root), submission, sequence)
     out.parent.mkdir(parents=True, exist_ok=True)
     with replacing(out) as partial:

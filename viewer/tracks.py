@@ -8,16 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-import numpy.typing as npt
 
 from pliant.spec.dataset import Dataset
-from pliant.spec.errors import CallError, MissingExtraError
-from pliant.spec.io.parquet import read_footer, read_table
+from pliant.spec.errors import CallError
 from pliant.spec.queries import QueryPair
 from pliant.spec.sequence import RecordedFrame, SequenceRecord
 from pliant.viewer.drawing import (
     Float64,
-    Rgb,
     draw_point,
     evenly,
     material_colours,
@@ -25,6 +22,7 @@ from pliant.viewer.drawing import (
     show,
     strip,
 )
+from pliant.viewer.recorded_answers import read_answers
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -32,7 +30,7 @@ if TYPE_CHECKING:
 PAPER_FRAMES: Final = (0, 22, 87)
 """The frames that the paper's figure of tracked points shows."""
 
-ANIMATIONS: Final = (".gif", ".mp4")
+ANIMATION: Final = ".gif"
 
 _TRAIL: Final = 20
 _FRAMES_PER_SECOND: Final = 15
@@ -76,47 +74,42 @@ def read_predicted_tracks(
         The tracks of the source frame with the most targets.
 
     Raises:
-        SpecError: The submission cannot be read.
-        CallError: It answers other queries, or no pair is of one episode.
+        SubmissionError: The submission cannot be read, or answers other queries.
+        CallError: No pair is of one episode.
     """
-    footer = read_footer(submission)
-    split = str(footer.get("split"))
-    if split not in dataset.splits_with_queries() or (
-        footer.get("queries_sha256") != dataset.queries_sha256(split)
-    ):
-        raise CallError(
-            "the submission answers other queries than this dataset asks",
-            path=submission,
-            found=f"{footer.get('dataset')}, split {split}",
-            fix="Name the dataset that it was made for",
-        )
-    pairs = dataset.pairs(split)
+    given = read_answers(submission, dataset)
+    pairs = dataset.pairs(given.split)
     first_rows = np.cumsum([0, *map(len, pairs)])
     source, asked = _most_asked(pairs, sequence, submission)
     rows = np.concatenate([np.arange(first_rows[k], first_rows[k + 1]) for k in asked])
+    frame = np.repeat([pairs[k].target.index for k in asked], [len(pairs[k]) for k in asked])
     uv_a = np.concatenate([pairs[k].uv_a_px for k in asked]).astype(np.float64)
     points, point = np.unique(uv_a, axis=0, return_inverse=True)
-    cells = _Cells(point.reshape(-1), np.concatenate(
-        [np.full(len(pairs[k]), pairs[k].target.index) for k in asked]
-    ), len(points))  # fmt: skip
-    keys = dataset.queries(split).select(["pair_id", "query_id"]).take(rows)
-    answers = {source.index: points} | cells.by_frame(_answers(submission, keys.to_pydict()))
-    if split in dataset.held_out:  # colours from left to right
+    point = point.reshape(-1)
+
+    def by_frame(uv_px: Float64) -> dict[int, Float64]:
+        """Return positions of rows, float64 (N, 2), as frame -> float64 (points, 2) or NaN."""
+        found = {int(k): np.full(points.shape, np.nan) for k in np.unique(frame)}
+        for k, positions in found.items():
+            positions[point[frame == k]] = uv_px[frame == k]
+        return found
+
+    answers = {source.index: points} | by_frame(given.rows.uv_px[rows].astype(np.float64))
+    if given.split in dataset.held_out:  # colours from left to right
         from matplotlib import colormaps
 
         rank = points[:, 0].argsort().argsort() / max(1, len(points) - 1)
         truth, colours = None, colormaps["turbo"](rank)[:, :3]
     else:
-        table = dataset.truth(split).take(rows)
+        table = dataset.truth(given.split).take(rows)
         uv_b = positions_px(table, "u_b", "v_b")
         uv_b[np.asarray(table["visibility_b"].to_pylist()) != "visible"] = np.nan
-        truth = cells.by_frame(uv_b)
+        truth = by_frame(uv_b)
         material = np.zeros(len(points), np.int64)
-        material[cells.point] = table["point"].to_numpy()
+        material[point] = table["point"].to_numpy()
         m = positions_px(source.sequence.points(), "m0", "m1")[material]
         colours = material_colours(m[:, 0], m[:, 1], source.sequence.described)
-    method = str(footer.get("method", {}).get("name", submission.stem))
-    return PredictedTracks(source.sequence, method, source.index, answers, truth, colours)
+    return PredictedTracks(source.sequence, given.method, source.index, answers, truth, colours)
 
 
 def _most_asked(
@@ -151,51 +144,19 @@ def _most_asked(
     return episode[source], [k for k in own if pairs[k].source.key == key]
 
 
-@dataclass(frozen=True)
-class _Cells:
-    """Which point and which frame each query row is about.
-
-    Attributes:
-        point: int64 (N,).
-        frame: int64 (N,).
-        points: Number of points.
-    """
-
-    point: npt.NDArray[np.int64]
-    frame: npt.NDArray[np.int64]
-    points: int
-
-    def by_frame(self, uv_px: Float64) -> dict[int, Float64]:
-        """Return positions of rows, float64 (N, 2), as frame -> float64 (points, 2) or NaN."""
-        found = {int(k): np.full((self.points, 2), np.nan) for k in np.unique(self.frame)}
-        for frame, point, uv in zip(self.frame.tolist(), self.point, uv_px, strict=True):
-            found[frame][point] = uv
-        return found
-
-
-def _answers(submission: Path, keys: dict[str, list[int]]) -> Float64:
-    """Return the submission's position for each key, NaN where it has none: float64 (N, 2)."""
-    table = read_table(submission, "answers", ["pair_id", "query_id", "u", "v"])
-    rows = zip(table["pair_id"].to_pylist(), table["query_id"].to_pylist(), strict=True)
-    given = dict(zip(rows, positions_px(table, "u", "v"), strict=True))
-    unknown = np.full(2, np.nan)
-    return np.array([given.get(key, unknown) for key in zip(*keys.values(), strict=True)])
-
-
 def draw_tracks(tracks: PredictedTracks, out: Path, frames: Sequence[int] | None = None) -> None:
     """Write predicted tracks: a strip of frames, or an animation where the ending is one's.
 
     Args:
         tracks: From `read_predicted_tracks`.
-        out: `.png`, `.jpg`, `.webp`, `.pdf`, `.svg` for a strip; `.gif`, `.mp4` for an animation.
+        out: `.png`, `.jpg`, `.webp`, `.pdf`, `.svg` for a strip; `.gif` for an animation.
         frames: Frames of the strip; None takes 0, 22 and 87 where the episode has them, else
             three spread over it.
 
     Raises:
         CallError: A frame is not asked about.
-        MissingExtraError: `.mp4` without OpenCV.
     """
-    if out.suffix.lower() in ANIMATIONS:
+    if out.suffix.lower() == ANIMATION:
         _animate(tracks, out)
         return
     asked = sorted(tracks.answers)
@@ -246,8 +207,7 @@ def _animate(tracks: PredictedTracks, out: Path) -> None:
     asked = sorted(tracks.answers)
     width, height = tracks.sequence.size
     scale = min(1.0, _ANIMATION_WIDTH_PX / width)
-    # Codecs want even sides.
-    size = (2 * round(width * scale / 2), 2 * round(height * scale / 2))
+    size = (round(width * scale), round(height * scale))
     colours = [tuple(int(255 * c) for c in colour) for colour in tracks.colours]
     pictures = []
     for number, frame in enumerate(asked):
@@ -263,24 +223,6 @@ def _animate(tracks: PredictedTracks, out: Path) -> None:
                 pen.ellipse([u - 3, v - 3, u + 3, v + 3], fill=colour, outline="white")
         pen.text((4, 3), f"{tracks.method}  {tracks.sequence.id}  frame {frame}", fill="white")
         pictures.append(picture)
-    if out.suffix.lower() == ".gif":
-        first, *rest = [picture.quantize(128) for picture in pictures]
-        milliseconds = round(1000 / _FRAMES_PER_SECOND)
-        first.save(out, save_all=True, append_images=rest, duration=milliseconds, loop=0)
-    else:
-        _write_mp4([np.asarray(picture) for picture in pictures], out)
-
-
-def _write_mp4(pictures: list[Rgb], out: Path) -> None:
-    try:
-        import cv2
-    except ImportError as error:
-        raise MissingExtraError("writing .mp4 (a .gif needs nothing)", "classical") from error
-    height, width = pictures[0].shape[:2]
-    code = cv2.VideoWriter.fourcc(*"mp4v")
-    writer = cv2.VideoWriter(str(out), code, _FRAMES_PER_SECOND, (width, height))
-    if not writer.isOpened():
-        raise CallError("this OpenCV cannot write .mp4", path=out, fix="Write a .gif")
-    for picture in pictures:
-        writer.write(np.ascontiguousarray(picture[..., ::-1]))
-    writer.release()
+    first, *rest = [picture.quantize(128) for picture in pictures]
+    milliseconds = round(1000 / _FRAMES_PER_SECOND)
+    first.save(out, save_all=True, append_images=rest, duration=milliseconds, loop=0)

@@ -12,9 +12,8 @@ import pytest
 from PIL import Image
 
 from pliant.cli.main import run
-from pliant.spec.dataset import Dataset
 from pliant.spec.io.parquet import read_table
-from pliant.spec.validation.validate import validate
+from tests.converters.importing import asked, imported
 
 # Three pictures of three sizes and kinds. `b.tif` is stored lying on its side: EXIF orientation 6
 # says that viewers turn it by 90 degrees to the right, so that it is shown as 20 x 30.
@@ -51,22 +50,6 @@ MARKS = {
     (2, "ball"): (60.0, 10.0, True),
     (2, "end"): (80.0, 4.0, False),  # on the border: out of the frame
 }
-
-
-def imported(source: Path, out: Path, *options: str) -> Dataset:
-    assert run(["import", str(source), "--out", str(out), *options]) == 0
-    assert [str(issue) for issue in validate(out).issues] == []
-    return Dataset.open(out)
-
-
-def asked(out: Path) -> set[tuple[Any, ...]]:
-    """(frame a, u, v, frame b, u, v, state) of every query."""
-    queries = read_table(out / "queries" / "test.parquet", "queries").to_pylist()
-    truth = read_table(out.with_name(f"{out.name}-truth") / "test.parquet", "truth").to_pylist()
-    return {
-        (q["frame_a"], q["u_a"], q["v_a"], q["frame_b"], t["u_b"], t["v_b"], t["visibility_b"])
-        for q, t in zip(queries, truth, strict=True)
-    }
 
 
 def expected(scales: dict[int, tuple[float, float]]) -> set[tuple[Any, ...]]:

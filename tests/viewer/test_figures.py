@@ -75,7 +75,6 @@ def test_an_episode_is_drawn_with_its_tracks(tiny_episode: Path, tmp_path: Path)
     [
         ({"figure": "portrait"}, "figure"),
         ({"count": 0}, "count"),
-        ({"figure": "anatomy", "frame": 99}, "frame"),
         ({"out": "sheet.pdf"}, "format"),
     ],
 )

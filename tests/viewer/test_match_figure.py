@@ -14,14 +14,12 @@ from PIL import Image
 
 from pliant.baselines import METHODS, Answers, Frame, Heat
 from pliant.baselines.controls import Identity
-from pliant.baselines.views import read_frame
 from pliant.cli.main import run
-from pliant.spec.errors import CallError, PliantError
+from pliant.spec.errors import CallError
 from pliant.spec.frame import Pair
-from pliant.spec.io.photo import read_photo
 from pliant.viewer.match_figure import _heat, _rings, draw_match
 from pliant.viewer.photo_match import grid_points, match_photo
-from pliant.viewer.photo_views import PhotoFiles, read_photo_view
+from tests.viewer.test_photo_views import rope_on
 
 
 class Unsure:
@@ -167,69 +165,6 @@ def test_bad_figure_paths_are_refused(name: str, message: str, tmp_path: Path) -
         draw_match(match, blank, blank, tmp_path / name)
 
 
-def test_pictures_of_many_kinds_are_read(tmp_path: Path) -> None:
-    rgb = np.random.default_rng(0).integers(0, 256, (6, 9, 3)).astype(np.uint8)
-    grey16 = (rgb[..., 0].astype(np.uint16) << 8) + 7
-    alpha = np.dstack([rgb, np.where(np.arange(9) < 4, 0, 255)[None].repeat(6, 0)])
-    pictures = {
-        "plain.png": Image.fromarray(rgb),
-        "grey.png": Image.fromarray(rgb[..., 0]),
-        "grey16.png": Image.fromarray(grey16),
-        "alpha.png": Image.fromarray(alpha.astype(np.uint8)),
-        "colours.gif": Image.fromarray(rgb).quantize(256),
-    }
-    for name, picture in pictures.items():
-        picture.save(tmp_path / name)
-    turned = Image.Exif()
-    turned[0x0112] = 6  # to be turned by 90 degrees
-    Image.fromarray(rgb).save(tmp_path / "turned.png", exif=turned)
-
-    np.testing.assert_array_equal(read_photo(tmp_path / "plain.png"), rgb)
-    grey = np.repeat(rgb[..., :1], 3, axis=2)
-    np.testing.assert_array_equal(read_photo(tmp_path / "grey.png"), grey)
-    np.testing.assert_array_equal(read_photo(tmp_path / "grey16.png"), grey)
-    shown = read_photo(tmp_path / "alpha.png")
-    assert (shown[:, :4] == 0).all()
-    np.testing.assert_array_equal(shown[:, 4:], rgb[:, 4:])
-    assert read_photo(tmp_path / "colours.gif").shape == (6, 9, 3)
-    np.testing.assert_array_equal(
-        read_photo(tmp_path / "turned.png"), np.rot90(rgb, -1, axes=(0, 1))
-    )
-
-
-def test_bad_pictures_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(CallError, match="picture not found"):
-        read_photo(tmp_path / "missing.png")
-    (tmp_path / "text.png").write_text("not a picture")
-    with pytest.raises(PliantError, match=r"text\.png.*cannot be read") as caught:
-        read_photo(tmp_path / "text.png")
-    assert caught.value.exit_code == 1
-    Image.new("L", (9000, 2)).save(tmp_path / "wide.png")
-    with pytest.raises(PliantError, match="9000x2 px; at most 8192"):
-        read_photo(tmp_path / "wide.png")
-    whole = tmp_path / "whole.png"
-    Image.effect_noise((64, 64), 50).save(whole)
-    whole.write_bytes(whole.read_bytes()[:900])
-    with pytest.raises(PliantError, match="cannot be read"):
-        read_photo(whole)
-
-
-def test_masks(tmp_path: Path) -> None:
-    Image.new("RGB", (9, 6), "red").save(tmp_path / "picture.png")
-    drawn = np.zeros((6, 9), dtype=np.uint8)
-    drawn[2:4, 3] = (10, 11)  # 10 is still black
-    Image.fromarray(drawn).save(tmp_path / "mask.png")
-    view = read_frame(tmp_path / "picture.png", tmp_path / "mask.png")
-    assert view.mask is not None
-    assert np.argwhere(view.mask).tolist() == [[3, 3]]
-    Image.new("L", (9, 7), 255).save(tmp_path / "larger.png")
-    with pytest.raises(CallError, match="found 9x7; required: 9x6"):
-        read_frame(tmp_path / "picture.png", tmp_path / "larger.png")
-    Image.new("L", (9, 6)).save(tmp_path / "black.png")
-    with pytest.raises(CallError, match="black everywhere"):
-        read_frame(tmp_path / "picture.png", tmp_path / "black.png")
-
-
 def pair_of_cards(tmp_path: Path, pose: Any, view_of: Any, times: int = 1) -> list[str]:
     """Write two enlarged pictures of a card and their masks; return the options naming them."""
     options = []
@@ -290,45 +225,6 @@ def test_grid_points_cover_the_object() -> None:
     assert set(points) == {
         (u, v) for u in (45.0, 55.0, 65.0, 75.0) for v in (25.0, 35.0, 45.0, 55.0)
     }
-
-
-def rope_on(colour: tuple[int, int, int], noise: int = 0) -> tuple[Any, Any, Any]:
-    """Return a picture of a blue strand with a red disc at its end, and where both are."""
-    rows, columns = np.mgrid[:120, :240]
-    strand = (abs(rows - 60 - 20 * np.sin(columns / 30)) <= 4) & (abs(columns - 120) < 90)
-    ball = np.hypot(rows - 60 - 20 * np.sin(1), columns - 30) <= 11
-    rgb = np.empty((120, 240, 3), np.int16)
-    rgb[:] = colour
-    rgb += np.random.default_rng(0).integers(-noise, noise + 1, rgb.shape, np.int16)
-    rgb[strand], rgb[ball] = (60, 90, 200), (200, 60, 60)
-    return rgb.clip(0, 255).astype(np.uint8), strand & ~ball, ball
-
-
-@pytest.mark.parametrize("colour", [(0, 0, 0), (255, 255, 255), (30, 120, 60)])
-def test_a_background_of_one_colour_is_a_mask(colour: tuple[int, int, int], tmp_path: Path) -> None:
-    rgb, strand, ball = rope_on(colour)
-    path = tmp_path / "rope.jpg"
-    Image.fromarray(rgb).save(path, quality=95)
-    photo = read_photo_view(PhotoFiles(path), asked_px=[(150.5, 60.5 + 20 * np.sin(5))])
-    assert photo.view.mask is not None
-    assert photo.view.objects is not None
-    assert np.mean(photo.view.objects != (strand | ball)) < 0.02
-    assert (photo.view.mask & strand).sum() > 0.97 * strand.sum()
-    assert (photo.view.mask & ball).sum() < 0.1 * ball.sum()
-    assert ["one colour" in photo.notes[0], "ball" in photo.notes[1]] == [True, True]
-    missed = read_photo_view(PhotoFiles(path), asked_px=[(3, 3)]).view
-    assert missed.mask is None  # what is asked about is no part of it
-
-
-def test_other_backgrounds_give_no_mask(tmp_path: Path) -> None:
-    rgb, *_ = rope_on((120, 120, 120), noise=4)  # a table: its shadows would be taken for rope
-    empty = np.full((60, 80, 3), 200, np.uint8)
-    halves = empty.copy()
-    halves[:30] = 90
-    for number, picture in enumerate((rgb, empty, halves)):
-        path = tmp_path / f"{number}.png"
-        Image.fromarray(picture).save(path)
-        assert read_photo_view(PhotoFiles(path)).view.mask is None
 
 
 @pytest.mark.parametrize("given", ["whole", "both"])
@@ -416,20 +312,3 @@ def test_an_unfamiliar_query_is_said(pose: Any, view_of: Any, tmp_path: Path) ->
     assert "unlike what strange was trained on" in match.warnings()[0]
     draw_match(match, view, view, tmp_path / "figure.svg")
     assert "do not trust the answer" in _svg_text(tmp_path / "figure.svg")
-
-
-def test_depth_reaches_the_method(tmp_path: Path) -> None:
-    Image.new("RGB", (40, 20), "red").save(tmp_path / "a.png")
-    depth_mm = np.full((20, 40), 1250, np.uint16)
-    depth_mm[0] = 0
-    Image.fromarray(depth_mm).save(tmp_path / "depth.png")
-    view = read_frame(tmp_path / "a.png", depth=tmp_path / "depth.png", max_side=20)
-    assert view.rgb.shape == (10, 20, 3)
-    assert view.depth_m is not None
-    assert (view.depth_m == 1.25).all()  # every second row: the first one is left out
-    whole = read_frame(tmp_path / "a.png", depth=tmp_path / "depth.png").depth_m
-    assert whole is not None
-    assert np.isinf(whole[0]).all()
-    Image.new("L", (40, 20), 3).save(tmp_path / "eight.png")
-    with pytest.raises(PliantError, match="depth of 8 bits has no unit"):
-        read_frame(tmp_path / "a.png", depth=tmp_path / "eight.png")

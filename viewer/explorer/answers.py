@@ -9,8 +9,8 @@ from typing import Literal
 from pliant.baselines.matcher import Heat
 from pliant.spec.model import FloatArray
 
-Kind = Literal["live", "recorded", "report"]
-"""`live` answers any pixel, `recorded` the nearest query, `report` nothing."""
+Kind = Literal["live", "recorded"]
+"""`live` answers any pixel, `recorded` the nearest query."""
 
 PairErrors = dict[str, list[float | None]]
 """Split -> RMSE of each pair in pixels, None where it is not known."""

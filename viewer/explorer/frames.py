@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import re
-import threading
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final, TypeVar
+from typing import Final
 
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
@@ -14,8 +12,6 @@ from pliant.spec.lru_cache import LRUCache
 from pliant.spec.sequence import RecordedFrame
 from pliant.spec.surface_search import SurfaceSearch
 from pliant.viewer.explorer.mesh import PosedMesh, PosedPoints
-
-Value = TypeVar("Value")
 
 _NUMBER: Final = re.compile("[0-9]{1,9}")
 _KEPT_FRAMES: Final = 8
@@ -45,7 +41,6 @@ class FrameStore:
     def __init__(self, dataset: Dataset) -> None:
         self.dataset = dataset
         self._sequences = {each.id: each for each in dataset.sequences}
-        self._lock = threading.RLock()
         self._searches: LRUCache[SurfaceSearch | None] = LRUCache(_KEPT_FRAMES)
         self._meshes: LRUCache[PosedMesh] = LRUCache(_KEPT_FRAMES)
         self._poses: LRUCache[PosedPoints] = LRUCache(_KEPT_POSES)
@@ -71,21 +66,12 @@ class FrameStore:
             queried = frame.sequence.described.queried
             return None if surface is None else SurfaceSearch(queried, surface)
 
-        return self._kept(self._searches, frame.key, make)
+        return self._searches.get(frame.key, make)
 
     def mesh(self, frame: RecordedFrame) -> PosedMesh:
         """Return the mesh of the tracked points of a frame's sequence."""
-        sequence = frame.sequence
-        return self._kept(self._meshes, sequence.id, lambda: PosedMesh.of(sequence))
+        return self._meshes.get(frame.sequence.id, lambda: PosedMesh.of(frame.sequence))
 
     def points(self, frame: RecordedFrame) -> PosedPoints:
         """Return where the tracked points of a frame are."""
-
-        def make() -> PosedPoints:
-            return PosedPoints.of(frame, self.mesh(frame))
-
-        return self._kept(self._poses, frame.key, make)
-
-    def _kept(self, cache: LRUCache[Value], key: str, make: Callable[[], Value]) -> Value:
-        with self._lock:
-            return cache.get(key, make)
+        return self._poses.get(frame.key, lambda: PosedPoints.of(frame, self.mesh(frame)))

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
+from pliant.baselines.descriptor_colours import descriptor_colours
 from pliant.baselines.matcher import Heat
 from pliant.spec.frame import Frame
 from pliant.spec.model import FloatArray
@@ -103,16 +104,9 @@ def _descriptor_colours(method: LiveMethod, views: Sequence[Frame], shown: int) 
     found = [described for view in views if (described := method.descriptors(view)) is not None]
     if len(found) < 2:
         return None
-    on = np.concatenate([made[mask] for made, mask in found])
-    if len(on) < 4:
-        return None
-    mean = on.mean(axis=0)
-    _, _, axes = np.linalg.svd(on[:: max(1, len(on) // 4000)] - mean, full_matrices=False)
-    low, high = np.quantile((on - mean) @ axes[:3].T, [0.02, 0.98], axis=0)
-    made, mask = found[shown]
-    share = ((made[mask] - mean) @ axes[:3].T - low) / np.maximum(high - low, 1e-12)
-    rgb = np.full((*mask.shape, 3), _DARK, np.uint8)
-    rgb[mask, : share.shape[1]] = np.rint(255 * share.clip(0, 1))
+    maps, masks = zip(*found, strict=True)
+    rgb = np.rint(255 * descriptor_colours(maps, masks)[shown]).astype(np.uint8)
+    rgb[~masks[shown]] = _DARK
     return _enlarged(rgb, views[shown])
 
 

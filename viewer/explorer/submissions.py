@@ -1,4 +1,4 @@
-"""Recorded methods: the answers of a submission, or the errors of a report without one."""
+"""Recorded methods: the answers of a submission."""
 
 from __future__ import annotations
 
@@ -6,12 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from pliant.evaluator.scores import Scores, read_scores
-from pliant.evaluator.submission.answers import SplitAnswers
-from pliant.evaluator.submission.loading import load
-from pliant.evaluator.submission.problems import Problems
+from pliant.evaluator.scores import read_scores
 from pliant.spec.dataset import Dataset
-from pliant.spec.errors import CallError, SubmissionError
+from pliant.spec.errors import CallError
 from pliant.spec.io.reading import sha256_file
 from pliant.spec.model import FloatArray
 from pliant.viewer.explorer.answers import Kind, MethodAnswer, PairErrors
@@ -19,15 +16,14 @@ from pliant.viewer.explorer.frames import FramePair
 from pliant.viewer.explorer.live import LiveMethod
 from pliant.viewer.explorer.recorded import RecordedQueries
 from pliant.viewer.explorer.truth import REACH_PX
+from pliant.viewer.recorded_answers import RecordedAnswers, read_answers
 
 
 class RecordedMethod:
     """The answers of a submission: a pixel gets the answer to the nearest query of the pair.
 
     Args:
-        name: Name of the method.
-        answers: The answers of one split, in the order of its queries.
-        split: The split.
+        answers: The answers of one split.
         queries: The dataset's queries.
         errors: The RMSE of each pair, pixels.
     """
@@ -35,16 +31,11 @@ class RecordedMethod:
     kind: Kind = "recorded"
 
     def __init__(
-        self,
-        name: str,
-        answers: SplitAnswers,
-        split: str,
-        queries: RecordedQueries,
-        errors: list[float | None],
+        self, answers: RecordedAnswers, queries: RecordedQueries, errors: list[float | None]
     ) -> None:
-        self.name = name
-        self.errors: PairErrors = {split: errors}
-        self._answers, self._split, self._queries = answers, split, queries
+        self.name, self._split = answers.method, answers.split
+        self.errors: PairErrors = {self._split: errors}
+        self._answers, self._queries = answers.rows, queries
 
     def answer(self, pair: FramePair, uv_a_px: FloatArray) -> MethodAnswer | None:
         """Return the answer to the nearest query of the pair, or None."""
@@ -72,76 +63,15 @@ class RecordedMethod:
         return found if len(found) == len(uv_a_px) else None
 
 
-class ReportMethod:
-    """A report without its submission: it sorts pairs by error and answers nothing.
-
-    Args:
-        scores: The report.
-    """
-
-    kind: Kind = "report"
-
-    def __init__(self, scores: Scores) -> None:
-        self.name = scores.method
-        self.errors: PairErrors = {str(scores.document["split"]): pair_errors(scores)}
-
-    def answer(self, pair: FramePair, uv_a_px: FloatArray) -> MethodAnswer | None:
-        """Return None: a report contains no answers."""
-        del pair, uv_a_px
-        return None
-
-    def answers(self, pair: FramePair, uv_a_px: FloatArray) -> FloatArray | None:
-        """Return None: a report contains no answers."""
-        del pair, uv_a_px
-        return None
-
-
-def pair_errors(scores: Scores) -> list[float | None]:
-    """Return the RMSE of each pair of a report in pixels, None where the protocol has none."""
-    table = scores.per_pair
-    if not {"sum_squared_px2", "counted"} <= set(table.column_names):
-        return [None] * len(table)
-    squared, counted = (table[name].to_numpy() for name in ("sum_squared_px2", "counted"))
-    return [float(np.sqrt(s / n)) if n else None for s, n in zip(squared, counted, strict=True)]
-
-
 def read_submission(path: Path, dataset: Dataset, queries: RecordedQueries) -> RecordedMethod:
-    """Return the recorded answers of a submission; missing rows are allowed.
-
-    Args:
-        path: The submission.
-        dataset: The dataset.
-        queries: The dataset's queries.
-
-    Raises:
-        SubmissionError: Something is wrong with it.
-        CallError: It contains keypoint matches, not answers.
-    """
-    problems = Problems(path)
-    loaded = load(path, dataset, problems, allow_missing=True)
-    if loaded is None:
-        issues = problems.issues()
-        raise SubmissionError(
-            "the submission cannot be read",
-            path=path,
-            found=str(issues[0]) if issues else None,
-            fix=f"List all problems with: pliant check {path} --data DATA",
-            issues=issues,
-        )
-    if not isinstance(loaded.answers, SplitAnswers):
-        raise CallError(
-            "keypoint matches answer no queries", path=path, required="a submission of answers"
-        )
-    split = loaded.submission.split
-    name = str(loaded.submission.footer["method"]["name"])
-    errors = queries.splits[split].rmse_px(loaded.answers.uv_px.astype(np.float64))
-    return RecordedMethod(name, loaded.answers, split, queries, errors)
+    """Return the recorded answers of a submission; see `read_answers`."""
+    found = read_answers(path, dataset)
+    errors = queries.splits[found.split].rmse_px(found.rows.uv_px.astype(np.float64))
+    return RecordedMethod(found, queries, errors)
 
 
-def read_report(
-    folder: Path, dataset: Dataset, queries: RecordedQueries
-) -> RecordedMethod | ReportMethod:
-    """Return a report's method, with its answers where the submission is found.
+def read_report(folder: Path, dataset: Dataset, queries: RecordedQueries) -> RecordedMethod:
+    """Return the recorded answers that a report scores.
 
     The submission is the file that the report names, by its sha256: in the report's folder or the
     one above.
@@ -152,25 +82,22 @@ def read_report(
         queries: The dataset's queries.
 
     Raises:
-        CallError: The report is of another dataset.
-        SubmissionError: The folder is not a report, or is damaged.
+        CallError: The submission is not there.
+        SubmissionError: The folder is not a report, or one of the files is damaged.
     """
-    scores = read_scores(folder)
-    of, split = scores.document["dataset"], str(scores.document["split"])
-    if split not in queries.splits or of["queries_sha256"] != dataset.queries_sha256(split):
-        raise CallError(
-            "the report is of another dataset",
-            path=folder,
-            found=f"{of['id']} {of['version']}, split {split}",
-            required=f"{dataset.id} {dataset.version}",
-        )
-    submission = scores.document["submission"]
+    submission = read_scores(folder).document["submission"]
+    name = Path(submission["file"]).name
     for place in (folder, folder.resolve().parent):
-        file = place / Path(submission["file"]).name
+        file = place / name
         if file.is_file() and sha256_file(file) == submission["sha256"]:
             return read_submission(file, dataset, queries)
-    return ReportMethod(scores)
+    raise CallError(
+        "the submission of the report is not there",
+        path=folder,
+        required=f"{name}, sha256 {submission['sha256'][:16]}…, in the folder or the one above",
+        fix="Put it there, or name the submission instead of the report.",
+    )
 
 
-Method = LiveMethod | RecordedMethod | ReportMethod
+Method = LiveMethod | RecordedMethod
 """A method of an explorer, of any kind."""

@@ -13,6 +13,7 @@ import pytest
 import torch
 from torch import nn
 
+from pliant.baselines.descriptor_colours import descriptor_colours
 from pliant.baselines.matcher import HeatMatcher
 from pliant.baselines.tracing import Rectified
 from pliant.loaders.frame_store import FrameStore
@@ -23,7 +24,6 @@ from pliant.models.don.candidates import pixel_grid, widened
 from pliant.models.don.certainty import Calibration, mean_doubt
 from pliant.models.don.decoding import Widths, decode_position, mixture_of_modes, spread_about
 from pliant.models.don.matcher import DonMatcher, Search
-from pliant.models.don.report import descriptor_colours
 from pliant.models.don.rope_reader import RopeReader
 from pliant.models.don.settings import AnswerSettings, DonSettings
 from pliant.models.don.validation import ValidationPair, draw_validation_pairs, validate

@@ -8,14 +8,12 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import pyarrow as pa
 import pytest
 
 from pliant.baselines.matcher import Heat
 from pliant.spec.answers import Answers
 from pliant.spec.dataset import Dataset
 from pliant.spec.frame import Frame, Pair
-from pliant.spec.io.parquet import write_table
 
 pytest.importorskip("starlette", reason="the explorer needs the extra 'explore'")
 pytest.importorskip("uvicorn", reason="the explorer needs the extra 'explore'")
@@ -48,34 +46,6 @@ class Shifted:
         squared = (u - uv_a_px[0] - SHIFT_PX) ** 2 + (v - uv_a_px[1]) ** 2
         hill = (-squared / 8).astype(np.float32)
         return Heat(hill, "log probability", 0.75, "probability of the peak")
-
-
-@pytest.fixture(scope="session")
-def submit(tmp_path_factory: pytest.TempPathFactory) -> Callable[[Path, float], Path]:
-    """A function: dataset folder, shift in pixels -> a submission of the moved truth."""
-
-    def write(root: Path, shift_px: float) -> Path:
-        dataset = Dataset.open(root)
-        queries, truth = dataset.queries("test"), dataset.truth("test")
-        table = pa.table(
-            {
-                "pair_id": queries["pair_id"],
-                "query_id": queries["query_id"],
-                "u": pa.array(truth["u_b"].to_numpy() + np.float32(shift_px)),
-                "v": truth["v_b"],
-            }
-        )
-        footer = {
-            "dataset": {"id": dataset.id, "version": dataset.version},
-            "split": "test",
-            "queries_sha256": dataset.queries_sha256("test"),
-            "method": {"name": f"moved {shift_px:g} px"},
-        }
-        path = tmp_path_factory.mktemp("submission") / "answers.parquet"
-        write_table(path, table, "answers", footer)
-        return path
-
-    return write
 
 
 @pytest.fixture(scope="session")

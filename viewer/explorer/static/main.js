@@ -44,8 +44,8 @@ function given() {
     return data.sequences.some(each => each[0] === name && index >= 0 && index < each[4]);
   };
   if (!known(next.a) || !known(next.b)) Object.assign(next, first(), { u: null, v: null });
-  if (!data.methods[next.method] || data.methods[next.method].kind === "report") {
-    next.method = Math.max(data.methods.findIndex(method => method.kind !== "report"), 0);
+  if (!data.methods[next.method]) {
+    next.method = 0;
   }
   return next;
 }
@@ -70,7 +70,7 @@ async function tab() {
 }
 
 function nextMethod() {
-  const usable = [...data.methods.keys()].filter(k => data.methods[k].kind !== "report");
+  const usable = [...data.methods.keys()];
   if (usable.length) set({ method: usable[(usable.indexOf(state.method) + 1) % usable.length] });
 }
 

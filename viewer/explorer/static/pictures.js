@@ -90,7 +90,7 @@ function controls() {
   for (const button of $("layers").children) {
     const name = button.dataset.layer;
     button.setAttribute("aria-pressed", String(name === state.layer));
-    button.disabled = name === "error" ? !method || method.kind === "report" : METHOD_LAYERS.includes(name) && !method?.[name];
+    button.disabled = name === "error" ? !method : METHOD_LAYERS.includes(name) && !method?.[name];
   }
   $("heat-on").checked = state.heat;
   $("heat-on").disabled = !data.methods.some(each => each.heat);

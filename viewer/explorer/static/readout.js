@@ -59,7 +59,7 @@ function ask() {
     return;
   }
   askTruth.ask(asked());
-  data.methods.forEach((method, k) => { if (method.kind !== "report") askMethod[k].ask(asked()); });
+  data.methods.forEach((method, k) => { askMethod[k].ask(asked()); });
 }
 
 function cells(name, k, kind) {
@@ -67,7 +67,7 @@ function cells(name, k, kind) {
   head.scope = "row";
   mark.className = k === null ? "mark truth" : "mark method";
   if (k !== null) mark.style.background = COLOURS[k % COLOURS.length];
-  about.textContent = k === null ? "" : { live: " live", recorded: " recorded", report: " errors of pairs only" }[kind];
+  about.textContent = k === null ? "" : ` ${kind}`;
   head.append(mark, name, about);
   const made = { row, k };
   row.append(head);
@@ -75,7 +75,7 @@ function cells(name, k, kind) {
     made[column] = document.createElement("td");
     row.append(made[column]);
   }
-  if (k !== null && kind !== "report") {
+  if (k !== null) {
     const radio = Object.assign(document.createElement("input"), { type: "radio", name: "method", value: k });
     radio.setAttribute("aria-label", `Show the heat map of ${name}`);
     radio.onchange = () => set({ method: k });

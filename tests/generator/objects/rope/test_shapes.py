@@ -85,7 +85,7 @@ def test_nothing_but_its_own_end_touches_the_ball(drawn: Drawn) -> None:
 
 
 def test_seen_from_above_it_is_the_bezier_curve_of_its_control_points(drawn: Drawn) -> None:
-    """The anatomy figure draws curve and handles from the record alone."""
+    """The record alone gives the curve."""
     name, settings, made = drawn
     t = np.linspace(0, 1, 200)[:, None]
     for each in made[:5]:
