@@ -9,7 +9,8 @@ import click
 
 from pliant.cli.options import FILE, PATH, json_option, out_option, path_option
 from pliant.cli.terminal import echo, echo_result, plural
-from pliant.spec.errors import CallError, MissingExtraError
+from pliant.spec.errors import CallError
+from pliant.spec.extras import require_packages
 
 if TYPE_CHECKING:
     from pliant.service.challenge import Challenge
@@ -26,13 +27,7 @@ challenge_argument = click.argument("challenge", metavar="CHALLENGE", type=PATH)
 
 def require_service() -> None:
     """Refuse to go on without the extra `service`."""
-    try:
-        import cryptography
-        import fastapi
-        import sqlalchemy  # noqa: F401
-    except ImportError as error:
-        raise MissingExtraError("The evaluation service", "service") from error
-    del cryptography, fastapi
+    require_packages(("alembic", "cryptography", "fastapi"), "The evaluation service", "service")
 
 
 def open_challenge(challenge: Path, database: str | None) -> Challenge:

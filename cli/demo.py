@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import time
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from pliant.spec.cores import cpu_cores
 from pliant.spec.extras import require_packages
 
 _SETS = ("rope", "cloth")
-_PACKAGES = ("cv2", "mahotas", "torch", "safetensors")
+_PACKAGES = ("cv2", "mahotas", "torch", "safetensors", "alembic", "cryptography", "fastapi")
 
 
 @click.command("demo")
@@ -37,7 +38,8 @@ def command(
 
     Blender renders rope, cloth-1 and cloth-3; SIFT, SURF, ORB, the networks that come with
     Pliant, and the controls answer the same queries; DIR/report/index.html shows a match in
-    pictures, the paper's table and the causes of the errors.
+    pictures, the paper's table and the causes of the errors. The last line is the command that
+    serves the ropes as a challenge.
     Run the same command again to resume an interrupted demo.
     """
     from pliant.generator.runner.run import required_packages
@@ -76,9 +78,35 @@ def command(
         found = (values.get(method) for values in rmse.values())
         table.add_row(method, *("–" if px is None else format_px(px) for px in found))
     Console(stderr=True).print(table)
+    serve, token = _make_challenge(out, Workspace(out).set_path("rope"))
     seconds = time.monotonic() - started
     if as_json:
-        echo_json({"page": str(page), "rmse_px": rmse, "seconds": round(seconds, 1)})
+        document = {"page": str(page), "rmse_px": rmse, "seconds": round(seconds, 1)}
+        echo_json({**document, "serve": serve, "host_token": token})
     else:
         echo(f"{seconds:.0f} s in all. Open {page}")
+        echo(f"Serve the ropes as a challenge with: {serve}")
+        if token is not None:
+            echo(f"The host's token, shown this once: {token}")
     return 0
+
+
+def _make_challenge(out: Path, data: Path) -> tuple[str, str | None]:
+    """Publish a set and make a challenge of it, once.
+
+    Returns:
+        The command that serves it, and the host's token the first time.
+    """
+    from pliant.publishing import PublishSettings, publish
+    from pliant.service.challenge import create_challenge, is_challenge
+
+    root, public = out / "challenge", out / "published"
+    token = None
+    if not is_challenge(root):
+        private = public.with_name("published-private")
+        for half in (public, private):
+            shutil.rmtree(half, ignore_errors=True)  # of a demo that was interrupted
+        # The demo's seed is known, so its answers are no secret.
+        publish(data, public, PublishSettings(hold_out=("test",), answers_are_public=True))
+        token = create_challenge(root, public, private, ["test"])
+    return f"pliant serve {root}", token
