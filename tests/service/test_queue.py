@@ -19,7 +19,7 @@ from pliant.service.worker import Worker
 from pliant.spec.limits import Limits, run_limited
 from tests.service.conftest import MakeTrial, Trial, quick
 
-SHORT = "scoring: {lease_s: 1, wall_s: 3, memory_gib: 1}\n"
+SHORT = "scoring: {lease_s: 1, wall_s: 60, memory_gib: 1}\n"
 
 
 def state_of(trial: Trial, number: int) -> Submission:
@@ -147,7 +147,8 @@ def test_a_scorer_that_misbehaves_costs_no_attempt(
     number = trial.send(b"good")
 
     def scorer(task: Task, limits: Scoring) -> Result:
-        bounds = Limits(memory_bytes=int(limits.memory_gib * 2**30), wall_s=limits.wall_s)
+        wall_s = 2 if what is hang else limits.wall_s
+        bounds = Limits(memory_bytes=int(limits.memory_gib * 2**30), wall_s=wall_s)
         return run_limited(what, limits=bounds, path=task.name)  # type: ignore[arg-type]
 
     worker = Worker(trial.challenge, scorer)
