@@ -76,7 +76,7 @@ class Sender(threading.Thread):
                     if self._stopped.wait(0.1):
                         return
             self.accepted[view["id"]] = view["file_sha256"]
-            self._stopped.wait(1.2)
+            self._stopped.wait(4.0)
 
     def stop(self) -> None:
         self._stopped.set()
@@ -137,7 +137,7 @@ def kill_something(server: Server, rng: random.Random) -> None:
     server.restart()
 
 
-def wait_until_idle(challenge: Challenge, seconds: float = 600) -> None:
+def wait_until_idle(challenge: Challenge, seconds: float = 1500) -> None:
     end = time.monotonic() + seconds
     query = select(func.count()).select_from(Job).where(Job.state.in_(["queued", "leased"]))
     while time.monotonic() < end:
