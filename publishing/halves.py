@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from pliant.publishing.card import write_card
-from pliant.publishing.croissant import check_croissant, write_croissant
+from pliant.publishing.croissant import write_croissant
 from pliant.publishing.held_out import (
     listed,
     picture_alone,
@@ -108,7 +108,6 @@ def write_public(
     _write_text(root / "CITATION.cff", citation(dataset.info, authors, settings.url, settings.date))
     write_card(public, root, authors=authors, url=settings.url)
     write_croissant(public, root, authors=authors, url=settings.url, date=settings.date)
-    check_croissant(root)
 
 
 def _public_folder(sequence: SequenceRecord, hold_out: Sequence[str]) -> FolderToPack:

@@ -74,8 +74,8 @@ def private_readme(
     return (
         f"# Private half of {name}\n\n"
         f"The answers of the split {', '.join(hold_out)}: truth, depth and surface images, points, "
-        "correspondences, cameras and the seed. **Keep this folder to yourself**: whoever has it, "
-        "or the seed in its `dataset.json`, has the answers.\n\n"
+        "correspondences and cameras. **Keep this folder to yourself**: whoever has it has the "
+        "answers.\n\n"
         "To score a submission exactly as on the whole dataset:\n\n"
         "    pliant evaluate SUB.parquet --data PUBLIC --truth THIS_FOLDER --out REPORT\n\n"
         "`sha256sum -c SHA256SUMS` says whether it is whole; `manifest.json` names the public half "

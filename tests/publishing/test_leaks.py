@@ -24,10 +24,10 @@ from pliant.publishing import PublishSettings, publish
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import SpecError
 from pliant.spec.io.jsonfiles import read_json
+from pliant.spec.secrets import read_secret_seed, write_secret_seed
 from pliant.spec.storage import layout
 from tests.conformance.base import relist
 
-SEED = 2_718_281_828_459_045_235
 HELD_OUT = PublishSettings(hold_out=("test",), answers_are_public=True)
 CHUNKS = {b"IHDR", b"sRGB", b"IDAT", b"IEND"}
 
@@ -39,7 +39,7 @@ CONFIG = GenerateConfig(
     width=96,
     height=72,
     style="raster",
-    seed=SEED,
+    secret_seed=True,
     queries=QuerySettings(pairs_per_sequence=2, queries_per_pair=16),
     id="secret",
 )
@@ -47,11 +47,11 @@ CONFIG = GenerateConfig(
 
 @pytest.fixture(scope="module")
 def secret(tmp_path_factory: pytest.TempPathFactory) -> Any:
-    """A small set of a seed that nobody guesses, and its halves: (whole, public, private)."""
+    """A small set of a secret seed, and its halves: (whole, public, private)."""
     root = tmp_path_factory.mktemp("secret")
     assert not generate(CONFIG, root / "whole", workers=1).failed
-    facts = publish(root / "whole", root / "public", HELD_OUT)
-    assert not any("query pixels" in text for text in facts.warnings)
+    facts = publish(root / "whole", root / "public", PublishSettings(hold_out=("test",)))
+    assert not any("query pixels" in text or "seed" in text for text in facts.warnings)
     return root / "whole", root / "public", root / "public-private"
 
 
@@ -280,21 +280,20 @@ def test_checksums_of_the_answers_are_nowhere(secret: Any) -> None:
 
 
 def test_the_seed_is_nowhere(secret: Any) -> None:
-    _, public, private = secret
-    needles = [
-        str(SEED).encode(),
-        f"{SEED:x}".encode(),
-        SEED.to_bytes(8, "little"),
-        SEED.to_bytes(8, "big"),
-    ]
-    for name, data in contents(public):
-        assert not any(needle in data for needle in needles), name
-    for name, data in contents(public):
-        if name.endswith(".json"):
-            assert all(seed in (0, None) for seed in seeds_in(json.loads(data))), name
-    rows = pq.read_table(public / "sequences.parquet")
-    assert set(rows["seed"].to_pylist()) == {0}
-    assert str(SEED).encode() in (private / "dataset.json").read_bytes()
+    """Nor in the private half, which scores without it."""
+    whole, public, private = secret
+    seed = read_secret_seed(whole)
+    assert seed is not None
+    needles = [str(seed).encode(), f"{seed:x}".encode()]
+    needles += [seed.to_bytes(16, order) for order in ("little", "big")]
+    for root, texts in ((public, contents(public)), (private, files_of(private).items())):
+        for name, data in texts:
+            assert not any(needle in data for needle in needles), name
+            if root == public and name.endswith(".json"):
+                assert all(each in (0, None) for each in seeds_in(json.loads(data))), name
+        assert not list(root.rglob(".private"))
+        rows = pq.read_table(root / "sequences.parquet")
+        assert set(rows["seed"].to_pylist()) == {0}
 
 
 def seeds_in(value: Any) -> Iterator[Any]:
@@ -310,17 +309,20 @@ def seeds_in(value: Any) -> Iterator[Any]:
 
 
 def test_nobody_can_generate_the_answers_again(secret: Any, tmp_path: Path) -> None:
-    """The same call with the seed that the public half tells gives another set; with that of the
-    private half, the same."""
-    whole, public, private = secret
+    """The same call with the seed that the public half tells gives another set; with the secret
+    one, the same."""
+    whole, public, _ = secret
     right = (whole / "truth" / "test.parquet").read_bytes()
-    for root, out in ((public, "guess"), (private, "known")):
-        provenance = json.loads((root / "dataset.json").read_text())["provenance"]
-        assert provenance["seed"] == provenance["config"].get("seed")
-        config = CONFIG.replace(seed=provenance["seed"] or 0)
-        assert not generate(config, tmp_path / out, workers=1).failed
-        found = (tmp_path / out / "truth" / "test.parquet").read_bytes()
-        assert (found == right) is (root == private)
+    provenance = json.loads((public / "dataset.json").read_text())["provenance"]
+    assert provenance["seed"] is None
+    seed = read_secret_seed(whole)
+    assert seed is not None
+    write_secret_seed(tmp_path / "known", seed)
+    configs = {"guess": CONFIG.replace(secret_seed=False, seed=0), "known": CONFIG}
+    for name, config in configs.items():
+        assert not generate(config, tmp_path / name, workers=1).failed
+        found = (tmp_path / name / "truth" / "test.parquet").read_bytes()
+        assert (found == right) is (name == "known")
 
 
 def test_the_validator_would_notice(secret: Any, tmp_path: Path) -> None:

@@ -20,12 +20,12 @@ from PIL import Image
 
 from pliant.cli.main import run
 from pliant.publishing import PublishSettings, publish
-from pliant.publishing.croissant import check_croissant, croissant_problems
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, SpecError
 from pliant.spec.storage import layout
 from pliant.spec.storage.manifest import read_checksums
 from pliant.spec.validation.validate import validate
+from tests.publishing.croissant_check import croissant_problems
 
 
 def sums(root: Path) -> str:
@@ -324,8 +324,6 @@ def test_our_own_check_of_croissant_finds_what_mlcroissant_passes(
     assert "'https://schema.org/' was expected" in problems(
         lambda d: d["@context"].update(sc="http://schema.org/")
     )
-    with pytest.raises(SpecError, match="does not describe"):
-        check_croissant(root)
 
 
 @pytest.mark.filterwarnings("ignore")
