@@ -1,8 +1,8 @@
 """Contrastive against distributional, side by side: the same data, network, steps and seeds.
 
 Both train with the shipped CPU recipe but for the loss (`--quick`: a few steps of a small network,
-one seed) and answer the test split, on the reference benchmark's set of a tier
-(`pliant-v1-mini.yaml`). The tier is rope, or PLIANT_DON_TIER. PLIANT_DON_DATA names a dataset with
+one seed) and answer the test split, on the set of a tier that `don.py` makes. The tier is rope, or
+PLIANT_DON_TIER. PLIANT_DON_DATA names a dataset with
 that tier to use instead of making one (such as DIR/sets/cloth-1 of `pliant benchmark`),
 PLIANT_DON_STEPS the steps of every run, PLIANT_DON_RUNS a folder to keep the runs in, as LOSS-SEED:
 what is finished there is not trained again, what was interrupted goes on from its checkpoint (with
@@ -24,10 +24,10 @@ import tempfile
 import time
 from pathlib import Path
 
+from don import one_material
 from record import Value, main
 
 from pliant.baselines.predict import predict
-from pliant.benchmarks.suite.config import read_config
 from pliant.evaluator import evaluate
 from pliant.generator.runner.run import generate
 from pliant.models import load_matcher
@@ -38,7 +38,6 @@ from pliant.spec.configuration import read_settings
 from pliant.spec.dataset import Dataset
 
 CONFIGS = Path(__file__).parents[1] / "models" / "configs"
-REFERENCE = Path(__file__).with_name("pliant-v1-mini.yaml")
 SMALL_SPLITS = {"train": 12, "val": 6, "test": 4}
 LOSSES = {
     "distributional": ["loss.kind=distributional"],
@@ -59,9 +58,9 @@ def measure(quick: bool) -> dict[str, Value]:
         scratch = Path(folder)
         data = os.environ.get("PLIANT_DON_DATA")
         if data is None:
-            config = read_config(REFERENCE).sets[tier]
+            config = one_material(tier)
             if quick:
-                config = config.replace(splits=SMALL_SPLITS, sequences=None)
+                config = config.replace(splits=SMALL_SPLITS)
             generate(config, scratch / "set", workers=1 if quick else 2)
             data = str(scratch / "set")
         dataset = Dataset.open(data)

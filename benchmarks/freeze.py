@@ -1,6 +1,6 @@
 """Freeze a benchmark's test questions: make every test split, write the file of checksums.
 
-`python benchmarks/freeze.py benchmarks/pliant-v1.yaml --out DIR` writes the file that the config
+`python benchmarks/freeze.py benchmarks/pliant-v2.yaml --out DIR` writes the file that the config
 names under `checksums`. DIR may be one that was begun.
 """
 

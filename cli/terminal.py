@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
 LOG_EVERY_S: Final = 30.0
-"""Seconds between the lines of a command whose stderr is no terminal."""
+"""Seconds between the lines of a command whose stderr is not a terminal."""
 
 _RATE_CALLS: Final = 200
 """The rate is that of the last so many calls."""

@@ -57,7 +57,7 @@ class Mark:
     Attributes:
         u_px, v_px: Pixels from the corner of the picture; NaN where the position is not given.
         visible: Whether the point is seen there.
-        source: Who says so; what a method suggested is no truth until a person confirms it.
+        source: Who says so; what a method suggested is not ground truth until a person confirms it.
     """
 
     u_px: float

@@ -81,7 +81,7 @@ def read_source(
 
 
 def _track_files(path: Path) -> list[Path]:
-    """Return the files of point tracks at a path: one that is no annotation, or all npz."""
+    """Return the files of point tracks at a path: a file other than annotations, or all npz."""
     if path.is_file():
         return [] if path.suffix.lower() in (".csv", ".json") else [path]
     annotated = ANNOTATIONS_CSV, KNOTS_JSON, f"images/{KNOTS_JSON}"

@@ -23,7 +23,7 @@ def check_type(
     Args:
         where: Name of the argument.
         value: The argument.
-        kinds: Its types; True and False are no numbers.
+        kinds: Its types; True and False are not numbers.
         required: The types in words; empty names the classes.
         fix: What the caller can do.
 

@@ -76,16 +76,13 @@ def compare_checksums(config: BenchmarkConfig, work: Workspace) -> Differences:
             differing[name] = "it is not among the frozen sets"
         elif wanted != checksums:
             differing[name] = _what_differs(wanted, checksums)
-            if frozen.get("superseded") and wanted["tables"] == checksums["tables"]:
-                differing[name] += ", whose frozen checksums are superseded (docs/benchmark.md)"
     return Differences(True, differing)
 
 
 def read_frozen(config: BenchmarkConfig) -> dict[str, Any] | None:
     """Return the frozen checksums, or None where the benchmark has none yet.
 
-    Under `tables` a file may name another set that has the very same ones. `superseded` lists the
-    checksums (`queries`, `truth`) that the present generator does not reproduce.
+    Under `tables` a file may name another set that has the very same ones.
 
     Raises:
         CallError: The file cannot be read or belongs to another benchmark or version.

@@ -14,7 +14,7 @@ class Left(NamedTuple):
     """What is left of a run.
 
     Attributes:
-        seconds: Wall time, with as many workers as the measured sequences had beside them.
+        seconds: Wall time, with as many workers as ran while the sequences were measured.
         bytes: Space of the sequences that are missing.
     """
 

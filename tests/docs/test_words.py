@@ -21,7 +21,6 @@ UNCHANGEABLE = {
     "conventions.py",
     "tables.py",
     "results.md",
-    "results-v1.md",
     "ablations.md",
 }
 
