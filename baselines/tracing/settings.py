@@ -19,7 +19,7 @@ class TracingSettings:
 
     Attributes:
         working_width_px: Masks are walked at about this width (cost).
-        shortest_steps: Walks of fewer places, and masks of fewer pixels, are not a rope (unrecorded).
+        shortest_steps: Shorter walks, and masks of fewer pixels, are not a rope (unrecorded).
         stations: Places that a trace is resampled to, evenly along it (cost).
         walk_step_px: Length of a step on the working mask (unrecorded).
         walk_turns_deg: Directions looked in, from the heading: start, stop, step (unrecorded).
