@@ -24,9 +24,8 @@ class Left(NamedTuple):
 
 @dataclass
 class _Cost:
-    """Sums over the finished sequences of a tier; `warm` says whether the workers were."""
+    """Sums over the measured sequences of a tier."""
 
-    warm: bool = False
     frames: int = 0
     seconds: float = 0.0
     bytes: int = 0
@@ -36,9 +35,8 @@ class _Cost:
 class Forecast:
     """Cost of an image, tier by tier; nothing is forecast for a tier before it is measured.
 
-    A worker's first sequence of a tier also loads or compiles code, so it counts only until another
-    one is finished. Sequences are timed while the other workers work, so that what they
-    take from each other is in the figures.
+    A worker's first sequence of a tier also loads or compiles code and is not measured. Sequences
+    are timed while the other workers work, so the figures contain what they take from each other.
 
     Attributes:
         workers: Sequences in work at a time.
@@ -69,11 +67,9 @@ class Forecast:
         self.frames_left[tier] -= result.frames
 
     def measure(self, tier: str, result: SequenceResult) -> None:
-        """Take what a sequence cost."""
-        cost = self._costs.setdefault(tier, _Cost())
-        if result.warm and not cost.warm:
-            cost = self._costs[tier] = _Cost(warm=True)
-        if result.warm or not cost.warm:
+        """Take what a sequence cost, unless it is its worker's first of the tier."""
+        if result.warm:
+            cost = self._costs.setdefault(tier, _Cost())
             cost.frames += result.frames
             cost.seconds += result.seconds
             cost.bytes += result.bytes
