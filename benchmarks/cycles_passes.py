@@ -49,7 +49,7 @@ class PassRenderer:
         from pliant.generator.rendering.cycles_styles import CyclesRenderer
 
         CyclesRenderer.release_scene()
-        self._scene = blender.new_scene(size, threads, "cpu")
+        self._scene = blender.new_scene(size, threads, gpu=False)
         cycles = self._scene.cycles
         cycles.samples = 1
         cycles.max_bounces = 0

@@ -10,7 +10,6 @@ image are steadier than rates: take those on a machine that does other things.
 
 from __future__ import annotations
 
-import functools
 import multiprocessing
 import os
 import tempfile
@@ -26,7 +25,7 @@ from pliant.generator.config import GenerateConfig
 from pliant.generator.runner.engine import STAGES, Failed, Finished, Rendered, SequenceResult
 from pliant.generator.runner.engine_local import LocalEngine
 from pliant.generator.runner.plan import plan_tasks
-from pliant.generator.runner.run import open_sequence_maker
+from pliant.generator.runner.run import sequence_maker
 from pliant.generator.seeding import SequenceTask
 
 STYLES = ("raster", "fast", "photo")
@@ -140,7 +139,7 @@ def _config(tier: str, style: str, frames: int, sequences: int, **changes: Any) 
 
 
 def _maker(config: GenerateConfig, root: Path) -> Any:
-    return functools.partial(open_sequence_maker, config, root, root / "scratch", 1)
+    return sequence_maker(config, root, root / "scratch")
 
 
 @contextmanager

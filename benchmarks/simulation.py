@@ -5,7 +5,7 @@
 `cloth_ms_per_step_N`: a cloth of N x N points held by two corners, without self-contact;
 `…_self`: with it; `…_heap_self`: a cloth that falls in folds on a table.
 `cloth_cpu_s_tier_N`: a finished cloth of a tier, refused tries and the calm phase included.
-`rope_frames_per_s`: rope episodes.
+`rope_frames_per_s`: a rope episode that a hand moves; `…_at_rest`; `…_with_mesh` of each frame.
 """
 
 from __future__ import annotations
@@ -15,13 +15,15 @@ from collections.abc import Callable
 
 import numpy as np
 from record import Value, main
-from rope_frames import measure_rope
 
 from pliant.generator.objects.cloth import ClothSettings, sample_cloth
 from pliant.generator.objects.cloth.contact_pbd import PairContact
 from pliant.generator.objects.cloth.grid import flat_positions
 from pliant.generator.objects.cloth.simulator import Sheet, Simulator
 from pliant.generator.objects.cloth.step import Table
+from pliant.generator.objects.rope import RopeSettings
+from pliant.generator.objects.rope.body import RopeBody
+from pliant.generator.objects.rope.episode import Episode
 from pliant.generator.seeding import RandomStreams, SequenceTask
 
 POINTS_A_SIDE = (25, 50, 100)
@@ -43,7 +45,7 @@ def measure(quick: bool) -> dict[str, Value]:
     _cpu_s_per_cloth(1, 1)  # compiles
     for level in (1, 2, 3):
         figures[f"cloth_cpu_s_tier_{level}"] = _cpu_s_per_cloth(level, 2 if quick else 12)
-    return figures | measure_rope(quick)
+    return figures | _rope_rates(600 if quick else 3000)
 
 
 def _best_ms_per_step(make: Callable[[], Simulator], steps: int, repeats: int) -> float:
@@ -87,6 +89,26 @@ def _cpu_s_per_cloth(level: int, cloths: int) -> float:
     for frame in range(cloths):
         scene_object.pose(frame)
     return (time.process_time() - begin) / cloths
+
+
+def _rope_rates(frames: int) -> dict[str, Value]:
+    def episode() -> Episode:
+        made = Episode(RopeBody(RopeSettings()), "loop", lambda: np.random.default_rng(1))
+        made.pose(5)  # compiles
+        return made
+
+    def rate(work: Callable[[int], object]) -> float:
+        start = time.process_time()
+        for frame in range(frames):
+            work(frame)
+        return frames / (time.process_time() - start)
+
+    resting, moved, meshed = episode(), episode(), episode()
+    return {
+        "rope_frames_per_s": rate(lambda _: moved.step()),
+        "rope_frames_per_s_at_rest": rate(lambda _: resting.state.advance()),
+        "rope_frames_per_s_with_mesh": rate(lambda frame: meshed.pose(6 + frame)),
+    }
 
 
 if __name__ == "__main__":

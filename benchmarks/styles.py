@@ -55,7 +55,7 @@ def references(every: list[Scene], samples: int) -> list[npt.NDArray[np.uint8]]:
     """Render the scenes with many samples and no denoiser."""
     from pliant.generator.rendering.cycles_styles import PhotoRenderer
 
-    renderer = PhotoRenderer(SIZE, 2, "auto")
+    renderer = PhotoRenderer(SIZE, 2)
     images = []
     for _, scene_object, pose, camera, appearance, truth in every:
         renderer.begin(scene_object, appearance, camera)
@@ -70,7 +70,7 @@ def measure(quick: bool) -> dict[str, Value]:
     wanted = references(every, 48 if quick else 192)
     record: dict[str, Value] = {"reference_samples": 48 if quick else 192}
     for style in STYLES:
-        renderer = open_renderer(style, SIZE, 1, "cpu")
+        renderer = open_renderer(style, SIZE, 1, gpu=False)
         costs: dict[str, list[float]] = {}
         quality: dict[str, list[float]] = {}
         begin = []

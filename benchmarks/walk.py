@@ -73,14 +73,14 @@ def measure(quick: bool) -> dict[str, record.Value]:
 def _one_sequence(root: Path) -> None:
     from pliant.generator.config import GenerateConfig
     from pliant.generator.runner.plan import plan_run
-    from pliant.generator.runner.run import open_sequence_maker
+    from pliant.generator.runner.sequence import SequenceMaker
 
     config = GenerateConfig(
         tiers=("rope",), splits={"test": 1}, frames=2, width=160, height=120, style="raster"
     )
     scratch = root / "scratch"
     scratch.mkdir(parents=True)
-    maker = open_sequence_maker(config, root, scratch, 1)
+    maker = SequenceMaker(config, root, scratch)
     maker.make(plan_run(config, root).missing[0], lambda: None)
     maker.close()
 

@@ -45,18 +45,11 @@ def inlined(function: F) -> F:
         return cast(F, numba.njit(cache=cache, nogil=True, inline="always")(function))
 
 
-def elementwise(signature: str) -> Callable[[Callable[..., float]], Callable[..., Any]]:
-    """Return a decorator that compiles a function of numbers into a NumPy universal function.
-
-    Args:
-        signature: Numba's, such as `float64(float64)`.
-    """
-
-    def decorate(function: Callable[..., float]) -> Callable[..., Any]:
-        with _cache_of(function) as cache:
-            return cast(Callable[..., Any], numba.vectorize([signature], cache=cache)(function))
-
-    return decorate
+def elementwise(function: Callable[..., float]) -> Callable[..., Any]:
+    """Compile a function of float64 numbers, now, into a NumPy universal function."""
+    signature = f"float64({', '.join(['float64'] * function.__code__.co_argcount)})"
+    with _cache_of(function) as cache:
+        return cast(Callable[..., Any], numba.vectorize([signature], cache=cache)(function))
 
 
 @functools.cache

@@ -20,17 +20,17 @@ from pliant.generator.compiled import elementwise
 from pliant.generator.scene.scene_object import FloatArray
 
 
-@elementwise("float64(float64)")
+@elementwise
 def _sin(x: float) -> float:
     return math.sin(x)
 
 
-@elementwise("float64(float64)")
+@elementwise
 def _cos(x: float) -> float:
     return math.cos(x)
 
 
-@elementwise("float64(float64, float64)")
+@elementwise
 def _arctan2(y: float, x: float) -> float:
     return math.atan2(y, x)
 

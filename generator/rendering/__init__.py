@@ -51,7 +51,7 @@ def open_renderer(
     style: str,
     size: tuple[int, int],
     threads: int = 1,
-    device: str = "auto",
+    gpu: bool = True,
     depth_camera: DepthCameraSettings | None = None,
 ) -> Renderer:
     """Open a renderer.
@@ -60,11 +60,11 @@ def open_renderer(
         style: `photo`, `fast`, `raster` or `real-depth`.
         size: Width and height, px.
         threads: Threads that Blender may use; the other styles use one.
-        device: `cpu`, `gpu`, or `auto`: a GPU if Cycles finds one (OptiX, then CUDA).
+        gpu: Use a GPU if Cycles finds one (OptiX, then CUDA).
         depth_camera: The faults that `real-depth` shows; None takes the defaults.
 
     Raises:
-        CallError: The style or the device is unknown, or no GPU is found.
+        CallError: The style is unknown.
         MissingExtraError: `photo` and `fast` need Blender (bpy), the others numba.
     """
     if style not in STYLES:
@@ -81,4 +81,4 @@ def open_renderer(
         from pliant.generator.rendering.cycles_styles import FastRenderer, PhotoRenderer
     except ImportError as error:
         raise MissingExtraError(f"the render style '{style}'", "generate") from error
-    return (PhotoRenderer if style == "photo" else FastRenderer)(size, threads, device)
+    return (PhotoRenderer if style == "photo" else FastRenderer)(size, threads, gpu=gpu)

@@ -20,7 +20,6 @@ import numpy.typing as npt
 from pliant.generator.scene.appearance import Light
 from pliant.generator.scene.camera import NEAR_M, Camera
 from pliant.generator.scene.scene_object import FloatArray, IntArray
-from pliant.spec.errors import CallError
 
 _SENSOR_MM: Final = 36.0
 _FAR_M: Final = 1000.0
@@ -44,24 +43,19 @@ def quiet() -> Iterator[None]:
         os.close(sink)
 
 
-def new_scene(size: tuple[int, int], threads: int, device: str) -> Any:
+def new_scene(size: tuple[int, int], threads: int, *, gpu: bool) -> Any:
     """Return an empty scene set up for Cycles, exact and the same everywhere.
 
     Args:
         size: Width and height, px.
         threads: Threads of the renderer.
-        device: `cpu`, `gpu` or `auto`.
-
-    Raises:
-        CallError: The device is unknown, or `gpu` is asked for and there is none.
+        gpu: Use a GPU if Cycles finds one (OptiX, then CUDA).
     """
-    if device not in ("auto", "cpu", "gpu"):
-        raise CallError("unknown device", where="device", found=device, required="auto, cpu, gpu")
     with quiet():
         bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
     scene.render.engine = "CYCLES"
-    scene.cycles.device = "GPU" if _use_gpu(device) else "CPU"
+    scene.cycles.device = "GPU" if gpu and _use_gpu() else "CPU"
     _hook_cycles()
     cycles, render = scene.cycles, scene.render
     cycles.use_adaptive_sampling = False
@@ -99,13 +93,11 @@ def new_scene(size: tuple[int, int], threads: int, device: str) -> Any:
     return scene
 
 
-def _use_gpu(device: str) -> bool:
+def _use_gpu() -> bool:
     """Turn on the first GPU back end that Cycles finds; say whether there is one."""
-    if device == "cpu":
-        return False
     # The driver's device files are looked for first: asking Cycles costs a second and, without
     # a driver, finds nothing.
-    if device == "auto" and not os.path.exists("/dev/nvidiactl"):
+    if not os.path.exists("/dev/nvidiactl"):
         return False
     preferences = bpy.context.preferences.addons["cycles"].preferences
     for backend in ("OPTIX", "CUDA"):
@@ -119,10 +111,6 @@ def _use_gpu(device: str) -> bool:
             entry.use = entry.type == backend
         if found:
             return True
-    if device == "gpu":
-        raise CallError(
-            "Cycles finds no GPU", where="device", found="gpu", fix="Use device 'auto' or 'cpu'."
-        )
     return False
 
 

@@ -10,8 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pliant.generator.rendering.blender import add_image
-from pliant.generator.rendering.materials import FIBRES_PER_M
-from pliant.generator.rendering.patterns import cloth_images
+from pliant.generator.rendering.materials import FIBRES_PER_M, cloth_images
 from pliant.generator.scene.appearance import Appearance
 
 PLACE: Final = "pliant_place"

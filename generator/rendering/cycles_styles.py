@@ -21,15 +21,14 @@ from pliant.generator.rendering.blender_materials import (
     surface_material,
     table_material,
 )
-from pliant.generator.rendering.materials import materials
-from pliant.generator.rendering.patterns import table_reflectance
+from pliant.generator.rendering.materials import materials, table_reflectance
 from pliant.generator.rendering.shadow import shadow_map
 from pliant.generator.rendering.sky import sky_maps
 from pliant.generator.rendering.srgb import encode_srgb
 from pliant.generator.rendering.table import TableView
 from pliant.generator.scene.appearance import Appearance
-from pliant.generator.scene.camera import NEAR_M, Camera
-from pliant.generator.scene.scene_object import GRIPPER, FloatArray, Pose, SceneMesh, SceneObject
+from pliant.generator.scene.camera import Camera
+from pliant.generator.scene.scene_object import GRIPPER, Pose, SceneMesh, SceneObject
 from pliant.generator.truth.frame_truth import FrameTruth
 from pliant.spec.errors import GenerationError
 
@@ -59,14 +58,14 @@ class CyclesRenderer:
     Args:
         size: Width and height, px.
         threads: Threads of Cycles.
-        device: `auto`, `cpu` or `gpu`.
+        gpu: Use a GPU if Cycles finds one.
     """
 
     style = ""
     _owner: ClassVar[CyclesRenderer | None] = None
 
-    def __init__(self, size: tuple[int, int], threads: int = 1, device: str = "auto") -> None:
-        self._size, self._threads, self._device = size, threads, device
+    def __init__(self, size: tuple[int, int], threads: int = 1, *, gpu: bool = True) -> None:
+        self._size, self._threads, self._gpu = size, threads, gpu
         self._scene: Any = None
         self._objects: list[Any] = []
         self._own_scene()
@@ -116,7 +115,7 @@ class CyclesRenderer:
 
     def _own_scene(self) -> None:
         if CyclesRenderer._owner is not self:
-            self._scene = blender.new_scene(self._size, self._threads, self._device)
+            self._scene = blender.new_scene(self._size, self._threads, gpu=self._gpu)
             CyclesRenderer._owner = self
             self._set_up()
 
@@ -203,7 +202,7 @@ class FastRenderer(CyclesRenderer):
         world = truth.world_vertices
         shadow = shadow_map(world, self._mesh.faces, self._appearance.light)
         linear, changed = self._table.under(shadow, sky_maps(world))
-        window = object_window(self._camera, world, _FILTER_PX)
+        window = self._camera.window(self._camera.project(world), _FILTER_PX)
         if window is not None:
             blender.set_border(self._scene, window)
             left, right, top, bottom = window
@@ -222,27 +221,3 @@ class FastRenderer(CyclesRenderer):
         out = self._table.encoded.copy()
         out[changed] = encode_srgb(linear[changed])
         return out
-
-
-def object_window(
-    camera: Camera, world: FloatArray, margin_px: int
-) -> tuple[int, int, int, int] | None:
-    """Return the pixels that an object can touch.
-
-    Args:
-        camera: The camera.
-        world: float64 (V, 3), metres.
-        margin_px: Added on each side.
-
-    Returns:
-        First and last column, first and last row (exclusive), or None if it is out of frame.
-    """
-    uvz = camera.project(world)
-    if uvz[:, 2].min() < NEAR_M:
-        return 0, camera.width, 0, camera.height
-    size = np.array([camera.width, camera.height])
-    low = np.clip(np.floor(uvz[:, :2].min(axis=0)) - margin_px, 0, size).astype(int)
-    high = np.clip(np.floor(uvz[:, :2].max(axis=0)) + 1 + margin_px, 0, size).astype(int)
-    if (low >= high).any():
-        return None
-    return int(low[0]), int(high[0]), int(low[1]), int(high[1])

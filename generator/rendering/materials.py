@@ -1,15 +1,146 @@
-"""What the surfaces of a scene object are made of, for the shaders of all styles."""
+"""What surfaces are made of: textures, colours and materials, for the shaders of all styles.
+
+The raster style reads these arrays; the Blender styles get them as image textures and vertex
+attributes.
+"""
 
 from __future__ import annotations
 
+import math
 from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from pliant.generator.rendering.patterns import cloth_images
-from pliant.generator.scene.appearance import Appearance
+from pliant.generator.compiled import compiled, inlined
+from pliant.generator.scene.appearance import Appearance, TableAppearance
 from pliant.generator.scene.scene_object import GRIPPER, FloatArray, SceneMesh, SceneObject
+
+Image = npt.NDArray[np.float32]
+
+WEAVE_THREADS = 96
+"""Periods of the weave along a side of the cloth."""
+
+_STRIPE = (0.72, 0.84)
+"""Where a towel's stripe across u begins and ends."""
+
+_SIDE_STRIPE = (0.14, 0.21)
+"""Where its stripe along one side, across v, begins and ends."""
+
+_HEM = 0.03
+"""Width of a towel's hem, in sides."""
+
+
+@inlined
+def _corner(x: int, y: int, z: int) -> float:
+    """Hash a lattice point to 0..1."""
+    n = (x * 73856093) ^ (y * 19349663) ^ (z * 83492791)
+    n = n & 0xFFFFFFFF
+    n = ((n ^ (n >> 13)) * 1274126177) & 0xFFFFFFFF
+    n = ((n ^ (n >> 16)) * 668265263) & 0xFFFFFFFF
+    return ((n >> 8) & 0xFFFF) / 65535.0
+
+
+@compiled
+def value_noise(x: float, y: float, z: float) -> float:
+    """Return smooth noise, 0 to 1, with features of about one unit.
+
+    Args:
+        x: Place.
+        y: Place.
+        z: Place.
+    """
+    xi, yi, zi = math.floor(x), math.floor(y), math.floor(z)
+    fx, fy, fz = x - xi, y - yi, z - zi
+    fx = fx * fx * (3.0 - 2.0 * fx)
+    fy = fy * fy * (3.0 - 2.0 * fy)
+    fz = fz * fz * (3.0 - 2.0 * fz)
+    ix, iy, iz = int(xi), int(yi), int(zi)
+    total = 0.0
+    for dz in range(2):
+        wz = fz if dz else 1.0 - fz
+        for dy in range(2):
+            wy = wz * (fy if dy else 1.0 - fy)
+            total += wy * (1.0 - fx) * _corner(ix, iy + dy, iz + dz)
+            total += wy * fx * _corner(ix + 1, iy + dy, iz + dz)
+    return total
+
+
+@compiled
+def _table_factors(
+    xy: FloatArray, wood: bool, contrast: float, scale: float, angle: float, shift: float
+) -> FloatArray:
+    out = np.empty(xy.shape[0])
+    c, s = math.cos(angle), math.sin(angle)
+    for n in range(xy.shape[0]):
+        x = (c * xy[n, 0] + s * xy[n, 1]) / scale
+        y = (c * xy[n, 1] - s * xy[n, 0]) / scale
+        if wood:
+            # Long grain: rings, bent by slow noise, over fine streaks.
+            bend = value_noise(0.6 * x, 0.9 * y, shift)
+            ring = y * 1.6 + 1.8 * bend
+            ring = abs(2.0 * (ring - math.floor(ring)) - 1.0)
+            streak = value_noise(1.2 * x, 14.0 * y, shift + 7.3)
+            f = 0.55 * (ring * ring * (3.0 - 2.0 * ring)) + 0.45 * streak
+        else:
+            f = 0.55 * value_noise(x, y, shift)
+            f += 0.30 * value_noise(2.3 * x + 5.1, 2.3 * y, shift + 3.7)
+            f += 0.15 * value_noise(5.1 * x, 5.1 * y + 1.9, shift + 9.1)
+        out[n] = 1.0 + contrast * (f - 0.5)
+    return out
+
+
+def table_reflectance(table: TableAppearance, xy_m: FloatArray) -> FloatArray:
+    """Return the table's colour at places on it.
+
+    Args:
+        table: The table's appearance.
+        xy_m: float64 (N, 2), world metres.
+
+    Returns:
+        float64 (N, 3), linear reflectance, 0 to 0.95.
+    """
+    colour = np.asarray(table.colour)
+    if table.kind == "plain":
+        return np.broadcast_to(colour, (len(xy_m), 3)).copy()
+    factors = _table_factors(
+        np.ascontiguousarray(xy_m, np.float64),
+        table.kind == "wood",
+        table.contrast,
+        table.scale_m,
+        table.angle_rad,
+        0.37 + table.seed % 4096,
+    )
+    return np.clip(colour * factors[:, None], 0.0, 0.95)
+
+
+def cloth_images(appearance: Appearance, side_px: int = 768) -> tuple[Image, Image]:
+    """Return what is woven into a cloth, front and back.
+
+    Args:
+        appearance: The appearance of a cloth sequence.
+        side_px: Width and height of the images.
+
+    Returns:
+        Two float32 (side_px, side_px, 3) images of linear reflectance; row k is
+        v = (k + 0.5) / side_px, column k is u = (k + 0.5) / side_px.
+    """
+    ground, second, third = (np.asarray(colour) for colour in appearance.cloth_colours)
+    place = (np.arange(side_px) + 0.5) / side_px
+    u, v = np.meshgrid(place, place)
+    front = np.broadcast_to(ground, (side_px, side_px, 3)).astype(np.float64)
+    back = np.broadcast_to(np.asarray(appearance.back_colour), front.shape).astype(np.float64)
+    if appearance.pattern == "towel":
+        end = (u > _STRIPE[0]) & (u < _STRIPE[1])
+        stripe = end | ((v > _SIDE_STRIPE[0]) & (v < _SIDE_STRIPE[1]))
+        hem = np.maximum(np.abs(u - 0.5), np.abs(v - 0.5)) > 0.5 - _HEM
+        front[stripe], back[stripe] = second, ground
+        front[hem] = back[hem] = third
+    # Even in u and in v and under their exchange, about the middle too.
+    weave = np.cos(2 * np.pi * WEAVE_THREADS * u) * np.cos(2 * np.pi * WEAVE_THREADS * v)
+    shade = (1.0 - appearance.weave_contrast * (0.5 - 0.5 * weave))[..., None]
+    return (front * shade).astype(np.float32), (back * shade).astype(np.float32)
+
 
 PLAIN, FIBRES, WOVEN = 0, 1, 2
 """What a triangle's colour is: the vertices', the vertices' mottled by fibres, the cloth's."""

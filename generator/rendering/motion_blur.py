@@ -7,7 +7,7 @@ frames every vertex moves on a straight line. The mean is taken in linear light.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import pairwise
 from typing import Final
@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from pliant.generator.rendering.srgb import decode_srgb, encode_srgb
 from pliant.generator.scene.camera import Camera
-from pliant.generator.scene.scene_object import FloatArray
+from pliant.generator.scene.scene_object import FloatArray, Pose
 from pliant.generator.truth.frame_truth import FrameTruth
 
 Rgb = npt.NDArray[np.uint8]
@@ -28,10 +28,25 @@ _STEP_PX: Final = 1.5
 _MOST: Final = 9
 
 
+def with_neighbours(
+    frames: Iterator[tuple[Pose, FrameTruth]], shutter: float
+) -> Iterator[tuple[Pose, FrameTruth, tuple[FrameTruth | None, FrameTruth | None] | None]]:
+    """Yield poses and truths with the truths before and after each, None without a shutter."""
+    if not shutter:
+        yield from ((pose, truth, None) for pose, truth in frames)
+        return
+    before, now = None, next(frames, None)
+    while now is not None:
+        after = next(frames, None)
+        yield *now, (before, after and after[1])
+        before, now = now[1], after
+
+
 def blurred(
     render: Callable[[FrameTruth], Rgb],
     camera: Camera,
-    truths: tuple[FrameTruth | None, FrameTruth, FrameTruth | None],
+    now: FrameTruth,
+    around: tuple[FrameTruth | None, FrameTruth | None],
     shutter: float,
     fitful: int = 0,
 ) -> Rgb:
@@ -40,19 +55,18 @@ def blurred(
     Args:
         render: Renders the vertices of a truth.
         camera: The camera.
-        truths: Of the frame before, the frame, and the frame after; None at the ends of the
-            episode, where the object is taken to stand still.
+        now: Truth of the frame.
+        around: Truths of the frames before and after; None at the ends of the episode, where the
+            object is taken to stand still.
         shutter: Share of the time between two frames that the shutter is open, 0 to 1.
         fitful: So many of the last vertices are an object that some frames do not show.
 
     Returns:
         uint8 (H, W, 3), sRGB.
     """
-    now = truths[1]
     here = now.world_vertices
     before, after = (
-        here if each is None else _continued(here, each.world_vertices, fitful)
-        for each in truths[::2]
+        here if each is None else _continued(here, each.world_vertices, fitful) for each in around
     )
     moved = [camera.project(each)[:, :2] for each in (before, here, after)]
     path_px = 0.5 * shutter * sum(np.hypot(*(b - a).T).max() for a, b in pairwise(moved))

@@ -12,14 +12,20 @@ import numpy as np
 import numpy.typing as npt
 
 from pliant.generator.compiled import compiled
-from pliant.generator.rendering.materials import FIBRES, FIBRES_PER_M, WOVEN, Materials, materials
-from pliant.generator.rendering.patterns import value_noise
+from pliant.generator.rendering.materials import (
+    FIBRES,
+    FIBRES_PER_M,
+    WOVEN,
+    Materials,
+    materials,
+    value_noise,
+)
 from pliant.generator.rendering.shadow import ShadowMap, shadow_map, sunlight
 from pliant.generator.rendering.sky import sky_maps, vertex_normals
 from pliant.generator.rendering.srgb import encode_channel, encode_srgb
 from pliant.generator.rendering.table import TableView
 from pliant.generator.scene.appearance import Appearance
-from pliant.generator.scene.camera import NEAR_M, Camera
+from pliant.generator.scene.camera import Camera
 from pliant.generator.scene.scene_object import FloatArray, IntArray, Pose, SceneMesh, SceneObject
 from pliant.generator.truth.frame_truth import FrameTruth
 from pliant.generator.truth.rasteriser import Hits, Lens, rasterise_into
@@ -92,18 +98,15 @@ class RasterRenderer:
         camera = self._camera
         local = camera.to_camera(world)
         uvz = camera.to_pixels(local)
-        low, high = np.zeros(2, np.int64), np.array([camera.width, camera.height])
-        if uvz[:, 2].min() >= NEAR_M:
-            size = high.copy()
-            low = np.clip(np.floor(uvz[:, :2].min(axis=0)).astype(np.int64), 0, size)
-            high = np.clip(np.floor(uvz[:, :2].max(axis=0)).astype(np.int64) + 1, low, size)
-        rows = slice(low[1] * SAMPLES, high[1] * SAMPLES)
-        columns = slice(low[0] * SAMPLES, high[0] * SAMPLES)
+        left, right, top, bottom = camera.window(uvz) or (0, 0, 0, 0)
+        rows, columns = (
+            slice(first * SAMPLES, last * SAMPLES) for first, last in ((top, bottom), (left, right))
+        )
         self._hits.triangle[rows, columns] = -1
         self._hits.depth_m[rows, columns] = np.inf
         lens = Lens.of(camera, SAMPLES)
         rasterise_into(local, uvz[:, :2] * SAMPLES, self._mesh.faces, lens, self._hits)
-        return np.array([low[0], high[0], low[1], high[1]])
+        return np.array([left, right, top, bottom])
 
 
 class _View(NamedTuple):

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pliant.generator.compiled import compiled
-from pliant.generator.rendering.patterns import table_reflectance
+from pliant.generator.rendering.materials import table_reflectance
 from pliant.generator.rendering.shadow import ShadowMap, sunlight
 from pliant.generator.rendering.sky import SkyMaps
 from pliant.generator.rendering.srgb import encode_srgb

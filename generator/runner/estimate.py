@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +12,7 @@ from pliant.generator.runner.engine import Failed, Finished, OpenMaker
 from pliant.generator.runner.engine_local import LocalEngine
 from pliant.generator.runner.forecast import Forecast
 from pliant.generator.runner.plan import Plan
-from pliant.generator.runner.run import open_sequence_maker, required_packages
+from pliant.generator.runner.run import required_packages, sequence_maker
 from pliant.generator.seeding import SequenceTask
 from pliant.spec.errors import CallError, GenerationError
 from pliant.spec.extras import require_packages
@@ -71,9 +70,7 @@ def estimate_run(
     ]
     with tempfile.TemporaryDirectory(prefix="pliant-trial-") as folder:
         root = Path(folder)
-        maker = open_maker or functools.partial(
-            open_sequence_maker, short, root, root / "partial", 1
-        )
+        maker = open_maker or sequence_maker(short, root, root / "partial")
         for event in LocalEngine(workers).events(trials, maker):
             if isinstance(event, Failed):
                 raise GenerationError(

@@ -11,7 +11,6 @@ from typing import Any
 
 from pliant.generator.config import GenerateConfig
 from pliant.generator.seeding import SequenceTask
-from pliant.spec.cores import cpu_cores
 from pliant.spec.io.reading import sha256_file
 from pliant.spec.storage.layout import SEQUENCE_JSON
 
@@ -60,7 +59,7 @@ def plan_run(config: GenerateConfig, root: Path) -> Plan:
     tasks = plan_tasks(config)
     present = [task for task in tasks if (task.folder(root) / SEQUENCE_JSON).is_file()]
     # Hashing releases the interpreter lock.
-    with ThreadPoolExecutor(cpu_cores()) as pool:
+    with ThreadPoolExecutor() as pool:
         found = pool.map(first_damage, (task.folder(root) for task in present))
         damaged = {
             task.id: damage

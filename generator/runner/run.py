@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Final, Literal
 
 from pliant.generator.config import BLENDER_STYLES, GenerateConfig
-from pliant.generator.runner.engine import Engine, Failed, Finished, Maker, OpenMaker, Rendered
+from pliant.generator.runner.engine import Engine, Failed, Finished, OpenMaker, Rendered
 from pliant.generator.runner.forecast import Forecast
 from pliant.generator.runner.manifest import Failure, RunFolder, refuse_changes
 from pliant.generator.runner.plan import Plan, plan_run
@@ -156,9 +156,7 @@ def generate(
         failed: list[Failure] = []
         if plan.missing:
             chosen = _open_engine(engine, workers, log, config.style)
-            maker = open_maker or functools.partial(
-                open_sequence_maker, config, root, run.partial, _threads_each(chosen)
-            )
+            maker = open_maker or sequence_maker(config, root, run.partial, _threads_each(chosen))
             try:
                 failed = _make_missing(root, plan, chosen, maker, state, progress or _ignore)
             finally:
@@ -334,11 +332,13 @@ def _open_engine(engine: str | Engine, workers: int, log: Path, style: str) -> E
     )
 
 
-def open_sequence_maker(config: GenerateConfig, root: Path, scratch: Path, threads: int) -> Maker:
-    """Open the real maker, in a worker process: only there are Blender and numba imported."""
-    from pliant.generator.runner.sequence import SequenceMaker
+def sequence_maker(
+    config: GenerateConfig, root: Path, scratch: Path, threads: int = 1
+) -> OpenMaker:
+    """Return what opens the real maker in a worker: picklable."""
+    from pliant.generator.runner.sequence import SequenceMaker  # brings Numba
 
-    return SequenceMaker(config, root, scratch, threads=threads)
+    return functools.partial(SequenceMaker, config, root, scratch, threads=threads)
 
 
 def required_packages(style: str) -> list[str]:

@@ -17,7 +17,7 @@ import numpy as np
 from pliant.generator.config import BLENDER_STYLES, GenerateConfig
 from pliant.generator.objects.tiers import describe_tier, sample_scene_object
 from pliant.generator.rendering import open_renderer
-from pliant.generator.rendering.motion_blur import blurred
+from pliant.generator.rendering.motion_blur import blurred, with_neighbours
 from pliant.generator.runner.engine import SequenceResult
 from pliant.generator.runner.sequence_writer import SequenceWriter
 from pliant.generator.scene.appearance import Appearance, sample_appearance
@@ -42,22 +42,14 @@ class SequenceMaker:
         root: The dataset's folder.
         scratch: Folder for unfinished sequences, on the same file system.
         threads: Threads of the renderer.
-        overlap: Pose and annotate the next frame on a second thread while one renders.
     """
 
     def __init__(
-        self,
-        config: GenerateConfig,
-        root: Path,
-        scratch: Path,
-        *,
-        threads: int = 1,
-        overlap: bool = True,
+        self, config: GenerateConfig, root: Path, scratch: Path, *, threads: int = 1
     ) -> None:
         self.config = config
         self.root = root
         self.scratch = scratch
-        self.overlap = overlap
         self._depth_camera = config.depth_faults
         self.renderer = open_renderer(
             config.style, config.size, threads=threads, depth_camera=self._depth_camera
@@ -85,7 +77,7 @@ class SequenceMaker:
         with clock("pose"):
             framed = list(islice(poses, 1 if scene_object.temporal else FRAMED_POSES))
         with clock("sample"):
-            camera, appearance = self.view(task, scene_object, framed)
+            camera, appearance = self._view(streams, scene_object, framed)
         queried = describe_tier(config, task.tier).queried_object
 
         def seen() -> Iterator[tuple[Pose, FrameTruth]]:
@@ -101,17 +93,16 @@ class SequenceMaker:
         with SequenceWriter(task.folder(self.root), self.scratch) as writer:
             with clock("render"):
                 self.renderer.begin(scene_object, appearance, camera)
-            frames = _with_neighbours(_ahead(seen()) if self.overlap else seen())
-            for frame, (before, (pose, truth), after) in enumerate(frames):
+            frames = with_neighbours(_ahead(seen()), config.shutter)
+            for frame, (pose, truth, around) in enumerate(frames):
                 with clock("render"):
                     faults = streams.generator(Stream.DEPTH_CAMERA, frame)
                     render = functools.partial(self.renderer.render, pose, rng=faults)
-                    if config.shutter:
-                        truths = (before and before[1], truth, after and after[1])
-                        last = len(scene_object.parts[-1].rest) if config.gripper else 0
-                        rgb = blurred(render, camera, truths, config.shutter, last)
-                    else:
+                    if around is None:
                         rgb = render(truth)
+                    else:
+                        last = len(scene_object.parts[-1].rest) if config.gripper else 0
+                        rgb = blurred(render, camera, truth, around, config.shutter, last)
                 if config.noise is not None:
                     with clock("noise"):
                         rng = streams.generator(Stream.NOISE, frame)
@@ -139,17 +130,11 @@ class SequenceMaker:
             warm=warm,
         )
 
-    def view(
-        self, task: SequenceTask, scene_object: SceneObject, framed: Sequence[Pose]
+    def _view(
+        self, streams: RandomStreams, scene_object: SceneObject, framed: Sequence[Pose]
     ) -> tuple[Camera, Appearance]:
-        """Draw a sequence's camera and appearance.
-
-        Args:
-            task: Which sequence.
-            scene_object: Its object.
-            framed: Poses that the camera must see whole.
-        """
-        config, streams = self.config, RandomStreams(self.config.seed, task)
+        """Draw a camera that sees all of the given poses, and an appearance."""
+        config = self.config
         rng = streams.generator(Stream.CAMERA)
         camera = sample_camera(rng, scene_object, config.camera, config.size, framed)
         rng, settings = streams.generator(Stream.APPEARANCE), config.look
@@ -260,12 +245,3 @@ def _ahead(items: Iterator[T]) -> Iterator[T]:
         while (item := coming.result()) is not None:
             coming = pool.submit(next, items, None)
             yield item
-
-
-def _with_neighbours(items: Iterator[T]) -> Iterator[tuple[T | None, T, T | None]]:
-    """Yield each item with the one before and the one after it, None at the ends."""
-    before, now = None, next(items, None)
-    while now is not None:
-        after = next(items, None)
-        yield before, now, after
-        before, now = now, after

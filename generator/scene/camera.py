@@ -95,6 +95,26 @@ class Camera:
         """
         return self.to_pixels(self.to_camera(points_world))
 
+    def window(self, uvz: FloatArray, margin_px: int = 0) -> tuple[int, int, int, int] | None:
+        """Return the pixels that an object can touch.
+
+        Args:
+            uvz: float64 (V, 3), its projected vertices.
+            margin_px: Added on each side.
+
+        Returns:
+            First and last column, first and last row (exclusive), or None if it is out of frame;
+            all pixels if a vertex is behind the camera.
+        """
+        if uvz[:, 2].min() < NEAR_M:
+            return 0, self.width, 0, self.height
+        size = np.array([self.width, self.height])
+        low = np.clip(np.floor(uvz[:, :2].min(axis=0)) - margin_px, 0, size).astype(int)
+        high = np.clip(np.floor(uvz[:, :2].max(axis=0)) + 1 + margin_px, 0, size).astype(int)
+        if (low >= high).any():
+            return None
+        return int(low[0]), int(high[0]), int(low[1]), int(high[1])
+
     @classmethod
     def looking_at(
         cls,

@@ -13,22 +13,23 @@ import numpy as np
 import pytest
 
 from pliant.generator import portable
+from pliant.generator.config import GenerateConfig
+from pliant.generator.settings import ClothSettings
 
 OLDER = {
     "NPY_DISABLE_CPU_FEATURES": "AVX512F AVX512CD AVX512_SKX AVX512_CLX AVX512_CNL AVX512_ICL",
     "OPENBLAS_CORETYPE": "Haswell",
 }
-CONFIG = """
-id: portable
-seed: 5
-style: raster
-tiers: [rope, cloth-1]
-splits: {test: 2}
-camera: {top: 0.5, oblique: 0.5}
-width: 160
-height: 120
-cloth: {points_a_side: 17}
-"""
+ROOT = Path(__file__).parents[2]
+CONFIG = GenerateConfig(
+    tiers=("rope", "cloth-1"),
+    splits={"test": 2},
+    seed=5,
+    width=160,
+    height=120,
+    style="raster",
+    cloth=ClothSettings(points_a_side=17, tracked_a_side=17),
+)
 
 
 def test_functions_are_those_of_the_c_library() -> None:
@@ -55,24 +56,18 @@ def test_a_product_is_the_product() -> None:
 )
 def test_datasets_do_not_depend_on_the_processor(tmp_path: Path) -> None:
     """Byte for byte: cameras, tables, queries, depth and images of ropes and cloths."""
-    config = tmp_path / "config.yaml"
-    config.write_text(CONFIG)
-    arguments = ["generate", "--config", str(config)]
+    code = (
+        f"import sys; sys.path.insert(0, {str(ROOT)!r})\n"
+        "from pliant.generator.runner.run import generate\n"
+        "from tests.generator.runner.standin import InProcess\n"
+        "from tests.generator.test_portable import CONFIG\n"
+        "generate(CONFIG, sys.argv[1], engine=InProcess())"
+    )
     found = []
     for name, environment in (("own", {}), ("older", OLDER)):
         out = tmp_path / name
         subprocess.run(
-            [
-                sys.executable,
-                "-c",
-                "from pliant.cli.main import main; main()",
-                *arguments,
-                "--out",
-                str(out),
-            ],
-            env={**os.environ, **environment},
-            check=True,
-            capture_output=True,
+            [sys.executable, "-c", code, str(out)], env={**os.environ, **environment}, check=True
         )
         found.append(
             {

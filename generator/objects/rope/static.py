@@ -115,7 +115,8 @@ def _build(
         return None
     samples = 2 * settings.rows - 1
     flat = resample(flat, samples)
-    crossing = _ordered(plane_crossings(flat))
+    crossing = plane_crossings(flat)
+    crossing = crossing[np.argsort(crossing[:, 1], kind="stable")]
     if not _as_planned(plan, crossing, samples):
         return None
     late_over = plan.late_over(crossing[:, 0] / (samples - 1), crossing[:, 1] / (samples - 1))
@@ -175,10 +176,6 @@ def _turned_into_workspace(
     cos, sin = math.cos(turn), math.sin(turn)
     x, y = centred[:, 0], centred[:, 1]
     return np.stack([cos * x - sin * y, sin * x + cos * y], axis=1)
-
-
-def _ordered(crossing: FloatArray) -> FloatArray:
-    return crossing[np.argsort(crossing[:, 1], kind="stable")]
 
 
 def _as_planned(plan: Plan, crossing: FloatArray, samples: int) -> bool:

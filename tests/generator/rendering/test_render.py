@@ -38,7 +38,7 @@ def plain_appearance(scene_object: SceneObject, **values: object) -> Appearance:
 def picture(
     style: str, scene_object: SceneObject, appearance: Appearance, threads: int = 1
 ) -> np.ndarray:
-    renderer = open_renderer(style, SIZE, threads, "cpu")
+    renderer = open_renderer(style, SIZE, threads, gpu=False)
     renderer.begin(scene_object, appearance, VIEW)
     rgb = renderer.render(
         scene_object.pose(0), frame_truth(scene_object, scene_object.pose(0), VIEW)
@@ -188,7 +188,7 @@ def test_cycles_bytes_depend_on_nothing_but_the_scene(
 ) -> None:
     """Neither on the number of threads, nor on what the process rendered before."""
     first = picture(style, sheet, plain_appearance(sheet), threads=1)
-    renderer = open_renderer(style, SIZE, 2, "cpu")
+    renderer = open_renderer(style, SIZE, 2, gpu=False)
     for scene_object in (tube, sheet, tube, sheet):
         renderer.begin(scene_object, plain_appearance(scene_object), VIEW)
         renderer.render(scene_object.pose(1), frame_truth(scene_object, scene_object.pose(1), VIEW))
@@ -206,19 +206,11 @@ def test_blender_prints_nothing(tube: SceneObject, capfd: pytest.CaptureFixture[
 
 
 @pytest.mark.blender
-def test_an_absent_gpu_is_refused_when_asked_for() -> None:
-    if Path("/dev/nvidiactl").exists():
-        pytest.skip("there is a GPU")
-    with pytest.raises(CallError, match="device"):
-        open_renderer("fast", SIZE, 1, "gpu")
-
-
-@pytest.mark.blender
 def test_an_object_out_of_frame_leaves_the_table(tube: SceneObject) -> None:
     away = Camera.looking_at((9.0, 9.0, 1.0), (9.0, 9.3, 0.0), SIZE)
     appearance = plain_appearance(tube)
     for style in ("raster", "fast"):
-        renderer = open_renderer(style, SIZE, 1, "cpu")
+        renderer = open_renderer(style, SIZE, 1, gpu=False)
         renderer.begin(tube, appearance, away)
         rgb = renderer.render(tube.pose(0), frame_truth(tube, tube.pose(0), away))
         np.testing.assert_array_equal(rgb, TableView(away, appearance).encoded)

@@ -19,6 +19,7 @@ def config(style, count):
         tiers=("rope", "cloth-1"),
         splits={"test": count},
         frames=2,
+        episodes=style == "raster",
         width=96,
         height=72,
         style=style,

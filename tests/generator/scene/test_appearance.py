@@ -9,8 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pliant.generator.rendering.materials import fibre_places
-from pliant.generator.rendering.patterns import cloth_images, table_reflectance, value_noise
+from pliant.generator.rendering.materials import (
+    cloth_images,
+    fibre_places,
+    table_reflectance,
+    value_noise,
+)
 from pliant.generator.scene.appearance import Appearance, sample_appearance
 from pliant.generator.scene.scene_object import SceneObject
 from pliant.generator.settings.scene import AppearanceSettings

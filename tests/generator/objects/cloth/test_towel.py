@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pliant.generator.config import GenerateConfig
 from pliant.generator.objects.cloth.sampling import MIRRORS, ROTATIONS
 from pliant.generator.objects.tiers import describe_tier, sample_scene_object
-from pliant.generator.rendering.patterns import cloth_images
+from pliant.generator.rendering.materials import cloth_images
 from pliant.generator.runner.run import generate
 from pliant.generator.scene.appearance import sample_appearance
 from pliant.generator.seeding import SequenceTask
