@@ -15,8 +15,8 @@ which says how far the places can be trusted.
 
 The mask is what differs from the border of the picture by more than `--threshold` grey levels, its
 largest connected part, with holes of up to 200 px filled: next to one, the pixel deepest inside the
-rope is not in its middle. The ball is what a morphological opening leaves whose radius is between
-half the rope's width and the ball's radius.
+rope is not in its middle.
+`spec/ball.py` tells the ball from the rope.
 """
 
 from __future__ import annotations
@@ -37,6 +37,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from pliant.api import open_method
 from pliant.baselines.matcher import Matcher
+from pliant.spec.ball import separate_ball
 from pliant.spec.errors import PliantError
 from pliant.spec.frame import Frame, Pair
 from pliant.spec.io.photo import SUFFIXES, read_mask, read_photo
@@ -80,8 +81,15 @@ def read_rope(path: Path, mask: Path | None, threshold: int) -> Rope:
     size = (rgb.shape[1], rgb.shape[0])
     shown = _differs(rgb, threshold) if mask is None else read_mask(mask, size)
     whole = _without_holes(_largest(shown))
-    ball = _ball(whole, path)
-    rope = _largest(whole & ~_grown(ball, 2))
+    strand, ball = separate_ball(whole)
+    if ball is None:
+        raise PliantError(
+            "the rope has no ball",
+            path=path,
+            required="a round part that is thicker than the rope",
+            fix="Give masks with --masks, or leave the picture out.",
+        )
+    rope = _largest(strand & ~_grown(ball, 2))
     rows, columns = np.nonzero(rope)
     centre = np.argwhere(ball).mean(axis=0)
     start = int(((rows - centre[0]) ** 2 + (columns - centre[1]) ** 2).argmin())
@@ -149,24 +157,6 @@ def _grown(mask: Mask, by_px: int) -> Mask:
     shape = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * by_px + 1, 2 * by_px + 1))
     found: Mask = cv2.dilate(mask.astype(np.uint8), shape) > 0
     return found
-
-
-def _ball(whole: Mask, path: Path) -> Mask:
-    depth = cv2.distanceTransform(whole.astype(np.uint8), cv2.DIST_L2, 5)
-    ridge = depth[(depth == cv2.dilate(depth, np.ones((5, 5)))) & whole]
-    half_width = float(np.median(ridge)) if len(ridge) else 0.0
-    radius = float(depth.max())
-    if half_width == 0 or radius < 1.4 * half_width:
-        raise PliantError(
-            "the rope has no ball",
-            path=path,
-            found=f"half width {half_width:.1f} px, thickest place {radius:.1f} px",
-            required="a part at least 1.4 times as thick as the rope",
-            fix="Give masks with --masks, or leave the picture out.",
-        )
-    opened = round((half_width + radius) / 2)
-    shape = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * opened + 1, 2 * opened + 1))
-    return _largest(cv2.morphologyEx(whole.astype(np.uint8), cv2.MORPH_OPEN, shape) > 0)
 
 
 def _middle(

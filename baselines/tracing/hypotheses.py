@@ -25,6 +25,7 @@ from pliant.baselines.tracing.ends import Ball, from_end_to_end
 from pliant.baselines.tracing.settings import TRACING
 from pliant.baselines.tracing.tilt import Nadir, small_tilt
 from pliant.baselines.tracing.walk import walks
+from pliant.spec.ball import without_small_holes
 
 Likelihood = Callable[[FloatArray], FloatArray]
 """float64 (N, 2), places in image pixels -> float64 (N, T), > 0, the likelihood of what is
@@ -97,8 +98,8 @@ def rope_traces(
     if small.sum() < TRACING.shortest_steps:
         return []
     depth = depth_in_mask(small)
-    inner = depth[depth > 1]
-    half_px = 1.15 * float(np.median(inner)) if len(inner) else 1.0
+    half_px = _half_px(depth)
+    whole_px = _half_px(depth_in_mask(without_small_holes(small)))
     other = np.zeros_like(small)
     if objects is not None:
         other = shrunk(objects & ~mask, factor)
@@ -120,9 +121,15 @@ def rope_traces(
     traces = []
     for middle in middles.places_px:
         whole = from_end_to_end(middle, mask, about_px, ball)
-        traces.append(_measured(whole, small, half_px, factor, middles.usual_px / 2, below))
+        traces.append(_measured(whole, small, whole_px, factor, middles.usual_px / 2, below))
     long = [trace for trace in traces if trace.length_px > 0]  # a rope that is one pixel is none
     return sorted(long, key=lambda trace: -trace.score)
+
+
+def _half_px(depth_px: FloatArray) -> float:
+    """Return about half of a rope's width, of the depths in its mask."""
+    inner = depth_px[depth_px > 1]
+    return 1.15 * float(np.median(inner)) if len(inner) else 1.0
 
 
 def _walked(

@@ -39,7 +39,7 @@ class Rectified:
     @classmethod
     def unchanged(cls, view: Frame) -> Rectified:
         """Return a view as it is, taken for one from straight above."""
-        return cls(view, Nadir.of_image(view.rgb.shape))
+        return cls(view, Nadir.of_frame(view))
 
     @property
     def tilted(self) -> bool:
@@ -93,7 +93,7 @@ def rectified(view: Frame) -> Rectified:
         view: The view. Without a mask, with too little of a rope or from almost straight above it
             stays as it is.
     """
-    above = Nadir.of_image(view.rgb.shape)
+    above = Nadir.of_frame(view)
     if view.mask is None or (tilt := slant(view.mask, above)) is None:
         return Rectified(view, above)
     shown = view.mask if view.objects is None else view.objects

@@ -19,6 +19,7 @@ import numpy as np
 
 from pliant.baselines.tracing.depth_in_mask import FloatArray, Mask, depth_in_mask, ridge
 from pliant.baselines.tracing.settings import TRACING
+from pliant.spec.frame import Frame
 
 
 @dataclass(frozen=True)
@@ -43,9 +44,17 @@ class Nadir:
 
     @classmethod
     def of_image(cls, shape: tuple[int, ...]) -> Nadir:
-        """Return that of an image taken from straight above, of shape (height, width, ...)."""
+        """Return that of an unknown camera straight above, of an image (height, width, ...)."""
         height, width = shape[:2]
         return cls(np.array([width / 2, height / 2]), TRACING.focal_widths * width)
+
+    @classmethod
+    def of_frame(cls, frame: Frame) -> Nadir:
+        """Return that of a frame's camera, taken for one straight above; see `of_image`."""
+        if frame.camera is None:
+            return cls.of_image(frame.rgb.shape)
+        scale = frame.size[0] / frame.camera.size[0]
+        return cls(scale * frame.camera.K[:2, 2], scale * float(frame.camera.K[0, 0]))
 
     def scaled(self, scale: float, shift_px: FloatArray | float = 0.0) -> Nadir:
         """Return that of the image magnified by `scale` and then moved by `shift_px`."""
