@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pliant.baselines.tracing import RopeTracer, Trace, rope_traces, walk
+from pliant.baselines.tracing import RopeTracer, Trace, hypotheses, rope_traces, walk
 from pliant.baselines.tracing.settings import TRACING
 from pliant.spec.ball import separate_ball
 from pliant.spec.frame import Frame, Pair
@@ -31,24 +31,33 @@ def check_traces(traces: list[Trace], mask: np.ndarray) -> None:
 
 
 @pytest.fixture(autouse=True)
-def _short_walks(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Walks in circles need not last as long on masks of at most 48 px as on pictures."""
-    monkeypatch.setattr(walk, "TRACING", replace(TRACING, walk_most_steps=150))
+def _few_readings(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every step of reading is taken, on masks of at most 48 px with fewer and shorter paths."""
+    few = replace(
+        TRACING,
+        walk_most_steps=80,
+        walk_straightness=(0.3, 1.3),
+        walk_inertia=(0.55,),
+        chain_samples=6,
+    )
+    for module in (walk, hypotheses):
+        monkeypatch.setattr(module, "TRACING", few)
 
 
 def try_masks(seed: int, count: int) -> None:
     rng = np.random.default_rng(seed)
+    tracer = RopeTracer()
     before: Frame | None = None
     for number in range(count):
         mask, objects = random_masks(rng)
         rope, ball = separate_ball(objects)
         assert (rope | (False if ball is None else ball) == objects).all()
-        check_traces(rope_traces(mask, objects), mask)
         check_traces(rope_traces(mask, objects, lambda uv: any_likelihood(rng, uv)), mask)
         view = Frame(np.zeros((*mask.shape, 3), np.uint8), mask, None, str(number), objects)
         asked = rng.random((3, 2)).astype(np.float32) * np.array(mask.shape[::-1], np.float32)
-        answers = RopeTracer().answer(Pair(view, before or view, asked))
+        answers = tracer.answer(Pair(view, before or view, asked))
         assert np.isfinite(answers.uv_px).all()
+        assert len(tracer.remarks(view, view)) in (0, 2)
         before = view
 
 

@@ -88,6 +88,15 @@ def test_answers_are_right_to_a_fraction_of_a_pixel(
     assert figures["rmse_px"] < 0.5
 
 
+def test_validation_names_the_network_alone_where_traces_answer(
+    pairs: list[ValidationPair],
+) -> None:
+    """A sheet is no rope: its traces answer badly, whatever the network knows."""
+    found = validate(by_colour(AnswerSettings(decode="trace")), [within(pairs[0])], SIZE)
+    assert found["network_rmse_px"] < 0.5 < found["rmse_px"]
+    assert "network_rmse_px" not in validate(by_colour(), [within(pairs[0])], SIZE)
+
+
 def test_answers_are_in_the_pixels_of_each_view(sheets: ModuleType, sheet_dataset: Dataset) -> None:
     """Source and target may have different sizes; neither is the network's."""
     source, target = sheet_dataset.sequences[0], sheet_dataset.sequences[1]
