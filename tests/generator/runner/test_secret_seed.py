@@ -66,7 +66,7 @@ def test_a_lost_or_damaged_seed_stops_the_run(config, standin, tmp_path):
     out = tmp_path / "set"
     generate(config, out, engine=standin.InProcess())
     shutil.rmtree(out / "sequences")
-    with pytest.raises(CallError, match=r"secret_seed \(true there, null in this call\)"):
+    with pytest.raises(CallError, match=r"secret_seed \(true there, false in this call\)"):
         generate(config.replace(secret_seed=False, seed=0), out)
     (out / SECRET_SEED_FILE).write_text("{}")
     with pytest.raises(CallError, match="cannot be read"):
