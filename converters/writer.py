@@ -7,8 +7,6 @@ every reader and the validator take it, and nothing is invented. The truth is a 
 
 from __future__ import annotations
 
-import shutil
-import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -30,6 +28,7 @@ from pliant.spec.io.jsonfiles import write_json
 from pliant.spec.io.parquet import write_table
 from pliant.spec.io.png import write_mask, write_rgb
 from pliant.spec.io.reading import file_entry, sha256_file
+from pliant.spec.io.staging import staged
 from pliant.spec.storage import layout
 from pliant.spec.tables import SEQUENCES
 
@@ -140,9 +139,7 @@ def write_imported(
             path=source.get("source"),
             fix="Mark the same points, under the same names, in several pictures.",
         )
-    out.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=f".{out.name}-", dir=out.parent) as scratch:
-        root = Path(scratch) / "dataset"
+    with staged(out) as root, staged(beside) as answers:
         masks = _Masks(settings.kind)
         done, total = 0, sum(clip.frames for clip in clips)
         for index, (clip, name) in enumerate(zip(clips, ids, strict=True)):
@@ -155,16 +152,15 @@ def write_imported(
                     progress(done, total)
             document = _sequence(clip, name, index, settings, [folder / file for file in files])
             write_json(folder / layout.SEQUENCE_JSON, document, "sequence")
-        answers = _write_tables(root, Path(scratch) / "truth", clips, ids, settings, queries, truth)
+        _write_tables(root, answers, clips, ids, settings, queries, truth)
         names = dict(zip(ids, (clip.name for clip in clips), strict=True))
         measured = all(clip.read_depth is not None for clip in clips)
         unknown = [*UNKNOWN, *([] if measured else ["depth"])]
         config = {**source, "queries": settings.queries, "sources": names, "unknown": unknown}
         write_json(root / layout.DATASET_JSON, _dataset(settings, size, config, masks), "dataset")
-        shutil.move(answers.parent, beside)
-        shutil.move(root, out)
     pairs = int(queries["pair_id"][-1].as_py()) + 1
-    return Imported(out, beside / answers.name, len(clips), total, pairs, len(queries), masks.balls)
+    answers = beside / f"{settings.split}.parquet"
+    return Imported(out, answers, len(clips), total, pairs, len(queries), masks.balls)
 
 
 def _common_size(clips: Sequence[Clip]) -> tuple[int, int]:
@@ -187,8 +183,8 @@ def _write_tables(
     settings: ImportSettings,
     queries: pa.Table,
     truth: pa.Table,
-) -> Path:
-    """Write the three tables; return where the truth is."""
+) -> None:
+    """Write the three tables; that of the truth in the folder `beside`."""
     identity = {"dataset": {"id": settings.id, "version": "1.0.0"}}
     rows = [
         {
@@ -212,10 +208,7 @@ def _write_tables(
     footer: dict[str, Any] = {**identity, "split": settings.split}
     write_table(path, queries, "queries", footer)
     footer["queries_sha256"] = sha256_file(path)
-    beside.mkdir()
-    answers = beside / f"{settings.split}.parquet"
-    write_table(answers, truth, "truth", footer)
-    return answers
+    write_table(beside / f"{settings.split}.parquet", truth, "truth", footer)
 
 
 class _Masks:

@@ -19,6 +19,7 @@ from pliant.models.training.run_folder import CALIBRATION, CONFIG, RUN_FACTS
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
 from pliant.spec.io.jsonfiles import read_json
+from pliant.spec.io.staging import staged
 from pliant.spec.io.yamlfiles import read_yaml, yaml_text
 
 DATA_CONFIG: Final = "data.yaml"
@@ -74,27 +75,8 @@ def export_run(
     folder = out / name
     if folder.exists() and not (folder / CARD).is_file():
         raise CallError("something other than a shipped model stands there", path=folder)
-    partial = folder.with_name(f".{name}.partial")
-    shutil.rmtree(partial, ignore_errors=True)
-    partial.mkdir(parents=True)
-    for kept in (RUN_FACTS, CALIBRATION, FAMILIARITY):
-        if (run / kept).is_file():
-            shutil.copyfile(run / kept, partial / kept)
     settings = read_yaml(run / CONFIG)
     further = _further_data(settings)
-    (partial / CONFIG).write_text(yaml_text(portable(settings, further)), encoding="utf-8")
-    save_weights(partial / BEST, halved(read_weights_file(run / BEST)))
-    if (run / CROSSINGS).is_file():
-        save_weights(partial / CROSSINGS, halved(read_weights_file(run / CROSSINGS)))
-    for weights in partial.glob("*.safetensors"):
-        weights.chmod(0o644)  # safetensors makes them the owner's alone
-    for used, file in [
-        (dataset, DATA_CONFIG),
-        *((each, f"data-{each.id}.yaml") for each in further),
-    ]:
-        config = used.info["provenance"].get("config")
-        if config is not None:
-            (partial / file).write_text(yaml_text(config), encoding="utf-8")
     card = model_card(
         name=name,
         settings=portable(settings, further),
@@ -105,9 +87,22 @@ def export_run(
         training_s=training_seconds(run),
         reports=[report.document for report in reports],
     )
-    (partial / CARD).write_text(card, encoding="utf-8")
-    shutil.rmtree(folder, ignore_errors=True)
-    partial.rename(folder)
+    with staged(folder) as place:
+        for kept in (RUN_FACTS, CALIBRATION, FAMILIARITY):
+            if (run / kept).is_file():
+                shutil.copyfile(run / kept, place / kept)
+        (place / CONFIG).write_text(yaml_text(portable(settings, further)), encoding="utf-8")
+        save_weights(place / BEST, halved(read_weights_file(run / BEST)))
+        if (run / CROSSINGS).is_file():
+            save_weights(place / CROSSINGS, halved(read_weights_file(run / CROSSINGS)))
+        for weights in place.glob("*.safetensors"):
+            weights.chmod(0o644)  # safetensors makes them the owner's alone
+        data = {DATA_CONFIG: dataset, **{f"data-{each.id}.yaml": each for each in further}}
+        for file, used in data.items():
+            config = used.info["provenance"].get("config")
+            if config is not None:
+                (place / file).write_text(yaml_text(config), encoding="utf-8")
+        (place / CARD).write_text(card, encoding="utf-8")
     return folder
 
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -73,16 +72,14 @@ def frozen_questions(
 def _test_split(config: GenerateConfig) -> GenerateConfig:
     """Return the config of a set's test split, drawn quickly; its questions are the set's own."""
     splits = {TEST_SPLIT: config.counts[TEST_SPLIT]}
-    return replace(
-        config, splits=splits, sequences=None, style="raster", depth_camera=None, shutter=0.0
+    return config.replace(
+        splits=splits, sequences=None, style="raster", depth_camera=None, shutter=0.0
     )
 
 
 def _geometry(config: GenerateConfig) -> GenerateConfig:
     """Return what decides a set's tables: the config without labels and the picture's looks."""
-    return replace(
-        config, id="any", title="", description="", look=AppearanceSettings(), noise=None
-    )
+    return config.replace(id="any", title="", description="", look=AppearanceSettings(), noise=None)
 
 
 def _drawn_from(config: GenerateConfig, made: Path, folder: Path) -> dict[str, str]:

@@ -23,6 +23,7 @@ from pliant.spec.io.jsonfiles import write_json
 from pliant.spec.io.parquet import TableWriter, write_table
 from pliant.spec.io.png import write_rgb
 from pliant.spec.io.reading import file_entry
+from pliant.spec.io.writing import synced
 from pliant.spec.storage.layout import (
     CAMERAS_JSON,
     CORRESPONDENCES_TABLE,
@@ -140,7 +141,7 @@ class SequenceWriter:
         document = {"spec_version": SPEC_VERSION, **info, "files": files}
         write_json(self._partial / SEQUENCE_JSON, document, "sequence")
         for path in (*self._partial.glob("*"), self._partial):  # the images are synced already
-            _sync(path)
+            synced(path)
         self._move_into_place()
         json_bytes = (self.folder / SEQUENCE_JSON).stat().st_size
         total: int = json_bytes + sum(file["bytes"] for file in files)
@@ -169,7 +170,7 @@ class SequenceWriter:
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)) from error
             raise
         for name in (rgb_name(frame), depth_name(frame)):
-            _sync(self._partial / name)  # here, next to the rendering, and not all at the end
+            synced(self._partial / name)  # here, next to the rendering, and not all at the end
             self._images.append(file_entry(self._partial, name))
         return time.thread_time() - start
 
@@ -181,7 +182,7 @@ class SequenceWriter:
             # Another worker (a lost one that was not lost) may have put the same bytes there.
             if not (self.folder / SEQUENCE_JSON).is_file():
                 raise
-        _sync(self.folder.parent)
+        synced(self.folder.parent)
 
 
 def point_rows(points: Points) -> pa.Table:
@@ -219,11 +220,3 @@ def correspondence_rows(frame: int, truth: FrameTruth) -> pa.Table:
 
 def _free_bytes(folder: Path) -> int:
     return shutil.disk_usage(folder).free
-
-
-def _sync(path: Path) -> None:
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

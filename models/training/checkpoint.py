@@ -19,6 +19,7 @@ from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 
 from pliant.spec.errors import TrainingError
+from pliant.spec.io.staging import staged
 from pliant.spec.io.writing import replacing
 
 CHECKPOINTS: Final = "checkpoints"
@@ -111,13 +112,7 @@ def save_checkpoint(run: Path, state: TrainingState) -> Path:
         The checkpoint's folder.
     """
     folder = run / CHECKPOINTS / f"{state.step:07d}"
-    partial = folder.with_name(folder.name + ".partial")
-    shutil.rmtree(partial, ignore_errors=True)
-    partial.mkdir(parents=True)
-    save_weights(partial / "weights.safetensors", state.weights)
-    save_weights(partial / "average.safetensors", state.average)
     tensors, plain = _split(state.optimiser)
-    save_weights(partial / "optimiser.safetensors", tensors)
     document = {
         "step": state.step,
         "best": None if state.best == float("inf") else state.best,
@@ -125,9 +120,11 @@ def save_checkpoint(run: Path, state: TrainingState) -> Path:
         "history": state.history,
         "optimiser": plain,
     }
-    (partial / "state.json").write_text(json.dumps(document, indent=1, sort_keys=True) + "\n")
-    shutil.rmtree(folder, ignore_errors=True)
-    partial.rename(folder)
+    with staged(folder) as place:
+        save_weights(place / "weights.safetensors", state.weights)
+        save_weights(place / "average.safetensors", state.average)
+        save_weights(place / "optimiser.safetensors", tensors)
+        (place / "state.json").write_text(json.dumps(document, indent=1, sort_keys=True) + "\n")
     for other in (run / CHECKPOINTS).iterdir():
         if other != folder:
             shutil.rmtree(other, ignore_errors=True)

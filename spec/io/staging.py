@@ -10,14 +10,16 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from pliant.spec.errors import CallError
+from pliant.spec.io.writing import synced
 
 
 @contextmanager
 def staged(folder: Path) -> Iterator[Path]:
     """Give an empty folder next to `folder`, and rename it to `folder` at the end.
 
-    When the body raises, the folder is removed and `folder` stays as it was. What a killed process
-    left next to `folder` is removed at the start.
+    When the body raises, the folder is removed and `folder` stays as it was. All data is on the
+    disk before the folder is renamed. What a killed process left next to `folder` is removed at
+    the start.
 
     Args:
         folder: The folder to write; an earlier one is replaced.
@@ -33,9 +35,12 @@ def staged(folder: Path) -> Iterator[Path]:
         folder.parent.mkdir(parents=True, exist_ok=True)
         made.mkdir()
         yield made
+        for path in [*made.rglob("*"), made]:
+            synced(path)
         if folder.exists():
             folder.rename(earlier)
         made.rename(folder)
+        synced(folder.parent)
     except OSError as error:
         raise CallError(
             "the folder cannot be written",

@@ -31,14 +31,22 @@ def replacing(path: Path | str, *, durable: bool = False) -> Iterator[Path]:
     try:
         yield partial
         if durable:
-            with open(partial, "rb+") as stream:
-                os.fsync(stream.fileno())
+            synced(partial)
         os.replace(partial, path)
     except OSError as error:
         raise cannot_write(path, error) from error
     finally:
         with suppress(OSError):  # what prevented the write prevents this as well
             partial.unlink(missing_ok=True)
+
+
+def synced(path: Path) -> None:
+    """Wait until a file's data, or a folder's list of names, is on the disk."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
 
 
 def cannot_write(path: Path | str, error: OSError) -> CallError:

@@ -1,0 +1,71 @@
+"""An output folder is written whole or not at all, whatever ends the process."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from pliant.spec.errors import CallError
+from pliant.spec.io.staging import staged
+
+PROGRAM = """
+import sys, time
+from pathlib import Path
+from pliant.cli.interrupts import terminated_like_interrupted
+from pliant.spec.io.staging import staged
+
+with terminated_like_interrupted(""), staged(Path(sys.argv[1])) as place:
+    (place / "half").write_text("half")
+    print("ready", flush=True)
+    time.sleep(60)
+"""
+
+
+def killed(out: Path, number: signal.Signals) -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-c", PROGRAM, str(out)], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == b"ready\n"
+    process.send_signal(number)
+    process.wait(30)
+    process.stdout.close()
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_stopped_process_leaves_nothing(tmp_path: Path, number: signal.Signals) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "earlier").touch()
+    killed(out, number)
+    assert names(tmp_path) == ["out"]
+    assert names(out) == ["earlier"]
+
+
+def test_the_next_run_removes_what_a_killed_one_left(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    killed(out, signal.SIGKILL)
+    (left,) = names(tmp_path)
+    assert left.startswith(".out.")
+    with staged(out) as place:
+        (place / "whole").touch()
+    assert names(tmp_path) == ["out"]
+    assert names(out) == ["whole"]
+
+
+def test_an_error_inside_leaves_the_earlier_folder(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    with staged(out) as place:
+        (place / "first").touch()
+    with pytest.raises(CallError, match="cannot be written"), staged(out) as place:
+        (place / "missing" / "file").write_text("")
+    assert names(tmp_path) == ["out"]
+    assert names(out) == ["first"]
