@@ -19,7 +19,6 @@ from pliant.evaluator.statistics.ratios import Figure
 from pliant.generator.config import GenerateConfig
 from pliant.models.don.settings import DonSettings
 from pliant.models.timecycle.settings import TimeCycleSettings
-from pliant.publishing.settings import PublishSettings
 from pliant.spec.configuration import json_schema
 
 ROOT: Final = Path(__file__).resolve().parents[1]
@@ -40,7 +39,6 @@ SETTINGS: Final = {
     "pliant generate": GenerateConfig,
     "pliant train don": DonSettings,
     "pliant train timecycle": TimeCycleSettings,
-    "pliant publish": PublishSettings,
     "pliant benchmark": BenchmarkConfig,
 }
 

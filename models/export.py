@@ -58,9 +58,34 @@ def export_run(
             required="lower-case letters, digits and dashes, such as don-rope",
         )
     matcher = load_matcher(run)  # it answers: config, weights and calibration fit
+    facts = _checked_facts(run, dataset, reports)
+    folder = out / name
+    if folder.exists() and not (folder / CARD).is_file():
+        raise CallError("the folder exists and is not an exported model", path=folder)
+    settings = read_yaml(run / CONFIG)
+    further = _further_data(settings)
+    settings = portable(settings, further)
+    card = model_card(
+        name=name,
+        settings=settings,
+        facts=facts,
+        dataset=dataset.info,
+        further=[each.info for each in further],
+        parameters=sum(p.numel() for p in matcher.network.parameters()),
+        training_s=training_seconds(run),
+        reports=[report.document for report in reports],
+    )
+    with staged(folder) as place:
+        _write_files(run, place, settings, [dataset, *further])
+        (place / CARD).write_text(card, encoding="utf-8")
+    return folder
+
+
+def _checked_facts(run: Path, dataset: Dataset, reports: Sequence[Scores]) -> dict[str, Any]:
+    """Return a finished run's facts; refuse another dataset, and reports of other runs."""
     if not (run / RUN_FACTS).is_file():
         raise CallError("the run is not finished", path=run, required=RUN_FACTS)
-    facts = read_json(run / RUN_FACTS)
+    facts: dict[str, Any] = read_json(run / RUN_FACTS)
     trained_on = {"id": dataset.id, "version": dataset.version}
     if facts["dataset"] != trained_on:
         raise CallError(
@@ -72,38 +97,33 @@ def export_run(
         )
     for report in reports:
         _check_report(report, facts)
-    folder = out / name
-    if folder.exists() and not (folder / CARD).is_file():
-        raise CallError("something other than a shipped model stands there", path=folder)
-    settings = read_yaml(run / CONFIG)
-    further = _further_data(settings)
-    card = model_card(
-        name=name,
-        settings=portable(settings, further),
-        facts=facts,
-        dataset=dataset.info,
-        further=[each.info for each in further],
-        parameters=sum(p.numel() for p in matcher.network.parameters()),
-        training_s=training_seconds(run),
-        reports=[report.document for report in reports],
-    )
-    with staged(folder) as place:
-        for kept in (RUN_FACTS, CALIBRATION, FAMILIARITY):
-            if (run / kept).is_file():
-                shutil.copyfile(run / kept, place / kept)
-        (place / CONFIG).write_text(yaml_text(portable(settings, further)), encoding="utf-8")
-        save_weights(place / BEST, halved(read_weights_file(run / BEST)))
-        if (run / CROSSINGS).is_file():
-            save_weights(place / CROSSINGS, halved(read_weights_file(run / CROSSINGS)))
-        for weights in place.glob("*.safetensors"):
-            weights.chmod(0o644)  # safetensors makes them the owner's alone
-        data = {DATA_CONFIG: dataset, **{f"data-{each.id}.yaml": each for each in further}}
-        for file, used in data.items():
-            config = used.info["provenance"].get("config")
-            if config is not None:
-                (place / file).write_text(yaml_text(config), encoding="utf-8")
-        (place / CARD).write_text(card, encoding="utf-8")
-    return folder
+    return facts
+
+
+def _write_files(
+    run: Path, folder: Path, settings: Mapping[str, Any], datasets: Sequence[Dataset]
+) -> None:
+    """Write what answering needs, and the configs that the datasets were generated from.
+
+    Args:
+        run: The run's folder.
+        folder: The model's folder.
+        settings: The config of the model.
+        datasets: The run's own dataset, then the further ones.
+    """
+    for kept in (RUN_FACTS, CALIBRATION, FAMILIARITY):
+        if (run / kept).is_file():
+            shutil.copyfile(run / kept, folder / kept)
+    (folder / CONFIG).write_text(yaml_text(settings), encoding="utf-8")
+    for name in (BEST, CROSSINGS):
+        if name == BEST or (run / name).is_file():
+            save_weights(folder / name, halved(read_weights_file(run / name)))
+            (folder / name).chmod(0o644)  # safetensors makes it the owner's alone
+    files = [DATA_CONFIG, *(f"data-{each.id}.yaml" for each in datasets[1:])]
+    for used, file in zip(datasets, files, strict=True):
+        config = used.info["provenance"].get("config")
+        if config is not None:
+            (folder / file).write_text(yaml_text(config), encoding="utf-8")
 
 
 def portable(settings: Mapping[str, Any], further: Sequence[Dataset]) -> dict[str, Any]:

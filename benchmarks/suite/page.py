@@ -15,7 +15,6 @@ from pliant.benchmarks.suite.config import BenchmarkConfig, Comparison
 from pliant.benchmarks.suite.table import Row, arms, best_untrained, blocks
 from pliant.benchmarks.suite.work import Cost, Workspace
 from pliant.evaluator.comparison import Difference, differences
-from pliant.evaluator.controls import CONTROLS
 from pliant.evaluator.protocols.protocol import read_protocol
 from pliant.evaluator.report.cells import heading
 from pliant.evaluator.report.pages import render_page
@@ -51,8 +50,6 @@ def results_page(
     differing: Differences,
     figures: Sequence[str],
     command: str,
-    *,
-    pictures: Sequence[bytes] | None = None,
 ) -> str:
     """Return the page.
 
@@ -63,16 +60,13 @@ def results_page(
         differing: How the test queries differ from the frozen ones.
         figures: Paths of the figures, relative to the page.
         command: The command that makes it.
-        pictures: The figures as PNG, for a self-contained HTML page; None gives Markdown.
     """
     machines: dict[str, int] = {}
     for note in work.notes().values():
         machines[note["machine"]] = max(note["cores"], machines.get(note["machine"], 0))
     return render_page(
-        "results.md.j2" if pictures is None else "results.html.j2",
+        "results.md.j2",
         package="pliant.benchmarks.suite",
-        pictures=pictures or (),
-        controls={name.capitalize() for name in CONTROLS},
         config=config,
         command=command,
         machines=machines,

@@ -23,7 +23,7 @@ def write_results(
     command: str,
     page: Path | None = None,
 ) -> dict[str, Any]:
-    """Write `table.json`, `results.md`, `results.html` and `figures/` of all that is scored.
+    """Write `table.json`, `results.md` and `figures/` of all that is scored.
 
     Args:
         config: The benchmark.
@@ -50,7 +50,4 @@ def write_results(
         names = [Path(os.path.relpath(each, target.parent)).as_posix() for each in pictured]
         text = results_page(config, work, rows, differing, names, command)
         target.write_text(text, encoding="utf-8")
-    images = [each.read_bytes() for each in figures]
-    text = results_page(config, work, rows, differing, (), command, pictures=images)
-    (out / "results.html").write_text(text, encoding="utf-8")
     return document

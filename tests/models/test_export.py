@@ -237,7 +237,7 @@ def test_what_cannot_be_shipped_is_refused(
     with pytest.raises(CallError, match="not a training run"):
         export_run(tmp_path, "don", tmp_path, dataset)
     (tmp_path / "mine").mkdir()
-    with pytest.raises(CallError, match="something other than a shipped model"):
+    with pytest.raises(CallError, match="exists and is not an exported model"):
         export_run(trained, "mine", tmp_path, dataset)
     begun = tmp_path / "begun"
     begun.mkdir()
