@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
+
+from pydantic import BaseModel, FiniteFloat, ValidationError
 
 from pliant.converters.annotations import Annotations, Collector, Mark, picture_in
 from pliant.spec.errors import SpecError
@@ -13,6 +15,51 @@ from pliant.spec.io.photo import photo_size
 
 HIDDEN_FLAGS: Final = ("hidden", "occluded")
 """LabelMe's flags that say of a point that it is not seen."""
+
+
+_Id = int | str | None
+
+
+class _Image(BaseModel):
+    id: _Id = None
+    file_name: str
+    width: int | None = None
+    height: int | None = None
+
+
+class _Annotation(BaseModel):
+    image_id: _Id = None
+    category_id: _Id = None
+    keypoints: list[FiniteFloat] | None = None
+
+
+class _Category(BaseModel):
+    id: _Id = None
+    name: str = ""
+    keypoints: list[str] | None = None
+
+
+class _Coco(BaseModel):
+    images: list[_Image]
+    annotations: list[_Annotation]
+    categories: list[_Category] = []
+
+
+class _Shape(BaseModel):
+    label: str
+    shape_type: str | None = None
+    points: list[tuple[FiniteFloat, FiniteFloat]]
+    flags: dict[str, Any] | None = None
+
+
+class _LabelMe(BaseModel):
+    imagePath: str  # noqa: N815 - the format's names
+    imageWidth: int | None = None  # noqa: N815
+    imageHeight: int | None = None  # noqa: N815
+    shapes: list[_Shape]
+
+
+Document = TypeVar("Document", bound=BaseModel)
 
 
 def is_coco(document: Any) -> bool:
@@ -38,19 +85,18 @@ def read_coco(path: Path) -> Annotations:
     Raises:
         SpecError: It is damaged, or a picture is not there or of another size.
     """
-    document = read_json(path)
+    document = _parsed(_Coco, read_json(path), path)
     marks = Collector(path)
-    pictures: dict[Any, Path] = {}
-    for index, image in enumerate(document["images"]):
+    pictures: dict[_Id, Path] = {}
+    for index, image in enumerate(document.images):
         where = f"images[{index}]"
-        name = _field(image, "file_name", str, path, where)
         # Many tools write annotations/FILE.json next to images/.
         folder = path.parent.parent if path.parent.name == "annotations" else path.parent
-        picture = picture_in(folder, name, path, where)
-        pictures[image.get("id")] = picture
+        picture = picture_in(folder, image.file_name, path, where)
+        pictures[image.id] = picture
         marks.add_picture(picture)
-        _check_size(picture, image.get("width"), image.get("height"), path, where)
-    labelled = [a for a in document["annotations"] if isinstance(a, dict) and a.get("keypoints")]
+        _check_size(picture, image.width, image.height, path, where)
+    labelled = {k: each for k, each in enumerate(document.annotations) if each.keypoints}
     if not labelled:
         raise SpecError(
             "the annotations have no keypoints",
@@ -58,19 +104,17 @@ def read_coco(path: Path) -> Annotations:
             required="annotations with keypoints [x, y, v, …]",
             fix="Export the project as COCO keypoints; boxes and polygons name no points.",
         )
-    categories = {c.get("id"): c for c in document.get("categories", []) if isinstance(c, dict)}
-    several = len({a.get("category_id") for a in labelled}) > 1
-    for index, annotation in enumerate(document["annotations"]):
-        if annotation not in labelled:
-            continue
+    categories = {category.id: category for category in document.categories}
+    several = len({each.category_id for each in labelled.values()}) > 1
+    for index, annotation in labelled.items():
         where = f"annotations[{index}]"
-        if annotation.get("image_id") not in pictures:
+        if annotation.image_id not in pictures:
             raise SpecError("an annotation is of no picture of the file", path=path, where=where)
-        values = _field(annotation, "keypoints", list, path, where)
-        if len(values) % 3 or not all(isinstance(v, int | float) for v in values):
+        values = annotation.keypoints or []
+        if len(values) % 3:
             raise SpecError("keypoints are not triples x, y, v", path=path, where=where)
-        category = categories.get(annotation.get("category_id"), {})
-        names = category.get("keypoints") or [str(k) for k in range(len(values) // 3)]
+        category = categories.get(annotation.category_id, _Category())
+        names = category.keypoints or [str(k) for k in range(len(values) // 3)]
         if len(names) != len(values) // 3:
             raise SpecError(
                 "the keypoints are not those of the category",
@@ -79,13 +123,12 @@ def read_coco(path: Path) -> Annotations:
                 found=f"{len(values) // 3} keypoints",
                 required=f"{len(names)}, as the category names them",
             )
-        prefix = f"{category.get('name')}/" if several else ""
+        prefix = f"{category.name}/" if several else ""
         for number, name in enumerate(names):
             u, v, state = values[3 * number : 3 * number + 3]
             if state > 0:
-                picture = pictures[annotation["image_id"]]
-                mark = Mark(float(u), float(v), state == 2)
-                marks.add(picture, f"{prefix}{name}", mark, where)
+                mark = Mark(u, v, state == 2)
+                marks.add(pictures[annotation.image_id], f"{prefix}{name}", mark, where)
     return marks.annotations()
 
 
@@ -103,43 +146,48 @@ def read_labelme(files: Sequence[Path], path: Path) -> Annotations:
     """
     marks = Collector(path)
     for file in files:
-        document = read_json(file)
-        name = _field(document, "imagePath", str, file, "imagePath")
-        picture = picture_in(file.parent, name, file, "imagePath")
-        _check_size(picture, document.get("imageWidth"), document.get("imageHeight"), file, "")
+        document = _parsed(_LabelMe, read_json(file), file)
+        picture = picture_in(file.parent, document.imagePath, file, "imagePath")
+        _check_size(picture, document.imageWidth, document.imageHeight, file, "")
         marks.add_picture(picture)
-        for index, shape in enumerate(_field(document, "shapes", list, file, "shapes")):
+        for index, shape in enumerate(document.shapes):
             where = f"shapes[{index}]"
-            if not isinstance(shape, dict) or shape.get("shape_type") != "point":
+            if shape.shape_type != "point":
                 continue
-            label = _field(shape, "label", str, file, where)
-            try:
-                ((u, v),) = shape["points"]
-                u, v = float(u), float(v)
-            except (KeyError, TypeError, ValueError) as error:
+            if len(shape.points) != 1:
                 raise SpecError(
                     "a point has no position", path=file, where=where, required="points [[x, y]]"
-                ) from error
-            flags = shape.get("flags") or {}
-            hidden = any(flags.get(flag) for flag in HIDDEN_FLAGS)
-            marks.add(picture, label, Mark(u, v, not hidden), where)
+                )
+            hidden = any((shape.flags or {}).get(flag) for flag in HIDDEN_FLAGS)
+            marks.add(picture, shape.label, Mark(*shape.points[0], not hidden), where)
     return marks.annotations()
 
 
-def _field(document: Any, name: str, kind: type, path: Path, where: str) -> Any:
-    value = document.get(name) if isinstance(document, Mapping) else None
-    if not isinstance(value, kind):
+def _parsed(kind: type[Document], document: Any, path: Path) -> Document:
+    """Return a JSON document as an object.
+
+    Raises:
+        SpecError: A field is missing or of another type.
+    """
+    try:
+        return kind.model_validate(document)
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = "".join(
+            f"[{part}]" if isinstance(part, int) else f".{part}" for part in first["loc"]
+        )
         raise SpecError(
             "a field is missing or of another type",
             path=path,
-            where=where,
-            found=f"{value!r:.60}",
-            required=f"{name}: {kind.__name__}",
-        )
-    return value
+            where=place.lstrip("."),
+            found=f"{first['input']!r:.60}",
+            required=first["msg"],
+        ) from None
 
 
-def _check_size(picture: Path, width: Any, height: Any, path: Path, where: str) -> None:
+def _check_size(
+    picture: Path, width: int | None, height: int | None, path: Path, where: str
+) -> None:
     """Refuse a picture of another size than it was annotated at."""
     size = photo_size(picture)
     if width is not None and height is not None and (width, height) != size:

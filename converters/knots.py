@@ -109,7 +109,7 @@ def _positions(points: Any, where: str, path: Path) -> Floats:
             pixels = [pixels]
         try:
             values = np.array(pixels, np.float64)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             values = np.zeros(0)
         if values.ndim != 2 or values.shape[1] != 2:
             raise SpecError(

@@ -119,17 +119,8 @@ def write_imported(
             )
     if settings.pairs < 1:
         raise CallError("the number of pairs is wrong", found=settings.pairs, required=">= 1")
-    size = settings.size or _common_size(clips)
-    if min(size) < 1:
-        raise CallError("the size is not possible", where="--size", found=f"{size[0]}x{size[1]}")
-    if max(size) > limits.MAX_IMAGE_SIDE_PX or size[0] * size[1] > limits.MAX_IMAGE_PIXELS:
-        raise CallError(
-            "the frames are larger than a dataset's may be",
-            found=f"{size[0]}x{size[1]}",
-            required=f"sides of at most {limits.MAX_IMAGE_SIDE_PX:,} px, "
-            f"{limits.MAX_IMAGE_PIXELS:,} pixels in all",
-            fix="Give a smaller --size WxH",
-        )
+    _check_names(clips, source)
+    size = _size(clips, settings)
     clips = [resized(clip, size) for clip in clips]
     ids = [f"{settings.id}-{settings.split}-{index:06d}" for index in range(len(clips))]
     queries, truth = make_queries(clips, ids, settings.id, settings.queries, settings.pairs)
@@ -163,16 +154,41 @@ def write_imported(
     return Imported(out, answers, len(clips), total, pairs, len(queries), masks.balls)
 
 
-def _common_size(clips: Sequence[Clip]) -> tuple[int, int]:
+def _check_names(clips: Sequence[Clip], source: Mapping[str, Any]) -> None:
+    """Refuse names of files that the provenance cannot say."""
+    pictures = [
+        picture["name"] for clip in clips for picture in (clip.facts or {}).get("pictures", ())
+    ]
+    for name in (str(source.get("source", "")), *(clip.name for clip in clips), *pictures):
+        if not name.isprintable():
+            raise SpecError(
+                "the name of a file has characters that cannot be printed",
+                found=repr(name)[:80],
+                fix="Rename the file.",
+            )
+
+
+def _size(clips: Sequence[Clip], settings: ImportSettings) -> tuple[int, int]:
+    """Return the (width, height) of all frames, px."""
     sizes = sorted({clip.size for clip in clips})
-    if len(sizes) > 1:
-        shown = ", ".join(f"{width}x{height}" for width, height in sizes[:6])
+    if settings.size is None and len(sizes) > 1:
         raise CallError(
             "the clips differ in size, and a dataset has one",
-            found=shown,
+            found=", ".join(f"{width}x{height}" for width, height in sizes[:6]),
             fix="Give --size WxH to bring all of them to one size (TAP-Vid scores at 256x256)",
         )
-    return sizes[0]
+    size = settings.size or sizes[0]
+    if min(size) < 1:
+        raise CallError("the size is not possible", where="--size", found=f"{size[0]}x{size[1]}")
+    if max(size) > limits.MAX_IMAGE_SIDE_PX or size[0] * size[1] > limits.MAX_IMAGE_PIXELS:
+        raise CallError(
+            "the frames are larger than a dataset's may be",
+            found=f"{size[0]}x{size[1]}",
+            required=f"sides of at most {limits.MAX_IMAGE_SIDE_PX:,} px, "
+            f"{limits.MAX_IMAGE_PIXELS:,} pixels in all",
+            fix="Give a smaller --size WxH",
+        )
+    return size
 
 
 def _write_tables(

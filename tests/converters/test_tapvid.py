@@ -163,6 +163,14 @@ def test_an_incomplete_or_damaged_file_is_named(
         assert said in capsys.readouterr().err
 
 
+def test_a_name_that_cannot_be_said_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    saved(tmp_path / "clips").rename(tmp_path / "clips" / "x\udcff.npz")  # a byte 0xff
+    assert run(["import", str(tmp_path / "clips"), "--out", str(tmp_path / "out")]) == 1
+    assert "characters that cannot be printed; found 'x\\udcff'" in capsys.readouterr().err
+
+
 def test_what_is_large_once_unpacked_is_refused_before(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

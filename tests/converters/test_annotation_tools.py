@@ -1,0 +1,110 @@
+"""What COCO and LabelMe say comes out, and damaged files are one sentence."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pliant.cli.main import run
+from tests.converters.importing import asked, imported
+from tests.converters.test_pictures import photographs
+
+
+def coco() -> dict[str, Any]:
+    shown = {"a b.JPG": (40, 30), "b.tif": (20, 30), "ç.webp": (80, 20)}
+    images = [
+        {"id": 7 + k, "file_name": name, "width": w, "height": h}
+        for k, (name, (w, h)) in enumerate(shown.items())
+    ]
+    points = [[4.5, 6, 2, 39.5, 29.5, 2], [10, 30, 1, 2.25, 8, 2], [60, 10, 2, 0, 0, 0]]
+    annotations = [
+        {"image_id": 7 + k, "category_id": 1, "keypoints": values}
+        for k, values in enumerate(points)
+    ]
+    category = {"id": 1, "name": "rope", "keypoints": ["ball", "end"]}
+    return {"images": images, "annotations": annotations, "categories": [category]}
+
+
+COCO_ROWS = {
+    (0, 4.5, 6.0, 1, 10.0, 30.0, "out_of_frame"),
+    (0, 4.5, 6.0, 2, 60.0, 10.0, "visible"),
+    (0, 39.5, 29.5, 1, 2.25, 8.0, "visible"),
+    (1, 2.25, 8.0, 0, 39.5, 29.5, "visible"),
+    (2, 60.0, 10.0, 0, 4.5, 6.0, "visible"),
+    (2, 60.0, 10.0, 1, 10.0, 30.0, "out_of_frame"),
+}
+
+
+def test_coco_keypoints(tmp_path: Path) -> None:
+    folder = photographs(tmp_path / "photos")
+    (folder / "export.json").write_text(json.dumps(coco()))
+    dataset = imported(folder, tmp_path / "out")
+    assert asked(tmp_path / "out") == COCO_ROWS
+    assert dataset.info["provenance"]["config"]["points"] == ["ball", "end"]
+    imported(folder / "export.json", tmp_path / "index", "--pixels", "index")
+    assert (0, 5.0, 6.5, 2, 60.5, 10.5, "visible") in asked(tmp_path / "index")
+
+
+def labelme(folder: Path) -> None:
+    for image, annotation in zip(coco()["images"], coco()["annotations"], strict=True):
+        values = annotation["keypoints"]
+        shapes: list[dict[str, Any]] = [
+            {
+                "label": label,
+                "shape_type": "point",
+                "points": [values[3 * k : 3 * k + 2]],
+                "flags": {"hidden": values[3 * k + 2] == 1},
+            }
+            for k, label in enumerate(("ball", "end"))
+            if values[3 * k + 2]
+        ]
+        shapes.append({"label": "rope", "shape_type": "polygon", "points": [[0, 0], [1, 1]]})
+        document = {
+            "imagePath": f"..\\elsewhere\\{image['file_name']}",
+            "imageWidth": image["width"],
+            "imageHeight": image["height"],
+            "shapes": shapes,
+        }
+        (folder / f"{image['id']}.json").write_text(json.dumps(document))
+
+
+def test_labelme_files(tmp_path: Path) -> None:
+    folder = photographs(tmp_path / "photos")
+    labelme(folder)
+    imported(folder, tmp_path / "out")
+    assert asked(tmp_path / "out") == COCO_ROWS
+
+
+HUGE = 10**400
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "said"),
+    [
+        (("images",), 3, "images: a field is missing or of another type; found 3"),
+        (("images", 0), 3, "images[0]: a field"),
+        (("images", 0, "id"), [1], "images[0].id"),
+        (("images", 0, "width"), 41, "of another size than it was annotated at"),
+        (("annotations", 1, "image_id"), 99, "annotations[1]: an annotation is of no picture"),
+        (("annotations", 1, "keypoints"), [1, 1], "annotations[1]: keypoints are not triples"),
+        (("annotations", 1, "keypoints", 0), HUGE, "annotations[1].keypoints[0]: a field"),
+        (("annotations", 1, "keypoints", 0), None, "annotations[1].keypoints[0]: a field"),
+        (("categories", 0, "keypoints"), ["ball"], "required: 1, as the category names them"),
+        (("categories",), "x", "categories: a field"),
+    ],
+)
+def test_a_broken_coco_file_is_refused_with_its_place(
+    place: tuple[Any, ...], value: Any, said: str, tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    folder, document = photographs(tmp_path / "photos"), coco()
+    node: Any = document
+    for key in place[:-1]:
+        node = node[key]
+    node[place[-1]] = value
+    (folder / "export.json").write_text(json.dumps(document))
+    assert run(["import", str(folder), "--out", str(tmp_path / "out")]) == 1
+    assert said in capsys.readouterr().err
