@@ -5,21 +5,21 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from pydantic import BaseModel
 from sqlalchemy import Select, case, func, select
 from sqlalchemy.orm import Session
 
 from pliant.service.models import Score, Submission, Team, Version
 
 
-@dataclass(frozen=True)
-class Row:
+class Row(BaseModel):
     """One line.
 
     Attributes:
         rank: Place, equal figures share one; None for a control.
         team_id: The team.
         team: Its name.
-        submission_id: The submission shown.
+        submission: The submission shown.
         method: Name of its method.
         figures: Group -> metric -> value.
         coverage: Share of the queries that it answers.
@@ -30,7 +30,7 @@ class Row:
     rank: int | None
     team_id: int
     team: str
-    submission_id: int
+    submission: int
     method: str
     figures: dict[str, dict[str, float | None]]
     coverage: float
@@ -126,7 +126,7 @@ def _row(
         rank=rank,
         team_id=team.id,
         team=team.name,
-        submission_id=submission.id,
+        submission=submission.id,
         method=submission.method or "",
         figures=score.figures,
         coverage=score.coverage,

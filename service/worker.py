@@ -26,6 +26,7 @@ from pliant.service.queue import Lease
 from pliant.service.receipts import Signer
 from pliant.service.scoring import Figures, Result, Task, score_in_child
 from pliant.service.settings import Scoring
+from pliant.service.versions import newest_versions
 from pliant.spec.errors import PliantError
 from pliant.spec.limits import LimitError
 
@@ -88,7 +89,10 @@ class Worker:
         try:
             with self.challenge.database.read() as session:
                 submission = session.get_one(Submission, lease.submission_id)
-                versions = session.scalars(select(Version).where(Version.id.in_(lease.versions)))
+                wanted = select(Version).where(Version.id.in_(lease.versions))
+                versions = list(session.scalars(wanted))
+                if not versions and not submission.check_only:  # of a phase that is new
+                    versions = newest_versions(session, submission.phase)
                 phase = self.challenge.settings.phase(submission.phase)
                 ways = tuple(
                     (
@@ -160,8 +164,8 @@ class Worker:
             return
         for version_id, figures in (result.figures or {}).items():
             self._add_score(session, submission, version_id, figures, result)
-        queue.finish(session, job, State.SCORED if job.versions else State.CHECKED)
-        if not job.versions:
+        queue.finish(session, job, State.CHECKED if submission.check_only else State.SCORED)
+        if submission.check_only:
             record(session, SYSTEM, "checked", subject)
 
     def _add_score(

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Iterator
 from typing import Annotated, Any, Final, Literal
 
 from anyio import to_thread
 from fastapi import APIRouter, Depends, Path, Query, Request
-from fastapi.responses import FileResponse, PlainTextResponse, StreamingResponse
+from fastapi.responses import PlainTextResponse, StreamingResponse
 from pydantic import BaseModel
 from sqlalchemy import select
 from sqlalchemy.orm import Session
@@ -40,6 +40,7 @@ from pliant.spec.errors import CallError
 _EVENT_S: Final = 1.0
 _MOST_STREAMS: Final = 200
 _PAGE: Final = 100
+_BINARY: Final = "application/octet-stream"
 
 Show = Literal["best", "last"]
 Number = Annotated[int, Path(ge=1, lt=2**53)]
@@ -191,9 +192,7 @@ def get_leaderboard_csv(
     openapi_extra={
         "requestBody": {
             "required": True,
-            "content": {
-                "application/octet-stream": {"schema": {"type": "string", "format": "binary"}}
-            },
+            "content": {_BINARY: {"schema": {"type": "string", "format": "binary"}}},
         }
     },
 )
@@ -261,15 +260,19 @@ def get_submission(site: TheSite, who: Visitor, number: Number) -> SubmissionVie
         return submission_view(session, find_submission(session, number, who), who)
 
 
-@router.get("/submissions/{number}/file", response_class=FileResponse)
-def get_file(site: TheSite, who: Member, number: Number) -> Response:
+@router.get("/submissions/{number}/file", response_class=StreamingResponse)
+def get_file(site: TheSite, who: Member, number: Number) -> StreamingResponse:
     """Return the file of one's own submission."""
     with site.database.read() as session:
-        submission = own_submission(session, number, who)
-        with site.challenge.store.local(submission.file_sha256) as path:
-            content = path.read_bytes()
+        sha256 = own_submission(session, number, who).file_sha256
     head = {"Content-Disposition": f'attachment; filename="submission-{number}.parquet"'}
-    return Response(content, media_type="application/octet-stream", headers=head)
+    return StreamingResponse(_content(site, sha256), media_type=_BINARY, headers=head)
+
+
+def _content(site: Site, sha256: str) -> Iterator[bytes]:
+    with site.challenge.store.local(sha256) as path, open(path, "rb") as stream:
+        while chunk := stream.read(1 << 20):
+            yield chunk
 
 
 @router.get("/submissions/{number}/receipt")

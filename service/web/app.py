@@ -6,7 +6,6 @@ import errno
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from importlib.metadata import version
-from typing import Any
 
 from anyio import to_thread
 from fastapi import FastAPI, Request
@@ -21,8 +20,9 @@ from pliant.service.challenge import Challenge
 from pliant.service.submissions import NotAcceptedError
 from pliant.service.web import admin, api, pages
 from pliant.service.web.observe import Metrics, Observation
-from pliant.service.web.security import COOKIE, Protection, Throttle
+from pliant.service.web.security import Protection, Throttle
 from pliant.service.web.state import Site, static_file
+from pliant.service.web.uploads import remove_abandoned
 from pliant.spec.errors import PliantError
 
 _UPLOADS = frozenset({"/submit", "/api/v1/submissions"})
@@ -45,6 +45,7 @@ def make_app(challenge: Challenge, base_url: str = "") -> FastAPI:
         challenge: The challenge.
         base_url: Address that others reach it by, such as `https://challenge.example.org`.
     """
+    remove_abandoned(challenge.incoming)
     site = Site(challenge, Throttle(), base_url.rstrip("/"))
     app = FastAPI(
         title=site.title,
@@ -98,9 +99,9 @@ def _add_errors(app: FastAPI, site: Site) -> None:
         headers |= site.headers if status == 500 else {}
         if request.url.path.startswith("/api/"):
             return JSONResponse({"code": code, "message": message}, status, headers)
-        signed = COOKIE in request.cookies
-        values: dict[str, Any] = {"who": None, "plain": False, "signed": signed}
-        page = site.render("error.html.j2", code=code, message=message, status=status, **values)
+        page = site.render(
+            "error.html.j2", code=code, message=message, status=status, who=None, plain=False
+        )
         return HTMLResponse(page, status, headers)
 
     @app.exception_handler(NotAcceptedError)

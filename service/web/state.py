@@ -83,7 +83,6 @@ class Site:
         base_url: Address that others reach it by, or empty.
         templates: The pages' templates.
         headers: Security headers of every answer.
-        plain: Whether pages are files of a static site: no forms, relative links.
     """
 
     challenge: Challenge

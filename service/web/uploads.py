@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import os
+import time
 from collections.abc import AsyncIterator
 from pathlib import Path
+from typing import Final
 
 from anyio import to_thread
 
@@ -16,6 +18,8 @@ from pliant.service.web.security import too_large
 from pliant.service.web.state import Site
 from pliant.service.web.views import SubmissionView, submission_view
 from pliant.spec.text import unsafe_character
+
+_ABANDONED_S: Final = 24 * 3600
 
 
 async def receive_file(
@@ -54,6 +58,13 @@ async def receive_file(
         return await to_thread.run_sync(_accept, site, who, phase, partial, upload)
     finally:
         partial.unlink(missing_ok=True)
+
+
+def remove_abandoned(incoming: Path) -> None:
+    """Remove files whose transfer ended with a process that was killed."""
+    for path in incoming.glob("*.parquet"):
+        if time.time() - path.stat().st_mtime > _ABANDONED_S:
+            path.unlink(missing_ok=True)
 
 
 def _allowed(site: Site, who: Identity, phase: Phase, check_only: bool) -> None:

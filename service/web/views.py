@@ -68,19 +68,6 @@ class SubmissionView(BaseModel):
         return self.state in FINAL
 
 
-class Line(BaseModel):
-    """One line of the leaderboard."""
-
-    rank: int | None
-    team: str
-    submission: int
-    method: str
-    figures: Figures
-    coverage: float
-    submitted_ms: int
-    submissions: int
-
-
 class BoardView(BaseModel):
     """The leaderboard of one version of scoring."""
 
@@ -90,8 +77,8 @@ class BoardView(BaseModel):
     protocol_sha256: str
     truth_sha256: str
     show: str
-    rows: list[Line]
-    controls: list[Line]
+    rows: list[Row]
+    controls: list[Row]
 
 
 def may_see(submission: Submission, who: Identity | None) -> bool:
@@ -163,8 +150,8 @@ def board_view(board: Board, version: Version, show: str) -> BoardView:
         protocol_sha256=version.protocol_sha256,
         truth_sha256=version.truth_sha256,
         show=show,
-        rows=[_line(row) for row in board.rows],
-        controls=[_line(row) for row in board.controls],
+        rows=list(board.rows),
+        controls=list(board.controls),
     )
 
 
@@ -176,7 +163,7 @@ def board_csv(board: Board, version: Version) -> str:
         [
             row.rank,
             row.team,
-            row.submission_id,
+            row.submission,
             row.method,
             row.coverage,
             row.submitted_ms,
@@ -198,19 +185,6 @@ def csv_text(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
             for cell in row
         )
     return stream.getvalue()
-
-
-def _line(row: Row) -> Line:
-    return Line(
-        rank=row.rank,
-        team=row.team,
-        submission=row.submission_id,
-        method=row.method,
-        figures=row.figures,
-        coverage=row.coverage,
-        submitted_ms=row.submitted_ms,
-        submissions=row.submissions,
-    )
 
 
 def _score_view(score: Score, version: Version) -> ScoreView:
