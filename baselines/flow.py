@@ -12,17 +12,13 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
 from pliant.baselines.features.local_features import SMALLEST_SIDE_PX
 from pliant.baselines.features.opencv import load_opencv
 from pliant.baselines.pixels import HALF_PIXEL, luma
 from pliant.spec.answers import Answers
+from pliant.spec.arrays import BoolArray, Float32Array, ImageArray
 from pliant.spec.frame import Frame, Pair
-
-Float32 = npt.NDArray[np.float32]
-Image = npt.NDArray[np.uint8]
-Bools = npt.NDArray[np.bool_]
 
 WINDOW_PX: Final = 15
 """Side of the window that Lucas-Kanade compares."""
@@ -46,7 +42,9 @@ SIGMA_FRAME_PX: Final = 0.05
 """Sigma per frame."""
 
 
-def _lucas_kanade(cv2: Any, a: Image, b: Image, xy: Float32) -> tuple[Float32, Bools]:
+def _lucas_kanade(
+    cv2: Any, a: ImageArray, b: ImageArray, xy: Float32Array
+) -> tuple[Float32Array, BoolArray]:
     found, status, _ = cv2.calcOpticalFlowPyrLK(
         luma(a), luma(b), xy[:, None], None,
         winSize=(WINDOW_PX, WINDOW_PX), maxLevel=PYRAMID_LEVELS,
@@ -54,13 +52,17 @@ def _lucas_kanade(cv2: Any, a: Image, b: Image, xy: Float32) -> tuple[Float32, B
     return found[:, 0], status[:, 0] > 0
 
 
-def _robust_local(cv2: Any, a: Image, b: Image, xy: Float32) -> tuple[Float32, Bools]:
+def _robust_local(
+    cv2: Any, a: ImageArray, b: ImageArray, xy: Float32Array
+) -> tuple[Float32Array, BoolArray]:
     # Points are one row, (1, N, 2): as a column it returns memory that it never wrote.
     found, status, _ = cv2.optflow.calcOpticalFlowSparseRLOF(a, b, xy[None], xy[None].copy())
     return found.reshape(-1, 2), status.ravel() > 0
 
 
-def _inverse_search(cv2: Any, a: Image, b: Image, xy: Float32) -> tuple[Float32, Bools]:
+def _inverse_search(
+    cv2: Any, a: ImageArray, b: ImageArray, xy: Float32Array
+) -> tuple[Float32Array, BoolArray]:
     dense = cv2.DISOpticalFlow_create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
     dense.setFinestScale(0)
     flow = dense.calc(luma(a), luma(b), None)  # (H, W, 2)
@@ -70,7 +72,9 @@ def _inverse_search(cv2: Any, a: Image, b: Image, xy: Float32) -> tuple[Float32,
     return xy + moved, np.ones(len(xy), dtype=np.bool_)
 
 
-FLOWS: Final[dict[str, Callable[[Any, Image, Image, Float32], tuple[Float32, Bools]]]] = {
+FLOWS: Final[
+    dict[str, Callable[[Any, ImageArray, ImageArray, Float32Array], tuple[Float32Array, BoolArray]]]
+] = {
     "lk-chain": _lucas_kanade,
     "dis-chain": _inverse_search,
     "rlof-chain": _robust_local,
@@ -116,7 +120,7 @@ class FlowChain:
         """Answer query pixels by a single step; see `Matcher`."""
         return next(self.track([pair.source, pair.target], pair.uv_a_px))
 
-    def track(self, views: Iterable[Frame], uv_px: Float32) -> Iterator[Answers]:
+    def track(self, views: Iterable[Frame], uv_px: Float32Array) -> Iterator[Answers]:
         """Carry points through consecutive frames; see `TrackMatcher`."""
         frames = iter(views)
         before = next(frames).rgb
@@ -132,7 +136,9 @@ class FlowChain:
             yield Answers(uv_px, kept.astype(np.float32), np.sqrt(variance).astype(np.float32))
             before = view.rgb
 
-    def _step(self, a: Image, b: Image, uv_px: Float32) -> tuple[Float32, Float32]:
+    def _step(
+        self, a: ImageArray, b: ImageArray, uv_px: Float32Array
+    ) -> tuple[Float32Array, Float32Array]:
         """Return where points are in the next image, and how far off they return (inf: lost)."""
         if len(uv_px) == 0 or min(a.shape[:2] + b.shape[:2]) < SMALLEST_SIDE_PX:
             return uv_px, np.full(len(uv_px), np.inf, dtype=np.float32)

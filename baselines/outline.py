@@ -12,10 +12,9 @@ from scipy.interpolate import RBFInterpolator
 from pliant.baselines.features.opencv import load_opencv
 from pliant.baselines.pixels import HALF_PIXEL, central_position
 from pliant.spec.answers import Answers
+from pliant.spec.arrays import FloatArray
 from pliant.spec.frame import Frame, Pair
 from pliant.spec.lru_cache import LRUCache
-
-Floats = npt.NDArray[np.float64]
 
 PLACES_PER_SIDE: Final = 12
 """Places on each side of the outline that the thin-plate spline goes through."""
@@ -26,7 +25,7 @@ UPRIGHT: Final = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 _KEPT_VIEWS: Final = 8
 
 
-def outline_sides(cv2: Any, mask: npt.NDArray[np.bool_]) -> Floats | None:
+def outline_sides(cv2: Any, mask: npt.NDArray[np.bool_]) -> FloatArray | None:
     """Return the four sides of a mask's largest part, or None where it has no four corners.
 
     The corners are those of the convex hull that are left when the corner with the smallest
@@ -65,7 +64,7 @@ def outline_sides(cv2: Any, mask: npt.NDArray[np.bool_]) -> Floats | None:
     return np.stack([np.interp(at, length, closed[:, axis]) for axis in (0, 1)], axis=-1)
 
 
-def _area(polygon: Floats) -> float:
+def _area(polygon: FloatArray) -> float:
     """Return the signed area of a polygon, positive if clockwise in the picture."""
     u, v = polygon.T
     return float((u * np.roll(v, -1) - np.roll(u, -1) * v).sum() / 2)
@@ -85,25 +84,25 @@ def _four_corners(
     return rows if four else None
 
 
-def _homography(cv2: Any, source: Floats, target: Floats, uv_px: Floats) -> Floats:
+def _homography(cv2: Any, source: FloatArray, target: FloatArray, uv_px: FloatArray) -> FloatArray:
     """Carry places by the homography of the four corners."""
     a, b = source[:, 0].astype(np.float32), target[:, 0].astype(np.float32)
     matrix = cv2.getPerspectiveTransform(a, b)
-    moved: Floats = cv2.perspectiveTransform(uv_px[None], matrix)[0]
+    moved: FloatArray = cv2.perspectiveTransform(uv_px[None], matrix)[0]
     return moved
 
 
-def _thin_plate(cv2: Any, source: Floats, target: Floats, uv_px: Floats) -> Floats:
+def _thin_plate(cv2: Any, source: FloatArray, target: FloatArray, uv_px: FloatArray) -> FloatArray:
     """Carry places by the thin-plate spline through the outline (Bookstein, PAMI 1989)."""
     del cv2
     spline = RBFInterpolator(
         source.reshape(-1, 2), target.reshape(-1, 2), kernel="thin_plate_spline"
     )
-    moved: Floats = spline(uv_px)
+    moved: FloatArray = spline(uv_px)
     return moved
 
 
-WARPS: Final[dict[str, Callable[[Any, Floats, Floats, Floats], Floats]]] = {
+WARPS: Final[dict[str, Callable[[Any, FloatArray, FloatArray, FloatArray], FloatArray]]] = {
     "cloth-homography": _homography,
     "cloth-tps": _thin_plate,
 }
@@ -125,7 +124,7 @@ class ClothOutline:
     def __init__(self, name: str) -> None:
         self.name = name
         load_opencv(name)
-        self._sides: LRUCache[Floats | None] = LRUCache(_KEPT_VIEWS)
+        self._sides: LRUCache[FloatArray | None] = LRUCache(_KEPT_VIEWS)
 
     def describe(self) -> Mapping[str, Any]:
         """Return name and settings for the submission's footer."""
@@ -146,7 +145,7 @@ class ClothOutline:
             uv_b_px[finite] = moved[finite].clip(0, target.rgb.shape[1::-1])
         return Answers(uv_b_px)
 
-    def _of(self, view: Frame) -> Floats | None:
+    def _of(self, view: Frame) -> FloatArray | None:
         mask = view.mask
         if mask is None:
             return None

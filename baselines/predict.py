@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -28,9 +27,7 @@ from pliant.baselines.submission_file import (
 from pliant.spec.answers import Answers, Matches
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
-
-Progress = Callable[[int, int], None]
-"""Called with the pairs done and the pairs in all."""
+from pliant.spec.progress import Progress
 
 
 @dataclass(frozen=True)

@@ -28,8 +28,7 @@ from pliant.baselines.features.surf import (
     MAHOTAS_THRESHOLD,
     MahotasSurf,
 )
-
-Image = npt.NDArray[np.uint8]
+from pliant.spec.arrays import ImageArray
 
 
 def measure(quick: bool) -> Mapping[str, Value]:
@@ -61,7 +60,7 @@ def measure(quick: bool) -> Mapping[str, Value]:
     return figures
 
 
-def blobs() -> tuple[Image, npt.NDArray[np.float64]]:
+def blobs() -> tuple[ImageArray, npt.NDArray[np.float64]]:
     """Draw bright blobs of 4 px at centres known to a fraction of a pixel."""
     rng = np.random.default_rng(0)
     grid = np.stack(np.meshgrid(np.arange(8), np.arange(6)), axis=-1).reshape(-1, 2)
@@ -81,7 +80,7 @@ def offset(found: npt.NDArray[Any], centres: npt.NDArray[np.float64]) -> float:
     return float(np.abs(near.mean(axis=0)).max())
 
 
-def texture() -> Image:
+def texture() -> ImageArray:
     """Make a random texture with structure at several scales."""
     rng = np.random.default_rng(0)
     image = np.zeros((480, 640), dtype=np.float32)
@@ -92,7 +91,7 @@ def texture() -> Image:
     return np.rint(image).astype(np.uint8)
 
 
-def turn(image: Image, angle_deg: float) -> tuple[Image, npt.NDArray[np.float64]]:
+def turn(image: ImageArray, angle_deg: float) -> tuple[ImageArray, npt.NDArray[np.float64]]:
     """Turn an image about a point near its centre; return it and the 2x3 map of positions."""
     angle = np.radians(angle_deg)
     rotation = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
@@ -103,7 +102,7 @@ def turn(image: Image, angle_deg: float) -> tuple[Image, npt.NDArray[np.float64]
     return turned, np.column_stack([rotation, shift])
 
 
-def plain_surf(image: Image) -> Keypoints:
+def plain_surf(image: ImageArray) -> Keypoints:
     """Detect and describe by mahotas as it comes."""
     rows = mahotas_surf.surf(
         image,

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-FloatArray = npt.NDArray[np.float64]
+from pliant.spec.arrays import FloatArray
 
 _CHUNK = 200_000
 

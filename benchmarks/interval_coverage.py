@@ -24,7 +24,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 from record import Value, main
 
 from pliant.evaluator.statistics.bootstrap import (
@@ -35,8 +34,7 @@ from pliant.evaluator.statistics.bootstrap import (
 )
 from pliant.evaluator.statistics.ratios import Ratio
 from pliant.evaluator.statistics.sign_flips import paired_difference
-
-FloatArray = npt.NDArray[np.float64]
+from pliant.spec.arrays import FloatArray
 
 LEVEL: Final = 0.95
 SEQUENCES: Final = (6, 8, 16, 30)

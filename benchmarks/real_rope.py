@@ -37,13 +37,11 @@ from scipy.sparse.csgraph import dijkstra
 
 from pliant.api import open_method
 from pliant.baselines.matcher import Matcher
+from pliant.spec.arrays import FloatArray, Mask
 from pliant.spec.ball import separate_ball
 from pliant.spec.errors import PliantError
 from pliant.spec.frame import Frame, Pair
 from pliant.spec.io.photo import SUFFIXES, read_mask, read_photo
-
-Mask = npt.NDArray[np.bool_]
-Floats = npt.NDArray[np.float64]
 
 BETWEEN = (1 / 6, 2 / 6, 3 / 6, 4 / 6, 5 / 6)
 ENDS = (0.015, 0.985)  # the ball's side, the free end
@@ -66,7 +64,7 @@ class Rope:
     """
 
     view: Frame
-    place: Floats
+    place: FloatArray
     length_px: float
     at_px: npt.NDArray[np.float32]
 
@@ -103,7 +101,7 @@ def read_rope(path: Path, mask: Path | None, threshold: int) -> Rope:
     return Rope(view, place, length, np.array(at_px, np.float32))
 
 
-def geodesic(mask: Mask, start: int) -> Floats:
+def geodesic(mask: Mask, start: int) -> FloatArray:
     """Return the length of the shortest way inside a mask from one of its pixels to each other.
 
     Args:
@@ -125,7 +123,7 @@ def geodesic(mask: Mask, start: int) -> Floats:
     weight = np.concatenate([np.full(len(side[0]), side[2]) for side in sides])
     count = int(np.count_nonzero(mask))
     graph = csr_matrix((weight, (first, second)), shape=(count, count))
-    found: Floats = dijkstra(graph, directed=False, indices=start)
+    found: FloatArray = dijkstra(graph, directed=False, indices=start)
     return np.where(np.isfinite(found), found, 0.0)
 
 
@@ -160,7 +158,7 @@ def _grown(mask: Mask, by_px: int) -> Mask:
 
 
 def _middle(
-    place: Floats, depth: npt.NDArray[np.float32], where: float, band: float
+    place: FloatArray, depth: npt.NDArray[np.float32], where: float, band: float
 ) -> tuple[float, float]:
     """Return the pixel deepest inside the rope of those nearer to a place along it than `band`."""
     rows, columns = np.nonzero(np.abs(place - where) < band)

@@ -12,7 +12,6 @@ curve and of the stretches between particles; `*_bend_min_radii`: tightest bend 
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from record import Value, main
 
 from pliant.generator.objects.rope import RopeSettings
@@ -22,8 +21,7 @@ from pliant.generator.objects.rope.curve import arc_length, tightest_bend
 from pliant.generator.objects.rope.episode import Episode
 from pliant.generator.objects.rope.static import sample_configuration
 from pliant.generator.settings.rope import SHAPES
-
-FloatArray = npt.NDArray[np.float64]
+from pliant.spec.arrays import FloatArray
 
 
 def closest_stretches(points: FloatArray, length_m: float, diameter_m: float) -> float:

@@ -12,7 +12,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from pliant.converters.clip import Floats
+from pliant.spec.arrays import FloatArray
 from pliant.spec.errors import CallError, SpecError
 from pliant.spec.io.photo import SUFFIXES, photo_size
 
@@ -39,7 +39,7 @@ class Annotations:
     path: Path
     pictures: Sequence[Path]
     points: Sequence[str]
-    uv_px: Floats
+    uv_px: FloatArray
     visible: npt.NDArray[np.bool_]
     unsaid: Sequence[str] = ()
     masks: Path | None = None

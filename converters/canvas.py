@@ -17,7 +17,8 @@ import numpy as np
 import numpy.typing as npt
 
 from pliant.converters.annotations import Annotations, read_rows
-from pliant.converters.clip import ATTACHED, OBJECT, Clip, Floats, Image
+from pliant.converters.clip import ATTACHED, OBJECT, Clip
+from pliant.spec.arrays import FloatArray, ImageArray
 from pliant.spec.errors import CallError, SpecError
 from pliant.spec.io import limits
 from pliant.spec.io.photo import photo_size, read_depth, read_mask, read_photo
@@ -67,12 +68,12 @@ class Canvas:
             scale = min(1.0, scale)
         return max(1, round(width * scale)), max(1, round(height * scale))
 
-    def scales(self) -> Floats:
+    def scales(self) -> FloatArray:
         """Return the factors of u and v of each picture, float64 (T, 2)."""
         placed = [self.placed(frame) for frame in range(len(self.pictures))]
         return np.array(placed, float) / np.array(self.original, float)
 
-    def read(self, frame: int) -> Image:
+    def read(self, frame: int) -> ImageArray:
         """Return a picture on the canvas, uint8 (H, W, 3)."""
         from PIL import Image as Pictures
 
@@ -82,7 +83,7 @@ class Canvas:
             rgb = np.asarray(reduced)
         return self._filled(rgb, 0)
 
-    def read_mask(self, path: Path, frame: int, objects: Path | None) -> Image:
+    def read_mask(self, path: Path, frame: int, objects: Path | None) -> ImageArray:
         """Return a picture's mask on the canvas, uint8 (H, W): see `OBJECT` and `ATTACHED`.
 
         Args:
@@ -154,7 +155,7 @@ def clip_of(annotations: Annotations, options: PictureOptions) -> Clip:
     """
     canvas = Canvas(annotations.pictures, options.size)
 
-    def mask(frame: int) -> Image:
+    def mask(frame: int) -> ImageArray:
         assert masks is not None
         return canvas.read_mask(masks[frame], frame, objects[frame] if objects else None)
 

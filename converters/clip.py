@@ -9,8 +9,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-Floats = npt.NDArray[np.float64]
-Image = npt.NDArray[np.uint8]
+from pliant.spec.arrays import FloatArray, ImageArray
 
 OBJECT: Final = 1
 """Value in a mask of the object that the points are on."""
@@ -43,8 +42,8 @@ class Clip:
     name: str
     size: tuple[int, int]
     frames: int
-    read: Callable[[int], Image]
-    uv_px: Floats
+    read: Callable[[int], ImageArray]
+    uv_px: FloatArray
     visible: npt.NDArray[np.bool_]
     temporal: bool
     pairs: Sequence[tuple[int, int]] | None = None
@@ -75,7 +74,7 @@ def resized(clip: Clip, size: tuple[int, int]) -> Clip:
         return clip
     from PIL import Image as Pictures
 
-    def read(frame: int) -> Image:
+    def read(frame: int) -> ImageArray:
         picture = Pictures.fromarray(clip.read(frame))
         return np.asarray(picture.resize(size, Pictures.Resampling.BOX), dtype=np.uint8)
 

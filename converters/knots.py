@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 
 from pliant.converters.annotations import Annotations
-from pliant.converters.clip import Floats
+from pliant.spec.arrays import FloatArray
 from pliant.spec.errors import SpecError
 from pliant.spec.io.jsonfiles import read_json
 
@@ -99,7 +99,7 @@ def _annotations(document: Any, path: Path) -> dict[int, Any]:
     return frames
 
 
-def _positions(points: Any, where: str, path: Path) -> Floats:
+def _positions(points: Any, where: str, path: Path) -> FloatArray:
     """Return the points of one frame, float64 (N, 2); NaN where hidden."""
     result = np.full((len(points), 2), np.nan)
     for index, pixels in enumerate(points):

@@ -9,7 +9,8 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from pliant.converters.clip import Clip, Floats
+from pliant.converters.clip import Clip
+from pliant.spec.arrays import FloatArray
 from pliant.spec.tables import QUERIES, TRUTH
 
 Scheme = Literal["first", "strided", "pairs"]
@@ -111,7 +112,7 @@ def _distinct(rng: np.random.Generator, total: int, count: int) -> npt.NDArray[n
     return rng.permutation(found)
 
 
-def _box_px(uv_px: Floats) -> float:
+def _box_px(uv_px: FloatArray) -> float:
     """Return the longer side, in whole pixels, of the box about the points; 1 for none."""
     if not len(uv_px):
         return 1.0

@@ -16,7 +16,8 @@ from typing import Any, Final, Literal
 import numpy as np
 from rich.filesize import decimal
 
-from pliant.converters.clip import Clip, Image
+from pliant.converters.clip import Clip
+from pliant.spec.arrays import ImageArray
 from pliant.spec.errors import CallError, SpecError
 from pliant.spec.io.photo import decode_photo
 from pliant.spec.limits import Limits, run_limited
@@ -134,7 +135,7 @@ def _numbers(value: np.ndarray[Any, Any], field: str, path: Path) -> np.ndarray[
         raise SpecError("these are not numbers", path=path, where=field) from error
 
 
-def _frame(video: np.ndarray[Any, Any], frame: int, path: Path) -> Image:
+def _frame(video: np.ndarray[Any, Any], frame: int, path: Path) -> ImageArray:
     """Return a frame, decoded if it is an encoded picture."""
     item = video[frame]
     if isinstance(item, bytes):

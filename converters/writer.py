@@ -7,7 +7,7 @@ every reader and the validator take it, and nothing is invented. The truth is a 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -16,8 +16,9 @@ from typing import Any, Final, Literal
 import numpy as np
 import pyarrow as pa
 
-from pliant.converters.clip import ATTACHED, OBJECT, Clip, Image, resized
+from pliant.converters.clip import ATTACHED, OBJECT, Clip, resized
 from pliant.converters.queries import Scheme, make_queries
+from pliant.spec.arrays import ImageArray
 from pliant.spec.ball import separate_ball
 from pliant.spec.conventions import CONVENTIONS, SPEC_VERSION
 from pliant.spec.dataset import is_name
@@ -29,14 +30,12 @@ from pliant.spec.io.parquet import write_table
 from pliant.spec.io.png import write_mask, write_rgb
 from pliant.spec.io.reading import file_entry, sha256_file
 from pliant.spec.io.staging import staged
+from pliant.spec.progress import Progress
 from pliant.spec.storage import layout
 from pliant.spec.tables import SEQUENCES
 
 UNKNOWN: Final = ("cameras", "surface", "material coordinates", "scale", "symmetries")
 """What imported data does not say; it is in the dataset's provenance."""
-
-Progress = Callable[[int, int], None]
-"""Called with the frames written and the frames in all."""
 
 
 @dataclass(frozen=True)
@@ -242,7 +241,7 @@ class _Masks:
         self._rope = kind == "rope"
         self.attached, self.balls = False, 0
 
-    def separated(self, ids: Image) -> Image:
+    def separated(self, ids: ImageArray) -> ImageArray:
         """Return a mask, uint8 (H, W), with a rope's ball as `ATTACHED`."""
         if self._rope and not (ids == ATTACHED).any():
             _, ball = separate_ball(ids == OBJECT)

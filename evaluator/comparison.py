@@ -9,7 +9,6 @@ from typing import Any, Final, Literal
 import numpy as np
 import pyarrow as pa
 
-from pliant.evaluator.arrays import FloatArray
 from pliant.evaluator.metrics.base import OVERALL
 from pliant.evaluator.metrics.causes import Causes, CausesSettings
 from pliant.evaluator.protocols.protocol import read_protocol
@@ -21,6 +20,7 @@ from pliant.evaluator.statistics.sign_flips import (
     fewest_sequences,
     paired_difference,
 )
+from pliant.spec.arrays import FloatArray
 from pliant.spec.errors import CallError
 
 Verdict = Literal["better", "worse", "no clear difference", "too few sequences"]

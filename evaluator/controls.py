@@ -13,8 +13,8 @@ from typing import Final
 
 import numpy as np
 
-from pliant.evaluator.arrays import FloatArray
 from pliant.evaluator.metrics.blocks import Block
+from pliant.spec.arrays import FloatArray
 
 CONTROLS: Final = {
     "identity": "answering with the query's own pixel",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 from pliant.evaluator.metrics.blocks import check_truth
@@ -14,9 +13,8 @@ from pliant.evaluator.submission.problems import Problems
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, SubmissionError
 from pliant.spec.limits import Limits
+from pliant.spec.progress import Progress
 from pliant.spec.storage import layout
-
-Progress = Callable[[int, int], None]
 
 
 def evaluate(

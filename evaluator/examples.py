@@ -10,11 +10,11 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from pliant.evaluator.arrays import BoolArray, FloatArray
 from pliant.evaluator.metrics.blocks import positions_px
 from pliant.evaluator.metrics.causes import CAUSES, NO_CAUSE
 from pliant.evaluator.submission.answers import SplitAnswers
 from pliant.evaluator.submission.queries import Queries
+from pliant.spec.arrays import BoolArray, FloatArray
 from pliant.spec.io.parquet import read_rows
 
 Codes = npt.NDArray[np.uint8]

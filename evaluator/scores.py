@@ -15,8 +15,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from pliant.evaluator.arrays import FloatArray
 from pliant.evaluator.submission.queries import Queries
+from pliant.spec.arrays import FloatArray
 from pliant.spec.errors import CallError, SubmissionError
 from pliant.spec.io.jsonfiles import parse_json, write_json
 from pliant.spec.io.reading import FileRefusedError, sha256_file

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, Final
 from typing import Protocol as Interface
@@ -36,6 +36,7 @@ from pliant.evaluator.submission.matches import SplitMatches
 from pliant.evaluator.truth_hints import TruthHints
 from pliant.spec.dataset import Dataset
 from pliant.spec.io.reading import sha256_file
+from pliant.spec.progress import Progress
 from pliant.spec.storage import layout
 
 _ROWS_WITH_IMAGES: Final = 1 << 13
@@ -55,7 +56,7 @@ def score(
     protocol: Protocol,
     *,
     hide_truth: bool,
-    progress: Callable[[int, int], None] | None,
+    progress: Progress | None,
 ) -> Scores:
     """Score a submission.
 

@@ -10,11 +10,11 @@ from typing import Final
 
 import numpy as np
 
-from pliant.evaluator.arrays import FloatArray
 from pliant.evaluator.metrics.blocks import Block
 from pliant.evaluator.submission.answers import SplitAnswers
 from pliant.evaluator.submission.hints import LEAST_ANSWERS, MOST_COMPARED
 from pliant.evaluator.submission.queries import Queries
+from pliant.spec.arrays import FloatArray
 
 _GAIN: Final = 2.0
 """A change of the answers is worth a hint when it divides the RMSE by this or more."""

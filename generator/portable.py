@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pliant.generator.compiled import elementwise
-from pliant.generator.scene.scene_object import FloatArray
+from pliant.spec.arrays import FloatArray
 
 
 @elementwise

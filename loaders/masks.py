@@ -5,13 +5,11 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 from PIL import Image, ImageFilter
 
 from pliant.loaders.augment import AugmentSettings
 from pliant.loaders.views import TrainingFrame
-
-Mask = npt.NDArray[np.bool_]
+from pliant.spec.arrays import Mask
 
 _MOST_HOLES: Final = 4
 _HOLE_SHARE: Final = 0.04

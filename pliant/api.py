@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from pliant.spec.progress import Progress
 from pliant.spec.answers import Answers
 from pliant.spec.calls import PATH, check_type, check_whole
 from pliant.spec.dataset import Dataset
@@ -112,7 +113,7 @@ def predict(
     split: str = "test",
     *,
     workers: int = 1,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> SplitAnswers:
     """Answer the queries of a split with a method, in memory.
 

@@ -28,7 +28,7 @@ from pliant.spec.sequence import SequenceRecord
 from pliant.spec.storage import layout
 from pliant.spec.storage.packing import FolderToPack, Packer
 
-Progress = Callable[[str, int, int], None]
+StageProgress = Callable[[str, int, int], None]
 """Called with (what is being done, sequences done, sequences in all)."""
 
 _TOP: tuple[str, ...] = (layout.DATASET_JSON, layout.SEQUENCES_TABLE)
@@ -72,7 +72,7 @@ class _VerifiedFiles(Mapping[str, bytes]):
 
 
 def write_public(
-    dataset: Dataset, root: Path, settings: PublishSettings, progress: Progress
+    dataset: Dataset, root: Path, settings: PublishSettings, progress: StageProgress
 ) -> None:
     """Write everything of the public half but its checksums and manifest.
 
@@ -140,7 +140,7 @@ def write_private(
     root: Path,
     settings: PublishSettings,
     warnings: Sequence[str],
-    progress: Progress,
+    progress: StageProgress,
 ) -> None:
     """Write everything of the private half but its checksums and manifest.
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 
-from pliant.publishing.halves import Progress, write_private, write_public
+from pliant.publishing.halves import StageProgress, write_private, write_public
 from pliant.publishing.held_out import scores_reveal, shown_answers
 from pliant.publishing.settings import PublishSettings
 from pliant.spec.conventions import SPLITS
@@ -72,7 +72,7 @@ def publish(
     settings: PublishSettings | None = None,
     *,
     private: Path | None = None,
-    progress: Progress | None = None,
+    progress: StageProgress | None = None,
     finish: Finish | None = None,
 ) -> Published:
     """Publish a dataset.
@@ -164,7 +164,7 @@ def _check_place(place: Path, source: Path) -> None:
         raise CallError("the output is inside the dataset", path=place, fix="Name another place.")
 
 
-def _check_contents(source: Path, progress: Progress) -> None:
+def _check_contents(source: Path, progress: StageProgress) -> None:
     """Refuse a dataset that `validate --quick` refuses, or that contains links."""
     for folder, folders, files in os.walk(source):
         place = Path(folder)

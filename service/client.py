@@ -12,6 +12,7 @@ from typing import IO, Any, Final
 from urllib.parse import urlencode, urlsplit
 
 from pliant.spec.errors import CallError
+from pliant.spec.progress import Progress
 
 _TIMEOUT_S: Final = 60
 _POLL_S: Final = 1.0
@@ -47,7 +48,7 @@ class Client:
         *,
         phase: str | None = None,
         check_only: bool = False,
-        progress: Callable[[int, int], None] = lambda done, total: None,
+        progress: Progress = lambda done, total: None,
     ) -> dict[str, Any]:
         """Send a file and return the submission.
 
@@ -120,7 +121,7 @@ class _UnavailableError(CallError):
 class _Watched:
     """A file that reports how much of it was read."""
 
-    def __init__(self, stream: IO[bytes], size: int, progress: Callable[[int, int], None]) -> None:
+    def __init__(self, stream: IO[bytes], size: int, progress: Progress) -> None:
         self._stream, self._size, self._progress = stream, size, progress
 
     def read(self, count: int = -1) -> bytes:

@@ -15,11 +15,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 from scipy import ndimage
 
-Mask = npt.NDArray[np.bool_]
-Floats = npt.NDArray[np.float64]
+from pliant.spec.arrays import FloatArray, Mask
 
 _THICK: Final = 1.5
 """What is this many half widths deep may be a ball: no crossing of two strands is."""
@@ -85,7 +83,7 @@ def separate_ball(mask: Mask) -> tuple[Mask, Mask | None]:
         with None.
     """
     filled = without_small_holes(mask)
-    depth_px: Floats = ndimage.distance_transform_edt(np.pad(filled, 1))[1:-1, 1:-1]
+    depth_px: FloatArray = ndimage.distance_transform_edt(np.pad(filled, 1))[1:-1, 1:-1]
     ridge = (depth_px >= ndimage.maximum_filter(depth_px, 5)) & (depth_px > 1)
     if not ridge.any():
         return mask, None
@@ -100,7 +98,7 @@ def separate_ball(mask: Mask) -> tuple[Mask, Mask | None]:
     return rope, mask & ~rope
 
 
-def _candidates(depth_px: Floats, half_px: float) -> list[_Candidate]:
+def _candidates(depth_px: FloatArray, half_px: float) -> list[_Candidate]:
     """Return the parts that are thick enough for a ball of a rope of a half width."""
     parts, count = ndimage.label(depth_px > _THICK * half_px)
     found = []

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
+from pliant.spec.arrays import FloatArray
 
 
 @dataclass(frozen=True)

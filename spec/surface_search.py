@@ -14,8 +14,9 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from pliant.spec.arrays import FloatArray
 from pliant.spec.io.exr import Surface
-from pliant.spec.model import FloatArray, MaterialObject
+from pliant.spec.model import MaterialObject
 
 _JUMP: Final = 4.0
 """Neighbours whose coordinates differ by more than this times the median belong to other folds."""

@@ -11,6 +11,7 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from pliant.baselines.matcher import Heat
+from pliant.spec.arrays import FloatArray, Rgb
 from pliant.spec.errors import CallError
 from pliant.spec.io.exr import Surface
 from pliant.spec.model import Tier
@@ -19,8 +20,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Rgb = npt.NDArray[np.uint8]
-Float64 = npt.NDArray[np.float64]
 Window = tuple[float, float, float, float]
 """Left, right, bottom and top of what is shown of an image, pixels."""
 
@@ -117,7 +116,7 @@ def heat_range(heat: Heat) -> tuple[float, float]:
     return (max(low, high - _LOG_RANGE) if heat.label.startswith("log") else low), high
 
 
-def positions_px(table: pa.Table, u: str = "u_px", v: str = "v_px") -> Float64:
+def positions_px(table: pa.Table, u: str = "u_px", v: str = "v_px") -> FloatArray:
     """Return two columns of a table as positions, float64 (N, 2)."""
     return np.stack([table[u].to_numpy(), table[v].to_numpy()], axis=1).astype(np.float64)
 

@@ -13,20 +13,13 @@ from typing import Final
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from pliant.spec.arrays import Rgb
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
 from pliant.spec.io.writing import replacing
 from pliant.spec.model import Tier
 from pliant.spec.sequence import RecordedFrame, SequenceRecord
-from pliant.viewer.drawing import (
-    DRAWINGS,
-    PICTURES,
-    Rgb,
-    check_ending,
-    depth_image,
-    evenly,
-    index_image,
-)
+from pliant.viewer.drawing import DRAWINGS, PICTURES, check_ending, depth_image, evenly, index_image
 from pliant.viewer.point_tracks import draw_annotated_points, draw_point_tracks
 from pliant.viewer.tracks import ANIMATION, draw_tracks, read_predicted_tracks
 

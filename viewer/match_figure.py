@@ -9,18 +9,11 @@ import numpy as np
 import numpy.typing as npt
 
 from pliant.baselines.matcher import Heat
+from pliant.spec.arrays import Rgb
 from pliant.spec.errors import CallError
 from pliant.spec.frame import Frame
 from pliant.spec.io.writing import replacing
-from pliant.viewer.drawing import (
-    Rgb,
-    Window,
-    check_ending,
-    heat_range,
-    name_point,
-    number_colour,
-    show,
-)
+from pliant.viewer.drawing import Window, check_ending, heat_range, name_point, number_colour, show
 from pliant.viewer.photo_match import PhotoMatch, PointMatch
 
 FORMATS: Final = (".png", ".pdf", ".svg", ".jpg")

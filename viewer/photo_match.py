@@ -12,10 +12,9 @@ import numpy.typing as npt
 from pliant.baselines.answers import checked_answers
 from pliant.baselines.matcher import UNFAMILIAR, Heat, HeatMatcher, Matcher, RemarkingMatcher
 from pliant.baselines.pixels import lies_on
+from pliant.spec.arrays import FloatArray
 from pliant.spec.errors import CallError
 from pliant.spec.frame import Frame, Pair
-
-Float64 = npt.NDArray[np.float64]
 
 _LEAST_SIDE_PX: Final = 16
 _LEAST_SPREAD: Final = 2.0  # standard deviation of grey levels, below which a picture is blank
@@ -83,8 +82,8 @@ class PhotoMatch:
 
     method: str
     points: list[PointMatch]
-    scale_a: Float64
-    scale_b: Float64
+    scale_a: FloatArray
+    scale_b: FloatArray
     near_px: float
     blank: str = ""
     remarks: Sequence[str] = ()
@@ -244,7 +243,7 @@ def _check_queries(
     source: Frame,
     uv_px: npt.NDArray[np.float32],
     at_px: Sequence[tuple[float, float]],
-    size: Float64,
+    size: FloatArray,
 ) -> None:
     inside = lies_on(uv_px, np.ones(source.rgb.shape[:2], np.bool_))
     shown = source.mask if source.objects is None else source.objects

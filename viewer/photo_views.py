@@ -13,13 +13,13 @@ from scipy import ndimage
 
 from pliant.baselines.pixels import lies_on
 from pliant.baselines.views import read_frame
+from pliant.spec.arrays import Mask
 from pliant.spec.ball import separate_ball
 from pliant.spec.errors import CallError
 from pliant.spec.frame import Frame
 from pliant.spec.io.photo import photo_size, read_mask
 from pliant.spec.io.resizing import resize_nearest
 
-Mask = npt.NDArray[np.bool_]
 Positions = Sequence[tuple[float, float]]
 
 _DIFFERS: Final = 16  # grey levels by which an object differs from its background

@@ -9,12 +9,12 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from pliant.spec.arrays import FloatArray
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
 from pliant.spec.io.parquet import read_table
 from pliant.spec.sequence import SequenceRecord
 from pliant.viewer.drawing import (
-    Float64,
     draw_point,
     evenly,
     material_colours,
@@ -41,9 +41,9 @@ class _Tracks:
         colours: float64 (N, 3), 0 to 1.
     """
 
-    uv_px: Float64
+    uv_px: FloatArray
     visible: npt.NDArray[np.bool_]
-    colours: Float64
+    colours: FloatArray
 
 
 def draw_point_tracks(sequence: SequenceRecord, count: int, out: Path) -> None:

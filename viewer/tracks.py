@@ -9,19 +9,12 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from pliant.spec.arrays import FloatArray
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
 from pliant.spec.queries import QueryPair
 from pliant.spec.sequence import RecordedFrame, SequenceRecord
-from pliant.viewer.drawing import (
-    Float64,
-    draw_point,
-    evenly,
-    material_colours,
-    positions_px,
-    show,
-    strip,
-)
+from pliant.viewer.drawing import draw_point, evenly, material_colours, positions_px, show, strip
 from pliant.viewer.recorded_answers import read_answers
 
 if TYPE_CHECKING:
@@ -55,9 +48,9 @@ class PredictedTracks:
     sequence: SequenceRecord
     method: str
     source: int
-    answers: dict[int, Float64]
-    truth: dict[int, Float64] | None
-    colours: Float64
+    answers: dict[int, FloatArray]
+    truth: dict[int, FloatArray] | None
+    colours: FloatArray
 
 
 def read_predicted_tracks(
@@ -87,7 +80,7 @@ def read_predicted_tracks(
     points, point = np.unique(uv_a, axis=0, return_inverse=True)
     point = point.reshape(-1)
 
-    def by_frame(uv_px: Float64) -> dict[int, Float64]:
+    def by_frame(uv_px: FloatArray) -> dict[int, FloatArray]:
         """Return positions of rows, float64 (N, 2), as frame -> float64 (points, 2) or NaN."""
         found = {int(k): np.full(points.shape, np.nan) for k in np.unique(frame)}
         for k, positions in found.items():

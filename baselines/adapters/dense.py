@@ -10,8 +10,9 @@ import numpy.typing as npt
 
 from pliant.baselines.adapters.functions import function_name
 from pliant.baselines.adapters.grids import as_grid, cell_centres, sample
-from pliant.baselines.adapters.images import FloatArray, Images
+from pliant.baselines.adapters.images import Images
 from pliant.spec.answers import Answers
+from pliant.spec.arrays import FloatArray
 from pliant.spec.frame import Frame, Pair
 
 DenseFunction = Callable[[Any, Any], Any]

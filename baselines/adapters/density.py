@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import softmax
 
-FloatArray = npt.NDArray[np.float64]
+from pliant.spec.arrays import FloatArray
 
 TEMPERATURES: Final = tuple(np.geomspace(0.002, 0.5, 13).tolist())
 SPREADS: Final = (0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8)

@@ -13,10 +13,11 @@ from scipy.special import softmax
 from pliant.baselines.adapters.density import Calibration, fit, mixture
 from pliant.baselines.adapters.functions import function_name
 from pliant.baselines.adapters.grids import as_grid, sample
-from pliant.baselines.adapters.images import FloatArray, Images
+from pliant.baselines.adapters.images import Images
 from pliant.baselines.matcher import Heat
 from pliant.baselines.pixels import central_position, searched_mask
 from pliant.spec.answers import Answers
+from pliant.spec.arrays import FloatArray
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
 from pliant.spec.frame import Frame, Pair

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pliant.baselines.adapters.images import FloatArray, to_array
+from pliant.baselines.adapters.images import to_array
+from pliant.spec.arrays import FloatArray
 from pliant.spec.errors import SubmissionError
 
 

@@ -9,10 +9,10 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
+from pliant.spec.arrays import FloatArray
 from pliant.spec.errors import CallError, MissingExtraError
 from pliant.spec.frame import Frame
 
-FloatArray = npt.NDArray[np.float64]
 Coordinates = Literal["pixel", "index", "normalised"]
 
 

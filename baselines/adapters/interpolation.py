@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any, Final, Literal
 
 import numpy as np
-import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
+from pliant.spec.arrays import FloatArray
+
 Interpolation = Literal["nearest", "affine", "thin-plate"]
 
 _RIDGE: Final = 1e-3

@@ -25,6 +25,7 @@ from pliant.baselines.features.opencv import (
 )
 from pliant.baselines.features.orientation import dominant_gradient_deg, intensity_centroid_deg
 from pliant.baselines.pixels import HALF_PIXEL
+from pliant.spec.arrays import Float32Array, ImageArray
 
 SIFT_LAYER: Final = 1
 """Layer of SIFT's octave in which given pixels are described: the first with keypoints."""
@@ -38,9 +39,6 @@ SURF_SCALE_PX: Final = 3.0
 
 HESSIAN_THRESHOLD: Final = 100.0
 """SURF's detector threshold in OpenCV (its default), on 8-bit images."""
-
-Image = npt.NDArray[np.uint8]
-Float32 = npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -63,8 +61,8 @@ class Recipe:
     size_px: float
     facts: Mapping[str, Any]
     octave: int = 0
-    orientation: Callable[[Image, Float32], npt.NDArray[np.float64]] | None = None
-    positions: Callable[[list[Any], tuple[int, ...]], Float32] = positions
+    orientation: Callable[[ImageArray, Float32Array], npt.NDArray[np.float64]] | None = None
+    positions: Callable[[list[Any], tuple[int, ...]], Float32Array] = positions
 
 
 def _sift(cv2: Any, octave: int = 0) -> Recipe:
@@ -100,7 +98,7 @@ def _orb(cv2: Any) -> Recipe:
     )
 
 
-def _orb_positions(keypoints: list[Any], shape: tuple[int, ...]) -> Float32:
+def _orb_positions(keypoints: list[Any], shape: tuple[int, ...]) -> Float32Array:
     """Return where ORB's keypoints are.
 
     A keypoint of level l is a whole pixel i of an image shrunk by 1.2^l, and OpenCV reports
@@ -168,7 +166,7 @@ class OpencvFeatures:
             **self._recipe.facts,
         }
 
-    def detect(self, grey: Image) -> Keypoints:
+    def detect(self, grey: ImageArray) -> Keypoints:
         """Find and describe the image's own keypoints.
 
         Args:
@@ -180,7 +178,7 @@ class OpencvFeatures:
             return Keypoints(np.zeros((0, 2), np.float32), described(recipe.describer, grey, []))
         return Keypoints(recipe.positions(keypoints, grey.shape), descriptors)
 
-    def describe_at(self, grey: Image, uv_px: Float32) -> Descriptors:
+    def describe_at(self, grey: ImageArray, uv_px: Float32Array) -> Descriptors:
         """Describe the patches around given positions; ORB rounds them to whole pixels.
 
         Args:

@@ -21,9 +21,9 @@ import numpy as np
 from scipy.linalg import solveh_banded
 
 from pliant.baselines.pixels import lies_on
-from pliant.baselines.tracing.depth_in_mask import FloatArray, Mask
 from pliant.baselines.tracing.settings import TRACING
 from pliant.baselines.tracing.tilt import Nadir
+from pliant.spec.arrays import FloatArray, Mask
 
 _SECOND_DIFFERENCE: Final = (1.0, -2.0, 1.0)
 

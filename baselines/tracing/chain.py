@@ -18,8 +18,8 @@ import numpy.typing as npt
 from scipy import sparse
 from scipy.ndimage import gaussian_filter1d
 
-from pliant.baselines.tracing.depth_in_mask import FloatArray
 from pliant.baselines.tracing.settings import TRACING
+from pliant.spec.arrays import FloatArray
 
 
 @dataclass(frozen=True)

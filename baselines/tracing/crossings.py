@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from pliant.baselines.tracing.depth_in_mask import FloatArray
 from pliant.baselines.tracing.settings import TRACING
+from pliant.spec.arrays import FloatArray
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,7 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from pliant.baselines.tracing.settings import TRACING
-
-FloatArray = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
+from pliant.spec.arrays import FloatArray, Mask
 
 
 def working_factor(mask: Mask) -> int:

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from pliant.baselines.pixels import lies_on
-from pliant.baselines.tracing.depth_in_mask import FloatArray, Mask
 from pliant.baselines.tracing.settings import TRACING
+from pliant.spec.arrays import FloatArray, Mask
 
 
 @dataclass(frozen=True)

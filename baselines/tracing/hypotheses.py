@@ -14,8 +14,6 @@ from pliant.baselines.tracing.centring import Centred, centred, evenly_spaced
 from pliant.baselines.tracing.chain import Evidence, sampled_paths
 from pliant.baselines.tracing.crossings import Overlap
 from pliant.baselines.tracing.depth_in_mask import (
-    FloatArray,
-    Mask,
     depth_in_mask,
     farthest_pixels,
     shrunk,
@@ -25,6 +23,7 @@ from pliant.baselines.tracing.ends import Ball, from_end_to_end
 from pliant.baselines.tracing.settings import TRACING
 from pliant.baselines.tracing.tilt import Nadir, small_tilt
 from pliant.baselines.tracing.walk import walks
+from pliant.spec.arrays import FloatArray, Mask
 from pliant.spec.ball import without_small_holes
 
 Likelihood = Callable[[FloatArray], FloatArray]

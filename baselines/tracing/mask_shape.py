@@ -8,15 +8,9 @@ import numpy as np
 from scipy import ndimage
 from scipy.signal import fftconvolve
 
-from pliant.baselines.tracing.depth_in_mask import (
-    FloatArray,
-    Mask,
-    depth_in_mask,
-    ridge,
-    shrunk,
-    working_factor,
-)
+from pliant.baselines.tracing.depth_in_mask import depth_in_mask, ridge, shrunk, working_factor
 from pliant.baselines.tracing.settings import TRACING
+from pliant.spec.arrays import FloatArray, Mask
 from pliant.spec.ball import separate_ball, without_small_holes
 from pliant.spec.frame import Frame
 

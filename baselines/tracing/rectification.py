@@ -14,10 +14,10 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
-from pliant.baselines.tracing.depth_in_mask import FloatArray, Mask
 from pliant.baselines.tracing.settings import TRACING
 from pliant.baselines.tracing.tilt import Nadir, slant
 from pliant.spec.answers import Answers
+from pliant.spec.arrays import FloatArray, Mask
 from pliant.spec.frame import Frame
 
 

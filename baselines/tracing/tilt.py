@@ -17,8 +17,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from pliant.baselines.tracing.depth_in_mask import FloatArray, Mask, depth_in_mask, ridge
+from pliant.baselines.tracing.depth_in_mask import depth_in_mask, ridge
 from pliant.baselines.tracing.settings import TRACING
+from pliant.spec.arrays import FloatArray, Mask
 from pliant.spec.frame import Frame
 
 

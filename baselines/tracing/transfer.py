@@ -20,8 +20,8 @@ import numpy as np
 import numpy.typing as npt
 
 from pliant.baselines.tracing.crossings import nearest_stations
-from pliant.baselines.tracing.depth_in_mask import FloatArray
 from pliant.baselines.tracing.hypotheses import Trace
+from pliant.spec.arrays import FloatArray
 
 
 @dataclass(frozen=True)

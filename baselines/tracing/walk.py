@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from pliant.baselines.tracing.depth_in_mask import FloatArray, sampled
+from pliant.baselines.tracing.depth_in_mask import sampled
 from pliant.baselines.tracing.settings import TRACING
+from pliant.spec.arrays import FloatArray
 
 
 def walks(

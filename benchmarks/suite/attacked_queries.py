@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
+from pliant.spec.arrays import FloatArray
 from pliant.spec.dataset import Dataset
 
-Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
 
@@ -32,8 +32,8 @@ class Queries:
     pair: Ints
     source: Ints
     target: Ints
-    uv_px: Floats
-    shown: dict[int, Floats]
+    uv_px: FloatArray
+    shown: dict[int, FloatArray]
     single: bool
 
     @property
@@ -54,10 +54,10 @@ class Answers:
         seen: Target frame -> bool (P,), visible surface points of the queried object.
     """
 
-    uv_px: Floats
+    uv_px: FloatArray
     visible: npt.NDArray[np.bool_]
     point: Ints
-    places_px: dict[int, Floats]
+    places_px: dict[int, FloatArray]
     seen: dict[int, npt.NDArray[np.bool_]]
 
 

@@ -17,8 +17,8 @@ from pliant.baselines.submission_file import Kind
 from pliant.benchmarks.suite.work import Cost, Meter
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import PliantError
+from pliant.spec.progress import Progress
 
-Tell = Callable[[int, int], None]
 """Called with the work done and the total work."""
 
 
@@ -83,7 +83,7 @@ class Outcome:
     error: str = ""
 
 
-def train(job: TrainingJob, tell: Tell) -> Outcome:
+def train(job: TrainingJob, tell: Progress) -> Outcome:
     """Train, going on where an earlier attempt stopped."""
     meter = Meter()
     try:
@@ -93,7 +93,7 @@ def train(job: TrainingJob, tell: Tell) -> Outcome:
     return Outcome(meter.cost, facts)
 
 
-def _trained(job: TrainingJob, tell: Tell) -> dict[str, Any]:
+def _trained(job: TrainingJob, tell: Progress) -> dict[str, Any]:
     resume = any((job.run / "checkpoints").glob("*"))
     if job.run.exists() and not resume:
         shutil.rmtree(job.run)  # stopped before its first checkpoint
@@ -123,7 +123,7 @@ def _trained(job: TrainingJob, tell: Tell) -> dict[str, Any]:
     return {"steps": facts["steps"], "validation": facts.get("validation", {})}
 
 
-def answer(job: AnswerJob, tell: Tell) -> Outcome:
+def answer(job: AnswerJob, tell: Progress) -> Outcome:
     """Answer a test's queries and score the answers."""
     from pliant.baselines import METHODS, KeypointMatcher
     from pliant.baselines.predict import predict
@@ -167,7 +167,7 @@ def answer(job: AnswerJob, tell: Tell) -> Outcome:
 
 
 def run_all(
-    jobs: Mapping[str, tuple[Callable[[Any, Tell], Outcome], Any, Sequence[str]]],
+    jobs: Mapping[str, tuple[Callable[[Any, Progress], Outcome], Any, Sequence[str]]],
     workers: int,
     started: Callable[[str], None],
     tell: Callable[[str, int, int], None],
@@ -228,7 +228,7 @@ def _connect(news: Any) -> None:
     _NEWS.append(news)
 
 
-def _reporting(function: Callable[[Any, Tell], Outcome], job: Any, name: str) -> Outcome:
+def _reporting(function: Callable[[Any, Progress], Outcome], job: Any, name: str) -> Outcome:
     last = [-1]
 
     def tell(done: int, total: int) -> None:

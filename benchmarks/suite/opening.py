@@ -11,11 +11,11 @@ import pyarrow.compute as pc
 
 from pliant.benchmarks.suite.table import CLASSICAL, Row
 from pliant.benchmarks.suite.work import Workspace
-from pliant.evaluator.arrays import FloatArray
 from pliant.evaluator.examples import Example
 from pliant.evaluator.metrics.causes import NO_CAUSE
 from pliant.evaluator.report.drawings import FramePictures, pair_svg
 from pliant.evaluator.scores import read_scores
+from pliant.spec.arrays import FloatArray
 from pliant.spec.dataset import Dataset
 from pliant.spec.io.parquet import read_table
 

@@ -31,12 +31,12 @@ from scipy.stats import rankdata
 
 from pliant.benchmarks.suite.attacked_queries import (
     Answers,
-    Floats,
     Ints,
     Queries,
     read_answers,
     read_queries,
 )
+from pliant.spec.arrays import FloatArray
 
 NULL_DRAWS = 40
 LEAK_Z = 4.0
@@ -65,11 +65,11 @@ class Outcome:
         return self.z > LEAK_Z
 
 
-Attack = Callable[[Queries], Floats]
+Attack = Callable[[Queries], FloatArray]
 """Returns float64 (N, 2), predicted answers, NaN where the attack has none."""
 
 
-def rank_on_one_axis(queries: Queries) -> Floats:
+def rank_on_one_axis(queries: Queries) -> FloatArray:
     """Match row i of n to the same relative row among the target's own query pixels."""
     found = np.full_like(queries.uv_px, np.nan)
     for rows in queries.rows:
@@ -80,7 +80,7 @@ def rank_on_one_axis(queries: Queries) -> Floats:
     return found
 
 
-def rank_on_two_axes(queries: Queries) -> Floats:
+def rank_on_two_axes(queries: Queries) -> FloatArray:
     """Lay the rows out as a square and match each to the closest place in the target's square."""
     found = np.full_like(queries.uv_px, np.nan)
     for rows in queries.rows:
@@ -91,7 +91,7 @@ def rank_on_two_axes(queries: Queries) -> Floats:
     return found
 
 
-def assignment(queries: Queries) -> Floats:
+def assignment(queries: Queries) -> FloatArray:
     """Assign the query pixels of two frames to each other, after a similarity fit."""
     found = np.full_like(queries.uv_px, np.nan)
     for rows in queries.rows:
@@ -102,17 +102,17 @@ def assignment(queries: Queries) -> Floats:
     return found
 
 
-def _relative(count: int) -> Floats:
+def _relative(count: int) -> FloatArray:
     return (np.arange(count) + 0.5) / count
 
 
-def _square(count: int) -> Floats:
+def _square(count: int) -> FloatArray:
     width = max(1, round(count**0.5))
     line, place = np.divmod(np.arange(count), width)
     return np.stack([(line + 0.5) / np.ceil(count / width), (place + 0.5) / width], axis=1)
 
 
-def _best_assignment(a_px: Floats, b_px: Floats) -> tuple[Ints, Ints]:
+def _best_assignment(a_px: FloatArray, b_px: FloatArray) -> tuple[Ints, Ints]:
     """Return the matched rows of both; four starting rotations, each refined in three steps."""
     a, b = a_px @ [1, 1j], b_px @ [1, 1j]  # a similarity is b = scale * a + shift
     best: tuple[float, Ints, Ints] | None = None
@@ -173,7 +173,7 @@ def _outcome(name: str, score: float, null: list[float]) -> Outcome:
     return Outcome(name, abs(score), abs(mean), z)
 
 
-def _rmse_px(found: Floats, answers: Answers) -> float:
+def _rmse_px(found: FloatArray, answers: Answers) -> float:
     use = np.isfinite(found).all(axis=1) & answers.visible
     if not use.any():
         return float("nan")
@@ -220,7 +220,7 @@ def missing_points(
     pool: dict[int, Ints] = {}
     for frame in np.unique(queries.source):
         pool[int(frame)] = np.unique(answers.point[queries.source == frame])
-    cases: list[tuple[Ints, npt.NDArray[np.bool_], Floats]] = []
+    cases: list[tuple[Ints, npt.NDArray[np.bool_], FloatArray]] = []
     for rows in queries.rows:
         a, b = int(queries.source[rows[0]]), int(queries.target[rows[0]])
         missing = ~np.isin(pool[a], answers.point[rows])
@@ -234,11 +234,11 @@ def missing_points(
     if not cases:
         return [Outcome(name, float("nan"), float("nan"), 0.0) for name in names]
 
-    def shares(permute: bool) -> Floats:
+    def shares(permute: bool) -> FloatArray:
         picked = [
             facts[rng.permutation(missing) if permute else missing] for _, missing, facts in cases
         ]
-        means: Floats = np.concatenate(picked).mean(axis=0)
+        means: FloatArray = np.concatenate(picked).mean(axis=0)
         return means
 
     score, null = shares(False), np.array([shares(True) for _ in range(draws)])
@@ -285,14 +285,14 @@ def frame_correlation(
     return _strongest(rng, "columns of a frame and its answers", [group], draws)
 
 
-def _ranks(values: Floats) -> Floats:
+def _ranks(values: FloatArray) -> FloatArray:
     """Return ranks by column, centred and of unit length; 0 where all are equal."""
     ranks = rankdata(values, axis=0) - (len(values) + 1) / 2
     return np.asarray(ranks / np.maximum(np.linalg.norm(ranks, axis=0), 1e-9))
 
 
 def _strongest(
-    rng: np.random.Generator, name: str, groups: list[tuple[Floats, Floats]], draws: int
+    rng: np.random.Generator, name: str, groups: list[tuple[FloatArray, FloatArray]], draws: int
 ) -> Outcome:
     """Return the strongest rank correlation, each pooled over the groups, against permutations."""
     weight = np.array([len(x) - 1 for x, _ in groups])

@@ -9,9 +9,9 @@ from typing import Annotated, Any, Final, Literal
 
 import numpy as np
 
-from pliant.evaluator.arrays import FloatArray
 from pliant.evaluator.metrics.base import Groups, Metric, Positive, ScoringContext, Summary
 from pliant.evaluator.metrics.blocks import Block
+from pliant.spec.arrays import FloatArray
 from pliant.spec.configuration import Settings
 from pliant.spec.constraints import Bounds
 

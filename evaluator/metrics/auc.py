@@ -11,10 +11,10 @@ from typing import Annotated
 
 import numpy as np
 
-from pliant.evaluator.arrays import FloatArray
 from pliant.evaluator.metrics.base import Groups, Metric, Positives, ScoringContext, Summary
 from pliant.evaluator.metrics.blocks import Block
 from pliant.evaluator.statistics.ratios import Figure
+from pliant.spec.arrays import FloatArray
 from pliant.spec.configuration import Settings
 from pliant.spec.constraints import NotEmpty
 

@@ -9,12 +9,12 @@ from typing import Annotated, Any, ClassVar, Final, Generic, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from pliant.evaluator.arrays import BoolArray, FloatArray, IntArray
 from pliant.evaluator.metrics.blocks import Block
 from pliant.evaluator.metrics.surfaces import Surfaces
 from pliant.evaluator.statistics.ratios import Figure
 from pliant.evaluator.submission.answers import SplitAnswers
 from pliant.evaluator.submission.queries import Queries
+from pliant.spec.arrays import BoolArray, FloatArray, IntArray
 from pliant.spec.configuration import Settings
 from pliant.spec.constraints import Bounds
 from pliant.spec.dataset import Dataset

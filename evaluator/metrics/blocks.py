@@ -12,11 +12,11 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from pliant.evaluator.arrays import BoolArray, FloatArray, IntArray, RealArray, StateArray
 from pliant.evaluator.metrics.errors import squared_error_px2, sum_by_pair
 from pliant.evaluator.submission.answers import SplitAnswers
 from pliant.evaluator.submission.columns import read_columns
 from pliant.evaluator.submission.queries import Queries
+from pliant.spec.arrays import BoolArray, FloatArray, IntArray, RealArray, StateArray
 from pliant.spec.conventions import VISIBILITY_STATES
 from pliant.spec.errors import SpecError
 from pliant.spec.io.parquet import footer_of, open_table

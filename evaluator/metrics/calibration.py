@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pliant.evaluator.arrays import BoolArray, FloatArray, IntArray
+from pliant.spec.arrays import BoolArray, FloatArray, IntArray
 
 
 def reliability_bins(confidence: FloatArray, happened: BoolArray, bins: int) -> FloatArray:

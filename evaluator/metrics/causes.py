@@ -12,11 +12,11 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from pliant.evaluator.arrays import FloatArray
 from pliant.evaluator.metrics.base import Groups, Metric, Positive, ScoringContext, Summary
 from pliant.evaluator.metrics.blocks import Block
 from pliant.evaluator.metrics.surfaces import SurfaceFacts
 from pliant.evaluator.statistics.ratios import Figure, Ratio
+from pliant.spec.arrays import FloatArray
 from pliant.spec.configuration import Settings
 
 CAUSES_VERSION: Final = "1.0"

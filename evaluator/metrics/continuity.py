@@ -12,7 +12,6 @@ from typing import Annotated, Final
 import numpy as np
 import numpy.typing as npt
 
-from pliant.evaluator.arrays import BoolArray, FloatArray, IntArray, RealArray
 from pliant.evaluator.metrics.base import (
     Groups,
     Level,
@@ -24,6 +23,7 @@ from pliant.evaluator.metrics.base import (
 from pliant.evaluator.metrics.blocks import Block
 from pliant.evaluator.metrics.errors import exact_quantiles
 from pliant.evaluator.statistics.ratios import Figure, Ratio
+from pliant.spec.arrays import BoolArray, FloatArray, IntArray, RealArray
 from pliant.spec.configuration import Settings
 from pliant.spec.constraints import Bounds
 

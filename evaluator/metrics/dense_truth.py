@@ -12,13 +12,13 @@ from typing import Final
 
 import numpy as np
 
-from pliant.evaluator.arrays import BoolArray, FloatArray
 from pliant.evaluator.metrics.surfaces import (
     ObjectSurface,
     nearest_object_pixel,
     pixel_steps_m,
     typical_step_m,
 )
+from pliant.spec.arrays import BoolArray, FloatArray
 from pliant.spec.model import MaterialObject
 
 _CHUNK_CELLS: Final = 1 << 21

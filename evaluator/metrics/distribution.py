@@ -6,7 +6,6 @@ from typing import Annotated, Final
 
 import numpy as np
 
-from pliant.evaluator.arrays import BoolArray, FloatArray, IntArray
 from pliant.evaluator.metrics import calibration, mixtures
 from pliant.evaluator.metrics.base import (
     Groups,
@@ -21,6 +20,7 @@ from pliant.evaluator.metrics.blocks import Block
 from pliant.evaluator.metrics.mixtures import Mixtures
 from pliant.evaluator.statistics.ratios import Figure, Ratio
 from pliant.evaluator.submission.answers import SplitAnswers
+from pliant.spec.arrays import BoolArray, FloatArray, IntArray
 from pliant.spec.configuration import Settings
 from pliant.spec.constraints import Bounds
 

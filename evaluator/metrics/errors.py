@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pliant.evaluator.arrays import FloatArray, IntArray, RealArray
+from pliant.spec.arrays import FloatArray, IntArray, RealArray
 
 
 def endpoint_error_px(predicted_px: RealArray, true_px: RealArray) -> FloatArray:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from pliant.evaluator.arrays import FloatArray, IntArray
 from pliant.evaluator.metrics.base import Groups, Metric, NoSettings, ScoringContext, Summary
 from pliant.evaluator.metrics.blocks import Block
 from pliant.evaluator.statistics.ratios import Figure, Ratio
+from pliant.spec.arrays import FloatArray, IntArray
 
 
 class Jitter(Metric[NoSettings]):

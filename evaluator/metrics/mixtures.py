@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from pliant.evaluator.arrays import BoolArray, FloatArray, IntArray
+from pliant.spec.arrays import BoolArray, FloatArray, IntArray
 
 _RIM_NODES: Final = 128
 """Nodes on the rim of a disc. For a disc of 8 px and a standard deviation of 0.5 px or more the

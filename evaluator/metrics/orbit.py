@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from pliant.evaluator.arrays import BoolArray, FloatArray, IntArray
 from pliant.evaluator.metrics import mixtures
 from pliant.evaluator.metrics.base import Groups, Metric, Positive, Summary
 from pliant.evaluator.metrics.blocks import Block
 from pliant.evaluator.metrics.distribution import answered_mixtures, equivalent_positions
 from pliant.evaluator.statistics.ratios import Figure, Ratio
+from pliant.spec.arrays import BoolArray, FloatArray, IntArray
 from pliant.spec.configuration import Settings
 
 

@@ -12,10 +12,10 @@ from typing import Literal
 
 import numpy as np
 
-from pliant.evaluator.arrays import FloatArray, IntArray
 from pliant.evaluator.metrics.base import Metric, Positives
 from pliant.evaluator.metrics.blocks import Block
 from pliant.evaluator.statistics.ratios import Figure, Ratio
+from pliant.spec.arrays import FloatArray, IntArray
 from pliant.spec.configuration import Settings
 
 

@@ -11,9 +11,9 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from pliant.evaluator.arrays import BoolArray, FloatArray, IntArray
 from pliant.evaluator.metrics.blocks import Block
 from pliant.evaluator.submission.queries import Queries
+from pliant.spec.arrays import BoolArray, FloatArray, IntArray
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import SpecError
 from pliant.spec.model import MaterialObject

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pliant.evaluator.arrays import BoolArray, FloatArray, IntArray, RealArray
 from pliant.evaluator.metrics.base import Groups, Metric, NoSettings, Summary
 from pliant.evaluator.metrics.blocks import Block
 from pliant.evaluator.metrics.errors import sum_by_pair
 from pliant.evaluator.statistics.ratios import Figure, Ratio
+from pliant.spec.arrays import BoolArray, FloatArray, IntArray, RealArray
 
 
 class Symmetry(Metric[NoSettings]):

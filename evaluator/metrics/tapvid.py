@@ -14,11 +14,11 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from pliant.evaluator.arrays import BoolArray, FloatArray, IntArray
 from pliant.evaluator.metrics.base import Groups, Metric, Positive, Positives, Summary
 from pliant.evaluator.metrics.blocks import Block
 from pliant.evaluator.metrics.pck import threshold_level
 from pliant.evaluator.statistics.ratios import Figure, Ratio
+from pliant.spec.arrays import BoolArray, FloatArray, IntArray
 from pliant.spec.configuration import Settings
 from pliant.spec.constraints import Bounds, NotEmpty
 

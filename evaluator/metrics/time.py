@@ -6,10 +6,10 @@ from typing import Annotated
 
 import numpy as np
 
-from pliant.evaluator.arrays import IntArray
 from pliant.evaluator.metrics.base import Groups, Metric, ScoringContext, Summary
 from pliant.evaluator.metrics.blocks import Block
 from pliant.evaluator.statistics.ratios import Figure, Ratio
+from pliant.spec.arrays import IntArray
 from pliant.spec.configuration import Settings
 from pliant.spec.constraints import Bounds
 

@@ -9,11 +9,11 @@ from typing import Final
 import numpy as np
 import pyarrow.compute as pc
 
-from pliant.evaluator.arrays import BoolArray, FloatArray
 from pliant.evaluator.metrics.dense_truth import dense_truth
 from pliant.evaluator.metrics.surfaces import Surfaces
 from pliant.evaluator.protocols.protocol import read_protocol
 from pliant.evaluator.report.drawings import Symbols, panel_svg, side_by_side
+from pliant.spec.arrays import BoolArray, FloatArray
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import SpecError
 from pliant.spec.io.parquet import read_table

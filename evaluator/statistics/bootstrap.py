@@ -18,8 +18,8 @@ from typing import Annotated, Final, Literal
 import numpy as np
 from scipy.special import ndtr, stdtrit
 
-from pliant.evaluator.arrays import FloatArray, IndexArray, IntArray
 from pliant.evaluator.statistics.ratios import Ratio
+from pliant.spec.arrays import FloatArray, IndexArray, IntArray
 from pliant.spec.configuration import Settings
 from pliant.spec.constraints import Bounds
 

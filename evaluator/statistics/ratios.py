@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from pliant.evaluator.arrays import FloatArray
+from pliant.spec.arrays import FloatArray
 from pliant.spec.errors import SpecError
 
 Better = Literal["lower", "higher", "neither"]

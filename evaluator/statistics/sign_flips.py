@@ -17,8 +17,8 @@ from typing import Final
 
 import numpy as np
 
-from pliant.evaluator.arrays import FloatArray
 from pliant.evaluator.statistics.ratios import Ratio
+from pliant.spec.arrays import FloatArray
 
 _GENERATORS: Final = 12
 """Up to so many sequences every subset is tried; of more, a group of 2^12 of them."""

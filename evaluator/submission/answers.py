@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pliant.evaluator.arrays import BoolArray, FloatArray, IntArray, RealArray
 from pliant.evaluator.submission.problems import Problems
 from pliant.evaluator.submission.queries import Queries
 from pliant.evaluator.submission.values import Values
+from pliant.spec.arrays import BoolArray, FloatArray, IntArray, RealArray
 from pliant.spec.validation.findings import LISTED_PER_CODE
 
 

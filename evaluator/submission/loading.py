@@ -17,7 +17,6 @@ from typing import Any, TypeAlias
 import numpy as np
 import pyarrow as pa
 
-from pliant.evaluator.arrays import RealArray
 from pliant.evaluator.submission.answers import SplitAnswers, place_answers
 from pliant.evaluator.submission.hints import coordinate_hints
 from pliant.evaluator.submission.matches import SplitMatches, place_matches
@@ -30,6 +29,7 @@ from pliant.evaluator.submission.submission_file import (
     read_rows,
 )
 from pliant.evaluator.submission.values import read_values
+from pliant.spec.arrays import RealArray
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, Issue
 from pliant.spec.io.reading import sha256_file

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pliant.evaluator.arrays import FloatArray, IntArray
 from pliant.evaluator.submission import limits
 from pliant.evaluator.submission.answers import SplitAnswers
 from pliant.evaluator.submission.problems import Problems
 from pliant.evaluator.submission.queries import Queries
 from pliant.evaluator.submission.values import Values
+from pliant.spec.arrays import FloatArray, IntArray
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from pliant.evaluator.arrays import BoolArray
+from pliant.spec.arrays import BoolArray
 from pliant.spec.errors import Issue
 from pliant.spec.validation.findings import (
     LISTED_PER_CODE,

@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from pliant.evaluator.arrays import BoolArray, IntArray
 from pliant.evaluator.submission.columns import read_columns
+from pliant.spec.arrays import BoolArray, IntArray
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import SpecError
 from pliant.spec.storage import layout

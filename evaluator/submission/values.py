@@ -15,9 +15,9 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from pliant.evaluator.arrays import BoolArray, IntArray, RealArray
 from pliant.evaluator.submission import limits
 from pliant.evaluator.submission.problems import Problems
+from pliant.spec.arrays import BoolArray, IntArray, RealArray
 
 MODE_FIELDS: Final = ("u", "v", "sigma", "weight")
 _RANGES: Final = {

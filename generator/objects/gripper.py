@@ -14,15 +14,8 @@ from typing import Final
 import numpy as np
 
 from pliant.generator import portable
-from pliant.generator.scene.scene_object import (
-    GRIPPER,
-    FloatArray,
-    IntArray,
-    Part,
-    Pose,
-    SceneObject,
-    quads,
-)
+from pliant.generator.scene.scene_object import GRIPPER, IntArray, Part, Pose, SceneObject, quads
+from pliant.spec.arrays import FloatArray
 from pliant.spec.model import MaterialCoordinate, MaterialObject, Tier
 
 _FINGER_M: Final = (0.010, 0.022, 0.07)

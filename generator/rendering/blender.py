@@ -19,7 +19,8 @@ import numpy.typing as npt
 
 from pliant.generator.scene.appearance import Light
 from pliant.generator.scene.camera import NEAR_M, Camera
-from pliant.generator.scene.scene_object import FloatArray, IntArray
+from pliant.generator.scene.scene_object import IntArray
+from pliant.spec.arrays import FloatArray
 
 _SENSOR_MM: Final = 36.0
 _FAR_M: Final = 1000.0

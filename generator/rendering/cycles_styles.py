@@ -30,9 +30,9 @@ from pliant.generator.scene.appearance import Appearance
 from pliant.generator.scene.camera import Camera
 from pliant.generator.scene.scene_object import GRIPPER, Pose, SceneMesh, SceneObject
 from pliant.generator.truth.frame_truth import FrameTruth
+from pliant.spec.arrays import Rgb
 from pliant.spec.errors import GenerationError
 
-Rgb = npt.NDArray[np.uint8]
 Linear = npt.NDArray[np.float32]
 
 PHOTO_SAMPLES: Final = 1

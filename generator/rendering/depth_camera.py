@@ -24,9 +24,9 @@ from pliant.generator.scene.noise import perlin_noise
 from pliant.generator.scene.scene_object import Pose, SceneObject
 from pliant.generator.settings.scene import DepthCameraSettings
 from pliant.generator.truth.frame_truth import FrameTruth
+from pliant.spec.arrays import Mask
 
 FloatImage = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
 
 _LEFT_SHARE: Final = 0.2  # how much the left rim frays, against the right one
 _LEFT_STEEPER: Final = 4.0  # how much steeper ground may fall to the left, towards the projector

@@ -14,7 +14,8 @@ import numpy.typing as npt
 
 from pliant.generator.compiled import compiled, inlined
 from pliant.generator.scene.appearance import Appearance, TableAppearance
-from pliant.generator.scene.scene_object import GRIPPER, FloatArray, SceneMesh, SceneObject
+from pliant.generator.scene.scene_object import GRIPPER, SceneMesh, SceneObject
+from pliant.spec.arrays import FloatArray
 
 Image = npt.NDArray[np.float32]
 

@@ -13,14 +13,12 @@ from itertools import pairwise
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from pliant.generator.rendering.srgb import decode_srgb, encode_srgb
 from pliant.generator.scene.camera import Camera
-from pliant.generator.scene.scene_object import FloatArray, Pose
+from pliant.generator.scene.scene_object import Pose
 from pliant.generator.truth.frame_truth import FrameTruth
-
-Rgb = npt.NDArray[np.uint8]
+from pliant.spec.arrays import FloatArray, Rgb
 
 _STEP_PX: Final = 1.5
 """Farthest that anything moves between two renderings."""

@@ -26,11 +26,10 @@ from pliant.generator.rendering.srgb import encode_channel, encode_srgb
 from pliant.generator.rendering.table import TableView
 from pliant.generator.scene.appearance import Appearance
 from pliant.generator.scene.camera import Camera
-from pliant.generator.scene.scene_object import FloatArray, IntArray, Pose, SceneMesh, SceneObject
+from pliant.generator.scene.scene_object import IntArray, Pose, SceneMesh, SceneObject
 from pliant.generator.truth.frame_truth import FrameTruth
 from pliant.generator.truth.rasteriser import Hits, Lens, rasterise_into
-
-Rgb = npt.NDArray[np.uint8]
+from pliant.spec.arrays import FloatArray, Rgb
 
 SAMPLES: Final = 2
 """Samples a side of a pixel."""

@@ -16,7 +16,8 @@ import numpy.typing as npt
 
 from pliant.generator.compiled import compiled
 from pliant.generator.scene.appearance import Light
-from pliant.generator.scene.scene_object import FloatArray, IntArray
+from pliant.generator.scene.scene_object import IntArray
+from pliant.spec.arrays import FloatArray
 
 _SIDE: Final = 1024
 # Texels along the longer side of the object as the sun sees it.

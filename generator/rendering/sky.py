@@ -15,7 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from pliant.generator.compiled import compiled
-from pliant.generator.scene.scene_object import FloatArray, IntArray
+from pliant.generator.scene.scene_object import IntArray
+from pliant.spec.arrays import FloatArray
 
 _DIRECTIONS: Final = 16
 _CELLS: Final = 96

@@ -19,7 +19,7 @@ from pliant.generator.rendering.sky import SkyMaps
 from pliant.generator.rendering.srgb import encode_srgb
 from pliant.generator.scene.appearance import Appearance
 from pliant.generator.scene.camera import Camera
-from pliant.generator.scene.scene_object import FloatArray
+from pliant.spec.arrays import FloatArray
 
 _GRID_PX = 4
 # The sky's share is worked out every so many pixels and interpolated between.

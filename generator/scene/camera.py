@@ -16,8 +16,9 @@ import numpy as np
 import numpy.typing as npt
 
 from pliant.generator import portable
-from pliant.generator.scene.scene_object import GRIPPER, FloatArray, Pose, SceneObject
+from pliant.generator.scene.scene_object import GRIPPER, Pose, SceneObject
 from pliant.generator.settings.scene import CLEARANCE_M, MIN_MARGIN, CameraSettings
+from pliant.spec.arrays import FloatArray
 from pliant.spec.errors import CallError
 
 NEAR_M: Final = 1e-3

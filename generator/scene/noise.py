@@ -16,9 +16,8 @@ from PIL import Image
 from scipy.ndimage import binary_erosion, gaussian_filter
 
 from pliant.generator.settings.scene import NoiseSettings
+from pliant.spec.arrays import Rgb
 from pliant.spec.io.exr import Surface
-
-Rgb = npt.NDArray[np.uint8]
 
 
 def apply_noise(

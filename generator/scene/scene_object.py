@@ -13,7 +13,8 @@ from typing import Any, Final, Literal
 import numpy as np
 import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
+from pliant.spec.arrays import FloatArray
+
 IntArray = npt.NDArray[np.int32]
 
 GRIPPER: Final = "gripper"

@@ -24,7 +24,8 @@ import numpy as np
 
 from pliant.generator.compiled import compiled, inlined
 from pliant.generator.scene.camera import NEAR_M, Camera
-from pliant.generator.scene.scene_object import FloatArray, IntArray
+from pliant.generator.scene.scene_object import IntArray
+from pliant.spec.arrays import FloatArray
 
 
 class Hits(NamedTuple):

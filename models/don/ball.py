@@ -21,13 +21,8 @@ from typing import Final
 import numpy as np
 from scipy import ndimage
 
-from pliant.baselines.tracing.depth_in_mask import (
-    FloatArray,
-    Mask,
-    depth_in_mask,
-    farthest_pixels,
-    ridge,
-)
+from pliant.baselines.tracing.depth_in_mask import depth_in_mask, farthest_pixels, ridge
+from pliant.spec.arrays import FloatArray, Mask
 
 FIRST_SHARE: Final = 0.1
 """Share of the rope's length that `first` of `ball_in` speaks of."""

@@ -16,12 +16,12 @@ import numpy as np
 import numpy.typing as npt
 
 from pliant.models.don.strangeness import TRACED, UsualDescriptors
+from pliant.spec.arrays import FloatArray
 from pliant.spec.errors import TrainingError
 
 FAMILIARITY = "familiarity.json"
 """The file of a run that contains it."""
 
-Floats = npt.NDArray[np.float64]
 _TAILS = np.concatenate([np.linspace(1, 0.1, 19), np.geomspace(0.09, 0.0005, 40)])
 
 
@@ -37,11 +37,11 @@ class Familiarity:
             None for one whose answers come from the traces of ropes.
     """
 
-    thresholds: Floats
-    combined: Floats
+    thresholds: FloatArray
+    combined: FloatArray
     descriptors: UsualDescriptors | None = None
 
-    def score(self, statistics: Floats) -> npt.NDArray[np.float32]:
+    def score(self, statistics: FloatArray) -> npt.NDArray[np.float32]:
         """Return the familiarity of N queries, float32 (N,), 0 to 1.
 
         Args:
@@ -49,7 +49,7 @@ class Familiarity:
         """
         return np.exp(_log_tail(-self._least_share(statistics), self.combined)).astype(np.float32)
 
-    def _least_share(self, statistics: Floats) -> Floats:
+    def _least_share(self, statistics: FloatArray) -> FloatArray:
         """Return the logarithm of the smallest share of a query's statistics, float64 (N,)."""
         known = np.where(np.isnan(statistics), -np.inf, statistics)
         shares = [_log_tail(*pair) for pair in zip(known.T, self.thresholds, strict=True)]
@@ -87,7 +87,9 @@ class Familiarity:
         return cls(thresholds, combined, usual)
 
 
-def fit_familiarity(statistics: Floats, descriptors: UsualDescriptors | None = None) -> Familiarity:
+def fit_familiarity(
+    statistics: FloatArray, descriptors: UsualDescriptors | None = None
+) -> Familiarity:
     """Return the familiarity of a network.
 
     Args:
@@ -100,14 +102,14 @@ def fit_familiarity(statistics: Floats, descriptors: UsualDescriptors | None = N
     return replace(ranked, combined=_thresholds(-ranked._least_share(known)))
 
 
-def _thresholds(values: Floats) -> Floats:
+def _thresholds(values: FloatArray) -> FloatArray:
     """Return what values exceed in each share of `_TAILS`, the maximum in the last."""
-    thresholds: Floats = np.quantile(values, 1 - _TAILS)
+    thresholds: FloatArray = np.quantile(values, 1 - _TAILS)
     thresholds[-1] = values.max()
     return np.maximum.accumulate(thresholds)
 
 
-def _log_tail(values: Floats, thresholds: Floats) -> Floats:
+def _log_tail(values: FloatArray, thresholds: FloatArray) -> FloatArray:
     """Return the logarithm of the share of validation values at least as large; -inf beyond all."""
     above = np.searchsorted(thresholds, values)  # the first of equal thresholds: the largest share
     upper = np.clip(above, 1, len(thresholds) - 1)
@@ -115,5 +117,5 @@ def _log_tail(values: Floats, thresholds: Floats) -> Floats:
     way = (values - low) / np.maximum(high - low, 1e-30)
     tails = np.log(_TAILS)
     inside = tails[upper - 1] + np.clip(way, 0, 1) * (tails[upper] - tails[upper - 1])
-    found: Floats = np.where(above == 0, 0.0, inside)
+    found: FloatArray = np.where(above == 0, 0.0, inside)
     return np.where(above == len(thresholds), -np.inf, found)

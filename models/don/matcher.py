@@ -19,12 +19,7 @@ from pliant.models.don.described import ViewDescriber
 from pliant.models.don.familiarity import Familiarity, fit_familiarity
 from pliant.models.don.rope_reader import RopeReader
 from pliant.models.don.settings import DonSettings
-from pliant.models.don.strangeness import (
-    Asked,
-    Described,
-    UsualDescriptors,
-    traced_statistics,
-)
+from pliant.models.don.strangeness import Asked, Described, UsualDescriptors, traced_statistics
 from pliant.models.don.tracing import TracedPlaces, TracedView, traced_places
 from pliant.models.networks.descriptor_network import DescriptorNetwork
 from pliant.spec.answers import Answers

@@ -16,8 +16,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
-from pliant.baselines.tracing.depth_in_mask import FloatArray, Mask
 from pliant.models.don.ball import ball_in
+from pliant.spec.arrays import FloatArray, Mask
 
 _WORKING_WIDTH: Final = 320
 _CERTAIN, _POSSIBLE = 0.45, 0.12  # foreground probabilities of the network

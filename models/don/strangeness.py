@@ -16,8 +16,8 @@ import numpy as np
 import numpy.typing as npt
 
 from pliant.models.don.tracing import TracedPlaces, TracedView
+from pliant.spec.arrays import FloatArray
 
-Floats = npt.NDArray[np.float64]
 _RIDGE: Final = 1e-3
 _USUAL_SHARE: Final = float(np.log(3))  # an object three times as large, or a third, is usual
 _OBJECT_PIXELS: Final = 2000  # of a picture, at most, for the covariance
@@ -30,8 +30,8 @@ length; ratio of both views' lengths in widths; weight of the readings that answ
 
 
 def traced_statistics(
-    source: TracedView, target: TracedView, places: TracedPlaces | None, answers_px: Floats
-) -> Floats:
+    source: TracedView, target: TracedView, places: TracedPlaces | None, answers_px: FloatArray
+) -> FloatArray:
     """Return the statistics of answers that traces carry, float64 (N, 8), as `TRACED` names them.
 
     Args:
@@ -96,7 +96,7 @@ class Asked:
     source: Described
     target: Described
     query: npt.NDArray[np.float32]
-    distance: Floats
+    distance: FloatArray
 
 
 @dataclass(frozen=True)
@@ -109,8 +109,8 @@ class UsualDescriptors:
         log_share: Median logarithm of the object's share of a picture.
     """
 
-    mean: Floats
-    precision: Floats
+    mean: FloatArray
+    precision: FloatArray
     log_share: float
 
     STATISTICS: ClassVar = ("query", "distance", "source", "target", "share")
@@ -133,7 +133,7 @@ class UsualDescriptors:
             log_share=float(np.median(np.log(np.maximum(shares, 1e-6)))) if shares else 0.0,
         )
 
-    def statistics(self, asked: Asked) -> Floats:
+    def statistics(self, asked: Asked) -> FloatArray:
         """Return float64 (N, 5), NaN where it cannot be known.
 
         They are the squared Mahalanobis distance of the query's descriptor, the logarithm of the
@@ -153,7 +153,7 @@ class UsualDescriptors:
         found[:, 4] = odd
         return found
 
-    def _mahalanobis(self, descriptors: npt.NDArray[np.float32]) -> Floats:
+    def _mahalanobis(self, descriptors: npt.NDArray[np.float32]) -> FloatArray:
         gap = descriptors.astype(np.float64) - self.mean
         return np.asarray(np.einsum("ij,jk,ik->i", gap, self.precision, gap))
 

@@ -13,10 +13,10 @@ from pliant.evaluator.metrics.errors import endpoint_error_px, rmse_px
 from pliant.loaders.frame_store import FrameStore
 from pliant.loaders.order import sample_generator
 from pliant.models.don.matcher import DonMatcher
+from pliant.spec.arrays import Float32Array
 from pliant.spec.errors import CallError
 from pliant.spec.frame import Pair
 
-Float32 = npt.NDArray[np.float32]
 VALIDATION_STREAM = 1
 
 
@@ -32,7 +32,7 @@ class ValidationPair(Pair):
         visible: bool (Q, 1 + S), which of those the camera sees.
     """
 
-    uv_b_px: Float32
+    uv_b_px: Float32Array
     visible: npt.NDArray[np.bool_]
 
     def without_masks(self) -> ValidationPair:

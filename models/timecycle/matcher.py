@@ -20,12 +20,11 @@ from pliant.models.timecycle.settings import PropagationSettings, TimeCycleSetti
 from pliant.models.training.checkpoint import load_best
 from pliant.models.training.run_folder import CONFIG, RUN_FACTS, read_run_json
 from pliant.spec.answers import Answers
+from pliant.spec.arrays import Float32Array
 from pliant.spec.configuration import read_settings, settings_to_dict
 from pliant.spec.frame import Frame, Pair
 from pliant.spec.io.resizing import resize_nearest
 from pliant.spec.lru_cache import LRUCache
-
-Float32 = npt.NDArray[np.float32]
 
 _KEPT_VIEWS = 8
 
@@ -74,7 +73,7 @@ class TimeCycleMatcher:
             found = propagator.step(self._encode(target), self._searched(target))
         return Answers(self._pixels(found, target))
 
-    def track(self, views: Iterable[Frame], uv_px: Float32) -> Iterator[Answers]:
+    def track(self, views: Iterable[Frame], uv_px: Float32Array) -> Iterator[Answers]:
         """Carry points through consecutive frames; see `TrackMatcher`."""
         frames = iter(views)
         first = next(frames)
@@ -84,7 +83,7 @@ class TimeCycleMatcher:
                 found = propagator.step(self._encode(view), self._searched(view))
             yield Answers(self._pixels(found, view))
 
-    def heat(self, source: Frame, target: Frame, uv_a_px: Float32) -> Heat:
+    def heat(self, source: Frame, target: Frame, uv_a_px: Float32Array) -> Heat:
         """Return the affinity of one query over the target's cells; see `HeatMatcher`."""
         settings = self.settings.propagation
         propagator = self._propagator(source, np.asarray(uv_a_px)[None], settings)
@@ -98,7 +97,7 @@ class TimeCycleMatcher:
         return Heat(heat, "log affinity", min(1.0, best), "affinity of the best cell")
 
     def _propagator(
-        self, source: Frame, uv_px: Float32, settings: PropagationSettings
+        self, source: Frame, uv_px: Float32Array, settings: PropagationSettings
     ) -> Propagator:
         scale = self._scale(source)
         xy = torch.as_tensor(np.asarray(uv_px, dtype=np.float64) / scale, dtype=torch.float32)
@@ -131,7 +130,7 @@ class TimeCycleMatcher:
         touched = mask.reshape(height, STRIDE, width, STRIDE).any(axis=(1, 3))
         return touched if touched.any() else None
 
-    def _pixels(self, xy: torch.Tensor, view: Frame) -> Float32:
+    def _pixels(self, xy: torch.Tensor, view: Frame) -> Float32Array:
         return (xy.double().numpy() * self._scale(view)).astype(np.float32)
 
     def _scale(self, view: Frame) -> npt.NDArray[np.float64]:

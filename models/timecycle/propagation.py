@@ -16,14 +16,12 @@ from __future__ import annotations
 from collections import deque
 
 import numpy as np
-import numpy.typing as npt
 import torch
 from torch.nn import functional
 
 from pliant.models.networks.descriptor_network import sample_descriptors
 from pliant.models.timecycle.settings import PropagationSettings
-
-Bool = npt.NDArray[np.bool_]
+from pliant.spec.arrays import BoolArray
 
 
 class Propagator:
@@ -44,7 +42,7 @@ class Propagator:
         xy: torch.Tensor,
         settings: PropagationSettings,
         temperature: float,
-        support: Bool | None = None,
+        support: BoolArray | None = None,
     ) -> None:
         self.settings = settings
         self._asked = len(xy)
@@ -61,7 +59,7 @@ class Propagator:
         self._context.append(self._look)
         self._offset = xy - self._read(self.first, self._look, xy, None)
 
-    def step(self, frame: torch.Tensor, searched: Bool | None = None) -> torch.Tensor:
+    def step(self, frame: torch.Tensor, searched: BoolArray | None = None) -> torch.Tensor:
         """Take in the next frame.
 
         Args:
@@ -91,7 +89,7 @@ class Propagator:
         self._context.append(self._under(refined, found))
         return found[: self._asked]
 
-    def scores(self, frame: torch.Tensor, searched: Bool | None = None) -> torch.Tensor:
+    def scores(self, frame: torch.Tensor, searched: BoolArray | None = None) -> torch.Tensor:
         """Return log probabilities of the points over the cells of a frame, float (N, h, w).
 
         Args:

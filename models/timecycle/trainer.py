@@ -17,12 +17,7 @@ from pliant.models.timecycle.matcher import TimeCycleMatcher
 from pliant.models.timecycle.network import TimeCycleNetwork
 from pliant.models.timecycle.patches import draw_patches, interest
 from pliant.models.timecycle.settings import TimeCycleSettings
-from pliant.models.timecycle.validation import (
-    draw_stretches,
-    errors_over_time,
-    figures,
-    track_with,
-)
+from pliant.models.timecycle.validation import draw_stretches, errors_over_time, figures, track_with
 from pliant.models.timecycle.walk import walk_loss
 from pliant.models.training.processes import Processes
 from pliant.models.training.run import RunOptions, train_task

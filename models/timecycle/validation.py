@@ -14,11 +14,9 @@ from pliant.loaders.frame_store import FrameStore
 from pliant.loaders.order import sample_generator
 from pliant.models.timecycle.matcher import TimeCycleMatcher
 from pliant.models.timecycle.settings import TrackValidationSettings
+from pliant.spec.arrays import Float32Array, FloatArray
 from pliant.spec.errors import CallError
 from pliant.spec.frame import Frame
-
-Float32 = npt.NDArray[np.float32]
-Float64 = npt.NDArray[np.float64]
 
 VALIDATION_STREAM: Final = 1
 WIDE_PX: Final = 640
@@ -27,7 +25,7 @@ WIDE_PX: Final = 640
 LISTED: Final = (1, 5, 10, 20, 40, 80)
 """Frames since the query at which errors are listed."""
 
-Track = Callable[["Stretch"], Iterator[Float32]]
+Track = Callable[["Stretch"], Iterator[Float32Array]]
 """Where a method sees a stretch's points in each frame after the first, working pixels."""
 
 
@@ -52,7 +50,7 @@ class Stretch:
             key = self.store.frames[number].key
             yield Frame(rgb=view.rgb, mask=view.mask, depth_m=view.depth_m, key=key)
 
-    def truth(self) -> tuple[Float32, npt.NDArray[np.bool_]]:
+    def truth(self) -> tuple[Float32Array, npt.NDArray[np.bool_]]:
         """Return where the points are, float32 (F + 1, Q, 2), and whether the camera sees them."""
         views = [self.store.view(number) for number in self.frames]
         uv = np.stack([view.uv_px[self.points] for view in views])
@@ -104,7 +102,7 @@ def draw_stretches(
 def track_with(matcher: TimeCycleMatcher) -> Track:
     """Return how a matcher tracks."""
 
-    def track(stretch: Stretch) -> Iterator[Float32]:
+    def track(stretch: Stretch) -> Iterator[Float32Array]:
         start = stretch.store.view(stretch.frames[0]).uv_px[stretch.points]
         for answers in matcher.track(stretch.views(), start):
             yield answers.uv_px
@@ -112,14 +110,14 @@ def track_with(matcher: TimeCycleMatcher) -> Track:
     return track
 
 
-def track_identity(stretch: Stretch) -> Iterator[Float32]:
+def track_identity(stretch: Stretch) -> Iterator[Float32Array]:
     """Say that nothing moves."""
     start = stretch.store.view(stretch.frames[0]).uv_px[stretch.points]
     for _ in stretch.frames[1:]:
         yield start
 
 
-def track_centroid(stretch: Stretch) -> Iterator[Float32]:
+def track_centroid(stretch: Stretch) -> Iterator[Float32Array]:
     """Say that every point is in the middle of the object's mask."""
     for number in stretch.frames[1:]:
         mask = stretch.store.view(number).mask
@@ -128,7 +126,7 @@ def track_centroid(stretch: Stretch) -> Iterator[Float32]:
         yield np.tile(middle, (len(stretch.points), 1))
 
 
-def errors_over_time(track: Track, stretches: Sequence[Stretch]) -> list[Float64]:
+def errors_over_time(track: Track, stretches: Sequence[Stretch]) -> list[FloatArray]:
     """Return a method's errors for each number of frames since the query.
 
     Args:
@@ -140,7 +138,7 @@ def errors_over_time(track: Track, stretches: Sequence[Stretch]) -> list[Float64
         the camera sees there, in pixels of a picture 640 wide.
     """
     frames = len(stretches[0].frames) - 1
-    errors: list[list[Float64]] = [[] for _ in range(frames)]
+    errors: list[list[FloatArray]] = [[] for _ in range(frames)]
     for stretch in stretches:
         scale = WIDE_PX / stretch.store.size[0]
         truth, seen = stretch.truth()
@@ -150,12 +148,12 @@ def errors_over_time(track: Track, stretches: Sequence[Stretch]) -> list[Float64
     return [np.concatenate(parts) for parts in errors]
 
 
-def curve(errors: Sequence[Float64]) -> list[float]:
+def curve(errors: Sequence[FloatArray]) -> list[float]:
     """Return the RMSE for each number of frames since the query; NaN where no point is seen."""
     return [rmse_px(each) if len(each) else float("nan") for each in errors]
 
 
-def figures(errors: Sequence[Float64]) -> dict[str, float]:
+def figures(errors: Sequence[FloatArray]) -> dict[str, float]:
     """Return the errors in a few numbers.
 
     Args:

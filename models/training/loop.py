@@ -33,7 +33,7 @@ from pliant.spec.errors import TrainingError
 
 logger = logging.getLogger(__name__)
 
-Progress = Callable[[int, Mapping[str, float]], None]
+StepProgress = Callable[[int, Mapping[str, float]], None]
 """Called after each step with the steps done and the latest figures."""
 
 _LOG_EVERY = 10
@@ -44,7 +44,7 @@ def train(
     run: Path,
     *,
     resume: bool = False,
-    progress: Progress | None = None,
+    progress: StepProgress | None = None,
     stop_at: int | None = None,
 ) -> TrainingState:
     """Train, or go on training.

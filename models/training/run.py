@@ -9,7 +9,7 @@ from typing import Any, TypedDict
 import torch
 
 from pliant.models.training.checkpoint import BEST, load_best
-from pliant.models.training.loop import Progress, train
+from pliant.models.training.loop import StepProgress, train
 from pliant.models.training.processes import joined_processes
 from pliant.models.training.run_folder import open_run, run_facts, with_tier
 from pliant.models.training.task import Chosen, Task
@@ -26,7 +26,7 @@ class RunOptions(TypedDict, total=False):
     """
 
     resume: bool
-    progress: Progress | None
+    progress: StepProgress | None
     stop_at: int | None
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import multiprocessing
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
@@ -14,6 +14,7 @@ from pliant.spec.conventions import SPEC_VERSION, SPLITS
 from pliant.spec.errors import CallError, Issue
 from pliant.spec.io.jsonfiles import is_newer_minor
 from pliant.spec.model import Tier
+from pliant.spec.progress import Progress
 from pliant.spec.storage import layout
 from pliant.spec.storage.files import LocalFiles
 from pliant.spec.storage.packed import Member, PackedFiles
@@ -30,9 +31,6 @@ from pliant.spec.validation.rules.structure import check_root
 from pliant.spec.validation.rules.tiers import check_tiers
 
 DEFAULT_LIMIT = 200
-
-Progress = Callable[[int, int], None]
-"""Called with (sequences done, sequences in all)."""
 
 
 @dataclass(frozen=True)

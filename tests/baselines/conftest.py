@@ -13,6 +13,7 @@ import pyarrow as pa
 import pytest
 
 from pliant.baselines import Frame
+from pliant.spec.arrays import FloatArray
 from pliant.spec.conventions import CONVENTIONS
 from pliant.spec.dataset import Dataset
 from pliant.spec.io.exr import Surface, write_surface
@@ -24,8 +25,6 @@ from pliant.spec.storage import layout
 WIDTH, HEIGHT = 240, 200
 HALF_SIDE = 64.0  # of the card, in its own px
 
-Floats = npt.NDArray[np.float64]
-
 
 @dataclass(frozen=True)
 class Similarity:
@@ -36,19 +35,19 @@ class Similarity:
     centre: tuple[float, float] = (WIDTH / 2, HEIGHT / 2)
 
     @property
-    def matrix(self) -> Floats:
+    def matrix(self) -> FloatArray:
         angle = np.radians(self.angle_deg)
         turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
         return self.scale * turn
 
-    def place(self, card: Floats) -> Floats:
+    def place(self, card: FloatArray) -> FloatArray:
         return card @ self.matrix.T + self.centre
 
-    def locate(self, uv_px: Floats) -> Floats:
+    def locate(self, uv_px: FloatArray) -> FloatArray:
         return (uv_px - self.centre) @ np.linalg.inv(self.matrix).T
 
 
-def print_of(card: Floats) -> Floats:
+def print_of(card: FloatArray) -> FloatArray:
     """Brightness of the card's print: plane waves of 5 to 40 px, evaluated exactly."""
     rng = np.random.default_rng(7)
     total = np.zeros(card.shape[:-1])
@@ -92,7 +91,7 @@ def view_of() -> Callable[[Similarity], Frame]:
 
 
 @pytest.fixture(scope="session")
-def card_queries() -> Floats:
+def card_queries() -> FloatArray:
     """Sixty places well inside the card, in its own px."""
     return np.random.default_rng(3).uniform(-45, 45, (60, 2))
 

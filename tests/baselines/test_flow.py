@@ -10,11 +10,11 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from pliant.baselines import METHODS, Frame, Pair, TrackMatcher
 from pliant.baselines.flow import FLOWS, FlowChain
+from pliant.spec.arrays import FloatArray
 from pliant.spec.errors import MissingExtraError
 
 pytest.importorskip("cv2")
@@ -29,7 +29,6 @@ CHAINS = [
     for name in FLOWS
 ]
 ViewOf = Callable[..., Frame]
-Floats = npt.NDArray[np.float64]
 
 
 def chain(name: str) -> FlowChain:
@@ -41,7 +40,7 @@ def chain(name: str) -> FlowChain:
 
 @pytest.mark.parametrize("name", CHAINS)
 def test_points_follow_a_turn_of_72_degrees_in_small_steps(
-    name: str, pose: Any, view_of: ViewOf, card_queries: Floats
+    name: str, pose: Any, view_of: ViewOf, card_queries: FloatArray
 ) -> None:
     poses = [pose(angle_deg=4 * step, centre=(120 + step, 100)) for step in range(19)]
     start = poses[0].place(card_queries).astype(np.float32)

@@ -8,16 +8,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from pliant.baselines import METHODS, Frame, HeatMatcher, KeypointMatcher, Pair
 from pliant.baselines.features.local_features import LocalFeatureMatcher
+from pliant.spec.arrays import FloatArray
 
 CLASSICAL = ("sift", "surf", "orb")
 
 ViewOf = Callable[..., Frame]
-Floats = npt.NDArray[np.float64]
 
 
 def method(name: str) -> LocalFeatureMatcher:
@@ -42,7 +41,7 @@ def test_answers_follow_a_similarity(
     motion: dict[str, Any],
     pose: Any,
     view_of: ViewOf,
-    card_queries: Floats,
+    card_queries: FloatArray,
 ) -> None:
     before, after = pose(), pose(**motion)
     answers = method(name).answer(
@@ -142,7 +141,7 @@ def test_large_objects_are_searched_on_a_grid(name: str, pose: Any, view_of: Vie
 
 @pytest.mark.parametrize("name", CLASSICAL)
 def test_heat_peaks_at_the_answer(
-    name: str, pose: Any, view_of: ViewOf, card_queries: Floats
+    name: str, pose: Any, view_of: ViewOf, card_queries: FloatArray
 ) -> None:
     before, after = pose(), pose(angle_deg=40)
     matcher = method(name)
@@ -164,7 +163,9 @@ def test_every_method_is_documented() -> None:
     assert {name for name in METHODS if not {name, name.upper()} & named} == set()
 
 
-def test_remembered_frames_change_nothing(pose: Any, view_of: ViewOf, card_queries: Floats) -> None:
+def test_remembered_frames_change_nothing(
+    pose: Any, view_of: ViewOf, card_queries: FloatArray
+) -> None:
     poses = [pose(angle_deg=angle) for angle in range(0, 70, 10)]
     queries = poses[0].place(card_queries).astype(np.float32)
     remembering, forgetting = method("orb"), method("orb")

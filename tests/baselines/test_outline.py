@@ -7,17 +7,16 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from pliant.baselines import METHODS, Frame
 from pliant.baselines.outline import WARPS, ClothOutline, outline_sides
+from pliant.spec.arrays import FloatArray
 from pliant.spec.frame import Pair
 
 cv2: Any = pytest.importorskip("cv2")
 
-Floats = npt.NDArray[np.float64]
-Warp = Callable[[Floats], Floats]
+Warp = Callable[[FloatArray], FloatArray]
 SIZE = (240, 200)
 
 
@@ -38,7 +37,7 @@ def view_of(place: Warp) -> Frame:
 
 
 def turned(angle_deg: float, scale: float = 60.0, tilt: float = 0.0) -> Warp:
-    def place(uv: Floats) -> Floats:
+    def place(uv: FloatArray) -> FloatArray:
         angle = np.radians(angle_deg)
         matrix = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
         return scale * (uv @ matrix.T) / (1 + tilt * uv[:, :1]) + [120.0, 100.0]
@@ -46,7 +45,7 @@ def turned(angle_deg: float, scale: float = 60.0, tilt: float = 0.0) -> Warp:
     return place
 
 
-def bulged(uv: Floats) -> Floats:
+def bulged(uv: FloatArray) -> FloatArray:
     """A cloth whose sides bend inwards by 12 px, its corners in place."""
     inwards = np.stack([uv[:, 0] * (1 - uv[:, 1] ** 2), uv[:, 1] * (1 - uv[:, 0] ** 2)], axis=1)
     return uv * 60 - 12 * inwards + [120.0, 100.0]

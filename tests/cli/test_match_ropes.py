@@ -6,7 +6,6 @@ import json
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from click.testing import CliRunner
 from PIL import Image
@@ -14,19 +13,18 @@ from scipy import ndimage
 from scipy.interpolate import make_interp_spline
 
 from pliant.cli.main import cli
+from pliant.spec.arrays import FloatArray, Mask
 
 pytest.importorskip("torch")
 pytest.importorskip("cv2")
 
 SIZE = (320, 240)
 HALF_PX = 5.0
-Floats = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
 
 KINDS = ("no ball", "ball in the mask", "two ropes", "clutter", "no mask")
 
 
-def crossing_line(rng: np.random.Generator) -> Floats:
+def crossing_line(rng: np.random.Generator) -> FloatArray:
     """Return a smooth line that crosses itself at least once, float64 (N, 2), px."""
     turn = np.linspace(0, 2 * np.pi * rng.uniform(1.2, 1.7), 9)
     radius = np.linspace(95, 30, 9) * rng.uniform(0.7, 1.2, 9)
@@ -36,7 +34,7 @@ def crossing_line(rng: np.random.Generator) -> Floats:
     return np.asarray(line.clip([10, 10], [309, 229]))
 
 
-def table(rng: np.random.Generator, *, clutter: bool) -> Floats:
+def table(rng: np.random.Generator, *, clutter: bool) -> FloatArray:
     """Return a grainy table, with things lying on it if asked for, float64 (H, W, 3), 0 to 1."""
     grain = ndimage.gaussian_filter(rng.normal(size=(SIZE[1], SIZE[0], 3)), (6, 6, 0))
     picture = rng.uniform(0.2, 0.8, 3) + 0.8 * grain + 0.02 * rng.normal(size=grain.shape)
@@ -49,7 +47,7 @@ def table(rng: np.random.Generator, *, clutter: bool) -> Floats:
     return np.asarray(picture)
 
 
-def draw_rope(picture: Floats, line: Floats, rng: np.random.Generator) -> Mask:
+def draw_rope(picture: FloatArray, line: FloatArray, rng: np.random.Generator) -> Mask:
     """Draw a twisted rope with light and shadow; return where it is."""
     rows, columns = np.mgrid[: SIZE[1], : SIZE[0]] + 0.5
     colours = rng.random((2, 3))

@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
+from pliant.spec.arrays import FloatArray
 
 SAME_M = 1e-9
 

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
+from pliant.spec.arrays import FloatArray
 from pliant.spec.conventions import CONVENTIONS, SPEC_VERSION
 from pliant.spec.io.exr import Surface, write_surface
 from pliant.spec.io.jsonfiles import write_json
@@ -27,8 +28,6 @@ SEED = 7
 LENGTH, RADIUS = 0.5, 0.06
 SIDE, GAP = 0.5, 0.08
 BALL = Ball((-0.02, 0.0, 0.12), 0.1)
-
-FloatArray = npt.NDArray[np.float64]
 
 
 def _coordinate(

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from PIL import Image
 
+from pliant.spec.arrays import FloatArray
 from pliant.spec.io.png import read_rgb, write_rgb
 from tests.conformance.edits import (
     CLOTH_TEST,
@@ -30,7 +30,6 @@ from tests.conformance.edits import (
 )
 
 Channels = dict[str, Any]
-FloatArray = npt.NDArray[np.float64]
 
 _EXR = f"{CLOTH_TRAIN}/depth/000000.exr"
 _PNG = f"{CLOTH_TRAIN}/rgb/000000.png"

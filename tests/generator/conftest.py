@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from pliant.generator.scene.camera import Camera
-from pliant.generator.scene.scene_object import FloatArray, Part, Points, Pose, SceneObject
+from pliant.generator.scene.scene_object import Part, Points, Pose, SceneObject
+from pliant.spec.arrays import FloatArray
 
 LENGTH_M = 1.0
 RADIUS_M = 0.012

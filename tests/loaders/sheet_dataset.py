@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pyarrow as pa
 
+from pliant.spec.arrays import FloatArray
 from pliant.spec.conventions import CONVENTIONS, SPEC_VERSION
 from pliant.spec.io.exr import Surface, write_surface
 from pliant.spec.io.jsonfiles import write_json
@@ -25,8 +25,6 @@ from pliant.spec.tables import CORRESPONDENCES, POINTS, SEQUENCES
 SIDE_M = 0.5
 GRID = 13
 FOCAL_PX = 200.0
-
-FloatArray = npt.NDArray[np.float64]
 
 
 def sheet_map(seed: int, frame: int, size: tuple[int, int], step: float) -> FloatArray:

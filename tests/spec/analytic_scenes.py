@@ -13,8 +13,9 @@ from unittest import mock
 
 import numpy as np
 
+from pliant.spec.arrays import FloatArray
 from tests.conformance import base
-from tests.conformance.analytic import Ball, FloatArray, Scene, Shape, Sheet, Tube, View
+from tests.conformance.analytic import Ball, Scene, Shape, Sheet, Tube, View
 from tests.conformance.base import NamedPoints, Shot
 
 STEPS = 400

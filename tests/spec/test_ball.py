@@ -6,9 +6,9 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from pliant.spec.arrays import Mask
 from pliant.spec.ball import separate_ball
 
-Mask = npt.NDArray[np.bool_]
 ROWS, COLUMNS = np.mgrid[:240, :320] + 0.5
 HALF_PX = 4.0
 

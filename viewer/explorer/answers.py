@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from pliant.baselines.matcher import Heat
-from pliant.spec.model import FloatArray
+from pliant.spec.arrays import FloatArray
 
 Kind = Literal["live", "recorded"]
 """`live` answers any pixel, `recorded` the nearest query."""

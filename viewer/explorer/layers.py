@@ -17,10 +17,10 @@ from PIL import Image
 
 from pliant.baselines.descriptor_colours import descriptor_colours
 from pliant.baselines.matcher import Heat
+from pliant.spec.arrays import FloatArray, Rgb
 from pliant.spec.frame import Frame
-from pliant.spec.model import FloatArray
 from pliant.spec.sequence import RecordedFrame
-from pliant.viewer.drawing import Rgb, depth_image, heat_range, index_image, material_colours
+from pliant.viewer.drawing import depth_image, heat_range, index_image, material_colours
 from pliant.viewer.explorer.frames import FramePair, FrameStore
 from pliant.viewer.explorer.live import LiveMethod
 from pliant.viewer.explorer.submissions import Method

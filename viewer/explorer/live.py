@@ -13,14 +13,12 @@ import numpy.typing as npt
 from pliant.baselines.answers import checked_answers
 from pliant.baselines.matcher import HeatMatcher, Matcher
 from pliant.baselines.pixels import lies_on
+from pliant.spec.arrays import FloatArray, Mask
 from pliant.spec.frame import Frame, Pair
 from pliant.spec.lru_cache import LRUCache
-from pliant.spec.model import FloatArray
 from pliant.viewer.explorer.answers import Kind, MethodAnswer, PairErrors
 from pliant.viewer.explorer.frames import FramePair, FrameStore
 from pliant.viewer.photo_match import match_photo
-
-Mask = npt.NDArray[np.bool_]
 
 _KEPT_MAPS: Final = 16
 

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from pliant.spec.model import FloatArray, MaterialObject
+from pliant.spec.arrays import FloatArray
+from pliant.spec.model import MaterialObject
 from pliant.spec.sequence import RecordedFrame, SequenceRecord
 
 VISIBILITY = ("visible", "self_occluded", "occluded", "out_of_frame")

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from pliant.spec.arrays import FloatArray
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import SpecError
-from pliant.spec.model import FloatArray
 from pliant.spec.queries import QueryPair
 from pliant.viewer.explorer.frames import FramePair
 

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from pliant.evaluator.scores import read_scores
+from pliant.spec.arrays import FloatArray
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
 from pliant.spec.io.reading import sha256_file
-from pliant.spec.model import FloatArray
 from pliant.viewer.explorer.answers import Kind, MethodAnswer, PairErrors
 from pliant.viewer.explorer.frames import FramePair
 from pliant.viewer.explorer.live import LiveMethod

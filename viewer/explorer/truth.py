@@ -13,8 +13,8 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from pliant.spec.arrays import FloatArray
 from pliant.spec.errors import SpecError
-from pliant.spec.model import FloatArray
 from pliant.spec.sequence import RecordedFrame
 from pliant.viewer.explorer.frames import FramePair, FrameStore
 from pliant.viewer.explorer.recorded import RecordedQueries

@@ -12,9 +12,10 @@ import numpy as np
 from pliant.generator.objects.cloth.handling import CALM_SPEED_M_S, Handling
 from pliant.generator.objects.cloth.levels import shape_cloth
 from pliant.generator.objects.cloth.surface import PART, Placement, cover_of, render_vertices
-from pliant.generator.scene.scene_object import FloatArray, Pose
+from pliant.generator.scene.scene_object import Pose
 from pliant.generator.seeding import RandomStreams, Stream
 from pliant.generator.settings.cloth import ClothSettings
+from pliant.spec.arrays import FloatArray
 from pliant.spec.configuration import settings_to_dict
 from pliant.spec.errors import GenerationError
 

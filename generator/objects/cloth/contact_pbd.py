@@ -22,7 +22,8 @@ from pliant.generator.compiled import compiled
 from pliant.generator.objects.cloth.cells import grid_over
 from pliant.generator.objects.cloth.grid import flat_positions
 from pliant.generator.objects.cloth.simulator import Sheet
-from pliant.generator.scene.scene_object import FloatArray, IntArray
+from pliant.generator.scene.scene_object import IntArray
+from pliant.spec.arrays import FloatArray
 
 REST_SHARE = 0.98
 """A pair's target is at most this share of its rest distance."""

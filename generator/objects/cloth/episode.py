@@ -20,9 +20,10 @@ from pliant.generator.objects.cloth.configuration import make_configuration
 from pliant.generator.objects.cloth.grid import corner_vertices
 from pliant.generator.objects.cloth.handling import Action, Handling, perform
 from pliant.generator.objects.cloth.surface import PART, Placement, cover_of, render_vertices
-from pliant.generator.scene.scene_object import FloatArray, Pose
+from pliant.generator.scene.scene_object import Pose
 from pliant.generator.seeding import RandomStreams, Stream
 from pliant.generator.settings.cloth import ClothSettings
+from pliant.spec.arrays import FloatArray
 from pliant.spec.configuration import settings_to_dict
 from pliant.spec.errors import GenerationError
 

@@ -11,7 +11,8 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
-from pliant.generator.scene.scene_object import FloatArray, IntArray, quads
+from pliant.generator.scene.scene_object import IntArray, quads
+from pliant.spec.arrays import FloatArray
 
 
 def grid_faces(columns: int, rows: int) -> IntArray:

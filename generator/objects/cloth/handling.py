@@ -16,8 +16,8 @@ from pliant.generator.objects.cloth.grid import corner_vertices, flat_positions,
 from pliant.generator.objects.cloth.measure import silhouette_m2
 from pliant.generator.objects.cloth.simulator import Simulator
 from pliant.generator.objects.cloth.step import Table
-from pliant.generator.scene.scene_object import FloatArray
 from pliant.generator.settings.cloth import ClothSettings
+from pliant.spec.arrays import FloatArray
 
 _SAMPLES = 256
 

@@ -6,7 +6,8 @@ import numpy as np
 
 from pliant.generator.compiled import compiled
 from pliant.generator.objects.cloth.cells import grid_over, triangles_in_cells
-from pliant.generator.scene.scene_object import FloatArray, IntArray
+from pliant.generator.scene.scene_object import IntArray
+from pliant.spec.arrays import FloatArray
 
 
 def find_intersections(vertices: FloatArray, faces: IntArray, edges: IntArray) -> IntArray:

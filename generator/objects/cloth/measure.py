@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial import ConvexHull
 
 from pliant.generator.compiled import compiled
 from pliant.generator.objects.cloth.cells import triangles_in_cells
-from pliant.generator.scene.scene_object import FloatArray, IntArray
-
-BoolArray = npt.NDArray[np.bool_]
+from pliant.generator.scene.scene_object import IntArray
+from pliant.spec.arrays import BoolArray, FloatArray
 
 PIXELS_A_SIDE = 512
 """The silhouette is counted on a lattice of side / 512: 0.1 % of a typical cloth."""

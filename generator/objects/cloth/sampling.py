@@ -12,9 +12,10 @@ from pliant.generator.objects.cloth.configuration import Configurations
 from pliant.generator.objects.cloth.episode import Episode
 from pliant.generator.objects.cloth.grid import grid_faces, mapped_vertices
 from pliant.generator.objects.cloth.surface import PART
-from pliant.generator.scene.scene_object import FloatArray, Part, Points, SceneObject
+from pliant.generator.scene.scene_object import Part, Points, SceneObject
 from pliant.generator.seeding import RandomStreams
 from pliant.generator.settings.cloth import ClothSettings, Variant
+from pliant.spec.arrays import FloatArray
 from pliant.spec.configuration import settings_to_dict
 from pliant.spec.model import MaterialCoordinate, MaterialObject, Symmetry, Tier
 

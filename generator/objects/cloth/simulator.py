@@ -16,7 +16,7 @@ import numpy as np
 from pliant.generator.objects.cloth.grid import flat_positions
 from pliant.generator.objects.cloth.springs import add_spring_forces, build_springs
 from pliant.generator.objects.cloth.step import STRETCH_LIMIT, Motion, limit_stretch, verlet_step
-from pliant.generator.scene.scene_object import FloatArray
+from pliant.spec.arrays import FloatArray
 
 
 class Collider(Protocol):

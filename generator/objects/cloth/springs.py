@@ -15,7 +15,8 @@ from typing import NamedTuple
 import numpy as np
 
 from pliant.generator.compiled import compiled
-from pliant.generator.scene.scene_object import FloatArray, IntArray
+from pliant.generator.scene.scene_object import IntArray
+from pliant.spec.arrays import FloatArray
 
 STRUCTURAL, SHEAR, BENDING = 0, 1, 2
 

@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from pliant.generator.compiled import compiled
-from pliant.generator.scene.scene_object import FloatArray, IntArray
+from pliant.generator.scene.scene_object import IntArray
+from pliant.spec.arrays import FloatArray
 
 STRETCH_LIMIT = 1.1
 """Longest a spring may be after a step, over its rest length (Provot 1995)."""

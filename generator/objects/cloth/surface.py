@@ -20,8 +20,8 @@ from pliant.generator import portable
 from pliant.generator.objects.cloth.grid import corner_vertices, grid_mesh
 from pliant.generator.objects.cloth.intersections import find_intersections
 from pliant.generator.objects.cloth.measure import Cover, measure_cover
-from pliant.generator.scene.scene_object import FloatArray
 from pliant.generator.settings.cloth import ClothSettings
+from pliant.spec.arrays import FloatArray
 
 PART = "cloth"
 

@@ -8,8 +8,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from pliant.generator.scene.scene_object import FloatArray
 from pliant.generator.settings.rope import RopeSettings
+from pliant.spec.arrays import FloatArray
 
 _MARGIN_LENGTHS: Final = 0.06
 _WAIT_FRAMES_S: Final = (0.12, 0.40)

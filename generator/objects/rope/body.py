@@ -21,8 +21,9 @@ from pliant.generator.objects.rope.mesh import (
     rope_chart,
     rope_mesh,
 )
-from pliant.generator.scene.scene_object import FloatArray, Part, Points, Pose
+from pliant.generator.scene.scene_object import Part, Points, Pose
 from pliant.generator.settings.rope import RopeSettings
+from pliant.spec.arrays import FloatArray
 from pliant.spec.configuration import settings_to_dict
 
 ROPE_ID: Final = 1

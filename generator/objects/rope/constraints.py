@@ -15,7 +15,7 @@ import numpy.typing as npt
 from pliant.generator.compiled import compiled
 from pliant.generator.objects.rope.contact import segment_distance
 from pliant.generator.objects.rope.mesh import BALL_DEPTH
-from pliant.generator.scene.scene_object import FloatArray
+from pliant.spec.arrays import FloatArray
 
 _ROPE_FRICTION: Final = 0.3
 _BALL_INVERSE_MASS: Final = 0.25

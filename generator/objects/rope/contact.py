@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pliant.generator.compiled import compiled
-from pliant.generator.scene.scene_object import FloatArray
+from pliant.spec.arrays import FloatArray
 
 NEIGHBOUR_DIAMETERS: Final = 2.5
 """Two stretches of rope are neighbours, and may be nearer than a diameter, if less than this

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from pliant.generator.compiled import compiled
-from pliant.generator.scene.scene_object import FloatArray
+from pliant.spec.arrays import FloatArray
 
 HANDLE_SHARE: Final = 0.39
 """Length of an automatic handle over the distance to that neighbour (near a circle's 0.3905

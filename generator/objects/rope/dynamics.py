@@ -27,8 +27,8 @@ from pliant.generator.objects.rope.constraints import (
     touch_ball,
 )
 from pliant.generator.objects.rope.contact import NEIGHBOUR_DIAMETERS
-from pliant.generator.scene.scene_object import FloatArray
 from pliant.generator.settings.rope import RopeSettings
+from pliant.spec.arrays import FloatArray
 
 _GRAVITY: Final = 9.81
 _DAMPING_PER_S: Final = 8.0

@@ -12,7 +12,8 @@ from pliant.generator.objects.rope.body import RopeBody, upward_normal
 from pliant.generator.objects.rope.curve import resample, smooth_curve, turned
 from pliant.generator.objects.rope.dynamics import RopeState
 from pliant.generator.objects.rope.static import sample_configuration
-from pliant.generator.scene.scene_object import FloatArray, Pose
+from pliant.generator.scene.scene_object import Pose
+from pliant.spec.arrays import FloatArray
 
 _SETTLE_FRAMES: Final = 30
 

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from pliant.generator.compiled import compiled
 from pliant.generator.objects.rope.contact import NEIGHBOUR_DIAMETERS
-from pliant.generator.scene.scene_object import FloatArray
+from pliant.spec.arrays import FloatArray
 
 CLEARANCE: Final = 1.012
 """Distance aimed at, in diameters: room for the polyline between samples."""

@@ -15,8 +15,9 @@ import numpy as np
 import numpy.typing as npt
 
 from pliant.generator import portable
-from pliant.generator.scene.scene_object import Chart, FloatArray, IntArray, quads
+from pliant.generator.scene.scene_object import Chart, IntArray, quads
 from pliant.generator.settings.rope import RopeSettings
+from pliant.spec.arrays import FloatArray
 
 BALL_DEPTH: Final = 0.8
 """The rope's end is this share of the ball's radius away from the ball's centre."""

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from pliant.generator import portable
 from pliant.generator.objects.rope.curve import (
@@ -21,11 +20,9 @@ from pliant.generator.objects.rope.curve import (
     bezier_curve,
     resample,
 )
-from pliant.generator.scene.scene_object import FloatArray
 from pliant.generator.seeding import weighted_choice
 from pliant.generator.settings.rope import RopeSettings
-
-BoolArray = npt.NDArray[np.bool_]
+from pliant.spec.arrays import BoolArray, FloatArray
 
 _SAMPLES: Final = 512
 

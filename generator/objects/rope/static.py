@@ -19,8 +19,8 @@ from pliant.generator.objects.rope.curve import (
 from pliant.generator.objects.rope.lift import lift
 from pliant.generator.objects.rope.mesh import BALL_DEPTH
 from pliant.generator.objects.rope.shapes import Plan, plan_shape, sample_variant
-from pliant.generator.scene.scene_object import FloatArray
 from pliant.generator.settings.rope import RopeSettings
+from pliant.spec.arrays import FloatArray
 from pliant.spec.errors import GenerationError
 
 MIN_BEND_RADII: Final = 1.8

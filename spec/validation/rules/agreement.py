@@ -6,7 +6,8 @@ from typing import Final
 
 import numpy as np
 
-from pliant.spec.model import FloatArray, Tier
+from pliant.spec.arrays import FloatArray
+from pliant.spec.model import Tier
 from pliant.spec.storage.layout import DATASET_JSON
 from pliant.spec.validation.findings import FileProblems
 from pliant.spec.validation.rules.alignment import Alignment, Measured, joined

@@ -16,7 +16,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from pliant.spec.model import FloatArray
+from pliant.spec.arrays import FloatArray
 from pliant.spec.validation.rules.correspondences import VISIBLE
 from pliant.spec.validation.rules.frames import FrameView
 

@@ -18,8 +18,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import stdtr
 
-Rgb = npt.NDArray[np.uint8]
-FloatArray = npt.NDArray[np.float64]
+from pliant.spec.arrays import FloatArray, Rgb
 
 REACH: Final = 6
 """Pixels to either side at which contrast is measured."""

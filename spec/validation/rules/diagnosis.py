@@ -13,11 +13,10 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
+from pliant.spec.arrays import FloatArray
 from pliant.spec.validation.findings import FileProblems
 from pliant.spec.validation.rules.cameras import Cameras
 from pliant.spec.validation.rules.correspondences import FrameRows
-
-FloatArray = npt.NDArray[np.float64]
 
 ROWS_PER_FRAME = 64
 MAX_FRAMES = 64

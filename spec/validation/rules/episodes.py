@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from pliant.spec.model import FloatArray
+from pliant.spec.arrays import FloatArray
 from pliant.spec.validation.rules.correspondences import FrameRows
 
 LARGE_STEP: Final = 0.6

@@ -7,13 +7,14 @@ from typing import Any
 
 import numpy as np
 
+from pliant.spec.arrays import Rgb
 from pliant.spec.model import Tier
 from pliant.spec.storage import layout
 from pliant.spec.validation.findings import FileProblems
 from pliant.spec.validation.rules.agreement import check_agreement
 from pliant.spec.validation.rules.alignment import Alignment
 from pliant.spec.validation.rules.cameras import Cameras
-from pliant.spec.validation.rules.colour import MAX_FRAMES, Colours, Rgb, is_blank
+from pliant.spec.validation.rules.colour import MAX_FRAMES, Colours, is_blank
 from pliant.spec.validation.rules.correspondences import FrameRows
 from pliant.spec.validation.rules.diagnosis import RowSample, diagnose_rows
 from pliant.spec.validation.rules.episodes import unordered

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from pliant.spec.model import FloatArray, Tier
+from pliant.spec.arrays import FloatArray
+from pliant.spec.model import Tier
 from pliant.spec.validation.rules.cameras import Cameras
 from pliant.spec.validation.rules.correspondences import FrameRows
 from pliant.spec.validation.rules.points import PointSet

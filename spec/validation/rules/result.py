@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from pliant.spec.model import FloatArray
+from pliant.spec.arrays import FloatArray
 from pliant.spec.validation.findings import Findings
 from pliant.spec.validation.rules.cameras import Cameras
 from pliant.spec.validation.rules.correspondences import FrameRows

@@ -7,7 +7,8 @@ from itertools import product
 
 import numpy as np
 
-from pliant.spec.model import FloatArray, MaterialObject, Symmetry, Tier
+from pliant.spec.arrays import FloatArray
+from pliant.spec.model import MaterialObject, Symmetry, Tier
 from pliant.spec.validation.findings import FileProblems
 
 _TOLERANCE = 1e-6

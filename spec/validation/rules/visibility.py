@@ -30,7 +30,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from pliant.spec.model import FloatArray
+from pliant.spec.arrays import FloatArray
 from pliant.spec.validation.findings import FileProblems
 from pliant.spec.validation.rules.correspondences import (
     OCCLUDED,

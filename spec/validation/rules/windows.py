@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from pliant.spec.model import FloatArray
+from pliant.spec.arrays import FloatArray
 from pliant.spec.validation.rules.frames import FrameView
 
 SLOPE = 3.0

@@ -11,9 +11,9 @@ import numpy.typing as npt
 import pytest
 
 from pliant.baselines import Frame
+from pliant.spec.arrays import FloatArray
 
-Floats = npt.NDArray[np.float64]
-Place = Callable[[Floats], Floats]
+Place = Callable[[FloatArray], FloatArray]
 
 
 @dataclass(frozen=True)
@@ -26,23 +26,23 @@ class Motion:
     before: Any
     after: Any
 
-    def move(self, uv_px: npt.NDArray[Any]) -> Floats:
-        moved: Floats = self.after.place(self.before.locate(uv_px))
+    def move(self, uv_px: npt.NDArray[Any]) -> FloatArray:
+        moved: FloatArray = self.after.place(self.before.locate(uv_px))
         return moved
 
-    def error(self, found: npt.NDArray[np.float32]) -> Floats:
-        errors: Floats = np.linalg.norm(found - self.move(self.queries), axis=1)
+    def error(self, found: npt.NDArray[np.float32]) -> FloatArray:
+        errors: FloatArray = np.linalg.norm(found - self.move(self.queries), axis=1)
         return errors
 
 
 @pytest.fixture
-def motion(pose: Any, view_of: Callable[..., Frame], card_queries: Floats) -> Motion:
+def motion(pose: Any, view_of: Callable[..., Frame], card_queries: FloatArray) -> Motion:
     before, after = pose(), pose(angle_deg=25, scale=0.9, centre=(122.3, 97.6))
     queries = before.place(card_queries).astype(np.float32)
     return Motion(view_of(before, "before"), view_of(after, "after"), queries, before, after)
 
 
-def centres(height: int, width: int) -> Floats:
+def centres(height: int, width: int) -> FloatArray:
     """Centres of a grid's cells over the card's image of 240x200 px, (height, width, 2)."""
     u = (np.arange(width) + 0.5) * (240 / width)
     v = (np.arange(height) + 0.5) * (200 / height)

@@ -12,13 +12,14 @@ import pliant
 from pliant.baselines import Frame, HeatMatcher
 from pliant.baselines.adapters import Images, from_descriptors
 from pliant.baselines.adapters.density import Calibration, mixture
+from pliant.spec.arrays import FloatArray
 from pliant.spec.dataset import Dataset
 from pliant.spec.frame import Pair
-from tests.baselines.adapters.conftest import Floats, Motion, centres
+from tests.baselines.adapters.conftest import Motion, centres
 from tests.evaluator.figures import figure
 
 
-def waves(places: Floats, least: float, most: float) -> Floats:
+def waves(places: FloatArray, least: float, most: float) -> FloatArray:
     """Random plane waves of a place, (..., 48): near places have similar values."""
     rng = np.random.default_rng(2)
     angle, period = rng.uniform(0, 2 * np.pi, 24), rng.uniform(least, most, 24)
@@ -26,7 +27,7 @@ def waves(places: Floats, least: float, most: float) -> Floats:
     return np.concatenate([np.cos(along), np.sin(along)], axis=-1)
 
 
-def describing(motion: Motion, cells: Floats) -> Any:
+def describing(motion: Motion, cells: FloatArray) -> Any:
     """Return a function that describes the card's places at cells: first before, then after."""
     poses = iter([motion.before, motion.after])
     return lambda image: waves(next(poses).locate(cells), 90, 300)

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
-Mask = npt.NDArray[np.bool_]
+from pliant.spec.arrays import Mask
 
 KINDS = ("thin", "thick", "holed", "fragmented", "pixel", "full", "figure eight", "noise", "edge")
 

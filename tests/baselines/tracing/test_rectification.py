@@ -12,22 +12,21 @@ import pytest
 from pliant.baselines.tracing import RopeTracer, rectified
 from pliant.baselines.tracing.tilt import Nadir, slant
 from pliant.spec.answers import Answers
+from pliant.spec.arrays import FloatArray
 from pliant.spec.frame import Frame, Pair
 
 WIDTH, HEIGHT, FOCAL = 640, 480, 686.0
 RADIUS_M = 0.011
 ABOVE = Nadir.of_image((HEIGHT, WIDTH))
 
-Floats = npt.NDArray[np.float64]
 
-
-def winding_rope(count: int = 1500) -> Floats:
+def winding_rope(count: int = 1500) -> FloatArray:
     """Return the centre line of a rope on the table, float64 (count, 3), metres."""
     t = np.linspace(0, 1, count)
     return np.stack([0.22 * np.sin(7 * t + 0.4), 0.66 * t - 0.33, np.full(count, RADIUS_M)], axis=1)
 
 
-def projected(points: Floats, tilt_deg: float) -> tuple[Floats, Floats]:
+def projected(points: FloatArray, tilt_deg: float) -> tuple[FloatArray, FloatArray]:
     """Return positions (N, 2), px, and depths (N,) from 1.3 m away at an angle from above."""
     tilt = np.radians(tilt_deg)
     right = np.array([1.0, 0.0, 0.0])
@@ -44,7 +43,7 @@ def drawn(tilt_deg: float) -> Frame:
     uv, depth = projected(winding_rope(), tilt_deg)
     columns, rows = np.meshgrid(np.arange(WIDTH) + 0.5, np.arange(HEIGHT) + 0.5)
 
-    def disc(centre: Floats, radius: float) -> npt.NDArray[np.bool_]:
+    def disc(centre: FloatArray, radius: float) -> npt.NDArray[np.bool_]:
         return np.asarray(np.hypot(columns - centre[0], rows - centre[1]) <= radius)
 
     mask = np.zeros((HEIGHT, WIDTH), dtype=np.bool_)
@@ -88,7 +87,7 @@ def test_distances_are_those_on_the_table_afterwards() -> None:
     table = winding_rope()[::60]
     uv, _ = projected(table, 45)
 
-    def spread(positions: Floats) -> float:
+    def spread(positions: FloatArray) -> float:
         """Return the ratio of the largest to the smallest pixels per metre between neighbours."""
         steps = np.linalg.norm(np.diff(positions, axis=0), axis=1)
         metres = np.linalg.norm(np.diff(table, axis=0), axis=1)

@@ -8,11 +8,11 @@ import pytest
 from scipy import ndimage
 
 from pliant.models.don.ball import ball_in
+from pliant.spec.arrays import Mask
 
 HEIGHT, WIDTH, HALF_PX = 120, 160, 3.0
 ENDS = {"left": (60, 20), "right": (60, 140)}  # (row, column)
 
-Mask = npt.NDArray[np.bool_]
 Image = npt.NDArray[np.float64]
 
 

@@ -15,10 +15,9 @@ from pliant.models.don.matcher import DonMatcher
 from pliant.models.don.segmentation import Foreground, rope_masks
 from pliant.models.don.validation import draw_validation_pairs
 from pliant.models.shipped import load_shipped
+from pliant.spec.arrays import Mask
 from pliant.spec.dataset import SAMPLE, Dataset
 from pliant.spec.frame import Frame, Pair
-
-Mask = npt.NDArray[np.bool_]
 
 WIDTH, HEIGHT, HALF_PX = 640, 480, 9
 

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
+from pliant.spec.arrays import FloatArray
 
 
 def closest_stretches(points: FloatArray, apart_m: float) -> float:

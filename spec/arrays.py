@@ -1,4 +1,4 @@
-"""The array types that the evaluator's signatures speak of."""
+"""Names of NumPy array types, for annotations; shapes are in the docstrings."""
 
 from __future__ import annotations
 
@@ -8,11 +8,22 @@ import numpy as np
 import numpy.typing as npt
 
 FloatArray = npt.NDArray[np.float64]
+Float32Array = npt.NDArray[np.float32]
 RealArray = npt.NDArray[np.floating[Any]]
-"""float32 or float64, as a participant wrote it."""
+"""float32 or float64."""
+
 IntArray = npt.NDArray[np.int64]
 IndexArray = npt.NDArray[np.integer[Any]]
-"""Codes and counts of any integer width."""
 BoolArray = npt.NDArray[np.bool_]
+
+Mask = npt.NDArray[np.bool_]
+"""bool (H, W)."""
+
+Rgb = npt.NDArray[np.uint8]
+"""uint8 (H, W, 3), sRGB."""
+
+ImageArray = npt.NDArray[np.uint8]
+"""uint8 (H, W) or (H, W, C)."""
+
 StateArray = npt.NDArray[np.uint8]
 """Visibility states as indices into `conventions.VISIBILITY_STATES`."""
