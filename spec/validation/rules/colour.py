@@ -41,8 +41,10 @@ SHIFT_GAIN: Final = 1.25
 MAX_FRAMES: Final = 16
 """Frames of a sequence that are measured, spread over it."""
 
-BLOCK_PX: Final = 8
-"""Side of a block of places that count as one observation, pixels."""
+BLOCKS: Final = 12
+BLOCK_PX: Final = (4, 8)
+"""Blocks along the shorter side, and their least and largest side in pixels: the places of one
+block count as one observation."""
 
 MIN_BLOCKS: Final = 4
 """From fewer blocks nothing is certain."""
@@ -50,7 +52,7 @@ MIN_BLOCKS: Final = 4
 SHIFTS: Final = 2 * (2 * REACH + 1)
 """So many shifts are tried: a probability is corrected for all of them."""
 
-CERTAIN: Final = 1e-3
+CERTAIN: Final = 1e-4
 DOUBTFUL: Final = 1e-2
 """Corrected probability that chance gives a shift: below this it is an error, or a warning."""
 
@@ -150,6 +152,7 @@ class Silhouette:
     def edges(self, rgb: Rgb) -> tuple[Edges, Edges]:
         """Measure a picture along u and v."""
         steps = np.arange(-REACH, REACH + 2)
+        side = int(np.clip(min(self.seen.shape) // BLOCKS, *BLOCK_PX))
         found = []
         for axis, (rows, columns) in enumerate((self.across, self.down)):
             if axis == 0:
@@ -157,7 +160,7 @@ class Silhouette:
             else:
                 strip = rgb[rows[:, None] + steps, columns[:, None]]
             contrast = np.abs(np.diff(strip.astype(np.int16), axis=1)).sum(2).astype(np.float64)
-            block = (rows // BLOCK_PX) * 2**16 + columns // BLOCK_PX
+            block = (rows // side) * 2**16 + columns // side
             found.append(Edges(contrast, ~self.seen[rows, columns], block))
         return found[0], found[1]
 
