@@ -50,7 +50,11 @@ API: Final = {
         "pliant.api.validate",
         "pliant.api.open_method",
     ),
-    "Datasets": ("pliant.spec.dataset.Dataset", "pliant.spec.sequence.RecordedFrame"),
+    "Datasets": (
+        "pliant.spec.dataset.Dataset",
+        "pliant.spec.sequence.RecordedFrame",
+        "pliant.spec.frame",
+    ),
     "Methods": ("pliant.baselines.matcher", "pliant.baselines.views", "pliant.baselines.answers"),
     "Scores": ("pliant.evaluator.scores.Scores",),
     "Training data": ("pliant.loaders.pairs", "pliant.loaders.clips"),
