@@ -92,3 +92,15 @@ def test_help_imports_no_command() -> None:
     loaded = set(done.stdout.split())
     assert not loaded & {"numpy", "pyarrow", "rich", "torch"}
     assert not loaded & {module for module, _ in COMMANDS.values()}
+
+
+def test_a_reader_that_goes_away_ends_the_command_silently() -> None:
+    """`pliant … | head -0`."""
+    script = "import sys\nfrom pliant.cli.main import run\nsys.exit(run(['methods']))"
+    command = [sys.executable, "-c", script]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as done:
+        assert done.stdout is not None
+        assert done.stderr is not None
+        done.stdout.close()
+        assert b"ended the program" not in done.stderr.read()
+    assert done.returncode == 1

@@ -539,6 +539,7 @@ def test_damaged_files_get_a_verdict(scene: Any, tmp_path: Path) -> None:
     assert sum(codes == {"FILE_UNREADABLE"} for codes in found.values()) > 20
 
 
+@pytest.mark.usefixtures("child_process")
 @pytest.mark.parametrize("name", ["good", "text", "cut to 50 %", "u nan", "a folder", "no footer"])
 def test_the_commands_end_without_a_traceback(
     name: str, scene: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -559,6 +560,7 @@ def crash(*_: object, **__: object) -> None:
     os.abort()
 
 
+@pytest.mark.usefixtures("child_process")
 def test_a_crash_of_the_reader_and_a_bomb_are_issues(scene: Any, tmp_path: Path) -> None:
     """A file of a megabyte whose mixtures take gigabytes, within a limit of 300 MB."""
     path = tmp_path / "bomb.parquet"
