@@ -210,6 +210,40 @@ def _highlight(
 
 
 @compiled
+def _add_radiance(
+    total: FloatArray,
+    colour: tuple[float, float, float],
+    lit: float,
+    gloss: float,
+    open_: float,
+    nz: float,
+    light: _Lighting,
+) -> None:
+    """Add what a place sends to the camera to float64 (3,).
+
+    Args:
+        total: Added to.
+        colour: Reflectance.
+        lit: Share of the sun's irradiance.
+        gloss: Highlight, a share of the same.
+        open_: Share of the sky.
+        nz: The normal's height.
+        light: Sun and sky.
+    """
+    above = open_ * (0.5 + 0.5 * nz)
+    below = open_ * (0.5 - 0.5 * nz)
+    # Sky that is blocked comes back from the surface that blocks it, and so does the sun that
+    # falls there.
+    bounced = SUN_BOUNCE * (1.0 - open_) * light.sun_direction[2]
+    for k in range(3):
+        own = colour[k]
+        total[k] += gloss * light.sun[k] + own * (
+            (lit + bounced * own) * light.sun[k]
+            + (above * light.sky[k] + below * light.ground[k]) / (1.0 - own * (1.0 - open_))
+        )
+
+
+@compiled
 def _shade(
     view: _View,
     hits: Hits,
@@ -277,18 +311,7 @@ def _shade(
                         gloss = 0.35 * material.specular * seen * shine
                 else:
                     lit = 0.0
-                above = open_ * (0.5 + 0.5 * nz)
-                below = open_ * (0.5 - 0.5 * nz)
-                # Sky that is blocked comes back from the surface that blocks it, and so does the
-                # sun that falls there.
-                bounced = SUN_BOUNCE * (1.0 - open_) * sun_direction[2]
-                for k in range(3):
-                    own = colour[k]
-                    total[k] += gloss * light.sun[k] + own * (
-                        (lit + bounced * own) * light.sun[k]
-                        + (above * light.sky[k] + below * light.ground[k])
-                        / (1.0 - own * (1.0 - open_))
-                    )
+                _add_radiance(total, colour, lit, gloss, open_, nz, light)
             if covered:
                 rest = SAMPLES * SAMPLES - covered
                 for k in range(3):
