@@ -29,6 +29,12 @@ On 132 rendered ropes with a ball (1.99 to 5.2 half widths) all balls reach 1.88
 without one, the tightest loop reaches 1.59. Ten real balls reach 2.6.
 """
 
+_LARGEST_BALL: Final = 8.0
+"""A ball is at most this many half widths thick; the same ropes reach 5.2.
+
+In a ragged mask of a cloth the median half width is that of the fringe, and the cloth is thicker.
+"""
+
 _LEAST_ROPE: Final = 8.0
 """A rope is at least this many times as long as wide: a cloth is not a ball with a rope."""
 
@@ -88,7 +94,8 @@ def separate_ball(mask: Mask) -> tuple[Mask, Mask | None]:
     if not ridge.any():
         return mask, None
     half_px = float(np.median(depth_px[ridge]))
-    best = max(_candidates(depth_px, half_px), key=lambda each: each.score, default=None)
+    likely = [each for each in _candidates(depth_px, half_px) if each.thickness <= _LARGEST_BALL]
+    best = max(likely, key=lambda each: each.score, default=None)
     if best is None or best.score < _LEAST_BALL:
         return mask, None
     ball = best.part & mask

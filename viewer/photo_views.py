@@ -130,6 +130,11 @@ def object_on_one_colour(rgb: npt.NDArray[np.uint8]) -> Mask | None:
     background = ~differs
     if min(np.mean(gap[part] == 0) for part in (edge, background) if part.any()) < _FLAT:
         return None
+    # What is enclosed by the object and not of the background's exact colour is a dark or bright
+    # place of the object itself.
+    holes, count = ndimage.label(~differs)
+    flat = ndimage.mean(gap == 0, holes, range(count + 1))
+    differs |= (np.asarray(flat) < _FLAT)[holes]
     parts, _ = ndimage.label(differs, np.ones((3, 3)))
     sizes = np.bincount(parts.ravel())
     sizes[0] = 0

@@ -11,6 +11,7 @@ from pliant.spec.ball import separate_ball
 
 ROWS, COLUMNS = np.mgrid[:240, :320] + 0.5
 HALF_PX = 4.0
+RAGGED = np.random.default_rng(0).random(ROWS.shape)
 
 
 def disc(u: float, v: float, radius_px: float) -> Mask:
@@ -71,8 +72,9 @@ def test_a_rope_without_a_ball_stays_whole(shape: str) -> None:
         np.ones((1, 1), np.bool_),
         disc(100, 100, 50),  # a ball alone
         (np.abs(ROWS - 120) < 60) & (np.abs(COLUMNS - 160) < 80),  # a cloth
+        np.maximum(np.abs(ROWS - 120), np.abs(COLUMNS - 160)) < 60 + 5 * RAGGED,
     ],
-    ids=["empty", "full", "pixel", "disc", "cloth"],
+    ids=["empty", "full", "pixel", "disc", "cloth", "ragged cloth"],
 )
 def test_what_is_no_rope_stays_whole(mask: Mask) -> None:
     found, ball = separate_ball(mask)
