@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     "--hide-truth",
     is_flag=True,
     help="Cap every error at the image diagonal, for results shown to participants "
-    "(see: pliant site --hide-truth).",
+    "(see: pliant leaderboard --hide-truth).",
 )
 @json_option
 def command(

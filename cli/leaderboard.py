@@ -1,4 +1,4 @@
-"""`pliant leaderboard`: one sortable page from many reports."""
+"""`pliant leaderboard`: one sortable page from many reports, or a site with all of them."""
 
 from __future__ import annotations
 
@@ -6,18 +6,67 @@ from pathlib import Path
 
 import click
 
-from pliant.cli.options import FILE, out_option, reports_argument
-from pliant.cli.terminal import echo
+from pliant.cli.challenge import database_option
+from pliant.cli.options import json_option, out_option, reports_argument
+from pliant.cli.terminal import echo_result
+from pliant.spec.errors import CallError
 
 
 @click.command("leaderboard")
 @reports_argument
-@out_option("FILE.html", "The page; an earlier file is replaced.", FILE)
-def command(reports: tuple[Path, ...], out: Path) -> int:
-    """Write one page from REPORTS: report folders, or folders that contain them.
+@out_option("FILE.html|SITE", "One page, or a folder for a site; an earlier one is replaced.")
+@click.option(
+    "--title",
+    metavar="TEXT",
+    help="Site: heading of the leaderboard and the README; default: the dataset's title.",
+)
+@click.option(
+    "--hide-truth",
+    is_flag=True,
+    help="Site: show only rounded headline metrics, so that no answer of a held-out split can be "
+    "read off; needs reports of pliant evaluate --hide-truth.",
+)
+@database_option
+@json_option
+def command(
+    reports: tuple[Path, ...],
+    out: Path,
+    title: str | None,
+    hide_truth: bool,
+    database: str | None,
+    as_json: bool,
+) -> None:
+    """Compare REPORTS: report folders, folders that contain them, or one challenge.
 
-    Reports of different protocols, datasets or splits are refused.
+    FILE.html is one page with the table. SITE is a folder of plain files with the table and every
+    report: look at it with `pliant serve SITE`, copy it to any web server, or upload it as a
+    Hugging Face Space (its README.md says `sdk: static`). Of a challenge, the site has what its
+    service shows to everybody. Reports of different protocols, datasets or splits are refused.
     """
+    if out.suffix == ".html":
+        if title is not None or hide_truth:
+            raise CallError(
+                "--title and --hide-truth are for a site", fix="Name a folder: --out SITE"
+            )
+        text, document = f"{_write_page(reports, out)} reports: {out}", {"page": str(out)}
+    elif len(reports) == 1 and (reports[0] / "challenge.yaml").is_file():
+        from pliant.cli.challenge import open_challenge
+        from pliant.service.site import write_challenge_site
+
+        pages = write_challenge_site(open_challenge(reports[0], database), out)
+        text = f"{len(pages)} leaderboards: {out / 'index.html'}"
+        document = {"site": str(out), "pages": pages}
+    else:
+        from pliant.evaluator.report.site import write_site
+
+        names = write_site(reports, out, title=title, hide_truth=hide_truth)
+        text = f"{len(names)} reports: {out / 'index.html'}"
+        document = {"site": str(out), "reports": names}
+    echo_result(document, text, as_json=as_json)
+
+
+def _write_page(reports: tuple[Path, ...], out: Path) -> int:
+    """Write the page of the table alone; return how many reports it has."""
     from pliant.evaluator.report.leaderboard import read_reports, render_leaderboard
     from pliant.spec.io.writing import replacing
 
@@ -26,5 +75,4 @@ def command(reports: tuple[Path, ...], out: Path) -> int:
     out.parent.mkdir(parents=True, exist_ok=True)
     with replacing(out) as partial:
         partial.write_text(page, encoding="utf-8")
-    echo(f"{len(scores)} reports: {out}")
-    return 0
+    return len(scores)

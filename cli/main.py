@@ -37,14 +37,13 @@ SECTIONS: Final[dict[str, dict[str, tuple[str, str]]]] = {
         "check": ("pliant.cli.check", "List a submission's problems without scoring it."),
         "evaluate": ("pliant.cli.evaluate", "Score a submission by a named protocol."),
         "compare": ("pliant.cli.compare", "Paired differences between reports, with intervals."),
-        "leaderboard": ("pliant.cli.leaderboard", "One page from many reports."),
+        "leaderboard": ("pliant.cli.leaderboard", "One page or a static site from many reports."),
     },
     "Publishing": {
         "publish": (
             "pliant.cli.publish",
             "Package a dataset for release, optionally without test labels.",
         ),
-        "site": ("pliant.cli.site", "Write the leaderboard and its reports as a static site."),
         "challenge": (
             "pliant.cli.challenge",
             "Run an evaluation service: create, invite, back up.",

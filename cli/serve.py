@@ -12,8 +12,7 @@ from pliant.cli.options import PATH, port_options
 
 
 @click.command("serve")
-@click.argument("places", metavar="CHALLENGE|SITE", nargs=-1, required=True, type=PATH)
-@click.option("--out", hidden=True, type=PATH)
+@click.argument("place", metavar="CHALLENGE|SITE", type=PATH)
 @port_options
 @click.option(
     "--host", default="127.0.0.1", show_default=True, help="Address to listen on (challenge)."
@@ -34,8 +33,7 @@ from pliant.cli.options import PATH, port_options
     help="Reverse proxies whose X-Forwarded headers count (challenge).",
 )
 def command(
-    places: tuple[Path, ...],
-    out: Path | None,
+    place: Path,
     port: int,
     no_browser: bool,
     host: str,
@@ -47,19 +45,12 @@ def command(
     """Serve a CHALLENGE (web, API and workers), or a static SITE to this machine.
 
     CHALLENGE is a folder of `pliant challenge create`; port 8000 unless --port says otherwise.
-    SITE is a folder that `pliant site` wrote, or any other folder with an index.html. Ctrl-C
+    SITE is a folder that `pliant leaderboard` wrote, or any other folder with an index.html. Ctrl-C
     stops it; running jobs are finished first.
     """
-    from pliant.spec.errors import CallError
-
-    if out is not None or len(places) != 1:
-        raise CallError(
-            "pliant serve shows one site and writes none",
-            fix="Write a site with: pliant site REPORTS --out SITE",
-        )
-    if (places[0] / "challenge.yaml").is_file():
+    if (place / "challenge.yaml").is_file():
         serve_challenge(
-            places[0],
+            place,
             host=host,
             port=port or 8000,
             workers=workers,
@@ -70,4 +61,4 @@ def command(
         return
     from pliant.viewer.local_app import site_server
 
-    show_page(site_server(places[0], port), str(places[0]), no_browser=no_browser)
+    show_page(site_server(place, port), str(place), no_browser=no_browser)

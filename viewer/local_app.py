@@ -62,7 +62,7 @@ def page_application(folder: Path, routes: Sequence[BaseRoute], token: str) -> A
 
 
 def site_application(folder: Path) -> ASGIApp:
-    """Return the application of a plain site, such as `pliant site` writes.
+    """Return the application of a plain site, such as `pliant leaderboard` writes.
 
     Args:
         folder: A folder with an `index.html`.
@@ -75,7 +75,7 @@ def site_application(folder: Path) -> ASGIApp:
             f"the folder has no {INDEX}",
             path=folder,
             required="a site",
-            fix="Write one with: pliant site REPORTS --out SITE",
+            fix="Write one with: pliant leaderboard REPORTS --out SITE",
         )
     files = OwnFiles(directory=folder.resolve(), html=True)
     return Guard(Starlette(routes=[Mount("/", files)]), policy="")

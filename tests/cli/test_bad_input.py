@@ -53,7 +53,7 @@ INPUTS: dict[str, tuple[str, list[str]]] = {
     "train timecycle": ("DATA", ["train", "timecycle", "--data", "DATA", "--out", "OUT"]),
     "compare": ("REPORT", ["compare", "REPORT", "REPORT"]),
     "leaderboard": ("REPORT", ["leaderboard", "REPORT", "--out", "OUT.html"]),
-    "site": ("REPORT", ["site", "REPORT", "--out", "OUT"]),
+    "site": ("REPORT", ["leaderboard", "REPORT", "--out", "OUT"]),
     "import knots": ("KNOTS", ["import", "KNOTS", "--out", "OUT"]),
     "import a pickle": ("TRACKS.pkl", ["import", "TRACKS.pkl", "--out", "OUT"]),
     "import an npz file": ("TRACKS.npz", ["import", "TRACKS.npz", "--out", "OUT"]),

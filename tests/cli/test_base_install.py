@@ -38,7 +38,7 @@ CALLS = {
     "evaluate OUT/e.parquet --data sample --out OUT/report": "",
     "compare OUT/report OUT/report": "",
     "leaderboard OUT/report --out OUT/l.html": "",
-    "site OUT/report --out OUT/m": "",
+    "leaderboard OUT/report --out OUT/m": "",
     "serve OUT/none": "explore",
     "challenge create OUT/p --data OUT --private OUT": "service",
     "submit OUT/e.parquet --to http://127.0.0.1:9 --token a": "",

@@ -26,7 +26,7 @@ COMMANDS = {
     "predict": ["predict", "identity", "--data", "DATA", "--out", "OUT.parquet"],
     "evaluate": ["evaluate", "SUB", "--data", "DATA", "--out", "OUT"],
     "leaderboard": ["leaderboard", "REPORT", "--out", "OUT.html"],
-    "site": ["site", "REPORT", "--out", "OUT"],
+    "site": ["leaderboard", "REPORT", "--out", "OUT"],
     "view": ["view", "DATA", "--out", "OUT.png", "--count", "2"],
     "spec": ["validate", "--spec", "OUT"],
     "publish": ["publish", "DATA", "--out", "OUT"],

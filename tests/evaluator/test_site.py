@@ -29,7 +29,7 @@ def reports(scene: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def served(reports: Path, site: Path, *options: str) -> Path:
-    assert run(["site", str(reports), "--out", str(site), *options]) == 0
+    assert run(["leaderboard", str(reports), "--out", str(site), *options]) == 0
     return site
 
 
@@ -75,7 +75,7 @@ def test_readme_makes_a_static_space(reports: Path, tmp_path: Path) -> None:
 
 def test_hidden_truth_stays_hidden(reports: Path, scene: Any, tmp_path: Path) -> None:
     shown = served(reports, tmp_path / "open")
-    assert run(["site", str(reports), "--out", str(tmp_path / "no"), "--hide-truth"]) == 2
+    assert run(["leaderboard", str(reports), "--out", str(tmp_path / "no"), "--hide-truth"]) == 2
     capped = tmp_path / "capped"
     for name, error_px in (("mine & co", 3.0), ("mine? co", 9.0)):
         path = scene.submit(tmp_path / "s.parquet", scene.table(scene.true_px + error_px))
@@ -134,6 +134,6 @@ def test_site_is_replaced_and_nothing_else_is(
     assert json.loads(capsys.readouterr().out)["reports"] == ["mine-co", "mine-co-2"]
     assert not (site / "reports" / "old").exists()
     (site / "mine.txt").touch()
-    assert run(["site", str(reports), "--out", str(site)]) == 2
+    assert run(["leaderboard", str(reports), "--out", str(site)]) == 2
     assert "something other than a site; found mine.txt" in capsys.readouterr().err
     assert sorted(path.name for path in tmp_path.iterdir()) == ["site"]

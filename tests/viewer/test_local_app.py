@@ -185,7 +185,7 @@ def test_browsers_are_kept_from_asking_others(site: str, page: str) -> None:
 def test_a_folder_that_is_no_site_is_refused(
     tmp_path: Path, folder: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    with pytest.raises(CallError, match="pliant site REPORTS"):
+    with pytest.raises(CallError, match="pliant leaderboard REPORTS"):
         site_server(tmp_path)
     assert run(["serve", str(tmp_path), "--no-browser"]) == 2
     with socket.socket() as taken:
@@ -193,4 +193,4 @@ def test_a_folder_that_is_no_site_is_refused(
         taken.listen()
         with pytest.raises(CallError, match="the port cannot be used"):
             LocalServer(lambda token: page_application(folder, [], token), taken.getsockname()[1])
-    assert "pliant site REPORTS --out SITE" in capfd.readouterr().err
+    assert "pliant leaderboard REPORTS --out SITE" in capfd.readouterr().err
