@@ -43,6 +43,7 @@ def command(
     Hugging Face Space (its README.md says `sdk: static`). Of a challenge, the site has what its
     service shows to everybody. Reports of different protocols, datasets or splits are refused.
     """
+    document: dict[str, object]
     if out.suffix == ".html":
         if title is not None or hide_truth:
             raise CallError(
