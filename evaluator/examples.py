@@ -9,13 +9,16 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
+import pyarrow as pa
 
-from pliant.evaluator.metrics.blocks import positions_px
+from pliant.evaluator.metrics.blocks import VISIBLE, positions_px
 from pliant.evaluator.metrics.causes import CAUSES, NO_CAUSE
 from pliant.evaluator.submission.answers import SplitAnswers
+from pliant.evaluator.submission.columns import read_columns
 from pliant.evaluator.submission.queries import Queries
-from pliant.spec.arrays import BoolArray, FloatArray
-from pliant.spec.io.parquet import read_rows
+from pliant.spec.arrays import FloatArray
+from pliant.spec.conventions import VISIBILITY_STATES
+from pliant.spec.io.parquet_columns import codes
 
 Codes = npt.NDArray[np.uint8]
 
@@ -90,6 +93,8 @@ def choose_examples(
     counted = columns["counted"]
     rmse = np.sqrt(columns["sum_squared_px2"] / np.maximum(counted, 1))
     most = max(2, _MOST_PAIRS // len(queries.tiers))
+    asked = read_columns(queries.path, ["u_a", "v_a"])
+    true = read_columns(truth, ["u_b", "v_b", "visibility_b"])
     examples = []
     for code in range(len(queries.tiers)):
         pairs = np.flatnonzero((queries.tier == code) & (counted > 0))
@@ -97,7 +102,7 @@ def choose_examples(
         chosen = np.unique(np.linspace(0, max(len(order) - 1, 0), most).round().astype(int))
         for place in chosen[: len(order)].tolist():
             pair = int(order[place])
-            found = _rows(pair, answers, queries, truth, causes)
+            found = _rows(pair, answers, queries, asked, true, causes)
             examples.append(
                 Example(
                     rank=place + 1,
@@ -127,25 +132,30 @@ def _main_cause(columns: Mapping[str, FloatArray], pair: int) -> str:
 
 
 def _rows(
-    pair: int, answers: SplitAnswers, queries: Queries, truth: Path, causes: Codes | None
+    pair: int,
+    answers: SplitAnswers,
+    queries: Queries,
+    asked: pa.Table,
+    true: pa.Table,
+    causes: Codes | None,
 ) -> dict[str, Any]:
     """Return some visible queries of a pair with their truth, answer and cause."""
     begin, end = int(queries.starts[pair]), int(queries.starts[pair + 1])
-    table = read_rows(truth, "truth", begin, end, ["u_b", "v_b", "visibility_b"])
-    asked = read_rows(queries.path, "queries", begin, end, ["u_a", "v_a"])
-    true_px, uv_a = positions_px(table, "u_b", "v_b"), positions_px(asked, "u_a", "v_a")
+    table = true.slice(begin, end - begin)
+    true_px = positions_px(table, "u_b", "v_b")
+    uv_a = positions_px(asked.slice(begin, end - begin), "u_a", "v_a")
     answer = answers.uv_px[begin:end].astype(np.float64)
-    visible: BoolArray = np.array([s == "visible" for s in table["visibility_b"].to_pylist()])
+    visible = codes(table["visibility_b"], VISIBILITY_STATES) == VISIBLE
     usable = np.flatnonzero(visible & np.isfinite(answer[:, 0]))
     error = np.linalg.norm(answer[usable] - true_px[usable], axis=1)
     order = usable[np.argsort(error, kind="stable")]
     pick = np.unique(np.linspace(0, len(order) - 1, _MOST_QUERIES).round().astype(int))
     rows = order[pick] if len(order) else order
     none = np.full(end - begin, NO_CAUSE, np.uint8)
-    codes = none if causes is None else np.asarray(causes[begin:end])
+    found = none if causes is None else np.asarray(causes[begin:end])
     return {
         "uv_a_px": uv_a[rows],
         "true_px": true_px[rows],
         "answer_px": answer[rows],
-        "causes": codes[rows],
+        "causes": found[rows],
     }

@@ -13,7 +13,7 @@ import pyarrow.parquet as pq
 from pliant.spec.conventions import FOOTER_KEY, SPEC_VERSION
 from pliant.spec.io import limits
 from pliant.spec.io.jsonfiles import parse_json
-from pliant.spec.io.parquet_columns import load_columns, load_rows
+from pliant.spec.io.parquet_columns import load_columns
 from pliant.spec.io.parquet_footer import read_column_chunks, unreadable
 from pliant.spec.io.reading import AnyFile, Blob, FileRefusedError, check_regular
 from pliant.spec.io.writing import replacing
@@ -201,11 +201,6 @@ def read_table(
     """
     file = open_table(path, max_rows=max_rows)
     return load_columns(file, path, select_schema(name, columns))
-
-
-def read_rows(path: AnyFile, name: str, begin: int, end: int, columns: Sequence[str]) -> pa.Table:
-    """Read rows [begin, end) of some columns; other arguments and errors as `read_table`."""
-    return load_rows(open_table(path), path, select_schema(name, columns), begin, end)
 
 
 def select_schema(name: str, columns: Sequence[str] | None = None) -> pa.Schema:
