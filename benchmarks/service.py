@@ -6,7 +6,8 @@ once, `submit_alone_p95_ms` of one after another. `leaderboard_p95_ms` is of req
 every third comes after a change, so the page is made again; `leaderboard_made_ms` is the median of
 making it. `scoring_ratio` is the rate of two workers over that of two processes that run bare
 `pliant evaluate --hide-truth` on the same files, one interpreter per file in both cases, and
-`web_mb` the resident memory of the web process at the end.
+`web_mb` the resident memory of the web process at the end. Times depend on what else runs on the
+machine; `…_cpu_ms` and `scoring_cpu_ratio` are the same in CPU time, which hardly does.
 """
 
 from __future__ import annotations
@@ -64,7 +65,7 @@ class Size:
 
 def measure(quick: bool) -> Mapping[str, Value]:
     """Return the figures."""
-    size = Size(10, 1_000, 1_000, 6) if quick else Size(50, 10_000, 10_000, 40)
+    size = Size(10, 1_000, 1_000, 6) if quick else Size(50, 10_000, 10_000, 30)
     with tempfile.TemporaryDirectory(prefix="pliant-service-") as folder:
         return _measure(Path(folder), size)
 
@@ -92,24 +93,27 @@ def _measure(place: Path, size: Size) -> Mapping[str, Value]:
         _wait(lambda: Client(address, tokens[0])._call("challenge"))
         with ThreadPoolExecutor(size.participants) as pool:
             start = threading.Barrier(size.participants)
+            web = psutil.Process(server.pid)
+            before = _cpu_s(web)
             together = list(
                 pool.map(
                     lambda n: _timed_send(address, tokens[n], files[n], start),
                     range(size.participants),
                 )
             )
+        submit_cpu_s = _cpu_s(web) - before
         alone, pages = [], []
         for number in range(size.participants):
             file = files[size.participants + number]
             alone.append(_timed_send(address, tokens[number], file))
             pages += [_timed_get(address + "/") for _ in range(3)]
-        web_mb = psutil.Process(server.pid).memory_info().rss / 1e6
-        making = _making(challenge)
-        rate = _service_rate(challenge, root, size.scored)
+        web_mb = web.memory_info().rss / 1e6
+        making, making_cpu = _making(challenge)
+        rate, rate_cpu = _service_rate(challenge, root, size.scored)
     finally:
         server.terminate()
         server.wait()
-    bare = _bare_rate(files[: size.scored], public, private)
+    bare, bare_cpu = _bare_rate(files[: size.scored], public, private)
     return {
         "participants": size.participants,
         "rows": size.rows,
@@ -118,9 +122,12 @@ def _measure(place: Path, size: Size) -> Mapping[str, Value]:
         "submit_alone_p95_ms": _p95(alone),
         "leaderboard_p95_ms": _p95(pages),
         "leaderboard_made_ms": making,
+        "submit_cpu_ms": submit_cpu_s / size.participants * 1000,
+        "leaderboard_made_cpu_ms": making_cpu,
         "files_per_s_service": rate,
         "files_per_s_bare": bare,
         "scoring_ratio": rate / bare,
+        "scoring_cpu_ratio": bare_cpu / rate_cpu,
         "web_mb": web_mb,
     }
 
@@ -216,25 +223,29 @@ def _timed_get(address: str) -> float:
     return (time.perf_counter() - begun) * 1000
 
 
-def _making(challenge: Challenge) -> float:
-    times = []
+def _making(challenge: Challenge) -> tuple[float, float]:
+    times, cpu = [], []
     with challenge.database.read() as session:
         version = session.scalars(select(Version)).one()
         for _ in range(9):
-            begun = time.perf_counter()
+            begun, used = time.perf_counter(), time.process_time()
             leaderboard(session, version, "best")
             times.append((time.perf_counter() - begun) * 1000)
-    return statistics.median(times)
+            cpu.append((time.process_time() - used) * 1000)
+    return statistics.median(times), statistics.median(cpu)
 
 
-def _service_rate(challenge: Challenge, root: Path, count: int) -> float:
-    """Return the files per second that two workers score, without the workers' own start."""
+def _service_rate(challenge: Challenge, root: Path, count: int) -> tuple[float, float]:
+    """Return files per second and CPU seconds per file of two workers, without their start."""
     workers = [subprocess.Popen([*PLIANT, "challenge", "work", str(root)]) for _ in range(CORES)]
     try:
         _wait(lambda: _done(challenge) >= CORES or _fail())
         first, begun = _done(challenge), time.perf_counter()
+        used = sum(_cpu_s(psutil.Process(each.pid)) for each in workers)
         _wait(lambda: _done(challenge) >= first + count or _fail())
-        return (_done(challenge) - first) / (time.perf_counter() - begun)
+        scored = _done(challenge) - first
+        used = sum(_cpu_s(psutil.Process(each.pid)) for each in workers) - used
+        return scored / (time.perf_counter() - begun), used / scored
     finally:
         for worker in workers:
             worker.terminate()
@@ -248,7 +259,12 @@ def _done(challenge: Challenge) -> int:
         return session.scalar(query) or 0
 
 
-def _bare_rate(files: list[Path], public: Path, private: Path) -> float:
+def _cpu_s(process: psutil.Process) -> float:
+    """Return the CPU time of a process and of its children that have ended."""
+    return sum(process.cpu_times()[:4])
+
+
+def _bare_rate(files: list[Path], public: Path, private: Path) -> tuple[float, float]:
     code = (
         "import sys; from pliant.evaluator import evaluate; "
         "evaluate(sys.argv[1], sys.argv[2], truth=sys.argv[3], hide_truth=True)"
@@ -257,13 +273,14 @@ def _bare_rate(files: list[Path], public: Path, private: Path) -> float:
     def bare(file: Path) -> None:
         subprocess.run([sys.executable, "-c", code, file, public, private], check=True)
 
-    begun = time.perf_counter()
+    begun, used = time.perf_counter(), _cpu_s(psutil.Process())
     with ThreadPoolExecutor(CORES) as pool:
         list(pool.map(bare, files))
-    return len(files) / (time.perf_counter() - begun)
+    used = _cpu_s(psutil.Process()) - used
+    return len(files) / (time.perf_counter() - begun), used / len(files)
 
 
-def _wait(ready: Callable[[], Any], seconds: float = 300) -> None:
+def _wait(ready: Callable[[], Any], seconds: float = 900) -> None:
     end = time.monotonic() + seconds
     while True:
         try:
