@@ -16,6 +16,7 @@ import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import text
 
+from pliant.evaluator import read_protocol
 from pliant.service.receipts import read_public_key, verify_receipt
 from pliant.service.store import FolderStore
 from pliant.service.web.app import make_app
@@ -24,6 +25,7 @@ from pliant.service.worker import Worker
 from tests.service.conftest import Halves, MakeTrial, Trial, quick
 
 API = "/api/v1"
+FIGURES_OF_STANDARD = read_protocol("standard").headline
 
 
 def bearer(token: str) -> dict[str, str]:
@@ -305,6 +307,9 @@ def test_withdraw_credit_and_rescore_by_the_host(trial: Trial, client: TestClien
     work(trial)
     view = client.get(f"{API}/submissions/2").json()
     assert [each["protocol"].split()[0] for each in view["scores"]] == ["standard", "paper"]
+    page = client.get("/admin", headers=jar).text
+    bits = 13.1357 * (len(FIGURES_OF_STANDARD) + 3)
+    assert f"<td>{bits:.0f}</td>" in page  # given away by one submission
     log = client.get("/admin/audit", headers=jar).text
     for action in ("withdrawn", "credited", "version added", "rescored"):
         assert action in log
