@@ -12,6 +12,7 @@ import secrets
 from typing import Final
 
 from starlette.datastructures import Headers, MutableHeaders
+from starlette.exceptions import HTTPException
 from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
@@ -56,17 +57,12 @@ class Guard:
             await send(message)
 
         status, reason = self._refusal(scope)
-        if not reason:
-            try:
-                body = await _body(receive)
-            except _BodyRefusedError as error:
-                status, reason = error.status, str(error)
         if reason:
             refused = PlainTextResponse(f"Refused: {reason}\n", status)
             await refused(scope, receive, send_with_headers)
             return
         try:
-            await self._app(scope, _replayed(body, receive), send_with_headers)
+            await self._app(scope, _bounded(receive), send_with_headers)
         except Exception:  # Starlette has answered with status 500
             _LOG.exception("%s %s failed", scope["method"], scope["path"])
 
@@ -92,35 +88,22 @@ class Guard:
         return 200, ""
 
 
-class _BodyRefusedError(Exception):
-    """A body that is too large or too slow, with the status that says so."""
+def _bounded(receive: Receive) -> Receive:
+    """Return a `receive` that refuses a body which is too large or too slow."""
+    left, complete = _MAX_BODY_BYTES, False
+    end = asyncio.get_running_loop().time() + _BODY_S
 
-    def __init__(self, status: int, reason: str) -> None:
-        super().__init__(reason)
-        self.status = status
-
-
-async def _body(receive: Receive) -> bytes:
-    """Read the body of a request."""
-    body = bytearray()
-    try:
-        async with asyncio.timeout(_BODY_S):
-            while True:
+    async def bounded() -> Message:
+        nonlocal left, complete
+        try:
+            async with asyncio.timeout_at(None if complete else end):
                 message = await receive()
-                body += message.get("body", b"")
-                if len(body) > _MAX_BODY_BYTES:
-                    raise _BodyRefusedError(413, f"more than {_MAX_BODY_BYTES:,} bytes")
-                if not message.get("more_body"):
-                    return bytes(body)
-    except TimeoutError:
-        raise _BodyRefusedError(408, f"not complete after {_BODY_S:g} s") from None
+        except TimeoutError:
+            raise HTTPException(408, f"not complete after {_BODY_S:g} s") from None
+        left -= len(message.get("body", b""))
+        complete = not message.get("more_body")
+        if left < 0:
+            raise HTTPException(413, f"more than {_MAX_BODY_BYTES:,} bytes")
+        return message
 
-
-def _replayed(body: bytes, receive: Receive) -> Receive:
-    """Return a `receive` that gives a body that was read already."""
-    messages: list[Message] = [{"type": "http.request", "body": body, "more_body": False}]
-
-    async def replayed() -> Message:
-        return messages.pop() if messages else await receive()
-
-    return replayed
+    return bounded
