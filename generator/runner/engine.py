@@ -57,7 +57,7 @@ OpenMaker = Callable[[], Maker]
 """Opens a maker in a worker; picklable."""
 
 FATAL_ERRNOS: Final = (errno.ENOSPC, errno.EDQUOT, errno.EACCES, errno.EPERM, errno.EROFS)
-"""Errors of the output folder: no retry helps, and no other sequence would fare better."""
+"""Errors of the output folder: no retry helps, and every other sequence would fail too."""
 
 
 @dataclass(frozen=True)

@@ -238,14 +238,14 @@ def _work(pipe: Connection, open_maker: OpenMaker, log: Path, cores: Sequence[in
     sys.path[:] = [path for path in sys.path if not _is_blenders(path)]
     maker = None
     while (task := pipe.recv()) is not None:
-        frames, told = 0, time.monotonic()
+        frames, reported = 0, time.monotonic()
 
         def on_frame(task: SequenceTask = task) -> None:
-            nonlocal frames, told
+            nonlocal frames, reported
             frames += 1
-            if time.monotonic() - told >= _TICK_S:
+            if time.monotonic() - reported >= _TICK_S:
                 pipe.send(Rendered(task, frames))
-                frames, told = 0, time.monotonic()
+                frames, reported = 0, time.monotonic()
 
         try:
             maker = maker or open_maker()
