@@ -22,8 +22,6 @@ from pliant.generator.scene.scene_object import SceneObject
 from pliant.generator.seeding import RandomStreams, SequenceTask, Stream
 from pliant.generator.settings import AppearanceSettings, DepthCameraSettings
 from pliant.generator.truth.frame_truth import FrameTruth, frame_truth
-from pliant.spec.configuration import settings_from
-from pliant.spec.errors import CallError
 
 SIZE = (160, 120)
 VIEW = Camera.looking_at((0.1, -0.2, 0.8), (0.0, 0.0, 0.0), SIZE, fov_deg=50.0)
@@ -194,28 +192,3 @@ def test_pinholes_specks_and_noise() -> None:
     assert 0.001 < (specked[~on] > 0).mean() < 0.05
     noisy = draw(depth_m, FAULTLESS.replace(noise_grey=(2, 2)))[on]
     assert noisy.std() == pytest.approx(2.0, abs=0.15)
-
-
-def test_faults_follow_the_seed() -> None:
-    settings = DepthCameraSettings()
-    first, again, other = (draw(plate(), settings, seed) for seed in (1, 1, 2))
-    np.testing.assert_array_equal(first, again)
-    assert (first != other).any()
-
-
-@pytest.mark.parametrize(
-    "values",
-    [
-        {"table_grey": (0.0, 150.0)},
-        {"table_grey": (150.0, 201.0)},
-        {"noise_grey": (2.0, 1.0)},
-        {"steepest": (0.0, 1.0)},
-        {"pinholes": (0.0, 1.5)},
-        {"patch_px": (0.5, 3.0)},
-        {"specks": (float("nan"), 3.0)},
-    ],
-)
-def test_impossible_settings_are_refused(values: dict[str, tuple[float, float]]) -> None:
-    (name,) = values
-    with pytest.raises(CallError, match=rf"depth_camera\.{name}"):
-        settings_from(DepthCameraSettings, values, "depth_camera")

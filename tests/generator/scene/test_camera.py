@@ -8,7 +8,6 @@ import pytest
 from pliant.generator.scene.camera import Camera, sample_camera
 from pliant.generator.scene.scene_object import SceneObject
 from pliant.generator.settings.scene import CameraSettings
-from pliant.spec.configuration import settings_from
 from pliant.spec.errors import CallError
 
 
@@ -73,31 +72,6 @@ def test_an_episode_is_framed_with_its_workspace(tube: SceneObject) -> None:
             for c in cameras
         ]
         assert inside == [True, False]
-
-
-def test_the_same_numbers_give_the_same_camera(tube: SceneObject) -> None:
-    cameras = [
-        sample_camera(np.random.default_rng(0), tube, CameraSettings(), (64, 48)) for _ in range(2)
-    ]
-    assert cameras[0].world_to_camera.tobytes() == cameras[1].world_to_camera.tobytes()
-    assert cameras[0].K.tobytes() == cameras[1].K.tobytes()
-
-
-@pytest.mark.parametrize(
-    ("values", "field"),
-    [
-        ({"fill": (0.5, 1.2)}, "camera.fill"),
-        ({"fill": (0.9, 0.5)}, "camera.fill"),
-        ({"fov_deg": (0.0, 40.0)}, "camera.fov_deg"),
-        ({"oblique_elevation_deg": (-10.0, 40.0)}, "camera.oblique_elevation_deg"),
-        ({"distance_m": (0.0, 1.0)}, "camera.distance_m"),
-        ({"top": 0.0, "oblique": 0.0}, "camera.top"),
-        ({"shift": (0.0, float("nan"))}, "camera.shift"),
-    ],
-)
-def test_impossible_ranges_are_refused_by_name(values: dict[str, object], field: str) -> None:
-    with pytest.raises(CallError, match=field):
-        settings_from(CameraSettings, values, "camera")
 
 
 def test_a_camera_inside_or_too_near_the_object_is_refused(tube: SceneObject) -> None:

@@ -8,8 +8,6 @@ from PIL import Image
 
 from pliant.generator.scene.noise import apply_noise, perlin_noise
 from pliant.generator.settings.scene import NoiseSettings
-from pliant.spec.configuration import settings_from
-from pliant.spec.errors import CallError
 from pliant.spec.io.exr import Surface
 
 OFF = {
@@ -128,21 +126,3 @@ def test_perlin_noise_is_zero_on_its_lattice_and_smooth() -> None:
     np.testing.assert_allclose(field[::8, ::8], 0.0, atol=1e-12)
     assert np.abs(np.diff(field, axis=1)).max() < 0.35
     assert 0.1 < field.std() < 0.5
-
-
-@pytest.mark.parametrize(
-    ("values", "field"),
-    [
-        ({"gaussian": (-1.0, 2.0)}, "noise.gaussian"),
-        ({"salt_pepper": (0.5, 1.5)}, "noise.salt_pepper"),
-        ({"dropout": (0.4, 0.2)}, "noise.dropout"),
-        ({"dropout_px": 99}, "noise.dropout_px"),
-        ({"dropout_scale_px": 0.0}, "noise.dropout_scale_px"),
-        ({"blur_px": (-1.0, 2.0)}, "noise.blur_px"),
-        ({"jpeg_quality": (30, 100)}, "noise.jpeg_quality"),
-        ({"jpeg_quality": (60, 30)}, "noise.jpeg_quality"),
-    ],
-)
-def test_impossible_strengths_are_refused_by_name(values: dict[str, object], field: str) -> None:
-    with pytest.raises(CallError, match=field):
-        settings_from(NoiseSettings, values, "noise")
