@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from pliant.baselines.matcher import UNFAMILIAR
 from pliant.baselines.tracing import MaskShape, Nadir, Trace
+from pliant.loaders.frame_store import FrameStore
 from pliant.models.don.familiarity import Familiarity, fit_familiarity
 from pliant.models.don.strangeness import (
     TRACED,
@@ -15,6 +19,9 @@ from pliant.models.don.strangeness import (
     traced_statistics,
 )
 from pliant.models.don.tracing import TracedPlaces, TracedView
+from pliant.models.don.validation import draw_validation_pairs
+from pliant.models.shipped import load_shipped
+from pliant.spec.dataset import Dataset
 from pliant.spec.errors import TrainingError
 from pliant.spec.frame import Frame
 
@@ -137,6 +144,45 @@ def of_ropes() -> Familiarity:
 def test_what_is_not_one_rope_is_strange(case: object, of_ropes: Familiarity) -> None:
     assert of_ropes.score(case()).max() < 0.01  # type: ignore[operator]
     assert of_ropes.score(statistics(traced(ONE_ROPE))).min() > 0.1
+
+
+def ball_in_mask(own: Frame, other: Frame) -> Frame:
+    return own.replace(mask=own.objects, key=f"{own.key} ball")
+
+
+def two_ropes(own: Frame, other: Frame) -> Frame:
+    assert own.mask is not None
+    assert own.objects is not None
+    assert other.objects is not None
+    further = other.objects[:, ::-1]
+    key = f"{own.key} {other.key}"
+    return own.replace(mask=own.mask | further, objects=own.objects | further, key=key)
+
+
+@pytest.mark.slow
+def test_the_shipped_model_warns_of_masks_that_mislead_and_of_no_others() -> None:
+    """`benchmarks/familiarity.py` measures it on more ropes."""
+    dataset = Dataset.open("sample")
+    store = FrameStore(dataset, "rope", "test", dataset.size)
+    matcher = load_shipped("don-rope")
+    shares = {}
+    for change in (None, ball_in_mask, two_ropes):
+        errors, flagged = [], []
+        for pair in draw_validation_pairs(store, 8, 24, 0):
+            a, b = pair.source, pair.target
+            asked = (
+                pair if change is None else replace(pair, source=change(a, b), target=change(b, a))
+            )
+            answers = matcher.answer(asked)
+            assert answers.familiarity is not None
+            errors.append(np.linalg.norm(answers.uv_px - pair.uv_b_px[:, 0], axis=1))
+            flagged.append(answers.familiarity < UNFAMILIAR)
+        gap_px, unusual = np.concatenate(errors), np.concatenate(flagged)
+        chosen = gap_px < 15 if change is None else gap_px > 60
+        shares[change] = float(unusual[chosen].mean())
+    assert shares[None] <= 0.05
+    assert shares[ball_in_mask] >= 0.8
+    assert shares[two_ropes] >= 0.8
 
 
 @pytest.mark.parametrize("kind", ["fitted", "of_ropes"])
