@@ -1,7 +1,7 @@
 """Frames of a dataset by number, decoded once and then read from a memory-mapped file.
 
 Decoding a PNG and an EXR costs more than a training step can hide on a small machine. The
-store keeps each frame at the working size in one fixed-size record of a sparse file, so a
+store keeps each frame at the working size in one fixed-size record of a file, so a
 second look costs a page read. Memory stays flat: the pages belong to the file, and the
 system may evict them under memory pressure.
 """

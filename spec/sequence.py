@@ -31,11 +31,14 @@ from pliant.spec.tables import CORRESPONDENCES
 DECODED_BYTES: Final = 128 * 2**20
 """Most bytes of decoded images that a dataset keeps."""
 
+_ENTRY_BYTES: Final = 1024
+"""What an entry counts at least: that an image is withheld is remembered too."""
+
 Decoded = tuple[npt.NDArray[Any], ...]
 
 
 def _bytes_of(arrays: Decoded) -> int:
-    return sum(array.nbytes for array in arrays)
+    return max(_ENTRY_BYTES, sum(array.nbytes for array in arrays))
 
 
 def decoded_images() -> LRUCache[Decoded]:
@@ -107,6 +110,11 @@ class SequenceRecord:
         """The sequence's `sequence.json`."""
         document: dict[str, Any] = read_json(self.file(layout.SEQUENCE_JSON), "sequence")
         return document
+
+    @cached_property
+    def has_cameras(self) -> bool:
+        """Whether the cameras are available; a withheld split has none."""
+        return self.has(layout.CAMERAS_JSON)
 
     @cached_property
     def _cameras(self) -> list[Camera]:
@@ -216,7 +224,9 @@ class RecordedFrame(Frame):
     @property
     def rgb(self) -> npt.NDArray[np.uint8]:
         """Colour image, uint8 (H, W, 3), sRGB."""
-        return self._kept("rgb", lambda: (self.sequence.rgb(self.index),))[0]
+        name = layout.rgb_name(self.index)
+        kept = self._kept(name, lambda: (self.sequence.rgb(self.index),))
+        return kept[0] if kept else self.sequence.rgb(self.index)  # which says what is missing
 
     @property
     def has_surface(self) -> bool:
@@ -226,14 +236,13 @@ class RecordedFrame(Frame):
     @property
     def surface(self) -> Surface | None:
         """Depth, object ids and material coordinates per pixel, or None if withheld."""
-        if not self.has_surface:
-            return None
 
         def decode() -> Decoded:
             read = self.sequence.surface(self.index)
             return read.depth_m, read.m0, read.m1, read.object_id
 
-        return Surface(*self._kept("surface", decode))
+        kept = self._kept(layout.depth_name(self.index), decode)
+        return Surface(*kept) if kept else None
 
     @property
     def object_ids(self) -> npt.NDArray[np.uint8] | npt.NDArray[np.uint32] | None:
@@ -241,9 +250,9 @@ class RecordedFrame(Frame):
         surface = self.surface
         if surface is not None:
             return surface.object_id
-        if not self.sequence.has(layout.mask_name(self.index)):
-            return None
-        return self._kept("ids", lambda: (self.sequence.object_ids(self.index),))[0]
+        name = layout.mask_name(self.index)
+        kept = self._kept(name, lambda: (self.sequence.object_ids(self.index),))
+        return kept[0] if kept else None
 
     @property
     def mask(self) -> npt.NDArray[np.bool_] | None:
@@ -263,15 +272,14 @@ class RecordedFrame(Frame):
         surface = self.surface
         if surface is not None:
             return surface.depth_m
-        if not self.sequence.has(layout.camera_depth_name(self.index)):
-            return None
-        return self._kept("depth", lambda: (self.sequence.camera_depth(self.index),))[0]
+        name = layout.camera_depth_name(self.index)
+        kept = self._kept(name, lambda: (self.sequence.camera_depth(self.index),))
+        return kept[0] if kept else None
 
     @property
     def camera(self) -> Camera | None:
         """Intrinsics and pose, or None if withheld."""
-        known = self.sequence.has(layout.CAMERAS_JSON)
-        return self.sequence.camera(self.index) if known else None
+        return self.sequence.camera(self.index) if self.sequence.has_cameras else None
 
     @property
     def correspondences(self) -> pa.Table:
@@ -285,14 +293,16 @@ class RecordedFrame(Frame):
         mask: npt.NDArray[np.bool_] = object_ids == self.sequence.described.queried_object
         return mask
 
-    def _kept(self, image: str, decode: Callable[[], Decoded]) -> Decoded:
+    def _kept(self, name: str, decode: Callable[[], Decoded]) -> Decoded:
+        """Return the images of one of the sequence's files; none where it is withheld."""
+
         def constant() -> Decoded:
-            arrays = decode()
+            arrays = decode() if self.sequence.has(name) else ()
             for array in arrays:
                 array.flags.writeable = False
             return arrays
 
-        return self.sequence.decoded.get(f"{self.key} {image}", constant)
+        return self.sequence.decoded.get(f"{self.sequence.id}/{name}", constant)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, RecordedFrame) and (self.sequence, self.index) == (

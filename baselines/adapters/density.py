@@ -24,7 +24,7 @@ _STRAY: Final = 1e-6
 
 
 @dataclass(frozen=True)
-class Calibration:
+class DensityCalibration:
     """How similarities become a density.
 
     Attributes:
@@ -39,7 +39,7 @@ class Calibration:
 
 
 def mixture(
-    score: npt.NDArray[Any], uv_px: FloatArray, stride_px: float, calibration: Calibration
+    score: npt.NDArray[Any], uv_px: FloatArray, stride_px: float, calibration: DensityCalibration
 ) -> list[npt.NDArray[np.float32]]:
     """Summarise the softmax of similarities as Gaussians.
 
@@ -84,7 +84,7 @@ def mixture(
 
 def fit(
     known: Sequence[tuple[npt.NDArray[Any], FloatArray, FloatArray]], stride_px: float, where: str
-) -> Calibration:
+) -> DensityCalibration:
     """Return the calibration with the largest mean log likelihood.
 
     Args:
@@ -93,19 +93,21 @@ def fit(
         stride_px: Distance of neighbouring cells.
         where: Dataset and split.
     """
-    best, chosen = -np.inf, Calibration()
+    best, chosen = -np.inf, DensityCalibration()
     for temperature in TEMPERATURES:
         found = [
             (modes, true)
             for score, uv_px, true_px in known
             for modes, true in zip(
-                mixture(score, uv_px, stride_px, Calibration(temperature)), true_px, strict=True
+                mixture(score, uv_px, stride_px, DensityCalibration(temperature)),
+                true_px,
+                strict=True,
             )
         ]
         for spread in SPREADS:
             mean = float(np.mean([_log_density(modes, true, spread) for modes, true in found]))
             if mean > best:
-                best, chosen = mean, Calibration(temperature, spread, where)
+                best, chosen = mean, DensityCalibration(temperature, spread, where)
     return chosen
 
 

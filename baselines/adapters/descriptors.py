@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import softmax
 
-from pliant.baselines.adapters.density import Calibration, fit, mixture
+from pliant.baselines.adapters.density import DensityCalibration, fit, mixture
 from pliant.baselines.adapters.functions import function_name
 from pliant.baselines.adapters.grids import as_grid, sample
 from pliant.baselines.adapters.images import Images
@@ -55,7 +55,7 @@ class DescriptorMatcher:
         facts: Mapping[str, Any] | None = None,
     ) -> None:
         self.name = name
-        self.calibration = Calibration()
+        self.calibration = DensityCalibration()
         self._facts = facts or {}
         self._function, self._images, self._grid = function, images, grid
         self._maps: LRUCache[npt.NDArray[np.float32]] = LRUCache(_FRAMES)

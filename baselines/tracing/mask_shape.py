@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import ndimage
-from scipy.signal import fftconvolve
 
 from pliant.baselines.tracing.depth_in_mask import depth_in_mask, ridge, shrunk, working_factor
 from pliant.baselines.tracing.settings import TRACING
@@ -88,6 +87,8 @@ def _ends(mask: Mask) -> int:
         return 0
     row, column = np.mgrid[-reach : reach + 1, -reach : reach + 1]
     disc = np.hypot(row, column) <= TRACING.shape_around * half_px
+    from scipy.signal import fftconvolve  # it loads scipy.stats, half a second
+
     around: FloatArray = fftconvolve(mask.astype(np.float64), disc.astype(np.float64), "same")
     places, _ = ndimage.label(
         mask & (around < TRACING.shape_at_end * _strand_px2(half_px)), np.ones((3, 3))

@@ -11,7 +11,7 @@ import pytest
 import pliant
 from pliant.baselines import Frame, HeatMatcher
 from pliant.baselines.adapters import Images, from_descriptors
-from pliant.baselines.adapters.density import Calibration, mixture
+from pliant.baselines.adapters.density import DensityCalibration, mixture
 from pliant.spec.arrays import FloatArray
 from pliant.spec.dataset import Dataset
 from pliant.spec.frame import Pair
@@ -96,7 +96,7 @@ def test_mixture_of_two_equal_places() -> None:
     score = np.full((1, len(at)), -1.0)
     for place in ([40, 20], [160, 20]):
         score[0, np.linalg.norm(at - place, axis=1) < 1] = 1
-    (modes,) = mixture(score, at, 4.0, Calibration(temperature=0.05))
+    (modes,) = mixture(score, at, 4.0, DensityCalibration(temperature=0.05))
     assert sorted(modes[:, 0].tolist()) == pytest.approx([40, 160], abs=0.1)
     assert modes[:, 3].tolist() == pytest.approx([0.5, 0.5], abs=0.01)
     assert modes[:, 2].max() < 2
@@ -120,7 +120,7 @@ class Material:
 def test_calibration_makes_the_truth_likelier(tiny_dataset: Path) -> None:
     dataset = Dataset.open(tiny_dataset)
     method = from_descriptors(Material(dataset))
-    method.calibration = Calibration(temperature=0.01)  # far too sure
+    method.calibration = DensityCalibration(temperature=0.01)  # far too sure
     before = pliant.evaluate(dataset, pliant.predict(dataset, method))
     method.calibrate(dataset, "val", pairs=6)
     after = pliant.evaluate(dataset, pliant.predict(dataset, method))
