@@ -140,7 +140,11 @@ class Evidence:
             # Noise, a depth camera's faults and foreign pictures leave doubt about an outline.
             clean = info["noise"] is None and info["style"] in _IN_COLOUR
             code = "COLOUR_DISAGREES" if certain and clean else "COLOUR_DOUBTFUL"
-            if certain or not repeated:  # a repeated picture shows another frame's outline
+            if repeated and not certain:
+                return  # a repeated picture shows another frame's outline
+            if pictures.counts.get(code):  # blank or repeated pictures: no rows to explain
+                pictures.add(code, "", text)
+            else:
                 pictures.diagnose(code, text)
 
     def _check_blank(self, info: dict[str, Any], problems: FileProblems) -> None:

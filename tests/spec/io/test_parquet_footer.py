@@ -57,7 +57,7 @@ def test_it_agrees_with_pyarrow(options: dict[str, object], tmp_path: Path) -> N
 
 
 def test_a_footer_that_ends_pyarrow_is_refused_or_read(tmp_path: Path) -> None:
-    """Flip every bit of the footer, in a process of its own: none ends that process."""
+    """Flip a bit in every second byte of the footer, in a child: none ends that process."""
     path = sample(tmp_path / "t.parquet")
     program = """
 import sys
@@ -68,7 +68,7 @@ path, target = map(Path, sys.argv[1:])
 good = path.read_bytes()
 length = int.from_bytes(good[-8:-4], "little")
 refused = 0
-for place in range(len(good) - 8 - length, len(good)):
+for place in range(len(good) - 8 - length, len(good), 2):
     data = bytearray(good)
     data[place] ^= 1 << place % 8
     target.write_bytes(data)

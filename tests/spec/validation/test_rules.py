@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,8 @@ import pytest
 
 from pliant.spec.model import MaterialCoordinate, MaterialObject, Tier
 from pliant.spec.validation.findings import Findings
+from pliant.spec.validation.rules.evidence import Evidence
+from pliant.spec.validation.rules.files import SequenceFiles
 from pliant.spec.validation.rules.tiers import check_tiers
 from tests.conformance.base import DIHEDRAL, TIERS
 
@@ -125,3 +128,17 @@ def test_findings_count_all_and_keep_the_first() -> None:
     assert findings.total == 7
     assert [issue.where for issue in findings.issues] == ["row 0", "row 2", "row 3", ""]
     assert [issue.code for issue in findings.issues][-1] == "FILE_EXTRA"
+
+
+def test_blank_pictures_are_reported_beside_a_doubtful_outline(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    findings = Findings()
+    evidence = Evidence(2, blank=[0])
+    monkeypatch.setattr(evidence.colours, "explain", lambda: (False, "the outline is not seen"))
+    files = SequenceFiles(Path(), "s", findings, set())
+    info = {"noise": None, "style": "external", "temporal": False}
+    evidence.conclude(Tier.from_document(TIERS["rope"]), info, None, (64, 48), files)
+    blank, outline = (issue.message for issue in findings.listed())
+    assert blank.startswith("1 of 2 pictures are one colour")
+    assert outline == "the outline is not seen"
