@@ -71,3 +71,11 @@ def test_a_hidden_part_near_the_first_end_is_crossed() -> None:
     for path in sampled_paths(evidence, float(length), 6):
         assert np.linalg.norm(path[0] - curve[0]) < 25
         assert mask[tuple(np.floor(path[20:, ::-1]).astype(int).T)].mean() > 0.97
+
+
+@pytest.mark.parametrize("size", [(5, 5), (3, 40)])
+def test_no_path_is_none(size: tuple[int, int]) -> None:
+    """A rope that is longer than its mask can hold: every path leaves it."""
+    pixels = np.argwhere(np.ones(size, bool))
+    evidence = Evidence(pixels, np.ones(len(pixels), bool), np.ones((len(pixels), STEPS)))
+    assert sampled_paths(evidence, 2000.0, 8) == []
