@@ -192,14 +192,14 @@ def _size(clips: Sequence[Clip], settings: ImportSettings) -> tuple[int, int]:
 
 def _write_tables(
     root: Path,
-    beside: Path,
+    truth_root: Path,
     clips: Sequence[Clip],
     ids: Sequence[str],
     settings: ImportSettings,
     queries: pa.Table,
     truth: pa.Table,
 ) -> None:
-    """Write the three tables; that of the truth in the folder `beside`."""
+    """Write the three tables; that of the truth in the folder `truth_root`."""
     identity = {"dataset": {"id": settings.id, "version": "1.0.0"}}
     rows = [
         {
@@ -223,7 +223,7 @@ def _write_tables(
     footer: dict[str, Any] = {**identity, "split": settings.split}
     write_table(path, queries, "queries", footer)
     footer["queries_sha256"] = sha256_file(path)
-    write_table(beside / f"{settings.split}.parquet", truth, "truth", footer)
+    write_table(truth_root / f"{settings.split}.parquet", truth, "truth", footer)
 
 
 class _Masks:
