@@ -347,7 +347,7 @@ def test_package_with_an_entry_point_is_predicted_and_scored(
     packages = next((home / "lib").glob("python3.*/site-packages"))
     ours = [path for path in sys.path if path.endswith("site-packages")]
     (packages / "dependencies.pth").write_text("\n".join(ours))
-    environment = {**os.environ, "PYTHONPATH": str(ROOT / ".typing"), "PIP_NO_INDEX": "1"}
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "PIP_NO_INDEX": "1"}
     shell: Callable[..., str] = lambda *command: subprocess.run(  # noqa: E731
         [str(word) for word in command],
         env=environment, cwd=tmp_path, check=True, capture_output=True, text=True,
