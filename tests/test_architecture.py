@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import ast
+import graphlib
 import importlib.util
+import re
 import subprocess
 import sys
-from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -62,29 +62,6 @@ def test_arrows_point_one_way(folder: str) -> None:
                 assert target == folder or target in ARROWS[folder], f"{path} imports {name}"
 
 
-@pytest.mark.parametrize("folder", [folder for folder in FOLDERS if folder != "benchmarks"])
-def test_modules_import_each_other_one_way(folder: str) -> None:
-    """No circle of files; imports inside functions and for types alone are left out."""
-    names = {
-        ".".join(["pliant", *path.relative_to(ROOT).with_suffix("").parts]).removesuffix(
-            ".__init__"
-        ): path
-        for path in modules(folder)
-    }
-    graph: dict[str, set[str]] = {}
-    for name, path in names.items():
-        body = ast.parse(path.read_text()).body
-        top = [node for node in body if isinstance(node, ast.ImportFrom)]
-        found = {node.module for node in top} | {
-            f"{node.module}.{alias.name}" for node in top for alias in node.names
-        }
-        graph[name] = {each for each in found if each in names and each != name}
-    try:
-        TopologicalSorter(graph).prepare()
-    except CycleError as error:
-        pytest.fail(f"these import each other: {' -> '.join(error.args[1])}")
-
-
 @pytest.mark.parametrize("folder", sorted(FORBIDDEN))
 def test_light_folders_never_name_heavy_libraries(folder: str) -> None:
     for path in modules(folder):
@@ -100,6 +77,38 @@ def test_every_module_is_in_a_package() -> None:
         for path in modules(folder):
             if "conformance" not in path.parts:
                 assert (path.parent / "__init__.py").exists(), path
+
+
+def test_picture_of_the_rooms_is_current() -> None:
+    expected = architecture_picture.picture()
+    assert architecture_picture.PICTURE.read_text() == expected, "run docs/architecture_picture.py"
+
+
+def test_no_module_imports_itself_through_others() -> None:
+    """No import cycle, counting imports inside functions and those for type checking too."""
+    names = {
+        "pliant." + ".".join(path.relative_to(ROOT).with_suffix("").parts): path
+        for folder in FOLDERS
+        for path in modules(folder)
+    }
+    names = {name.removesuffix(".__init__"): path for name, path in names.items()}
+    graph: dict[str, set[str]] = {name: set() for name in names}
+    for name, path in names.items():
+        for target in imported(path, members=True):
+            while target and target not in names:
+                target = target.rpartition(".")[0]
+            graph[name] |= {target} - {name, ""}
+    try:
+        graphlib.TopologicalSorter(graph).prepare()
+    except graphlib.CycleError as error:
+        pytest.fail(" -> ".join(error.args[1]))
+
+
+def test_architecture_page_names_files_that_exist() -> None:
+    text = (ROOT / "docs" / "architecture.md").read_text()
+    named = re.findall(r"`([\w/]+/(?:[\w.]+\.py)?)`", text)
+    assert len(named) > 40
+    assert [name for name in named if not (ROOT / name).exists()] == []
 
 
 LIGHT = """
