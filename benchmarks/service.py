@@ -36,8 +36,9 @@ from pliant.baselines.predict import predict
 from pliant.generator.config import GenerateConfig, QuerySettings
 from pliant.generator.runner.run import generate
 from pliant.publishing import PublishSettings, publish
-from pliant.service.challenge import Challenge, create_challenge
+from pliant.service.challenge import Challenge
 from pliant.service.client import Client
+from pliant.service.creation import create_challenge
 from pliant.service.leaderboard import leaderboard
 from pliant.service.models import Job, Score, Submission, Version
 from pliant.service.teams import invite

@@ -71,7 +71,7 @@ def create(
     standard, 5 attempts a day, 100 in all.
     """
     require_service()
-    from pliant.service.challenge import create_challenge
+    from pliant.service.creation import create_challenge
 
     splits = splits or ("test",)
     token = create_challenge(challenge, data, private, splits, config, database)

@@ -98,7 +98,8 @@ def _make_challenge(out: Path, data: Path) -> tuple[str, str | None]:
         The command that serves it, and the host's token the first time.
     """
     from pliant.publishing import PublishSettings, publish
-    from pliant.service.challenge import create_challenge, is_challenge
+    from pliant.service.challenge import is_challenge
+    from pliant.service.creation import create_challenge
 
     root, public = out / "challenge", out / "published"
     token = None

@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from pliant.service.audit import HOST
-from pliant.service.challenge import Challenge, copy_private
+from pliant.service.challenge import Challenge
+from pliant.service.creation import copy_private
 from pliant.service.models import Version
 from pliant.service.versions import add_version, newest_versions, protocol_text, rescore
 from pliant.spec.errors import CallError

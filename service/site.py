@@ -10,8 +10,8 @@ from pliant.service.audit import log_time
 from pliant.service.challenge import Challenge
 from pliant.service.leaderboard import leaderboard
 from pliant.service.models import Score, Submission, Version
-from pliant.service.web.security import Throttle
 from pliant.service.web.state import Site, default_phase, default_version, static_file
+from pliant.service.web.throttle import Throttle
 from pliant.service.web.views import board_csv
 from pliant.spec.io.jsonfiles import write_json
 from pliant.spec.io.staging import staged

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
@@ -13,15 +13,13 @@ from sqlalchemy.orm import Session
 from pliant.evaluator import PROTOCOL_NAMES
 from pliant.evaluator.protocols.protocol import Protocol, parse_protocol
 from pliant.service.audit import HOST, log_time, record
+from pliant.service.challenge import Challenge
 from pliant.service.models import Job, Score, State, Submission, Version
 from pliant.service.settings import Phase
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, SpecError
 from pliant.spec.io.reading import sha256_file
 from pliant.spec.storage import layout
-
-if TYPE_CHECKING:
-    from pliant.service.challenge import Challenge
 
 RESCORE_PRIORITY = 1
 

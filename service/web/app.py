@@ -20,8 +20,9 @@ from pliant.service.challenge import Challenge
 from pliant.service.submissions import NotAcceptedError
 from pliant.service.web import admin, api, pages
 from pliant.service.web.observe import Metrics, Observation
-from pliant.service.web.security import Protection, Throttle
+from pliant.service.web.security import Protection
 from pliant.service.web.state import Site, static_file
+from pliant.service.web.throttle import Throttle
 from pliant.service.web.uploads import remove_abandoned
 from pliant.spec.errors import PliantError
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import hmac
-import time
-from collections import OrderedDict, deque
 from typing import Annotated, Final
 from urllib.parse import urlsplit
 
@@ -19,38 +17,7 @@ from pliant.service.web.state import Site
 
 COOKIE: Final = "pliant_session"
 SMALL_BODY: Final = 64 * 1024
-_FAILURES_PER_MINUTE: Final = 10
-_MOST_CLIENTS: Final = 10_000
 _BEARER: Final = HTTPBearer(auto_error=False, description="The team's token.")
-
-
-class Throttle:
-    """Counts events per client, and says when there are too many.
-
-    Args:
-        limit: Events per minute.
-    """
-
-    def __init__(self, limit: int = _FAILURES_PER_MINUTE) -> None:
-        self._limit = limit
-        self._times: OrderedDict[str, deque[float]] = OrderedDict()
-
-    def check(self, client: str) -> None:
-        """Refuse a client with too many events in the last minute."""
-        times = self._times.get(client, deque())
-        while times and times[0] < time.monotonic() - 60:
-            times.popleft()
-        if len(times) >= self._limit:
-            raise NotAcceptedError(
-                "TOO_MANY_REQUESTS", 429, "too many wrong tokens", fix="Wait a minute."
-            )
-
-    def add(self, client: str) -> None:
-        """Count an event."""
-        self._times.setdefault(client, deque()).append(time.monotonic())
-        self._times.move_to_end(client)
-        while len(self._times) > _MOST_CLIENTS:
-            self._times.popitem(last=False)
 
 
 def client_of(request: Request) -> str:

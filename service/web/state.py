@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from importlib.resources import files
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import jinja2
 from markdown_it import MarkdownIt
@@ -23,10 +23,8 @@ from pliant.service.challenge import Challenge
 from pliant.service.database import Database
 from pliant.service.models import Version
 from pliant.service.settings import Phase
+from pliant.service.web.throttle import Throttle
 from pliant.spec.text import shown
-
-if TYPE_CHECKING:
-    from pliant.service.web.security import Throttle
 
 _MOST_CACHED: Final = 64
 

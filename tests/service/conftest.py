@@ -18,7 +18,8 @@ pytest.importorskip("fastapi", reason="needs the extra 'service'")
 from pliant.baselines import METHODS
 from pliant.baselines.predict import predict
 from pliant.publishing import PublishSettings, publish
-from pliant.service.challenge import Challenge, create_challenge
+from pliant.service.challenge import Challenge
+from pliant.service.creation import create_challenge
 from pliant.service.scoring import Result, Task
 from pliant.service.settings import Scoring
 from pliant.service.submissions import Upload, accept

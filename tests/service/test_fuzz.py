@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from hypothesis import HealthCheck, given, settings
 
-from pliant.service.web import security
+from pliant.service.web import throttle
 from pliant.service.web.app import make_app
 from pliant.service.worker import Worker
 from tests.service.conftest import MakeTrial, quick
@@ -19,7 +19,7 @@ schemathesis = pytest.importorskip("schemathesis")
 def test_no_request_is_answered_with_500(
     make_trial: MakeTrial, examples: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(security.Throttle, "check", lambda self, client: None)
+    monkeypatch.setattr(throttle.Throttle, "check", lambda self, client: None)
     trial = make_trial("submissions_per_minute: 1000\n")
     trial.send(b"good")
     trial.send(b"bad")

@@ -17,7 +17,8 @@ from sqlalchemy.exc import DBAPIError
 from pliant.cli.main import run
 from pliant.service.archive import restore_challenge, write_archive, write_backup
 from pliant.service.audit import verify_log
-from pliant.service.challenge import Challenge, create_challenge
+from pliant.service.challenge import Challenge
+from pliant.service.creation import create_challenge
 from pliant.service.models import APPEND_ONLY, Base, Score, Version
 from pliant.service.receipts import Signer, read_public_key, verify_receipt, write_keys
 from pliant.service.rescoring import rescore_challenge
