@@ -166,7 +166,12 @@ class Dataset:
         check_halves(self.files, private)
         files = LayeredFiles(private, self.files)
         decoded = decoded_images()
-        sequences = [replace(sequence, files=files, decoded=decoded) for sequence in self.sequences]
+        listed = read_table(files.get(layout.SEQUENCES_TABLE), "sequences")
+        shapes = dict(zip(listed["id"].to_pylist(), listed["shape"].to_pylist(), strict=True))
+        sequences = [
+            replace(each, shape=shapes.get(each.id, each.shape), files=files, decoded=decoded)
+            for each in self.sequences
+        ]
         return replace(self, sequences=sequences, files=files)
 
     @property
