@@ -49,21 +49,28 @@ NEEDED = {
 }
 
 
+IDENTITY = {"dataset": {"id": "scale", "version": "1.0.0"}}
+
+
 def write_dataset(root: Path, rows: int) -> None:
     """Write a dataset without images and a shuffled submission of `rows` rows."""
+    pairs = rows // QUERIES_PER_PAIR
+    names, tier_of = write_sequences(root, max(2, pairs // 20))
+    write_rows(root, pairs, names, tier_of)
+
+
+def write_sequences(root: Path, sequence_count: int) -> tuple[list[str], list[str]]:
+    """Write the dataset without its queries; return the names and tiers of its sequences."""
     from pliant.spec import tables
-    from pliant.spec.conventions import CONVENTIONS, SPEC_VERSION, VISIBILITY_STATES
+    from pliant.spec.conventions import CONVENTIONS, SPEC_VERSION
     from pliant.spec.io.jsonfiles import write_json
     from pliant.spec.io.parquet import write_table
-    from pliant.spec.io.reading import sha256_file
     from pliant.spec.storage import layout
 
-    rng = np.random.default_rng(0)
     tiers = [
         {"name": "plain", **TIER, "symmetries": []},
         {"name": "turned", **TIER, "symmetries": [HALF_TURN]},
     ]
-    pairs = rows // QUERIES_PER_PAIR
     info = {
         "spec_version": SPEC_VERSION,
         "id": "scale",
@@ -79,8 +86,7 @@ def write_dataset(root: Path, rows: int) -> None:
     }
     root.mkdir(parents=True, exist_ok=True)
     write_json(root / layout.DATASET_JSON, info, "dataset")
-    sequence_count = max(2, pairs // 20)
-    tier_of = [tiers[2 * index // sequence_count]["name"] for index in range(sequence_count)]
+    tier_of = [str(tiers[2 * index // sequence_count]["name"]) for index in range(sequence_count)]
     names = [f"{tier}-test-{index:06d}" for index, tier in enumerate(tier_of)]
     sequences = {
         "id": names,
@@ -94,19 +100,30 @@ def write_dataset(root: Path, rows: int) -> None:
         "coverage": [0.5] * sequence_count,
         "self_occluded": [0.2] * sequence_count,
     }
-    identity = {"dataset": {"id": "scale", "version": "1.0.0"}}
     table = pa.table(sequences, schema=tables.SEQUENCES)
-    write_table(root / layout.SEQUENCES_TABLE, table, "sequences", identity)
+    write_table(root / layout.SEQUENCES_TABLE, table, "sequences", IDENTITY)
+    return names, tier_of
 
+
+def text(codes: Any, words: list[str]) -> Any:
+    """Return a string column; a dictionary keeps ten million strings small until then."""
+    codes = pa.array(np.asarray(codes, np.int32))
+    return pa.DictionaryArray.from_arrays(codes, words).cast(pa.string())
+
+
+def write_rows(root: Path, pairs: int, names: list[str], tier_of: list[str]) -> None:
+    """Write queries, answers and a submission; half of the sequences have a symmetric partner."""
+    from pliant.spec import tables
+    from pliant.spec.conventions import VISIBILITY_STATES
+    from pliant.spec.io.parquet import write_table
+    from pliant.spec.io.reading import sha256_file
+    from pliant.spec.storage import layout
+
+    rng = np.random.default_rng(0)
+    sequence_count = len(names)
     pair = np.repeat(np.arange(pairs, dtype=np.int32), QUERIES_PER_PAIR)
     query = np.tile(np.arange(QUERIES_PER_PAIR, dtype=np.int32), pairs)
     sequence = np.minimum(np.arange(pairs) * sequence_count // pairs, sequence_count - 1)
-
-    def text(codes: Any, words: list[str]) -> Any:
-        # A dictionary keeps ten million strings small until they are written.
-        codes = pa.array(np.asarray(codes, np.int32))
-        return pa.DictionaryArray.from_arrays(codes, words).cast(pa.string())
-
     per_row = np.repeat(sequence, QUERIES_PER_PAIR)
     tier_codes = np.array([tier == "turned" for tier in tier_of], np.int32)[per_row]
     uv_a = rng.uniform((0, 0), (WIDTH, HEIGHT), (len(pair), 2)).astype(np.float32)
@@ -122,7 +139,7 @@ def write_dataset(root: Path, rows: int) -> None:
         "u_a": uv_a[:, 0],
         "v_a": uv_a[:, 1],
     }
-    footer = {**identity, "split": "test"}
+    footer: dict[str, Any] = {**IDENTITY, "split": "test"}
     for folder in (layout.QUERIES_DIR, layout.TRUTH_DIR):
         (root / folder).mkdir(exist_ok=True)
     path = layout.queries_path(root, "test")

@@ -24,7 +24,7 @@ from pliant.spec.errors import CallError
 if TYPE_CHECKING:
     from pliant.generator.config import GenerateConfig
     from pliant.generator.runner.plan import Plan
-    from pliant.generator.runner.run import Progress, Summary
+    from pliant.generator.runner.progress import Progress, Summary
 
 _STOPPED = "Interrupted: finished sequences are kept, the same command continues."
 
