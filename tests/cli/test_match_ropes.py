@@ -84,7 +84,7 @@ def photograph(folder: Path, name: str, kind: str, rng: np.random.Generator) -> 
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.long)])
 def test_a_rope_that_crosses_itself_is_answered(tmp_path: Path, kind: str, seed: int) -> None:
     rng = np.random.default_rng([seed, KINDS.index(kind)])
     at, source_mask = photograph(tmp_path, "a", kind, rng)

@@ -66,7 +66,7 @@ def test_tracers_answer_for_any_mask(seed: int) -> None:
     try_masks(seed, 50)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(100, 200))
 def test_tracers_answer_for_ten_thousand_masks(seed: int) -> None:
     try_masks(seed, 100)

@@ -159,7 +159,7 @@ def two_ropes(own: Frame, other: Frame) -> Frame:
     return own.replace(mask=own.mask | further, objects=own.objects | further, key=key)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_shipped_model_warns_of_masks_that_mislead_and_of_no_others() -> None:
     """`benchmarks/familiarity.py` measures it on more ropes."""
     dataset = Dataset.open("sample")
