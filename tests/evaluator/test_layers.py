@@ -9,7 +9,6 @@ ROOT = Path(__file__).resolve().parents[2] / "evaluator"
 
 # A module imports from its own layer and from those before it.
 LAYERS = (
-    {"arrays"},
     {"statistics", "submission"},
     {"metrics"},
     {"protocols"},
