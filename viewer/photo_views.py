@@ -133,8 +133,9 @@ def object_on_one_colour(rgb: npt.NDArray[np.uint8]) -> Mask | None:
     # What is enclosed by the object and not of the background's exact colour is a dark or bright
     # place of the object itself.
     holes, count = ndimage.label(~differs)
-    flat = ndimage.mean(gap == 0, holes, range(count + 1))
-    differs |= (np.asarray(flat) < _FLAT)[holes]
+    flat = np.ones(count + 1)  # label 0 is the object itself
+    flat[1:] = ndimage.mean(gap == 0, holes, range(1, count + 1))
+    differs |= (flat < _FLAT)[holes]
     parts, _ = ndimage.label(differs, np.ones((3, 3)))
     sizes = np.bincount(parts.ravel())
     sizes[0] = 0
