@@ -2,8 +2,8 @@ r"""Whether familiarity warns of wrong answers on ropes, and of no others; and i
 
     python benchmarks/familiarity.py DATA... [--model don-rope] [--fit] [--pairs N]
 
-Each DATA is a dataset of ropes. With `--fit`, the pairs of its split `val`, and as many of them
-without masks, give the model's `familiarity.json`. Then the pairs of its split `test` are answered:
+Each DATA is a dataset of ropes. With `--fit`, the pairs of its split `val`, with their masks, give
+the model's `familiarity.json`. Then the pairs of its split `test` are answered:
 as they are, without masks, and with faulty masks of three kinds. A row for each says the errors (to
 the nearer of both ends' readings where a rope has no ball), and the share of the answers whose
 familiarity is below 0.02, which `pliant match` warns of. The data of the shipped models:
@@ -120,8 +120,7 @@ def main(data: tuple[Path, ...], model: str, fit: bool, pairs: int) -> None:
     kinds = [name for name in SETS if matcher.reader.finds_masks or name != "without masks"]
     if fit:
         own = [pair for each in data for pair in drawn(each, "val", 2 * pairs)]
-        bare = [changed(pair, without_masks) for pair in own] if matcher.reader.finds_masks else []
-        matcher.familiarity = matcher.fitted_familiarity([*own, *bare])
+        matcher.familiarity = matcher.fitted_familiarity(own)
         write_json(FOLDER / model / FAMILIARITY, matcher.familiarity.as_document())
     click.echo("| data, masks | RMSE | within 15 px | flagged | flagged of errors over 60 px |")
     click.echo("|---|---|---|---|---|")
