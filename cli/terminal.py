@@ -184,11 +184,13 @@ def progress_bar(
             while not ended.wait(LOG_EVERY_S):
                 echo(bar.line(), err=True)
 
-        Thread(target=write_lines, daemon=True).start()
+        writer = Thread(target=write_lines, daemon=True)
+        writer.start()
         try:
             yield bar
         finally:
             ended.set()
+            writer.join()
 
 
 def duration(seconds: float) -> str:
