@@ -181,6 +181,9 @@ def test_without_javascript(
             field = browser.driver.find_element(By.CSS_SELECTOR, "main [name=token]")
             field.send_keys(trial.tokens[0])
             page.press("main button.main")
+            WebDriverWait(browser.driver, 60).until(
+                lambda driver: driver.current_url != server.address + "/login"
+            )
             browser.driver.get(server.address + "/submit")
             page.fill("file", str(service_halves.submissions[0]))
             page.press("main button.main")
