@@ -19,21 +19,9 @@ from typing import Any
 
 from pliant.spec.conventions import SPEC_VERSION
 from pliant.spec.io.yamlfiles import read_yaml
-from tests.conformance import (
-    accepted,
-    accepted_tables,
-    broken_agreement,
-    broken_documents,
-    broken_files,
-    broken_geometry,
-    broken_queries,
-    broken_tables,
-    packed,
-    recorded,
-    submissions,
-)
+from tests.conformance import submissions
 from tests.conformance.base import BASES
-from tests.conformance.edits import Edit
+from tests.conformance.steps import perform
 
 HERE = Path(__file__).resolve().parents[2] / "spec" / "conformance"
 DATASETS = HERE / "datasets"
@@ -41,20 +29,6 @@ INDEX = HERE / "cases.json"
 FILES = HERE / "cases.zip"
 SUBMISSIONS = HERE / "submissions"
 SUBMISSIONS_INDEX = HERE / "submissions.json"
-
-EDITS: dict[str, Edit] = {
-    **accepted.EDITS,
-    **accepted_tables.EDITS,
-    **broken_files.EDITS,
-    **broken_documents.EDITS,
-    **broken_tables.EDITS,
-    **broken_geometry.EDITS,
-    **broken_agreement.EDITS,
-    **broken_queries.EDITS,
-    **packed.EDITS,
-    **recorded.EDITS,
-}
-"""Name of a case -> what it changes in a copy of its base dataset."""
 
 
 @dataclass(frozen=True)
@@ -66,12 +40,14 @@ class Case:
         base: The base dataset.
         codes: The issue codes a validator must report: these and no others.
         change: What is changed.
+        steps: How: see `steps.perform`.
     """
 
     name: str
     base: str
     codes: list[str]
     change: str
+    steps: list[dict[str, Any]]
 
 
 CASES = [Case(**entry) for entry in read_yaml(Path(__file__).with_name("cases.yaml"))]
@@ -147,7 +123,7 @@ def build_cases(datasets: Path) -> Iterator[tuple[dict[str, Any], dict[str, byte
         for case in CASES:
             changed = Path(scratch) / case.name
             shutil.copytree(datasets / case.base, changed)
-            EDITS[case.name](changed)
+            perform(changed, case.steps)
             yield describe(case, datasets / case.base, changed)
             shutil.rmtree(changed)
 
@@ -177,9 +153,9 @@ def build_submissions() -> None:
     SUBMISSIONS.mkdir()
     entries = []
     for case in submissions.CASES:
-        path = SUBMISSIONS / f"{case.name}.parquet"
+        path = SUBMISSIONS / f"{case['name']}.parquet"
         submissions.write_submission(case, DATASETS / "full", path)
-        entries.append({"name": path.name, "is": case.text, "codes": sorted(case.codes)})
+        entries.append({"name": path.name, "is": case["is"], "codes": sorted(case["codes"])})
     document = {
         "spec_version": SPEC_VERSION,
         "dataset": "full",

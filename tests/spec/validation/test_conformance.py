@@ -37,7 +37,6 @@ def test_the_suite_is_what_its_source_says() -> None:
     shipped = {entry["name"]: (entry["base"], entry["codes"]) for entry in ENTRIES}
     assert len(shipped) == len(ENTRIES)
     assert shipped == {case.name: (case.base, sorted(case.codes)) for case in build.CASES}
-    assert set(shipped) == set(build.EDITS)
     invalid = [case for case in build.CASES if case.codes]
     assert len(invalid) >= 60
     assert len({case.change for case in invalid}) == len(invalid)

@@ -23,7 +23,7 @@ from pliant.spec.dataset import Dataset
 from pliant.spec.io.exr import Surface, read_surface, write_surface
 from pliant.spec.io.png import read_rgb, write_rgb
 from pliant.spec.validation.validate import Report, validate
-from tests.conformance.broken_agreement import enlarged, jpeg
+from tests.conformance import image_changes
 from tests.conformance.edits import change_exr, change_json, change_rows, listed
 
 Array = np.ndarray[Any, Any]
@@ -356,9 +356,9 @@ mutation("depth-disparity", DEPTH, depth(lambda z: 1 / z))
 mutation("world-in-millimetres", "SCALE_DISAGREES", world(1000.0))
 mutation("world-in-centimetres", "SCALE_DISAGREES", world(100.0))
 mutation("tables-of-the-next-frame", "", next_tables)
-mutation("rgb-grey", "COLOUR_LOST", colour(lambda rgb: [each[..., [1, 1, 1]] for each in rgb]))
-mutation("rgb-enlarged", "COLOUR_LOST", colour(lambda rgb: [enlarged(each) for each in rgb]))
-mutation("rgb-jpeg-25", "COLOUR_LOST", colour(lambda rgb: [jpeg(each) for each in rgb]))
+mutation("rgb-grey", "COLOUR_LOST", colour(image_changes.grey))
+mutation("rgb-enlarged", "COLOUR_LOST", colour(image_changes.enlarged))
+mutation("rgb-jpeg-25", "COLOUR_LOST", colour(image_changes.jpeg))
 mutation("rgb-next-frame", COLOUR, colour(lambda rgb: rgb[1:] + rgb[:1]))
 mutation("rgb-frame-before", COLOUR, colour(lambda rgb: rgb[-1:] + rgb[:-1]))
 mutation("rgb-other-sequence", "COLOUR_DOUBTFUL", other_sequence)
