@@ -12,23 +12,21 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 import pyarrow as pa
 
+from pliant.spec.conventions import FOOTER_KEY, SPEC_VERSION
 from pliant.spec.io.jsonfiles import parse_json
 from pliant.spec.io.parquet import TableWriter, read_table
 from pliant.spec.io.reading import Blob
 from pliant.spec.storage import layout
-from pliant.spec.storage.shards import ShardWriter
+from pliant.spec.storage.shards import PackedFile, Shards
 from pliant.spec.tables import CORRESPONDENCES, INDEX
 
 SHARD_BYTES: Final = 500_000_000
-GROUP_BYTES: Final = 32 * 2**20
 _INDEX_GROUP_FILES: Final = 4096
-_LENGTH_BYTES: Final = 4
-_GROUP_ROWS: Final = 2**17
 
 _IMAGE = pa.struct([pa.field("bytes", pa.binary()), pa.field("path", pa.string())])
 
@@ -111,102 +109,8 @@ class FolderToPack:
         return self.sizes[name] if name in self.sizes else len(self.files[name])
 
 
-class _Blob(NamedTuple):
-    """A file inside a row: its column, sequence, path in the sequence's folder and size."""
-
-    column: str
-    sequence: str
-    path: str
-    size: int
-
-
-class _Shards:
-    """The shards of one kind and split, one after another."""
-
-    def __init__(self, packer: Packer, folder: str, split: str) -> None:
-        self._packer, self._folder, self._split = packer, folder, split
-        self._number = 0
-        self._writer: ShardWriter | None = None
-        # What waits for its row group: rows, their files, and tables of rows without files.
-        self._rows: list[dict[str, Any]] = []
-        self._blobs: list[_Blob] = []
-        self._groups: list[list[_Blob]] = []  # of each row group of the present shard
-        self._tables: list[pa.Table] = []
-        self._waiting = 0  # bytes of the files
-        self.schema = {"frames": FRAMES, "folders": FOLDERS, "correspondences": ROWS}[folder]
-
-    def make_room(self, size: int) -> None:
-        """Begin a new shard if this many bytes more would make the present one too large."""
-        written = self._waiting + (0 if self._writer is None else self._writer.size)
-        if written and written + size > self._packer.shard_bytes:
-            self._roll()
-
-    def add(self, row: dict[str, Any], blobs: list[_Blob]) -> None:
-        """Append a row and the files in it."""
-        size = sum(blob.size for blob in blobs)
-        if self._rows and self._waiting + size > GROUP_BYTES:
-            self.flush()
-        self._rows.append(row)
-        self._waiting += size
-        self._blobs += blobs
-
-    def add_table(self, table: pa.Table) -> None:
-        """Append a table of rows without files."""
-        self._tables.append(table)
-        if sum(each.num_rows for each in self._tables) >= _GROUP_ROWS:
-            self.flush()
-            if self._open().size > self._packer.shard_bytes:
-                self._roll()
-
-    def flush(self) -> None:
-        """Write what waits as one row group."""
-        if self._tables:
-            self._open().write(pa.concat_tables(self._tables).combine_chunks())
-            self._tables = []
-        if not self._rows:
-            return
-        self._open().write(pa.Table.from_pylist(self._rows, schema=self.schema))
-        self._groups.append(self._blobs)
-        self._rows, self._blobs, self._waiting = [], [], 0
-
-    def _roll(self) -> None:
-        self.close()
-        self._number += 1
-
-    def close(self) -> None:
-        """Finish the present shard."""
-        self.flush()
-        if self._writer is None:
-            return
-        shard = layout.shard_name(self._folder, self._split, self._number)
-        ends = self._writer.close()
-        for group, blobs in zip(ends, self._groups or [[]] * len(ends), strict=True):
-            for blob in reversed(blobs):
-                offset = group[blob.column] - blob.size
-                group[blob.column] = offset - _LENGTH_BYTES
-                place = {"path": blob.path, "shard": shard, "offset": offset, "bytes": blob.size}
-                self._packer.places[blob.sequence].append(place)
-        self._groups, self._writer = [], None
-
-    def abandon(self) -> None:
-        """Let go of the open file."""
-        if self._writer is not None:
-            self._writer.abandon()
-
-    def _open(self) -> ShardWriter:
-        if self._writer is None:
-            path = self._packer.root / layout.shard_name(self._folder, self._split, self._number)
-            blobs = {"frames": ("image.bytes", "depth_exr"), "folders": ("content",)}
-            features = json.dumps({"info": {"features": FEATURES}}, sort_keys=True)
-            footer = {"table": self._folder, "dataset": self._packer.dataset, "split": self._split}
-            self._writer = ShardWriter(
-                path,
-                self.schema,
-                blobs.get(self._folder, ()),
-                footer,
-                {"huggingface": features} if self._folder == "frames" else None,
-            )
-        return self._writer
+_SCHEMAS: Final = {"frames": FRAMES, "folders": FOLDERS, "correspondences": ROWS}
+"""Folder of shards -> their columns."""
 
 
 class Packer:
@@ -216,21 +120,14 @@ class Packer:
         root: The packed dataset's folder.
         dataset: `id` and `version`, for the footers.
         shard_bytes: About how large a shard becomes.
-        rows: Whether to write the shards `correspondences` too.
     """
 
     def __init__(
-        self,
-        root: Path,
-        dataset: Mapping[str, str],
-        *,
-        shard_bytes: int = SHARD_BYTES,
-        rows: bool = True,
+        self, root: Path, dataset: Mapping[str, str], *, shard_bytes: int = SHARD_BYTES
     ) -> None:
-        self.root, self.dataset, self.shard_bytes = root, dict(dataset), shard_bytes
-        self.places: dict[str, list[dict[str, Any]]] = {}
-        self._rows = rows
-        self._shards: dict[tuple[str, str], _Shards] = {}
+        self._root, self._dataset, self._shard_bytes = root, dict(dataset), shard_bytes
+        self._places: dict[str, list[dict[str, Any]]] = {}
+        self._shards: dict[tuple[str, str], Shards] = {}
 
     def __enter__(self) -> Packer:
         return self
@@ -244,58 +141,73 @@ class Packer:
 
     def add(self, folder: FolderToPack) -> None:
         """Pack one sequence."""
-        self.places[folder.id] = []
-        images = {layout.rgb_name(frame): frame for frame in range(folder.frames)}
-        depths = {layout.depth_name(frame): frame for frame in range(folder.frames)}
-        others = sorted(set(folder.files) - set(images) - set(depths))
+        self._places[folder.id] = []
+        numbers = range(folder.frames)
+        images = {name(frame) for name in (layout.rgb_name, layout.depth_name) for frame in numbers}
+        others = sorted(set(folder.files) - images)
         frames = self._of("frames", folder.split)
-        pixels = set(images) | set(depths)
-        frames.make_room(sum(folder.size(name) for name in folder.files if name in pixels))
-        cameras = _cameras(folder)
-        for frame in range(folder.frames):
-            rgb_name, depth_name = layout.rgb_name(frame), layout.depth_name(frame)
-            rgb, depth = folder.files[rgb_name], folder.files.get(depth_name)
-            blobs = [_Blob("image.bytes", folder.id, rgb_name, len(rgb))]
-            if depth is not None:
-                blobs.append(_Blob("depth_exr", folder.id, depth_name, len(depth)))
-            row = {
-                "sequence": folder.id,
-                "tier": folder.tier,
-                "shape": folder.shape,
-                "frame": frame,
-                "image": {"bytes": rgb, "path": f"{folder.id}-{frame:06d}.png"},
-                "depth_exr": depth,
-                **cameras[frame],
-            }
-            frames.add(row, blobs)
+        frames.make_room(sum(folder.size(name) for name in folder.files if name in images))
+        for frame, camera in zip(numbers, _cameras(folder), strict=True):
+            self._add_frame(frames, folder, frame, camera)
         rest = self._of("folders", folder.split)
         rest.make_room(sum(folder.size(name) for name in others))
         for name in others:
             data = folder.files[name]
             row = {"sequence": folder.id, "path": name, "content": data}
-            rest.add(row, [_Blob("content", folder.id, name, len(data))])
-        if self._rows and layout.CORRESPONDENCES_TABLE in folder.files:
-            self._of("correspondences", folder.split).add_table(correspondence_rows(folder))
+            file = PackedFile("content", folder.id, name, len(data))
+            rest.add(pa.Table.from_pylist([row], schema=FOLDERS), [file])
+        if layout.CORRESPONDENCES_TABLE in folder.files:
+            correspondences = self._of("correspondences", folder.split)
+            correspondences.make_room(0)
+            correspondences.add(correspondence_rows(folder), [])
+
+    def _add_frame(
+        self, frames: Shards, folder: FolderToPack, frame: int, camera: Mapping[str, Any]
+    ) -> None:
+        rgb_name, depth_name = layout.rgb_name(frame), layout.depth_name(frame)
+        rgb, depth = folder.files[rgb_name], folder.files.get(depth_name)
+        row = {
+            "sequence": folder.id,
+            "tier": folder.tier,
+            "shape": folder.shape,
+            "frame": frame,
+            "image": {"bytes": rgb, "path": f"{folder.id}-{frame:06d}.png"},
+            "depth_exr": depth,
+            **camera,
+        }
+        files = [PackedFile("image.bytes", folder.id, rgb_name, len(rgb))]
+        if depth is not None:
+            files.append(PackedFile("depth_exr", folder.id, depth_name, len(depth)))
+        frames.add(pa.Table.from_pylist([row], schema=FRAMES), files)
 
     def close(self) -> None:
         """Finish the shards and write the index."""
         for shards in self._shards.values():
             shards.close()
-        path = self.root / layout.INDEX_TABLE
-        with TableWriter(path, "index", {"dataset": self.dataset}) as writer:
+        path = self._root / layout.INDEX_TABLE
+        with TableWriter(path, "index", {"dataset": self._dataset}) as writer:
             rows: list[dict[str, Any]] = []
-            for name, places in self.places.items():
+            for name, places in self._places.items():
                 rows.append({"id": name, "files": sorted(places, key=lambda f: f["path"])})
                 if sum(len(row["files"]) for row in rows) >= _INDEX_GROUP_FILES:
                     writer.write(pa.Table.from_pylist(rows, schema=INDEX))
                     rows = []
-            if rows or not self.places:
+            if rows or not self._places:
                 writer.write(pa.Table.from_pylist(rows, schema=INDEX))
 
-    def _of(self, folder: str, split: str) -> _Shards:
+    def _of(self, folder: str, split: str) -> Shards:
         key = (folder, split)
         if key not in self._shards:
-            self._shards[key] = _Shards(self, folder, split)
+            footer = {"table": folder, "dataset": self._dataset, "split": split}
+            text = json.dumps({"spec_version": SPEC_VERSION, **footer}, sort_keys=True)
+            metadata: dict[bytes | str, str] = {FOOTER_KEY: text}
+            if folder == "frames":
+                features = {"info": {"features": FEATURES}}
+                metadata["huggingface"] = json.dumps(features, sort_keys=True)
+            schema = _SCHEMAS[folder].with_metadata(metadata)
+            self._shards[key] = Shards(
+                self._root, folder, split, schema, self._shard_bytes, self._places
+            )
         return self._shards[key]
 
 
@@ -331,10 +243,10 @@ def correspondence_rows(folder: FolderToPack) -> pa.Table:
     points = read_table(blobs[layout.POINTS_TABLE], "points")
     table = read_table(blobs[layout.CORRESPONDENCES_TABLE], "correspondences")
     of_point = points.select(["object", "kind", "m0", "m1"]).take(table["point"])
-    columns: dict[str, Any] = {name: table[name] for name in table.column_names}
-    columns.update({name: of_point[name] for name in of_point.column_names})
-    for name in ("sequence", "tier"):
-        text = folder.id if name == "sequence" else folder.tier
-        columns[name] = pa.chunked_array([pa.repeat(pa.scalar(text), table.num_rows)])
-    arrays = [columns[field.name] for field in ROWS]
-    return pa.Table.from_arrays(arrays, schema=ROWS)
+    texts = {"sequence": folder.id, "tier": folder.tier}
+    columns = {
+        **{name: table[name] for name in table.column_names},
+        **{name: of_point[name] for name in of_point.column_names},
+        **{name: pa.repeat(pa.scalar(text), table.num_rows) for name, text in texts.items()},
+    }
+    return pa.table({field.name: columns[field.name] for field in ROWS}, schema=ROWS)
