@@ -172,7 +172,7 @@ def first_alone(pictures: Pictures) -> Pictures:
 
 
 def black(pictures: Pictures) -> Pictures:
-    return [0 * rgb for rgb in pictures]
+    return [np.zeros_like(rgb) for rgb in pictures]
 
 
 def random_pictures(pictures: Pictures) -> Pictures:
