@@ -13,9 +13,12 @@ from pathlib import Path
 from typing import Any, Literal
 
 from selenium import webdriver
+from selenium.common.exceptions import JavascriptException
 from selenium.webdriver.common.actions.action_builder import ActionBuilder
 from selenium.webdriver.common.actions.pointer_input import PointerInput
+from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
+from selenium.webdriver.support.expected_conditions import staleness_of
 from selenium.webdriver.support.ui import WebDriverWait
 
 CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
@@ -40,9 +43,16 @@ class Browser:
         return self.driver.execute_script(script, *arguments)
 
     def wait(self, script: str, seconds: float = 60) -> None:
-        """Wait until an expression is true in the page."""
-        waiting = WebDriverWait(self.driver, seconds, 0.05)
-        waiting.until(lambda _: self.run(f"return !!({script})"), f"never true: {script}")
+        """Wait until an expression is true in a page that is loaded, which may be the next one."""
+        waiting = WebDriverWait(self.driver, seconds, 0.05, [JavascriptException])
+        loaded = f"return document.readyState === 'complete' && !!({script})"
+        waiting.until(lambda _: self.run(loaded), f"never true: {script}")
+
+    def follow(self, selector: str, seconds: float = 60) -> None:
+        """Press what leads to another page, and wait for that page; needs no scripts."""
+        page = self.driver.find_element(By.TAG_NAME, "html")
+        self.driver.find_element(By.CSS_SELECTOR, selector).click()
+        WebDriverWait(self.driver, seconds, 0.05).until(staleness_of(page), f"no page: {selector}")
 
     def click(self, x: float, y: float) -> None:
         """Press and release the mouse at a place of the window, CSS pixels."""

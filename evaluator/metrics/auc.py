@@ -13,7 +13,6 @@ import numpy as np
 
 from pliant.evaluator.metrics.base import Groups, Metric, Positives, ScoringContext, Summary
 from pliant.evaluator.metrics.blocks import Block
-from pliant.evaluator.statistics.ratios import Figure
 from pliant.spec.arrays import FloatArray
 from pliant.spec.configuration import Settings
 from pliant.spec.constraints import NotEmpty
@@ -36,22 +35,6 @@ class Auc(Metric[AucSettings]):
     """
 
     Settings = AucSettings
-
-    @staticmethod
-    def figures(settings: AucSettings) -> list[Figure]:
-        """Return the area for each threshold, over pairs and over queries."""
-        return [
-            Figure(
-                f"auc_{t:g}px{suffix}", "higher", "",
-                f"area under the recall curve of {errors} up to {t:g} px, over {t:g} px",
-                f"AUC {t:g} px{words}",
-            )
-            for suffix, errors, words in (
-                ("", "the mean errors of image pairs", ""),
-                ("_queries", "the errors of queries", ", queries"),
-            )
-            for t in settings.thresholds_px
-        ]  # fmt: skip
 
     def __init__(self, settings: AucSettings, context: ScoringContext) -> None:
         super().__init__(settings, context)

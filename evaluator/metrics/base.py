@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pliant.evaluator.metrics.blocks import Block
+from pliant.evaluator.metrics.figures import listed_figures
 from pliant.evaluator.metrics.surfaces import Surfaces
 from pliant.evaluator.statistics.ratios import Figure
 from pliant.evaluator.submission.answers import SplitAnswers
@@ -161,11 +162,10 @@ class Metric(Generic[S]):
         self.context = context
         self.table = context.table
 
-    @staticmethod
-    def figures(settings: Any) -> list[Figure]:
-        """Return what the family reports, in the order of a report."""
-        del settings
-        return []
+    @classmethod
+    def figures(cls, settings: Any) -> list[Figure]:
+        """Return what the family reports, in the order of a report: its rows of figures.json."""
+        return listed_figures(cls.__name__.lower(), settings)
 
     def update(self, block: Block) -> None:
         """Take in one block; blocks come in order, each once."""

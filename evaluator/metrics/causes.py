@@ -90,8 +90,8 @@ class Causes(Metric[CausesSettings]):
     Settings = CausesSettings
     truth_columns = ("point", "alternatives")
 
-    @staticmethod
-    def figures(settings: CausesSettings) -> list[Figure]:
+    @classmethod
+    def figures(cls, settings: CausesSettings) -> list[Figure]:
         """Return what each cause adds to the mean squared error, px²."""
         del settings
         return [

@@ -22,7 +22,6 @@ from pliant.evaluator.metrics.base import (
 )
 from pliant.evaluator.metrics.blocks import Block
 from pliant.evaluator.metrics.errors import exact_quantiles
-from pliant.evaluator.statistics.ratios import Figure, Ratio
 from pliant.spec.arrays import BoolArray, FloatArray, IntArray, RealArray
 from pliant.spec.configuration import Settings
 from pliant.spec.constraints import Bounds
@@ -58,23 +57,6 @@ class Continuity(Metric[ContinuitySettings]):
 
     Settings = ContinuitySettings
     query_pixels = True
-
-    @staticmethod
-    def figures(settings: ContinuitySettings) -> list[Figure]:
-        """Return the rate of jumps and the quantile of the stretch."""
-        percent = f"{settings.quantile * 100:g}"
-        return [
-            Ratio(
-                "jump_rate", "lower", "",
-                "share of neighbouring queries whose answers are torn apart", "",
-                "jumps", "neighbours",
-            ),
-            Figure(
-                f"stretch_p{percent}", "lower", "",
-                f"{percent} % quantile of the stretch between neighbours, target over source",
-                f"Stretch of neighbours, {percent} % quantile",
-            ),
-        ]  # fmt: skip
 
     def __init__(self, settings: ContinuitySettings, context: ScoringContext) -> None:
         super().__init__(settings, context)

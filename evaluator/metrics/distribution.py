@@ -18,7 +18,6 @@ from pliant.evaluator.metrics.base import (
 )
 from pliant.evaluator.metrics.blocks import Block
 from pliant.evaluator.metrics.mixtures import Mixtures
-from pliant.evaluator.statistics.ratios import Figure, Ratio
 from pliant.evaluator.submission.answers import SplitAnswers
 from pliant.spec.arrays import BoolArray, FloatArray, IntArray
 from pliant.spec.configuration import Settings
@@ -58,37 +57,6 @@ class Distribution(Metric[DistributionSettings]):
 
     Settings = DistributionSettings
     truth_columns: tuple[str, ...] = ("alternatives",)
-
-    @staticmethod
-    def figures(settings: DistributionSettings) -> list[Figure]:
-        """Return the NLL, the calibration figures, the coverage of regions and the mode recall."""
-        coverage = [
-            Ratio(
-                f"coverage_{level * 100:g}", "neither", "",
-                f"share of truths inside the smallest region that contains {level * 100:g} %",
-                f"Truths in the {level * 100:g} % region",
-                f"in_region_{level * 100:g}", "distributions",
-            )
-            for level in settings.regions
-        ]  # fmt: skip
-        return [
-            Ratio(
-                "nll", "lower", "nats",
-                "mean negative log likelihood of the truth, density per square pixel", "NLL",
-                "sum_nll", "distributions",
-            ),
-            Figure(
-                "ece", "lower", "", "expected calibration error of P(error within the radius)",
-                "ECE",
-            ),
-            Figure("ause", "lower", "", "area under the sparsification error", "AUSE"),
-            *coverage,
-            Ratio(
-                "mode_recall", "higher", "",
-                "share of the equivalent visible positions that have a mode near them", "",
-                "recalled", "recallable",
-            ),
-        ]  # fmt: skip
 
     def __init__(self, settings: DistributionSettings, context: ScoringContext) -> None:
         super().__init__(settings, context)

@@ -8,7 +8,6 @@ import numpy as np
 
 from pliant.evaluator.metrics.base import Groups, Metric, Summary
 from pliant.evaluator.metrics.blocks import Block
-from pliant.evaluator.statistics.ratios import Figure, Ratio
 from pliant.spec.configuration import Settings
 from pliant.spec.constraints import Bounds
 
@@ -29,28 +28,6 @@ class Geodesic(Metric[GeodesicSettings]):
 
     Settings = GeodesicSettings
     truth_columns = ("point",)
-
-    @staticmethod
-    def figures(settings: GeodesicSettings) -> list[Figure]:
-        """Return the mean distance, its RMSE and the rate of answers off the object."""
-        del settings
-        return [
-            Ratio(
-                "geodesic_mean_m", "lower", "m",
-                "mean distance on the material between the right point and what is under the "
-                "answer", "Distance on the material", "sum_geodesic_m", "geodesic_points",
-            ),
-            Ratio(
-                "geodesic_rmse_m", "lower", "m", "root mean squared distance on the material",
-                "Distance on the material, root mean square",
-                "sum_squared_geodesic_m2", "geodesic_points", root=True,
-            ),
-            Ratio(
-                "off_object_rate", "lower", "",
-                "share of answers that are not on the queried object", "Answers off the object",
-                "off_object", "geodesic_asked",
-            ),
-        ]  # fmt: skip
 
     def update(self, block: Block) -> None:
         """Take in one block."""

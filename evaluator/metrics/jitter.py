@@ -6,7 +6,6 @@ import numpy as np
 
 from pliant.evaluator.metrics.base import Groups, Metric, NoSettings, ScoringContext, Summary
 from pliant.evaluator.metrics.blocks import Block
-from pliant.evaluator.statistics.ratios import Figure, Ratio
 from pliant.spec.arrays import FloatArray, IntArray
 
 
@@ -18,13 +17,6 @@ class Jitter(Metric[NoSettings]):
     """
 
     truth_columns = ("point",)
-
-    @staticmethod
-    def figures(settings: NoSettings) -> list[Figure]:
-        """Return the mean change."""
-        del settings
-        about = "mean change of the error from one frame of an episode to the next"
-        return [Ratio("jitter_px", "lower", "px", about, "", "sum_jitter_px", "jitter_steps")]
 
     def __init__(self, settings: NoSettings, context: ScoringContext) -> None:
         super().__init__(settings, context)

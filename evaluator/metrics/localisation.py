@@ -14,7 +14,7 @@ from pliant.evaluator.metrics.base import (
 )
 from pliant.evaluator.metrics.blocks import Block
 from pliant.evaluator.metrics.errors import exact_quantiles
-from pliant.evaluator.statistics.ratios import Figure, Ratio
+from pliant.evaluator.statistics.ratios import Figure
 from pliant.spec.configuration import Settings
 
 
@@ -47,26 +47,11 @@ class Localisation(Metric[LocalisationSettings]):
 
     Settings = LocalisationSettings
 
-    @staticmethod
-    def figures(settings: LocalisationSettings) -> list[Figure]:
-        """Return the averages and the quantiles."""
-        rmse = Ratio(
-            "rmse_px", "lower", "px", "root mean squared error, pooled over queries", "RMSE",
-            "sum_squared_px2", "counted", root=True,
-        )  # fmt: skip
-        return [
-            rmse,
-            rmse.mean_over_pairs("mean over image pairs of each pair's RMSE"),
-            Ratio(
-                "mean_px", "lower", "px", "mean error", "Mean error", "sum_error_px", "counted"
-            ),
-            *(_quantile(level) for level in settings.quantiles),
-            Ratio(
-                "outside_image_rate", "neither", "", "share of answers outside the target image",
-                "Answers outside the image",
-                numerator="outside_image", denominator="answered",
-            ),
-        ]  # fmt: skip
+    @classmethod
+    def figures(cls, settings: LocalisationSettings) -> list[Figure]:
+        """Return the averages and the quantiles, of which the middle one is called the median."""
+        median = Figure(_quantile_name(0.5), "lower", "px", "median error", "Median error")
+        return [median if each.name == "p50_px" else each for each in super().figures(settings)]
 
     def __init__(self, settings: LocalisationSettings, context: ScoringContext) -> None:
         super().__init__(settings, context)
@@ -95,12 +80,8 @@ class Localisation(Metric[LocalisationSettings]):
         for index, group in groups:
             values = exact_quantiles(groups.rows(index, self._errors), levels)
             for level, value in zip(levels, values, strict=True):
-                summary.set(group, _quantile(level).name, value)
+                summary.set(group, _quantile_name(level), value)
 
 
-def _quantile(level: float) -> Figure:
-    if level == 0.5:
-        return Figure("median_px", "lower", "px", "median error", "Median error")
-    percent = f"{level * 100:g}"
-    about = f"{percent} % quantile of the error"
-    return Figure(f"p{percent}_px", "lower", "px", about, f"Error, {percent} % quantile")
+def _quantile_name(level: float) -> str:
+    return "median_px" if level == 0.5 else f"p{level * 100:g}_px"

@@ -20,7 +20,6 @@ from pliant.evaluator.metrics.base import (
 from pliant.evaluator.metrics.blocks import VISIBLE, Block
 from pliant.evaluator.metrics.dense_truth import dense_truth
 from pliant.evaluator.metrics.surfaces import ObjectSurface, Surfaces, nearest_object_pixel
-from pliant.evaluator.statistics.ratios import Figure, Ratio
 from pliant.evaluator.submission.matches import SplitMatches
 from pliant.evaluator.submission.queries import Queries
 from pliant.spec.configuration import Settings
@@ -43,41 +42,6 @@ class Matches(Metric[MatchesSettings]):
     """How many matches there are, and on what they are."""
 
     Settings = MatchesSettings
-
-    @staticmethod
-    def figures(settings: MatchesSettings) -> list[Figure]:
-        """Return the coverage and the rates."""
-        del settings
-
-        def rate(name: str, about: str, columns: tuple[str, str]) -> Ratio:
-            return Ratio(name, "higher", "", about, "", *columns)
-
-        return [
-            rate(
-                "match_coverage",
-                "share of image pairs with at least one match that could be scored",
-                ("matched", "one"),
-            ),
-            Ratio(
-                "matches_per_pair", "neither", "", "mean number of matches a pair", "",
-                "matches", "one",
-            ),
-            rate(
-                "on_object_rate",
-                "share of matches whose source keypoint is on the queried object",
-                ("on_object", "matches"),
-            ),
-            rate(
-                "partner_visible_rate",
-                "share of those whose point is visible in the target frame",
-                ("counted", "on_object"),
-            ),
-            rate(
-                "target_on_object_rate",
-                "share of those whose target keypoint is on the queried object",
-                ("target_on_object", "on_object"),
-            ),
-        ]  # fmt: skip
 
     def update(self, block: Block) -> None:
         """Take in one block."""

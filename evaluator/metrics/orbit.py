@@ -13,7 +13,6 @@ from pliant.evaluator.metrics import mixtures
 from pliant.evaluator.metrics.base import Groups, Metric, Positive, Summary
 from pliant.evaluator.metrics.blocks import Block
 from pliant.evaluator.metrics.distribution import answered_mixtures, equivalent_positions
-from pliant.evaluator.statistics.ratios import Figure, Ratio
 from pliant.spec.arrays import BoolArray, FloatArray, IntArray
 from pliant.spec.configuration import Settings
 
@@ -35,44 +34,6 @@ class Orbit(Metric[OrbitSettings]):
 
     Settings = OrbitSettings
     truth_columns = ("alternatives",)
-
-    @staticmethod
-    def figures(settings: OrbitSettings) -> list[Figure]:
-        """Return the hits, the flips among them, and the probability masses."""
-        within = f"within {settings.radius_px:g} px"
-        at = f"{settings.radius_px:g}px"
-        return [
-            Ratio(
-                f"orbit_pck_{at}", "higher", "",
-                f"share of points with a partner answered {within} of themselves or a partner",
-                f"PCK {settings.radius_px:g} px, point or partner",
-                "orbit_hits", "orbit_points",
-            ),
-            Ratio(
-                f"flip_rate_{at}", "lower", "",
-                "share of these that are nearer to a partner; 0.5 by the toss of a coin",
-                f"Flip rate {within}",
-                "orbit_flips", "orbit_decided",
-            ),
-            Ratio(
-                f"mass_{at}", "higher", "",
-                f"mean probability {within} of the point itself",
-                "Probability at the point",
-                "orbit_own_mass", "orbit_distributions",
-            ),
-            Ratio(
-                f"partner_mass_{at}", "neither", "",
-                f"mean probability {within} of each visible partner",
-                "Probability at each partner",
-                "orbit_partner_mass", "orbit_distributions",
-            ),
-            Ratio(
-                f"least_mass_{at}", "higher", "",
-                "mean of the smallest of these; 0.5 where two places share all probability",
-                "Least probability, point or partner",
-                "orbit_least_mass", "orbit_distributions",
-            ),
-        ]  # fmt: skip
 
     def update(self, block: Block) -> None:
         """Take in one block."""

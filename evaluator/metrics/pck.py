@@ -14,7 +14,6 @@ import numpy as np
 
 from pliant.evaluator.metrics.base import Metric, Positives
 from pliant.evaluator.metrics.blocks import Block
-from pliant.evaluator.statistics.ratios import Figure, Ratio
 from pliant.spec.arrays import FloatArray, IntArray
 from pliant.spec.configuration import Settings
 
@@ -38,21 +37,6 @@ class Pck(Metric[PckSettings]):
 
     Settings = PckSettings
     truth_columns = ("box_px",)
-
-    @staticmethod
-    def figures(settings: PckSettings) -> list[Figure]:
-        """Return each threshold's share, pooled and as the mean over pairs."""
-        result: list[Figure] = []
-        kinds = [(x, "px", " px") for x in settings.thresholds_px]
-        kinds += [(x, "box", " of the object's box") for x in settings.thresholds_box]
-        for threshold, suffix, words in kinds:
-            about = f"share of answers within {threshold:g}{words}"
-            pooled = Ratio(
-                f"pck_{threshold:g}{suffix}", "higher", "", about,
-                f"PCK {threshold:g} {suffix}", f"within_{threshold:g}{suffix}", "counted",
-            )  # fmt: skip
-            result += [pooled, pooled.mean_over_pairs(f"{about}, mean over image pairs")]
-        return result
 
     def update(self, block: Block) -> None:
         """Take in one block."""

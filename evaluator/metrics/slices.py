@@ -13,7 +13,6 @@ import pyarrow as pa
 from pliant.evaluator.metrics.base import Groups, Metric, Positive, ScoringContext, Summary
 from pliant.evaluator.metrics.blocks import Block
 from pliant.evaluator.metrics.errors import endpoint_error_px
-from pliant.evaluator.statistics.ratios import Figure, Ratio
 from pliant.spec.arrays import BoolArray, FloatArray, IntArray
 from pliant.spec.configuration import Settings
 from pliant.spec.conventions import VISIBILITY_STATES
@@ -74,24 +73,6 @@ class Slices(Metric[SlicesSettings]):
     Settings = SlicesSettings
     truth_columns = ("point",)
     query_pixels = True
-
-    @staticmethod
-    def figures(settings: SlicesSettings) -> list[Figure]:
-        """Return the figures over the points that move."""
-        if settings.moving_px is None:
-            return []
-        over = f"over the points that move by more than {settings.moving_px:g} px"
-        within = f"{settings.within_px:g}"
-        return [
-            Ratio(
-                "rmse_px_moving", "lower", "px", f"root mean squared error, pooled {over}",
-                "RMSE, moving points", "moving_squared_px2", "moving_counted", root=True,
-            ),
-            Ratio(
-                f"pck_{within}px_moving", "higher", "", f"share within {within} px, {over}",
-                f"PCK {within} px, moving points", "moving_within", "moving_counted",
-            ),
-        ]  # fmt: skip
 
     def __init__(self, settings: SlicesSettings, context: ScoringContext) -> None:
         super().__init__(settings, context)

@@ -9,7 +9,6 @@ import numpy as np
 from pliant.evaluator.metrics.base import Groups, Metric, NoSettings, Summary
 from pliant.evaluator.metrics.blocks import Block
 from pliant.evaluator.metrics.errors import sum_by_pair
-from pliant.evaluator.statistics.ratios import Figure, Ratio
 from pliant.spec.arrays import BoolArray, FloatArray, IntArray, RealArray
 
 
@@ -17,38 +16,6 @@ class Symmetry(Metric[NoSettings]):
     """Symmetry-aware RMSE by pair and by point, and flip rates."""
 
     truth_columns = ("alternatives",)
-
-    @staticmethod
-    def figures(settings: NoSettings) -> list[Figure]:
-        """Return the errors with symmetries forgiven and how often one was needed."""
-        del settings
-        rmse = Ratio(
-            "symmetric_rmse_px", "lower", "px",
-            "RMSE under the symmetry that is best for each pair", "RMSE, symmetry-aware",
-            "symmetric_squared_px2", "counted", root=True,
-        )  # fmt: skip
-        return [
-            rmse,
-            rmse.mean_over_pairs("mean over image pairs of the same"),
-            Ratio(
-                "point_symmetric_rmse_px", "lower", "px",
-                "RMSE where each point may be taken for a visible partner",
-                "RMSE, symmetry-aware by point",
-                "point_symmetric_squared_px2", "counted", root=True,
-            ),
-            Ratio(
-                "flip_rate", "lower", "",
-                "share of pairs that a symmetry other than the identity explains best",
-                "Flip rate of pairs",
-                "flipped_pairs", "symmetric_pairs",
-            ),
-            Ratio(
-                "point_flip_rate", "lower", "",
-                "share of points whose answer is nearer to a visible partner",
-                "Flip rate of points",
-                "flipped_points", "symmetric_points",
-            ),
-        ]  # fmt: skip
 
     def update(self, block: Block) -> None:
         """Take in one block."""

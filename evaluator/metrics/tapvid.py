@@ -16,8 +16,9 @@ import numpy as np
 
 from pliant.evaluator.metrics.base import Groups, Metric, Positive, Positives, Summary
 from pliant.evaluator.metrics.blocks import Block
+from pliant.evaluator.metrics.figures import listed_figures
 from pliant.evaluator.metrics.pck import threshold_level
-from pliant.evaluator.statistics.ratios import Figure, Ratio
+from pliant.evaluator.statistics.ratios import Figure
 from pliant.spec.arrays import BoolArray, FloatArray, IntArray
 from pliant.spec.configuration import Settings
 from pliant.spec.constraints import Bounds, NotEmpty
@@ -46,10 +47,11 @@ class Tapvid(Metric[TapvidSettings]):
 
     Settings = TapvidSettings
 
-    @staticmethod
-    def figures(settings: TapvidSettings) -> list[Figure]:
+    @classmethod
+    def figures(cls, settings: TapvidSettings) -> list[Figure]:
         """Return the averages over the thresholds, then the figures of each threshold."""
-        return tapvid_figures(settings.thresholds, "mean over image pairs (TAP-Vid: over videos)")
+        mean = "mean over image pairs (TAP-Vid: over videos)"
+        return listed_figures("tapvid", settings, mean=mean, one="one")
 
     def update(self, block: Block) -> None:
         """Take in one block."""
@@ -83,35 +85,6 @@ class Tapvid(Metric[TapvidSettings]):
             summary.notes["visible"] = (
                 "the submission has no column `visible`: every point was taken as predicted visible"
             )
-
-
-def tapvid_figures(thresholds: Sequence[float], mean: str, each: str = "one") -> list[Figure]:
-    """Return TAP-Vid's figures.
-
-    Args:
-        thresholds: In scaled pixels.
-        mean: What the figures are averaged over, in words.
-        each: Column that is 1 where there is one of these.
-    """
-
-    def higher(name: str, about: str, denominator: str, label: str = "") -> Ratio:
-        about = f"{about}, {mean}"
-        return Ratio(name, "higher", "", about, label, f"{name}_pair", denominator)
-
-    within = "share of visible points within the thresholds, averaged over them"
-    result: list[Figure] = [
-        higher("oa", "occlusion accuracy", each, "OA"),
-        higher("delta_avg", within, "tapvid_pair", "δ avg"),
-        higher("aj", "average Jaccard over the thresholds", "jaccard_pair", "AJ"),
-    ]
-    for t in thresholds:
-        about = f"share of visible points within {t:g} scaled px"
-        jaccard = f"Jaccard within {t:g} scaled px"
-        result.append(
-            higher(f"delta_{t:g}", about, "tapvid_pair", f"Points within {t:g} scaled px")
-        )
-        result.append(higher(f"jaccard_{t:g}", jaccard, "jaccard_pair", jaccard))
-    return result
 
 
 @dataclass(frozen=True)
@@ -149,7 +122,7 @@ class TapvidPairs:
         return _quotient(self.true_positives, self.visible[:, None] + self.false_positives)
 
     def columns(self, thresholds: Sequence[float]) -> dict[str, FloatArray]:
-        """Return the columns of the pair table that `tapvid_figures` divides, 0 for NaN."""
+        """Return the columns of the pair table that the figures divide, 0 for NaN."""
         has_jaccard = np.isfinite(self.jaccard).all(axis=1)
         columns = {
             "oa_pair": self.occlusion_accuracy,

@@ -8,7 +8,6 @@ import numpy as np
 
 from pliant.evaluator.metrics.base import Groups, Metric, ScoringContext, Summary
 from pliant.evaluator.metrics.blocks import Block
-from pliant.evaluator.statistics.ratios import Figure, Ratio
 from pliant.spec.arrays import IntArray
 from pliant.spec.configuration import Settings
 from pliant.spec.constraints import Bounds
@@ -32,19 +31,6 @@ class Time(Metric[TimeSettings]):
     """
 
     Settings = TimeSettings
-
-    @staticmethod
-    def figures(settings: TimeSettings) -> list[Figure]:
-        """Return the RMSE after each number of frames."""
-        return [
-            Ratio(
-                f"rmse_px_after_{frames}", "lower", "px",
-                f"RMSE {frames} frames after the query, in its episode",
-                f"RMSE after {frames} frames",
-                f"time_squared_px2_{frames}", f"time_counted_{frames}", root=True,
-            )
-            for frames in settings.frames
-        ]  # fmt: skip
 
     def __init__(self, settings: TimeSettings, context: ScoringContext) -> None:
         super().__init__(settings, context)

@@ -14,11 +14,11 @@ import numpy as np
 
 from pliant.evaluator.metrics.base import Groups, Metric, ScoringContext, Summary
 from pliant.evaluator.metrics.blocks import Block
+from pliant.evaluator.metrics.figures import listed_figures
 from pliant.evaluator.metrics.tapvid import (
     Tapvid,
     TapvidPairs,
     TapvidSettings,
-    tapvid_figures,
 )
 from pliant.evaluator.statistics.ratios import Figure
 from pliant.spec.configuration import Settings
@@ -45,10 +45,10 @@ class Videos(Metric[VideosSettings]):
 
     Settings = VideosSettings
 
-    @staticmethod
-    def figures(settings: VideosSettings) -> list[Figure]:
+    @classmethod
+    def figures(cls, settings: VideosSettings) -> list[Figure]:
         """Return TAP-Vid's figures."""
-        return tapvid_figures(settings.tapvid.thresholds, "mean over videos", "video")
+        return listed_figures("tapvid", settings.tapvid, mean="mean over videos", one="video")
 
     def __init__(self, settings: VideosSettings, context: ScoringContext) -> None:
         super().__init__(settings, context)

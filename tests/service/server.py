@@ -40,7 +40,7 @@ class Server:
         with open(self._log, "ab") as log:
             return subprocess.Popen(self._command, stdout=log, stderr=log, start_new_session=True)
 
-    def wait(self, seconds: float = 60) -> None:
+    def wait(self, seconds: float = 180) -> None:
         """Wait until it answers."""
         end = time.monotonic() + seconds
         while time.monotonic() < end:

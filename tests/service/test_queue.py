@@ -10,6 +10,7 @@ import pytest
 from sqlalchemy import func, select, text
 
 from pliant.service import queue
+from pliant.service.database import now_ms
 from pliant.service.models import Job, Score, State, Submission
 from pliant.service.queue import lease_next
 from pliant.service.scoring import Result, Task
@@ -19,7 +20,7 @@ from pliant.service.worker import Worker
 from pliant.spec.limits import Limits, run_limited
 from tests.service.conftest import MakeTrial, Trial, quick
 
-SHORT = "scoring: {lease_s: 1, wall_s: 60, memory_gib: 1}\n"
+LIMITED = "scoring: {wall_s: 60, memory_gib: 1}\n"
 
 
 def state_of(trial: Trial, number: int) -> Submission:
@@ -102,24 +103,33 @@ def test_a_job_whose_workers_stop_fails_after_three_tries_and_is_refunded(trial:
 
 
 def test_a_running_job_keeps_its_lease(make_trial: MakeTrial) -> None:
-    trial = make_trial(SHORT)
+    trial = make_trial("scoring: {lease_s: 3}\n")
     number = trial.send(b"good")
-    going = threading.Event()
+    going, ended = threading.Event(), threading.Event()
 
     def slow(task: Task, limits: Scoring) -> Result:
         going.set()
-        time.sleep(2.5)
+        assert ended.wait(60)
         return quick(task, limits)
 
     thread = threading.Thread(target=Worker(trial.challenge, slow).work_once)
     thread.start()
-    going.wait(10)
-    end = time.monotonic() + 2
-    while time.monotonic() < end:
-        assert not Worker(trial.challenge, quick).work_once()
-        time.sleep(0.2)
+    assert going.wait(60)
+    first = lease_end_ms(trial)
+    while now_ms() <= first:
+        time.sleep(0.1)
+    assert lease_end_ms(trial) > first  # renewed before it ended
+    assert not Worker(trial.challenge, quick).work_once()
+    ended.set()
     thread.join()
     assert state_of(trial, number).state == State.SCORED
+
+
+def lease_end_ms(trial: Trial) -> int:
+    with trial.challenge.database.read() as session:
+        end = session.scalar(select(Job.lease_until_ms))
+    assert end is not None
+    return end
 
 
 def hang() -> Result:
@@ -143,7 +153,7 @@ def crash() -> Result:
 def test_a_scorer_that_misbehaves_costs_no_attempt(
     make_trial: MakeTrial, what: object, told: str
 ) -> None:
-    trial = make_trial(SHORT)
+    trial = make_trial(LIMITED)
     number = trial.send(b"good")
 
     def scorer(task: Task, limits: Scoring) -> Result:

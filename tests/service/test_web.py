@@ -49,16 +49,12 @@ class Page:
         field = self.browser.driver.find_element(By.CSS_SELECTOR, f"main [name={name}]")
         field.send_keys(value)
 
-    def press(self, selector: str) -> None:
-        self.browser.driver.find_element(By.CSS_SELECTOR, selector).click()
-
     def sign_in(self, token: str) -> None:
         self.browser.open(self.server.address + "/login")
         self.browser.driver.delete_all_cookies()
         self.go("/login")
         self.fill("token", token)
-        self.press("main button.main")
-        self.browser.wait("location.pathname !== '/login'")
+        self.browser.follow("main button.main")
 
 
 def test_a_host_and_a_team(
@@ -72,7 +68,7 @@ def test_a_host_and_a_team(
         browser.size(1200, 900)
         page.sign_in(trial.host)
         page.fill("name", "Knots")
-        page.press("form[action='/admin/invite'] button")
+        browser.follow("form[action='/admin/invite'] button")
         browser.wait("document.getElementById('token')")
         token = str(browser.run("return document.getElementById('token').textContent"))
         assert token.startswith("pliant_")
@@ -81,14 +77,14 @@ def test_a_host_and_a_team(
         page.sign_in(token)
         page.go("/submit")
         page.fill("file", str(service_halves.submissions[0]))
-        page.press("main button.main")
+        browser.follow("main button.main")
         browser.wait("location.pathname === '/submissions/1'")
         browser.wait("document.querySelector('.state.scored')")
         assert "RMSE" in page.text()
         assert "Receipt" in page.text()
         page.go("/submit")
         page.fill("file", str(bad))
-        page.press("main button.main")
+        browser.follow("main button.main")
         browser.wait("document.querySelector('.state.refused')")
         assert "FILE_UNREADABLE" in page.text()
         assert "4 attempts left today, 99 in all" in page.go("/submit")
@@ -96,11 +92,11 @@ def test_a_host_and_a_team(
 
         page.sign_in(trial.host)
         page.go("/admin")
-        page.press("tr:last-child form[action='/admin/credit'] button")
+        browser.follow("tr:last-child form[action='/admin/credit'] button")
         browser.wait("document.body.innerText.includes('test: 5 today, 100 in all')")
         page.fill("reason", "the figures of the paper")
         browser.run("document.querySelector('select[name=protocol]').value = 'paper'")
-        page.press("form[action='/admin/rescore'] button")
+        browser.follow("form[action='/admin/rescore'] button")
         browser.wait("document.body.innerText.includes('1 submissions wait')")
         wait_for_jobs(trial)
         assert page.go("/submissions/1").count("truth 1") == 2
@@ -180,15 +176,11 @@ def test_without_javascript(
             browser.driver.get(server.address + "/login")
             field = browser.driver.find_element(By.CSS_SELECTOR, "main [name=token]")
             field.send_keys(trial.tokens[0])
-            page.press("main button.main")
-            WebDriverWait(browser.driver, 60).until(
-                lambda driver: driver.current_url != server.address + "/login"
-            )
+            browser.follow("main button.main")
             browser.driver.get(server.address + "/submit")
             page.fill("file", str(service_halves.submissions[0]))
-            page.press("main button.main")
-            scored = (By.CSS_SELECTOR, ".state.scored")
-            WebDriverWait(browser.driver, 60).until(lambda driver: driver.find_elements(*scored))
-            assert "Receipt" in browser.driver.page_source
+            browser.follow("main button.main")
+            WebDriverWait(browser.driver, 60).until(lambda driver: "Receipt" in driver.page_source)
+            assert browser.driver.find_elements(By.CSS_SELECTOR, ".state.scored")
         finally:
             browser.driver.execute_cdp_cmd(command, {"value": False})
