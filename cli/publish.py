@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
@@ -12,9 +12,6 @@ from pliant.cli.interrupts import terminated_like_interrupted
 from pliant.cli.options import PATH, json_option, out_option, path_option
 from pliant.cli.terminal import echo, echo_json, progress_bar
 from pliant.spec.errors import CallError
-
-if TYPE_CHECKING:
-    from pliant.publishing.publish import Finish
 
 _UNITS = {"": 1, "B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9}
 
@@ -41,18 +38,11 @@ _UNITS = {"": 1, "B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9}
 )
 @click.option("--url", metavar="URL", help="Address of the published dataset.")
 @click.option("--date", metavar="YYYY-MM-DD", help="Date of the release.")
-@path_option(
-    "--bundle",
-    "WHEEL",
-    "With --hold-out, put a Codabench bundle that scores with this wheel of Pliant into the "
-    "private half.",
-)
 @json_option
 def command(
     folder: Path,
     out: Path,
     private: Path | None,
-    bundle: Path | None,
     as_json: bool,
     **given: Any,
 ) -> int:
@@ -67,7 +57,6 @@ def command(
     splits = dict.fromkeys(name for text in given.pop("hold_out") for name in text.split(","))
     shard_bytes = parse_size(given.pop("shard_size"))
     settings = PublishSettings(hold_out=tuple(splits), shard_bytes=shard_bytes, **given)
-    finish = None if bundle is None else _bundle_writer(bundle, settings.hold_out)
     with terminated_like_interrupted(""), progress_bar("", "sequences", hidden=as_json) as bar:
         published = publish(
             folder,
@@ -75,7 +64,6 @@ def command(
             settings,
             private=private,
             progress=lambda what, done, total: bar(done, total, title=what),
-            finish=finish,
         )
     if as_json:
         echo_json(published.as_dict())
@@ -105,18 +93,3 @@ def parse_size(text: str) -> int:
             "the size cannot be read", where="--shard-size", found=text, required="such as 500MB"
         )
     return int(float(match[1]) * _UNITS[match[2]])
-
-
-def _bundle_writer(wheel: Path, hold_out: tuple[str, ...]) -> Finish:
-    """Return what adds the competition bundles to the private half."""
-    from pliant.publishing.competition.bundle import check_wheel, write_bundle
-
-    if not hold_out:
-        raise CallError("a bundle needs a held-out split", where="--bundle", required="--hold-out")
-    check_wheel(wheel)
-
-    def finish(public: Path, private: Path | None) -> None:
-        if private is not None:
-            write_bundle(public, private, wheel, private / "codabench")
-
-    return finish

@@ -1,6 +1,6 @@
 """Prepares a dataset for release: a public half to host and cite, and a private half.
 
-Writes shards, dataset card, Croissant metadata and checksums; `competition` writes bundles.
+Writes shards, dataset card, Croissant metadata and checksums.
 """
 
 from pliant.publishing.publish import Published, publish

@@ -20,10 +20,10 @@ from pliant.spec.errors import SpecError
 from pliant.spec.tables import SEQUENCES
 
 PROTOCOL: Final = "standard"
-"""Competitions are scored by this protocol, whatever a submission is."""
+"""The protocol that challenges score by unless they name another one."""
 
 MAX_SUBMISSIONS: Final = 100
-"""Submissions that the bundles allow each participant."""
+"""Submissions that a challenge allows a team unless it says otherwise."""
 
 _SIGNATURE: Final = b"\x89PNG\r\n\x1a\n"
 _PICTURE_CHUNKS: Final = frozenset({b"IHDR", b"sRGB", b"gAMA", b"cHRM", b"IDAT", b"IEND"})
@@ -135,7 +135,7 @@ def scores_reveal(dataset: Dataset, split: str, visible: int) -> str | None:
 
     A figure of four digits carries at most log2(9,000) bits, a position to one pixel as many as the
     image has pixels (docs/competitions.md, "What scores reveal"). What a participant learns from
-    the submissions that the bundles allow is compared with the mean positions of the image pairs,
+    the submissions of a challenge is compared with the mean positions of the image pairs,
     which are found before single answers are.
 
     Args:

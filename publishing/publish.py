@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import os
 import stat
-from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from importlib.metadata import version
@@ -25,10 +24,6 @@ from pliant.spec.storage import layout
 from pliant.spec.storage.manifest import Half, write_checksums, write_manifest
 from pliant.spec.validation.rules.structure import WORKSHOPS
 from pliant.spec.validation.validate import validate
-
-Finish = Callable[[Path, Path | None], None]
-"""Adds files to the private half: called with both folders while they are still temporary, before
-the private half's checksums are written."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +68,6 @@ def publish(
     *,
     private: Path | None = None,
     progress: StageProgress | None = None,
-    finish: Finish | None = None,
 ) -> Published:
     """Publish a dataset.
 
@@ -83,7 +77,6 @@ def publish(
         settings: How; None holds nothing out.
         private: The private half; None takes the public one's name with `-private` behind.
         progress: Called after each sequence.
-        finish: Adds files to the private half.
 
     Returns:
         What was written, with warnings.
@@ -111,8 +104,6 @@ def publish(
         if private_half is not None:
             private_half.chmod(0o700)
             write_private(dataset, private_half, settings, warnings, show)
-            if finish is not None:
-                finish(public_half, private_half)
         sums = _tie(dataset, public_half, private_half, settings)
         return Published(
             public=out,

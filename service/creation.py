@@ -20,8 +20,6 @@ from pliant.spec.errors import CallError
 from pliant.spec.io.staging import staged
 
 HOST_NAME: Final = "Host"
-_UNUSED: Final = ("codabench",)
-"""Folders of the private half that the service has no use for."""
 
 
 def create_challenge(
@@ -81,7 +79,7 @@ def write_settings(root: Path, settings: ChallengeSettings) -> None:
 def copy_private(private: Path, place: Path) -> None:
     """Copy a private half so that its owner alone can read it."""
     place.parent.mkdir(mode=0o700, exist_ok=True)
-    shutil.copytree(private, place, ignore=shutil.ignore_patterns(*_UNUSED))
+    shutil.copytree(private, place)
     for folder, _, files in os.walk(place):
         os.chmod(folder, 0o700)
         for name in files:

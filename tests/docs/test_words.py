@@ -15,7 +15,7 @@ PAGES = (
     *("*.md", "docs/**/*.md", "spec/*.md", "spec/annexes/*.md"),
     *("spec/conformance/*.md", "models/shipped/*/*.md"),
 )
-TEMPLATES = ("*/templates/*.j2", "*/*/templates/*.j2", "publishing/competition/files/*.j2")
+TEMPLATES = ("*/templates/*.j2", "*/*/templates/*.j2")
 # Text of released files, and the page that `pliant benchmark` writes.
 UNCHANGEABLE = {
     "conventions.py",

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-import shutil
 import zipfile
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +15,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from pliant.cli.main import run
-from pliant.evaluator import competition, evaluate, inspect, write_report
-from pliant.evaluator.hidden_truth import public_scores
-from pliant.evaluator.scores import Scores
+from pliant.evaluator import evaluate, inspect, write_report
 
 WIDTH, HEIGHT = 160, 120
 
@@ -98,7 +94,7 @@ def test_check_says_nothing_that_depends_on_the_truth(scene: Any, tmp_path: Path
 def test_hints_are_on_the_terminal_and_in_no_file(
     scene: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A competition shows participants files and pages alone; the hints would give answers away."""
+    """A challenge shows participants files and pages alone; the hints would give answers away."""
     path = scene.submit(tmp_path / "s.parquet", scene.table(scene.true_px - 0.5))
     scores = evaluate(path, scene.root)
     assert scores.hints
@@ -118,31 +114,6 @@ def test_scores_with_hidden_truth_have_no_hint_that_needs_it(
     assert evaluate(path, scene.root, hide_truth=True).hints == ()
     assert run(["evaluate", str(path), "--data", str(scene.root), "--hide-truth"]) == 0
     assert "half a pixel" not in capsys.readouterr().err
-
-
-def test_the_competition_program_shows_no_hint(
-    scene: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Not even where the evaluation gives one."""
-    reference = tmp_path / "input" / "ref"
-    shutil.copytree(scene.root, reference)
-    rules = {"protocol": "paper", "split": "test", "columns": []}
-    (reference / "competition.json").write_text(json.dumps(rules))
-    (tmp_path / "input" / "res").mkdir()
-    path = tmp_path / "input" / "res" / "s.parquet"
-    scene.submit(path, scene.table(scene.true_px - 0.5))
-    hint = "adding half a pixel"
-
-    def with_hint(scores: Scores) -> Scores:
-        return replace(public_scores(scores), hints=(hint,))
-
-    monkeypatch.setattr(competition, "public_scores", with_hint)
-    assert competition.score(path, reference).hints == ()
-    assert competition.codabench([str(tmp_path / "input"), str(tmp_path / "output")]) == 0
-    shown = capsys.readouterr()
-    pages = [file.read_text() for file in (tmp_path / "output").iterdir()]
-    assert len(pages) == 2
-    assert hint not in "".join([shown.out, shown.err, *pages])
 
 
 def _zipped(scene: Any, path: Path) -> None:

@@ -17,7 +17,6 @@ LAYERS = (
     {"evaluate"},
     {"hidden_truth", "comparison"},
     {"report"},
-    {"competition"},
 )
 
 

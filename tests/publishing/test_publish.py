@@ -10,6 +10,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +19,11 @@ import pytest
 import yaml
 from PIL import Image
 
+from pliant.baselines.submission_file import query_keys, write_answers
 from pliant.cli.main import run
+from pliant.evaluator import evaluate
 from pliant.publishing import PublishSettings, publish
+from pliant.spec.answers import Answers
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, SpecError
 from pliant.spec.storage import layout
@@ -128,29 +132,56 @@ def test_two_publications_are_the_same_bytes(halves: Any, tmp_path: Path) -> Non
     assert (tmp_path / "again-private").stat().st_mode & 0o077 == 0
 
 
-def test_an_interruption_leaves_nothing(halves: Any, tmp_path: Path) -> None:
-    def interrupt(public: Path, private: Path | None) -> None:
+def test_an_interruption_leaves_nothing(
+    halves: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupt(dataset: Dataset, public: Path, *_: object) -> None:
         assert any(public.iterdir())
         raise KeyboardInterrupt
 
+    monkeypatch.setattr(import_module("pliant.publishing.publish"), "_tie", interrupt)
     with pytest.raises(KeyboardInterrupt):
-        publish(halves.whole, tmp_path / "out", HELD_OUT, finish=interrupt)
+        publish(halves.whole, tmp_path / "out", HELD_OUT)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_what_finish_adds_is_in_the_private_checksums(halves: Any, tmp_path: Path) -> None:
-    def finish(public: Path, private: Path | None) -> None:
-        assert private is not None
-        (private / "bundle").mkdir()
-        (private / "bundle" / "a.txt").write_text("a")
-
-    publish(halves.whole, tmp_path / "out", HELD_OUT, private=tmp_path / "own", finish=finish)
-    assert "bundle/a.txt" in read_checksums(tmp_path / "own" / layout.CHECKSUMS)
+def test_halves_of_two_publications_do_not_fit(halves: Any, tmp_path: Path) -> None:
+    publish(halves.whole, tmp_path / "out", HELD_OUT, private=tmp_path / "own")
     Dataset.open(tmp_path / "out").with_private(tmp_path / "own")
     with pytest.raises(SpecError, match="another publication"):
         Dataset.open(tmp_path / "out").with_private(halves.private)
     with pytest.raises(SpecError, match="public half"):
         Dataset.open(tmp_path / "out").with_private(tmp_path / "out")
+
+
+def test_one_score_for_the_whole_and_for_its_halves(halves: Any, tmp_path: Path) -> None:
+    """A participant has the public half alone and writes the very file that fits the whole set."""
+    whole, public = Dataset.open(halves.whole), Dataset.open(halves.public)
+    truth = whole.truth("test")
+    true_px = np.stack([truth["u_b"].to_numpy(), truth["v_b"].to_numpy()], axis=1)
+    rng = np.random.default_rng(5)
+    answers = Answers(
+        uv_px=(true_px + rng.normal(0, 4, true_px.shape)).astype(np.float32),
+        visible=rng.random(len(true_px)).astype(np.float32),
+        sigma_px=rng.uniform(1, 8, len(true_px)).astype(np.float32),
+    )
+    path = tmp_path / "mine.parquet"
+    write_answers(path, public, "test", query_keys(public, "test"), answers, {"name": "mine"})
+    scores = evaluate(path, halves.whole)
+    assert {"geodesic_mean_m", "nll"} <= set(scores.overall)
+    of_halves = evaluate(path, halves.public, truth=halves.private)
+    assert (of_halves.overall, of_halves.tiers) == (scores.overall, scores.tiers)
+
+
+def test_a_sheet_of_the_public_half_leaves_the_hidden_depth_blank(
+    halves: Any, tmp_path: Path
+) -> None:
+    out = tmp_path / "sheet.png"
+    assert run(["view", str(halves.public), "--out", str(out), "--count", "8"]) == 0
+    with Image.open(out) as sheet:
+        colours = np.asarray(sheet.convert("RGB"))
+    blank = (colours == 235).all(axis=2).sum()
+    assert blank > 240 * 90  # takes the place of the depth of a held-out frame
 
 
 def test_calls_that_make_no_sense_are_refused(
@@ -242,8 +273,10 @@ def test_what_a_killed_publication_leaves_goes_with_the_next(halves: Any, tmp_pa
     script = (
         "import os, signal, sys\nfrom pathlib import Path\n"
         "from pliant.publishing import PublishSettings, publish\n"
+        "module = sys.modules['pliant.publishing.publish']\n"
+        "module._tie = lambda *_: os.kill(os.getpid(), signal.SIGKILL)\n"
         "publish(Path(sys.argv[1]), Path(sys.argv[2]), PublishSettings(hold_out=('test',),\n"
-        "answers_are_public=True), finish=lambda *_: os.kill(os.getpid(), signal.SIGKILL))"
+        "answers_are_public=True))"
     )
     out = tmp_path / "out"
     done = subprocess.run([sys.executable, "-c", script, str(halves.whole), str(out)])

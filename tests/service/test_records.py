@@ -133,7 +133,6 @@ def test_secrets_are_readable_by_their_owner_alone(make_trial: MakeTrial) -> Non
     for path in [challenge.private_key, *challenge.private(1).rglob("*")]:
         mode = stat.S_IMODE(path.stat().st_mode)
         assert mode in (0o600, 0o700), path
-    assert not (challenge.private(1) / "codabench").exists()
 
 
 def test_rescoring_adds_scores_and_changes_none(
