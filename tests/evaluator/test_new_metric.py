@@ -29,8 +29,8 @@ class Huber(Metric[HuberSettings]):
 
     Settings = HuberSettings
 
-    @staticmethod
-    def figures(settings: HuberSettings) -> list[Figure]:
+    @classmethod
+    def figures(cls, settings: HuberSettings) -> list[Figure]:
         """Return the mean loss."""
         about = f"mean Huber loss, delta {settings.delta_px:g} px"
         return [Ratio("huber_px2", "lower", "px2", about, "Huber", "sum_huber_px2", "counted")]
