@@ -56,7 +56,7 @@ class LossSettings(Settings):
         margin: Contrastive: M.
         non_matches: Contrastive: pixels a query, half on the object.
         guard_px: Contrastive: no non-match is this near to a match.
-        squared: Contrastive: squared hinge.
+        squared: Contrastive: distances of matches and hinges are squared.
         hard_scaling: Contrastive: divide by the non-matches inside the margin.
         space_weight: Weight of the Lipschitz condition in space, 0 for none.
         space_constant: Its constant.

@@ -2,11 +2,11 @@
 
 For a query with descriptor f, its match g and non-matches h_k, with margin M:
 
-    L = mean over matches ||f - g||^2  +  sum_k max(0, M - ||f - h_k||)^e / (number counted)
+    L = mean over matches ||f - g||^e  +  sum_k max(0, M - ||f - h_k||)^e / (number counted)
 
-e is 2 (`squared`) or 1. The number counted is that of the hard non-matches, those inside the
-margin (`hard_scaling`), or of all of them. A non-match within `guard_px` of the match (or of
-a symmetry partner of it) is none: it is left out and not counted.
+e is 2 (`squared`, as in the code of Dense Object Nets) or 1. The number counted is that of the
+hard non-matches, those inside the margin (`hard_scaling`), or of all of them. A non-match within
+`guard_px` of the match (or of a symmetry partner of it) is none: it is left out and not counted.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ _TINY = 1e-12
 
 @dataclass(frozen=True)
 class Hinge:
-    """How non-matches are pushed away.
+    """How matches are pulled and non-matches pushed away.
 
     Attributes:
         margin: M, > 0.
         guard_px: Radius around a match inside which nothing is a non-match.
-        squared: Whether the hinge is squared.
+        squared: Whether distances of matches and hinges are squared.
         hard_scaling: Whether to divide by the hard non-matches alone.
     """
 
@@ -85,12 +85,13 @@ def contrastive_loss(
 def _sums(hinge: Hinge, *piece: torch.Tensor) -> torch.Tensor:
     """Return (sum over matches, sum over non-matches, non-matches counted) of some queries."""
     query, match, valid, non_match, non_match_uv, match_uv, match_valid = piece
+    # sqrt has no gradient at 0: a collapsed network would yield NaN.
     pull = ((query - match) ** 2).sum(dim=-1)  # (N, q)
+    pull = pull if hinge.squared else (pull + _TINY).sqrt()
     gap = (non_match_uv[:, :, :, None] - match_uv[:, :, None]).norm(dim=-1)  # (N, q, K, R)
     near = ((gap <= hinge.guard_px) & match_valid[:, :, None]).any(dim=-1)  # (N, q, K)
     counted = valid[..., None] & ~near
     square = ((query[:, :, None] - non_match) ** 2).sum(dim=-1)
-    # sqrt has no gradient at 0: a collapsed network would yield NaN.
     inside = (hinge.margin - (square + _TINY).sqrt()).clamp_min(0)
     push = inside**2 if hinge.squared else inside
     number = (counted & (inside > 0)) if hinge.hard_scaling else counted

@@ -167,6 +167,15 @@ def read_checkpoint(folder: Path) -> TrainingState:
         ) from error
 
 
+def read_history(run: Path) -> list[dict[str, float]]:
+    """Return the logged figures of a run up to its newest checkpoint; empty before the first."""
+    folder = latest_checkpoint(run)
+    if folder is None:
+        return []
+    history: list[dict[str, float]] = json.loads((folder / "state.json").read_text())["history"]
+    return history
+
+
 def _split(optimiser: dict[str, Any]) -> tuple[Weights, dict[str, Any]]:
     """Part an optimiser's state dictionary into tensors and plain values."""
     tensors = {

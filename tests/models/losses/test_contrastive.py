@@ -43,7 +43,7 @@ def loss_of(
         # ... divided by all three that count
         ({"hard_scaling": False}, 0.01 + (0.09 + 0.01) / 3),
         # the hinge itself
-        ({"squared": False}, 0.01 + (0.3 + 0.1) / 2),
+        ({"squared": False}, 0.1 + (0.3 + 0.1) / 2),
         # without the guard the fourth counts: (0.5 - 0.3)^2
         ({"guard_px": 0.5}, 0.01 + (0.09 + 0.01 + 0.04) / 3),
     ],
