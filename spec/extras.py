@@ -19,6 +19,7 @@ EXTRAS: Final[dict[str, tuple[str, ...]]] = {
         "prometheus_client",
     ),
     "cluster": ("ray",),
+    "convert": ("rerun",),
     "publish": ("mlcroissant", "datasets", "huggingface_hub", "fsspec"),
 }
 """Extra of Pliant -> the modules that it installs."""

@@ -9,9 +9,9 @@ from typing import Final
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
 from pliant.spec.lru_cache import LRUCache
+from pliant.spec.point_mesh import PosedMesh, PosedPoints
 from pliant.spec.sequence import RecordedFrame
 from pliant.spec.surface_search import SurfaceSearch
-from pliant.viewer.explorer.mesh import PosedMesh, PosedPoints
 
 _NUMBER: Final = re.compile("[0-9]{1,9}")
 _KEPT_FRAMES: Final = 8

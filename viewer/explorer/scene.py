@@ -1,6 +1,6 @@
 """A sequence in three dimensions, as binary blocks for the page: mesh, positions, tracks, cameras.
 
-The mesh is that of the tracked points (`pliant.viewer.explorer.mesh`); the points that a camera
+The mesh is that of the tracked points (`pliant.spec.point_mesh`); the points that a camera
 measured come from the depth image.
 """
 

@@ -10,9 +10,9 @@ import pytest
 
 from pliant.spec.dataset import Dataset
 from pliant.spec.model import MaterialCoordinate, MaterialObject
+from pliant.spec.point_mesh import PosedMesh, triangulate
 from pliant.viewer.explorer.app import Explorer
 from pliant.viewer.explorer.frames import FrameStore
-from pliant.viewer.explorer.mesh import PosedMesh, triangulate
 from pliant.viewer.explorer.scene import depth_bytes, pose_bytes, scene_document
 
 TUBE = MaterialObject(

@@ -1,0 +1,65 @@
+"""`pliant convert`: write a dataset in the form of another tool."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Final
+
+import click
+
+from pliant.cli.options import PATH, json_option, out_option
+from pliant.cli.terminal import echo, echo_result, plural, progress_bar
+
+TARGET_NAMES: Final = ["rerun", "lerobot", "coco", "tapvid", "webdataset", "glb"]
+
+
+@click.command("convert")
+@click.argument("data", metavar="DATA", type=PATH)
+@click.option("--to", type=click.Choice(TARGET_NAMES), required=True, help="The form to write.")
+@out_option("FOLDER", "A new folder.")
+@click.option("--split", help="Only this split; default: every one whose truth is there.")
+@click.option("--tier", help="Only this tier.")
+@click.option("--sequence", "sequences", metavar="ID", multiple=True, help="Only this sequence.")
+@click.option(
+    "--points",
+    type=click.IntRange(min=1),
+    help="Most tracked points of a sequence; default: all, for coco 64. Meshes have all.",
+)
+@click.option(
+    "--frame-rate",
+    type=click.FloatRange(min=0, min_open=True),
+    default=15.0,
+    show_default=True,
+    metavar="HZ",
+    help="Frames per second for lerobot and glb; the dataset's files hold no time.",
+)
+@json_option
+def command(
+    data: Path,
+    to: str,
+    out: Path,
+    points: int | None,
+    frame_rate: float,
+    as_json: bool,
+    **which: Any,
+) -> None:
+    """Write the dataset DATA in the form of another tool; says first what that cannot hold."""
+    from pliant.converters.convert import TARGETS, chosen_sequences, convert
+    from pliant.converters.targets.recording import Options
+    from pliant.spec.dataset import Dataset
+
+    target = TARGETS[to]
+    sequences = chosen_sequences(Dataset.open(data), **which)
+    if not as_json:
+        echo(f"{target.title} cannot hold: {'; '.join(target.lost)}.", err=True)
+    with progress_bar("Converting", "sequences", hidden=as_json) as bar:
+        made = convert(sequences, target, out, Options(points, frame_rate), bar)
+    document = {
+        "target": target.name,
+        "out": str(out),
+        "sequences": made.sequences,
+        "bytes": made.bytes,
+        "lost": list(target.lost),
+    }
+    text = f"Wrote {plural(made.sequences, 'sequence')} to {out}. Open with: {target.opened_by}"
+    echo_result(document, text.replace("OUT", str(out)), as_json=as_json)

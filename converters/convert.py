@@ -1,0 +1,168 @@
+"""Writes a dataset in the form of another tool, and says what that form cannot hold."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from pliant.converters.targets.recording import Options
+from pliant.spec.dataset import Dataset
+from pliant.spec.errors import CallError
+from pliant.spec.extras import require_packages
+from pliant.spec.io.staging import staged
+from pliant.spec.progress import Progress
+from pliant.spec.sequence import SequenceRecord
+
+_SURFACE: Final = "the material coordinate of every pixel"
+_QUERIES: Final = "queries and their answers"
+_CAMERA: Final = "cameras and depth"
+
+
+@dataclass(frozen=True)
+class Target:
+    """A form that datasets are converted to.
+
+    Attributes:
+        name: As `--to` takes it.
+        title: What it is.
+        opened_by: What opens the result.
+        lost: What it cannot hold, beyond provenance and symmetries, which none can.
+        packages: Import names of packages that writing it needs.
+    """
+
+    name: str
+    title: str
+    opened_by: str
+    lost: tuple[str, ...]
+    packages: tuple[str, ...] = ()
+
+
+TARGETS: Final = {
+    each.name: each
+    for each in (
+        Target(
+            "rerun",
+            "Rerun recordings",
+            "rerun OUT/*.rrd",
+            (_SURFACE, _QUERIES, "depth beyond what is seen: infinite depth becomes 0"),
+            ("rerun",),
+        ),
+        Target(
+            "lerobot",
+            "LeRobot dataset v3.0",
+            "LeRobotDataset(repo_id, root=OUT)",
+            (_SURFACE, _QUERIES, "cameras", "splits (all episodes are in one)"),
+        ),
+        Target(
+            "coco",
+            "COCO keypoints",
+            "pycocotools, annotation tools, `pliant import OUT/annotations.json`",
+            (_SURFACE, _QUERIES, _CAMERA, "positions in metres", "splits"),
+        ),
+        Target(
+            "tapvid",
+            "TAP-Vid npz files",
+            "numpy, TAP-Vid's evaluation, `pliant import OUT`",
+            (_SURFACE, _QUERIES, _CAMERA, "positions in metres", "splits"),
+        ),
+        Target(
+            "webdataset",
+            "WebDataset tars",
+            'webdataset.WebDataset("OUT/train-{000000..000009}.tar")',
+            (_QUERIES,),
+        ),
+        Target(
+            "glb",
+            "animated glTF meshes",
+            "Blender, three.js, trimesh",
+            (_SURFACE, _QUERIES, "pictures", _CAMERA, "visibility", "splits"),
+        ),
+    )
+}
+"""Name -> target."""
+
+
+@dataclass(frozen=True)
+class Converted:
+    """What a conversion has written.
+
+    Attributes:
+        target: The form.
+        folder: Where it is.
+        sequences: Number of sequences.
+        bytes: Size of all files.
+    """
+
+    target: Target
+    folder: Path
+    sequences: int
+    bytes: int
+
+
+def chosen_sequences(
+    dataset: Dataset,
+    *,
+    split: str | None = None,
+    tier: str | None = None,
+    sequences: Sequence[str] = (),
+) -> list[SequenceRecord]:
+    """Return the sequences to convert.
+
+    Args:
+        dataset: The dataset.
+        split: Only of this split.
+        tier: Only of this tier.
+        sequences: Only these, by their ids.
+
+    Raises:
+        CallError: There are none, or a named split is held out: its truth is not in the dataset.
+        SpecError: The dataset has no such sequence.
+    """
+    named = [dataset.sequence(each) for each in sequences] or dataset.sequences
+    wanted = [each for each in named if split in (None, each.split) and tier in (None, each.tier)]
+    usable = [each for each in wanted if each.split not in dataset.held_out]
+    if not usable:
+        raise CallError(
+            "the truth of these sequences is held out" if wanted else "there are no such sequences",
+            path=dataset.address,
+            found=f"split {split!r}, tier {tier!r}",
+            required=f"splits {sorted({each.split for each in dataset} - {*dataset.held_out})}, "
+            f"tiers {list(dataset.tiers)}",
+        )
+    return usable
+
+
+def convert(
+    sequences: Sequence[SequenceRecord],
+    target: Target,
+    out: Path,
+    options: Options,
+    progress: Progress | None = None,
+) -> Converted:
+    """Write sequences in the form of another tool.
+
+    Args:
+        sequences: What to convert, as `chosen_sequences` returns it.
+        target: The form.
+        out: A folder that does not exist or is empty.
+        options: Number of points, and the clock.
+        progress: Called with (sequences done, of how many).
+
+    Raises:
+        CallError: The folder has files in it, or the form cannot hold these sequences.
+        MissingExtraError: A package is not installed.
+        SpecError: A file of the dataset is damaged.
+    """
+    require_packages(target.packages, f"conversion to {target.title}", "convert")
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise CallError("the folder is not empty", path=out, fix="Name a new folder.")
+    module = importlib.import_module(f"pliant.converters.targets.{target.name}")
+    with staged(out) as folder:
+        for done, _ in enumerate(module.write(sequences, folder, options), start=1):
+            if progress is not None:
+                progress(done, len(sequences))
+        size = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
+    return Converted(target, out, len(sequences), size)

@@ -1,0 +1,28 @@
+"""Point tracks as TAP-Vid stores them: `video`, `points`, `occluded` in an npz per sequence."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import numpy as np
+
+from pliant.converters.targets.recording import Options, Recording
+from pliant.spec.sequence import SequenceRecord
+
+
+def write(sequences: Iterable[SequenceRecord], folder: Path, options: Options) -> Iterator[None]:
+    """Write a file per sequence.
+
+    `video` uint8 (T, H, W, 3); `points` float32 (N, T, 2), shares of width and height from the
+    corner of the picture; `occluded` bool (N, T), which is true out of the frame too.
+    """
+    for sequence in sequences:
+        recording = Recording.of(sequence, options.points)
+        np.savez_compressed(
+            folder / f"{sequence.id}.npz",
+            video=np.stack([frame.rgb for frame in sequence]),
+            points=(recording.uv_px / np.float32(sequence.size)).transpose(1, 0, 2),
+            occluded=~recording.visible.T,
+        )
+        yield
