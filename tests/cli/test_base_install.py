@@ -45,6 +45,7 @@ CALLS = {
     "verify OUT/receipt.json --key OUT/k.pem": "service",
     "submission --data sample --out OUT/n.parquet": "",
     "annotate OUT/none": "explore",
+    "convert sample --to rerun --out OUT/recordings": "convert",
     "import OUT/none --out OUT/o": "",
     "validate --spec OUT/q": "",
 }
@@ -119,7 +120,7 @@ def test_the_extras_are_those_of_the_package() -> None:
     declared = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     extras = declared["optional-dependencies"]
     assert set(EXTRAS) == set(extras) - {"docs", "dev", "all"}
-    names = {"cv2": "opencv-contrib-python-headless"}
+    names = {"cv2": "opencv-contrib-python-headless", "rerun": "rerun-sdk"}
     for extra, modules in EXTRAS.items():
         required = {re.split(r"[=<>;\[ ]", each)[0] for each in extras[extra]}
         assert {names.get(each, each.replace("_", "-")) for each in modules} <= required
