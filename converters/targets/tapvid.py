@@ -22,7 +22,7 @@ def write(sequences: Iterable[SequenceRecord], folder: Path, options: Options) -
         np.savez_compressed(
             folder / f"{sequence.id}.npz",
             video=np.stack([frame.rgb for frame in sequence]),
-            points=(recording.uv_px / np.float32(sequence.size)).transpose(1, 0, 2),
+            points=(recording.uv_px / np.array(sequence.size, np.float32)).transpose(1, 0, 2),
             occluded=~recording.visible.T,
         )
         yield
