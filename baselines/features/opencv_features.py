@@ -1,6 +1,6 @@
 """The local features of OpenCV, one recipe each.
 
-SIFT (Lowe, IJCV 2004), ORB (Rublee and others, ICCV 2011) and SURF (Bay and others, CVIU 2008).
+SIFT (Lowe, IJCV 2004) and ORB (Rublee and others, ICCV 2011).
 """
 
 from __future__ import annotations
@@ -34,12 +34,6 @@ MAX_ORB_KEYPOINTS: Final = 2000
 ORB_PATCH_PX: Final = 31
 ORB_PYRAMID_FACTOR: Final = 1.2
 
-SURF_SCALE_PX: Final = 3.0
-"""Scale at which SURF describes given pixels; the descriptor covers a square of 20 scales."""
-
-HESSIAN_THRESHOLD: Final = 100.0
-"""SURF's detector threshold in OpenCV (its default), on 8-bit images."""
-
 
 @dataclass(frozen=True)
 class Recipe:
@@ -50,9 +44,8 @@ class Recipe:
         metric: Distance between descriptors.
         size_px: Size of a keypoint at a given pixel, in the convention of `describer`.
         facts: Settings for the submission's footer.
+        orientation: (image, positions (N, 2)) -> degrees (N,) at given pixels.
         octave: OpenCV's packed octave field of a keypoint at a given pixel.
-        orientation: (image, positions (N, 2)) -> degrees (N,) at given pixels; None leaves it to
-            `describer`.
         positions: (keypoints, (H, W)) -> float32 (N, 2), in Pliant's pixel convention.
     """
 
@@ -60,8 +53,8 @@ class Recipe:
     metric: Metric
     size_px: float
     facts: Mapping[str, Any]
+    orientation: Callable[[ImageArray, Float32Array], npt.NDArray[np.float64]]
     octave: int = 0
-    orientation: Callable[[ImageArray, Float32Array], npt.NDArray[np.float64]] | None = None
     positions: Callable[[list[Any], tuple[int, ...]], Float32Array] = positions
 
 
@@ -113,24 +106,8 @@ def _orb_positions(keypoints: list[Any], shape: tuple[int, ...]) -> Float32Array
     return ((np.rint(xy / nominal) + HALF_PIXEL) * factor).astype(np.float32)
 
 
-def _surf(cv2: Any) -> Recipe:
-    """SURF of a build with the non-free algorithms; it finds the orientation itself."""
-    return Recipe(
-        describer=cv2.xfeatures2d.SURF_create(hessianThreshold=HESSIAN_THRESHOLD),
-        metric="euclidean",
-        # A SURF keypoint's size is 9/1.2 times its scale (the 9 px filter stands for 1.2 px).
-        size_px=SURF_SCALE_PX * 9 / 1.2,
-        facts={
-            "hessian_threshold": HESSIAN_THRESHOLD,
-            "query_scale_px": SURF_SCALE_PX,
-            "query_orientation": "the method's own",
-        },
-    )
-
-
 RECIPES: Final[dict[str, Callable[..., Recipe]]] = {
     "sift": _sift,
-    "surf": _surf,
     "orb": _orb,
 }
 """Name -> recipe, from the `cv2` module."""
@@ -144,13 +121,13 @@ class OpencvFeatures:
         settings: Arguments of the recipe (SIFT: `octave` in which given pixels are described).
 
     Raises:
-        MissingExtraError: OpenCV is not installed, or lacks the contributed modules.
+        MissingExtraError: OpenCV is not installed.
     """
 
     def __init__(self, name: str, **settings: Any) -> None:
         self.name = name
         self._settings = settings
-        self._cv2 = load_opencv(name.upper(), "xfeatures2d" if name == "surf" else "")
+        self._cv2 = load_opencv(name.upper())
         self._recipe = RECIPES[name](self._cv2, **settings)
         self.metric: Metric = self._recipe.metric
 
@@ -189,9 +166,7 @@ class OpencvFeatures:
             float32 (N, D), or uint8 (N, D) of packed bits.
         """
         recipe, image = self._recipe, padded(grey)
-        angle_deg = np.zeros(len(uv_px))
-        if recipe.orientation is not None:
-            angle_deg = recipe.orientation(image, uv_px + PADDING_PX)
+        angle_deg = recipe.orientation(image, uv_px + PADDING_PX)
         keypoints = keypoints_at(
             self._cv2, uv_px, angle_deg, size_px=recipe.size_px, octave=recipe.octave
         )

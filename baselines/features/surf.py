@@ -1,8 +1,7 @@
-"""SURF (Bay and others, CVIU 2008): OpenCV's where the user has it, else mahotas'.
+"""SURF (Bay and others, CVIU 2008) by mahotas.
 
-OpenCV's wheels have no SURF; only builds with the non-free contributed modules do. mahotas'
-is another implementation with other thresholds and another orientation: its figures are not
-those of the SURF that papers usually report. Every submission names the one that ran.
+OpenCV's wheels have no SURF. mahotas' is another implementation with other thresholds and another
+orientation: its figures are not those of the SURF that papers usually report.
 
 Two faults of mahotas 1.4 are corrected here. It centres a descriptor 1 px up and to the left of
 its point, and at scales that are not whole it samples the cells unevenly. Its descriptors are
@@ -19,12 +18,14 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from pliant.baselines.features.local_features import Keypoints, LocalFeatures
+from pliant.baselines.features.local_features import Keypoints
 from pliant.baselines.features.nearest import Descriptors, Metric
-from pliant.baselines.features.opencv import load_opencv, padded
-from pliant.baselines.features.opencv_features import SURF_SCALE_PX, OpencvFeatures
+from pliant.baselines.features.opencv import padded
 from pliant.baselines.pixels import HALF_PIXEL
 from pliant.spec.errors import MissingExtraError
+
+SURF_SCALE_PX: Final = 3.0
+"""Scale at which given pixels are described; the descriptor covers a square of 20 scales."""
 
 MAHOTAS_THRESHOLD: Final = 0.1
 MAHOTAS_OCTAVES: Final = 4
@@ -122,19 +123,3 @@ class MahotasSurf:
             raise RuntimeError(f"mahotas described {len(rows)} of {len(points)} positions")
         descriptors: npt.NDArray[np.float32] = rows.astype(np.float32)
         return descriptors
-
-
-def open_surf() -> LocalFeatures:
-    """Return the SURF that this machine has: OpenCV's, else mahotas'.
-
-    Raises:
-        MissingExtraError: It has neither.
-    """
-    try:
-        cv2 = load_opencv("SURF", "xfeatures2d")
-    except MissingExtraError:
-        return MahotasSurf()
-    try:
-        return OpencvFeatures("surf")
-    except (AttributeError, cv2.error):  # built without the non-free algorithms
-        return MahotasSurf()

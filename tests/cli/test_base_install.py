@@ -21,7 +21,6 @@ CALLS = {
     "demo --out OUT/b": "all",
     "predict don-rope --data sample --out OUT/c.parquet": "train",
     "predict sift --data sample --out OUT/d.parquet": "classical",
-    "predict imagenet --data sample --out OUT/d.parquet": "imagenet",
     "predict vismatch:roma --data sample --out OUT/d.parquet": "vismatch",
     "predict identity --data sample --out OUT/e.parquet": "",
     "train don --data sample --out OUT/f": "train",
@@ -112,7 +111,6 @@ def test_methods_marks_what_is_missing(outcomes: dict[str, tuple[int, str, str]]
     assert missing["identity"] is missing["rope-tracer"] is None
     assert missing["sift"] == missing["lk-chain"] == "pip install 'pliant[classical]'"
     assert missing["don-rope"] == "pip install 'pliant[train]'"
-    assert missing["imagenet"] == "pip install 'pliant[imagenet]'"
     assert missing["vismatch:NAME"] == "pip install vismatch"
 
 
