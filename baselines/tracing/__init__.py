@@ -3,7 +3,8 @@
 from pliant.baselines.tracing.crossings import Crossing, Overlap, overlap, self_crossings
 from pliant.baselines.tracing.hypotheses import Likelihood, Trace, rope_traces
 from pliant.baselines.tracing.mask_shape import MaskShape, mask_remarks
-from pliant.baselines.tracing.rectification import Rectified, rectified
+from pliant.baselines.tracing.rectification import rectified
+from pliant.baselines.tracing.reframing import Reframed
 from pliant.baselines.tracing.rope_tracer import RopeTracer
 from pliant.baselines.tracing.tilt import Nadir
 from pliant.baselines.tracing.transfer import Located, located, placed
@@ -15,7 +16,7 @@ __all__ = [
     "MaskShape",
     "Nadir",
     "Overlap",
-    "Rectified",
+    "Reframed",
     "RopeTracer",
     "Trace",
     "located",

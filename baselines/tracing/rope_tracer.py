@@ -10,7 +10,8 @@ import numpy as np
 from pliant.baselines.pixels import central_position
 from pliant.baselines.tracing.hypotheses import Trace, rope_traces
 from pliant.baselines.tracing.mask_shape import mask_remarks
-from pliant.baselines.tracing.rectification import Rectified, rectified
+from pliant.baselines.tracing.rectification import rectified
+from pliant.baselines.tracing.reframing import Reframed
 from pliant.baselines.tracing.transfer import best_pair, located, placed
 from pliant.spec.answers import Answers
 from pliant.spec.frame import Frame, Pair
@@ -30,7 +31,7 @@ class RopeTracer:
     name = "rope-tracer"
 
     def __init__(self) -> None:
-        self._traces: LRUCache[tuple[Rectified, list[Trace]]] = LRUCache(_KEPT_TRACES)
+        self._traces: LRUCache[tuple[Reframed, list[Trace]]] = LRUCache(_KEPT_TRACES)
 
     def describe(self) -> Mapping[str, Any]:
         """Return the method's name."""
@@ -55,8 +56,8 @@ class RopeTracer:
         """Return what should be known of two pictures, as sentences; see `RemarkingMatcher`."""
         return mask_remarks(source, target)
 
-    def _of(self, view: Frame) -> tuple[Rectified, list[Trace]]:
-        def traced() -> tuple[Rectified, list[Trace]]:
+    def _of(self, view: Frame) -> tuple[Reframed, list[Trace]]:
+        def traced() -> tuple[Reframed, list[Trace]]:
             above = rectified(view)
             mask = above.view.mask
             return above, [] if mask is None else rope_traces(

@@ -11,7 +11,7 @@ import numpy.typing as npt
 import torch
 
 from pliant.baselines.matcher import Heat
-from pliant.baselines.tracing import Rectified
+from pliant.baselines.tracing import Reframed
 from pliant.models.don.certainty import Calibration
 from pliant.models.don.comparison import Comparer, Comparison
 from pliant.models.don.decoding import decode_position, mixture_of_modes, spread_about
@@ -61,8 +61,8 @@ class _Decided:
         position_px: float64 (N, 2), the answers, in pixels of the target as seen.
     """
 
-    source: Rectified
-    target: Rectified
+    source: Reframed
+    target: Reframed
     found: Search
     calibration: Calibration | None
     position_px: npt.NDArray[np.float64]
@@ -234,7 +234,7 @@ class DonMatcher:
         )
 
     def search(
-        self, source: Rectified, target: Rectified, uv_a_px: npt.NDArray[np.float32]
+        self, source: Reframed, target: Reframed, uv_a_px: npt.NDArray[np.float32]
     ) -> Search:
         """Compare queries with the target's candidates, and follow traces where they decide.
 
@@ -268,7 +268,7 @@ class DonMatcher:
     def _scale(self) -> torch.Tensor:
         return self.network.scale.detach().cpu() * self.sharpness
 
-    def _traced(self, seen: Rectified) -> TracedView:
+    def _traced(self, seen: Reframed) -> TracedView:
         return self.reader.traced(seen, self._scale)
 
     def decoded(self, found: Search, target: Frame) -> npt.NDArray[np.float64]:

@@ -6,7 +6,7 @@ import torch
 
 from pliant.baselines.tracing import (
     MaskShape,
-    Rectified,
+    Reframed,
     Trace,
     mask_remarks,
     rectified,
@@ -18,6 +18,7 @@ from pliant.models.don.settings import AnswerSettings
 from pliant.models.don.tracing import TracedView, canonical_likelihood, enlarged
 from pliant.models.networks.crossing_network import CrossingNetwork
 from pliant.models.networks.descriptor_network import DescriptorNetwork
+from pliant.spec.arrays import Mask
 from pliant.spec.frame import Frame
 from pliant.spec.lru_cache import LRUCache
 
@@ -42,7 +43,7 @@ class RopeReader:
     ) -> None:
         self._network, self._views, self._settings = network, views, settings
         self.crossings: CrossingNetwork | None = None
-        self._rectified: LRUCache[Rectified] = LRUCache(_KEPT_VIEWS)
+        self._rectified: LRUCache[Reframed] = LRUCache(_KEPT_VIEWS)
         self._readings: LRUCache[tuple[list[Trace], MaskShape]] = LRUCache(_KEPT_TRACES)
 
     @property
@@ -50,20 +51,26 @@ class RopeReader:
         """Whether it finds a rope's masks itself where a picture comes without."""
         return self._settings.decode == "trace" and self._views.segments
 
-    def seen(self, view: Frame) -> Rectified:
-        """Return a view as it is answered in: a rope's with masks, and from straight above."""
+    def seen(self, view: Frame) -> Reframed:
+        """Return a view as it is answered in: not too small; a rope's from above, with masks."""
 
-        def prepared() -> Rectified:
+        def prepared() -> Reframed:
             masked = self._views.segmented(view) if self._settings.decode == "trace" else view
-            return rectified(masked) if self._settings.rectify else Rectified.unchanged(masked)
+            seen = rectified(masked) if self._settings.rectify else Reframed.unchanged(masked)
+            return seen.zoomed(self._shown(seen.view), *self._settings.fill)
 
         return self._rectified.get(view.key, prepared)
+
+    def _shown(self, view: Frame) -> Mask | None:
+        """Return where a view shows the object, at any resolution, or None where it is unknown."""
+        shown = view.mask if view.objects is None else view.objects
+        return self._views.described(view).mask if shown is None else shown
 
     def remarks(self, source: Frame, target: Frame) -> list[str]:
         """Return what should be known of the masks of two pictures, as sentences."""
         return mask_remarks(self.seen(source).view, self.seen(target).view)
 
-    def traced(self, seen: Rectified, scale: torch.Tensor) -> TracedView:
+    def traced(self, seen: Reframed, scale: torch.Tensor) -> TracedView:
         """Return a view with its traces.
 
         Args:
@@ -76,7 +83,7 @@ class RopeReader:
         return TracedView(view, own.maps[0], traces, shape)
 
     def _read(
-        self, seen: Rectified, own: DescribedView, scale: torch.Tensor
+        self, seen: Reframed, own: DescribedView, scale: torch.Tensor
     ) -> tuple[list[Trace], MaskShape]:
         """Return the traces of a view in its pixels, and the shape of the mask that they follow."""
         view, factor = seen.view, self._views.pixel_scale(seen.view)

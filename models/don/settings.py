@@ -157,6 +157,9 @@ class AnswerSettings(Settings):
             blank cloth in a mirror looks like the same cloth turned over.
         rectify: For ropes: answer in views from straight above, where a mask shows that the camera
             was tilted (`baselines/tracing/rectification.py`).
+        fill: A picture in which the object's box takes less than the first share of the frame's
+            width or height, whichever is more, is answered in a part of it in which it takes the
+            second: what training shows at least, with its augmentation, and in the middle.
         crossings: With `trace`: find out which strand is on top where a rope crosses itself, by a
             small network trained at the end of the run (`models/don/crossing_training.py`).
         distribution: `modes`, `sigma` or `none`: what the answers say of their certainty.
@@ -168,6 +171,7 @@ class AnswerSettings(Settings):
     rotations: Literal[1, 2, 4] = 1
     mirrored: bool = False
     rectify: bool = False
+    fill: Annotated[Range, Bounds(0, 1, above=True)] = (0.54, 0.74)
     crossings: bool = False
     distribution: Literal["modes", "sigma", "none"] = "modes"
 

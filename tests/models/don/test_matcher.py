@@ -15,7 +15,7 @@ from torch import nn
 
 from pliant.baselines.descriptor_colours import descriptor_colours
 from pliant.baselines.matcher import HeatMatcher
-from pliant.baselines.tracing import Rectified
+from pliant.baselines.tracing import Reframed
 from pliant.loaders.frame_store import FrameStore
 from pliant.loaders.inputs import NetworkInput
 from pliant.models.don import calibration as calibration_module
@@ -111,6 +111,40 @@ def test_answers_are_in_the_pixels_of_each_view(sheets: ModuleType, sheet_datase
     answers = matcher.answer(Pair(small, large, uv_a))
     expected = (material @ to_b[:, :2].T + to_b[:, 2]) * [2, 3]
     np.testing.assert_allclose(answers.uv_px, expected, atol=1.0)
+
+
+@pytest.mark.parametrize("masks", [True, False])
+def test_a_small_object_is_looked_at_enlarged(
+    pairs: list[ValidationPair], monkeypatch: pytest.MonkeyPatch, *, masks: bool
+) -> None:
+    """In a picture five times as large, a pixel of the network is five of the sheet's."""
+    corner = np.array([120, 90])
+
+    def placed(view: Frame) -> Frame:
+        assert view.mask is not None
+        around = [(corner[1], 150), (corner[0], 200)]
+        rgb = np.pad(view.rgb, [*around, (0, 0)], mode="edge")
+        mask = np.pad(view.mask, around)
+        return Frame(rgb, mask if masks else None, key=f"{view.key} placed")
+
+    def errors_px(fill: tuple[float, float]) -> npt.NDArray[np.float64]:
+        matcher = by_colour(AnswerSettings(fill=fill, search="image"), scale=200.0)
+        if not masks:  # as a network that predicts masks finds them, at its own size
+            monkeypatch.setattr(type(matcher.reader), "_shown", found)
+        placed_pair = Pair(placed(pair.source), placed(pair.target), pair.uv_a_px + corner)
+        return np.asarray(
+            np.linalg.norm(matcher.answer(placed_pair).uv_px - corner - pair.uv_b_px[:, 0], axis=1)
+        )
+
+    def found(reader: RopeReader, view: Frame) -> npt.NDArray[np.bool_]:
+        mask = pair.source.mask if view.key.startswith(pair.source.key) else pair.target.mask
+        assert mask is not None
+        return np.pad(mask, [(corner[1], 150), (corner[0], 200)])[::5, ::5]
+
+    pair = within(pairs[0])
+    pair = replace(pair, uv_a_px=pair.uv_a_px.astype(np.float32))
+    assert np.median(errors_px((0.54, 0.74))) < 0.5
+    assert np.median(errors_px((0.001, 0.74))) > 1.0
 
 
 def test_search_stays_in_the_mask_unless_told(pairs: list[ValidationPair]) -> None:
@@ -295,10 +329,10 @@ def test_rectified_views_have_a_calibration_of_their_own(
         )
     matcher = by_colour(scale=400.0)
 
-    def seen(view: Frame) -> Rectified:
-        as_it_is = Rectified.unchanged(view)
+    def seen(view: Frame) -> Reframed:
+        as_it_is = Reframed.unchanged(view)
         slanted = view.key.startswith("slanted")
-        return replace(as_it_is, homography=np.eye(3)) if slanted else as_it_is
+        return replace(as_it_is, homography=np.eye(3), tilted=True) if slanted else as_it_is
 
     monkeypatch.setattr(matcher.reader, "seen", seen)
     calibration = calibrate(matcher, pairs, SIZE)
@@ -394,7 +428,7 @@ def test_pairs_of_more_doubt_have_a_calibration_of_their_own(
     matcher = by_colour(scale=400.0)
     search = matcher.search
 
-    def blurred(source: Rectified, target: Rectified, uv_a_px: npt.NDArray[np.float32]) -> Search:
+    def blurred(source: Reframed, target: Reframed, uv_a_px: npt.NDArray[np.float32]) -> Search:
         found = search(source, target, uv_a_px)
         if not target.view.key.startswith("vague"):
             return found
@@ -409,7 +443,7 @@ def test_pairs_of_more_doubt_have_a_calibration_of_their_own(
     assert apart.doubtful is not None
     assert Calibration.from_document(asdict(apart)) == apart
     for pair in mixed:
-        views = Rectified.unchanged(pair.source), Rectified.unchanged(pair.target)
+        views = Reframed.unchanged(pair.source), Reframed.unchanged(pair.target)
         found = blurred(*views, pair.uv_a_px)
         vague = pair.target.key.startswith("vague")
         assert apart.where(found.log_p, found.uv_px) is (apart.doubtful if vague else apart)

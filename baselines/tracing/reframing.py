@@ -1,0 +1,187 @@
+"""A picture brought to another frame by a homography, and answers in it brought back.
+
+Networks and tracers work best on objects of the size, and seen from the direction, that they were
+made for. `zoomed` enlarges a small object; `rectification.py` brings a rope to the view from
+straight above.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from PIL import Image
+
+from pliant.baselines.tracing.tilt import Nadir
+from pliant.spec.answers import Answers
+from pliant.spec.arrays import FloatArray, Mask
+from pliant.spec.frame import Frame
+
+
+@dataclass(frozen=True)
+class Reframed:
+    """A view in another frame, or the view itself.
+
+    Attributes:
+        view: The view.
+        nadir: Where its camera looks straight down.
+        homography: float64 (3, 3), from positions of the original to positions of `view`; None
+            where they are equal.
+        original: The original; None where `view` is it.
+        tilted: Whether the direction of the view has changed.
+    """
+
+    view: Frame
+    nadir: Nadir
+    homography: FloatArray | None = None
+    original: Frame | None = None
+    tilted: bool = False
+
+    @classmethod
+    def unchanged(cls, view: Frame) -> Reframed:
+        """Return a view as it is, taken for one from straight above."""
+        return cls(view, Nadir.of_frame(view))
+
+    def zoomed(self, shown: Mask | None, least: float, wanted: float) -> Reframed:
+        """Return a part of the view that a small object fills; any other view stays as it is.
+
+        Args:
+            shown: bool (h, w), where `view` shows the object, at any resolution; None or empty
+                leaves the view as it is.
+            least: Share of the frame's width or height, whichever is more, that the object's box
+                takes at least in views that stay as they are.
+            wanted: The share that it takes afterwards, at least `least`.
+        """
+        box = None if shown is None else _box(shown)
+        if box is None:
+            return self
+        size = np.array(self.view.size)
+        share = float((box[1] - box[0]).max())
+        if share >= least:
+            return self
+        scale = wanted / share
+        corner_px = ((box.mean(axis=0) - 0.5 / scale) * size).clip(0, (1 - 1 / scale) * size)
+        shift_px = -scale * corner_px
+        zoom = np.array([[scale, 0, shift_px[0]], [0, scale, shift_px[1]], [0, 0, 1]])
+        original = self.original or self.view
+        homography = zoom if self.homography is None else zoom @ self.homography
+        seen = warped(original, homography, "zoomed")
+        nadir = self.nadir.scaled(scale, shift_px)
+        return Reframed(seen, nadir, homography, original, self.tilted)
+
+    def forward(self, uv_px: npt.NDArray[np.floating[Any]]) -> npt.NDArray[np.float32]:
+        """Return positions of the original in `view`, float32 (N, 2)."""
+        if self.homography is None:
+            return uv_px.astype(np.float32)
+        return mapped(self.homography, uv_px).astype(np.float32)
+
+    def back(self, answers: Answers) -> Answers:
+        """Return answers in the original, of answers in `view`; widths scale with the map."""
+        if self.homography is None:
+            return answers
+        inverse = np.linalg.inv(self.homography)
+        sigma, modes = answers.sigma_px, answers.modes
+        if sigma is not None:
+            sigma = (sigma * magnification(inverse, answers.uv_px)).astype(np.float32)
+        if modes is not None:
+            modes = [_mapped_modes(inverse, rows) for rows in modes]
+        return replace(
+            answers,
+            uv_px=mapped(inverse, answers.uv_px).astype(np.float32),
+            sigma_px=sigma,
+            modes=modes,
+        )
+
+    def back_image(self, values: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+        """Return values of the pixels of `view` at those of the original, NaN where it has none.
+
+        Args:
+            values: float32 (H, W).
+        """
+        if self.homography is None:
+            return values
+        height, width = values.shape
+        row, column = np.indices((height, width)).reshape(2, -1) + 0.5
+        u, v = np.floor(self.forward(np.stack([column, row], axis=1))).astype(np.int64).T
+        inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
+        found = np.full(height * width, np.nan, np.float32)
+        found[inside] = values[v[inside], u[inside]]
+        return found.reshape(height, width)
+
+
+def mapped(homography: FloatArray, uv_px: npt.NDArray[np.floating[Any]]) -> FloatArray:
+    """Return positions (N, 2) under a homography, float64 (N, 2)."""
+    homogeneous = np.column_stack([uv_px, np.ones(len(uv_px))]) @ homography.T
+    return np.asarray(homogeneous[:, :2] / homogeneous[:, 2:])
+
+
+def magnification(homography: FloatArray, uv_px: npt.NDArray[np.floating[Any]]) -> FloatArray:
+    """Return the root of the homography's Jacobian determinant at places (N, 2), float64 (N,)."""
+    weight = np.column_stack([uv_px, np.ones(len(uv_px))]) @ homography[2]
+    return np.asarray(np.sqrt(np.abs(np.linalg.det(homography) / weight**3)))
+
+
+def warped(view: Frame, homography: FloatArray, name: str) -> Frame:
+    """Return a view in another frame of the same size.
+
+    Args:
+        view: The view.
+        homography: float64 (3, 3), from its positions to those of the result.
+        name: What is appended to its key.
+    """
+    inverse = np.linalg.inv(homography)
+    coefficients = (inverse / inverse[2, 2]).ravel()[:8].tolist()
+
+    def warp(
+        values: npt.NDArray[Any], resample: Image.Resampling, outside: float = 0.0
+    ) -> npt.NDArray[Any]:
+        picture = Image.fromarray(values)
+        perspective = Image.Transform.PERSPECTIVE
+        moved = picture.transform(
+            view.size, perspective, coefficients, resample, fillcolor=outside or None
+        )
+        return np.asarray(moved)
+
+    def masked(mask: Mask | None) -> Mask | None:
+        if mask is None:
+            return None
+        return warp(mask.astype(np.uint8) * 255, Image.Resampling.BILINEAR) > 127
+
+    depth_m = view.depth_m
+    if depth_m is not None:
+        depth_m = (depth_m * _relative_depth(homography, depth_m.shape)).astype(np.float32)
+        depth_m = warp(depth_m, Image.Resampling.NEAREST, np.inf)
+    return Frame(
+        rgb=warp(view.rgb, Image.Resampling.BILINEAR),
+        mask=masked(view.mask),
+        depth_m=depth_m,
+        key=f"{view.key}/{name}" if view.key else "",
+        objects=masked(view.objects),
+    )
+
+
+def _box(shown: Mask) -> FloatArray | None:
+    """Return the first and last corner of a mask's box as shares of its sides, float64 (2, 2)."""
+    rows, columns = (np.flatnonzero(shown.any(axis=axis)) for axis in (1, 0))
+    if len(rows) == 0:
+        return None
+    corners = np.array([[columns[0], rows[0]], [columns[-1] + 1, rows[-1] + 1]])
+    return np.asarray(corners / shown.shape[::-1])
+
+
+def _mapped_modes(homography: FloatArray, rows: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    moved = rows.astype(np.float64)
+    moved[:, 2] *= magnification(homography, rows[:, :2])
+    moved[:, :2] = mapped(homography, rows[:, :2])
+    return moved.astype(np.float32)
+
+
+def _relative_depth(homography: FloatArray, shape: tuple[int, ...]) -> FloatArray:
+    """Return the depth along the turned optical axis over that along the old one, (H, W).
+
+    The last row of K R K^-1 times (u, v, 1) is the third coordinate of R K^-1 (u, v, 1).
+    """
+    row, column = np.indices(shape) + 0.5
+    return np.asarray(homography[2, 0] * column + homography[2, 1] * row + homography[2, 2])
