@@ -6,11 +6,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import asdict, dataclass
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
+from pydantic import TypeAdapter
 
 from pliant.spec.arrays import FloatArray
 
@@ -143,55 +144,14 @@ class Tier:
         """Return the tier that an entry of `dataset.json` describes.
 
         Args:
-            document: An entry of `tiers` that conforms to the schema.
+            document: An entry of `tiers` that conforms to the schema; fields of a newer minor
+                version are left out.
         """
-        return cls(
-            name=document["name"],
-            kind=document["kind"],
-            variant=document["variant"],
-            queried_object=document["queried_object"],
-            objects=tuple(
-                MaterialObject(
-                    entry["id"],
-                    entry["name"],
-                    (_coordinate(entry["material"][0]), _coordinate(entry["material"][1])),
-                )
-                for entry in document["objects"]
-            ),
-            symmetries=tuple(
-                Symmetry(
-                    entry["name"],
-                    (tuple(entry["matrix"][0]), tuple(entry["matrix"][1])),
-                    tuple(entry["offset"]),
-                )
-                for entry in document["symmetries"]
-            ),
-        )
+        return _TIER.validate_python(document)
 
     def as_document(self) -> dict[str, Any]:
         """Return the entry of `dataset.json`; `from_document` reads it back."""
-        return {
-            "name": self.name,
-            "kind": self.kind,
-            "variant": self.variant,
-            "queried_object": self.queried_object,
-            "objects": [
-                {
-                    "id": each.id,
-                    "name": each.name,
-                    "material": [vars(coordinate).copy() for coordinate in each.material],
-                }
-                for each in self.objects
-            ],
-            "symmetries": [
-                {
-                    "name": each.name,
-                    "matrix": [list(row) for row in each.matrix],
-                    "offset": list(each.offset),
-                }
-                for each in self.symmetries
-            ],
-        }
+        return asdict(self)
 
     def object(self, object_id: int) -> MaterialObject:
         """Return one of the tier's objects.
@@ -221,7 +181,4 @@ class Tier:
         return np.stack([material, *(each.apply(material) for each in self.symmetries)], axis=1)
 
 
-def _coordinate(entry: Mapping[str, Any]) -> MaterialCoordinate:
-    """Return a coordinate; fields of a newer minor version are left out."""
-    known = MaterialCoordinate.__dataclass_fields__
-    return MaterialCoordinate(**{name: value for name, value in entry.items() if name in known})
+_TIER: Final = TypeAdapter(Tier)

@@ -11,13 +11,14 @@ from pathlib import Path
 from typing import Any
 
 from pliant.spec.conventions import SPEC_VERSION, SPLITS
+from pliant.spec.dataset import is_name
 from pliant.spec.errors import CallError, Issue
 from pliant.spec.io.jsonfiles import is_newer_minor
 from pliant.spec.model import Tier
 from pliant.spec.progress import Progress
 from pliant.spec.storage import layout
 from pliant.spec.storage.files import LocalFiles
-from pliant.spec.storage.packed import Member, PackedFiles
+from pliant.spec.storage.packed import PackedFiles
 from pliant.spec.validation.findings import Findings
 from pliant.spec.validation.issue_codes import ISSUE_CODES
 from pliant.spec.validation.rules.context import Context
@@ -115,24 +116,19 @@ def validate(
     context = _read_context(root, quick, findings)
     sequences = frames = 0
     if context is not None:
-        packed = check_index(context, findings) if _is_packed(root) else {}
-        if packed is None:
-            return _report(root, quick, findings, limit, 0, 0)
-        if packed:
+        if (root / layout.INDEX_TABLE).exists():
+            packed = check_index(context, findings)
+            if packed is None:
+                return _report(root, quick, findings, limit, 0, 0)
             ids = [name for _, name in packed]
             context = replace(context, files=PackedFiles(LocalFiles(root), ids))
-        for tier, name in packed:
-            folders.setdefault(tier, set()).add(name)
+            for tier, name in packed:
+                if is_name(tier) and is_name(name):
+                    folders.setdefault(tier, set()).add(name)
         rows = check_listing(context, folders, findings)
         check_checksums(context, findings)
         tasks = [
-            (
-                context,
-                tier,
-                name,
-                rows.get(name) if _belongs(rows, tier, name) else None,
-                packed.get((tier, name)),
-            )
+            (context, tier, name, rows.get(name) if _belongs(rows, tier, name) else None)
             for tier, names in sorted(folders.items())
             for name in sorted(names)
         ]
@@ -179,11 +175,7 @@ def _belongs(rows: dict[str, dict[str, Any]], tier: str, name: str) -> bool:
     return name in rows and rows[name]["tier"] == tier
 
 
-def _is_packed(root: Path) -> bool:
-    return (root / layout.INDEX_TABLE).exists()
-
-
-_Task = tuple[Context, str, str, dict[str, Any] | None, dict[str, Member] | None]
+_Task = tuple[Context, str, str, dict[str, Any] | None]
 
 
 def _run(tasks: list[_Task], workers: int) -> Iterator[SequenceResult]:

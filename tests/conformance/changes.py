@@ -119,9 +119,14 @@ def round_to_pixels(rows: Rows, u: str, v: str) -> None:
         row[u], row[v] = float(round(row[u])), float(round(row[v]))
 
 
-def count_v_upwards(rows: Rows) -> None:
+def count_v_upwards(rows: Rows, height: int = 48) -> None:
     for row in rows:
-        row["v_px"] = 48 - row["v_px"]
+        row["v_px"] = height - row["v_px"]
+
+
+def exchange_names(rows: Rows, first: str, second: str) -> None:
+    for row in rows:
+        row[first], row[second] = row[second], row[first]
 
 
 def lengths_of_rays(rows: Rows) -> None:

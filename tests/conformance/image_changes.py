@@ -96,17 +96,35 @@ def pixel(channels: Channels, name: str, value: float | str, object_id: int = 1)
     channels[name][rows[place], columns[place]] = float(value)
 
 
+def depth_inverse(channels: Channels) -> None:
+    _of_objects(channels, lambda z: 1 / z)
+
+
 def material_8_bits(channels: Channels) -> None:
     for name in _MATERIAL:
         channels[name][:] = np.rint(channels[name].astype(np.float64) * 255) / 255
 
 
-def material_noisy(channels: Channels) -> None:
+def material_levels(channels: Channels) -> None:
+    """Round both coordinates to 256 levels of their range."""
+    seen = channels["surface.object"] > 0
+    for name in _MATERIAL:
+        channels[name][seen] = eight_bits(channels[name][seen].astype(np.float64))
+
+
+def material_float16(channels: Channels) -> None:
+    for name in _MATERIAL:
+        channels[name][:] = channels[name].astype(np.float16)
+
+
+def material_noisy(channels: Channels, size: float, own_range: bool = False) -> None:
+    """Add noise, clipped to the image's own range or to 0 to 1."""
     rng = np.random.default_rng(0)
     seen = channels["surface.object"] > 0
     for name in _MATERIAL:
-        noisy = channels[name][seen] + rng.normal(0, 0.01, np.count_nonzero(seen))
-        channels[name][seen] = np.clip(noisy, 0, 1)
+        low, high = (channels[name].min(), channels[name].max()) if own_range else (0, 1)
+        noisy = channels[name][seen] + rng.normal(0, size, np.count_nonzero(seen))
+        channels[name][seen] = np.clip(noisy, low, high)
 
 
 def material_mirrored(channels: Channels) -> None:
@@ -131,9 +149,10 @@ def cropped(channels: Channels) -> Channels:
     return {name: np.ascontiguousarray(part[:, :-1]) for name, part in channels.items()}
 
 
-def rolled(channels: Channels) -> Channels:
-    """Move the image one column to the right."""
-    return {name: np.ascontiguousarray(np.roll(part, 1, 1)) for name, part in channels.items()}
+def rolled(channels: Channels, down: int, right: int) -> Channels:
+    """Move the image by whole pixels."""
+    moved = {name: np.roll(part, (down, right), (0, 1)) for name, part in channels.items()}
+    return {name: np.ascontiguousarray(part) for name, part in moved.items()}
 
 
 def upside_down(channels: Channels) -> Channels:
@@ -159,20 +178,31 @@ def mirrored(pictures: Pictures) -> Pictures:
     return [rgb[:, ::-1] for rgb in pictures]
 
 
-def shifted(pictures: Pictures, columns: int) -> Pictures:
-    return [np.roll(rgb, columns, 1) for rgb in pictures]
+def flipped(pictures: Pictures) -> Pictures:
+    """Turn the pictures upside down."""
+    return [rgb[::-1] for rgb in pictures]
 
 
-def last_first(pictures: Pictures) -> Pictures:
-    return pictures[::-1]
+def turned(pictures: Pictures) -> Pictures:
+    """Turn the pictures by 180 degrees."""
+    return [rgb[::-1, ::-1] for rgb in pictures]
+
+
+def shifted(pictures: Pictures, right: int, down: int = 0) -> Pictures:
+    return [np.roll(rgb, (down, right), (0, 1)) for rgb in pictures]
+
+
+def exchanged(pictures: Pictures, step: int = 1) -> Pictures:
+    """Give each frame the picture some frames later."""
+    return pictures[step:] + pictures[:step]
 
 
 def first_alone(pictures: Pictures) -> Pictures:
     return pictures[:1] * len(pictures)
 
 
-def black(pictures: Pictures) -> Pictures:
-    return [np.zeros_like(rgb) for rgb in pictures]
+def one_grey(pictures: Pictures, value: int) -> Pictures:
+    return [np.full_like(rgb, value) for rgb in pictures]
 
 
 def random_pictures(pictures: Pictures) -> Pictures:

@@ -142,21 +142,3 @@ def share_content(root: Path, names: Sequence[str]) -> None:
         change_exr(exr, lambda channels: None, "NO_COMPRESSION")(root)
         path = root / ROPE_TEST / layout.rgb_name(frame)
         write_rgb(path, read_rgb(path), level=9)
-
-
-def scatter(root: Path) -> None:
-    """Move the cloth's points at random parallel to the image plane; the tables follow."""
-    camera = json.loads((root / FOLDERS["CLOTH"] / "cameras.json").read_text())["frames"][0]
-    K, pose = np.array(camera["K"]), np.array(camera["world_to_camera"])
-
-    def rows(table: list[dict[str, Any]]) -> None:
-        uv = np.array([[row["u_px"], row["v_px"]] for row in table])
-        uv = uv + np.random.default_rng(0).normal(0, 0.4, uv.shape)
-        for row, (u, v) in zip(table, uv, strict=True):
-            z = row["depth_m"]
-            local = np.array([(u - K[0, 2]) / K[0, 0] * z, (v - K[1, 2]) / K[1, 1] * z, z])
-            xyz = pose[:3, :3].T @ (local - pose[:3, 3])
-            row.update(u_px=float(u), v_px=float(v))
-            row.update(zip(("x_m", "y_m", "z_m"), map(float, xyz), strict=True))
-
-    change_rows(f"{FOLDERS['CLOTH']}/correspondences.parquet", rows)(root)

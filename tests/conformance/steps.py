@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
-from tests.conformance import changes, edits, image_changes, publications
+from tests.conformance import changes, edits, image_changes, motion, publications
 from tests.conformance.edits import Edit
 
 _CHANGED: Final[dict[str, Callable[..., Edit]]] = {
@@ -44,13 +44,15 @@ def perform(root: Path, steps: Sequence[Mapping[str, Any]]) -> None:
 
     Args:
         root: A copy of the base dataset.
-        steps: Each with the name of an edit first; `call` names a function of `publications`.
+        steps: Each with the name of an edit first; `call` names a function of
+            `publications` or `motion`.
     """
     for step in steps:
         (verb, path), *rest = step.items()
         options = dict(rest)
         if verb == "call":
-            getattr(publications, path)(root, **options)
+            module = publications if hasattr(publications, path) else motion
+            getattr(module, path)(root, **options)
         elif verb in _CHANGED:
             _changed(verb, edits.whole(path), options)(root)
         else:

@@ -159,7 +159,7 @@ def check_files(files: SequenceFiles, info: dict[str, Any], *, held_out: bool) -
     for index, entry in enumerate(info["files"]):
         name = entry["path"]
         where = f"files[{index}]"
-        if not _is_safe(name):
+        if not is_safe(name):
             document.add("PATH_UNSAFE", where, f"{name[:120]!r} does not stay in the folder")
         elif name in files.hashes:
             document.add("FILE_UNLISTED", where, f"{name[:120]} is listed twice")
@@ -201,7 +201,8 @@ def _recorded(files: SequenceFiles, info: dict[str, Any], extra: set[str]) -> se
     return found
 
 
-def _is_safe(name: str) -> bool:
+def is_safe(name: str) -> bool:
+    """Return whether a path stays in the folder that it is relative to."""
     path = PurePosixPath(name)
     return (
         not path.is_absolute()

@@ -3,30 +3,27 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Any
 
-from pliant.spec.dataset import is_name
 from pliant.spec.io import limits
 from pliant.spec.io.parquet import read_table
-from pliant.spec.io.reading import FileRefusedError
+from pliant.spec.io.reading import FileRefusedError, read_bytes
 from pliant.spec.storage import layout
 from pliant.spec.storage.files import LocalFiles
-from pliant.spec.storage.packed import Member, members_of
-from pliant.spec.validation.findings import FileProblems, Findings
+from pliant.spec.storage.packed import PackedFiles, members_of
+from pliant.spec.validation.findings import FileProblems, Findings, reason
 from pliant.spec.validation.rules.context import Context
+from pliant.spec.validation.rules.files import is_safe
 from pliant.spec.validation.rules.listing import check_identity
 from pliant.spec.validation.rules.result import SequenceResult
 from pliant.spec.validation.rules.sequences import check_sequence
 from pliant.spec.validation.rules.structure import printable
 from pliant.spec.validation.rules.tables import check_table
 
-Members = dict[str, Member]
 
-
-def check_index(context: Context, findings: Findings) -> dict[tuple[str, str], Members] | None:
+def check_index(context: Context, findings: Findings) -> list[tuple[str, str]] | None:
     """Check the index of a packed dataset against its list of sequences.
 
     Args:
@@ -34,8 +31,7 @@ def check_index(context: Context, findings: Findings) -> dict[tuple[str, str], M
         findings: Gets `INDEX_INVALID` and the codes of any table.
 
     Returns:
-        (tier, id) -> the sequence's files, of every sequence; None if nothing can be found by
-        this index.
+        (tier, id) of every row of the list; None if nothing can be found by this index.
     """
     path, problems = context.root / layout.INDEX_TABLE, findings.at(layout.INDEX_TABLE)
     table = check_table(path, "index", problems, max_rows=limits.MAX_SEQUENCES)
@@ -50,7 +46,7 @@ def check_index(context: Context, findings: Findings) -> dict[tuple[str, str], M
     try:
         listing = read_table(context.root / layout.SEQUENCES_TABLE, "sequences", ["id", "tier"])
     except FileRefusedError:
-        return {}  # its own rules report it
+        return []  # its own rules report it
     listed = listing.to_pylist()
     if [row["id"] for row in rows] != [row["id"] for row in listed]:
         problems.add(
@@ -60,21 +56,14 @@ def check_index(context: Context, findings: Findings) -> dict[tuple[str, str], M
             "that order",
         )
         return None
-    found = {}
-    for row, entry in zip(listed, rows, strict=True):
-        if is_name(row["id"]) and is_name(row["tier"]):
-            found[row["tier"], row["id"]] = members_of(entry)
-            if len(found[row["tier"], row["id"]]) != len(entry["files"]):
-                problems.add("INDEX_INVALID", row["id"], "a file is listed twice")
-    return found
+    for entry in rows:
+        if len(members_of(entry)) != len(entry["files"]):
+            problems.add("INDEX_INVALID", entry["id"], "a file is listed twice")
+    return [(row["tier"], row["id"]) for row in listed]
 
 
 def check_any_sequence(
-    context: Context,
-    tier: str,
-    name: str,
-    row: dict[str, Any] | None,
-    members: Mapping[str, Member] | None,
+    context: Context, tier: str, name: str, row: dict[str, Any] | None
 ) -> SequenceResult:
     """Check one sequence, loose or packed.
 
@@ -83,52 +72,37 @@ def check_any_sequence(
         tier: The folder of its tier.
         name: The sequence.
         row: Its row of sequences.parquet, None if it has none.
-        members: Where its files are, None for a folder of its own.
 
     Returns:
         As `check_sequence`.
     """
-    if members is None:
+    if not isinstance(context.files, PackedFiles):
         return check_sequence(context, tier, name, row)
     with tempfile.TemporaryDirectory(prefix="pliant-") as scratch:
         result = SequenceResult(name, tier)
-        folder = layout.sequence_dir(Path(scratch), tier, name)
-        folder.mkdir(parents=True)
-        problems = result.findings.at(layout.INDEX_TABLE)
-        if not _unpack(context.root, members, folder, name, problems):
+        root = Path(scratch)
+        if not _unpack(context.files, root, tier, name, result.findings.at(layout.INDEX_TABLE)):
             return result
-        return check_sequence(
-            replace(context, root=Path(scratch), files=LocalFiles(Path(scratch))), tier, name, row
-        )
+        return check_sequence(replace(context, root=root, files=LocalFiles(root)), tier, name, row)
 
 
-def _unpack(
-    root: Path, members: Mapping[str, Member], folder: Path, name: str, problems: FileProblems
-) -> bool:
-    """Write a sequence's files into a folder; return whether the index is right about all."""
-    storage = LocalFiles(root)
+def _unpack(files: PackedFiles, root: Path, tier: str, name: str, problems: FileProblems) -> bool:
+    """Write a sequence's files below a folder; return whether the index is right about all."""
+    folder = layout.sequence_dir(root, tier, name)
+    folder.mkdir(parents=True)
     sound = True
-    for path, (shard, offset, count) in members.items():
+    for path, (shard, _, _) in files.members(name).items():
         where = printable(f"{name}, {path}")[:200]
-        limit = limits.MAX_TABLE_BYTES if path.endswith(".parquet") else limits.MAX_IMAGE_FILE_BYTES
-        pure = PurePosixPath(path)
-        safe = str(pure) == path and not pure.is_absolute() and len(pure.parts) <= 2
-        if not safe or ".." in pure.parts or "\\" in path or "\0" in path:
+        if not is_safe(path) or path.count("/") > 1:
             problems.add("PATH_UNSAFE", where, "it does not stay in the folder")
             sound = False
             continue
-        problem = None
-        if not layout.is_shard_name(shard) or (root / shard).is_symlink():
-            problem = f"{shard[:80]!r} is not a shard"
-        elif offset < 0 or not 0 <= count <= limit:
-            problem = f"{count} bytes from {offset}"
-        else:
-            try:
-                data = storage.read_range(shard, offset, count)
-            except FileRefusedError as error:
-                problem = f"{shard}: {error.message}; found {error.found}"
-        if problem is not None:
-            problems.add("INDEX_INVALID", where, problem)
+        try:
+            data = read_bytes(
+                files.get(f"{layout.sequence_name(tier, name)}/{path}"), limits.MAX_TABLE_BYTES
+            )
+        except FileRefusedError as error:
+            problems.add("INDEX_INVALID", where, f"{shard[:80]}: {reason(error)}")
             sound = False
             continue
         (folder / path).parent.mkdir(exist_ok=True)
