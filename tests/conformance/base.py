@@ -11,15 +11,17 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from pliant.spec.arrays import FloatArray
-from pliant.spec.conventions import CONVENTIONS, SPEC_VERSION
-from pliant.spec.io.exr import Surface, write_surface
+from pliant.spec.conventions import SPEC_VERSION
+from pliant.spec.dataset import Dataset
+from pliant.spec.io.exr import Surface
 from pliant.spec.io.jsonfiles import write_json
-from pliant.spec.io.parquet import read_table, write_table
-from pliant.spec.io.png import write_rgb
-from pliant.spec.io.reading import sha256_file
+from pliant.spec.io.parquet import write_table
+from pliant.spec.io.reading import file_entry, sha256_file
 from pliant.spec.storage import layout
-from pliant.spec.tables import CORRESPONDENCES, POINTS, QUERIES, SEQUENCES, TRUTH
+from pliant.spec.tables import QUERIES, TRUTH
+from tests import dataset_files
 from tests.conformance.analytic import Ball, Scene, Sheet, Tube, View
+from tests.dataset_files import FrameFiles, coordinate, tier
 
 WIDTH, HEIGHT = 64, 48
 FOCAL_PX = 85.0
@@ -30,27 +32,15 @@ SIDE, GAP = 0.5, 0.08
 BALL = Ball((-0.02, 0.0, 0.12), 0.1)
 
 
-def _coordinate(
-    name: str, low: float, high: float, metres: float, period: float | None = None
-) -> dict[str, Any]:
-    return {
-        "name": name,
-        "min": low,
-        "max": high,
-        "metres_per_unit": metres,
-        "period": period,
-    }
-
-
 _TUBE_MATERIAL = [
-    _coordinate("s", 0.0, 1.0, LENGTH),
-    _coordinate("theta", -np.pi, np.pi, RADIUS, 2 * np.pi),
+    coordinate("s", 0.0, 1.0, LENGTH),
+    coordinate("theta", -np.pi, np.pi, RADIUS, 2 * np.pi),
 ]
 _BALL_MATERIAL = [
-    _coordinate("longitude", -np.pi, np.pi, BALL.radius, 2 * np.pi),
-    _coordinate("height", -1.0, 1.0, BALL.radius),
+    coordinate("longitude", -np.pi, np.pi, BALL.radius, 2 * np.pi),
+    coordinate("height", -1.0, 1.0, BALL.radius),
 ]
-_SHEET_MATERIAL = [_coordinate("u", 0.0, 1.0, SIDE), _coordinate("v", 0.0, 1.0, SIDE)]
+_SHEET_MATERIAL = [coordinate("u", 0.0, 1.0, SIDE), coordinate("v", 0.0, 1.0, SIDE)]
 
 DIHEDRAL = [
     ("rotate-90", [[0, -1], [1, 0]], [1, 0]),
@@ -63,44 +53,11 @@ DIHEDRAL = [
 ]
 
 
-def _tier(
-    name: str, kind: str, objects: list[dict[str, Any]], symmetries: list[Any]
-) -> dict[str, Any]:
-    return {
-        "name": name,
-        "kind": kind,
-        "variant": "plain",
-        "queried_object": 1,
-        "objects": objects,
-        "symmetries": [
-            {"name": label, "matrix": matrix, "offset": offset}
-            for label, matrix, offset in symmetries
-        ],
-    }
-
-
+_ROPE = {"rope": _TUBE_MATERIAL}
 TIERS = {
-    "rope": _tier(
-        "rope",
-        "rope",
-        [
-            {"id": 1, "name": "rope", "material": _TUBE_MATERIAL},
-            {"id": 2, "name": "ball", "material": _BALL_MATERIAL},
-        ],
-        [],
-    ),
-    "rope-bare": _tier(
-        "rope-bare",
-        "rope",
-        [{"id": 1, "name": "rope", "material": _TUBE_MATERIAL}],
-        [("reversal", [[-1, 0], [0, -1]], [1, 0])],
-    ),
-    "cloth-1": _tier(
-        "cloth-1",
-        "cloth",
-        [{"id": 1, "name": "cloth", "material": _SHEET_MATERIAL}],
-        DIHEDRAL,
-    ),
+    "rope": tier("rope", "rope", {**_ROPE, "ball": _BALL_MATERIAL}),
+    "rope-bare": tier("rope-bare", "rope", _ROPE, [("reversal", [[-1, 0], [0, -1]], [1, 0])]),
+    "cloth-1": tier("cloth-1", "cloth", {"cloth": _SHEET_MATERIAL}, DIHEDRAL),
 }
 
 
@@ -179,94 +136,70 @@ def cloth_shot(eye: tuple[float, float, float], *, flat: bool) -> Shot:
 
 
 def write_sequence(
-    root: Path, tier: str, split: str, index: int, points: NamedPoints, shots: list[Shot]
+    root: Path,
+    described: dict[str, Any],
+    split: str,
+    index: int,
+    points: NamedPoints,
+    shots: list[Shot],
 ) -> dict[str, Any]:
-    """Write one sequence; return its row of sequences.parquet."""
-    name = f"{tier}-{split}-{index:06d}"
-    folder = layout.sequence_dir(root, tier, name)
-    (folder / "rgb").mkdir(parents=True)
-    (folder / "depth").mkdir()
-    cameras, tables, shares = [], [], []
-    for frame, shot in enumerate(shots):
-        rows = _frame_rows(frame, shot, points)
-        tables.append(rows)
-        states = np.array(rows.column("visibility").to_pylist())
-        shares.append(float(np.mean(states[~points.centreline] == "self_occluded")))
-        depth, material, object_id = shot.scene.image(shot.view)
-        surface = Surface(
-            depth.astype(np.float32),
-            material[..., 0].astype(np.float32),
-            material[..., 1].astype(np.float32),
-            object_id.astype(np.uint32),
-        )
-        write_surface(folder / layout.depth_name(frame), surface)
-        write_rgb(folder / layout.rgb_name(frame), _colours(surface))
-        cameras.append(
-            {
-                "frame": frame,
-                "K": shot.view.K.tolist(),
-                "world_to_camera": shot.view.world_to_camera.tolist(),
-            }
-        )
-    write_table(folder / layout.POINTS_TABLE, _point_table(points), "points")
-    write_table(folder / layout.CORRESPONDENCES_TABLE, pa.concat_tables(tables), "correspondences")
+    """Write one sequence of a tier; return its row of sequences.parquet."""
+    name = f"{described['name']}-{split}-{index:06d}"
+    folder = layout.sequence_dir(root, described["name"], name)
+    frames = [_frame_files(shot, points) for shot in shots]
+    table = dataset_files.points_table(
+        points.material, points.partners, points.object_id, points.centreline
+    )
+    dataset_files.write_frames(folder, table, frames)
+    cameras = [
+        {
+            "frame": frame,
+            "K": shot.view.K.tolist(),
+            "world_to_camera": shot.view.world_to_camera.tolist(),
+        }
+        for frame, shot in enumerate(shots)
+    ]
     write_json(
         folder / layout.CAMERAS_JSON,
         {"spec_version": SPEC_VERSION, "width": WIDTH, "height": HEIGHT, "frames": cameras},
         "cameras",
     )
-    kind = TIERS[tier]["kind"]
-    info: dict[str, Any] = {
+    outer = ~points.centreline
+    shares = [np.mean(np.array(each.states)[outer] == "self_occluded") for each in frames]
+    row = dataset_files.listing_row(
+        name,
+        described["name"],
+        split,
+        len(shots),
+        shape="open" if described["kind"] == "rope" else None,
+        seed=SEED,
+        style="raster",
+        self_occluded=float(np.mean(shares)),
+    )
+    info = {
+        **{key: row[key] for key in row if key not in ("coverage", "self_occluded")},
         "spec_version": SPEC_VERSION,
-        "id": name,
-        "tier": tier,
-        "split": split,
-        "shape": "open" if kind == "rope" else None,
         "index": index,
-        "seed": SEED,
-        "temporal": False,
-        "frames": len(shots),
-        "style": "raster",
         "noise": None,
         "parameters": {"object": "worked out by hand"},
         "frame_info": [{} for _ in shots],
         "tools": {"numpy": "1.26"},
-        "files": [],
     }
-    write_json(folder / layout.SEQUENCE_JSON, info, "sequence")
     relist(folder, info)
-    row = {field: info[field] for field in SEQUENCES.names if field in info}
-    return {**row, "coverage": None, "self_occluded": float(np.mean(shares))}
+    return row
 
 
 def relist(folder: Path, info: dict[str, Any]) -> None:
     """Write sequence.json with the sizes and checksums of the files that are there."""
     info["files"] = [
-        {
-            "path": path.relative_to(folder).as_posix(),
-            "sha256": sha256_file(path),
-            "bytes": path.stat().st_size,
-        }
+        file_entry(folder, path.relative_to(folder).as_posix())
         for path in sorted(folder.rglob("*"))
         if path.is_file() and path.name != layout.SEQUENCE_JSON
     ]
     write_json(folder / layout.SEQUENCE_JSON, info)
 
 
-def _point_table(points: NamedPoints) -> pa.Table:
-    return pa.table(
-        {
-            "point": np.arange(len(points.material), dtype=np.int32),
-            "object": points.object_id.astype(np.int32),
-            "kind": ["centreline" if line else "surface" for line in points.centreline],
-            "m0": points.material[:, 0].astype(np.float32),
-            "m1": points.material[:, 1].astype(np.float32),
-            "partners": pa.array(points.partners.tolist(), POINTS.field("partners").type),
-        }
-    )
-
-
-def _frame_rows(frame: int, shot: Shot, points: NamedPoints) -> pa.Table:
+def _frame_files(shot: Shot, points: NamedPoints) -> FrameFiles:
     xyz = np.empty((len(points.material), 3))
     for shape in shot.scene.shapes:
         mine = points.object_id == shape.object_id
@@ -276,18 +209,16 @@ def _frame_rows(frame: int, shot: Shot, points: NamedPoints) -> pa.Table:
             xyz[line] = shape.axis(points.material[line, 0])
     uv, depth = shot.view.project(xyz)
     s_of_line = np.where(points.centreline, points.material[:, 0], np.nan)
-    count = len(xyz)
-    columns = [
-        np.full(count, frame, np.int32),
-        np.arange(count, dtype=np.int32),
-        uv[:, 0].astype(np.float32),
-        uv[:, 1].astype(np.float32),
-        depth.astype(np.float32),
-        shot.scene.states(shot.view, xyz, points.object_id, s_of_line),
-        *(xyz[:, axis].astype(np.float32) for axis in range(3)),
-    ]
-    arrays = [pa.array(c, f.type) for c, f in zip(columns, CORRESPONDENCES, strict=True)]
-    return pa.Table.from_arrays(arrays, schema=CORRESPONDENCES)
+    states = shot.scene.states(shot.view, xyz, points.object_id, s_of_line)
+    depth_m, material, object_id = shot.scene.image(shot.view)
+    m = material.astype(np.float32)
+    surface = Surface(
+        depth_m.astype(np.float32),
+        np.ascontiguousarray(m[..., 0]),
+        np.ascontiguousarray(m[..., 1]),
+        object_id.astype(np.uint32),
+    )
+    return FrameFiles(surface, _colours(surface), uv, depth, states, xyz)
 
 
 def _colours(surface: Surface) -> npt.NDArray[np.uint8]:
@@ -299,26 +230,21 @@ def _colours(surface: Surface) -> npt.NDArray[np.uint8]:
     return rgb
 
 
-def write_queries(
-    root: Path, split: str, asked: list[tuple[str, int, str, int]], dataset: dict[str, str]
-) -> None:
+def write_queries(root: Path, split: str, asked: list[tuple[str, int, str, int]]) -> None:
     """Write queries and truth of a split.
 
     Args:
         root: The dataset.
         split: The split.
         asked: (sequence A, frame A, sequence B, frame B) of each pair; five queries each.
-        dataset: Its id and version.
     """
+    dataset = Dataset.open(root)
     queries: list[dict[str, Any]] = []
     truth: list[dict[str, Any]] = []
     for pair_id, (name_a, frame_a, name_b, frame_b) in enumerate(asked):
-        tier = name_a.rsplit(f"-{split}-", 1)[0]
-        points = read_table(
-            layout.sequence_dir(root, tier, name_a) / layout.POINTS_TABLE, "points"
-        ).to_pylist()
-        rows_a = _rows_of(root, tier, name_a, frame_a)
-        rows_b = _rows_of(root, tier, name_b, frame_b)
+        points = dataset[name_a].points().to_pylist()
+        rows_a = dataset[name_a].correspondences(frame_a).to_pylist()
+        rows_b = dataset[name_b].correspondences(frame_b).to_pylist()
         visible = [
             point["point"]
             for point, row in zip(points, rows_a, strict=True)
@@ -326,100 +252,64 @@ def write_queries(
             and point["object"] == 1
             and row["visibility"] == "visible"
         ]
-        box = _box_px(root, tier, name_b, frame_b)
+        v, u = np.nonzero(dataset[name_b].surface(frame_b).object_id == 1)
         for query_id, point in enumerate(visible[:: max(1, len(visible) // 5)][:5]):
-            keys = {"pair_id": pair_id, "query_id": query_id, "tier": tier}
-            queries.append(
-                {
-                    **keys,
-                    "sequence_a": name_a,
-                    "frame_a": frame_a,
-                    "sequence_b": name_b,
-                    "frame_b": frame_b,
-                    "u_a": rows_a[point]["u_px"],
-                    "v_a": rows_a[point]["v_px"],
-                }
-            )
+            keys = {"pair_id": pair_id, "query_id": query_id, "tier": dataset[name_a].tier}
+            source, target = rows_a[point], rows_b[point]
+            frames = {
+                "sequence_a": name_a, "frame_a": frame_a, "sequence_b": name_b, "frame_b": frame_b,
+            }  # fmt: skip
+            queries.append({**keys, **frames, "u_a": source["u_px"], "v_a": source["v_px"]})
+            partners = [rows_b[partner] for partner in points[point]["partners"]]
             truth.append(
                 {
                     **keys,
                     "point": point,
-                    "u_b": rows_b[point]["u_px"],
-                    "v_b": rows_b[point]["v_px"],
-                    "visibility_b": rows_b[point]["visibility"],
-                    "box_px": box,
+                    "u_b": target["u_px"],
+                    "v_b": target["v_px"],
+                    "visibility_b": target["visibility"],
+                    "box_px": float(max(np.ptp(u), np.ptp(v)) + 1),
                     "alternatives": [
-                        {
-                            "u": rows_b[partner]["u_px"],
-                            "v": rows_b[partner]["v_px"],
-                            "visibility": rows_b[partner]["visibility"],
-                        }
-                        for partner in points[point]["partners"]
+                        {"u": each["u_px"], "v": each["v_px"], "visibility": each["visibility"]}
+                        for each in partners
                     ],
                 }
             )
-    footer = {"dataset": dataset, "split": split}
-    path = layout.queries_path(root, split)
-    path.parent.mkdir(exist_ok=True)
-    layout.truth_path(root, split).parent.mkdir(exist_ok=True)
+    footer = {"dataset": {"id": dataset.id, "version": dataset.version}, "split": split}
+    path, truth_path = layout.queries_path(root, split), layout.truth_path(root, split)
+    for each in (path, truth_path):
+        each.parent.mkdir(exist_ok=True)
     write_table(path, pa.Table.from_pylist(queries, schema=QUERIES), "queries", footer)
-    write_table(
-        layout.truth_path(root, split),
-        pa.Table.from_pylist(truth, schema=TRUTH),
-        "truth",
-        {**footer, "queries_sha256": sha256_file(path)},
-    )
+    footer["queries_sha256"] = sha256_file(path)
+    write_table(truth_path, pa.Table.from_pylist(truth, schema=TRUTH), "truth", footer)
 
 
-def _rows_of(root: Path, tier: str, name: str, frame: int) -> list[dict[str, Any]]:
-    path = layout.sequence_dir(root, tier, name) / layout.CORRESPONDENCES_TABLE
-    rows = read_table(path, "correspondences").to_pylist()
-    return [row for row in rows if row["frame"] == frame]
-
-
-def _box_px(root: Path, tier: str, name: str, frame: int) -> float:
-    from pliant.spec.io.exr import read_surface
-
-    path = layout.sequence_dir(root, tier, name) / layout.depth_name(frame)
-    v, u = np.nonzero(read_surface(path).object_id == 1)
-    return float(max(np.ptp(u), np.ptp(v)) + 1)
-
-
-def write_dataset(root: Path, name: str, rows: list[dict[str, Any]], tiers: list[str]) -> None:
+def write_dataset(
+    root: Path, name: str, rows: list[dict[str, Any]], tiers: list[dict[str, Any]]
+) -> None:
     """Write sequences.parquet and dataset.json."""
-    dataset = {"id": name, "version": "1.0.0"}
-    table = pa.Table.from_pylist(rows, schema=SEQUENCES)
-    write_table(root / layout.SEQUENCES_TABLE, table, "sequences", {"dataset": dataset})
-    write_json(
-        root / layout.DATASET_JSON,
-        {
-            "spec_version": SPEC_VERSION,
-            **dataset,
-            "title": f"Pliant conformance: {name}",
-            "description": "Scenes in closed form, for testing readers and validators.",
-            "licence": "CC0-1.0",
-            "conventions": CONVENTIONS,
-            "image_size": {"width": WIDTH, "height": HEIGHT},
-            "tiers": [TIERS[tier] for tier in tiers],
-            "splits": sorted({row["split"] for row in rows}, reverse=True),
-            "provenance": {
-                "generator": "spec/conformance",
-                "seed": SEED,
-                "config": {},
-                "tools": {"numpy": "1.26"},
-            },
-        },
-        "dataset",
+    provenance = {
+        "generator": "spec/conformance", "seed": SEED, "config": {}, "tools": {"numpy": "1.26"},
+    }  # fmt: skip
+    dataset_files.write_dataset(
+        root,
+        name,
+        rows,
+        tiers,
+        (WIDTH, HEIGHT),
+        title=f"Pliant conformance: {name}",
+        provenance=provenance,
     )
 
 
 def build_full(root: Path) -> None:
     """Write `full`: every tier, two splits, all states, symmetries, queries with truth."""
     ball, bare, cloth = rope_points(ball=True), rope_points(ball=False), cloth_points()
+    rope, bare_rope, sheet = TIERS.values()
     rows = [
         write_sequence(
             root,
-            "rope",
+            rope,
             split,
             0,
             ball,
@@ -431,37 +321,26 @@ def build_full(root: Path) -> None:
         for split, x in (("train", 0.0), ("test", 0.07))
     ]
     rows += [
-        write_sequence(root, "rope-bare", "test", index, bare, [rope_shot(eye, ball=False)])
+        write_sequence(root, bare_rope, "test", index, bare, [rope_shot(eye, ball=False)])
         for index, eye in enumerate([(0.2, -0.3, 0.7), (0.3, 0.35, 0.6)])
     ]
-    rows += [
-        write_sequence(
-            root,
-            "cloth-1",
-            "test",
-            0,
-            cloth,
-            [
-                cloth_shot((0.3, 0.1, 0.9), flat=True),
-                cloth_shot((0.1, 0.1, 0.8), flat=False),
-            ],
-        )
-    ]
-    write_dataset(root, "conformance-full", rows, ["rope", "rope-bare", "cloth-1"])
+    folded = [cloth_shot((0.3, 0.1, 0.9), flat=True), cloth_shot((0.1, 0.1, 0.8), flat=False)]
+    rows.append(write_sequence(root, sheet, "test", 0, cloth, folded))
+    write_dataset(root, "conformance-full", rows, [rope, bare_rope, sheet])
     asked = [
         ("rope-test-000000", 0, "rope-test-000000", 1),
         ("rope-bare-test-000000", 0, "rope-bare-test-000001", 0),
         ("cloth-1-test-000000", 0, "cloth-1-test-000000", 1),
     ]
-    write_queries(root, "test", asked, {"id": "conformance-full", "version": "1.0.0"})
+    write_queries(root, "test", asked)
 
 
 def build_minimal(root: Path) -> None:
     """Write `minimal`: one cloth in one frame, nothing optional."""
-    row = write_sequence(
-        root, "cloth-1", "train", 0, cloth_points(), [cloth_shot((0.25, 0.2, 0.8), flat=False)]
-    )
-    write_dataset(root, "conformance-minimal", [row], ["cloth-1"])
+    cloth = TIERS["cloth-1"]
+    shots = [cloth_shot((0.25, 0.2, 0.8), flat=False)]
+    row = write_sequence(root, cloth, "train", 0, cloth_points(), shots)
+    write_dataset(root, "conformance-minimal", [row], [cloth])
 
 
 BASES = {"full": build_full, "minimal": build_minimal}

@@ -18,6 +18,7 @@ from pliant.spec.storage import layout
 from pliant.spec.storage.manifest import write_checksums, write_manifest
 from pliant.spec.storage.packing import FolderToPack, Packer
 from tests.conformance.base import (
+    TIERS,
     cloth_points,
     cloth_shot,
     rope_points,
@@ -111,8 +112,8 @@ def shoot(root: Path, tier: str, eyes: Sequence[tuple[float, float, float]]) -> 
     cloth = tier == "cloth-1"
     points = cloth_points() if cloth else rope_points(ball=False)
     shots = [cloth_shot(eye, flat=True) if cloth else rope_shot(eye, ball=False) for eye in eyes]
-    row = write_sequence(root, tier, "train", 0, points, shots)
-    write_dataset(root, "conformance-minimal", [row], [tier])
+    row = write_sequence(root, TIERS[tier], "train", 0, points, shots)
+    write_dataset(root, "conformance-minimal", [row], [TIERS[tier]])
 
 
 def encode_again(root: Path) -> None:

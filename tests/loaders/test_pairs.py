@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import gc
 import tracemalloc
-from types import ModuleType
 
 import numpy as np
 import pytest
@@ -22,6 +21,7 @@ from pliant.loaders import (
 from pliant.loaders.pairs import Pairing
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
+from tests.loaders.sheet_dataset import sheet_map, write_sheet_dataset
 
 SIZE = (80, 60)
 
@@ -71,13 +71,11 @@ def test_matches_show_the_same_print(sheet_dataset: Dataset, matches: str, turne
     assert checked > 150
 
 
-def test_partners_are_the_points_across_the_sheet(
-    sheets: ModuleType, sheet_dataset: Dataset
-) -> None:
+def test_partners_are_the_points_across_the_sheet(sheet_dataset: Dataset) -> None:
     pairs = PairDataset(FrameStore(sheet_dataset, "sheet", "train", sheet_dataset.size))
     sample = pairs[0]
     frame = int(sample["frames"][0])
-    affine = sheets.sheet_map(frame, 0, sheet_dataset.size, 0.0)
+    affine = sheet_map(frame, 0, sheet_dataset.size, 0.0)
     inverse = np.linalg.inv(affine[:, :2])
     material = (sample["uv_px"][0].double().numpy() - affine[:, 2]) @ inverse.T  # (Q, 2, 2)
     np.testing.assert_allclose(material[:, 1], 1 - material[:, 0], atol=1e-5)
@@ -156,9 +154,7 @@ def test_depth_inputs(sheet_dataset: Dataset, kind: str, channels: int) -> None:
     assert float(depth.max()) == 3.0
 
 
-def test_next_pairs_are_neighbours_and_tell_their_action(
-    sheets: ModuleType, sheet_episode: Dataset
-) -> None:
+def test_next_pairs_are_neighbours_and_tell_their_action(sheet_episode: Dataset) -> None:
     settings = PairSettings(pairing="next")
     pairs = PairDataset(FrameStore(sheet_episode, "sheet", "train", sheet_episode.size), settings)
     sample = pairs[5]
@@ -168,7 +164,7 @@ def test_next_pairs_are_neighbours_and_tell_their_action(
     # The sheet turns by 0.05 rad a frame: a point moves by 2 sin(0.025) times its distance
     # from the centre, at most half the diagonal.
     index = int(a.sequence.id[-6:])
-    affine = sheets.sheet_map(1000 * 0 + index, 0, sheet_episode.size, 0.05)
+    affine = sheet_map(1000 * 0 + index, 0, sheet_episode.size, 0.05)
     side = np.linalg.norm(affine[:, 0])
     expected = 2 * np.sin(0.025) * side * np.sqrt(0.5)
     assert float(sample["action_px"][0, 1]) == pytest.approx(expected, rel=1e-4)
@@ -180,7 +176,7 @@ def test_independent_frames_have_no_action(sheet_dataset: Dataset) -> None:
     assert torch.isinf(sample["action_px"]).all()
 
 
-def test_clips_follow_points_through_an_episode(sheets: ModuleType, sheet_episode: Dataset) -> None:
+def test_clips_follow_points_through_an_episode(sheet_episode: Dataset) -> None:
     clips = ClipDataset(
         FrameStore(sheet_episode, "sheet", "train", sheet_episode.size),
         length=3,
@@ -245,12 +241,10 @@ def test_frames_come_once_each_in_order(sheet_dataset: Dataset) -> None:
         frames[2]
 
 
-def test_memory_does_not_grow_with_what_was_read(
-    sheets: ModuleType, tmp_path_factory: pytest.TempPathFactory
-) -> None:
+def test_memory_does_not_grow_with_what_was_read(tmp_path_factory: pytest.TempPathFactory) -> None:
     """After every frame has been seen, twice as many samples hold no more memory."""
     root = tmp_path_factory.mktemp("memory")
-    dataset = Dataset.open(sheets.write_sheet_dataset(root / "set", {"train": 24}))
+    dataset = Dataset.open(write_sheet_dataset(root / "set", {"train": 24}))
     pairs = PairDataset(FrameStore(dataset, "sheet", "train", SIZE, cache=root / "cache"))
     one_frame = pairs.store.view(0)
     frame_bytes = one_frame.rgb.nbytes + one_frame.depth_m.nbytes + one_frame.mask.nbytes

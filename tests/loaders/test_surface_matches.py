@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-from types import ModuleType
-
 import numpy as np
 import pytest
 
@@ -9,17 +7,16 @@ from pliant.spec.dataset import Dataset
 from pliant.spec.io.exr import Surface
 from pliant.spec.model import MaterialCoordinate, MaterialObject, Symmetry, Tier
 from pliant.spec.surface_search import SurfaceSearch, draw_surface_pixels
+from tests.loaders.sheet_dataset import sheet_map
 
 
-def test_matches_are_exact_to_a_fraction_of_a_pixel(
-    sheets: ModuleType, sheet_dataset: Dataset
-) -> None:
+def test_matches_are_exact_to_a_fraction_of_a_pixel(sheet_dataset: Dataset) -> None:
     sheet = sheet_dataset.tiers["sheet"].queried
     a, b = sheet_dataset.sequences[0], sheet_dataset.sequences[1]
     uv_a, material = draw_surface_pixels(np.random.default_rng(0), a.surface(0), 1, 400)
     uv_b, found = SurfaceSearch(sheet, b.surface(0)).find(material)
-    to_a = sheets.sheet_map(1000 * 0, 0, a.size, 0.0)
-    to_b = sheets.sheet_map(1000 * 0 + 1, 0, b.size, 0.0)
+    to_a = sheet_map(1000 * 0, 0, a.size, 0.0)
+    to_b = sheet_map(1000 * 0 + 1, 0, b.size, 0.0)
     # The drawn pixels' own material is exact, and so is the way to B: an affine map.
     np.testing.assert_allclose(material @ to_a[:, :2].T + to_a[:, 2], uv_a, atol=1e-4)
     truth = material @ to_b[:, :2].T + to_b[:, 2]

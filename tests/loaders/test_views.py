@@ -10,6 +10,7 @@ from pliant.loaders.views import resize_mask, resize_rgb
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
 from pliant.spec.io.resizing import resize_nearest
+from tests.loaders.sheet_dataset import write_sheet_dataset
 
 
 def test_resizing_keeps_positions() -> None:
@@ -49,8 +50,8 @@ def test_cached_frames_equal_decoded_ones(sheet_dataset: Dataset, tmp_path: Path
                 np.testing.assert_array_equal(getattr(store.view(index), name), expected)
 
 
-def test_a_cached_frame_needs_no_file(sheets, tmp_path: Path) -> None:
-    root = sheets.write_sheet_dataset(tmp_path / "set", {"train": 1})
+def test_a_cached_frame_needs_no_file(tmp_path: Path) -> None:
+    root = write_sheet_dataset(tmp_path / "set", {"train": 1})
     dataset = Dataset.open(root)
     FrameStore(dataset, "sheet", "train", (80, 60), cache=tmp_path / "cache").view(0)
     (dataset.sequences[0].dir / "rgb" / "000000.png").unlink()

@@ -1,13 +1,12 @@
 from __future__ import annotations
 
-import importlib.util
 from collections.abc import Iterator
-from pathlib import Path
 from types import ModuleType
 
 import pytest
 
 from pliant.spec.dataset import Dataset
+from tests.loaders import sheet_dataset as sheet_dataset_module
 
 torch = pytest.importorskip("torch", reason="the models need the extra 'train'")
 
@@ -23,13 +22,7 @@ def one_thread() -> Iterator[None]:
 
 @pytest.fixture(scope="session")
 def sheets() -> ModuleType:
-    path = Path(__file__).parents[1] / "loaders" / "sheet_dataset.py"
-    spec = importlib.util.spec_from_file_location("sheet_dataset", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return sheet_dataset_module
 
 
 @pytest.fixture(scope="session")

@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from unittest import mock
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from pliant.spec.arrays import FloatArray
 from tests.conformance import base
 from tests.conformance.analytic import Ball, Scene, Shape, Sheet, Tube, View
 from tests.conformance.base import NamedPoints, Shot
+from tests.dataset_files import coordinate, tier
 
 STEPS = 400
 
@@ -187,7 +187,6 @@ def turn(rng: np.random.Generator) -> FloatArray:
 
 
 def _material(kind: str, shape: Any) -> list[dict[str, Any]]:
-    coordinate = base._coordinate
     if kind == "sheet":
         side = shape.side
         return [coordinate("u", 0.0, 1.0, side), coordinate("v", 0.0, 1.0, side)]
@@ -233,18 +232,13 @@ def write_random_dataset(root: Path, seed: int) -> None:
     if rng.random() < 0.5:
         kinds.append(str(rng.choice(["sheet", "tube", "ball"])))
     shapes = [_shape(rng, kind, number + 1) for number, kind in enumerate(kinds)]
-    tier = base._tier(
+    described = tier(
         "cloth-1" if main == "sheet" else "rope-bare",
         "cloth" if main == "sheet" else "rope",
-        [
-            {
-                "id": shape.object_id,
-                "name": f"object-{shape.object_id}",
-                "material": _material(k, shape),
-            }
-            for k, shape in zip(kinds, shapes, strict=True)
-        ],
-        [],
+        {
+            f"object-{shape.object_id}": _material(kind, shape)
+            for kind, shape in zip(kinds, shapes, strict=True)
+        },
     )
     points = _points(kinds)
     shots = []
@@ -260,9 +254,8 @@ def write_random_dataset(root: Path, seed: int) -> None:
             eye, rng.uniform(-0.05, 0.05, 3), base.FOCAL_PX, base.WIDTH, base.HEIGHT
         )
         shots.append(Shot(Scene(tuple(placed)), view))
-    with mock.patch.dict(base.TIERS, {tier["name"]: tier}):
-        row = base.write_sequence(root, tier["name"], "train", 0, points, shots)
-        base.write_dataset(root, "analytic", [row], [tier["name"]])
+    row = base.write_sequence(root, described, "train", 0, points, shots)
+    base.write_dataset(root, "analytic", [row], [described])
 
 
 def _points(kinds: list[str]) -> NamedPoints:
