@@ -27,7 +27,7 @@ def write_report(
     scores: Scores, out_dir: Path | str, *, data: Dataset | Path | str | None = None
 ) -> None:
     """Write scores.json, per_pair.parquet and report.html; see `report.write_report`."""
-    # Imported here: matplotlib takes longer to import than a small submission to score.
+    # Imported here: scoring alone needs no templates.
     from pliant.evaluator.report.report import write_report as write
 
     write(scores, out_dir, data=data)

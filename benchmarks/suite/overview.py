@@ -18,6 +18,7 @@ from pliant.benchmarks.suite.work import Workspace
 from pliant.evaluator.controls import CONTROLS
 from pliant.evaluator.report.best_matches import best_matches
 from pliant.evaluator.report.cells import cause_bars
+from pliant.evaluator.report.charts import Chart
 from pliant.evaluator.report.pages import render_page
 from pliant.evaluator.report.report import error_histogram
 from pliant.evaluator.report.verdict import board_verdict
@@ -53,7 +54,7 @@ class _Block:
     name: str
     facts: str
     frames_png: bytes
-    histogram_svg: str
+    histogram: Chart
     matches: Sequence[tuple[str, str]]
     bars: Mapping[str, Any]
 
@@ -214,7 +215,7 @@ def _block(work: Workspace, dataset: Dataset, tier: str, name: str, rows: Sequen
         facts=f"{len(sequences)} sequences, {frames} images, {len(pairs)} pairs, "
         f"{sum(map(len, pairs))} queries.",
         frames_png=_png(contact_sheet(dataset, sequences, count=_FRAMES_SHOWN)),
-        histogram_svg=error_histogram(curves, title=f"Errors on {name}"),
+        histogram=error_histogram(curves, title=f"Errors on {name}"),
         matches=[_matches(work, dataset, row, pairs[0]) for row in rows if "matches" in row.scores],
         bars=_bars(work, tier, rows),
     )

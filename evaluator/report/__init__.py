@@ -1,4 +1,4 @@
-"""Reports for people: HTML pages, plots, the leaderboard and the static site.
+"""Reports for people: HTML pages with charts, the leaderboard and the static site.
 
-Plots need matplotlib; import from the modules, so that scoring alone never loads it.
+`vendor/` has the library that draws the charts in the browser.
 """

@@ -1,24 +1,19 @@
-"""The style of all charts and pictures, and their rendering as SVG text or PNG bytes.
+"""Pictures that matplotlib draws, in one style, as PNG bytes.
 
 No global state of matplotlib is changed, and equal input gives equal output.
 """
 
 from __future__ import annotations
 
-import hashlib
-import html
 import io
-import re
 from collections.abc import Callable
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 import matplotlib as mpl
 import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 if TYPE_CHECKING:
@@ -56,21 +51,6 @@ _STYLE: Final[dict[RcKeyType, Any]] = {
 }
 
 
-@dataclass(frozen=True)
-class Labels:
-    """The texts of a chart.
-
-    Attributes:
-        title: Heading.
-        x: Label of the horizontal axis.
-        y: Label of the vertical axis.
-    """
-
-    title: str
-    x: str
-    y: str = ""
-
-
 def house_style() -> AbstractContextManager[None]:
     """Return a context in which figures get the style of Pliant's charts."""
     return mpl.rc_context(_STYLE)
@@ -81,34 +61,6 @@ def figure_png(figure: Figure) -> bytes:
     buffer = io.BytesIO()
     FigureCanvasAgg(figure).print_png(buffer)
     return buffer.getvalue()
-
-
-def chart_svg(draw: Callable[[Axes], None], labels: Labels, *, height_in: float = 2.9) -> str:
-    """Return a chart as an SVG element that scales with its container."""
-    with mpl.rc_context({**_STYLE, "svg.hashsalt": labels.title, "axes.facecolor": "none"}):
-        figure = Figure(figsize=(4.6, height_in), layout="constrained", facecolor="none")
-        axes = figure.add_subplot()
-        draw(axes)
-        axes.set(title=labels.title, xlabel=labels.x, ylabel=labels.y)
-        buffer = io.StringIO()
-        FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None, "Creator": None})
-    text = buffer.getvalue()
-    text = text[text.index("<svg") :]
-    text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
-    text = re.sub(
-        r"'DejaVu Sans'[^;\"]*sans-serif",
-        "-apple-system, 'Segoe UI', Roboto, Arial, 'DejaVu Sans', sans-serif",
-        text,
-    )
-    # Ids are unique to a figure, so that one page can contain several.
-    prefix = "p" + hashlib.sha256(text.encode()).hexdigest()[:8] + "-"
-    text = re.sub(r'\bid="', f'id="{prefix}', text)
-    text = text.replace('"#', f'"#{prefix}').replace("url(#", f"url(#{prefix}")
-    head, body = text.split(">", 1)
-    head = re.sub(r' (width|height)="[^"]*"', "", head)
-    label = html.escape(labels.title)
-    start = f'<svg class="plot" role="img" aria-label="{label}" '
-    return f"{head}>{body}".replace("<svg ", start, 1)
 
 
 def pictures_png(

@@ -57,7 +57,7 @@ def render_comparison(reports: Sequence[Scores], found: Sequence[Difference]) ->
             if item.group in groups
         ],
         fewest=fewest_sequences(float(document["intervals"]["level"])),
-        plots=error_curves(reports, names),
+        charts=error_curves(reports, names),
         **cause_bars(reports, names),
     )
 

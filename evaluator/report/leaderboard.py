@@ -21,8 +21,8 @@ from pliant.evaluator.controls import CONTROLS
 from pliant.evaluator.hidden_truth import public_scores
 from pliant.evaluator.metrics.base import OVERALL
 from pliant.evaluator.report.cells import cause_bars, heading, score_cell
+from pliant.evaluator.report.charts import Chart, cdf_chart, interval_chart
 from pliant.evaluator.report.pages import render_page
-from pliant.evaluator.report.plots import cdf_svg, interval_svg
 from pliant.evaluator.report.verdict import board_verdict
 from pliant.evaluator.scores import SCORES_JSON, Scores, read_scores
 from pliant.evaluator.statistics.sign_flips import fewest_sequences
@@ -113,10 +113,10 @@ def render_leaderboard(
         columns += [(tier, main) for tier in tiers]
     order = sorted(range(len(reports)), key=lambda i: _sort_key(reports[i], main))
     fact_names, facts = fact_table([each.document["submission"]["method"] for each in reports])
-    plots: list[str] = []
+    charts: list[Chart] = []
     if not hide_truth:
-        plots = _differences(among, [names[i] for i in order if i in standing], main, protocol)
-        plots += error_curves(reports, names)
+        charts = _differences(among, [names[i] for i in order if i in standing], main, protocol)
+        charts += error_curves(reports, names)
     shown = sorted(order, key=lambda i: i not in standing)
     rows = [
         {
@@ -144,7 +144,7 @@ def render_leaderboard(
         main=heading(main, protocol).label,
         fewest_sequences=fewest_sequences(float(document["intervals"]["level"])),
         too_few=any(item.verdict == "too few sequences" for item in among),
-        plots=plots,
+        charts=charts,
         **cause_bars([reports[i] for i in shown], [names[i] for i in shown]),
     )
 
@@ -158,8 +158,8 @@ def _sort_key(report: Scores, metric: str) -> float:
 
 def _differences(
     found: Sequence[Difference], names: Sequence[str], metric: str, protocol: str
-) -> list[str]:
-    """Return the differences of all methods from the first, with intervals, as a plot."""
+) -> list[Chart]:
+    """Return the differences of all methods from the first, with intervals, as a chart."""
     if not names:
         return []
     rows = {}
@@ -175,10 +175,10 @@ def _differences(
     shown = heading(metric, protocol)
     ordered = {name: rows[name] for name in names if name in rows}
     title = f"{shown.label}: difference from {names[0]}"
-    return [interval_svg(ordered, title=title, xlabel=f"{shown.text}; blue: clear")]
+    return [interval_chart(ordered, title=title, x=f"{shown.text}; blue: clear")]
 
 
-def error_curves(reports: Sequence[Scores], names: Sequence[str]) -> list[str]:
+def error_curves(reports: Sequence[Scores], names: Sequence[str]) -> list[Chart]:
     """Return the error CDFs of all methods, one chart per tier."""
     result = []
     for tier in reports[0].tiers:
@@ -188,7 +188,7 @@ def error_curves(reports: Sequence[Scores], names: Sequence[str]) -> list[str]:
             if (curve := report.document["curves"].get(tier, {}).get("cdf"))
         }
         if series:
-            result.append(cdf_svg(series, title=f"{tier}: share of answers within"))
+            result.append(cdf_chart(series, title=f"{tier}: share of answers within"))
     return result
 
 

@@ -5,9 +5,11 @@ from __future__ import annotations
 import base64
 import functools
 import textwrap
+from importlib import resources
 from typing import Any, Final
 
 import jinja2
+from markupsafe import Markup
 
 from pliant.spec.text import shown
 
@@ -46,8 +48,18 @@ def _environment(package: str) -> jinja2.Environment:
         keep_trailing_newline=True,
     )
     environment.filters["data_uri"] = _data_uri
+    environment.globals["chart_scripts"] = _chart_scripts
     environment.filters["fill"] = _fill
     return environment
+
+
+@functools.cache
+def _chart_scripts() -> Markup:
+    """Return the library that draws charts, and the script that calls it, as elements."""
+    folder = resources.files(REPORT_PACKAGE)
+    names = [f"vendor/{name}.min.js" for name in ("vega", "vega-lite", "vega-interpreter")]
+    texts = [(folder / name).read_text("utf-8") for name in (*names, "templates/charts.js")]
+    return Markup("\n".join(f"<script>{text}</script>" for text in texts))
 
 
 def _data_uri(png: bytes) -> str:

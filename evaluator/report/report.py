@@ -13,9 +13,9 @@ import jsonschema
 from pliant.evaluator.metrics.base import OVERALL
 from pliant.evaluator.metrics.causes import CAUSES
 from pliant.evaluator.protocols.protocol import read_protocol
-from pliant.evaluator.report import plots
-from pliant.evaluator.report.canvas import Labels
+from pliant.evaluator.report import charts
 from pliant.evaluator.report.cells import heading, score_cell
+from pliant.evaluator.report.charts import Chart, Labels
 from pliant.evaluator.report.drawings import FramePictures, pair_svg
 from pliant.evaluator.report.pages import render_page
 from pliant.evaluator.report.verdict import report_verdict
@@ -103,7 +103,7 @@ def render_report(scores: Scores, dataset: Dataset | None = None) -> str:
         cell=partial(score_cell, document),
         no_interval=any(count < 2 for count in counts),
         narrow_interval=any(count < _FEW_SEQUENCES for count in counts),
-        plots=report_plots(document),
+        charts=report_charts(document),
         verdict=report_verdict(document),
         notes=_notes(document),
         causes=CAUSES,
@@ -147,7 +147,7 @@ def _percent(share: float | None) -> str:
     return "–" if share is None else f"{share * 100:.1f} %"
 
 
-def error_histogram(curves: Mapping[str, Mapping[str, Any]], *, title: str) -> str:
+def error_histogram(curves: Mapping[str, Mapping[str, Any]], *, title: str) -> Chart:
     """Draw L2 error histograms over each other, the share beyond the axis in the legend.
 
     Args:
@@ -162,11 +162,11 @@ def error_histogram(curves: Mapping[str, Mapping[str, Any]], *, title: str) -> s
         share = list(curve["share"])
         series[text] = share + [0.0] * (len(longest["share"]) - len(share))
     labels = Labels(title, "error, px", "share of answers")
-    return plots.histogram_svg(series, longest["edges_px"], labels)
+    return charts.histogram_chart(series, longest["edges_px"], labels)
 
 
-def report_plots(document: Mapping[str, Any]) -> list[str]:
-    """Return the charts of a report as SVG, one series per tier.
+def report_charts(document: Mapping[str, Any]) -> list[Chart]:
+    """Return the charts of a report, one series per tier.
 
     Args:
         document: The content of scores.json.
@@ -177,11 +177,12 @@ def report_plots(document: Mapping[str, Any]) -> list[str]:
     def of(name: str) -> dict[str, Any]:
         return {tier: curves[tier][name] for tier in tiers if name in curves[tier]}
 
-    result: list[str] = []
+    result: list[Chart] = []
     if cdf := of("cdf"):
-        result.append(plots.cdf_svg({t: (c["error_px"], c["share_below"]) for t, c in cdf.items()}))
+        series = {t: (c["error_px"], c["share_below"]) for t, c in cdf.items()}
+        result.append(charts.cdf_chart(series))
     if boxes := of("pair_rmse_box_px"):
-        result.append(plots.box_svg(boxes, title="RMSE of the image pairs"))
+        result.append(charts.box_chart(boxes, title="RMSE of the image pairs"))
     if errors := of("error_px"):
         result.append(error_histogram(errors, title="L2 error of each query"))
     for name, title, quantity, counted in (
@@ -191,16 +192,15 @@ def report_plots(document: Mapping[str, Any]) -> list[str]:
         if shares := of(name):
             labels = Labels(title, f"{quantity} / image diagonal", f"share of {counted}")
             edges = next(iter(shares.values()))["edges"]
-            series = {tier: curve["share"] for tier, curve in shares.items()}
-            result.append(plots.histogram_svg(series, edges, labels))
+            shares_of = {tier: curve["share"] for tier, curve in shares.items()}
+            result.append(charts.histogram_chart(shares_of, edges, labels))
     if times := of("rmse_over_time"):
         labels = Labels("RMSE since the query", "frames since the query", "RMSE, px")
-        result.append(
-            plots.line_svg({t: (c["frames"], c["rmse_px"]) for t, c in times.items()}, labels)
-        )
+        series = {t: (c["frames"], c["rmse_px"]) for t, c in times.items()}
+        result.append(charts.line_chart(series, labels))
     if reliability := of("reliability"):
         radius = next(iter(reliability.values()))["radius_px"]
-        result.append(plots.reliability_svg(reliability, radius_px=radius))
+        result.append(charts.reliability_chart(reliability, radius_px=radius))
     if sparse := of("sparsification"):
-        result.append(plots.sparsification_svg(sparse))
+        result.append(charts.sparsification_chart(sparse))
     return result

@@ -11,8 +11,8 @@ import numpy.typing as npt
 from matplotlib.figure import Figure
 
 from pliant.baselines.descriptor_colours import descriptor_colours
-from pliant.evaluator.report.canvas import Labels, pictures_png, show_picture
-from pliant.evaluator.report.plots import line_svg
+from pliant.evaluator.report.canvas import pictures_png, show_picture
+from pliant.evaluator.report.charts import Chart, Labels, line_chart
 from pliant.models.don.matcher import DonMatcher
 from pliant.models.don.validation import ValidationPair
 from pliant.models.training.run_page import Section, write_run_page
@@ -49,8 +49,8 @@ def write_run_report(
         "network alone, RMSE, pooled": "val/network_rmse_px",
     }
     charts = [
-        history_svg(history, {"loss": "loss"}, "Training loss"),
-        history_svg(history, errors, "Validation error", "px"),
+        history_chart(history, {"loss": "loss"}, "Training loss"),
+        history_chart(history, errors, "Validation error", "px"),
     ]
     sections = [
         Section("Curves", charts=charts),
@@ -71,9 +71,9 @@ def write_run_report(
     return write_run_page(run, facts, sections)
 
 
-def history_svg(
+def history_chart(
     history: Sequence[Mapping[str, float]], keys: Mapping[str, str], title: str, unit: str = ""
-) -> str:
+) -> Chart:
     """Draw logged values over the training steps.
 
     Args:
@@ -87,9 +87,7 @@ def history_svg(
         rows = [(row["step"], row[key]) for row in history if key in row]
         series[label] = ([step for step, _ in rows], [value for _, value in rows])
     validated = any(key.startswith("val/") for key in keys.values())
-    if validated:
-        return line_svg(series, Labels(title, "step", unit), markers=True)
-    return line_svg(series, Labels(title, "step", unit), decorate=lambda axes: None)
+    return line_chart(series, Labels(title, "step", unit), from_zero=validated)
 
 
 def descriptors_png(matcher: DonMatcher, pairs: Sequence[ValidationPair]) -> bytes:

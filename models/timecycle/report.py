@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from pliant.evaluator.report.canvas import Labels, pictures_png, show_picture
-from pliant.evaluator.report.plots import line_svg
-from pliant.models.don.report import history_svg
+from pliant.evaluator.report.canvas import pictures_png, show_picture
+from pliant.evaluator.report.charts import Chart, Labels, line_chart
+from pliant.models.don.report import history_chart
 from pliant.models.timecycle.guard import Guard
 from pliant.models.timecycle.matcher import TimeCycleMatcher
 from pliant.models.timecycle.validation import Stretch, track_with
@@ -61,17 +61,17 @@ def write_timecycle_report(
                     for name, values in guard.curves.items()
                 ),
             ],
-            charts=[time_svg(guard)],
+            charts=[time_chart(guard)],
         ),
         Section(
             "Curves",
             charts=[
                 *(
-                    history_svg(history, {part: part}, f"Loss: {part}")
+                    history_chart(history, {part: part}, f"Loss: {part}")
                     for part in _PARTS
                     if any(part in row for row in history)
                 ),
-                history_svg(history, errors, "Validation RMSE", "px"),
+                history_chart(history, errors, "Validation RMSE", "px"),
             ],
         ),
         Section(
@@ -86,12 +86,12 @@ def write_timecycle_report(
     return write_run_page(run, rest, sections)
 
 
-def time_svg(guard: Guard) -> str:
+def time_chart(guard: Guard) -> Chart:
     """Draw the RMSE over the frames since the query."""
     series = {
         name: (np.arange(1, len(values) + 1), values) for name, values in guard.curves.items()
     }
-    return line_svg(series, Labels("RMSE over time", "frames since the query", "RMSE, px of 640"))
+    return line_chart(series, Labels("RMSE over time", "frames since the query", "RMSE, px of 640"))
 
 
 def tracks_png(matcher: TimeCycleMatcher, stretches: Sequence[Stretch]) -> bytes:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from pliant.evaluator.report.charts import Chart
 from pliant.evaluator.report.pages import render_page
 from pliant.evaluator.scores import REPORT_HTML
 from pliant.spec.io.writing import replacing
@@ -21,7 +22,7 @@ class Section:
         text: What the reader sees there.
         lead: A sentence before the text that stands out.
         table: Rows of cells, the first row is the heading.
-        charts: SVG charts.
+        charts: Charts.
         picture: PNG bytes, or None.
     """
 
@@ -29,7 +30,7 @@ class Section:
     text: str = ""
     lead: str = ""
     table: Sequence[Sequence[str]] = ()
-    charts: Sequence[str] = ()
+    charts: Sequence[Chart] = ()
     picture: bytes | None = None
 
 

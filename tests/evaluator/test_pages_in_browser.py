@@ -11,8 +11,8 @@ import pytest
 
 from pliant.cli.main import run
 from pliant.evaluator import evaluate, write_report
-from pliant.evaluator.report.canvas import Labels
-from pliant.evaluator.report.plots import line_svg
+from pliant.evaluator.report import charts
+from pliant.evaluator.report.charts import Labels
 from pliant.models.training.run_page import Section, write_run_page
 from tests.browser import CHROMIUM, DRIVER, Browser, chromium
 
@@ -22,6 +22,18 @@ pytestmark = [
 ]
 
 PAGES = ("reports/far/report.html", "board.html", "comparison.html", "run/report.html")
+BOX = {"p5": 1.0, "p25": 2.0, "p50": 3.0, "p75": 4.0, "p95": 5.0}
+CHARTS = [
+    charts.line_chart({"loss": ([0, 100], [5.0, np.nan])}, Labels('"Loss" & <b>', "step")),
+    charts.cdf_chart({"a & <b>": ([1, 2, 4], [0.1, 0.5, 1.0]), "c": ([1, 4], [0.2, 0.9])}),
+    charts.histogram_chart({"a": [0.2, 0.8]}, [0, 1, 2], Labels("t", "x", "y")),
+    charts.box_chart({"a": BOX, "b": BOX}, title="boxes"),
+    charts.reliability_chart({"a": {"confidence": [0.5], "frequency": [0.4]}}, radius_px=8),
+    charts.sparsification_chart(
+        {"a": {"removed": [0, 0.5], "rmse_px": [4, 3], "best_rmse_px": [4, 1]}}
+    ),
+    charts.interval_chart({"a": (-1.0, 0.5, 2.0), "b": (0.5, 1.0, 2.0)}, title="t", x="x"),
+]
 VISIBLE = "[...document.querySelectorAll('figure.example')].filter(f => !f.hidden)"
 
 
@@ -49,9 +61,8 @@ def pages(scene_maker: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert run(["leaderboard", reports, "--out", str(folder / "board.html")]) == 0
     assert run(["compare", reports, "--out", str(folder / "comparison.html")]) == 0
     (folder / "run").mkdir()
-    chart = line_svg({"loss": ([0, 100], [5.0, 2.0])}, Labels("Training loss", "step"))
     table = [["method", "RMSE"], ["a long name of a method", "3.25"]]
-    sections = [Section("Curves", charts=[chart]), Section("Scores", table=table)]
+    sections = [Section("Curves", charts=CHARTS), Section("Scores", table=table)]
     write_run_page(folder / "run", {"steps": 100, "commit": None}, sections)
     return folder
 
@@ -79,11 +90,36 @@ def test_a_page_fits_reports_no_error_and_asks_for_nothing(
 ) -> None:
     browser.errors(), browser.requests()
     opened(browser, pages / name, width, dark=dark)
+    undrawn = "document.querySelectorAll('[data-chart]:not([data-drawn])').length"
+    browser.wait(f"{undrawn} === 0")
+    assert browser.run("return document.querySelectorAll('[data-chart] svg').length") >= 1
     assert browser.run("return document.documentElement.scrollWidth") <= width
     paper = browser.run("return getComputedStyle(document.body).backgroundColor")
     assert paper == ("rgb(22, 25, 28)" if dark else "rgb(255, 255, 255)")
     assert browser.errors() == []
     assert {url.split(":")[0] for url in browser.requests()} <= {"file", "data"}
+
+
+def test_a_chart_tells_its_values_and_has_the_ink_of_the_page(
+    browser: Browser, pages: Path
+) -> None:
+    opened(browser, pages / "run" / "report.html", dark=True)
+    browser.wait("document.querySelectorAll('[data-drawn]').length === 7")
+    box = browser.run(
+        "const e = document.querySelectorAll('[data-chart]')[3].querySelector('.mark-rect path');"
+        "e.scrollIntoView({block: 'center'}); const b = e.getBoundingClientRect();"
+        "return [b.x + b.width / 2, b.y + b.height / 2]"
+    )
+    browser.hover(*box)
+    browser.wait("!document.querySelector('.tip').hidden")
+    text = browser.run("return document.querySelector('.tip').innerText")
+    assert text.split("\n")[:2] == ["name a", "p5 1"]
+    browser.hover(5, 5)
+    browser.wait("document.querySelector('.tip').hidden")
+    label = "document.querySelector('[data-chart] .role-axis-label text')"
+    assert browser.run(f"return getComputedStyle({label}).fill") == "rgb(226, 230, 234)"
+    texts = browser.run("return document.querySelectorAll('[data-chart]')[0].textContent")
+    assert '"Loss" & <b>' in texts
 
 
 def test_the_theme_can_be_switched_and_stays(browser: Browser, pages: Path) -> None:
