@@ -15,9 +15,9 @@ import numpy.typing as npt
 
 from pliant.generator.rendering import blender
 from pliant.generator.rendering.blender_materials import plain_material
-from pliant.generator.scene.camera import Camera
 from pliant.generator.scene.scene_object import SceneMesh, SceneObject
 from pliant.generator.truth.frame_truth import FrameTruth
+from pliant.spec.camera import Camera
 
 
 @dataclass(frozen=True)

@@ -115,7 +115,7 @@ def memory(style: str, frames: int) -> dict[str, Value]:
     config = _config("rope", style, frames, 1, width=160, height=120)
     seen: list[int] = []
     with _folder() as root:
-        maker = SequenceMaker(config, root, root / "scratch")
+        maker = SequenceMaker(config, root)
         maker.make(SequenceTask("rope", "train", 0), lambda: seen.append(resident_bytes()))
         maker.close()
     tenth = seen[frames // 10 - 1]
@@ -139,7 +139,7 @@ def _config(tier: str, style: str, frames: int, sequences: int, **changes: Any) 
 
 
 def _maker(config: GenerateConfig, root: Path) -> Any:
-    return sequence_maker(config, root, root / "scratch")
+    return sequence_maker(config, root)
 
 
 @contextmanager

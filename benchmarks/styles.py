@@ -19,10 +19,11 @@ from pliant.generator.objects.rope import RopeSettings, sample_rope
 from pliant.generator.rendering import open_renderer
 from pliant.generator.runner.sequence import resident_bytes
 from pliant.generator.scene.appearance import Appearance, AppearanceSettings, sample_appearance
-from pliant.generator.scene.camera import Camera, CameraSettings, sample_camera
+from pliant.generator.scene.camera import CameraSettings, sample_camera
 from pliant.generator.scene.scene_object import Pose, SceneObject
 from pliant.generator.seeding import RandomStreams, SequenceTask
 from pliant.generator.truth.frame_truth import FrameTruth, frame_truth
+from pliant.spec.camera import Camera
 
 SIZE = (640, 480)
 STYLES = ("photo", "fast", "raster")  # what shows an appearance; `real-depth` shows none

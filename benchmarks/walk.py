@@ -78,9 +78,7 @@ def _one_sequence(root: Path) -> None:
     config = GenerateConfig(
         tiers=("rope",), splits={"test": 1}, frames=2, width=160, height=120, style="raster"
     )
-    scratch = root / "scratch"
-    scratch.mkdir(parents=True)
-    maker = SequenceMaker(config, root, scratch)
+    maker = SequenceMaker(config, root)
     maker.make(plan_run(config, root).missing[0], lambda: None)
     maker.close()
 

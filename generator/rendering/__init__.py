@@ -9,9 +9,9 @@ import numpy.typing as npt
 
 from pliant.generator.config import STYLES
 from pliant.generator.scene.appearance import Appearance
-from pliant.generator.scene.camera import Camera
 from pliant.generator.scene.scene_object import Pose, SceneObject
 from pliant.generator.truth.frame_truth import FrameTruth
+from pliant.spec.camera import Camera
 from pliant.spec.errors import CallError, MissingExtraError
 
 if TYPE_CHECKING:

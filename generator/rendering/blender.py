@@ -18,9 +18,10 @@ import numpy as np
 import numpy.typing as npt
 
 from pliant.generator.scene.appearance import Light
-from pliant.generator.scene.camera import NEAR_M, Camera
+from pliant.generator.scene.camera import NEAR_M
 from pliant.generator.scene.scene_object import IntArray
 from pliant.spec.arrays import FloatArray
+from pliant.spec.camera import Camera
 
 _SENSOR_MM: Final = 36.0
 _FAR_M: Final = 1000.0

@@ -27,10 +27,11 @@ from pliant.generator.rendering.sky import sky_maps
 from pliant.generator.rendering.srgb import encode_srgb
 from pliant.generator.rendering.table import TableView
 from pliant.generator.scene.appearance import Appearance
-from pliant.generator.scene.camera import Camera
+from pliant.generator.scene.camera import seen_window
 from pliant.generator.scene.scene_object import GRIPPER, Pose, SceneMesh, SceneObject
 from pliant.generator.truth.frame_truth import FrameTruth
 from pliant.spec.arrays import Rgb
+from pliant.spec.camera import Camera
 from pliant.spec.errors import GenerationError
 
 Linear = npt.NDArray[np.float32]
@@ -202,7 +203,7 @@ class FastRenderer(CyclesRenderer):
         world = truth.world_vertices
         shadow = shadow_map(world, self._mesh.faces, self._appearance.light)
         linear, changed = self._table.under(shadow, sky_maps(world))
-        window = self._camera.window(self._camera.project(world), _FILTER_PX)
+        window = seen_window(self._camera, self._camera.project(world), _FILTER_PX)
         if window is not None:
             blender.set_border(self._scene, window)
             left, right, top, bottom = window

@@ -19,12 +19,12 @@ import numpy as np
 import numpy.typing as npt
 
 from pliant.generator.scene.appearance import Appearance
-from pliant.generator.scene.camera import Camera
 from pliant.generator.scene.noise import perlin_noise
 from pliant.generator.scene.scene_object import Pose, SceneObject
 from pliant.generator.settings.scene import DepthCameraSettings
 from pliant.generator.truth.frame_truth import FrameTruth
 from pliant.spec.arrays import Mask
+from pliant.spec.camera import Camera
 
 FloatImage = npt.NDArray[np.float64]
 

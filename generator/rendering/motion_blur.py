@@ -15,10 +15,10 @@ from typing import Final
 import numpy as np
 
 from pliant.generator.rendering.srgb import decode_srgb, encode_srgb
-from pliant.generator.scene.camera import Camera
 from pliant.generator.scene.scene_object import Pose
 from pliant.generator.truth.frame_truth import FrameTruth
 from pliant.spec.arrays import FloatArray, Rgb
+from pliant.spec.camera import Camera
 
 _STEP_PX: Final = 1.5
 """Farthest that anything moves between two renderings."""

@@ -25,11 +25,12 @@ from pliant.generator.rendering.sky import sky_maps, vertex_normals
 from pliant.generator.rendering.srgb import encode_channel, encode_srgb
 from pliant.generator.rendering.table import TableView
 from pliant.generator.scene.appearance import Appearance
-from pliant.generator.scene.camera import Camera
+from pliant.generator.scene.camera import seen_window
 from pliant.generator.scene.scene_object import IntArray, Pose, SceneMesh, SceneObject
 from pliant.generator.truth.frame_truth import FrameTruth
 from pliant.generator.truth.rasteriser import Hits, Lens, rasterise_into
 from pliant.spec.arrays import FloatArray, Rgb
+from pliant.spec.camera import Camera
 
 SAMPLES: Final = 2
 """Samples a side of a pixel."""
@@ -97,7 +98,7 @@ class RasterRenderer:
         camera = self._camera
         local = camera.to_camera(world)
         uvz = camera.to_pixels(local)
-        left, right, top, bottom = camera.window(uvz) or (0, 0, 0, 0)
+        left, right, top, bottom = seen_window(camera, uvz) or (0, 0, 0, 0)
         rows, columns = (
             slice(first * SAMPLES, last * SAMPLES) for first, last in ((top, bottom), (left, right))
         )

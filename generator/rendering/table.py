@@ -18,8 +18,8 @@ from pliant.generator.rendering.shadow import ShadowMap, sunlight
 from pliant.generator.rendering.sky import SkyMaps
 from pliant.generator.rendering.srgb import encode_srgb
 from pliant.generator.scene.appearance import Appearance
-from pliant.generator.scene.camera import Camera
 from pliant.spec.arrays import FloatArray
+from pliant.spec.camera import Camera
 
 _GRID_PX = 4
 # The sky's share is worked out every so many pixels and interpolated between.

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from pliant.generator.truth.queries import build_queries
 from pliant.spec.conventions import CONVENTIONS, SPEC_VERSION, SPLITS
 from pliant.spec.io.jsonfiles import read_json, write_json
 from pliant.spec.io.parquet import write_table
+from pliant.spec.io.staging import staged
 from pliant.spec.model import Tier
 from pliant.spec.storage.layout import (
     DATASET_JSON,
@@ -29,54 +30,40 @@ from pliant.spec.storage.layout import (
 from pliant.spec.tables import SEQUENCES
 
 
-def write_dataset_files(
-    config: GenerateConfig,
-    tasks: Sequence[SequenceTask],
-    root: Path,
-    scratch: Path,
-) -> None:
+def write_dataset_files(config: GenerateConfig, tasks: Sequence[SequenceTask], root: Path) -> None:
     """Write `sequences.parquet`, the queries, their truth and `dataset.json`.
 
-    Everything is written to a scratch folder first. `dataset.json` is removed before the first
-    file is replaced and put back after the last one: a folder that has it is whole.
+    `dataset.json` is removed before the first file is replaced and written after the last one: a
+    folder that has it is whole.
 
     Args:
         config: The dataset's config, kept as provenance.
         tasks: The finished sequences, in the order of the table.
         root: The dataset's folder.
-        scratch: A folder on the same file system.
+
+    Raises:
+        CallError: The disk is full or cannot be written.
     """
-    made = scratch / "dataset-files"
-    shutil.rmtree(made, ignore_errors=True)
-    made.mkdir(parents=True)
     infos = [read_json(task.folder(root) / SEQUENCE_JSON) for task in tasks]
     tiers = [describe_tier(config, tier) for tier in config.tiers]
     dataset = {"id": config.id, "version": config.version}
-    write_table(
-        made / SEQUENCES_TABLE,
-        sequence_rows(infos),
-        "sequences",
-        {"dataset": dataset},
-    )
-    build_queries(
-        root,
-        tiers,
-        tasks,
-        config.queries,
-        seed=config.seed,
-        dataset=dataset,
-        queries_dir=made / QUERIES_DIR,
-        truth_dir=made / TRUTH_DIR,
-    )
-    write_json(made / DATASET_JSON, describe_dataset(config, tiers, infos), "dataset")
-    (root / DATASET_JSON).unlink(missing_ok=True)
+    with staged(root / QUERIES_DIR) as queries_dir, staged(root / TRUTH_DIR) as truth_dir:
+        build_queries(
+            root,
+            tiers,
+            tasks,
+            config.queries,
+            seed=config.seed,
+            dataset=dataset,
+            queries_dir=queries_dir,
+            truth_dir=truth_dir,
+        )
+        (root / DATASET_JSON).unlink(missing_ok=True)
     for name in (QUERIES_DIR, TRUTH_DIR):
-        shutil.rmtree(root / name, ignore_errors=True)
-        if (made / name).is_dir():
-            (made / name).rename(root / name)
-    (made / SEQUENCES_TABLE).replace(root / SEQUENCES_TABLE)
-    (made / DATASET_JSON).replace(root / DATASET_JSON)
-    made.rmdir()
+        with suppress(OSError):  # it is not empty
+            (root / name).rmdir()
+    write_table(root / SEQUENCES_TABLE, sequence_rows(infos), "sequences", {"dataset": dataset})
+    write_json(root / DATASET_JSON, describe_dataset(config, tiers, infos), "dataset")
 
 
 def describe_dataset(

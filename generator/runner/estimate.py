@@ -70,7 +70,7 @@ def estimate_run(
     ]
     with tempfile.TemporaryDirectory(prefix="pliant-trial-") as folder:
         root = Path(folder)
-        maker = open_maker or sequence_maker(short, root, root / "partial")
+        maker = open_maker or sequence_maker(short, root)
         for event in LocalEngine(workers).events(trials, maker):
             if isinstance(event, Failed):
                 raise GenerationError(

@@ -25,7 +25,7 @@ from pliant.spec.secrets import (
     read_secret_seed,
     write_secret_seed,
 )
-from pliant.spec.storage.layout import DATASET_JSON, PRIVATE_DIR
+from pliant.spec.storage.layout import DATASET_JSON, PRIVATE_DIR, sequence_name
 
 RUN_DIR: Final = ".pliant"
 
@@ -51,7 +51,6 @@ class RunFolder:
     def __init__(self, root: Path) -> None:
         self.root = root
         self.path = root / RUN_DIR
-        self.partial = self.path / "partial"
         self.logs = self.path / "logs"
         self._config = self.path / "config.json"
         self._failures = self.path / "failures.json"
@@ -84,7 +83,6 @@ class RunFolder:
         try:
             self.check()
             self.logs.mkdir(parents=True, exist_ok=True)
-            self.partial.mkdir(exist_ok=True)
         except OSError as error:
             raise CallError(
                 "the output folder cannot be written", path=self.root, found=error.strerror
@@ -164,8 +162,8 @@ class RunFolder:
             self._failures.unlink(missing_ok=True)
 
     def clear_partial(self) -> None:
-        """Remove what interrupted runs left unfinished."""
-        for path in self.partial.iterdir():
+        """Remove what killed workers left unfinished."""
+        for path in self.root.glob(f"{sequence_name('*', '.*.partial')}"):
             shutil.rmtree(path, ignore_errors=True)
 
     def new_log(self) -> Path:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import logging
+import shutil
 import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
@@ -81,7 +82,7 @@ def generate(
         failed: list[Failure] = []
         if plan.missing:
             chosen = _open_engine(engine, workers, log, config.style)
-            maker = open_maker or sequence_maker(config, root, run.partial, _threads_each(chosen))
+            maker = open_maker or sequence_maker(config, root, _threads_each(chosen))
             try:
                 failed = _make_missing(root, plan, chosen, maker, state, progress or _ignore)
             finally:
@@ -113,7 +114,7 @@ def _begin(run: RunFolder, config: GenerateConfig, plan: Plan) -> GenerateConfig
     if config.secret_seed:
         config = config.replace(seed=run.secret_seed(begun=stored is not None))
     run.store_config(config, finished=False)
-    _remove_damaged(run.root, plan, run.partial)
+    _remove_damaged(run.root, plan)
     run.clear_partial()
     logger.info("%d of %d sequences to make in %s", len(plan.missing), len(plan.tasks), run.root)
     return config
@@ -137,25 +138,24 @@ def _finish(
             "no sequence could be made", path=log, found=failed[0].error.splitlines()[-1]
         )
     try:
-        write_dataset_files(config, tasks, run.root, run.partial)
+        write_dataset_files(config, tasks, run.root)
         run.store_config(config, finished=True)
-    except OSError as error:
+    except CallError as error:
         raise GenerationError(
             "the dataset's tables cannot be written",
             path=run.root,
-            found=error.strerror or error,
+            found=error.found,
             fix=_kept(len(tasks), len(plan.tasks)),
         ) from error
     logger.info("finished: %d sequences, %d failed", len(tasks), len(failed))
     return tasks
 
 
-def _remove_damaged(root: Path, plan: Plan, partial: Path) -> None:
-    """Move damaged sequences out of the dataset, so that new ones can take their names."""
+def _remove_damaged(root: Path, plan: Plan) -> None:
     for task in plan.tasks:
         if task.id in plan.damaged:
             logger.warning("%s is made again: %s", task.id, plan.damaged[task.id])
-            task.folder(root).rename(partial / f"{task.id}-damaged")
+            shutil.rmtree(task.folder(root))
 
 
 def _make_missing(
@@ -257,13 +257,11 @@ def _open_engine(engine: str | Engine, workers: int, log: Path, style: str) -> E
     )
 
 
-def sequence_maker(
-    config: GenerateConfig, root: Path, scratch: Path, threads: int = 1
-) -> OpenMaker:
+def sequence_maker(config: GenerateConfig, root: Path, threads: int = 1) -> OpenMaker:
     """Return what opens the real maker in a worker: picklable."""
     from pliant.generator.runner.sequence import SequenceMaker  # brings Numba
 
-    return functools.partial(SequenceMaker, config, root, scratch, threads=threads)
+    return functools.partial(SequenceMaker, config, root, threads=threads)
 
 
 def required_packages(style: str) -> list[str]:

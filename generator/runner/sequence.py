@@ -19,13 +19,14 @@ from pliant.generator.objects.tiers import describe_tier, sample_scene_object
 from pliant.generator.rendering import open_renderer
 from pliant.generator.rendering.motion_blur import blurred, with_neighbours
 from pliant.generator.runner.engine import SequenceResult
-from pliant.generator.runner.sequence_writer import SequenceWriter
+from pliant.generator.runner.sequence_writer import writing_sequence
 from pliant.generator.scene.appearance import Appearance, sample_appearance
-from pliant.generator.scene.camera import Camera, sample_camera
+from pliant.generator.scene.camera import sample_camera
 from pliant.generator.scene.noise import apply_noise
 from pliant.generator.scene.scene_object import Pose, SceneObject
 from pliant.generator.seeding import RandomStreams, SequenceTask, Stream
 from pliant.generator.truth.frame_truth import FrameTruth, frame_truth
+from pliant.spec.camera import Camera
 from pliant.spec.configuration import settings_to_dict
 
 T = TypeVar("T")
@@ -40,16 +41,12 @@ class SequenceMaker:
     Args:
         config: The dataset's config.
         root: The dataset's folder.
-        scratch: Folder for unfinished sequences, on the same file system.
         threads: Threads of the renderer.
     """
 
-    def __init__(
-        self, config: GenerateConfig, root: Path, scratch: Path, *, threads: int = 1
-    ) -> None:
+    def __init__(self, config: GenerateConfig, root: Path, *, threads: int = 1) -> None:
         self.config = config
         self.root = root
-        self.scratch = scratch
         self._depth_camera = config.depth_faults
         self.renderer = open_renderer(
             config.style, config.size, threads=threads, depth_camera=self._depth_camera
@@ -66,7 +63,7 @@ class SequenceMaker:
 
         Raises:
             GenerationError: No acceptable configuration was found.
-            OSError: The disk is full or cannot be written.
+            CallError: The disk is full or cannot be written.
         """
         started, cpu_started = time.perf_counter(), time.process_time()
         clock = _StageClock()
@@ -90,7 +87,7 @@ class SequenceMaker:
                 yield pose, truth
 
         frame_info: list[dict[str, Any]] = []
-        with SequenceWriter(task.folder(self.root), self.scratch) as writer:
+        with writing_sequence(task.folder(self.root)) as writer:
             with clock("render"):
                 self.renderer.begin(scene_object, appearance, camera)
             frames = with_neighbours(_ahead(seen()), config.shutter)
@@ -112,7 +109,7 @@ class SequenceMaker:
                 frame_info.append(_frame_info(scene_object, pose, truth, queried))
                 on_frame()
             with clock("tables"):
-                size = writer.commit(
+                size = writer.finish(
                     self._info(task, scene_object, settings_to_dict(appearance), frame_info),
                     scene_object.points,
                 )

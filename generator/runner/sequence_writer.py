@@ -1,4 +1,4 @@
-"""Writing one sequence: into a scratch folder, synced, and renamed into place when whole."""
+"""Writing one sequence: whole, or not at all."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ import os
 import shutil
 import time
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -23,7 +23,7 @@ from pliant.spec.io.jsonfiles import write_json
 from pliant.spec.io.parquet import TableWriter, write_table
 from pliant.spec.io.png import write_rgb
 from pliant.spec.io.reading import file_entry
-from pliant.spec.io.writing import synced
+from pliant.spec.io.staging import staged
 from pliant.spec.storage.layout import (
     CAMERAS_JSON,
     CORRESPONDENCES_TABLE,
@@ -35,9 +35,9 @@ from pliant.spec.storage.layout import (
 from pliant.spec.tables import CORRESPONDENCES, POINTS
 
 if TYPE_CHECKING:
-    from pliant.generator.scene.camera import Camera
     from pliant.generator.scene.scene_object import Points
     from pliant.generator.truth.frame_truth import FrameTruth
+    from pliant.spec.camera import Camera
 
 PNG_LEVEL: Final = 1
 _FRAMES_IN_FLIGHT: Final = 4
@@ -45,45 +45,32 @@ _ROWS_IN_MEMORY: Final = 32768
 
 
 class SequenceWriter:
-    """Collects the frames of a sequence and puts the whole of it into place, or nothing.
+    """Collects the frames of a sequence.
 
     Images are encoded on a thread of their own, at most four frames behind, so that the next
-    frame renders meanwhile. Use it as a context manager: leaving it without `commit` removes
-    what was written.
+    frame renders meanwhile.
 
     Args:
-        folder: The sequence's folder in the dataset.
-        scratch: A folder on the same file system for unfinished sequences.
+        folder: Where its files are written.
+        sequence: Id of the sequence.
+        encoder: The thread.
+        table: Takes the rows of `correspondences.parquet`.
+
+    Attributes:
+        encode_cpu_s: CPU seconds of the encoder.
     """
 
-    def __init__(self, folder: Path, scratch: Path) -> None:
-        self.folder = folder
+    def __init__(
+        self, folder: Path, sequence: str, encoder: ThreadPoolExecutor, table: TableWriter
+    ) -> None:
         self.encode_cpu_s = 0.0
-        self._partial = scratch / f"{folder.name}-{os.uname().nodename}-{os.getpid()}"
-        self._encoder = ThreadPoolExecutor(1, thread_name_prefix="encode")
+        self._folder, self._sequence = folder, sequence
+        self._encoder, self._table = encoder, table
         self._pending: deque[Future[float]] = deque()
         self._images: list[dict[str, Any]] = []
         self._cameras: list[dict[str, Any]] = []
         self._size = (0, 0)
-        self._footer = {"sequence": folder.name}
         self._rows: list[pa.Table] = []
-        self._table: TableWriter | None = None
-
-    def __enter__(self) -> SequenceWriter:
-        shutil.rmtree(self._partial, ignore_errors=True)
-        for name in (rgb_name(0), depth_name(0)):
-            (self._partial / name).parent.mkdir(parents=True)
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self._encoder.shutdown(wait=True, cancel_futures=True)
-        self._close_table()
-        shutil.rmtree(self._partial, ignore_errors=True)
 
     def add_frame(self, rgb: npt.NDArray[np.uint8], truth: FrameTruth, camera: Camera) -> None:
         """Take the next frame; the arrays must not be changed afterwards.
@@ -94,8 +81,7 @@ class SequenceWriter:
             camera: The frame's camera.
         """
         frame = len(self._cameras)
-        while len(self._pending) >= _FRAMES_IN_FLIGHT:
-            self.encode_cpu_s += self._pending.popleft().result()
+        self._wait(_FRAMES_IN_FLIGHT - 1)
         self._pending.append(self._encoder.submit(self._encode, frame, rgb, truth.surface))
         self._cameras.append(
             {
@@ -104,13 +90,13 @@ class SequenceWriter:
                 "world_to_camera": camera.world_to_camera.tolist(),
             }
         )
-        self._size = (camera.width, camera.height)
+        self._size = camera.size
         self._rows.append(correspondence_rows(frame, truth))
         if sum(map(len, self._rows)) >= _ROWS_IN_MEMORY:
             self._write_rows()
 
-    def commit(self, info: Mapping[str, Any], points: Points) -> int:
-        """Write the tables and `sequence.json`, sync everything and rename it into place.
+    def finish(self, info: Mapping[str, Any], points: Points) -> int:
+        """Write the tables and `sequence.json`.
 
         Args:
             info: Fields of `sequence.json` except `spec_version` and `files`.
@@ -119,70 +105,71 @@ class SequenceWriter:
         Returns:
             Bytes of the sequence.
         """
-        while self._pending:
-            self.encode_cpu_s += self._pending.popleft().result()
+        self._wait(0)
         self._write_rows()
-        self._close_table()
-        write_table(self._partial / POINTS_TABLE, point_rows(points), "points", self._footer)
+        self._table.close()
+        footer = {"sequence": self._sequence}
+        write_table(self._folder / POINTS_TABLE, point_rows(points), "points", footer)
         width, height = self._size
+        cameras = {"width": width, "height": height, "frames": self._cameras}
         write_json(
-            self._partial / CAMERAS_JSON,
-            {
-                "spec_version": SPEC_VERSION,
-                "width": width,
-                "height": height,
-                "frames": self._cameras,
-            },
-            "cameras",
+            self._folder / CAMERAS_JSON, {"spec_version": SPEC_VERSION, **cameras}, "cameras"
         )
         names = (CAMERAS_JSON, CORRESPONDENCES_TABLE, POINTS_TABLE)
-        files = [*(file_entry(self._partial, name) for name in names), *self._images]
+        files = [*(file_entry(self._folder, name) for name in names), *self._images]
         files.sort(key=lambda file: str(file["path"]))
         document = {"spec_version": SPEC_VERSION, **info, "files": files}
-        write_json(self._partial / SEQUENCE_JSON, document, "sequence")
-        for path in (*self._partial.glob("*"), self._partial):  # the images are synced already
-            synced(path)
-        self._move_into_place()
-        json_bytes = (self.folder / SEQUENCE_JSON).stat().st_size
+        write_json(self._folder / SEQUENCE_JSON, document, "sequence")
+        json_bytes = (self._folder / SEQUENCE_JSON).stat().st_size
         total: int = json_bytes + sum(file["bytes"] for file in files)
         return total
 
+    def _wait(self, pending: int) -> None:
+        """Wait until at most so many frames are being encoded."""
+        while len(self._pending) > pending:
+            self.encode_cpu_s += self._pending.popleft().result()
+
     def _write_rows(self) -> None:
         if self._rows:
-            if self._table is None:
-                path = self._partial / CORRESPONDENCES_TABLE
-                self._table = TableWriter(path, "correspondences", self._footer)
             self._table.write(pa.concat_tables(self._rows))
             self._rows.clear()
 
-    def _close_table(self) -> None:
-        if self._table is not None:
-            self._table.close()
-            self._table = None
-
     def _encode(self, frame: int, rgb: npt.NDArray[np.uint8], surface: Surface) -> float:
         start = time.thread_time()
-        write_rgb(self._partial / rgb_name(frame), rgb, level=PNG_LEVEL)
+        write_rgb(self._folder / rgb_name(frame), rgb, level=PNG_LEVEL)
         try:
-            write_surface(self._partial / depth_name(frame), surface)
+            write_surface(self._folder / depth_name(frame), surface)
         except RuntimeError as error:  # all that OpenEXR says is that the output failed
-            if _free_bytes(self._partial) < surface.depth_m.nbytes:
+            if _free_bytes(self._folder) < surface.depth_m.nbytes:
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)) from error
             raise
-        for name in (rgb_name(frame), depth_name(frame)):
-            synced(self._partial / name)  # here, next to the rendering, and not all at the end
-            self._images.append(file_entry(self._partial, name))
+        self._images += [
+            file_entry(self._folder, name) for name in (rgb_name(frame), depth_name(frame))
+        ]
         return time.thread_time() - start
 
-    def _move_into_place(self) -> None:
-        self.folder.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            self._partial.rename(self.folder)
-        except OSError:
-            # Another worker (a lost one that was not lost) may have put the same bytes there.
-            if not (self.folder / SEQUENCE_JSON).is_file():
-                raise
-        synced(self.folder.parent)
+
+@contextmanager
+def writing_sequence(folder: Path) -> Iterator[SequenceWriter]:
+    """Yield the writer of a sequence, and put its files into place, all or none.
+
+    Args:
+        folder: The sequence's folder in the dataset. One that is there, such as that of a lost
+            worker that was not lost, is replaced.
+
+    Raises:
+        CallError: The disk is full or cannot be written.
+    """
+    with (
+        staged(folder) as partial,
+        TableWriter(
+            partial / CORRESPONDENCES_TABLE, "correspondences", {"sequence": folder.name}
+        ) as table,
+        ThreadPoolExecutor(1, thread_name_prefix="encode") as encoder,
+    ):
+        for name in (rgb_name(0), depth_name(0)):
+            (partial / name).parent.mkdir()
+        yield SequenceWriter(partial, folder.name, encoder, table)
 
 
 def point_rows(points: Points) -> pa.Table:

@@ -1,7 +1,6 @@
-"""The pinhole camera of the truth, and how one is placed so that the whole object is seen.
+"""How a camera is placed so that it sees the whole object.
 
-Axes are x right, y down, z forward; the centre of the top-left pixel is (0.5, 0.5); the world
-is in metres with z up and the table at z = 0. Blender's axes are known to
+The world is in metres with z up and the table at z = 0. Blender's axes are known to
 `generator.rendering.blender` alone.
 """
 
@@ -9,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -19,6 +17,7 @@ from pliant.generator import portable
 from pliant.generator.scene.scene_object import GRIPPER, Pose, SceneObject
 from pliant.generator.settings.scene import CLEARANCE_M, MIN_MARGIN, CameraSettings
 from pliant.spec.arrays import FloatArray
+from pliant.spec.camera import Camera
 from pliant.spec.errors import CallError
 
 NEAR_M: Final = 1e-3
@@ -34,110 +33,49 @@ _WORKSPACE_SHARE: Final = 0.8
 # Share of an episode's workspace that is framed: things rarely reach its rim.
 
 
-@dataclass(frozen=True)
-class Camera:
-    """A pinhole camera without distortion or skew.
+def looking_at(
+    eye_m: npt.ArrayLike,
+    target_m: npt.ArrayLike,
+    size: tuple[int, int],
+    *,
+    fov_deg: float = 45.0,
+    up: npt.ArrayLike = (0.0, 1.0, 0.0),
+) -> Camera:
+    """Return the camera at `eye_m` whose centre pixel sees `target_m`.
 
-    Attributes:
-        K: float64 (3, 3), pixels; `[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]`.
-        world_to_camera: float64 (4, 4), rigid, metres.
-        width: Image width, px.
-        height: Image height, px.
+    Args:
+        eye_m: (3,), world metres.
+        target_m: (3,), world metres.
+        size: Width and height, px.
+        fov_deg: Horizontal field of view, degrees.
+        up: (3,), world direction that points up in the image; not along the view.
     """
+    eye = np.asarray(eye_m, np.float64)
+    rotation = _facing(np.asarray(target_m, np.float64) - eye, np.asarray(up, np.float64))
+    return _placed(rotation, eye, size, fov_deg)
 
-    K: npt.NDArray[np.float64]
-    world_to_camera: npt.NDArray[np.float64]
-    width: int
-    height: int
 
-    @property
-    def centre_m(self) -> npt.NDArray[np.float64]:
-        """Where the camera stands, float64 (3,), world metres."""
-        return -portable.product(self.world_to_camera[:3, 3], self.world_to_camera[:3, :3])
+def seen_window(
+    camera: Camera, uvz: FloatArray, margin_px: int = 0
+) -> tuple[int, int, int, int] | None:
+    """Return the pixels that an object can touch.
 
-    def to_camera(self, points_world: FloatArray) -> FloatArray:
-        """Move world points into the camera's axes.
+    Args:
+        camera: The camera.
+        uvz: float64 (V, 3), the object's projected vertices.
+        margin_px: Added on each side.
 
-        Args:
-            points_world: float64 (N, 3), metres.
-
-        Returns:
-            float64 (N, 3), metres; the third column is the planar depth.
-        """
-        turned = portable.product(points_world, self.world_to_camera[:3, :3].T)
-        return turned + self.world_to_camera[:3, 3]
-
-    def to_pixels(self, points_camera: FloatArray) -> FloatArray:
-        """Project points given in the camera's axes.
-
-        Args:
-            points_camera: float64 (N, 3), metres.
-
-        Returns:
-            float64 (N, 3): u, v in px and planar z in metres. At and behind the camera's plane
-            u and v mean nothing, but they are finite.
-        """
-        z = points_camera[:, 2]
-        safe = np.where(np.abs(z) < 1e-9, 1e-9, z)
-        uvz = np.empty_like(points_camera)
-        uvz[:, 0] = self.K[0, 0] * points_camera[:, 0] / safe + self.K[0, 2]
-        uvz[:, 1] = self.K[1, 1] * points_camera[:, 1] / safe + self.K[1, 2]
-        uvz[:, 2] = z
-        return uvz
-
-    def project(self, points_world: FloatArray) -> FloatArray:
-        """Project world points.
-
-        Args:
-            points_world: float64 (N, 3), metres.
-
-        Returns:
-            float64 (N, 3): u, v in px and planar z in metres.
-        """
-        return self.to_pixels(self.to_camera(points_world))
-
-    def window(self, uvz: FloatArray, margin_px: int = 0) -> tuple[int, int, int, int] | None:
-        """Return the pixels that an object can touch.
-
-        Args:
-            uvz: float64 (V, 3), its projected vertices.
-            margin_px: Added on each side.
-
-        Returns:
-            First and last column, first and last row (exclusive), or None if it is out of frame;
-            all pixels if a vertex is behind the camera.
-        """
-        if uvz[:, 2].min() < NEAR_M:
-            return 0, self.width, 0, self.height
-        size = np.array([self.width, self.height])
-        low = np.clip(np.floor(uvz[:, :2].min(axis=0)) - margin_px, 0, size).astype(int)
-        high = np.clip(np.floor(uvz[:, :2].max(axis=0)) + 1 + margin_px, 0, size).astype(int)
-        if (low >= high).any():
-            return None
-        return int(low[0]), int(high[0]), int(low[1]), int(high[1])
-
-    @classmethod
-    def looking_at(
-        cls,
-        eye_m: npt.ArrayLike,
-        target_m: npt.ArrayLike,
-        size: tuple[int, int],
-        *,
-        fov_deg: float = 45.0,
-        up: npt.ArrayLike = (0.0, 1.0, 0.0),
-    ) -> Camera:
-        """Return the camera at `eye_m` whose centre pixel sees `target_m`.
-
-        Args:
-            eye_m: (3,), world metres.
-            target_m: (3,), world metres.
-            size: Width and height, px.
-            fov_deg: Horizontal field of view, degrees.
-            up: (3,), world direction that points up in the image; not along the view.
-        """
-        eye = np.asarray(eye_m, np.float64)
-        rotation = _facing(np.asarray(target_m, np.float64) - eye, np.asarray(up, np.float64))
-        return _placed(rotation, eye, size, fov_deg)
+    Returns:
+        First and last column, first and last row (exclusive), or None if it is out of frame; all
+        pixels if a vertex is behind the camera.
+    """
+    if uvz[:, 2].min() < NEAR_M:
+        return 0, camera.width, 0, camera.height
+    low = np.clip(np.floor(uvz[:, :2].min(axis=0)) - margin_px, 0, camera.size).astype(int)
+    high = np.clip(np.floor(uvz[:, :2].max(axis=0)) + 1 + margin_px, 0, camera.size).astype(int)
+    if (low >= high).any():
+        return None
+    return int(low[0]), int(high[0]), int(low[1]), int(high[1])
 
 
 def sample_camera(
@@ -244,7 +182,7 @@ def _placed(
     pose[:3, :3] = rotation
     pose[:3, 3] = -portable.product(eye, rotation.T)
     K = np.array([[focal, 0.0, width / 2], [0.0, focal, height / 2], [0.0, 0.0, 1.0]])
-    return Camera(K, pose, width, height)
+    return Camera(K, pose, size)
 
 
 def _framed(
@@ -293,8 +231,8 @@ def _checked(camera: Camera, points: FloatArray) -> Camera:
     if eye[2] < CLEARANCE_M:
         raise CallError("the camera stands below the table", where=field, found=f"{eye[2]:.3f} m")
     uvz = camera.project(points)
-    margin = np.array([camera.width, camera.height]) * MIN_MARGIN * 0.99
-    inside = (uvz[:, :2] >= margin) & (uvz[:, :2] <= [camera.width, camera.height] - margin)
+    margin = np.array(camera.size) * MIN_MARGIN * 0.99
+    inside = (uvz[:, :2] >= margin) & (uvz[:, :2] <= camera.size - margin)
     if not bool(inside.all()) or float(uvz[:, 2].min()) < NEAR_M:
         raise CallError(
             "the camera does not see the whole object",

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from pliant.generator.scene.camera import Camera
 from pliant.generator.scene.scene_object import Part, Pose, SceneMesh, SceneObject
 from pliant.generator.truth.rasteriser import Hits, interpolate, rasterise
 from pliant.generator.truth.visibility import first_occluders, inside_frame
 from pliant.spec.arrays import FloatArray
+from pliant.spec.camera import Camera
 from pliant.spec.io.exr import Surface
 
 _VISIBLE, _SELF_OCCLUDED, _OCCLUDED, _OUT_OF_FRAME = (

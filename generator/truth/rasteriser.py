@@ -23,9 +23,10 @@ from typing import NamedTuple
 import numpy as np
 
 from pliant.generator.compiled import compiled, inlined
-from pliant.generator.scene.camera import NEAR_M, Camera
+from pliant.generator.scene.camera import NEAR_M
 from pliant.generator.scene.scene_object import IntArray
 from pliant.spec.arrays import FloatArray
+from pliant.spec.camera import Camera
 
 
 class Hits(NamedTuple):

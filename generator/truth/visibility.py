@@ -20,10 +20,11 @@ import numpy as np
 import numpy.typing as npt
 
 from pliant.generator.compiled import compiled
-from pliant.generator.scene.camera import NEAR_M, Camera
+from pliant.generator.scene.camera import NEAR_M
 from pliant.generator.scene.scene_object import IntArray
 from pliant.generator.truth.rasteriser import covered_cells, edge_planes
 from pliant.spec.arrays import FloatArray
+from pliant.spec.camera import Camera
 
 SAME_SURFACE_M: Final = 1e-6
 """A hit nearer than the point by no more than this is the point's own surface."""

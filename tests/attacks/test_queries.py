@@ -65,8 +65,7 @@ def published(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Path,
         made[name] = config
     tracks = SETS["episodes"].replace(queries=QuerySettings(queries_per_pair=32, kind="track"))
     shutil.copytree(root / "episodes", root / "tracks")
-    (root / "scratch").mkdir()
-    write_dataset_files(tracks, plan_tasks(tracks), root / "tracks", root / "scratch")
+    write_dataset_files(tracks, plan_tasks(tracks), root / "tracks")
     halves = {}
     for name in (*made, "tracks"):
         settings = PublishSettings(hold_out=("test",), answers_are_public=True)

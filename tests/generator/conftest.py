@@ -10,9 +10,10 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from pliant.generator.scene.camera import Camera
+from pliant.generator.scene.camera import looking_at
 from pliant.generator.scene.scene_object import Part, Points, Pose, SceneObject
 from pliant.spec.arrays import FloatArray
+from pliant.spec.camera import Camera
 
 LENGTH_M = 1.0
 RADIUS_M = 0.012
@@ -178,7 +179,7 @@ def sheet() -> SceneObject:
 
 @pytest.fixture(scope="session")
 def oblique() -> Camera:
-    return Camera.looking_at((0.2, -0.75, 0.7), (0.0, 0.0, 0.0), (320, 240), fov_deg=48.0)
+    return looking_at((0.2, -0.75, 0.7), (0.0, 0.0, 0.0), (320, 240), fov_deg=48.0)
 
 
 @pytest.fixture(scope="session")

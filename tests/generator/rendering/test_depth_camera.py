@@ -17,14 +17,14 @@ from pliant.generator.rendering.depth_camera import (
 )
 from pliant.generator.runner.sequence import SequenceMaker
 from pliant.generator.scene.appearance import sample_appearance
-from pliant.generator.scene.camera import Camera
+from pliant.generator.scene.camera import looking_at
 from pliant.generator.scene.scene_object import SceneObject
 from pliant.generator.seeding import RandomStreams, SequenceTask, Stream
 from pliant.generator.settings import AppearanceSettings, DepthCameraSettings
 from pliant.generator.truth.frame_truth import FrameTruth, frame_truth
 
 SIZE = (160, 120)
-VIEW = Camera.looking_at((0.1, -0.2, 0.8), (0.0, 0.0, 0.0), SIZE, fov_deg=50.0)
+VIEW = looking_at((0.1, -0.2, 0.8), (0.0, 0.0, 0.0), SIZE, fov_deg=50.0)
 FAULTLESS = DepthCameraSettings(
     table_grey=(150.0, 150.0),
     noise_grey=(0.0, 0.0),
@@ -111,7 +111,7 @@ def test_faults_follow_from_the_datasets_seed(tmp_path: Path, tube: SceneObject)
             style="real-depth",
             seed=seed,
         )
-        maker = SequenceMaker(config, tmp_path / str(seed), tmp_path / "scratch")
+        maker = SequenceMaker(config, tmp_path / str(seed))
         for index in range(2):
             streams = RandomStreams(seed, SequenceTask("rope", "test", index))
             for frame in range(2):

@@ -19,14 +19,14 @@ from pliant.generator.scene.appearance import (
     TableAppearance,
     sample_appearance,
 )
-from pliant.generator.scene.camera import Camera
+from pliant.generator.scene.camera import looking_at
 from pliant.generator.scene.scene_object import SceneMesh, SceneObject
 from pliant.generator.settings import AppearanceSettings
 from pliant.generator.truth.frame_truth import frame_truth
 from pliant.spec.errors import CallError
 
 SIZE = (160, 120)
-VIEW = Camera.looking_at((0.15, -0.6, 0.75), (0.0, 0.0, 0.0), SIZE, fov_deg=50.0)
+VIEW = looking_at((0.15, -0.6, 0.75), (0.0, 0.0, 0.0), SIZE, fov_deg=50.0)
 HIGH_SUN = Light((0.6, 0.0, 0.8), (2.0, 2.0, 2.0), math.radians(3.0), (0.3, 0.3, 0.3))
 
 
@@ -207,7 +207,7 @@ def test_blender_prints_nothing(tube: SceneObject, capfd: pytest.CaptureFixture[
 
 @pytest.mark.blender
 def test_an_object_out_of_frame_leaves_the_table(tube: SceneObject) -> None:
-    away = Camera.looking_at((9.0, 9.0, 1.0), (9.0, 9.3, 0.0), SIZE)
+    away = looking_at((9.0, 9.0, 1.0), (9.0, 9.3, 0.0), SIZE)
     appearance = plain_appearance(tube)
     for style in ("raster", "fast"):
         renderer = open_renderer(style, SIZE, 1, gpu=False)

@@ -19,12 +19,12 @@ import numpy as np
 
 from pliant.generator.config import GenerateConfig
 from pliant.generator.runner.engine import Event, OpenMaker, Rendered, SequenceResult, attempt
-from pliant.generator.runner.sequence_writer import SequenceWriter
-from pliant.generator.scene.camera import Camera
+from pliant.generator.runner.sequence_writer import writing_sequence
 from pliant.generator.scene.scene_object import Points
 from pliant.generator.seeding import RandomStreams, SequenceTask, Stream
 from pliant.generator.truth.frame_truth import FrameTruth
 from pliant.generator.truth.rasteriser import Hits
+from pliant.spec.camera import Camera
 from pliant.spec.io.exr import Surface
 
 NO_HITS = Hits(np.zeros((0, 0), np.int32), np.zeros((0, 0)), np.zeros((0, 0, 2)))
@@ -45,8 +45,7 @@ class StandInMaker:
         grid = np.stack(np.meshgrid(np.arange(SIDE), np.arange(SIDE)), -1).reshape(-1, 2)
         count = len(grid)
         infos = []
-        scratch = self.root / ".pliant" / "partial"
-        with SequenceWriter(task.folder(self.root), scratch) as writer:
+        with writing_sequence(task.folder(self.root)) as writer:
             for frame in range(self.config.frames):
                 streams = RandomStreams(self.config.seed, task)
                 rng = streams.generator(Stream.NOISE, frame)
@@ -72,7 +71,7 @@ class StandInMaker:
                     hits=NO_HITS,
                     world_vertices=np.zeros((0, 3)),
                 )
-                camera = Camera(np.diag([100.0, 100.0, 1.0]), np.eye(4), width, height)
+                camera = Camera(np.diag([100.0, 100.0, 1.0]), np.eye(4), (width, height))
                 writer.add_frame(rgb, truth, camera)
                 box = [int(left), int(top), int(left) + 8, int(top) + 8]
                 infos.append({"box_px": box, "self_occluded": 0.0})
@@ -84,7 +83,7 @@ class StandInMaker:
                 (grid / SIDE).astype(np.float32),
                 np.zeros((count, 0), np.int32),
             )
-            size = writer.commit(self._info(task, infos), points)
+            size = writer.finish(self._info(task, infos), points)
         seconds = time.perf_counter() - started
         return SequenceResult(task.id, self.config.frames, size, seconds, seconds, {}, 1, warm=True)
 

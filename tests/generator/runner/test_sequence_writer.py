@@ -9,6 +9,7 @@ import pytest
 
 from pliant.generator.runner import sequence_writer
 from pliant.generator.seeding import SequenceTask
+from pliant.spec.errors import CallError
 from pliant.spec.io.parquet import TableWriter, read_footer, read_table, write_table
 from pliant.spec.io.reading import sha256_file
 
@@ -22,7 +23,6 @@ def make(standin, tmp_path):
     def run(frames=4, **faults):
         config = standin.small_config(frames=frames)
         maker = standin.maker(config, tmp_path, faults)()
-        (tmp_path / ".pliant" / "partial").mkdir(parents=True, exist_ok=True)
         maker.make(TASK, lambda: None)
         return TASK.folder(tmp_path)
 
@@ -44,8 +44,7 @@ def test_every_file_is_listed_with_its_sum(make):
 def test_a_failure_leaves_nothing(make, tmp_path):
     with pytest.raises(ValueError, match="no such knot"):
         make(**{TASK.id: "raise"})
-    assert not list((tmp_path / ".pliant" / "partial").iterdir())
-    assert not TASK.folder(tmp_path).exists()
+    assert not list(TASK.folder(tmp_path).parent.iterdir())
 
 
 def test_an_encoder_that_fails_fails_the_sequence(make, tmp_path, monkeypatch):
@@ -53,7 +52,7 @@ def test_an_encoder_that_fails_fails_the_sequence(make, tmp_path, monkeypatch):
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(sequence_writer, "write_surface", full)
-    with pytest.raises(OSError, match="No space left"):
+    with pytest.raises(CallError, match="No space left"):
         make()
     assert not TASK.folder(tmp_path).exists()
 
@@ -66,7 +65,7 @@ def test_a_failed_exr_on_a_full_disk_is_a_full_disk(make, tmp_path, monkeypatch)
     with pytest.raises(RuntimeError, match="File output failed"):
         make()
     monkeypatch.setattr(sequence_writer, "_free_bytes", lambda folder: 100)
-    with pytest.raises(OSError, match="No space left"):
+    with pytest.raises(CallError, match="No space left"):
         make()
 
 
@@ -80,11 +79,13 @@ def test_the_table_is_the_same_in_one_piece_or_many(make, monkeypatch):
     assert pieces.equals(whole)
 
 
-def test_the_first_of_two_writers_wins(make):
+def test_a_sequence_that_is_there_is_replaced(make):
     folder = make()
+    (folder / "rgb" / "000007.png").touch()
     before = sha256_file(folder / "sequence.json")
-    assert make() == folder  # a lost worker that was not lost: its work is dropped
+    assert make() == folder  # a lost worker that was not lost
     assert sha256_file(folder / "sequence.json") == before
+    assert not (folder / "rgb" / "000007.png").exists()
 
 
 def test_table_writer_equals_write_table(tmp_path):

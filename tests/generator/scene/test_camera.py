@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from pliant.generator.scene.camera import Camera, sample_camera
+from pliant.generator.scene.camera import looking_at, sample_camera
 from pliant.generator.scene.scene_object import SceneObject
 from pliant.generator.settings.scene import CameraSettings
 from pliant.spec.errors import CallError
@@ -13,7 +13,7 @@ from pliant.spec.errors import CallError
 
 def test_a_point_right_and_near_lands_right_and_below_the_middle() -> None:
     # 100 px a metre at 1 m: fov 90 over 200 px gives f = 100.
-    camera = Camera.looking_at((0, 0, 2), (0, 0, 0), (200, 100), fov_deg=90.0)
+    camera = looking_at((0, 0, 2), (0, 0, 0), (200, 100), fov_deg=90.0)
     uvz = camera.project(np.array([[0.0, 0, 0], [1.0, 0, 0], [0, -0.5, 1.0], [0.2, 0.1, 0]]))
     np.testing.assert_allclose(uvz[0], [100, 50, 2], atol=1e-12)
     np.testing.assert_allclose(uvz[1], [150, 50, 2], atol=1e-12)
@@ -23,7 +23,7 @@ def test_a_point_right_and_near_lands_right_and_below_the_middle() -> None:
 
 
 def test_rotation_is_right_handed_and_rigid() -> None:
-    camera = Camera.looking_at((0.4, -0.8, 0.7), (0.1, 0, 0), (64, 48))
+    camera = looking_at((0.4, -0.8, 0.7), (0.1, 0, 0), (64, 48))
     rotation = camera.world_to_camera[:3, :3]
     np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-14)
     assert np.linalg.det(rotation) == pytest.approx(1.0)

@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 
 from pliant.generator.objects.cloth import ClothSettings, sample_cloth
-from pliant.generator.scene.camera import Camera, sample_camera
+from pliant.generator.scene.camera import looking_at, sample_camera
 from pliant.generator.scene.scene_object import Part, Points, Pose, SceneMesh, SceneObject
 from pliant.generator.seeding import RandomStreams, SequenceTask
 from pliant.generator.settings import CameraSettings
 from pliant.generator.truth.frame_truth import FrameTruth, frame_truth
+from pliant.spec.camera import Camera
 
 
 def embree(
@@ -156,7 +157,7 @@ def _plates(height: float, one_object: bool) -> tuple[SceneObject, Camera]:
     scene_object = SceneObject(
         "t", "cloth", None, False, 1, parts, points, lambda _: pose, size_m=1.0, thickness_m=0.01
     )
-    return scene_object, Camera.looking_at((0, 0, 2), (0, 0, 0), (64, 64), fov_deg=40.0)
+    return scene_object, looking_at((0, 0, 2), (0, 0, 0), (64, 64), fov_deg=40.0)
 
 
 def _flat(rest: np.ndarray) -> np.ndarray:
@@ -184,7 +185,7 @@ def test_states_worked_out_by_hand(height: float, one_object: bool, state: str) 
 
 
 def test_behind_the_camera_is_out_of_frame(sheet: SceneObject) -> None:
-    camera = Camera.looking_at((0, 0, 0.5), (0, 0, 1.0), (32, 32))
+    camera = looking_at((0, 0, 0.5), (0, 0, 1.0), (32, 32))
     truth = frame_truth(sheet, sheet.pose(0), camera)
     assert set(truth.visibility) == {"out_of_frame"}
     assert np.isfinite(truth.uv_px).all()
@@ -193,7 +194,7 @@ def test_behind_the_camera_is_out_of_frame(sheet: SceneObject) -> None:
 
 
 def test_the_centre_line_is_seen_through_its_own_surface_only(tube: SceneObject) -> None:
-    camera = Camera.looking_at((0, 0, 1.2), (0, 0, 0), (320, 240), fov_deg=50.0)
+    camera = looking_at((0, 0, 1.2), (0, 0, 0), (320, 240), fov_deg=50.0)
     truth = frame_truth(tube, tube.pose(0), camera)
     line = tube.points.centreline
     states, s = np.array(truth.visibility)[line], tube.points.material[line, 0]
@@ -211,7 +212,7 @@ def test_the_centre_line_is_seen_through_its_own_surface_only(tube: SceneObject)
 
 def test_theta_has_no_seam(tube: SceneObject) -> None:
     """On every pixel of the rope, theta is that of the rest position, never a mean across pi."""
-    camera = Camera.looking_at((0, 0.05, 1.0), (0, 0, 0), (320, 240), fov_deg=50.0)
+    camera = looking_at((0, 0.05, 1.0), (0, 0, 0), (320, 240), fov_deg=50.0)
     truth = frame_truth(tube, tube.pose(0), camera)
     on = truth.surface.object_id == 1
     theta = truth.surface.m1[on]

@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pliant.generator.scene.camera import Camera
 from pliant.generator.truth.rasteriser import interpolate, rasterise
+from pliant.spec.camera import Camera
 
 # Looks along +z from the origin: K maps (x, y, z) to (8 x / z + 8, 8 y / z + 8), 16 x 16 px.
-AHEAD = Camera(np.array([[8.0, 0, 8], [0, 8.0, 8], [0, 0, 1]]), np.eye(4), 16, 16)
+AHEAD = Camera(np.array([[8.0, 0, 8], [0, 8.0, 8], [0, 0, 1]]), np.eye(4), (16, 16))
 
 
 def test_a_triangle_worked_out_by_hand() -> None:
