@@ -18,8 +18,8 @@ import record
 from pliant.api import load, open_method
 from pliant.generator.config import GenerateConfig
 from pliant.generator.runner.run import generate
+from pliant.spec.queries import RecordedPair
 from pliant.viewer.explorer.app import Explorer
-from pliant.viewer.explorer.frames import FramePair
 from pliant.viewer.explorer.layers import heat_png
 from pliant.viewer.explorer.opening import open_explorer
 
@@ -27,10 +27,10 @@ MODELS = {"don-rope": "rope", "don-cloth": "cloth-1"}
 MOVES = {True: 20, False: 100}
 
 
-def move(explorer: Explorer, pair: FramePair, uv_px: np.ndarray) -> None:
+def move(explorer: Explorer, pair: RecordedPair) -> None:
     """Do what the page asks for when the pointer moves."""
-    explorer.truth.find(pair, uv_px)
-    answer = explorer.methods[0].answer(pair, uv_px)
+    explorer.truth.find(pair)
+    answer = explorer.methods[0].answer(pair)
     assert answer is not None
     assert answer.heat is not None
     heat_png(answer.heat)
@@ -48,19 +48,19 @@ def measure(quick: bool) -> dict[str, record.Value]:
         for name, tier in MODELS.items():
             explorer = open_explorer(dataset, [name], open_method)
             source, target = dataset.frames("test", tier)
-            pair = FramePair(source, target)
             mask = source.mask
             assert mask is not None
             rows, columns = np.nonzero(mask)
             chosen = np.linspace(0, len(rows) - 1, MOVES[quick]).astype(int)
             places = np.stack([columns[chosen], rows[chosen]], axis=1) + 0.5
+            pair = RecordedPair(source, target, places.astype(np.float32))
             begun = time.perf_counter()
-            move(explorer, pair, places[0])
+            move(explorer, pair)
             first_s = time.perf_counter() - begun
             wall, cpu = [], []
             for place in places:
                 begun, begun_cpu = time.perf_counter(), time.process_time()
-                move(explorer, pair, place)
+                move(explorer, pair.at(place))
                 wall.append(time.perf_counter() - begun)
                 cpu.append(time.process_time() - begun_cpu)
             key = name.replace("-", "_")

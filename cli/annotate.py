@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from pliant.cli.local_page import show_page
 from pliant.cli.options import PATH, port_options
 from pliant.cli.terminal import echo, plural
+
+if TYPE_CHECKING:
+    from pliant.viewer.annotation import Marks
 
 
 @click.command()
@@ -31,7 +34,8 @@ def command(folder: Path, points: str, method: str | None, port: int, no_browser
     from pliant.viewer.annotation import Annotation, Suggester
     from pliant.viewer.local_app import LocalServer
 
-    annotation = Annotation(folder, [name.strip() for name in points.split(",") if name.strip()])
+    names = [name.strip() for name in points.split(",") if name.strip()]
+    annotation = Annotation(folder, names, earlier_marks(folder))
     suggester = None
     if method is not None:
         from pliant.api import open_method
@@ -52,3 +56,20 @@ def command(folder: Path, points: str, method: str | None, port: int, no_browser
         f"{plural(annotation.count(), 'mark')} in {annotation.path}{left}\n"
         f"Then: pliant import {folder} --out DATA"
     )
+
+
+def earlier_marks(folder: Path) -> Marks:
+    """Return the marks of a folder's `annotations.csv`; empty where there is none.
+
+    Raises:
+        SpecError: A row is damaged, or names a picture that is not there.
+    """
+    from pliant.converters.marks_csv import collect_marks
+    from pliant.spec.marks import ANNOTATIONS_CSV
+
+    marks: Marks = {}
+    path = folder / ANNOTATIONS_CSV
+    if path.is_file():
+        for (picture, point), mark in collect_marks(path).marks.items():
+            marks.setdefault(picture.name, {})[point] = mark
+    return marks

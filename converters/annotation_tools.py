@@ -8,10 +8,11 @@ from typing import Any, Final, TypeVar
 
 from pydantic import BaseModel, FiniteFloat, ValidationError
 
-from pliant.converters.annotations import Annotations, Collector, Mark, picture_in
+from pliant.converters.annotations import Annotations, Collector, picture_in
 from pliant.spec.errors import SpecError
 from pliant.spec.io.jsonfiles import read_json
 from pliant.spec.io.photo import photo_size
+from pliant.spec.marks import Mark
 
 HIDDEN_FLAGS: Final = ("hidden", "occluded")
 """LabelMe's flags that say of a point that it is not seen."""

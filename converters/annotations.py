@@ -7,7 +7,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
-from typing import Any, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +14,7 @@ import numpy.typing as npt
 from pliant.spec.arrays import FloatArray
 from pliant.spec.errors import CallError, SpecError
 from pliant.spec.io.photo import SUFFIXES, photo_size
+from pliant.spec.marks import Mark
 
 _SLACK_PX = 0.5  # a mark that counts from the first pixel's centre may be half a pixel outside
 
@@ -44,38 +44,6 @@ class Annotations:
     unsaid: Sequence[str] = ()
     masks: Path | None = None
     suggested: int = 0
-
-
-Source = Literal["marked", "suggested", "confirmed"]
-"""Who says so: a person, a method, or a person of what a method suggested."""
-
-
-@dataclass(frozen=True)
-class Mark:
-    """Where a point is in a picture.
-
-    Attributes:
-        u_px, v_px: Pixels from the corner of the picture; NaN where the position is not given.
-        visible: Whether the point is seen there.
-        source: Who says so; what a method suggested is not ground truth until a person confirms it.
-    """
-
-    u_px: float
-    v_px: float
-    visible: bool
-    source: Source = "marked"
-
-
-def mark_source(text: Any) -> Source:
-    """Return a source by its name.
-
-    Raises:
-        ValueError: There is none of this name.
-    """
-    for source in get_args(Source):
-        if text == source:
-            return source
-    raise ValueError(f"source {text!r}")
 
 
 class Collector:

@@ -12,11 +12,12 @@ from pliant.converters.annotations import Annotations
 from pliant.converters.canvas import PictureOptions, clip_of
 from pliant.converters.clip import Clip
 from pliant.converters.knots import KNOTS_JSON, read_knots
-from pliant.converters.marks_csv import ANNOTATIONS_CSV, read_marks
+from pliant.converters.marks_csv import read_marks
 from pliant.converters.queries import Scheme
 from pliant.converters.tapvid import Coordinates, read_tapvid
 from pliant.spec.errors import CallError, SpecError
 from pliant.spec.io.jsonfiles import read_json
+from pliant.spec.marks import ANNOTATIONS_CSV
 
 
 @dataclass(frozen=True)

@@ -11,18 +11,9 @@ import math
 from pathlib import Path
 from typing import Final
 
-from pliant.converters.annotations import (
-    Annotations,
-    Collector,
-    Mark,
-    mark_source,
-    picture_in,
-    read_rows,
-)
+from pliant.converters.annotations import Annotations, Collector, picture_in, read_rows
 from pliant.spec.errors import SpecError
-
-ANNOTATIONS_CSV: Final = "annotations.csv"
-COLUMNS: Final = ("picture", "point", "x", "y", "visible", "source")
+from pliant.spec.marks import COLUMNS, Mark, mark_source
 
 _VISIBLE: Final = {"1": True, "true": True, "yes": True, "0": False, "false": False, "no": False}
 

@@ -14,9 +14,7 @@ import hashlib
 import os
 import re
 import shutil
-import stat
 import sys
-import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -119,22 +117,14 @@ def _last_use(folder: Path) -> float:
 
 @functools.cache
 def _cache_base() -> Path | None:
-    """Return the folder of all cache folders, None where nothing can be written.
+    """Return the folder of all cache folders, None where it cannot be written.
 
-    It is in `NUMBA_CACHE_DIR` if that is set, else in the user's cache folder (`XDG_CACHE_HOME`),
-    and where that cannot be written in a temporary folder that belongs to the user alone.
+    It is in `NUMBA_CACHE_DIR` if that is set, else in the user's cache folder (`XDG_CACHE_HOME`).
     """
     named = os.environ.get("NUMBA_CACHE_DIR")
-    usual = Path(named) / "pliant" if named else platformdirs.user_cache_path("pliant") / "numba"
-    temporary = Path(tempfile.gettempdir()) / f"pliant-numba-{os.getuid()}"
-    for base in (usual, temporary):
-        try:
-            base.mkdir(mode=0o700, parents=True, exist_ok=True)
-            found = base.stat(follow_symlinks=False)
-        except OSError:
-            continue
-        # The cache is code: nobody else may be able to write it.
-        own = stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid()
-        if (base == usual or (own and not found.st_mode & 0o022)) and os.access(base, os.W_OK):
-            return base
-    return None
+    base = Path(named) / "pliant" if named else platformdirs.user_cache_path("pliant") / "numba"
+    try:
+        base.mkdir(mode=0o700, parents=True, exist_ok=True)
+    except OSError:
+        return None
+    return base if os.access(base, os.W_OK) else None

@@ -39,18 +39,7 @@ BLENDER_STYLES: Final = ("fast", "photo")
 
 DEFAULT_SEQUENCES: Final = 20
 
-_SPLIT_CYCLE: Final = (
-    "train",
-    "test",
-    "train",
-    "test",
-    "val",
-    "train",
-    "train",
-    "train",
-    "train",
-    "train",
-)
+_SPLIT_CYCLE: Final = ("train", "test") * 2 + ("val",) + ("train",) * 5
 # Which split the k-th sequence of a tier joins (k modulo 10): 70 % train, 10 % val, 20 % test.
 # The split of a sequence thus never changes when a set grows.
 

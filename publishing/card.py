@@ -13,6 +13,7 @@ import pyarrow.parquet as pq
 import yaml
 from PIL import Image
 
+from pliant.evaluator.report.contact_sheet import contact_sheet
 from pliant.evaluator.report.pages import render_page
 from pliant.publishing.papers import licence_url
 from pliant.spec.dataset import Dataset
@@ -20,7 +21,6 @@ from pliant.spec.io.parquet import read_table
 from pliant.spec.sequence import SequenceRecord
 from pliant.spec.storage import layout
 from pliant.spec.storage.packing import FEATURES, ROWS
-from pliant.viewer.figures import contact_sheet
 
 _PICTURES: Final = 12
 _QUALITY: Final = 88

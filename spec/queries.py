@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
@@ -17,18 +18,31 @@ from pliant.spec.sequence import RecordedFrame
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class QueryPair(Pair):
-    """The queries of one image pair of a dataset.
+class RecordedPair(Pair):
+    """Two frames of a dataset, and pixels of the first.
 
     Attributes:
-        source: The frame that the queries are in.
+        source: The frame that the pixels are in.
         target: The frame to find them in.
-        uv_a_px: float32 (N, 2), the query pixels.
-        pair_id: As in the queries.
+        uv_a_px: float32 (N, 2), the pixels.
     """
 
     source: RecordedFrame
     target: RecordedFrame
+
+    def at(self, uv_a_px: npt.ArrayLike) -> Self:
+        """Return the same frames with other pixels: (N, 2), or (2,) for one."""
+        return replace(self, uv_a_px=np.asarray(uv_a_px, np.float32).reshape(-1, 2))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class QueryPair(RecordedPair):
+    """The queries of one image pair of a dataset.
+
+    Attributes:
+        pair_id: As in the queries.
+    """
+
     pair_id: int
 
     @property

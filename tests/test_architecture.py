@@ -28,10 +28,9 @@ ARROWS: dict[str, set[str]] = {
     "models": {"spec", "loaders", "baselines", "evaluator"},
     "evaluator": {"spec"},
     "converters": {"spec"},
-    # A dataset card shows a contact sheet.
-    "publishing": {"spec", "evaluator", "viewer"},
+    "publishing": {"spec", "evaluator"},
     "service": {"spec", "evaluator", "publishing"},
-    "viewer": {"spec", "baselines", "converters", "evaluator", "models"},
+    "viewer": {"spec", "baselines", "evaluator", "models"},
     "benchmarks": set(FOLDERS) - {"cli"},
     "cli": {*FOLDERS, "api"},
 }

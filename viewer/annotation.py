@@ -7,15 +7,15 @@ import io
 import math
 import threading
 from collections.abc import Callable, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any, Final
 
 from pliant.baselines.matcher import Matcher
-from pliant.converters.annotations import Mark, mark_source
-from pliant.converters.marks_csv import ANNOTATIONS_CSV, COLUMNS, collect_marks
 from pliant.spec.errors import CallError
 from pliant.spec.io.photo import SUFFIXES, photo_size
 from pliant.spec.io.writing import replacing
+from pliant.spec.marks import ANNOTATIONS_CSV, COLUMNS, Mark, mark_source
 from pliant.viewer.photo_match import match_photo
 from pliant.viewer.photo_views import PhotoFiles, read_photo_view
 
@@ -30,14 +30,17 @@ class Annotation:
 
     Args:
         folder: The folder.
-        points: Names of points to begin with; those of an earlier `annotations.csv` are kept.
+        points: Names of points to begin with.
+        marks: Marks of an earlier `annotations.csv`; the names of their points are kept.
 
     Raises:
         CallError: It is not a folder, or has fewer than two pictures.
-        PliantError: A picture or an earlier `annotations.csv` cannot be read.
+        PliantError: A picture cannot be read.
     """
 
-    def __init__(self, folder: Path, points: Sequence[str] = ()) -> None:
+    def __init__(
+        self, folder: Path, points: Sequence[str] = (), marks: Marks | None = None
+    ) -> None:
         if not folder.is_dir():
             raise CallError("folder not found", path=folder)
         self.pictures = sorted(p for p in folder.iterdir() if p.suffix.lower() in SUFFIXES)
@@ -50,13 +53,8 @@ class Annotation:
             )
         self.sizes = [photo_size(picture) for picture in self.pictures]
         self.path = folder / ANNOTATIONS_CSV
-        self.marks: Marks = {}
-        names = list(points)
-        if self.path.is_file():
-            for (picture, point), mark in collect_marks(self.path).marks.items():
-                self.marks.setdefault(picture.name, {})[point] = mark
-                names.append(point)
-        self.points = list(dict.fromkeys(names))
+        self.marks: Marks = marks or {}
+        self.points = list(dict.fromkeys(chain(points, *self.marks.values())))
         self._lock = threading.Lock()
 
     def state(self) -> dict[str, Any]:

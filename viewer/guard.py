@@ -1,4 +1,4 @@
-"""Lets only this machine's own pages reach a local application, and bounds what they send.
+"""Lets only this machine's own pages reach a local application.
 
 A page of another site can make a browser ask 127.0.0.1, also under a name of its own that points
 here (DNS rebinding). It neither knows the token nor can it hide its `Host` or `Origin`.
@@ -6,13 +6,11 @@ here (DNS rebinding). It neither knows the token nor can it hide its `Host` or `
 
 from __future__ import annotations
 
-import asyncio
 import logging
 import secrets
 from typing import Final
 
 from starlette.datastructures import Headers, MutableHeaders
-from starlette.exceptions import HTTPException
 from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
@@ -22,14 +20,12 @@ STRICT_POLICY: Final = (
 )
 """Content security policy of pages that load nothing but their own files."""
 
-_MAX_BODY_BYTES: Final = 4 * 2**20
-_BODY_S: Final = 20.0
 _LOG: Final = logging.getLogger(__name__)
 _METHODS: Final = ("GET", "HEAD", "POST")
 
 
 class Guard:
-    """Refuses what does not come from this machine's own page, and what is too large or too slow.
+    """Refuses what does not come from this machine's own page.
 
     Args:
         app: The application.
@@ -62,7 +58,7 @@ class Guard:
             await refused(scope, receive, send_with_headers)
             return
         try:
-            await self._app(scope, _bounded(receive), send_with_headers)
+            await self._app(scope, receive, send_with_headers)
         except Exception:  # Starlette has answered with status 500
             _LOG.exception("%s %s failed", scope["method"], scope["path"])
 
@@ -86,24 +82,3 @@ class Guard:
         if self._token and not secrets.compare_digest(given.encode(), self._token.encode()):
             return 403, "the address lacks the token that the command printed"
         return 200, ""
-
-
-def _bounded(receive: Receive) -> Receive:
-    """Return a `receive` that refuses a body which is too large or too slow."""
-    left, complete = _MAX_BODY_BYTES, False
-    end = asyncio.get_running_loop().time() + _BODY_S
-
-    async def bounded() -> Message:
-        nonlocal left, complete
-        try:
-            async with asyncio.timeout_at(None if complete else end):
-                message = await receive()
-        except TimeoutError:
-            raise HTTPException(408, f"not complete after {_BODY_S:g} s") from None
-        left -= len(message.get("body", b""))
-        complete = not message.get("more_body")
-        if left < 0:
-            raise HTTPException(413, f"more than {_MAX_BODY_BYTES:,} bytes")
-        return message
-
-    return bounded

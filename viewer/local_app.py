@@ -6,7 +6,6 @@ server.
 
 from __future__ import annotations
 
-import asyncio
 import os
 import secrets
 import socket
@@ -20,14 +19,11 @@ from starlette.responses import FileResponse, RedirectResponse
 from starlette.routing import BaseRoute, Mount, Route
 from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp
-from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from pliant.spec.errors import CallError
 from pliant.viewer.guard import Guard
 
 INDEX: Final = "index.html"
-
-_REQUEST_S: Final = 10.0
 
 
 class OwnFiles(StaticFiles):
@@ -114,7 +110,6 @@ class LocalServer:
         self.address = f"{root}{secret}/" if token else root
         settings = uvicorn.Config(
             application(secret),
-            http=_PatientProtocol,
             log_level="critical",
             access_log=False,
             lifespan="off",
@@ -141,31 +136,3 @@ def site_server(folder: Path, port: int = 0) -> LocalServer:
     """Return a server of a plain site; see `site_application` and `LocalServer`."""
     application = site_application(folder)
     return LocalServer(lambda token: application, port, token=False)
-
-
-class _PatientProtocol(H11Protocol):
-    """HTTP that ends a connection on which no request is complete after some seconds."""
-
-    _timer: asyncio.TimerHandle | None = None
-
-    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        super().connection_made(transport)
-        self._watch()
-
-    def data_received(self, data: bytes) -> None:
-        super().data_received(data)
-        self._watch()
-
-    def connection_lost(self, exc: Exception | None) -> None:
-        if self._timer is not None:
-            self._timer.cancel()
-        super().connection_lost(exc)
-
-    def _watch(self) -> None:
-        """Start to wait for a request, or stop once there is one."""
-        waiting = self.cycle is None or self.cycle.response_complete
-        if waiting and self._timer is None:
-            self._timer = self.loop.call_later(_REQUEST_S, self.transport.close)
-        elif not waiting and self._timer is not None:
-            self._timer.cancel()
-            self._timer = None

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import numpy.typing as npt
 
+from pliant.evaluator.report.colours import material_colours
+from pliant.evaluator.report.contact_sheet import evenly
 from pliant.spec.arrays import FloatArray
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
@@ -16,14 +18,14 @@ from pliant.spec.io.parquet import read_table
 from pliant.spec.sequence import SequenceRecord
 from pliant.viewer.drawing import (
     draw_point,
-    evenly,
-    material_colours,
+    draw_strip,
     name_point,
     number_colour,
     positions_px,
-    show,
-    strip,
 )
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 _POINTS: Final = 12
 _STEPS: Final = 8
@@ -56,16 +58,17 @@ def draw_point_tracks(sequence: SequenceRecord, count: int, out: Path) -> None:
     """
     tracks = _read(sequence)
     frames = evenly(min(count, _STEPS), sequence.frames)
-    figure, axes = strip(len(frames), sequence.size, columns=4, width_in=4.1)
-    for axis, frame in zip(axes, frames, strict=True):
-        show(axis, sequence.rgb(frame), f"{sequence.id}, frame {frame}")
+
+    def draw(axis: Axes, frame: int) -> None:
         for k, colour in enumerate(tracks.colours):
             if sequence.temporal:
                 trail = tracks.uv_px[max(0, frame - _TRAIL) : frame + 1, k].T
                 axis.plot(*trail, color="black", lw=2.2, alpha=0.5)
                 axis.plot(*trail, color=colour, lw=1.3)
             draw_point(axis, tracks.uv_px[frame, k], colour, seen=bool(tracks.visible[frame, k]))
-    figure.savefig(out)
+
+    titles = {frame: f"{sequence.id}, frame {frame}" for frame in frames}
+    draw_strip(out, sequence, titles, draw, columns=4, width_in=4.1)
 
 
 def _read(sequence: SequenceRecord) -> _Tracks:
@@ -135,13 +138,16 @@ def draw_annotated_points(
     points = sorted({point for own in places.values() for point in own})
     shown = [sorted(places)[k] for k in evenly(count, len(places))]
     pictures = dict(enumerate(dataset.info["provenance"]["config"].get("pictures", ())))
-    figure, axes = strip(len(shown), sequence.size, columns=4, width_in=4.1)
-    for axis, frame in zip(axes, shown, strict=True):
-        title = pictures.get(frame, {}).get("name", f"{sequence.id}, frame {frame}")
-        show(axis, sequence.rgb(frame), str(title))
+
+    def draw(axis: Axes, frame: int) -> None:
         for point, (u, v, seen) in places[frame].items():
             colour = number_colour(points.index(point), len(points))
             draw_point(axis, np.array([u, v]), colour, seen=seen)
             if len(points) <= _NAMED:
                 name_point(axis, (u, v), str(names.get(point, point)))
-    figure.savefig(out)
+
+    titles = {
+        frame: str(pictures.get(frame, {}).get("name", f"{sequence.id}, frame {frame}"))
+        for frame in shown
+    }
+    draw_strip(out, sequence, titles, draw, columns=4, width_in=4.1)

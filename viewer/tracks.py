@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from pliant.evaluator.report.colours import material_colours
+from pliant.evaluator.report.contact_sheet import evenly
 from pliant.spec.arrays import FloatArray
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
 from pliant.spec.queries import QueryPair
 from pliant.spec.sequence import RecordedFrame, SequenceRecord
-from pliant.viewer.drawing import draw_point, evenly, material_colours, positions_px, show, strip
+from pliant.viewer.drawing import draw_point, draw_strip, positions_px
 from pliant.viewer.recorded_answers import read_answers
 
 if TYPE_CHECKING:
@@ -164,16 +167,15 @@ def draw_tracks(tracks: PredictedTracks, out: Path, frames: Sequence[int] | None
                 found=frame,
                 required=f"{asked[0]} to {asked[-1]}, {len(asked)} of them asked about",
             )
-    figure, axes = strip(len(frames), tracks.sequence.size, columns=len(frames), width_in=5.2)
-    for axis, frame in zip(axes, frames, strict=True):
-        error = "" if frame == tracks.source else _rmse_text(tracks, frame)
-        title = f"{tracks.method}, {tracks.sequence.id}, frame {frame}{error}"
-        show(axis, tracks.sequence.rgb(frame), title)
-        _draw_points(axis, tracks, frame)
-    figure.savefig(out)
+    titles = {
+        frame: f"{tracks.method}, {tracks.sequence.id}, frame {frame}{_rmse_text(tracks, frame)}"
+        for frame in frames
+    }
+    draw_points = partial(_draw_points, tracks)
+    draw_strip(out, tracks.sequence, titles, draw_points, columns=len(titles), width_in=5.2)
 
 
-def _draw_points(axis: Axes, tracks: PredictedTracks, frame: int) -> None:
+def _draw_points(tracks: PredictedTracks, axis: Axes, frame: int) -> None:
     """Draw the answers as dots and a line to where each visible point truly is."""
     uv = tracks.answers[frame]
     truth = None if tracks.truth is None else tracks.truth.get(frame)
@@ -185,7 +187,7 @@ def _draw_points(axis: Axes, tracks: PredictedTracks, frame: int) -> None:
 
 
 def _rmse_text(tracks: PredictedTracks, frame: int) -> str:
-    if tracks.truth is None or frame not in tracks.truth:
+    if frame == tracks.source or tracks.truth is None or frame not in tracks.truth:
         return ""
     error = np.linalg.norm(tracks.answers[frame] - tracks.truth[frame], axis=1)
     if not np.isfinite(error).any():

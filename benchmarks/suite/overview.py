@@ -19,6 +19,7 @@ from pliant.evaluator.controls import CONTROLS
 from pliant.evaluator.report.best_matches import best_matches
 from pliant.evaluator.report.cells import cause_bars
 from pliant.evaluator.report.charts import Chart
+from pliant.evaluator.report.contact_sheet import contact_sheet
 from pliant.evaluator.report.pages import render_page
 from pliant.evaluator.report.report import error_histogram
 from pliant.evaluator.report.verdict import board_verdict
@@ -26,7 +27,6 @@ from pliant.evaluator.scores import REPORT_HTML, read_scores
 from pliant.spec.dataset import Dataset
 from pliant.spec.io.writing import replacing
 from pliant.spec.queries import QueryPair
-from pliant.viewer.figures import contact_sheet
 
 _FRAMES_SHOWN: Final = 6
 _TABLES: Final = (

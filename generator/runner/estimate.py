@@ -10,8 +10,8 @@ from typing import Final
 from pliant.generator.config import GenerateConfig
 from pliant.generator.runner.engine import Failed, Finished, OpenMaker
 from pliant.generator.runner.engine_local import LocalEngine
-from pliant.generator.runner.forecast import Forecast
 from pliant.generator.runner.plan import Plan
+from pliant.generator.runner.progress import Forecast
 from pliant.generator.runner.run import required_packages, sequence_maker
 from pliant.generator.seeding import SequenceTask
 from pliant.spec.errors import CallError, GenerationError

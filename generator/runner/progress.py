@@ -1,14 +1,99 @@
-"""How far a run is, and how it ended."""
+"""How far a run is, what is left of it by its own finished sequences, and how it ended."""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
-from pliant.generator.runner.forecast import Forecast
+from pliant.generator.runner.engine import SequenceResult
 from pliant.generator.runner.manifest import Failure
 from pliant.generator.runner.plan import Plan
+from pliant.generator.seeding import SequenceTask
+
+
+class Left(NamedTuple):
+    """What is left of a run.
+
+    Attributes:
+        seconds: Wall time, with as many workers as ran while the sequences were measured.
+        bytes: Space of the sequences that are missing.
+    """
+
+    seconds: float
+    bytes: float
+
+
+@dataclass
+class _Cost:
+    """Sums over the measured sequences of a tier."""
+
+    frames: int = 0
+    seconds: float = 0.0
+    bytes: int = 0
+
+
+@dataclass
+class Forecast:
+    """Cost of an image, tier by tier; nothing is forecast for a tier before it is measured.
+
+    A worker's first sequence of a tier also loads or compiles code and is not measured. Sequences
+    are timed while the other workers work, so the figures contain what they take from each other.
+
+    Attributes:
+        workers: Sequences in work at a time.
+        frames_left: Tier -> frames of its sequences that are not finished.
+    """
+
+    workers: int
+    frames_left: dict[str, int]
+    _costs: dict[str, _Cost] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, missing: Iterable[SequenceTask], frames: int, workers: int) -> Forecast:
+        """Return the forecast of a run that has made nothing yet.
+
+        Args:
+            missing: Its sequences.
+            frames: Frames of each.
+            workers: Sequences in work at a time.
+        """
+        left: dict[str, int] = {}
+        for task in missing:
+            left[task.tier] = left.get(task.tier, 0) + frames
+        return cls(workers, left)
+
+    def finish(self, tier: str, result: SequenceResult) -> None:
+        """Count a finished sequence of the run: measure it, and leave it out of what is left."""
+        self.measure(tier, result)
+        self.frames_left[tier] -= result.frames
+
+    def measure(self, tier: str, result: SequenceResult) -> None:
+        """Take what a sequence cost, unless it is its worker's first of the tier."""
+        if result.warm:
+            cost = self._costs.setdefault(tier, _Cost())
+            cost.frames += result.frames
+            cost.seconds += result.seconds
+            cost.bytes += result.bytes
+
+    def left(self) -> Left | None:
+        """Return what is left, None while a tier with missing sequences has none measured."""
+        waiting = {tier: frames for tier, frames in self.frames_left.items() if frames > 0}
+        if waiting.keys() - self._costs.keys():
+            return None
+        shares = [(self._costs[tier], frames) for tier, frames in waiting.items()]
+        seconds = sum(cost.seconds / cost.frames * frames for cost, frames in shares)
+        size = sum(cost.bytes / cost.frames * frames for cost, frames in shares)
+        return Left(seconds / self.workers, size)
+
+    def per_image(self) -> dict[str, tuple[float, float]]:
+        """Return tier -> (seconds of a worker, bytes) per image, for the measured tiers."""
+        return {
+            tier: (cost.seconds / cost.frames, cost.bytes / cost.frames)
+            for tier, cost in self._costs.items()
+        }
 
 
 @dataclass

@@ -92,14 +92,7 @@ def test_the_cache_goes_where_numba_is_told(shop: Path, tmp_path: Path) -> None:
     assert not (tmp_path / "cache").exists()
 
 
-def test_a_home_that_cannot_be_written_leaves_a_temporary_folder_or_none(
-    shop: Path, tmp_path: Path
-) -> None:
+def test_without_a_folder_that_can_be_written_nothing_is_kept(shop: Path, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    places = {"XDG_CACHE_HOME": str(tmp_path / "file"), "TMPDIR": str(tmp_path / "temporary")}
-    (tmp_path / "temporary").mkdir()
-    assert run(shop, **places) == (21, 0)
-    assert run(shop, **places) == (21, 1)
-    (own,) = (tmp_path / "temporary").iterdir()
-    own.chmod(0o777)  # anybody could put code there
-    assert run(shop, **places) == (21, 0)
+    for _ in range(2):
+        assert run(shop, XDG_CACHE_HOME=str(tmp_path / "file")) == (21, 0)

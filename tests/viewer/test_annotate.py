@@ -12,6 +12,7 @@ import pytest
 from PIL import Image
 
 from pliant.baselines.controls import Identity
+from pliant.cli.annotate import earlier_marks
 from pliant.spec.errors import CallError, SpecError
 from pliant.viewer.annotate_app import annotate_application
 from pliant.viewer.annotation import Annotation, Suggester
@@ -51,7 +52,7 @@ def test_marks_are_written_and_read_again(folder: Path) -> None:
         "one.jpg,end,,,0,marked",
         "two.png,ball,300.000,0.000,0,confirmed",
     ]
-    again = Annotation(folder, ["middle"])
+    again = Annotation(folder, ["middle"], earlier_marks(folder))
     assert again.points == ["middle", "ball", "end"]
     assert json.loads(json.dumps(again.state()["marks"])) == marks
     assert (again.count(), again.count("suggested")) == (3, 1)
@@ -88,7 +89,7 @@ def test_folders_without_two_pictures_are_refused(tmp_path: Path) -> None:
 def test_a_damaged_file_is_not_overwritten(folder: Path) -> None:
     (folder / "annotations.csv").write_text("picture,point\n")
     with pytest.raises(SpecError, match="the header lacks columns"):
-        Annotation(folder)
+        earlier_marks(folder)
 
 
 def test_the_page_asks_and_saves(folder: Path) -> None:

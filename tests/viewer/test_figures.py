@@ -9,10 +9,11 @@ from click.testing import CliRunner
 from PIL import Image
 
 from pliant.cli.view import command
+from pliant.evaluator.report.colours import depth_image, index_image, material_colours
+from pliant.evaluator.report.contact_sheet import contact_sheet
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
-from pliant.viewer.drawing import depth_image, index_image, material_colours
-from pliant.viewer.figures import FIGURES, contact_sheet, draw_figure
+from pliant.viewer.figures import FIGURES, draw_figure
 
 
 def test_one_material_point_has_one_colour_and_others_have_others(tiny_dataset: Path) -> None:

@@ -17,9 +17,10 @@ from starlette.types import ASGIApp
 
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, PliantError
+from pliant.spec.queries import RecordedPair
 from pliant.viewer.explorer.answers import MethodAnswer
 from pliant.viewer.explorer.catalogue import catalogue
-from pliant.viewer.explorer.frames import FramePair, FrameStore
+from pliant.viewer.explorer.frames import FrameStore
 from pliant.viewer.explorer.layers import (
     FRAME_LAYERS,
     METHOD_LAYERS,
@@ -86,12 +87,18 @@ class Explorer:
 
         return endpoint
 
-    def pair(self, request: Request) -> FramePair:
-        """Return the frames that a request names as `a` and `b`."""
+    def pair(self, request: Request, *, place: bool = False) -> RecordedPair:
+        """Return the frames that a request names as `a` and `b`.
+
+        Args:
+            request: The request.
+            place: Whether it also names a pixel of the source, as `u` and `v`.
+        """
         source, target = (self.frames.frame(request.query_params.get(x, "")) for x in "ab")
         if source.sequence.tier != target.sequence.tier:
             raise CallError("the two frames show objects of different tiers", where="a, b")
-        return FramePair(source, target)
+        pair = RecordedPair(source, target, np.zeros((0, 2), np.float32))
+        return pair.at(_place(request)) if place else pair
 
     def method(self, request: Request) -> Method:
         """Return the method that a request names by its number."""
@@ -111,13 +118,11 @@ def _layer(explorer: Explorer, request: Request) -> Response:
     layer = request.query_params.get("layer", "")
     if layer in FRAME_LAYERS:
         frame = explorer.frames.frame(request.query_params.get("frame", ""))
-        found = frame_layer(explorer.frames, frame, layer)
+        found = frame_layer(frame, layer)
     elif layer in METHOD_LAYERS:
         pair, of_target = explorer.pair(request), request.query_params.get("of") == "b"
         method = explorer.method(request)
-        found = method_layer(
-            explorer.frames, explorer.truth, method, pair, layer, of_target=of_target
-        )
+        found = method_layer(explorer.truth, method, pair, layer, of_target=of_target)
     else:
         raise CallError("unknown layer", where="layer", found=repr(layer)[:40])
     if found is None:
@@ -127,18 +132,17 @@ def _layer(explorer: Explorer, request: Request) -> Response:
 
 
 def _truth(explorer: Explorer, request: Request) -> Response:
-    pair, uv_a = explorer.pair(request), _place(request)
-    found = explorer.truth.find(pair, uv_a)
+    found = explorer.truth.find(explorer.pair(request, place=True))
     return JSONResponse(None if found is None else found.as_document())
 
 
 def _answer(explorer: Explorer, request: Request) -> Response:
-    pair, uv_a, method = explorer.pair(request), _place(request), explorer.method(request)
-    answer = method.answer(pair, uv_a)
+    pair, method = explorer.pair(request, place=True), explorer.method(request)
+    answer = method.answer(pair)
     if answer is None:
         return JSONResponse(None)
     true_px = answer.true_px
-    if true_px is None and (truth := explorer.truth.find(pair, answer.uv_a_px)) is not None:
+    if true_px is None and (truth := explorer.truth.find(pair.at(answer.uv_a_px))) is not None:
         true_px = truth.uv_b_px
     error = None if true_px is None else float(np.linalg.norm(answer.uv_b_px - true_px))
     return JSONResponse(_document(answer, error))
@@ -169,26 +173,26 @@ def _warm(explorer: Explorer, request: Request) -> Response:
     mask = pair.source.mask
     if mask is not None and mask.any() and method.kind == "live":
         row, column = (int(axis[0]) for axis in np.nonzero(mask))
-        method.answer(pair, np.array([column + 0.5, row + 0.5]))
+        method.answer(pair.at([column + 0.5, row + 0.5]))
     return JSONResponse(True)
 
 
 def _queries(explorer: Explorer, request: Request) -> Response:
-    known = explorer.queries.of_pair(explorer.pair(request))
+    known = explorer.queries.rows(explorer.pair(request))
     if known is None:
         return JSONResponse([])
-    places = explorer.queries.splits[known[0]].uv_a_px[known[1]]
-    return JSONResponse([rounded(each) for each in places])
+    queries, rows = known
+    return JSONResponse([rounded(each) for each in queries.uv_a_px[rows]])
 
 
 def _error(explorer: Explorer, request: Request) -> Response:
     """Measure a method on the queries of one pair."""
     pair, method = explorer.pair(request), explorer.method(request)
-    known = explorer.queries.of_pair(pair)
+    known = explorer.queries.rows(pair)
     if known is None:
         raise CallError("the dataset has no queries for this pair", where="a, b")
-    queries, rows = explorer.queries.splits[known[0]], known[1]
-    found = method.answers(pair, queries.uv_a_px[rows])
+    queries, rows = known
+    found = method.answers(pair.at(queries.uv_a_px[rows]))
     if found is None:
         return JSONResponse(None)
     answers = np.full(queries.uv_a_px.shape, np.nan)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from typing import Final
 
 from pliant.spec.dataset import Dataset
@@ -16,19 +15,6 @@ from pliant.spec.surface_search import SurfaceSearch
 _NUMBER: Final = re.compile("[0-9]{1,9}")
 _KEPT_FRAMES: Final = 8
 _KEPT_POSES: Final = 64
-
-
-@dataclass(frozen=True)
-class FramePair:
-    """A source and a target frame.
-
-    Attributes:
-        source: The frame that is pointed at.
-        target: The frame that is searched.
-    """
-
-    source: RecordedFrame
-    target: RecordedFrame
 
 
 class FrameStore:

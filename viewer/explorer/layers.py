@@ -17,11 +17,12 @@ from PIL import Image
 
 from pliant.baselines.descriptor_colours import descriptor_colours
 from pliant.baselines.matcher import Heat
+from pliant.evaluator.report.colours import depth_image, index_image, material_colours
 from pliant.spec.arrays import FloatArray, Rgb
 from pliant.spec.frame import Frame
+from pliant.spec.queries import RecordedPair
 from pliant.spec.sequence import RecordedFrame
-from pliant.viewer.drawing import depth_image, heat_range, index_image, material_colours
-from pliant.viewer.explorer.frames import FramePair, FrameStore
+from pliant.viewer.drawing import heat_range
 from pliant.viewer.explorer.live import LiveMethod
 from pliant.viewer.explorer.submissions import Method
 from pliant.viewer.explorer.truth import TruthFinder
@@ -42,24 +43,22 @@ _HIDDEN_GREY: Final = 165
 _WIDEST_PX: Final = 320
 
 
-def frame_layer(frames: FrameStore, frame: RecordedFrame, layer: str) -> Rgb | None:
+def frame_layer(frame: RecordedFrame, layer: str) -> Rgb | None:
     """Return a layer of a frame, uint8 (H, W, 3), or None where the dataset does not have it.
 
     Args:
-        frames: The dataset's frames.
         frame: The frame.
         layer: One of `FRAME_LAYERS`.
     """
     if layer == "rgb":
         return frame.rgb
     if layer == "mask":
-        view = frame
-        if view.mask is None:
+        if frame.mask is None:
             return None
-        out = np.full((*view.mask.shape, 3), _DARK, np.uint8)
-        if view.objects is not None:
-            out[view.objects] = 110
-        out[view.mask] = 235
+        out = np.full((*frame.mask.shape, 3), _DARK, np.uint8)
+        if frame.objects is not None:
+            out[frame.objects] = 110
+        out[frame.mask] = 235
         return out
     surface = frame.surface
     if surface is None:
@@ -70,18 +69,11 @@ def frame_layer(frames: FrameStore, frame: RecordedFrame, layer: str) -> Rgb | N
 
 
 def method_layer(
-    frames: FrameStore,
-    truth: TruthFinder,
-    method: Method,
-    pair: FramePair,
-    layer: str,
-    *,
-    of_target: bool,
+    truth: TruthFinder, method: Method, pair: RecordedPair, layer: str, *, of_target: bool
 ) -> Rgb | None:
     """Return a layer that a method makes, uint8 (H, W, 3), or None where it has none.
 
     Args:
-        frames: The dataset's frames.
         truth: The truth of any pixel.
         method: The method.
         pair: The frames; the colours of descriptors are those of both.
@@ -89,14 +81,12 @@ def method_layer(
         of_target: Whether the target is shown; `error` is of the source alone.
     """
     if layer == "error":
-        return None if of_target else _error_map(frames, truth, method, pair)
+        return None if of_target else _error_map(truth, method, pair)
     if not isinstance(method, LiveMethod):
         return None
-    views = [each for each in (pair.source, pair.target)]
-    frame = pair.target if of_target else pair.source
     if layer == "descriptors":
-        return _descriptor_colours(method, views, int(of_target))
-    return _canonical_colours(method, views[int(of_target)], frame)
+        return _descriptor_colours(method, (pair.source, pair.target), int(of_target))
+    return _canonical_colours(method, pair.target if of_target else pair.source)
 
 
 def _descriptor_colours(method: LiveMethod, views: Sequence[Frame], shown: int) -> Rgb | None:
@@ -110,9 +100,9 @@ def _descriptor_colours(method: LiveMethod, views: Sequence[Frame], shown: int) 
     return _enlarged(rgb, views[shown])
 
 
-def _canonical_colours(method: LiveMethod, view: Frame, frame: RecordedFrame) -> Rgb | None:
+def _canonical_colours(method: LiveMethod, frame: RecordedFrame) -> Rgb | None:
     """Return what the method's canonical head reads off each pixel, in index colours."""
-    found = method.canonical(view)
+    found = method.canonical(frame)
     if found is None:
         return None
     material, mask = found
@@ -120,17 +110,14 @@ def _canonical_colours(method: LiveMethod, view: Frame, frame: RecordedFrame) ->
     m = material[mask]
     colours = material_colours(m[:, 0], m[:, 1], frame.sequence.described)
     rgb[mask] = np.rint(255 * colours)
-    return _enlarged(rgb, view)
+    return _enlarged(rgb, frame)
 
 
 def _enlarged(rgb: Rgb, view: Frame) -> Rgb:
-    size = (view.rgb.shape[1], view.rgb.shape[0])
-    return np.asarray(Image.fromarray(rgb).resize(size, Image.Resampling.NEAREST))
+    return np.asarray(Image.fromarray(rgb).resize(view.size, Image.Resampling.NEAREST))
 
 
-def _error_map(
-    frames: FrameStore, truth: TruthFinder, method: Method, pair: FramePair
-) -> Rgb | None:
+def _error_map(truth: TruthFinder, method: Method, pair: RecordedPair) -> Rgb | None:
     """Return the source in grey, with the error of points that the target shows as colours.
 
     Points that the target hides are light grey.
@@ -139,11 +126,11 @@ def _error_map(
     if view.mask is None:
         return None
     uv = _grid(view.mask, _ERROR_POINTS)
-    true_px = truth.places(pair, uv)
+    true_px = truth.places(pair.at(uv))
     keep = np.isfinite(true_px[:, 0])
     if not keep.any():
         return None
-    answers = method.answers(pair, uv[keep])
+    answers = method.answers(pair.at(uv[keep]))
     if answers is None:
         return None
     error = np.full(len(uv), np.nan)

@@ -14,10 +14,11 @@ from pliant.baselines.answers import checked_answers
 from pliant.baselines.matcher import HeatMatcher, Matcher
 from pliant.baselines.pixels import lies_on
 from pliant.spec.arrays import FloatArray, Mask
-from pliant.spec.frame import Frame, Pair
+from pliant.spec.frame import Frame
 from pliant.spec.lru_cache import LRUCache
+from pliant.spec.queries import RecordedPair
+from pliant.spec.sequence import RecordedFrame
 from pliant.viewer.explorer.answers import Kind, MethodAnswer, PairErrors
-from pliant.viewer.explorer.frames import FramePair, FrameStore
 from pliant.viewer.photo_match import match_photo
 
 _KEPT_MAPS: Final = 16
@@ -50,7 +51,6 @@ class LiveMethod:
 
     Args:
         matcher: The method.
-        frames: The dataset's frames.
 
     Attributes:
         name: Its name.
@@ -59,27 +59,24 @@ class LiveMethod:
 
     kind: Kind = "live"
 
-    def __init__(self, matcher: Matcher, frames: FrameStore) -> None:
+    def __init__(self, matcher: Matcher) -> None:
         self.matcher, self.name = matcher, matcher.name
         self.errors: PairErrors = {}
-        self._frames = frames
         self._canonical: LRUCache[npt.NDArray[np.float32] | None] = LRUCache(_KEPT_MAPS)
         self.lock = threading.RLock()
 
-    def answer(self, pair: FramePair, uv_a_px: FloatArray) -> MethodAnswer | None:
-        """Return the answer to a place, float64 (2,), or None off the queried object."""
-        source, target = (pair.source, pair.target)
+    def answer(self, pair: RecordedPair) -> MethodAnswer | None:
+        """Return the answer to the first pixel of a pair, or None off the queried object."""
+        source, uv_a_px = pair.source, pair.uv_a_px[0].astype(np.float64)
         whole = np.ones(source.rgb.shape[:2], np.bool_)
-        if not lies_on(
-            uv_a_px[None].astype(np.float32), whole if source.mask is None else source.mask
-        )[0]:
+        if not lies_on(pair.uv_a_px[:1], whole if source.mask is None else source.mask)[0]:
             return None
         with self.lock:
             begun = time.perf_counter()
             _one_thread()
-            match = match_photo(self.matcher, source, target, [(uv_a_px[0], uv_a_px[1])])
+            match = match_photo(self.matcher, source, pair.target, [(uv_a_px[0], uv_a_px[1])])
             seconds = time.perf_counter() - begun
-            material = self._material(pair, source, uv_a_px)
+            material = self._material(source, uv_a_px)
         point = match.points[0]
         return MethodAnswer(
             uv_a_px=uv_a_px,
@@ -95,12 +92,11 @@ class LiveMethod:
             seconds=seconds,
         )
 
-    def answers(self, pair: FramePair, uv_a_px: FloatArray) -> FloatArray | None:
-        """Return the answers to pixels, float64 (N, 2)."""
-        source, target = (pair.source, pair.target)
+    def answers(self, pair: RecordedPair) -> FloatArray | None:
+        """Return the answers to the pixels of a pair, float64 (N, 2)."""
         with self.lock:
-            found = self.matcher.answer(Pair(source, target, uv_a_px.astype(np.float32)))
-        answers = checked_answers(found, len(uv_a_px), self.matcher.name, "this pair")
+            found = self.matcher.answer(pair)
+        answers = checked_answers(found, len(pair), self.matcher.name, "this pair")
         return answers.uv_px.astype(np.float64)
 
     def descriptors(self, view: Frame) -> tuple[FloatArray, Mask] | None:
@@ -147,9 +143,7 @@ class LiveMethod:
             mask = self.matcher.working_mask(view)
         return np.ones((height, width), np.bool_) if mask is None else mask
 
-    def _material(
-        self, pair: FramePair, source: Frame, uv_a_px: FloatArray
-    ) -> dict[str, float] | None:
+    def _material(self, source: RecordedFrame, uv_a_px: FloatArray) -> dict[str, float] | None:
         found = self.canonical(source)
         if found is None:
             return None
@@ -157,7 +151,7 @@ class LiveMethod:
         height, width = source.rgb.shape[:2]
         row = int(uv_a_px[1] * read.shape[0] / height)
         column = int(uv_a_px[0] * read.shape[1] / width)
-        names = (each.name for each in pair.source.sequence.described.queried.material)
+        names = (each.name for each in source.sequence.described.queried.material)
         return {name: float(m) for name, m in zip(names, read[row, column], strict=True)}
 
 

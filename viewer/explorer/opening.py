@@ -49,7 +49,7 @@ def open_explorer(dataset: Dataset, answers: Sequence[str], open_method: OpenMet
                     fix=f"Write its answers with: pliant predict {name} --data DATA --out "
                     "SUB.parquet; then give SUB.parquet.",
                 )
-            methods.append(LiveMethod(matcher, frames))
+            methods.append(LiveMethod(matcher))
     return Explorer(frames, queries, methods)
 
 

@@ -2,31 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import numpy.typing as npt
 
 from pliant.spec.arrays import FloatArray
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import SpecError
-from pliant.spec.queries import QueryPair
-from pliant.viewer.explorer.frames import FramePair
-
-
-@dataclass(frozen=True)
-class QueryRow:
-    """One query of a split.
-
-    Attributes:
-        split: The split.
-        pair: Number of the pair in the split.
-        row: Row of the query in the split's file.
-    """
-
-    split: str
-    pair: int
-    row: int
+from pliant.spec.queries import QueryPair, RecordedPair
 
 
 class SplitQueries:
@@ -37,6 +19,7 @@ class SplitQueries:
         split: A split with queries.
 
     Attributes:
+        split: The split.
         pairs: Its pairs, in the order of the file.
         starts: int64 (P + 1,), first row of each pair.
         uv_a_px: float64 (R, 2).
@@ -45,6 +28,7 @@ class SplitQueries:
     """
 
     def __init__(self, dataset: Dataset, split: str) -> None:
+        self.split = split
         self.pairs: list[QueryPair] = dataset.pairs(split)
         self.starts = np.cumsum([0, *map(len, self.pairs)])
         parts = [pair.uv_a_px for pair in self.pairs] or [np.zeros((0, 2), np.float32)]
@@ -89,48 +73,28 @@ class RecordedQueries:
         self.splits = {
             split: SplitQueries(dataset, split) for split in dataset.splits_with_queries()
         }
-        self._by_frames = {
-            (pair.source.key, pair.target.key): (split, number)
-            for split, queries in self.splits.items()
-            for number, pair in enumerate(queries.pairs)
+        self._rows = {
+            (pair.source.key, pair.target.key): (queries, slice(begin, begin + len(pair)))
+            for queries in self.splits.values()
+            for pair, begin in zip(queries.pairs, queries.starts[:-1].tolist(), strict=True)
         }
 
-    def nearest(self, pair: FramePair, uv_a_px: FloatArray, reach_px: float) -> QueryRow | None:
-        """Return the query of a pair of frames that is nearest to a place, or None.
+    def rows(self, pair: RecordedPair) -> tuple[SplitQueries, slice] | None:
+        """Return the queries of a split, and the rows of two frames; None if these have none."""
+        return self._rows.get((pair.source.key, pair.target.key))
+
+    def nearest(self, pair: RecordedPair, reach_px: float) -> tuple[SplitQueries, int] | None:
+        """Return the queries of a split, and the row nearest to a pixel; None if none is near.
 
         Args:
-            pair: The frames.
-            uv_a_px: float64 (2,).
-            reach_px: How far away it may be.
+            pair: The frames and the pixel.
+            reach_px: How far away the query may be.
         """
-        known = self._by_frames.get((pair.source.key, pair.target.key))
+        known = self.rows(pair)
         if known is None:
             return None
-        split, number = known
-        queries = self.splits[split]
-        begin, end = queries.starts[number : number + 2]
-        gap = np.linalg.norm(queries.uv_a_px[begin:end] - uv_a_px, axis=1)
+        queries, rows = known
+        gap = np.linalg.norm(queries.uv_a_px[rows] - pair.uv_a_px[0], axis=1)
         if not len(gap) or gap.min() > reach_px:
             return None
-        return QueryRow(split, number, int(begin + gap.argmin()))
-
-    def of_pair(self, pair: FramePair) -> tuple[str, slice] | None:
-        """Return the split and the rows of a pair of frames, or None if it has no queries."""
-        known = self._by_frames.get((pair.source.key, pair.target.key))
-        if known is None:
-            return None
-        split, number = known
-        begin, end = self.splits[split].starts[number : number + 2]
-        return split, slice(int(begin), int(end))
-
-    def uv_a_px(self, found: QueryRow) -> FloatArray:
-        """Return a query's pixel, float64 (2,)."""
-        place: FloatArray = self.splits[found.split].uv_a_px[found.row]
-        return place
-
-    def truth(self, found: QueryRow) -> tuple[FloatArray | None, str | None]:
-        """Return a query's true place and its state in the target, or None where withheld."""
-        queries = self.splits[found.split]
-        if queries.uv_b_px is None or queries.visibility is None:
-            return None, None
-        return queries.uv_b_px[found.row], str(queries.visibility[found.row])
+        return queries, int(rows.start + gap.argmin())

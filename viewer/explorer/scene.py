@@ -12,8 +12,8 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from pliant.evaluator.report.colours import material_colours
 from pliant.spec.sequence import RecordedFrame, SequenceRecord
-from pliant.viewer.drawing import material_colours
 from pliant.viewer.explorer.frames import FrameStore
 
 _TRACKS: Final = 24

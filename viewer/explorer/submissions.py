@@ -11,8 +11,8 @@ from pliant.spec.arrays import FloatArray
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
 from pliant.spec.io.reading import sha256_file
+from pliant.spec.queries import RecordedPair
 from pliant.viewer.explorer.answers import Kind, MethodAnswer, PairErrors
-from pliant.viewer.explorer.frames import FramePair
 from pliant.viewer.explorer.live import LiveMethod
 from pliant.viewer.explorer.recorded import RecordedQueries
 from pliant.viewer.explorer.truth import REACH_PX
@@ -37,30 +37,31 @@ class RecordedMethod:
         self.errors: PairErrors = {self._split: errors}
         self._answers, self._queries = answers.rows, queries
 
-    def answer(self, pair: FramePair, uv_a_px: FloatArray) -> MethodAnswer | None:
+    def answer(self, pair: RecordedPair) -> MethodAnswer | None:
         """Return the answer to the nearest query of the pair, or None."""
-        found = self._queries.nearest(pair, uv_a_px, REACH_PX)
-        if found is None or found.split != self._split:
+        found = self._queries.nearest(pair, REACH_PX)
+        if found is None or found[0].split != self._split:
             return None
-        uv_b = self._answers.uv_px[found.row].astype(np.float64)
+        queries, row = found
+        uv_b = self._answers.uv_px[row].astype(np.float64)
         if not np.isfinite(uv_b).all():
             return None
         visible, sigma = self._answers.visible, self._answers.sigma_px
         return MethodAnswer(
-            uv_a_px=self._queries.uv_a_px(found),
+            uv_a_px=queries.uv_a_px[row],
             uv_b_px=uv_b,
-            true_px=self._queries.truth(found)[0],
-            visible=None if visible is None else float(visible[found.row]),
-            sigma_px=None if sigma is None else float(sigma[found.row]),
+            true_px=None if queries.uv_b_px is None else queries.uv_b_px[row],
+            visible=None if visible is None else float(visible[row]),
+            sigma_px=None if sigma is None else float(sigma[row]),
         )
 
-    def answers(self, pair: FramePair, uv_a_px: FloatArray) -> FloatArray | None:
+    def answers(self, pair: RecordedPair) -> FloatArray | None:
         """Return the answers to the pair's own queries, float64 (N, 2), NaN where missing."""
-        known = self._queries.of_pair(pair)
-        if known is None or known[0] != self._split:
+        known = self._queries.rows(pair)
+        if known is None or known[0].split != self._split:
             return None
         found: FloatArray = self._answers.uv_px[known[1]].astype(np.float64)
-        return found if len(found) == len(uv_a_px) else None
+        return found if len(found) == len(pair) else None
 
 
 def read_submission(path: Path, dataset: Dataset, queries: RecordedQueries) -> RecordedMethod:

@@ -15,8 +15,9 @@ import numpy.typing as npt
 
 from pliant.spec.arrays import FloatArray
 from pliant.spec.errors import SpecError
+from pliant.spec.queries import RecordedPair
 from pliant.spec.sequence import RecordedFrame
-from pliant.viewer.explorer.frames import FramePair, FrameStore
+from pliant.viewer.explorer.frames import FrameStore
 from pliant.viewer.explorer.recorded import RecordedQueries
 
 REACH_PX: Final = 12.0
@@ -71,21 +72,20 @@ class TruthFinder:
     def __init__(self, frames: FrameStore, queries: RecordedQueries) -> None:
         self._frames, self._queries = frames, queries
 
-    def find(self, pair: FramePair, uv_a_px: FloatArray) -> Truth | None:
+    def find(self, pair: RecordedPair) -> Truth | None:
         """Return the truth of the point under a pixel.
 
         Args:
-            pair: The frames.
-            uv_a_px: float64 (2,), a place in the source.
+            pair: The frames and the pixel.
 
         Returns:
             The truth, or None where the pixel does not show the queried object or nothing is known.
         """
         surface = pair.source.surface
         if surface is None or pair.target.surface is None:
-            return self._recorded(pair, uv_a_px)
+            return self._recorded(pair)
         height, width = surface.object_id.shape
-        column, row = int(np.floor(uv_a_px[0])), int(np.floor(uv_a_px[1]))
+        column, row = np.floor(pair.uv_a_px[0]).astype(int).tolist()
         if not (0 <= column < width and 0 <= row < height):
             return None
         queried = pair.source.sequence.described.queried
@@ -108,20 +108,19 @@ class TruthFinder:
             origin="surface" if visible else "points",
         )
 
-    def places(self, pair: FramePair, uv_a_px: FloatArray) -> FloatArray:
+    def places(self, pair: RecordedPair) -> FloatArray:
         """Return the true places of pixels that the target shows, for a map of errors.
 
         Args:
-            pair: The frames, both with surface images.
-            uv_a_px: float64 (N, 2), centres of pixels of the queried object.
+            pair: The frames, both with surface images, and centres of pixels of the queried object.
 
         Returns:
             float64 (N, 2), NaN where the target does not show the point.
         """
         surface, search = pair.source.surface, self._frames.search(pair.target)
         if surface is None or search is None:
-            return np.full((len(uv_a_px), 2), np.nan)
-        column, row = np.floor(uv_a_px).astype(int).T
+            return np.full((len(pair), 2), np.nan)
+        column, row = np.floor(pair.uv_a_px).astype(int).T
         material = np.stack([surface.m0[row, column], surface.m1[row, column]], axis=1)
         return search.find(material.astype(np.float64))[0]
 
@@ -171,15 +170,15 @@ class TruthFinder:
         same = shown == queried.id and queried.distance_m(there, m) <= _SAME_PX * pixel_m
         return "visible" if same else "self_occluded"
 
-    def _recorded(self, pair: FramePair, uv_a_px: FloatArray) -> Truth | None:
-        found = self._queries.nearest(pair, uv_a_px, REACH_PX)
+    def _recorded(self, pair: RecordedPair) -> Truth | None:
+        found = self._queries.nearest(pair, REACH_PX)
         if found is None:
             return None
-        uv_b_px, visibility = self._queries.truth(found)
-        if visibility is None:
+        queries, row = found
+        if queries.uv_b_px is None or queries.visibility is None:
             return None
-        uv_a = self._queries.uv_a_px(found)
-        return Truth(uv_a, uv_b_px, visibility, {}, None, None, "query")
+        uv_a, uv_b, state = queries.uv_a_px[row], queries.uv_b_px[row], queries.visibility[row]
+        return Truth(uv_a, uv_b, str(state), {}, None, None, "query")
 
 
 def rounded(values: npt.NDArray[Any] | None, digits: int = 3) -> list[float] | None:

@@ -4,8 +4,8 @@ import pytest
 
 from pliant.generator.runner.engine import SequenceResult
 from pliant.generator.runner.estimate import estimate_run
-from pliant.generator.runner.forecast import Forecast
 from pliant.generator.runner.plan import plan_run
+from pliant.generator.runner.progress import Forecast
 from pliant.generator.runner.run import generate
 from pliant.generator.seeding import SequenceTask
 

@@ -59,7 +59,7 @@ def make_explorer(root: Path, submission: Path) -> Explorer:
     dataset = Dataset.open(root)
     frames, queries = FrameStore(dataset), RecordedQueries(dataset)
     recorded = read_submission(submission, dataset, queries)
-    return Explorer(frames, queries, [LiveMethod(Shifted(), frames), recorded])
+    return Explorer(frames, queries, [LiveMethod(Shifted()), recorded])
 
 
 @pytest.fixture(scope="session")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,28 +15,29 @@ from pliant.baselines.matcher import Heat
 from pliant.evaluator import evaluate, write_report
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, SubmissionError
+from pliant.spec.queries import QueryPair, RecordedPair
 from pliant.viewer.explorer.app import Explorer
-from pliant.viewer.explorer.frames import FramePair
 from pliant.viewer.explorer.layers import error_colours, frame_layer, heat_png, method_layer
 from pliant.viewer.explorer.opening import open_explorer
 
 Submit = Callable[[Path, float], Path]
 
 
-def pair_of(explorer: Explorer, number: int = 0) -> tuple[FramePair, Any]:
-    pair = explorer.queries.splits["test"].pairs[number]
-    return FramePair(pair.source, pair.target), pair.uv_a_px
+def pair_of(explorer: Explorer, tier: str) -> QueryPair:
+    """Return the first pair of a tier in the test split."""
+    pairs = explorer.queries.splits["test"].pairs
+    return next(pair for pair in pairs if pair.source.sequence.tier == tier)
 
 
 def test_a_recorded_answer_is_that_of_the_nearest_query(explorer: Explorer) -> None:
-    frames, uv_a = pair_of(explorer)
+    pair = explorer.queries.splits["test"].pairs[0]
     truth = explorer.dataset.truth("test")
-    found = explorer.methods[1].answer(frames, uv_a[4] + np.array([0.02, -0.02]))
+    found = explorer.methods[1].answer(pair.at(pair.uv_a_px[4] + [0.02, -0.02]))
     assert found is not None
-    np.testing.assert_allclose(found.uv_a_px, uv_a[4], atol=1e-5)
+    np.testing.assert_allclose(found.uv_a_px, pair.uv_a_px[4], atol=1e-5)
     expected = [truth["u_b"][4].as_py() + 5, truth["v_b"][4].as_py()]
     np.testing.assert_allclose(found.uv_b_px, expected, atol=1e-3)
-    assert explorer.methods[1].answer(frames, np.array([-90.0, 0.0])) is None
+    assert explorer.methods[1].answer(pair.at([-90.0, 0.0])) is None
 
 
 def test_pairs_have_the_error_of_their_answers(explorer: Explorer) -> None:
@@ -76,10 +76,9 @@ def test_the_error_map_has_the_colour_of_the_error(explorer: Explorer) -> None:
     """A frame against itself: the live method is 6 px off everywhere."""
     frame = explorer.dataset.frames("test", "cloth-1")[0]
     rgb = method_layer(
-        explorer.frames,
         explorer.truth,
         explorer.methods[0],
-        FramePair(frame, frame),
+        RecordedPair(frame, frame, np.zeros((0, 2), np.float32)),
         "error",
         of_target=False,
     )
@@ -94,11 +93,11 @@ def test_layers_show_the_object(explorer: Explorer) -> None:
     frame = explorer.dataset.frames("test", "rope")[0]
     assert frame.mask is not None
     for layer in ("depth", "index", "mask"):
-        rgb = frame_layer(explorer.frames, frame, layer)
+        rgb = frame_layer(frame, layer)
         assert rgb is not None
         assert rgb.shape == (120, 160, 3)
         assert rgb[frame.mask].mean() > 3 * rgb[frame.object_ids == 0].mean()
-    rgb = frame_layer(explorer.frames, frame, "rgb")
+    rgb = frame_layer(frame, "rgb")
     assert rgb is not None
     np.testing.assert_array_equal(rgb, frame.rgb)
 
@@ -118,8 +117,8 @@ def test_a_heat_map_is_opaque_at_its_peak_and_clear_elsewhere() -> None:
 def test_the_shipped_network_shows_all_it_has(tiny_dataset: Path) -> None:
     pytest.importorskip("torch")
     explorer = open_explorer(Dataset.open(tiny_dataset), ["don-rope"], open_method)
-    frames, uv_a = pair_of(explorer, _pair_of_tier(explorer, "rope"))
-    answer = explorer.methods[0].answer(frames, uv_a[0].astype(np.float64))
+    pair = pair_of(explorer, "rope")
+    answer = explorer.methods[0].answer(pair)
     assert answer is not None
     assert answer.heat is not None
     assert answer.heat.values.shape == (120, 160)
@@ -127,15 +126,8 @@ def test_the_shipped_network_shows_all_it_has(tiny_dataset: Path) -> None:
     assert list(answer.material) == ["s", "theta"]
     assert 0 <= answer.material["s"] <= 1
     for layer in ("descriptors", "canonical"):
-        rgb = method_layer(
-            explorer.frames, explorer.truth, explorer.methods[0], frames, layer, of_target=True
-        )
+        rgb = method_layer(explorer.truth, explorer.methods[0], pair, layer, of_target=True)
         assert rgb is not None
-        mask = frames.target.mask
+        mask = pair.target.mask
         assert mask is not None
         assert len(np.unique(rgb[mask], axis=0)) > 20
-
-
-def _pair_of_tier(explorer: Explorer, tier: str) -> int:
-    pairs = explorer.queries.splits["test"].pairs
-    return next(k for k, pair in enumerate(pairs) if pair.source.sequence.tier == tier)

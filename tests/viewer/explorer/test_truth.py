@@ -9,10 +9,16 @@ import numpy as np
 import pytest
 
 from pliant.spec.dataset import Dataset
+from pliant.spec.queries import RecordedPair
+from pliant.spec.sequence import RecordedFrame
 from pliant.viewer.explorer.app import Explorer
-from pliant.viewer.explorer.frames import FramePair, FrameStore
+from pliant.viewer.explorer.frames import FrameStore
 from pliant.viewer.explorer.recorded import RecordedQueries
 from pliant.viewer.explorer.truth import TruthFinder
+
+
+def pair_of(source: RecordedFrame, target: RecordedFrame) -> RecordedPair:
+    return RecordedPair(source, target, np.zeros((0, 2), np.float32))
 
 
 @pytest.mark.parametrize("tier", ["rope", "cloth-3"])
@@ -23,7 +29,7 @@ def test_a_frame_is_its_own_truth(explorer: Explorer, tier: str) -> None:
     rows, columns = np.nonzero(mask)
     exact = 0
     for k in np.linspace(0, len(rows) - 1, 25).astype(int):
-        found = explorer.truth.find(FramePair(frame, frame), np.array([columns[k], rows[k]]) + 0.2)
+        found = explorer.truth.find(pair_of(frame, frame).at([columns[k] + 0.2, rows[k] + 0.2]))
         assert found is not None
         assert found.uv_b_px is not None
         np.testing.assert_array_equal(found.uv_a_px, [columns[k] + 0.5, rows[k] + 0.5])
@@ -46,7 +52,7 @@ def test_it_agrees_with_the_queries(explorer: Explorer) -> None:
     assert queries.visibility is not None
     for number, pair in enumerate(queries.pairs):
         for row in range(queries.starts[number], queries.starts[number + 1]):
-            found = explorer.truth.find(FramePair(pair.source, pair.target), queries.uv_a_px[row])
+            found = explorer.truth.find(pair.at(queries.uv_a_px[row]))
             if found is None:  # the centre of the query's pixel is beyond the silhouette
                 continue
             seen = queries.visibility[row] == "visible"
@@ -63,11 +69,11 @@ def test_it_agrees_with_the_queries(explorer: Explorer) -> None:
 
 def test_the_background_has_no_truth(explorer: Explorer) -> None:
     frame = explorer.dataset.frames("test", "rope")[0]
-    pair = FramePair(frame, frame)
+    pair = pair_of(frame, frame)
     assert frame.mask is not None
     row, column = np.argwhere(~frame.mask)[0]
     for place in ((column + 0.5, row + 0.5), (-5.0, 3.0), (3.0, 1e6)):
-        assert explorer.truth.find(pair, np.array(place)) is None
+        assert explorer.truth.find(pair.at(place)) is None
 
 
 def test_without_surfaces_the_nearest_query_counts(tiny_dataset: Path, tmp_path: Path) -> None:
@@ -80,13 +86,12 @@ def test_without_surfaces_the_nearest_query_counts(tiny_dataset: Path, tmp_path:
     pair = dataset.pairs("test")[0]
     known = dataset.truth("test").slice(0, len(pair))
     u, v = (known[name].to_numpy() for name in ("u_b", "v_b"))
-    frames = FramePair(pair.source, pair.target)
     for k in (0, 5):
-        found = truth.find(frames, pair.uv_a_px[k] + 0.01)
+        found = truth.find(pair.at(pair.uv_a_px[k] + 0.01))
         assert found is not None
         assert found.origin == "query"
         np.testing.assert_allclose(found.uv_a_px, pair.uv_a_px[k], atol=1e-5)
         assert found.uv_b_px is not None
         np.testing.assert_allclose(found.uv_b_px, [u[k], v[k]], atol=1e-5)
-    assert truth.find(frames, np.array([-100.0, -100.0])) is None
-    assert truth.find(FramePair(pair.target, pair.source), pair.uv_a_px[0]) is None
+    assert truth.find(pair.at([-100.0, -100.0])) is None
+    assert truth.find(pair_of(pair.target, pair.source).at(pair.uv_a_px[0])) is None
