@@ -14,9 +14,12 @@ from typing import TYPE_CHECKING
 import pytest
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from pliant.generator.config import GenerateConfig
     from pliant.generator.settings.cloth import ClothSettings
     from pliant.generator.settings.rope import RopeSettings
+    from tests.browser import Browser
 
 # One thread a process: the suite runs beside itself (pytest -n), and results must not depend
 # on how many threads a library takes.
@@ -101,6 +104,18 @@ def rendered_dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
         id="rendered",
     )
     return _made_once(config, "rendered-dataset", tmp_path_factory)
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Browser]:
+    """One headless browser for the pages of all rooms."""
+    pytest.importorskip("selenium")
+    from tests.browser import CHROMIUM, DRIVER, chromium
+
+    if CHROMIUM is None or DRIVER is None:
+        pytest.skip("chromium and chromedriver are not installed")
+    with chromium() as window:
+        yield window
 
 
 def _tiny_rope() -> RopeSettings:

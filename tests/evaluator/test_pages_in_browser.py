@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +13,9 @@ from pliant.evaluator import evaluate, write_report
 from pliant.evaluator.report import charts
 from pliant.evaluator.report.charts import Labels
 from pliant.models.training.run_page import Section, write_run_page
-from tests.browser import CHROMIUM, DRIVER, Browser, chromium
+from tests.browser import Browser
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(not (CHROMIUM and DRIVER), reason="needs chromium and chromedriver"),
-]
+pytestmark = pytest.mark.slow
 
 PAGES = ("reports/far/report.html", "board.html", "comparison.html", "run/report.html")
 BOX = {"p5": 1.0, "p25": 2.0, "p50": 3.0, "p75": 4.0, "p95": 5.0}
@@ -65,13 +61,6 @@ def pages(scene_maker: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
     sections = [Section("Curves", charts=CHARTS), Section("Scores", table=table)]
     write_run_page(folder / "run", {"steps": 100, "commit": None}, sections)
     return folder
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    """One browser for all tests."""
-    with chromium() as window:
-        yield window
 
 
 def opened(browser: Browser, page: Path, width: int = 1200, *, dark: bool = False) -> None:

@@ -10,9 +10,9 @@ from types import ModuleType
 import numpy as np
 import pytest
 
+from pliant.generator.objects.rope.mesh import ball_chart, ball_mesh
 from pliant.generator.scene.camera import looking_at
 from pliant.generator.scene.scene_object import Part, Points, Pose, SceneObject
-from pliant.spec.arrays import FloatArray
 from pliant.spec.camera import Camera
 
 LENGTH_M = 1.0
@@ -53,15 +53,13 @@ def tube_scene_object(rows: int = 160, ring: int = 12) -> SceneObject:
         chart=lambda r: np.stack([r[:, 0] / LENGTH_M, np.arctan2(r[:, 2], r[:, 1])], axis=1),
         strand=np.zeros(rows * ring, np.int32),
     )
-    ball_rest, ball_faces = _sphere(0.025)
+    ball_rest, ball_faces = ball_mesh(0.025)
     ball = Part(
         object_id=2,
         name="ball",
         faces=ball_faces,
         rest=ball_rest,
-        chart=lambda r: np.stack(
-            [np.arctan2(np.hypot(r[:, 1], r[:, 2]), r[:, 0]), np.arctan2(r[:, 2], r[:, 1])], axis=1
-        ),
+        chart=ball_chart,
         strand=np.zeros(len(ball_rest), np.int32),
     )
     surface = np.arange(0, rows * ring, 3, dtype=np.int32)
@@ -142,29 +140,6 @@ def sheet_scene_object(cells: int = 60) -> SceneObject:
         size_m=SIDE_M,
         thickness_m=0.002,
     )
-
-
-def _sphere(radius_m: float, rings: int = 12) -> tuple[FloatArray, np.ndarray]:
-    polar = np.pi * np.arange(1, rings) / rings
-    around = np.pi * np.arange(2 * rings) / rings
-    body = np.stack(
-        np.broadcast_arrays(
-            np.cos(polar)[:, None],
-            np.sin(polar)[:, None] * np.cos(around),
-            np.sin(polar)[:, None] * np.sin(around),
-        ),
-        axis=-1,
-    ).reshape(-1, 3)
-    rest = radius_m * np.concatenate([[[1.0, 0, 0]], body, [[-1.0, 0, 0]]])
-    index = 1 + np.arange(len(body)).reshape(rings - 1, 2 * rings)
-    after = np.roll(index, -1, axis=1)
-    faces = [
-        np.stack([index[:-1], index[1:], after[1:]], -1).reshape(-1, 3),
-        np.stack([index[:-1], after[1:], after[:-1]], -1).reshape(-1, 3),
-        np.stack([np.zeros(2 * rings, int), index[0], after[0]], -1),
-        np.stack([index[-1], np.full(2 * rings, len(rest) - 1), after[-1]], -1),
-    ]
-    return rest, np.concatenate(faces).astype(np.int32)
 
 
 @pytest.fixture(scope="session")

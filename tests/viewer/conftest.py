@@ -1,8 +1,8 @@
-"""The cards of the baselines' tests, for match figures, and one browser for all pages."""
+"""The cards of the baselines' tests, for match figures, and submissions of known answers."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +13,6 @@ from pliant.baselines import Frame
 from pliant.spec.dataset import Dataset
 from pliant.spec.io.parquet import write_table
 from tests.baselines.conftest import Similarity, card_view
-from tests.browser import CHROMIUM, DRIVER, Browser, chromium
 
 
 @pytest.fixture(scope="session")
@@ -26,15 +25,6 @@ def pose() -> type[Similarity]:
 def view_of() -> Callable[[Similarity], Frame]:
     """A function: placement -> the view of a card."""
     return card_view
-
-
-@pytest.fixture(scope="session")
-def browser() -> Iterator[Browser]:
-    """One headless browser."""
-    if CHROMIUM is None or DRIVER is None:
-        pytest.skip("chromium and chromedriver are not installed")
-    with chromium() as window:
-        yield window
 
 
 @pytest.fixture(scope="session")

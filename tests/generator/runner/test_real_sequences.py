@@ -28,7 +28,9 @@ def config(style, count):
     )
 
 
-@pytest.mark.parametrize("style", ["raster", pytest.param("fast", marks=pytest.mark.blender)])
+@pytest.mark.parametrize(
+    "style", ["raster", pytest.param("fast", marks=[pytest.mark.blender, pytest.mark.long])]
+)
 def test_grown_by_three_workers_equals_made_at_once_by_one(style, digests, tmp_path):
     if style == "fast":
         pytest.importorskip("bpy")
