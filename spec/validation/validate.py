@@ -22,12 +22,11 @@ from pliant.spec.storage.packed import PackedFiles
 from pliant.spec.validation.findings import Findings
 from pliant.spec.validation.issue_codes import ISSUE_CODES
 from pliant.spec.validation.rules.context import Context
-from pliant.spec.validation.rules.duplicates import compare_frames
 from pliant.spec.validation.rules.files import read_document
 from pliant.spec.validation.rules.listing import check_checksums, check_listing
 from pliant.spec.validation.rules.packed import check_any_sequence, check_index
 from pliant.spec.validation.rules.queries import check_split_queries
-from pliant.spec.validation.rules.result import SequenceResult
+from pliant.spec.validation.rules.result import SequenceResult, compare_frames
 from pliant.spec.validation.rules.structure import check_root
 from pliant.spec.validation.rules.tiers import check_tiers
 

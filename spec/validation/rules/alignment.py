@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from pliant.spec.arrays import FloatArray
 from pliant.spec.validation.rules.correspondences import VISIBLE
-from pliant.spec.validation.rules.frames import FrameView
+from pliant.spec.validation.rules.windows import FrameView
 
 SAMPLES_PER_FRAME = 96
 SAMPLES_PER_SEQUENCE = 1536
@@ -163,7 +163,7 @@ def _sample(view: FrameView) -> Sample | None:
         uv_px=rows.uv_px[chosen],
         depth_m=rows.depth_m[chosen],
         queried=own == view.tier.queried_object,
-        K=np.broadcast_to(view.intrinsics, (chosen.size, 3, 3)),
+        K=np.broadcast_to(view.camera.K, (chosen.size, 3, 3)),
         cell=cell[chosen],
         material=gap,
         shown_m=image.depth_m.ravel().take(index),

@@ -2,56 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from pliant.spec.camera import Camera
 from pliant.spec.validation.findings import FileProblems
 from pliant.spec.validation.rules.context import Context
 
 ROTATION_TOLERANCE = 1e-6
 
 
-@dataclass(frozen=True)
-class Cameras:
-    """The cameras of a sequence.
-
-    Attributes:
-        K: float64 (F, 3, 3), intrinsics in pixels.
-        world_to_camera: float64 (F, 4, 4), poses in metres.
-    """
-
-    K: npt.NDArray[np.float64]
-    world_to_camera: npt.NDArray[np.float64]
-
-    def project(
-        self, frame: int, xyz_m: npt.NDArray[np.float64]
-    ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-        """Project world points into a frame.
-
-        Args:
-            frame: The frame.
-            xyz_m: float64 (N, 3), world metres.
-
-        Returns:
-            float64 (N, 2), u and v in pixels (NaN or infinite at z = 0);
-            float64 (N,), camera-space z in metres.
-        """
-        pose = self.world_to_camera[frame]
-        local = xyz_m @ pose[:3, :3].T + pose[:3, 3]
-        K = self.K[frame]
-        z = local[:, 2]
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            u = K[0, 0] * local[:, 0] / z + K[0, 2]
-            v = K[1, 1] * local[:, 1] / z + K[1, 2]
-        return np.stack([u, v], axis=1), z
-
-
 def check_cameras(
     context: Context, document: dict[str, Any], frames: int, problems: FileProblems
-) -> Cameras | None:
+) -> list[Camera] | None:
     """Check the cameras of a sequence.
 
     Args:
@@ -106,4 +70,6 @@ def check_cameras(
             "last row 0 0 0 1",
         ),
     )
-    return Cameras(K, poses) if problems.total == before else None
+    if problems.total != before:
+        return None
+    return [Camera(K[i], poses[i], size) for i in range(frames)]

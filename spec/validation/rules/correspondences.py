@@ -11,11 +11,11 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
+from pliant.spec.camera import Camera
 from pliant.spec.conventions import VISIBILITY_STATES
 from pliant.spec.io import limits
 from pliant.spec.io.parquet_columns import codes
 from pliant.spec.validation.findings import FileProblems
-from pliant.spec.validation.rules.cameras import Cameras
 from pliant.spec.validation.rules.context import Context
 from pliant.spec.validation.rules.tables import (
     CheckedTable,
@@ -211,20 +211,21 @@ def _joined(parts: list[FrameRows]) -> FrameRows:
 
 
 def check_projection(
-    context: Context, cameras: Cameras, rows: FrameRows, problems: FileProblems
+    context: Context, camera: Camera, rows: FrameRows, problems: FileProblems
 ) -> npt.NDArray[np.bool_]:
     """Check that the rows of a frame project to where they say.
 
     Args:
         context: The dataset.
-        cameras: The sequence's cameras.
+        camera: The frame's camera.
         rows: The rows.
         problems: Gets `REPROJECTION_DISAGREES`, `DEPTH_DISAGREES`, `OUT_OF_FRAME_DISAGREES`.
 
     Returns:
         bool (N,), True for rows that do.
     """
-    uv, z = cameras.project(rows.frame, rows.xyz_m)
+    projected = camera.project(rows.xyz_m)
+    uv, z = projected[:, :2], projected[:, 2]
     size = np.abs(rows.xyz_m).max(axis=1)
     deep = np.abs(rows.depth_m - z) > DEPTH_TOLERANCE_M + 1e-6 * (size + np.abs(z))
     problems.add_rows(
@@ -236,7 +237,7 @@ def check_projection(
         ),
     )
     front = z > 1e-6
-    K = cameras.K[rows.frame]
+    K = camera.K
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         focal = max(K[0, 0], K[1, 1])
         tilt = 1 + np.abs(uv - K[[0, 1], 2]).max(axis=1) / min(K[0, 0], K[1, 1])

@@ -7,15 +7,15 @@ the tolerance of the projection names the cause.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from pliant.spec.arrays import FloatArray
+from pliant.spec.camera import Camera
 from pliant.spec.validation.findings import FileProblems
-from pliant.spec.validation.rules.cameras import Cameras
 from pliant.spec.validation.rules.correspondences import FrameRows
 
 ROWS_PER_FRAME = 64
@@ -63,7 +63,7 @@ class _Compared:
 
 
 def diagnose_rows(
-    sample: RowSample, cameras: Cameras, size: tuple[int, int], problems: FileProblems
+    sample: RowSample, cameras: Sequence[Camera], size: tuple[int, int], problems: FileProblems
 ) -> None:
     """Replace the issues of rows that share one cause by one issue that names it.
 
@@ -94,22 +94,19 @@ def diagnose_rows(
             problems.diagnose(code, found)
 
 
-def _compare(sample: RowSample, cameras: Cameras) -> _Compared:
-    parts = [cameras.project(rows.frame, rows.xyz_m) for rows in sample.rows]
-    uv = np.concatenate([uv for uv, _ in parts])
-    depth = np.concatenate([z for _, z in parts])
-    rays = []
-    for rows, (true_uv, _) in zip(sample.rows, parts, strict=True):
-        K = cameras.K[rows.frame]
-        slope = (true_uv - K[[0, 1], 2]) / K[[0, 1], [0, 1]]
-        rays.append(np.sqrt(1 + (slope**2).sum(axis=1)))
-    front = depth > 1e-6
+def _compare(sample: RowSample, cameras: Sequence[Camera]) -> _Compared:
+    true = np.concatenate([cameras[rows.frame].project(rows.xyz_m) for rows in sample.rows])
+    K = np.concatenate(
+        [np.broadcast_to(cameras[r.frame].K, (len(r.point), 3, 3)) for r in sample.rows]
+    )
+    slope = (true[:, :2] - K[:, :2, 2]) / K[:, [0, 1], [0, 1]]
+    front = true[:, 2] > 1e-6
     return _Compared(
         np.concatenate([rows.uv_px for rows in sample.rows])[front],
         np.concatenate([rows.depth_m for rows in sample.rows])[front],
-        uv[front],
-        depth[front],
-        np.concatenate(rays)[front],
+        true[front, :2],
+        true[front, 2],
+        np.sqrt(1 + (slope[front] ** 2).sum(axis=1)),
     )
 
 
@@ -181,17 +178,17 @@ def _depth_cause(rows: _Compared) -> str | None:
     return None
 
 
-def _camera_cause(sample: RowSample, cameras: Cameras) -> str | None:
+def _camera_cause(sample: RowSample, cameras: Sequence[Camera]) -> str | None:
     """Return which other camera or axes give u_px, v_px and depth_m, or None."""
-    for text, K, poses, points in _cameras(sample, cameras):
-        other = Cameras(K, poses)
+    for text, others, points in _cameras(sample, cameras):
         good = []
         for rows, frame in zip(sample.rows, points, strict=True):
             if frame is None:
                 good.append(np.zeros(len(rows.point), np.bool_))
                 continue
             index, xyz = frame
-            uv, z = other.project(index, xyz)
+            projected = others[index].project(xyz)
+            uv, z = projected[:, :2], projected[:, 2]
             with np.errstate(invalid="ignore"):
                 gap = np.abs(rows.uv_px - uv).max(axis=1)
                 depth = np.abs(rows.depth_m - z) <= _DEPTH * np.abs(z) + 2e-5
@@ -205,36 +202,39 @@ _Placed = list[tuple[int, FloatArray] | None]
 
 
 def _cameras(
-    sample: RowSample, cameras: Cameras
-) -> Iterator[tuple[str, FloatArray, FloatArray, _Placed]]:
-    """Yield (cause, K, poses, (camera, positions) of every sampled frame)."""
-    K, poses = cameras.K, cameras.world_to_camera
-    count = len(K)
+    sample: RowSample, cameras: Sequence[Camera]
+) -> Iterator[tuple[str, Sequence[Camera], _Placed]]:
+    """Yield (cause, cameras, (camera, positions) of every sampled frame)."""
+    count = len(cameras)
     plain: _Placed = [(rows.frame, rows.xyz_m) for rows in sample.rows]
-    yield "fit the inverse pose: camera_to_world?", K, np.linalg.inv(poses), plain
     turn = np.diag([1.0, -1.0, -1.0, 1.0])
-    yield "fit a camera with y up and z backward (OpenGL, Blender)", K, turn @ poses, plain
+    for text, change in (
+        ("fit the inverse pose: camera_to_world?", np.linalg.inv),
+        ("fit a camera with y up and z backward (OpenGL, Blender)", turn.__matmul__),
+    ):
+        others = [replace(c, world_to_camera=change(c.world_to_camera)) for c in cameras]
+        yield text, others, plain
     for step in (1, -1):
         moved: _Placed = [
             (rows.frame + step, rows.xyz_m) if 0 <= rows.frame + step < count else None
             for rows in sample.rows
         ]
         if count > 2:
-            yield "fit the camera of another frame: shifted by one frame", K, poses, moved
+            yield "fit the camera of another frame: shifted by one frame", cameras, moved
     for frame in range(min(count, MAX_FRAMES)):
         same: _Placed = [(frame, rows.xyz_m) for rows in sample.rows]
         if count > 1:
-            yield f"fit the camera of frame {frame}: another frame's camera", K, poses, same
+            yield f"fit the camera of frame {frame}: another frame's camera", cameras, same
     for factor, name in ((1e-3, "millimetres"), (1e-2, "centimetres"), (1e3, "kilometres")):
         scaled: _Placed = [(rows.frame, rows.xyz_m * factor) for rows in sample.rows]
-        yield f"have a world position {1 / factor:g} times too large: {name}", K, poses, scaled
+        yield f"have a world position {1 / factor:g} times too large: {name}", cameras, scaled
     for axes in _AXES:
         text = "".join("xyz"[axis] for axis in axes)
         turned: _Placed = [(rows.frame, rows.xyz_m[:, list(axes)]) for rows in sample.rows]
-        yield f"have their world axes swapped: x, y, z are written as {text}", K, poses, turned
+        yield f"have their world axes swapped: x, y, z are written as {text}", cameras, turned
     for axes in ((0, 2, 1), (0, 1, 2)):
         for sign in ((1, -1, 1), (1, 1, -1), (-1, 1, 1)):
             signed: _Placed = [
                 (rows.frame, rows.xyz_m[:, list(axes)] * np.array(sign)) for rows in sample.rows
             ]
-            yield "have a world axis turned round: y up, or z down?", K, poses, signed
+            yield "have a world axis turned round: y up, or z down?", cameras, signed

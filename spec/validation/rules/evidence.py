@@ -2,27 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from pliant.spec.arrays import Rgb
+from pliant.spec.camera import Camera
 from pliant.spec.model import Tier
 from pliant.spec.storage import layout
 from pliant.spec.validation.findings import FileProblems
 from pliant.spec.validation.rules.agreement import check_agreement
 from pliant.spec.validation.rules.alignment import Alignment
-from pliant.spec.validation.rules.cameras import Cameras
 from pliant.spec.validation.rules.colour import MAX_FRAMES, Colours, is_blank
 from pliant.spec.validation.rules.correspondences import FrameRows
 from pliant.spec.validation.rules.diagnosis import RowSample, diagnose_rows
 from pliant.spec.validation.rules.episodes import unordered
 from pliant.spec.validation.rules.files import SequenceFiles
-from pliant.spec.validation.rules.frames import FrameView
-from pliant.spec.validation.rules.pictures import GREY, coarse_form
+from pliant.spec.validation.rules.precision import GREY, coarse_form
 from pliant.spec.validation.rules.result import FrameKeys, digest_of, shape_key
 from pliant.spec.validation.rules.surfaces import ShownSurface
+from pliant.spec.validation.rules.windows import FrameView
 
 PRECISION_FRAMES = 2
 """Frames of a sequence whose values are looked at for a coarser format."""
@@ -84,10 +85,10 @@ class Evidence:
         if frame in self.blank and surface.count < MIN_SHOWN:
             self.blank.remove(frame)
 
-    def add_rows(self, cameras: Cameras, rows: FrameRows) -> None:
+    def add_rows(self, camera: Camera, rows: FrameRows) -> None:
         """Note the rows of a frame."""
         self.rows.add(rows)
-        self.keys.shapes[rows.frame] = shape_key(cameras, rows)
+        self.keys.shapes[rows.frame] = shape_key(camera, rows)
 
     def add_surface(self, view: FrameView, rgb: Rgb | None, fits: bool) -> None:
         """Note how a frame's points and picture agree with its surface image.
@@ -107,7 +108,7 @@ class Evidence:
         self,
         tier: Tier,
         info: dict[str, Any],
-        cameras: Cameras | None,
+        cameras: Sequence[Camera] | None,
         size: tuple[int, int],
         files: SequenceFiles,
     ) -> None:
@@ -164,7 +165,7 @@ class Evidence:
             if 2 * len(frames) > self.looked:
                 problems.diagnose("COLOUR_LOST", f"the pictures {form}")
 
-    def _check_repeated(self, cameras: Cameras, problems: FileProblems) -> bool:
+    def _check_repeated(self, cameras: Sequence[Camera], problems: FileProblems) -> bool:
         """A picture that is repeated although the points moved shows one of the frames wrongly."""
         first: dict[int, int] = {}
         moved = []
@@ -173,7 +174,7 @@ class Evidence:
             a, b = (self.keys.shapes.get(each) for each in (earlier, frame))
             if earlier == frame or a is None or b is None:
                 continue
-            focal = float(min(cameras.K[frame, 0, 0], cameras.K[frame, 1, 1]))
+            focal = float(min(cameras[frame].K[[0, 1], [0, 1]]))
             if np.abs(a - b).max() * focal / max(float(a[2]), 1e-6) > MOVED_PX:
                 moved.append((earlier, frame))
         if moved:

@@ -10,9 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from pliant.spec.arrays import FloatArray
+from pliant.spec.camera import Camera
+from pliant.spec.storage import layout
 from pliant.spec.validation.findings import Findings
-from pliant.spec.validation.rules.cameras import Cameras
 from pliant.spec.validation.rules.correspondences import FrameRows
+
+SAME_M: Final = 1e-6
 
 SHAPE_POINTS: Final = 512
 """About so many points, spread over the table, stand for the shape."""
@@ -39,9 +42,9 @@ def digest_of(pixels: npt.NDArray[Any]) -> int:
     return int.from_bytes(hashlib.sha256(data).digest()[:8], "little") >> 1
 
 
-def shape_key(cameras: Cameras, rows: FrameRows) -> FloatArray:
+def shape_key(camera: Camera, rows: FrameRows) -> FloatArray:
     """Return mean and spread of points of a frame in the camera's axes, float64 (6,), metres."""
-    pose = cameras.world_to_camera[rows.frame]
+    pose = camera.world_to_camera
     local = rows.xyz_m[:: 1 + len(rows.xyz_m) // SHAPE_POINTS] @ pose[:3, :3].T + pose[:3, 3]
     return np.concatenate([local.mean(axis=0), local.std(axis=0)])
 
@@ -73,3 +76,85 @@ class SequenceResult:
     keys: FrameKeys = field(default_factory=FrameKeys)
     boxes_px: npt.NDArray[np.float32] = field(default_factory=lambda: np.zeros(0, np.float32))
     tables_sound: bool = False
+
+
+def compare_frames(sequences: list[SequenceResult], findings: Findings) -> None:
+    """Compare all frames of a dataset with each other.
+
+    Args:
+        sequences: Every sequence that has a split.
+        findings: Gets `SPLIT_SHARED` (frames of two splits) and `FRAME_REPEATED` (of one).
+    """
+    pairs: dict[str, set[tuple[int, int, int, int]]] = {
+        "the same colour pixels": _same_numbers([s.keys.pictures for s in sequences]),
+        "the same depth and surface pixels": _same_numbers([s.keys.depths for s in sequences]),
+        "the same point positions before the camera": _same_shapes(sequences),
+    }
+    shared: dict[tuple[str, str], dict[str, list[str]]] = {}
+    repeated: dict[str, list[str]] = {}
+    for what, found in pairs.items():
+        for first, frame_a, second, frame_b in sorted(found):
+            a, b = sequences[first], sequences[second]
+            if first == second and (a.temporal or frame_a == frame_b):
+                continue
+            text = f"{a.id} frame {frame_a} and {b.id} frame {frame_b}"
+            if a.split != b.split:
+                splits = (str(a.split), str(b.split))
+                shared.setdefault(splits, {}).setdefault(what, []).append(text)
+            else:
+                repeated.setdefault(what, []).append(text)
+    for (one, other), whats in sorted(shared.items()):
+        text = "; ".join(f"{len(each)} pairs of frames have {what}" for what, each in whats.items())
+        example = next(iter(whats.values()))[0]
+        findings.add(
+            "SPLIT_SHARED", layout.SEQUENCES_TABLE, f"{one}, {other}", f"{text}: {example}"
+        )
+    for what, each in repeated.items():
+        findings.add(
+            "FRAME_REPEATED",
+            layout.SEQUENCES_TABLE,
+            "",
+            f"{len(each)} pairs of frames of one split have {what}, such as {each[0]}",
+        )
+
+
+def _same_numbers(keys: list[dict[int, int]]) -> set[tuple[int, int, int, int]]:
+    """Return pairs (sequence, frame, sequence, frame) of equal keys: each with the first one."""
+    first: dict[int, tuple[int, int]] = {}
+    found = set()
+    for index, frames in enumerate(keys):
+        for frame, key in frames.items():
+            if key == 0:
+                continue
+            place = first.setdefault(key, (index, frame))
+            if place != (index, frame):
+                found.add((*place, index, frame))
+    return found
+
+
+def _same_shapes(sequences: list[SequenceResult]) -> set[tuple[int, int, int, int]]:
+    """Return pairs of frames of one tier whose points agree to a micrometre."""
+    found = set()
+    for tier in {sequence.tier for sequence in sequences}:
+        places = [
+            (index, frame)
+            for index, sequence in enumerate(sequences)
+            if sequence.tier == tier
+            for frame in sequence.keys.shapes
+        ]
+        if len(places) < 2:
+            continue
+        shapes = np.array([sequences[index].keys.shapes[frame] for index, frame in places])
+        order = np.argsort(shapes[:, 0], kind="stable")
+        shapes = shapes[order]
+        step = 1
+        while step < len(order):
+            near = shapes[step:, 0] - shapes[:-step, 0] <= SAME_M
+            if not near.any() or step > 64:
+                break
+            same = np.abs(shapes[step:] - shapes[:-step]).max(axis=1) <= SAME_M
+            for row in np.flatnonzero(same):
+                pair = sorted((places[order[row]], places[order[row + step]]))
+                found.add((*pair[0], *pair[1]))
+            step += 1
+    return found

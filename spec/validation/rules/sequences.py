@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from pliant.spec.camera import Camera
 from pliant.spec.model import Tier
 from pliant.spec.storage import layout
 from pliant.spec.validation.findings import FileProblems
-from pliant.spec.validation.rules.cameras import Cameras, check_cameras
+from pliant.spec.validation.rules.cameras import check_cameras
 from pliant.spec.validation.rules.context import Context
 from pliant.spec.validation.rules.correspondences import (
     SELF_OCCLUDED,
@@ -27,12 +28,12 @@ from pliant.spec.validation.rules.files import (
     list_sequence,
     read_document,
 )
-from pliant.spec.validation.rules.frames import FrameView
 from pliant.spec.validation.rules.points import PointSet, check_points
 from pliant.spec.validation.rules.precision import check_precision
 from pliant.spec.validation.rules.result import SequenceResult
 from pliant.spec.validation.rules.surfaces import check_recorded, check_rgb, check_surface
 from pliant.spec.validation.rules.visibility import check_visibility
+from pliant.spec.validation.rules.windows import FrameView
 
 _SHARE = "self_occluded"
 _FROM_ROW = ("id", "tier", "split", "shape", "frames", "temporal", "seed", "style")
@@ -169,7 +170,7 @@ def _check_held_out(info: dict[str, Any], problems: FileProblems) -> None:
         )
 
 
-def _cameras(context: Context, files: SequenceFiles, info: dict[str, Any]) -> Cameras | None:
+def _cameras(context: Context, files: SequenceFiles, info: dict[str, Any]) -> list[Camera] | None:
     if not files.verified(layout.CAMERAS_JSON):
         return None
     problems = files.at(layout.CAMERAS_JSON)
@@ -182,7 +183,7 @@ def _check_frames(
     tier: Tier,
     files: SequenceFiles,
     info: dict[str, Any],
-    cameras: Cameras | None,
+    cameras: list[Camera] | None,
     points: PointSet | None,
     row: dict[str, Any] | None,
     result: SequenceResult,
@@ -222,10 +223,10 @@ def _check_frames(
         outer = ~points.centreline[rows.point]
         shares[frame] = np.mean((rows.state == SELF_OCCLUDED)[outer]) if outer.any() else np.nan
         if cameras is not None:
-            good = check_projection(context, cameras, rows, problems)
-            evidence.add_rows(cameras, rows)
+            good = check_projection(context, cameras[frame], rows, problems)
+            evidence.add_rows(cameras[frame], rows)
             if surface is not None:
-                view = FrameView(tier, cameras, points, rows, good, surface)
+                view = FrameView(tier, cameras[frame], points, rows, good, surface)
                 fits = check_visibility(view, problems)
                 evidence.add_surface(view, rgb, fits)
         rows = next(stream, None)

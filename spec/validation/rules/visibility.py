@@ -38,8 +38,7 @@ from pliant.spec.validation.rules.correspondences import (
     SELF_OCCLUDED,
     VISIBLE,
 )
-from pliant.spec.validation.rules.frames import FrameView
-from pliant.spec.validation.rules.windows import SLOPE, THIN, Windows, is_thin
+from pliant.spec.validation.rules.windows import SLOPE, THIN, FrameView, Windows, is_thin
 
 MATCH = 3.0
 """How far a point may be from a pixel that shows it, in pixel footprints."""
