@@ -116,7 +116,7 @@ class Shards:
                 ends[file.column] = offset - _LENGTH_BYTES
                 place = {"path": file.path, "shard": self._shard, "offset": offset}
                 self._places[file.sequence].append({**place, "bytes": file.size})
-        self._groups, self._writer = [], None
+        self._groups, self._writer, self._stream = [], None, None
 
     def abandon(self) -> None:
         """Close a file that nobody will want."""
