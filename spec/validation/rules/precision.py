@@ -55,7 +55,7 @@ EQUAL: Final = 0.02
 PHASES: Final = 0.75
 """First, third differences at one phase over those at the other: below this, a doubled size."""
 
-MIN_LEVELS: Final = 0.25
+MIN_DETAIL: Final = 0.25
 """Mean difference of neighbours from which a picture has detail, grey levels."""
 
 GREY: Final = "are grey: red, green and blue are equal"
@@ -125,7 +125,7 @@ def _doubled(luma: FloatArray) -> bool:
     """Return whether columns 2k and 2k + 1 are alike in a way that 2k - 1 and 2k are not."""
     width = luma.shape[1] // 2 * 2
     step = np.abs(np.diff(luma[:, :width], axis=1))
-    if step.mean() < MIN_LEVELS:
+    if step.mean() < MIN_DETAIL:
         return False
     # Columns of a pair are equal, or what curves from one pair to the next curves less in it.
     bend = np.abs(np.diff(luma[:, :width], 3, axis=1))  # of columns k to k + 3
