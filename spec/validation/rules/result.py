@@ -44,8 +44,7 @@ def digest_of(pixels: npt.NDArray[Any]) -> int:
 
 def shape_key(camera: Camera, rows: FrameRows) -> FloatArray:
     """Return mean and spread of points of a frame in the camera's axes, float64 (6,), metres."""
-    pose = camera.world_to_camera
-    local = rows.xyz_m[:: 1 + len(rows.xyz_m) // SHAPE_POINTS] @ pose[:3, :3].T + pose[:3, 3]
+    local = camera.to_camera(rows.xyz_m[:: 1 + len(rows.xyz_m) // SHAPE_POINTS])
     return np.concatenate([local.mean(axis=0), local.std(axis=0)])
 
 
