@@ -2,14 +2,17 @@
 # make docs: the documentation site, without network access, in build/site
 # make test: lint, types, tests
 # make test-all: the same with the tests that take minutes (marker `long`)
-# Both make .venv from constraints.txt when it is missing; Python 3.11 is all they need.
+# make fuzz SECONDS=60: coverage-guided fuzzing of every reader of files
+# They make .venv from constraints.txt when it is missing; Python 3.11 is all they need.
 
 PYTHON ?= python3.11
 VENV := .venv
 BIN := $(VENV)/bin
 OUT ?= demo
 
-.PHONY: demo docs test test-all lint types unit unit-all venv clean
+SECONDS ?= 60
+
+.PHONY: demo docs test test-all fuzz lint types unit unit-all venv clean
 
 venv: $(VENV)/.installed
 
@@ -41,6 +44,9 @@ unit: venv
 
 unit-all: venv
 	$(BIN)/pytest -n 2
+
+fuzz: venv
+	$(BIN)/python -m tests.fuzz --seconds $(SECONDS)
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info

@@ -1,0 +1,82 @@
+"""Coverage-guided fuzzing of every reader, by atheris (libFuzzer): `make fuzz SECONDS=60`.
+
+    python -m tests.fuzz [--seconds 60] [READER…]
+
+Every reader runs in a process of its own, at most 5 s an input and 2 GiB. What it finds is written
+to tests/fuzz/findings/READER-…, which `test_findings.py` replays. Exit code 1: something was found.
+"""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+import tempfile
+from contextlib import suppress
+from pathlib import Path
+
+FINDINGS = Path(__file__).parent / "findings"
+SECONDS_PER_INPUT, MEMORY_MB = 5, 2048
+
+
+def main() -> int:
+    """Fuzz the readers named, or all, one after the other."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seconds", type=int, default=60, help="in all")
+    parser.add_argument("--child", help=argparse.SUPPRESS)
+    parser.add_argument("readers", nargs="*")
+    arguments = parser.parse_args()
+    if arguments.child:
+        fuzz(arguments.child, arguments.seconds)
+        return 0
+    from tests.fuzz.readers import READERS
+
+    names = arguments.readers or list(READERS)
+    each = max(1, arguments.seconds // len(names))
+    failed = []
+    for name in names:
+        print(f"{name}: {each} s", flush=True)
+        child = [sys.executable, "-m", "tests.fuzz", "--child", name, "--seconds", str(each)]
+        done = subprocess.run(child, capture_output=True, text=True)
+        print("\n".join(done.stderr.splitlines()[-1:]), flush=True)
+        if done.returncode:
+            failed.append(name)
+            print(done.stdout[-2000:] + done.stderr[-4000:], flush=True)
+    print(f"findings in: {', '.join(failed) or 'none'}")
+    return 1 if failed else 0
+
+
+def fuzz(name: str, seconds: int) -> None:
+    """Fuzz one reader in this process; libFuzzer ends it."""
+    import atheris
+
+    with atheris.instrument_imports(include=["pliant"]):
+        from pliant.spec.errors import PliantError
+        from tests.fuzz.readers import MAX_BYTES, READERS
+    reader = READERS[name]
+    with tempfile.TemporaryDirectory(dir="/dev/shm" if Path("/dev/shm").is_dir() else None) as at:
+        corpus, path = Path(at) / "corpus", Path(at) / f"input{reader.suffix}"
+        corpus.mkdir()
+        for number, seed in enumerate(reader.seeds()):
+            (corpus / str(number)).write_bytes(seed[:MAX_BYTES])
+
+        def one(data: bytes) -> None:
+            path.write_bytes(data)
+            with suppress(PliantError):
+                reader.read(path)
+
+        FINDINGS.mkdir(exist_ok=True)
+        options = [
+            f"-max_total_time={seconds}",
+            f"-timeout={SECONDS_PER_INPUT}",
+            f"-rss_limit_mb={MEMORY_MB}",
+            f"-max_len={MAX_BYTES}",
+            f"-artifact_prefix={FINDINGS}/{name}-",
+            "-print_final_stats=1",
+        ]
+        atheris.Setup([sys.argv[0], *options, str(corpus)], one)
+        atheris.Fuzz()
+
+
+if __name__ == "__main__":
+    sys.exit(main())
