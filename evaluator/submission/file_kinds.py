@@ -48,7 +48,7 @@ def kind_of_file(path: Path) -> str | None:
         return None
     if text.lstrip().startswith(("{", "[")):
         return f"this is a JSON file. {ADVICE}"
-    line = text.splitlines()[0]
+    line = next(iter(text.splitlines()), "")
     if line.count(",") or line.count(";") or line.count("\t"):
         return f"this is a CSV file. {ADVICE}"
     return f"this is a text file. {ADVICE}"

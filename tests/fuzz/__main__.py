@@ -9,6 +9,7 @@ to tests/fuzz/findings/READER-…, which `test_findings.py` replays. Exit code 1
 from __future__ import annotations
 
 import argparse
+import hashlib
 import subprocess
 import sys
 import tempfile
@@ -62,8 +63,13 @@ def fuzz(name: str, seconds: int) -> None:
 
         def one(data: bytes) -> None:
             path.write_bytes(data)
-            with suppress(PliantError):
-                reader.read(path)
+            try:
+                with suppress(PliantError):
+                    reader.read(path)
+            except BaseException:  # libFuzzer itself keeps hangs and floods of memory
+                finding = FINDINGS / f"{name}-{hashlib.sha1(data).hexdigest()[:12]}"
+                finding.write_bytes(data)
+                raise
 
         FINDINGS.mkdir(exist_ok=True)
         options = [
