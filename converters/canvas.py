@@ -22,7 +22,7 @@ from pliant.spec.arrays import FloatArray, ImageArray
 from pliant.spec.errors import CallError, SpecError
 from pliant.spec.io import limits
 from pliant.spec.io.photo import photo_size, read_depth, read_mask, read_photo
-from pliant.spec.io.resizing import resize_nearest
+from pliant.spec.io.resizing import resize_nearest, resize_rgb
 
 Pixels = Literal["rounded", "index"]
 """What a number is: `rounded`, a position from the corner, perhaps rounded to the nearest pixel
@@ -75,13 +75,7 @@ class Canvas:
 
     def read(self, frame: int) -> ImageArray:
         """Return a picture on the canvas, uint8 (H, W, 3)."""
-        from PIL import Image as Pictures
-
-        rgb = read_photo(self.pictures[frame])
-        if (rgb.shape[1], rgb.shape[0]) != self.placed(frame):
-            reduced = Pictures.fromarray(rgb).resize(self.placed(frame), Pictures.Resampling.BOX)
-            rgb = np.asarray(reduced)
-        return self._filled(rgb, 0)
+        return self._filled(resize_rgb(read_photo(self.pictures[frame]), self.placed(frame)), 0)
 
     def read_mask(self, path: Path, frame: int, objects: Path | None) -> ImageArray:
         """Return a picture's mask on the canvas, uint8 (H, W): see `OBJECT` and `ATTACHED`.
@@ -95,15 +89,12 @@ class Canvas:
         ids = np.where(mask, OBJECT, 0).astype(np.uint8)
         if objects is not None:
             ids[read_mask(objects, self.original[frame]) & ~mask] = ATTACHED
-        return self._filled(self._nearest(ids, frame), 0)
+        return self._filled(resize_nearest(ids, self.placed(frame)), 0)
 
     def read_depth(self, path: Path, frame: int) -> npt.NDArray[np.float32]:
         """Return a picture's depth on the canvas, float32 (H, W), metres."""
-        return self._filled(self._nearest(read_depth(path, self.original[frame]), frame), np.inf)
-
-    def _nearest(self, values: npt.NDArray[Any], frame: int) -> npt.NDArray[Any]:
-        """Return values of a picture at its size on the canvas, never mixing two of them."""
-        return resize_nearest(values, self.placed(frame))
+        depth_m = read_depth(path, self.original[frame])
+        return self._filled(resize_nearest(depth_m, self.placed(frame)), np.inf)
 
     def _filled(self, values: npt.NDArray[Any], empty: float) -> npt.NDArray[Any]:
         shape = (self.size[1], self.size[0], *values.shape[2:])

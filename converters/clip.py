@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pliant.spec.arrays import FloatArray, ImageArray
+from pliant.spec.io.resizing import resize_rgb
 
 OBJECT: Final = 1
 """Value in a mask of the object that the points are on."""
@@ -72,11 +73,10 @@ def resized(clip: Clip, size: tuple[int, int]) -> Clip:
     """
     if clip.size == size:
         return clip
-    from PIL import Image as Pictures
-
-    def read(frame: int) -> ImageArray:
-        picture = Pictures.fromarray(clip.read(frame))
-        return np.asarray(picture.resize(size, Pictures.Resampling.BOX), dtype=np.uint8)
-
     scale = np.array([size[0] / clip.size[0], size[1] / clip.size[1]])
-    return replace(clip, size=size, read=read, uv_px=clip.uv_px * scale)
+    return replace(
+        clip,
+        size=size,
+        read=lambda frame: resize_rgb(clip.read(frame), size),
+        uv_px=clip.uv_px * scale,
+    )

@@ -30,6 +30,7 @@ from pliant.spec.io.parquet import write_table
 from pliant.spec.io.png import write_mask, write_rgb
 from pliant.spec.io.reading import file_entry, sha256_file
 from pliant.spec.io.staging import staged
+from pliant.spec.model import MaterialCoordinate, MaterialObject, Tier
 from pliant.spec.progress import Progress
 from pliant.spec.storage import layout
 from pliant.spec.tables import SEQUENCES
@@ -132,6 +133,7 @@ def write_imported(
     with staged(out) as root, staged(beside) as answers:
         masks = _Masks(settings.kind)
         done, total = 0, sum(clip.frames for clip in clips)
+        documents = []
         for index, (clip, name) in enumerate(zip(clips, ids, strict=True)):
             folder = layout.sequence_dir(root, settings.id, name)
             files = []
@@ -140,9 +142,9 @@ def write_imported(
                 done += 1
                 if progress is not None:
                     progress(done, total)
-            document = _sequence(clip, name, index, settings, [folder / file for file in files])
-            write_json(folder / layout.SEQUENCE_JSON, document, "sequence")
-        _write_tables(root, answers, clips, ids, settings, queries, truth)
+            documents.append(_sequence(clip, name, index, settings, folder, files))
+            write_json(folder / layout.SEQUENCE_JSON, documents[-1], "sequence")
+        _write_tables(root, answers, settings, documents, queries, truth)
         names = dict(zip(ids, (clip.name for clip in clips), strict=True))
         measured = all(clip.read_depth is not None for clip in clips)
         unknown = [*UNKNOWN, *([] if measured else ["depth"])]
@@ -193,29 +195,14 @@ def _size(clips: Sequence[Clip], settings: ImportSettings) -> tuple[int, int]:
 def _write_tables(
     root: Path,
     truth_root: Path,
-    clips: Sequence[Clip],
-    ids: Sequence[str],
     settings: ImportSettings,
+    documents: Sequence[Mapping[str, Any]],
     queries: pa.Table,
     truth: pa.Table,
 ) -> None:
     """Write the three tables; that of the truth in the folder `truth_root`."""
     identity = {"dataset": {"id": settings.id, "version": "1.0.0"}}
-    rows = [
-        {
-            "id": name,
-            "tier": settings.id,
-            "split": settings.split,
-            "shape": None,
-            "frames": clip.frames,
-            "temporal": clip.temporal,
-            "seed": 0,
-            "style": "external",
-            "coverage": None,
-            "self_occluded": 0.0,
-        }
-        for clip, name in zip(clips, ids, strict=True)
-    ]
+    rows = [{**document, "coverage": None, "self_occluded": 0.0} for document in documents]
     table = pa.Table.from_pylist(rows, schema=SEQUENCES)
     write_table(root / layout.SEQUENCES_TABLE, table, "sequences", identity)
     path = layout.queries_path(root, settings.split)
@@ -268,7 +255,12 @@ def _write_frame(clip: Clip, frame: int, folder: Path, masks: _Masks) -> list[st
 
 
 def _sequence(
-    clip: Clip, name: str, index: int, settings: ImportSettings, files: Sequence[Path]
+    clip: Clip,
+    name: str,
+    index: int,
+    settings: ImportSettings,
+    folder: Path,
+    files: Sequence[str],
 ) -> dict[str, Any]:
     """Return a `sequence.json` that says nothing but the files."""
     return {
@@ -286,7 +278,7 @@ def _sequence(
         "parameters": {},
         "frame_info": [{} for _ in range(clip.frames)],
         "tools": {"pliant": version("pliant")},
-        "files": [file_entry(file.parents[1], f"{file.parent.name}/{file.name}") for file in files],
+        "files": [file_entry(folder, file) for file in files],
     }
 
 
@@ -296,7 +288,9 @@ def _dataset(
     """Return `dataset.json`; the tier's material is one that is called unknown."""
     unsaid = config["unknown"]
     names = {OBJECT: "unknown", **({ATTACHED: "attached"} if masks.attached else {})}
-    unknown = {"name": "unknown", "min": 0, "max": 1, "metres_per_unit": 1, "period": None}
+    material = (MaterialCoordinate("unknown", 0, 1, 1), MaterialCoordinate("unknown", 0, 1, 1))
+    objects = tuple(MaterialObject(number, name, material) for number, name in names.items())
+    tier = Tier(settings.id, settings.kind, "unknown", OBJECT, objects)
     return {
         "spec_version": SPEC_VERSION,
         "id": settings.id,
@@ -308,19 +302,7 @@ def _dataset(
         "licence": settings.licence,
         "conventions": CONVENTIONS,
         "image_size": {"width": size[0], "height": size[1]},
-        "tiers": [
-            {
-                "name": settings.id,
-                "kind": settings.kind,
-                "variant": "unknown",
-                "queried_object": OBJECT,
-                "objects": [
-                    {"id": number, "name": name, "material": [unknown, unknown]}
-                    for number, name in names.items()
-                ],
-                "symmetries": [],
-            }
-        ],
+        "tiers": [tier.as_document()],
         "splits": [settings.split],
         "held_out": [settings.split],
         "provenance": {

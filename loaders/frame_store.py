@@ -11,6 +11,7 @@ from __future__ import annotations
 import hashlib
 import json
 import operator
+import os
 from pathlib import Path
 from typing import Any, Final
 
@@ -20,8 +21,7 @@ import numpy.typing as npt
 from pliant.loaders.views import TrainingFrame, read_training_frame, surface_points
 from pliant.spec.calls import PATH, check_type, check_whole
 from pliant.spec.dataset import Dataset
-from pliant.spec.errors import CallError
-from pliant.spec.io.allocation import allocate
+from pliant.spec.errors import CallError, PliantError
 from pliant.spec.model import Tier
 from pliant.spec.storage import layout
 
@@ -157,19 +157,19 @@ class FrameStore:
         return read_training_frame(self.frames[index], self.size, self._surface_points)
 
     def _open(self, path: Path) -> npt.NDArray[np.void]:
-        width, height = self.size
+        image, points = self.size[::-1], (self.points,)
         record = np.dtype(
             [
                 ("done", np.uint8),
-                ("rgb", np.uint8, (height, width, 3)),
-                ("mask", np.bool_, (height, width)),
-                ("objects", np.bool_, (height, width)),
-                ("depth_m", np.float32, (height, width)),
-                ("uv_px", np.float32, (self.points, 2)),
-                ("visible", np.bool_, (self.points,)),
+                ("rgb", np.uint8, (*image, 3)),
+                ("mask", np.bool_, image),
+                ("objects", np.bool_, image),
+                ("depth_m", np.float32, image),
+                ("uv_px", np.float32, (*points, 2)),
+                ("visible", np.bool_, points),
             ]
         )
-        allocate(path, record.itemsize * len(self), "the cache of decoded frames")
+        _allocate(path, record.itemsize * len(self))
         return np.memmap(path, dtype=record, mode="r+", shape=(len(self),))
 
     def __getstate__(self) -> dict[str, Any]:
@@ -194,3 +194,33 @@ def _partners(
     row_of = {int(point): row for row, point in enumerate(ids)}
     rows = [[row_of[partner] for partner in lists[int(point)]] for point in ids]
     return np.array(rows, dtype=np.int32).reshape(len(ids), symmetries)
+
+
+def _allocate(path: Path, size: int) -> None:
+    """Make a file at least so long, all of it on the disk.
+
+    Writing to a mapped part that the disk has no room for ends the process with SIGBUS.
+
+    Args:
+        path: The file; what it contains stays.
+        size: Bytes.
+
+    Raises:
+        PliantError: There is no room, or the file cannot be written.
+    """
+    new = not path.exists()
+    try:
+        with open(path, "ab") as file:
+            if hasattr(os, "posix_fallocate"):
+                os.posix_fallocate(file.fileno(), 0, size)
+            else:  # macOS
+                file.write(bytes(max(0, size - path.stat().st_size)))
+    except OSError as error:
+        if new:
+            path.unlink(missing_ok=True)
+        raise PliantError(
+            f"there is no room for the cache of decoded frames ({error.strerror})",
+            path=path,
+            required=f"{size:,} bytes",
+            fix="Free disk space, or choose a folder on another disk.",
+        ) from error

@@ -11,10 +11,15 @@ import numpy.typing as npt
 import torch
 from torch.utils.data import Dataset as TorchDataset
 
-from pliant.loaders.augment import AugmentSettings, augment, check_augmentation, draw_placement
+from pliant.loaders.augment import (
+    AugmentSettings,
+    augment,
+    check_augmentation,
+    draw_placement,
+    given_masks,
+)
 from pliant.loaders.frame_store import FrameStore, check_store
 from pliant.loaders.inputs import InputKind, NetworkInput
-from pliant.loaders.masks import given_masks
 from pliant.loaders.order import sample_generator
 from pliant.loaders.orientation import Orientation
 from pliant.loaders.views import TrainingFrame

@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
-from PIL import Image
 
 from pliant.spec.errors import SpecError
 from pliant.spec.frame import Frame
-from pliant.spec.io.resizing import resize_nearest
+from pliant.spec.io.resizing import resize_mask, resize_nearest, resize_rgb
 from pliant.spec.sequence import RecordedFrame, SequenceRecord
-
-_COVERED: Final = 0.5
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -39,42 +35,6 @@ class TrainingFrame(Frame):
     depth_m: npt.NDArray[np.float32]
     uv_px: npt.NDArray[np.float32]
     visible: npt.NDArray[np.bool_]
-
-
-def resize_rgb(rgb: npt.NDArray[np.uint8], size: tuple[int, int]) -> npt.NDArray[np.uint8]:
-    """Return an image at another size, each pixel the mean of the area it covers.
-
-    A position (u, v) of the old image is at (u w / W, v h / H) of the new one.
-
-    Args:
-        rgb: uint8 (H, W, 3).
-        size: (w, h).
-    """
-    if (rgb.shape[1], rgb.shape[0]) == size:
-        return rgb
-    return np.asarray(Image.fromarray(rgb).resize(size, Image.Resampling.BOX))
-
-
-def resize_mask(
-    mask: npt.NDArray[np.bool_], size: tuple[int, int], *, keep_thin: bool = False
-) -> npt.NDArray[np.bool_]:
-    """Return a mask at another size: True where half the pixel or more was True.
-
-    Args:
-        mask: bool (H, W).
-        size: (w, h).
-        keep_thin: Where nothing covers half a pixel, take every pixel that is touched.
-    """
-    height, width = mask.shape
-    if (width, height) == size:
-        return mask
-    cover = Image.fromarray(mask.astype(np.float32)).resize(size, Image.Resampling.BOX)
-    small = np.asarray(cover) >= _COVERED
-    if keep_thin and not small.any() and mask.any():
-        small = np.zeros_like(small)
-        rows, columns = np.nonzero(mask)
-        small[rows * size[1] // height, columns * size[0] // width] = True
-    return small
 
 
 def surface_points(sequence: SequenceRecord, queried_object: int) -> npt.NDArray[np.intp]:

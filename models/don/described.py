@@ -9,13 +9,12 @@ import numpy.typing as npt
 import torch
 
 from pliant.loaders.inputs import NetworkInput
-from pliant.loaders.views import resize_mask, resize_rgb
 from pliant.models.don.ball import FIRST_SHARE
 from pliant.models.don.segmentation import Foreground, rope_masks
 from pliant.models.networks.descriptor_network import DescriptorNetwork, NetworkOutput
 from pliant.spec.arrays import Mask
 from pliant.spec.frame import Frame
-from pliant.spec.io.resizing import resize_nearest
+from pliant.spec.io.resizing import resize_mask, resize_nearest, resize_rgb
 from pliant.spec.lru_cache import LRUCache
 
 _KEPT_VIEWS = 8

@@ -12,7 +12,6 @@ import torch
 
 from pliant.baselines.matcher import Heat
 from pliant.loaders.inputs import NetworkInput
-from pliant.loaders.views import resize_mask, resize_rgb
 from pliant.models.timecycle.encoder import STRIDE
 from pliant.models.timecycle.network import TimeCycleNetwork
 from pliant.models.timecycle.propagation import Propagator
@@ -23,7 +22,7 @@ from pliant.spec.answers import Answers
 from pliant.spec.arrays import Float32Array
 from pliant.spec.configuration import read_settings, settings_to_dict
 from pliant.spec.frame import Frame, Pair
-from pliant.spec.io.resizing import resize_nearest
+from pliant.spec.io.resizing import resize_mask, resize_nearest, resize_rgb
 from pliant.spec.lru_cache import LRUCache
 
 _KEPT_VIEWS = 8

@@ -1,11 +1,14 @@
-"""Values of pixels at another size, where a mean of two of them would be wrong."""
+"""Pictures, masks and other values of pixels at another size."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
+from PIL import Image
+
+_COVERED: Final = 0.5
 
 
 def resize_nearest(values: npt.NDArray[Any], size: tuple[int, int]) -> npt.NDArray[Any]:
@@ -26,3 +29,39 @@ def resize_nearest(values: npt.NDArray[Any], size: tuple[int, int]) -> npt.NDArr
     columns = ((np.arange(size[0]) + 0.5) * width / size[0]).astype(np.intp)
     rows = ((np.arange(size[1]) + 0.5) * height / size[1]).astype(np.intp)
     return values[np.ix_(rows, columns)]
+
+
+def resize_rgb(rgb: npt.NDArray[np.uint8], size: tuple[int, int]) -> npt.NDArray[np.uint8]:
+    """Return an image at another size, each pixel the mean of the area it covers.
+
+    A position (u, v) of the old image is at (u w / W, v h / H) of the new one.
+
+    Args:
+        rgb: uint8 (H, W, 3).
+        size: (w, h).
+    """
+    if (rgb.shape[1], rgb.shape[0]) == size:
+        return rgb
+    return np.asarray(Image.fromarray(rgb).resize(size, Image.Resampling.BOX))
+
+
+def resize_mask(
+    mask: npt.NDArray[np.bool_], size: tuple[int, int], *, keep_thin: bool = False
+) -> npt.NDArray[np.bool_]:
+    """Return a mask at another size: True where half the pixel or more was True.
+
+    Args:
+        mask: bool (H, W).
+        size: (w, h).
+        keep_thin: Where nothing covers half a pixel, take every pixel that is touched.
+    """
+    height, width = mask.shape
+    if (width, height) == size:
+        return mask
+    cover = Image.fromarray(mask.astype(np.float32)).resize(size, Image.Resampling.BOX)
+    small = np.asarray(cover) >= _COVERED
+    if keep_thin and not small.any() and mask.any():
+        small = np.zeros_like(small)
+        rows, columns = np.nonzero(mask)
+        small[rows * size[1] // height, columns * size[0] // width] = True
+    return small

@@ -24,6 +24,7 @@ from pliant.spec.storage import layout
 from tests.conformance.base import relist
 
 Rng = np.random.Generator
+Kind = Callable[[Path, Rng], str]
 
 UNSEEN: Final = {
     "dataset.json": ("title", "description", "licence", "provenance"),
@@ -163,34 +164,35 @@ def _on_line(path: Path, table: pa.Table, row: int) -> bool:
     return bool(kinds[point] == "centreline")
 
 
-def _drop_rows(root: Path, rng: Rng) -> str:
-    path = _any_file(root, rng, ".parquet")
-    table = pq.read_table(path)
+def _table(change: Callable[[pa.Table, Rng], tuple[pa.Table, str]]) -> Kind:
+    """Return a corruption that changes one table."""
+
+    def corruption(root: Path, rng: Rng) -> str:
+        path = _any_file(root, rng, ".parquet")
+        table, text = change(pq.read_table(path), rng)
+        pq.write_table(table, path)
+        return f"{text} of {path.relative_to(root)}"
+
+    return corruption
+
+
+def _drop_rows(table: pa.Table, rng: Rng) -> tuple[pa.Table, str]:
     keep = np.ones(table.num_rows, np.bool_)
     start = int(rng.integers(table.num_rows))
     keep[start : start + int(rng.integers(1, 5))] = False
-    pq.write_table(table.filter(pa.array(keep)), path)
-    return f"dropped {np.count_nonzero(~keep)} rows of {path.relative_to(root)} from {start}"
+    return table.filter(pa.array(keep)), f"dropped {np.count_nonzero(~keep)} rows from {start}"
 
 
-def _shuffle_rows(root: Path, rng: Rng) -> str:
-    path = _any_file(root, rng, ".parquet")
-    table = pq.read_table(path)
-    pq.write_table(table.take(pa.array(rng.permutation(table.num_rows))), path)
-    return f"shuffled the rows of {path.relative_to(root)}"
+def _shuffle_rows(table: pa.Table, rng: Rng) -> tuple[pa.Table, str]:
+    return table.take(pa.array(rng.permutation(table.num_rows))), "shuffled the rows"
 
 
-def _drop_column(root: Path, rng: Rng) -> str:
-    path = _any_file(root, rng, ".parquet")
-    table = pq.read_table(path)
+def _drop_column(table: pa.Table, rng: Rng) -> tuple[pa.Table, str]:
     name = _choice(rng, table.column_names)
-    pq.write_table(table.drop_columns([name]), path)
-    return f"dropped the column {name} of {path.relative_to(root)}"
+    return table.drop_columns([name]), f"dropped the column {name}"
 
 
-def _retype_column(root: Path, rng: Rng) -> str:
-    path = _any_file(root, rng, ".parquet")
-    table = pq.read_table(path)
+def _retype_column(table: pa.Table, rng: Rng) -> tuple[pa.Table, str]:
     name = _choice(rng, table.column_names)
     column = table.column(name)
     kinds = [pa.float64(), pa.int64(), pa.string(), pa.large_string(), pa.int8(), pa.binary()]
@@ -200,27 +202,20 @@ def _retype_column(root: Path, rng: Rng) -> str:
     except (pa.ArrowInvalid, pa.ArrowNotImplementedError):
         column = pa.array([None] * table.num_rows, kind)
     field = pa.field(name, kind, nullable=True)
-    pq.write_table(table.set_column(table.column_names.index(name), field, column), path)
-    return f"made the column {name} of {path.relative_to(root)} {kind}"
+    changed = table.set_column(table.column_names.index(name), field, column)
+    return changed, f"made the column {name} {kind}"
 
 
-def _swap_columns(root: Path, rng: Rng) -> str:
+def _swap_columns(table: pa.Table, rng: Rng) -> tuple[pa.Table, str]:
     """Exchange the contents of two columns of one type."""
-    path = _any_file(root, rng, ".parquet")
-    table = pq.read_table(path)
     first = _choice(rng, table.column_names)
-    same = [
-        n
-        for n in table.column_names
-        if table.schema.field(n).type == table.schema.field(first).type
-    ]
-    second = _choice(rng, same)
+    kind = table.schema.field(first).type
+    second = _choice(rng, [f.name for f in table.schema if f.type == kind])
     columns = {first: table.column(second), second: table.column(first)}
     for name, column in columns.items():
         field = table.schema.field(name).with_nullable(True)
         table = table.set_column(table.column_names.index(name), field, column)
-    pq.write_table(table, path)
-    return f"exchanged {first} and {second} of {path.relative_to(root)}"
+    return table, f"exchanged {first} and {second}"
 
 
 def _edit_json(root: Path, rng: Rng) -> str:
@@ -249,7 +244,7 @@ def _edit_json(root: Path, rng: Rng) -> str:
     return f"edited {path.relative_to(root)} at {place}"
 
 
-_KINDS: Final[tuple[Callable[[Path, Rng], str], ...]] = (
+_KINDS: Final[tuple[Kind, ...]] = (
     _flip,
     _flip,
     _truncate,
@@ -259,11 +254,11 @@ _KINDS: Final[tuple[Callable[[Path, Rng], str], ...]] = (
     _edit_number,
     _edit_number,
     _edit_number,
-    _drop_rows,
-    _shuffle_rows,
-    _drop_column,
-    _retype_column,
-    _swap_columns,
+    _table(_drop_rows),
+    _table(_shuffle_rows),
+    _table(_drop_column),
+    _table(_retype_column),
+    _table(_swap_columns),
     _edit_json,
     _edit_json,
 )
@@ -359,12 +354,9 @@ def _same_sequence(before: Any, after: Any) -> bool:
 
 
 def _projected(sequence: Any, frame: int, rows: pa.Table) -> np.ndarray[Any, Any]:
-    camera = sequence.camera(frame)
-    K, pose = camera.K, camera.world_to_camera
     xyz = np.stack([rows.column(f"{axis}_m").to_numpy() for axis in "xyz"], axis=1)
-    local = xyz.astype(np.float64) @ pose[:3, :3].T + pose[:3, 3]
-    uv = local[:, :2] / local[:, 2:] * K[[0, 1], [0, 1]] + K[:2, 2]
-    return np.column_stack([uv, local[:, 2]])
+    found: np.ndarray[Any, Any] = sequence.camera(frame).project(xyz.astype(np.float64))
+    return found
 
 
 def _written(rows: pa.Table) -> np.ndarray[Any, Any]:

@@ -35,7 +35,7 @@ def test_quickstart(tmp_path: Path) -> None:
     assert names == ["identity", "same_fraction", "sift"]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.timeout(900)
 def test_train(tmp_path: Path) -> None:
     pytest.importorskip("torch")

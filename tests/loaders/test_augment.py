@@ -10,11 +10,11 @@ from pliant.loaders.augment import (
     AugmentSettings,
     augment,
     draw_placement,
+    given_masks,
     placement_in_image,
     rotation_about_centre,
     warp_view,
 )
-from pliant.loaders.masks import given_masks
 from pliant.loaders.recolouring import noisy_depth, recolour, recolour_regions
 from pliant.loaders.views import TrainingFrame
 from pliant.spec.configuration import settings_from

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from pliant.loaders.frame_store import FrameStore
-from pliant.loaders.views import resize_mask, resize_rgb
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
-from pliant.spec.io.resizing import resize_nearest
+from pliant.spec.io.resizing import resize_mask, resize_nearest, resize_rgb
 from tests.loaders.sheet_dataset import write_sheet_dataset
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import struct
-import zlib
 from pathlib import Path
 from typing import Any
 
@@ -110,20 +109,6 @@ def test_png_of_another_size(tmp_path: Path) -> None:
     assert refusal(tmp_path / "a.png", size=(3, 4)) == "IMAGE_SIZE_DIFFERS"
 
 
-def test_png_bomb_is_refused_by_its_header(tmp_path: Path) -> None:
-    header = struct.pack(">IIBBBBB", 100_000, 100_000, 8, 2, 0, 0, 0)
-    parts = [b"\x89PNG\r\n\x1a\n"]
-    for kind, data in ((b"IHDR", header), (b"IDAT", zlib.compress(bytes(10**6))), (b"IEND", b"")):
-        parts += [
-            struct.pack(">I", len(data)),
-            kind,
-            data,
-            struct.pack(">I", zlib.crc32(kind + data)),
-        ]
-    (tmp_path / "a.png").write_bytes(b"".join(parts))
-    assert refusal(tmp_path / "a.png") == "FILE_TOO_LARGE"
-
-
 def test_exr_that_claims_too_much_is_refused_by_its_header(tmp_path: Path) -> None:
     write_surface(tmp_path / "a.exr", surface())
     data = (tmp_path / "a.exr").read_bytes()
@@ -153,14 +138,8 @@ def test_truncated_images_are_refused(tmp_path: Path, keep: int) -> None:
 )
 def test_compressions(tmp_path: Path, compression: str, code: str | None) -> None:
     s = surface(40, 40)
-    channels = {
-        "Z": s.depth_m,
-        "surface.m0": s.m0,
-        "surface.m1": s.m1,
-        "surface.object": s.object_id,
-    }
     header = {"compression": getattr(OpenEXR, compression), "type": OpenEXR.scanlineimage}
-    OpenEXR.File(header, channels).write(str(tmp_path / "a.exr"))
+    OpenEXR.File(header, channels_of(s)).write(str(tmp_path / "a.exr"))
     if code is None:
         assert np.array_equal(read_surface(tmp_path / "a.exr").m0, s.m0)
     else:
@@ -170,12 +149,7 @@ def test_compressions(tmp_path: Path, compression: str, code: str | None) -> Non
 @pytest.mark.parametrize("name", ["Z", "surface.object", "extra"])
 def test_channels_must_be_exactly_the_four(tmp_path: Path, name: str) -> None:
     s = surface()
-    channels = {
-        "Z": s.depth_m,
-        "surface.m0": s.m0,
-        "surface.m1": s.m1,
-        "surface.object": s.object_id,
-    }
+    channels = channels_of(s)
     if name == "extra":
         channels["A"] = s.depth_m
     else:

@@ -180,12 +180,6 @@ def test_nulls_are_found_in_lists_of_every_row_group(tmp_path: Path) -> None:
     assert refusal(tmp_path / "a").code == "VALUE_NULL"
 
 
-@pytest.mark.parametrize("content", [b"", b"PAR1", b"PAR1" + b"\xff" * 40 + b"PAR1", b"a,b\n1,2\n"])
-def test_what_is_no_parquet(tmp_path: Path, content: bytes) -> None:
-    (tmp_path / "a").write_bytes(content)
-    assert refusal(tmp_path / "a").code == "FILE_UNREADABLE"
-
-
 @pytest.mark.parametrize(
     ("text", "code"),
     [

@@ -84,7 +84,9 @@ print(refused)
     assert int(done.stdout) > 20
 
 
-@pytest.mark.parametrize("data", [b"", b"PAR1", b"PAR1" + b"\xff" * 40 + b"\x20\0\0\0PAR1"])
+@pytest.mark.parametrize(
+    "data", [b"", b"PAR1", b"a,b\n1,2\n", b"PAR1" + b"\xff" * 40 + b"\x20\0\0\0PAR1"]
+)
 def test_what_is_no_footer_is_refused(data: bytes, tmp_path: Path) -> None:
     path = tmp_path / "t.parquet"
     path.write_bytes(data)

@@ -7,7 +7,6 @@ out.
 
 from __future__ import annotations
 
-import json
 import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -31,6 +30,22 @@ def copy(rendered_dataset: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(rendered_dataset, tmp_path / "set", ignore=ignored))
 
 
+@pytest.fixture(scope="module")
+def pair(rendered_dataset: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The first training sequence of each tier alone."""
+    ignored = shutil.ignore_patterns("queries", "truth", ".*", "*-test-*", "*-000001")
+    root = tmp_path_factory.mktemp("pair") / "set"
+    shutil.copytree(rendered_dataset, root, ignore=ignored)
+    kept = {path.name for path in root.glob("sequences/*/*")}
+    change_rows("sequences.parquet", lambda rows: [row for row in rows if row["id"] in kept])(root)
+    return root
+
+
+@pytest.fixture
+def two(pair: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(pair, tmp_path / "set"))
+
+
 def mutate(root: Path, steps: Sequence[Mapping[str, Any]]) -> Report:
     """Carry out steps in the folder of every sequence, and validate."""
     for folder in sorted(root.glob("sequences/*/*")):
@@ -44,15 +59,15 @@ def mutate(root: Path, steps: Sequence[Mapping[str, Any]]) -> Report:
     return validate(root)
 
 
-def test_the_set_is_valid_as_rendered(copy: Path) -> None:
-    report = mutate(copy, [{"exr": "FRAMES", "by": "nothing"}, {"call": "see_again"}])
+def test_the_set_is_valid_as_rendered(two: Path) -> None:
+    report = mutate(two, [{"exr": "FRAMES", "by": "nothing"}, {"call": "see_again"}])
     assert [str(issue) for issue in report.issues] == []
 
 
 @pytest.mark.parametrize("mutation", MUTATIONS, ids=lambda each: each["name"])
-def test_consistent_mutation(copy: Path, mutation: dict[str, Any]) -> None:
+def test_consistent_mutation(two: Path, mutation: dict[str, Any]) -> None:
     code, says = mutation["code"], mutation.get("says")
-    report = mutate(copy, mutation["steps"])
+    report = mutate(two, mutation["steps"])
     assert report.counts
     issues = [issue for issue in report.issues if issue.code == code]
     assert issues or code is None, [str(issue) for issue in report.issues][:6]
@@ -82,14 +97,10 @@ def test_independent_frames_called_an_episode(copy: Path) -> None:
 
 
 @pytest.mark.parametrize("factor", [10.0, 0.1, 1000.0, 0.001])
-def test_metres_per_unit(copy: Path, factor: float) -> None:
-    path = copy / "dataset.json"
-    document = json.loads(path.read_text())
-    for tier in document["tiers"]:
-        for coordinate in tier["objects"][0]["material"]:
-            coordinate["metres_per_unit"] *= factor
-    path.write_text(json.dumps(document))
-    assert "SCALE_DISAGREES" in validate(copy).counts
+def test_metres_per_unit(two: Path, factor: float) -> None:
+    scale = {"tiers.each.objects.0.material.each.metres_per_unit": factor}
+    perform(two, [{"json": "dataset.json", "scale": scale}])
+    assert "SCALE_DISAGREES" in validate(two).counts
 
 
 @pytest.mark.parametrize("what", ["files", "tables", "pictures"])
