@@ -40,10 +40,10 @@ types: venv
 	$(BIN)/mypy
 
 unit: venv
-	$(BIN)/pytest -n 2 -m 'not long'
+	$(BIN)/pytest -n 2 --dist worksteal -m 'not long'
 
 unit-all: venv
-	$(BIN)/pytest -n 2
+	$(BIN)/pytest -n 2 --dist worksteal
 
 fuzz: venv
 	$(BIN)/python -m tests.fuzz --seconds $(SECONDS)
