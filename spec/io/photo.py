@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Final
 
@@ -52,11 +54,8 @@ def decode_photo(source: Path | IO[bytes]) -> npt.NDArray[np.uint8]:
         ValueError: It is larger than pictures may be.
         Exception: Pillow's decoders share no base.
     """
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", Image.DecompressionBombWarning)
-        with Image.open(source) as opened:
-            _check_sides(opened.size)
-            return _eight_bit(ImageOps.exif_transpose(opened))
+    with _opened(source) as opened:
+        return _eight_bit(ImageOps.exif_transpose(opened))
 
 
 def photo_size(path: Path | str) -> tuple[int, int]:
@@ -68,13 +67,10 @@ def photo_size(path: Path | str) -> tuple[int, int]:
     """
     path = _existing(path)
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", Image.DecompressionBombWarning)
-            with Image.open(path) as opened:
-                _check_sides(opened.size)
-                width, height = opened.size
-                # Pillow gives the size of a TIFF as it is after its orientation.
-                turned = opened.format != "TIFF" and opened.getexif().get(0x0112) in _TURNED
+        with _opened(path) as opened:
+            width, height = opened.size
+            # Pillow gives the size of a TIFF as it is after its orientation.
+            turned = opened.format != "TIFF" and opened.getexif().get(0x0112) in _TURNED
     except Exception as error:  # Pillow's decoders share no base
         raise _unreadable(path, error) from error
     return (height, width) if turned else (width, height)
@@ -154,11 +150,18 @@ def _existing(path: Path | str) -> Path:
     return path
 
 
-def _check_sides(size: tuple[int, int]) -> None:
-    if max(size) > MAX_IMAGE_SIDE_PX:
-        raise ValueError(
-            f"{size[0]}x{size[1]} px; at most {MAX_IMAGE_SIDE_PX} px a side: make it smaller"
-        )
+@contextmanager
+def _opened(source: Path | IO[bytes]) -> Iterator[Image.Image]:
+    """Open a picture, unless it is too large."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", Image.DecompressionBombWarning)
+        with Image.open(source) as opened:
+            if max(opened.size) > MAX_IMAGE_SIDE_PX:
+                raise ValueError(
+                    f"{opened.size[0]}x{opened.size[1]} px; at most {MAX_IMAGE_SIDE_PX} px a "
+                    "side: make it smaller"
+                )
+            yield opened
 
 
 def _check_shape(

@@ -10,13 +10,14 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, Final, Literal, Protocol
+from typing import Any, Final, Literal
 
 from pliant.spec.conventions import SPEC_VERSION
 from pliant.spec.errors import SpecError
 from pliant.spec.io.jsonfiles import read_json, write_json
 from pliant.spec.io.reading import AnyFile, FileRefusedError, read_bytes, sha256_file
 from pliant.spec.storage import layout
+from pliant.spec.storage.files import Files
 
 Half = Literal["public", "private"]
 
@@ -24,12 +25,6 @@ MAX_CHECKSUMS_BYTES: Final = 2**30
 
 _LINE = re.compile(r"([0-9a-f]{64})  (.+)")
 _NOT_LISTED = frozenset({layout.CHECKSUMS, layout.MANIFEST_JSON})
-
-
-class _Place(Protocol):
-    def has(self, name: str) -> bool: ...
-
-    def get(self, name: str) -> AnyFile: ...
 
 
 def write_checksums(root: Path) -> str:
@@ -110,7 +105,7 @@ def write_manifest(
     write_json(root / layout.MANIFEST_JSON, document, "manifest")
 
 
-def check_halves(public: _Place, private: _Place) -> None:
+def check_halves(public: Files, private: Files) -> None:
     """Check by their manifests that a private half belongs to a public one.
 
     Args:

@@ -9,14 +9,20 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from pliant.spec.dataset import check_version
+from pliant.spec.errors import SpecError
 from pliant.spec.io import limits
 from pliant.spec.io.jsonfiles import parse_json, schema_errors
-from pliant.spec.io.reading import AnyFile, Blob, FileRefusedError, check_regular, read_bytes
+from pliant.spec.io.reading import (
+    AnyFile,
+    Blob,
+    FileRefusedError,
+    check_regular,
+    read_bytes,
+    sha256_file,
+)
 from pliant.spec.storage import layout
 from pliant.spec.validation.findings import FileProblems, Findings
 from pliant.spec.validation.rules.structure import list_folder, printable, report_extra
-
-_BLOCK = 2**20
 
 
 @dataclass
@@ -51,7 +57,7 @@ class SequenceFiles:
         Args:
             name: Path relative to the folder.
         """
-        return self._checked(name, _sha256)
+        return self._checked(name, sha256_file)
 
     def contents(self, name: str) -> AnyFile | None:
         """Return a small file that `verified` accepts, read once for its checksum and decoding."""
@@ -76,7 +82,7 @@ class SequenceFiles:
             size = check_regular(self.folder / name, limit)
             listed, listed_size = self.hashes[name]
             found = digest(self.folder / name) if size == listed_size else None
-        except (FileRefusedError, OSError) as error:
+        except (SpecError, OSError) as error:
             code = error.code if isinstance(error, FileRefusedError) else "FILE_UNREADABLE"
             self.at(name).add(code, "", str(error)[:300])
             return False
@@ -91,14 +97,6 @@ class SequenceFiles:
             else f"found sha256 {found}; sequence.json lists {listed}",
         )
         return False
-
-
-def _sha256(path: Path) -> str:
-    digest = hashlib.sha256()
-    with open(path, "rb", buffering=0) as stream:
-        while block := stream.read(_BLOCK):
-            digest.update(block)
-    return digest.hexdigest()
 
 
 def read_document(path: Path, schema: str, problems: FileProblems) -> Any:
