@@ -23,6 +23,9 @@ from pliant.spec.calls import check_whole
 from pliant.spec.errors import CallError
 
 
+_COLOUR = NetworkInput()
+
+
 class ClipDataset(TorchDataset[dict[str, torch.Tensor]]):
     """Clips of episodes, drawn by number from the seed like the samples of `PairDataset`.
 
@@ -37,7 +40,7 @@ class ClipDataset(TorchDataset[dict[str, torch.Tensor]]):
         step_max: With it, each clip draws its step from `step` to this; episodes too short for
             a step give none of that step.
         queries: Tracks in a clip Q.
-        input: `rgb`, `grey`, `depth` or `rgbd`.
+        input: The channels of its images.
         seed: Seed of the draws.
         augmentation: Random changes, the same for all frames of a clip, or None. Its
             background setting does not apply: a backdrop that stays still is part of a clip.
@@ -54,7 +57,7 @@ class ClipDataset(TorchDataset[dict[str, torch.Tensor]]):
         step: int = 1,
         step_max: int | None = None,
         queries: int = 48,
-        input: InputKind = "rgb",
+        input: NetworkInput = _COLOUR,
         seed: int = 0,
         augmentation: AugmentSettings | None = None,
     ) -> None:
@@ -67,7 +70,7 @@ class ClipDataset(TorchDataset[dict[str, torch.Tensor]]):
         check_augmentation(augmentation)
         self.store = store
         self.length, self.queries = length, queries
-        self.input = NetworkInput(input)
+        self.input = input
         self.seed, self.augmentation = seed, augmentation
         steps = range(step, max(step, step_max or step) + 1)
         starts = {each: self._starts((length - 1) * each) for each in steps}
@@ -107,7 +110,7 @@ class ClipDataset(TorchDataset[dict[str, torch.Tensor]]):
             views = self._augmented(rng, views, self.augmentation)
         uv = np.stack([view.uv_px for view in views])
         known = np.isfinite(uv).all(axis=-1)
-        images = [self.input.image(view.rgb, view.depth_m) for view in views]
+        images = [self.input.image(v.rgb, v.depth_m, v.mask, v.objects) for v in views]
         return {
             "image": torch.from_numpy(np.stack(images)),
             "mask": torch.from_numpy(np.stack([view.mask for view in views])),

@@ -69,8 +69,9 @@ def _input_of_run(folder: Path) -> NetworkInput | None:
     config = folder / "config.yaml"
     if not config.is_file():
         return None
-    pairs = (read_yaml(config) or {}).get("pairs", {})
-    return NetworkInput(pairs.get("input", "rgb"), pairs.get("masks", False))
+    values = read_yaml(config) or {}
+    samples = values.get("pairs") or values.get("clips") or {}
+    return NetworkInput(samples.get("input", "rgb"), samples.get("masks", False))
 
 
 def _first_layer(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +12,6 @@ import numpy.typing as npt
 import torch
 
 from pliant.baselines.matcher import Heat
-from pliant.loaders.inputs import NetworkInput
-from pliant.models.timecycle.encoder import STRIDE
 from pliant.models.timecycle.network import TimeCycleNetwork
 from pliant.models.timecycle.propagation import Propagator
 from pliant.models.timecycle.settings import PropagationSettings, TimeCycleSettings
@@ -51,12 +50,29 @@ class TimeCycleMatcher:
         self.facts = dict(facts or {})
         self._encoded: LRUCache[torch.Tensor] = LRUCache(_KEPT_VIEWS)
 
+    def read_by(self, propagation: PropagationSettings) -> TimeCycleMatcher:
+        """Return the same encoder, read in another way; what is encoded already is shared."""
+        read = TimeCycleMatcher(
+            self.network, self.settings.replace(propagation=propagation), self.facts
+        )
+        read._encoded = self._encoded
+        return read
+
+    @property
+    def stride(self) -> int:
+        """Pixels of the network along a side of a cell."""
+        return self.settings.propagation.stride
+
     def describe(self) -> Mapping[str, Any]:
         """Return what the footer of a submission says about the method."""
         return {
             "name": self.name,
             **self.facts,
-            "input": {"kind": "rgb", "width": self.size[0], "height": self.size[1]},
+            "input": {
+                **asdict(self.settings.clips.network_input),
+                "width": self.size[0],
+                "height": self.size[1],
+            },
             "propagation": settings_to_dict(self.settings.propagation),
             "torch": torch.__version__,
         }
@@ -113,10 +129,15 @@ class TimeCycleMatcher:
         """Return a frame's unit descriptors, (D, h, w) on the CPU."""
 
         def encode() -> torch.Tensor:
-            image = torch.from_numpy(NetworkInput().image(resize_rgb(view.rgb, self.size), None))
+            given = (
+                None if each is None else resize_mask(each, self.size, keep_thin=True)
+                for each in (view.mask, view.objects)
+            )
+            seen = self.settings.clips.network_input
+            image = torch.from_numpy(seen.image(resize_rgb(view.rgb, self.size), None, *given))
             device = next(self.network.parameters()).device
             with torch.inference_mode():
-                return self.network.encode(image[None].to(device))[0].cpu()
+                return self.network.encode(image[None].to(device), self.stride)[0].cpu()
 
         return self._encoded.get(view.key, encode)
 
@@ -125,8 +146,8 @@ class TimeCycleMatcher:
         if self.settings.propagation.search == "image" or view.mask is None:
             return None
         mask = resize_mask(view.mask, self.size)
-        height, width = self.size[1] // STRIDE, self.size[0] // STRIDE
-        touched = mask.reshape(height, STRIDE, width, STRIDE).any(axis=(1, 3))
+        height, width = self.size[1] // self.stride, self.size[0] // self.stride
+        touched = mask.reshape(height, self.stride, width, self.stride).any(axis=(1, 3))
         return touched if touched.any() else None
 
     def _pixels(self, xy: torch.Tensor, view: Frame) -> Float32Array:
@@ -134,7 +155,7 @@ class TimeCycleMatcher:
 
     def _scale(self, view: Frame) -> npt.NDArray[np.float64]:
         """Return pixels of a view per cell, (u, v)."""
-        cells = np.array(self.size) / STRIDE
+        cells = np.array(self.size) / self.stride
         return np.array([view.rgb.shape[1], view.rgb.shape[0]]) / cells
 
 
@@ -149,6 +170,6 @@ def load_timecycle(run: Path) -> TimeCycleMatcher:
         TrainingError: The run has no validated weights yet, or they do not fit.
     """
     settings = read_settings(TimeCycleSettings, run / CONFIG)
-    network = TimeCycleNetwork(settings.replace(encoder=settings.encoder.replace(pretrained="")))
+    network = TimeCycleNetwork(settings.replace(network=settings.network.replace(pretrained="")))
     load_best(network, run)
     return TimeCycleMatcher(network, settings, read_run_json(run / RUN_FACTS))

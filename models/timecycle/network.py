@@ -6,9 +6,8 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from pliant.models.networks.descriptor_network import sample_descriptors
+from pliant.models.networks.descriptor_network import build_network, sample_descriptors
 from pliant.models.timecycle.affinity import affinity
-from pliant.models.timecycle.encoder import STRIDE, build_encoder
 from pliant.models.timecycle.localiser import build_localiser
 from pliant.models.timecycle.placement import cell_grid, place
 from pliant.models.timecycle.settings import TimeCycleSettings
@@ -23,15 +22,29 @@ class TimeCycleNetwork(nn.Module):
 
     def __init__(self, settings: TimeCycleSettings) -> None:
         super().__init__()
-        self.size = (settings.width // STRIDE, settings.height // STRIDE)
+        self.stride, self.lift = settings.stride, settings.lift
+        self.size = (settings.width // self.stride, settings.height // self.stride)
         self.cells = settings.patch_cells
         self.temperature = settings.temperature
-        self.encoder = build_encoder(settings.encoder)
+        seen = settings.clips.network_input
+        self.encoder = build_network(settings.network, seen, learn_scale=False)
         self.localiser = build_localiser(self.size, self.cells, settings.localiser)
 
-    def encode(self, images: torch.Tensor) -> torch.Tensor:
-        """Map images (N, 3, H, W) to unit descriptors float32 (N, D, H / 8, W / 8)."""
-        return functional.normalize(self.encoder(images).float(), dim=1)
+    def encode(self, images: torch.Tensor, stride: int | None = None) -> torch.Tensor:
+        """Return unit descriptors of the cells of images.
+
+        Args:
+            images: float (N, C, H, W).
+            stride: Pixels along a side of a cell; None for the training's.
+
+        Returns:
+            float32 (N, D, H / stride, W / stride), with one channel more where there is a lift.
+        """
+        described = functional.avg_pool2d(self.encoder(images).float(), stride or self.stride)
+        if self.lift > 0:
+            described = described * self.encoder.scale.sqrt()
+            described = functional.pad(described, (0, 0, 0, 0, 0, 1), value=self.lift)
+        return functional.normalize(described, dim=1)
 
     def locate(
         self, patch: torch.Tensor, frame: torch.Tensor

@@ -44,17 +44,20 @@ def place(placement: torch.Tensor, grid: torch.Tensor) -> torch.Tensor:
     return grid @ turn + placement[:, None, :2]
 
 
-def cut_patches(images: torch.Tensor, placement: torch.Tensor, cells: int) -> torch.Tensor:
+def cut_patches(
+    images: torch.Tensor, placement: torch.Tensor, cells: int, stride: int = 8
+) -> torch.Tensor:
     """Return square patches of images, upright in their own frame.
 
     Args:
         images: float (B, C, H, W).
-        placement: float (B, 3), in cells of 8 px.
+        placement: float (B, 3), in cells.
         cells: Cells along a patch's side n.
+        stride: Pixels along a side of a cell.
 
     Returns:
-        float (B, C, 8 n, 8 n).
+        float (B, C, stride n, stride n).
     """
-    side = 8 * cells
-    pixels = place(placement, cell_grid(cells, images.device, points=side)) * 8
+    side = stride * cells
+    pixels = place(placement, cell_grid(cells, images.device, points=side)) * stride
     return sample_descriptors(images, pixels).transpose(1, 2).unflatten(2, (side, side))

@@ -7,6 +7,8 @@ from typing import Annotated, Literal, Self
 from pydantic import model_validator
 
 from pliant.loaders.augment import AugmentSettings
+from pliant.loaders.inputs import IMAGE_CHANNELS, NetworkInput
+from pliant.models.networks.descriptor_network import NetworkSettings
 from pliant.models.training.settings import (
     BatchSize,
     Channels,
@@ -24,32 +26,7 @@ from pliant.spec.constraints import (
     Share,
 )
 
-Width = Annotated[int, Bounds(8, 1024, multiple_of=8)]
-
-
-class EncoderSettings(Settings):
-    """The network that gives every cell of an image a descriptor.
-
-    Attributes:
-        name: `small` (for CPUs), or `resnet18`, `resnet34`, `resnet50` up to their third stage
-            at stride 1, all of stride 8.
-        dim: Channels D of a cell's unit descriptor.
-        widths: Small: channels of its three stages.
-        pretrained: First weights of a ResNet: a file, `hub:REPO:NAME`, `timm:NAME`, or nothing.
-    """
-
-    name: Literal["small", "resnet18", "resnet34", "resnet50"] = "small"
-    dim: Channels = 64
-    widths: tuple[Width, Width, Width] = (32, 64, 96)
-    pretrained: str = ""
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        if self.pretrained and self.name == "small":
-            raise Refused(
-                "empty for the encoder 'small'; a ResNet has pretrained weights", "pretrained"
-            )
-        return self
+Stride = Literal[4, 8]
 
 
 class LocaliserSettings(Settings):
@@ -80,6 +57,8 @@ class ClipSettings(Settings):
             `anywhere`.
         turn_deg: A patch is turned by up to this much before it is sought.
         recolour: Gain and offset of each of its channels vary by about this share.
+        input: The image that the network sees: `rgb` or `grey`.
+        masks: Whether the masks of the queried object and of all objects are input channels too.
     """
 
     length: Annotated[int, Bounds(2)] = 4
@@ -90,6 +69,18 @@ class ClipSettings(Settings):
     choose: Literal["mask", "motion", "anywhere"] = "mask"
     turn_deg: Annotated[float, Bounds(0, 180)] = 30.0
     recolour: Share = 0.1
+    input: Literal["rgb", "grey"] = "rgb"
+    masks: bool = False
+
+    @property
+    def network_input(self) -> NetworkInput:
+        """The channels of the network's input."""
+        return NetworkInput(self.input, self.masks)
+
+    @property
+    def colours(self) -> int:
+        """Channels of the picture, which come first."""
+        return len(IMAGE_CHANNELS[self.input])
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -139,6 +130,8 @@ class WalkSettings(Settings):
         temperature: Of the softmax over a step's edges.
         dropout: Share of edges that are dropped.
         on_object: Nodes are those that touch the object's mask (truth), and no others.
+        turned: The way home leads through copies of the frames, each turned and scaled in its own
+            way, so that a network that only knows the place in the picture does not come home.
     """
 
     weight: NonNegative = 0.0
@@ -146,12 +139,14 @@ class WalkSettings(Settings):
     temperature: Positive = 0.07
     dropout: Annotated[float, Bounds(0, 1, below=True)] = 0.1
     on_object: bool = False
+    turned: bool = False
 
 
 class PropagationSettings(Settings):
     """How points are carried through frames.
 
     Attributes:
+        stride: Pixels along a side of a cell.
         temperature: Of the softmax over the cells that compete; 0 takes the training one.
         top_k: So many best cells compete (times refine squared finer ones).
         context: Earlier frames that show the point's appearance, in addition to the first.
@@ -164,8 +159,11 @@ class PropagationSettings(Settings):
             that weighs neighbours by their distance; 0 for none. Needs the object's mask.
         refine: Descriptors are interpolated this many times finer before they are compared.
         search: Cells on the object's `mask` where one is given out, or the whole `image`.
+        chosen: At the end of the training, choose `prior`, `temperature` and `first_weight` on the
+            validation split (`models/timecycle/readout.py`); the run's config then has them.
     """
 
+    stride: Stride = 8
     temperature: NonNegative = 0.0
     top_k: Count = 10
     context: Natural = 7
@@ -175,6 +173,7 @@ class PropagationSettings(Settings):
     smooth: NonNegative = 0.0
     refine: Count = 2
     search: Literal["mask", "image"] = "image"
+    chosen: bool = False
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -206,7 +205,12 @@ class TimeCycleSettings(RunSettings):
         kind: What the run is; `load_matcher` reads it.
         clips: What a clip is.
         augment: What happens to a clip, the same to all its frames.
-        encoder: The encoder.
+        network: The encoder: any network of Dense Object Nets, or a trained one
+            (`network.pretrained`).
+        lift: Length of a constant channel that descriptors have before they are brought to unit
+            length. If it is long, their products follow their distances, which is what Dense
+            Object Nets are trained with; 0 for none.
+        stride: Pixels along a side of a cell in training; the cells' descriptors are means.
         localiser: The localiser.
         losses: The losses of cycles.
         walk: The loss of the random walk.
@@ -222,7 +226,9 @@ class TimeCycleSettings(RunSettings):
     checkpoint_every: Count = 100
     clips: ClipSettings = ClipSettings()
     augment: AugmentSettings = AugmentSettings()
-    encoder: EncoderSettings = EncoderSettings()
+    network: NetworkSettings = NetworkSettings()
+    lift: NonNegative = 0.0
+    stride: Stride = 8
     localiser: LocaliserSettings = LocaliserSettings()
     losses: CycleLossSettings = CycleLossSettings()
     walk: WalkSettings = WalkSettings()
@@ -236,18 +242,22 @@ class TimeCycleSettings(RunSettings):
                 "one weight above 0 of similarity, skip, long, self_cycle and walk.weight",
                 "losses.similarity",
             )
-        if self.walk.weight and self.walk.nodes > min(self.width, self.height) // 16:
-            raise Refused(f"<= {min(self.width, self.height) // 16}: two nodes", "walk.nodes")
+        if self.walk.weight and self.walk.nodes > self._most_nodes:
+            raise Refused(f"<= {self._most_nodes}: two nodes", "walk.nodes")
         if self.losses.freeze and self.localiser.kind == "moments":
             raise Refused("0 for localiser.kind moments, which has no weights", "losses.freeze")
         return self
 
     @property
+    def _most_nodes(self) -> int:
+        return min(self.width, self.height) // (2 * self.stride)
+
+    @property
     def patch_cells(self) -> int:
         """Cells along a side of a patch."""
-        return max(2, round(self.clips.patch * min(self.width, self.height) / 8))
+        return max(2, round(self.clips.patch * min(self.width, self.height) / self.stride))
 
     @property
     def temperature(self) -> float:
         """Temperature of the affinity's softmax."""
-        return self.losses.temperature or self.encoder.dim**-0.5
+        return self.losses.temperature or self.network.descriptor_dim**-0.5

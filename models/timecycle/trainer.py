@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, Unpack
 
 import torch
-from torch.nn import functional
 
 from pliant.loaders import ClipDataset
 from pliant.models.timecycle.cycles import cycle_losses, weighted_sum
@@ -16,12 +15,14 @@ from pliant.models.timecycle.guard import Guard, compare_with_trivial
 from pliant.models.timecycle.matcher import TimeCycleMatcher
 from pliant.models.timecycle.network import TimeCycleNetwork
 from pliant.models.timecycle.patches import draw_patches, interest
+from pliant.models.timecycle.readout import choose_readout
 from pliant.models.timecycle.settings import TimeCycleSettings
+from pliant.models.timecycle.turned_copies import turned_copies
 from pliant.models.timecycle.validation import draw_stretches, errors_over_time, figures, track_with
-from pliant.models.timecycle.walk import walk_loss
+from pliant.models.timecycle.walk import WayHome, walk_loss
 from pliant.models.training.processes import Processes
 from pliant.models.training.run import RunOptions, train_task
-from pliant.models.training.run_folder import RUN_FACTS, write_json
+from pliant.models.training.run_folder import RUN_FACTS, write_json, write_settings
 from pliant.models.training.task import Batch, Task
 from pliant.spec.dataset import Dataset
 
@@ -42,6 +43,7 @@ class TimeCycleTask(Task[TimeCycleSettings]):
             step=settings.clips.step,
             step_max=settings.clips.step_max,
             queries=1,
+            input=settings.clips.network_input,
             seed=settings.seed,
             augmentation=settings.augment,
         )
@@ -59,7 +61,8 @@ class TimeCycleTask(Task[TimeCycleSettings]):
         loss, parts = frames.new_zeros(()), {}
         if settings.losses.any:
             clips, cells = settings.clips, self.network.cells
-            patches = draw_patches(images, batch["mask"], cells, clips, generator)
+            stride = settings.stride
+            patches = draw_patches(images, batch["mask"], cells, clips, generator, stride)
             with frozen():
                 cut = self.encode(patches.images).flatten(2).transpose(1, 2)
             parts = cycle_losses(
@@ -72,17 +75,27 @@ class TimeCycleTask(Task[TimeCycleSettings]):
             )
             loss = weighted_sum(parts, settings.losses)
         if settings.walk.weight > 0:
-            counts = interest(images, batch["mask"], settings.clips.choose)
-            walked = walk_loss(frames, counts, settings.walk, generator, batch["mask"])
+            walked = self._walk(frames, batch, generator)
             loss, parts = loss + settings.walk.weight * walked["walk"], {**parts, **walked}
         return loss, {name: part.detach() for name, part in parts.items()}
 
+    def _walk(
+        self, frames: torch.Tensor, batch: Batch, generator: torch.Generator
+    ) -> dict[str, torch.Tensor]:
+        settings, images, mask = self.settings, batch["image"], batch["mask"]
+        pictures = images[:, :, : settings.clips.colours]
+        counts = interest(pictures, mask, settings.clips.choose, settings.stride)
+        home = None
+        if settings.walk.turned:
+            turned = turned_copies(images, mask, generator, settings.stride)
+            described = self.encode(turned.images.flatten(0, 1)).unflatten(0, images.shape[:2])
+            home = WayHome(described, turned.mask, turned.place)
+        return walk_loss(frames, counts, settings.walk, generator, mask, home)
+
     def encode(self, images: torch.Tensor) -> torch.Tensor:
-        """Return unit descriptors of images (N, 3, H, W) at the run's precision."""
-        images = images.contiguous(memory_format=torch.channels_last)
+        """Return unit descriptors of images (N, C, H, W) at the run's precision."""
         with self.precision():
-            described = self.network.encoder(images)
-        return functional.normalize(described.float(), dim=1)
+            return self.network.encode(images.contiguous(memory_format=torch.channels_last))
 
     def validate(self) -> Mapping[str, float]:
         """Return the errors of tracked points, px of a picture 640 wide."""
@@ -91,23 +104,29 @@ class TimeCycleTask(Task[TimeCycleSettings]):
 
     def guard(self, matcher: TimeCycleMatcher) -> Guard:
         """Compare a matcher with the trivial answers and the weights the run began with."""
-        untrained = first_network(self.settings).to(self.processes.device)
-        return compare_with_trivial(
-            matcher, TimeCycleMatcher(untrained, self.settings), self.stretches
-        )
+        first = first_network(self.settings).to(self.processes.device)
+        untrained = self._read(TimeCycleMatcher(first, self.settings))
+        return compare_with_trivial(matcher, untrained, self.stretches)
+
+    def _read(self, matcher: TimeCycleMatcher) -> TimeCycleMatcher:
+        """Return a matcher with the read-out that suits its encoder, where it is to be chosen."""
+        if not self.settings.propagation.chosen:
+            return matcher
+        return matcher.read_by(choose_readout(matcher, self.stretches))
 
     def facts(self) -> dict[str, Any]:
         """Return what `run.json` records about the method."""
-        encoder = self.settings.encoder
-        return {"encoder": encoder.name, "descriptor_dim": encoder.dim}
+        network = self.settings.network
+        return {"network": network.name, "descriptor_dim": network.descriptor_dim}
 
     def finish(
         self, run: Path, history: Sequence[Mapping[str, float]], facts: dict[str, Any]
     ) -> None:
         """Compare the trained network with the trivial answers; see `Task`."""
-        matcher = TimeCycleMatcher(self.network, self.settings, facts)
+        matcher = self._read(TimeCycleMatcher(self.network, self.settings, facts))
+        write_settings(run, matcher.settings)
         guard = self.guard(matcher)
-        facts["validation"] = self.validate()
+        facts["validation"] = figures(errors_over_time(track_with(matcher), self.stretches))
         facts["guard"] = guard.as_dict()
         write_json(run / RUN_FACTS, facts)
         from pliant.models.timecycle.report import write_timecycle_report

@@ -82,6 +82,11 @@ def open_run(run: Path, settings: RunSettings, resume: bool, answering: str) -> 
             fix="Name another one, or go on with --resume.",
         )
     run.mkdir(parents=True, exist_ok=True)
+    write_settings(run, settings)
+
+
+def write_settings(run: Path, settings: RunSettings) -> None:
+    """Write a run's config."""
     with replacing(run / CONFIG) as partial:
         partial.write_text(yaml_text(settings_to_dict(settings)), encoding="utf-8")
 

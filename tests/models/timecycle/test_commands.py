@@ -22,7 +22,7 @@ SMALL = [
     "batch=1",
     "width=96",
     "height=64",
-    "encoder={dim: 16, widths: [8, 16, 16]}",
+    "network={descriptor_dim: 16, widths: [8, 16, 32], global_blocks: 1}",
     "clips={length: 3, step_max: 2, patches: 1}",
     "validation={split: test, every: 2, clips: 1, frames: 4, queries: 8}",
 ]
@@ -94,7 +94,7 @@ def test_wrong_calls_are_one_sentence(
     train = ["train", "timecycle", "--out", out, "--data"]
     assert run([*train, str(tiny_dataset), "--set", "tier=rope"]) == 2
     assert "no episode of 4 frames" in capfd.readouterr().err
-    assert run([*train, str(tiny_episode), "--set", "encoder.depth=3"]) == 2
-    assert "encoder.depth: unknown setting" in capfd.readouterr().err
+    assert run([*train, str(tiny_episode), "--set", "network.depth=3"]) == 2
+    assert "network.depth: unknown setting" in capfd.readouterr().err
     assert run([*train, str(tiny_episode), "--resume"]) == 1
     assert "no checkpoint to resume" in capfd.readouterr().err

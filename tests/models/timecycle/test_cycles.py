@@ -15,10 +15,11 @@ from pliant.models.timecycle.settings import ClipSettings, CycleLossSettings, Ti
 from pliant.spec.configuration import read_settings
 from pliant.spec.errors import CallError
 
+NETWORK = "network={descriptor_dim: 16, widths: [8, 16, 32], global_blocks: 1}"
 SETTINGS = read_settings(
     TimeCycleSettings,
     None,
-    ["width=96", "height=64", "encoder.dim=16", "encoder.widths=[8, 16, 16]", "clips.patch=0.5"],
+    ["width=96", "height=64", "clips.patch=0.5", NETWORK],
 )
 
 
@@ -57,7 +58,7 @@ def test_each_part_alone_reaches_the_encoder(name: str, cycle: str) -> None:
     named = {key for key in parts if not key.endswith("_cells")}
     assert named == {name.removesuffix("_cycle")}
     weighted_sum(parts, settings).backward()
-    gradients = [p.grad for p in network.encoder.parameters()]
+    gradients = [p.grad for p in network.encoder.parameters() if p.requires_grad]
     assert all(g is not None and torch.isfinite(g).all() for g in gradients)
     assert all(float(g.abs().max()) > 0 for g in gradients if g is not None)
 
@@ -74,7 +75,7 @@ def test_a_frozen_encoder_leaves_the_gradient_to_the_localiser() -> None:
 
 def test_cycles_of_a_still_and_distinct_clip_come_home() -> None:
     """Perfect descriptors (every cell its own direction) and nothing moves: no error at all."""
-    network = TimeCycleNetwork(SETTINGS.replace(encoder=SETTINGS.encoder.replace(dim=96)))
+    network = TimeCycleNetwork(SETTINGS.replace(network=SETTINGS.network.replace(descriptor_dim=96)))
     network.temperature = 0.02
     frame = torch.eye(96).reshape(96, 8, 12)
     frames = frame.expand(1, 4, 96, 8, 12)
@@ -102,7 +103,7 @@ def test_the_paper_weights_are_the_defaults_and_sum_as_named() -> None:
 
 def test_cycles_are_averaged_and_the_paper_recipe_weighs_their_sum() -> None:
     """In a still clip each cycle has the same error, so that a sum would grow with the frames."""
-    network = TimeCycleNetwork(SETTINGS.replace(encoder=SETTINGS.encoder.replace(dim=96)))
+    network = TimeCycleNetwork(SETTINGS.replace(network=SETTINGS.network.replace(descriptor_dim=96)))
     network.temperature = 0.02
     frame = torch.eye(96).reshape(96, 8, 12)
     patch = frame[:, 2:6, 3:7].flatten(1).T[None]
@@ -124,10 +125,10 @@ def test_cycles_are_averaged_and_the_paper_recipe_weighs_their_sum() -> None:
 def test_patches_lie_on_the_object_where_the_mask_may_be_seen() -> None:
     mask = torch.zeros(1, 2, 64, 96, dtype=torch.bool)
     mask[:, -1, 16:24, 40:56] = True  # row 2, columns 5 and 6
-    chances = interest(torch.rand(1, 2, 3, 64, 96), mask, "mask").reshape(8, 12)
+    chances = interest(torch.rand(1, 2, 3, 64, 96), mask, "mask", 8).reshape(8, 12)
     assert chances[2, 5:7].tolist() == pytest.approx([0.5, 0.5])
     assert float(chances.sum()) == pytest.approx(1)
-    nothing = interest(torch.rand(1, 2, 3, 64, 96), torch.zeros_like(mask), "mask")
+    nothing = interest(torch.rand(1, 2, 3, 64, 96), torch.zeros_like(mask), "mask", 8)
     assert nothing[0].tolist() == pytest.approx([1 / 96] * 96)
 
 
@@ -137,11 +138,11 @@ def test_patches_lie_where_it_moves_and_a_still_object_is_not_forgotten() -> Non
     for frame in range(3):
         images[0, frame, :, 40:48, 8 * frame + 8 : 8 * frame + 16] = 1.0  # moves along row 5
     unseen = torch.ones(1, 3, 64, 96, dtype=torch.bool)
-    chances = interest(images, unseen, "motion").reshape(8, 12)
+    chances = interest(images, unseen, "motion", 8).reshape(8, 12)
     assert float(chances[5, 1:4].sum()) > 0.7
     assert float(chances[0, 0]) > 0.05
     assert float(chances.sum()) == pytest.approx(1)
-    still = interest(torch.full((1, 3, 3, 64, 96), 0.2), unseen, "motion")
+    still = interest(torch.full((1, 3, 3, 64, 96), 0.2), unseen, "motion", 8)
     assert still[0].tolist() == pytest.approx([1 / 96] * 96)
 
 
@@ -169,7 +170,6 @@ def test_cells_off_the_object_or_the_frame_count_little() -> None:
         ("width=100", "multiple of 8"),
         ("clips.step_max=0", "clips.step_max: "),
         ("losses={similarity: 0, skip: 0, long: 0, self_cycle: 0}", "one weight above 0"),
-        ("encoder.pretrained=x.pt", "a ResNet has pretrained weights"),
         ("propagation={context: 0, first_weight: 0}", "above 0 without context frames"),
         ("kind=don", "unknown value"),
     ],
@@ -179,11 +179,27 @@ def test_settings_that_cannot_be_are_refused(change: str, message: str) -> None:
         read_settings(TimeCycleSettings, None, [change])
 
 
-@pytest.mark.parametrize("name", ["resnet18", "resnet50"])
-def test_resnets_have_stride_8_too(name: str) -> None:
-    settings = SETTINGS.replace(encoder=SETTINGS.encoder.replace(name=name))
-    network = TimeCycleNetwork(settings).eval()
+@pytest.mark.parametrize("name", ["unet", "resnet18"])
+@pytest.mark.parametrize("stride", [4, 8])
+def test_networks_describe_cells_by_unit_vectors(name: str, stride: int) -> None:
+    network = TimeCycleNetwork(SETTINGS.replace(network=SETTINGS.network.replace(name=name)))
+    images = torch.rand(1, 3, 64, 96)
     with torch.no_grad():
-        found = network.encode(torch.rand(1, 3, 64, 96))
-    assert found.shape == (1, 16, 8, 12)
-    torch.testing.assert_close(found.norm(dim=1), torch.ones(1, 8, 12))
+        found = network.eval().encode(images, stride)
+        pixels = network.encoder(images)
+    assert found.shape == (1, 16, 64 // stride, 96 // stride)
+    torch.testing.assert_close(found.norm(dim=1), torch.ones_like(found[:, 0]))
+    mean = pixels[0, :, :stride, stride : 2 * stride].mean(dim=(1, 2))
+    torch.testing.assert_close(found[0, :, 0, 1], torch.nn.functional.normalize(mean, dim=0))
+
+
+def test_with_a_lift_products_follow_distances() -> None:
+    """1 - <a, b> is half the squared distance over the squared lift, where the lift is long."""
+    network = TimeCycleNetwork(SETTINGS.replace(lift=50.0)).eval()
+    images = torch.rand(1, 3, 64, 96)
+    with torch.no_grad():
+        lifted = network.encode(images)[0].flatten(1).double()
+        cells = torch.nn.functional.avg_pool2d(network.encoder(images), 8)[0].flatten(1)
+    products = 1 - lifted.T @ lifted
+    distances = torch.cdist(cells.T.double(), cells.T.double()).square() / (2 * 50.0**2)
+    torch.testing.assert_close(products, distances, rtol=0.02, atol=1e-6)

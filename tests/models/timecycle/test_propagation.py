@@ -118,7 +118,7 @@ def test_only_cells_on_the_object_are_searched_where_asked() -> None:
 
 
 SETTINGS = read_settings(
-    TimeCycleSettings, None, ["width=96", "height=64", "encoder.widths=[8, 16, 16]"]
+    TimeCycleSettings, None, ["width=96", "height=64", "network={widths: [8, 16, 32]}"]
 )
 
 

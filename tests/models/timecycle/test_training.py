@@ -40,7 +40,7 @@ TINY = [
     "width=96",
     "height=64",
     "seed=3",
-    "encoder={dim: 16, widths: [8, 16, 16]}",
+    "network={descriptor_dim: 16, widths: [8, 16, 32], global_blocks: 1}",
     "clips={length: 3, step_max: 3, patches: 1}",
     "validation={split: test, every: 3, clips: 2, frames: 5, queries: 8}",
     "checkpoint_every=2",
@@ -136,7 +136,7 @@ def test_a_run_is_a_folder_that_answers(tiny_episode: Path, tmp_path: Path) -> N
     json.dumps(described)
     with pytest.raises(TrainingError, match="settings it began with"):
         train_timecycle(dataset, run, tiny("seed=4"), resume=True)
-    (run / "config.yaml").write_text("kind: timecycle\nencoder: {dim: 8}\n")
+    (run / "config.yaml").write_text("kind: timecycle\nnetwork: {descriptor_dim: 8}\n")
     with pytest.raises(TrainingError, match="do not fit"):
         load_matcher(run)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from itertools import pairwise
 from pathlib import Path
@@ -14,7 +15,8 @@ from pliant.models.timecycle import report
 from pliant.models.timecycle.network import TimeCycleNetwork
 from pliant.models.timecycle.settings import TimeCycleSettings, WalkSettings
 from pliant.models.timecycle.trainer import train_timecycle
-from pliant.models.timecycle.walk import walk_loss
+from pliant.models.timecycle.turned_copies import turned_copies
+from pliant.models.timecycle.walk import WayHome, walk_loss
 from pliant.spec.configuration import read_settings
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
@@ -23,7 +25,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
 
 NO_CYCLES = "losses={similarity: 0, skip: 0, long: 0, self_cycle: 0}"
 TINY = [
-    "steps=3", "batch=1", "width=96", "height=64", "encoder={dim: 16, widths: [8, 16, 16]}",
+    "steps=3", "batch=1", "width=96", "height=64", "network={descriptor_dim: 16, widths: [8, 16, 32], global_blocks: 1}",
     "clips={length: 3, step_max: 3}", "checkpoint_every=3", "optimiser.warmup=1",
     "validation={split: test, every: 3, clips: 1, frames: 3, queries: 8}", NO_CYCLES,
 ]  # fmt: skip
@@ -98,7 +100,7 @@ def test_walk_reaches_every_weight_of_the_encoder_and_learns() -> None:
         loss = walk_loss(frames, alike(96).expand(2, -1), settings.walk)["walk"]
         optimiser.zero_grad()
         loss.backward()
-        gradients = [weight.grad for weight in encoder.encoder.parameters()]
+        gradients = [each.grad for each in encoder.encoder.parameters() if each.requires_grad]
         assert all(g is not None and torch.isfinite(g).all() for g in gradients)
         optimiser.step()
         losses.append(float(loss.detach()))
@@ -146,3 +148,37 @@ def test_walkers_stay_on_the_object() -> None:
         settings = WalkSettings(nodes=1, temperature=0.01, dropout=0.0, on_object=on_object)
         found = walk_loss(different, counts.reshape(1, -1), settings, None, mask)
         assert (float(found["walk"]) < loss) == on_object
+
+
+def test_a_network_that_knows_only_the_place_does_not_come_home_through_copies() -> None:
+    """Copies are shifted, each frame by its own number of columns; what is in a cell moves along."""
+    settings = WalkSettings(nodes=1, temperature=0.02, dropout=0.0)
+    shifts = (3, 5, 8)
+    centres = torch.stack(torch.meshgrid(torch.arange(8.0), torch.arange(12.0), indexing="ij"), -1)
+    place = torch.stack([centres.flip(-1).reshape(-1, 2) + 0.5] * 3)[None]
+    for frame, shift in enumerate(shifts):
+        place[0, frame, :, 0] = (place[0, frame, :, 0] + shift) % 12
+    shown = torch.ones(1, 3, 64, 96, dtype=torch.bool)
+    rolled = [distinct(1)[:, 0].roll(shift, dims=3) for shift in shifts]
+    content = WayHome(torch.stack(rolled, dim=1), shown, place)
+    followed = walk_loss(distinct(3), alike(96), settings, home=content)
+    assert float(followed["walk"]) < 0.3  # a place is shared out among the nodes around it
+    assert float(followed["walk_home"]) == 1
+    fixed = WayHome(distinct(3), shown, place)
+    lost = walk_loss(distinct(3), alike(96), settings, home=fixed)
+    assert float(lost["walk"]) > 10 * float(followed["walk"])
+    assert float(lost["walk_home"]) == 0
+
+
+def test_turned_copies_show_cells_where_they_say() -> None:
+    """A bright cell of 8x8 px, on the object, is found at its place in every copy."""
+    images = torch.zeros(4, 2, 1, 64, 96)
+    images[..., 24:32, 56:64] = 1.0  # row 3, column 7
+    found = turned_copies(images, images[:, :, 0] > 0, torch.Generator().manual_seed(0), 8)
+    assert not torch.allclose(found.images[:, 0], found.images[:, 1])
+    v, u = torch.meshgrid(torch.arange(64) + 0.5, torch.arange(96) + 0.5, indexing="ij")
+    at = torch.stack([u, v], dim=-1)
+    for clip, frame in itertools.product(range(4), range(2)):
+        for shown in (found.images[clip, frame, 0], found.mask[clip, frame].float()):
+            centre = (at * shown[..., None]).sum(dim=(0, 1)) / shown.sum() / 8
+            torch.testing.assert_close(centre, found.place[clip, frame, 43], atol=0.1, rtol=0)
