@@ -1,19 +1,24 @@
-"""TimeCycle on rope episodes: what a step costs beyond encoder and affinity, and how well it does.
+"""Following points through rope episodes without labels: what training brings, and what limits it.
 
-Makes rope episodes of 320x240, trains with the shipped CPU recipe, and tracks points through
-validation episodes next to staying put (identity), the middle of the mask (centroid) and the same
-network untrained, all with the same propagation. `--quick` trains far too little to be good: its
-errors show that the pieces fit, not what the method can do. Errors are in pixels of a picture
-640 wide.
+Makes rope episodes of 320x240 and trains every row from the shipped recipes; `--quick` trains far
+too little to be good: its errors show that the pieces fit, not what a method can do. Every encoder
+is read in the way that suits it, chosen on the validation episodes that it is measured on; test
+episodes are those of the benchmark. Errors are in pixels of a picture 640 wide.
 
-To use what exists: PLIANT_TIMECYCLE_DATA names a dataset of rope episodes, PLIANT_TIMECYCLE_RUN a
-finished run on it (otherwise it is trained).
+To use what exists: PLIANT_TIMECYCLE_DATA names a dataset of rope episodes, PLIANT_TIMECYCLE_RUNS a
+folder to keep the runs in (finished ones are not trained again, interrupted ones go on),
+PLIANT_TIMECYCLE_DON a run of Dense Object Nets on ropes (such as models/shipped/don-rope), without
+which the rows from_don and supervised are left out. PLIANT_TIMECYCLE_STEPS are the steps of a run.
 
-overhead_ratio       CPU time of loader, patches, encoder, affinities, localiser and losses, forward
-                     and backward, over that of the encoder on the same pictures and the same
-                     affinities, with a loss of one sum
-rmse_px_10, _20      RMSE that many frames after the query, and of the rivals: identity_,
-                     centroid_, untrained_
+overhead_ratio        CPU time of loader, patches, encoder, affinities, localiser and losses, forward
+                      and backward, over that of the encoder on the same pictures and the same
+                      affinities, with a loss of one sum
+rmse_px_10, _20       of TimeCycle, RMSE that many frames after the query; late_px is the mean over
+                      the last half of the stretches. With a prefix, of other rows: walk_ (random
+                      walk), turned_ (the walk home through turned copies), from_don_ (the same,
+                      begun with a DON's weights), identity_, untrained_, and the ceilings
+                      supervised_ (the DON as it is) and oracle_ (descriptors computed from the
+                      true place along the rope)
 """
 
 from __future__ import annotations
@@ -23,29 +28,107 @@ import os
 # Waiting threads sleep: CPU time is then work, also where other programs run as well.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
+import json
 import statistics
 import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Final
 
+import numpy as np
 import torch
 from record import Value, main
 
 from pliant.generator.config import GenerateConfig
 from pliant.generator.runner.run import generate
+from pliant.loaders.frame_store import FrameStore
 from pliant.models import load_matcher
 from pliant.models.timecycle.affinity import affinity
 from pliant.models.timecycle.matcher import TimeCycleMatcher
+from pliant.models.timecycle.readout import choose_readout
 from pliant.models.timecycle.settings import TimeCycleSettings
 from pliant.models.timecycle.trainer import TimeCycleTask, train_timecycle
+from pliant.models.timecycle.validation import (
+    Track,
+    errors_over_time,
+    figures,
+    track_identity,
+    track_with,
+)
+from pliant.models.training.checkpoint import latest_checkpoint
 from pliant.models.training.processes import Processes
-from pliant.spec.configuration import read_settings
+from pliant.models.training.run_folder import RUN_FACTS, read_run_json
+from pliant.spec.configuration import read_mapping, read_settings
 from pliant.spec.dataset import Dataset
+from pliant.spec.frame import Frame
 
-RECIPE = Path(__file__).parents[1] / "models" / "configs" / "timecycle.yaml"
-SMALL = {"train": 2, "val": 2}
-LARGE = {"train": 36, "val": 8}
-QUICK = ["steps=16", "batch=2", "validation.clips=2", "validation.every=16", "optimiser.warmup=4"]
+RECIPES: Final = Path(__file__).parents[1] / "models" / "configs"
+ROWS: Final[dict[str, tuple[str, tuple[str, ...]]]] = {
+    "timecycle": ("timecycle.yaml", ()),
+    "walk": ("random-walk.yaml", ("walk.turned=false",)),
+    "turned": ("random-walk.yaml", ()),
+}
+"""Row -> recipe, and what it changes."""
+
+LOOK: Final = {
+    "materials": 0,
+    "object_hue": (-0.25, 0.5),
+    "rope_colourings": {"solid": 0.4, "tracer": 0.6},
+    "tables": {"plain": 0.35, "mottled": 0.65},
+}
+ROPE: Final = {
+    "frame_rate_hz": 15,
+    "substeps": 96,
+    "hand_speed_m_s": (0.3, 0.6),
+    "lift_m": (0.03, 0.1),
+}
+SMALL: Final = {"train": 2, "val": 2}
+LARGE: Final = {"train": 150, "val": 24}
+QUICK: Final = (
+    "batch=1",
+    "validation.clips=1",
+    "validation.every=4",
+    "optimiser.warmup=2",
+    "propagation.chosen=false",
+)
+_CENTRES: Final = 64
+_ORACLE_WIDTH: Final = 1.5
+ALONE: Final = Processes(0, 1, torch.device("cpu"))
+
+
+class Oracle(TimeCycleMatcher):
+    """Propagation with descriptors of the true arc length: a bump over 64 places along the rope.
+
+    Args:
+        task: Whose settings and validation frames it has.
+    """
+
+    def __init__(self, task: TimeCycleTask) -> None:
+        super().__init__(task.network, task.settings)
+        self._store: FrameStore = task.held_out
+        self._numbers = {frame.key: number for number, frame in enumerate(self._store.frames)}
+
+    def read_by(self, propagation: object) -> Oracle:
+        """Return the same descriptors, read in another way."""
+        other = object.__new__(Oracle)
+        other.__dict__ |= self.__dict__
+        other.settings = self.settings.replace(propagation=propagation)
+        return other
+
+    def _encode(self, view: Frame) -> torch.Tensor:
+        true = self._store.view(self._numbers[view.key])
+        along = self._store.material[true.visible, 0]
+        height, width = self.size[1] // self.stride, self.size[0] // self.stride
+        cell = (true.uv_px[true.visible] / self.stride).astype(int).clip(0, (width - 1, height - 1))
+        total = np.zeros((2, height, width))
+        np.add.at(total, (0, cell[:, 1], cell[:, 0]), along)
+        np.add.at(total, (1, cell[:, 1], cell[:, 0]), 1)
+        place = _CENTRES * total[0] / total[1].clip(1)
+        bump = np.exp(-((place - np.arange(_CENTRES)[:, None, None]) ** 2) / 2 / _ORACLE_WIDTH**2)
+        bump[:, total[1] == 0] = 0
+        described = torch.from_numpy(bump.astype(np.float32))
+        return torch.nn.functional.normalize(described, dim=0)
 
 
 def overhead_ratio(task: TimeCycleTask, rounds: int) -> float:
@@ -63,9 +146,8 @@ def overhead_ratio(task: TimeCycleTask, rounds: int) -> float:
         loss.backward()
         whole = time.process_time() - started
         images = batch["image"].flatten(0, 1)
-        side = 8 * network.cells
-        patches = settings.batch * settings.clips.patches
-        cut = torch.rand(patches, 3, side, side)
+        side = settings.stride * network.cells
+        cut = torch.rand(settings.batch * settings.clips.patches, images.shape[1], side, side)
         started = time.process_time()
         frames = task.encode(images).unflatten(0, (settings.batch, -1))
         patch = task.encode(cut).flatten(2).transpose(1, 2)
@@ -85,48 +167,74 @@ def affinities_a_clip(length: int) -> int:
     return longest + longest * (longest + 1) // 2 + 2 * max(1, longest - 1) + 1
 
 
+def episodes(folder: Path, quick: bool) -> Dataset:
+    """Return the dataset that is named, or one that is made in the folder."""
+    named = os.environ.get("PLIANT_TIMECYCLE_DATA")
+    if named is None:
+        config = GenerateConfig(
+            tiers=("rope",), splits=SMALL if quick else LARGE, frames=45, episodes=True,
+            gripper=True, width=320, height=240, style="raster", seed=2027, look=LOOK, rope=ROPE,
+        )  # fmt: skip
+        generate(config, folder / "set", workers=1 if quick else 2)
+        named = str(folder / "set")
+    return Dataset.open(named)
+
+
+def rows(quick: bool) -> Iterator[tuple[str, str, tuple[str, ...]]]:
+    """Yield the trained rows: name, recipe, and what it changes."""
+    steps = os.environ.get("PLIANT_TIMECYCLE_STEPS", "4" if quick else "700")
+    more = (f"steps={steps}", "threads=1", "tier=rope", *(QUICK if quick else ()))
+    for name, (recipe, changes) in ROWS.items():
+        yield name, recipe, (*changes, *more)
+    if don := os.environ.get("PLIANT_TIMECYCLE_DON"):
+        network = read_mapping(Path(don) / "config.yaml")["network"] | {"pretrained": don}
+        begun = (f"network={json.dumps(network)}", "lift=8")
+        yield "from_don", "random-walk.yaml", (*begun, *more)
+
+
+def errors(task: TimeCycleTask, prefix: str, track: Track) -> dict[str, Value]:
+    """Return the figures of a method on the validation stretches."""
+    found = figures(errors_over_time(track, task.stretches))
+    listed = {f"{prefix}rmse_px_{k}": found[f"rmse_px_{k}"] for k in (10, 20)}
+    return {**listed, f"{prefix}late_px": found["criterion_px"]}
+
+
+def untrained_rows(task: TimeCycleTask, prefix: str) -> dict[str, Value]:
+    """Return the figures of encoders that are not trained here, each read as it suits it."""
+    record: dict[str, Value] = {}
+    first = TimeCycleMatcher(task.network, task.settings)
+    for name, matcher in ((prefix, first), ("oracle_", Oracle(task))):
+        if task.settings.propagation.chosen:
+            matcher = matcher.read_by(choose_readout(matcher, task.stretches))
+        record |= errors(task, name, track_with(matcher))
+    return record
+
+
 def measure(quick: bool) -> dict[str, Value]:
     """Make, train, track."""
+    torch.set_num_threads(1)
     with tempfile.TemporaryDirectory() as folder:
         scratch = Path(folder)
-        data = os.environ.get("PLIANT_TIMECYCLE_DATA")
-        if data is None:
-            config = GenerateConfig(
-                tiers=("rope",),
-                splits=SMALL if quick else LARGE,
-                frames=48 if quick else 96,
-                episodes=True,
-                width=320,
-                height=240,
-                style="raster",
-                seed=21,
-            )
-            generate(config, scratch / "set", workers=1 if quick else 2)
-            data = str(scratch / "set")
-        dataset = Dataset.open(data)
-        settings = read_settings(TimeCycleSettings, RECIPE, ["threads=1", "tier=rope"])
-        torch.set_num_threads(1)
-        alone = Processes(0, 1, torch.device("cpu"))
-        few = settings.replace(limit=2)
-        ratio = overhead_ratio(
-            TimeCycleTask(dataset, few, scratch / "timing", alone), 3 if quick else 15
-        )
-        run = Path(os.environ.get("PLIANT_TIMECYCLE_RUN", scratch / "run"))
-        started = time.process_time()
-        if not run.exists():
-            if quick:
-                settings = read_settings(TimeCycleSettings, RECIPE, ["tier=rope", *QUICK])
-            train_timecycle(dataset, run, settings)
-        trained_s = time.process_time() - started
-        matcher = load_matcher(run)
-        if not isinstance(matcher, TimeCycleMatcher):
-            raise SystemExit(f"{run} is not a run of TimeCycle")
-        task = TimeCycleTask(dataset, matcher.settings, scratch / "watch", alone)
-        curves = task.guard(matcher).curves
-        record: dict[str, Value] = {"overhead_ratio": ratio, "train_cpu_s": trained_s}
-        for method, curve in curves.items():
-            prefix = "" if method == "trained" else f"{method}_"
-            record |= {f"{prefix}rmse_px_{k}": curve[k - 1] for k in (10, 20)}
+        dataset = episodes(scratch, quick)
+        runs = Path(os.environ.get("PLIANT_TIMECYCLE_RUNS", scratch / "runs"))
+        record: dict[str, Value] = {}
+        for name, recipe, changes in rows(quick):
+            settings = read_settings(TimeCycleSettings, RECIPES / recipe, changes)
+            run = runs / name
+            if not read_run_json(run / RUN_FACTS):
+                train_timecycle(dataset, run, settings, resume=latest_checkpoint(run) is not None)
+            task = TimeCycleTask(dataset, settings, scratch / "watch", ALONE)
+            matcher = load_matcher(run)
+            assert isinstance(matcher, TimeCycleMatcher)
+            prefix = "" if name == "timecycle" else f"{name}_"
+            record |= errors(task, prefix, track_with(matcher))
+            if name == "timecycle":
+                record |= errors(task, "identity_", track_identity)
+                record["overhead_ratio"] = overhead_ratio(task, 3 if quick else 15)
+            elif name == "turned":
+                record |= untrained_rows(task, "untrained_")
+            elif name == "from_don":
+                record |= untrained_rows(task, "supervised_")
         record["train_episodes"] = sum(s.split == "train" for s in dataset.sequences)
     return record
 
