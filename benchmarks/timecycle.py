@@ -10,7 +10,7 @@ folder to keep the runs in (finished ones are not trained again, interrupted one
 PLIANT_TIMECYCLE_DON a run of Dense Object Nets on ropes (such as models/shipped/don-rope), without
 which the rows from_don and supervised are left out. PLIANT_TIMECYCLE_STEPS are the steps of a run.
 
-overhead_ratio        CPU time of loader, patches, encoder, affinities, localiser and losses, forward
+overhead_ratio        CPU time of loader, patches, encoder, affinities, localiser, losses, forward
                       and backward, over that of the encoder on the same pictures and the same
                       affinities, with a loss of one sum
 rmse_px_10, _20       of TimeCycle, RMSE that many frames after the query; late_px is the mean over

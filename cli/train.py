@@ -84,6 +84,40 @@ def timecycle(data: Path, out: Path, **given: Any) -> None:
     )  # fmt: skip
 
 
+@command.command("model")
+@click.argument("recipe")
+@out_option("DIR", "Folder of its sets, stages and the finished model.")
+@set_option
+@click.option(
+    "--sequences", type=click.IntRange(2), metavar="N", help="Sequences per split at most."
+)
+@click.option("--workers", type=click.IntRange(1), metavar="N", help="Processes that generate.")
+def model(
+    recipe: str, out: Path, overrides: tuple[str, ...], sequences: int | None, workers: int | None
+) -> None:
+    """Make a model from nothing by its RECIPE: generate its sets, train its stages, export it.
+
+    RECIPE is the name of a shipped model, such as don-rope, or a YAML file. --set changes the
+    runs of all stages. Run the same command again to continue after an interruption.
+    """
+    from pliant.generator.config import GenerateConfig
+    from pliant.generator.runner.run import generate
+    from pliant.models.model_recipe import RECIPES, make_model, read_recipe
+    from pliant.spec.configuration import settings_from
+    from pliant.spec.cores import cpu_cores
+
+    shipped = RECIPES / f"{recipe}.yaml"
+    chosen = read_recipe(shipped if shipped.is_file() else Path(recipe), overrides, sequences)
+    made = make_model(
+        chosen,
+        out,
+        lambda config, folder: generate(
+            settings_from(GenerateConfig, config), folder, workers=workers or cpu_cores()
+        ),
+    )
+    echo(f"Model: {made}")
+
+
 def _train(
     settings: type[Any],
     train: Callable[..., dict[str, Any]],

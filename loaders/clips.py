@@ -22,7 +22,6 @@ from pliant.loaders.views import TrainingFrame
 from pliant.spec.calls import check_whole
 from pliant.spec.errors import CallError
 
-
 _COLOUR = NetworkInput()
 
 

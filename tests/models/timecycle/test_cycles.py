@@ -21,6 +21,7 @@ SETTINGS = read_settings(
     None,
     ["width=96", "height=64", "clips.patch=0.5", NETWORK],
 )
+WIDE = SETTINGS.replace(network=SETTINGS.network.replace(descriptor_dim=96))
 
 
 def clip(network: TimeCycleNetwork, seed: int = 0) -> dict[str, torch.Tensor]:
@@ -75,7 +76,9 @@ def test_a_frozen_encoder_leaves_the_gradient_to_the_localiser() -> None:
 
 def test_cycles_of_a_still_and_distinct_clip_come_home() -> None:
     """Perfect descriptors (every cell its own direction) and nothing moves: no error at all."""
-    network = TimeCycleNetwork(SETTINGS.replace(network=SETTINGS.network.replace(descriptor_dim=96)))
+    network = TimeCycleNetwork(
+        SETTINGS.replace(network=SETTINGS.network.replace(descriptor_dim=96))
+    )
     network.temperature = 0.02
     frame = torch.eye(96).reshape(96, 8, 12)
     frames = frame.expand(1, 4, 96, 8, 12)
@@ -103,7 +106,9 @@ def test_the_paper_weights_are_the_defaults_and_sum_as_named() -> None:
 
 def test_cycles_are_averaged_and_the_paper_recipe_weighs_their_sum() -> None:
     """In a still clip each cycle has the same error, so that a sum would grow with the frames."""
-    network = TimeCycleNetwork(SETTINGS.replace(network=SETTINGS.network.replace(descriptor_dim=96)))
+    network = TimeCycleNetwork(
+        SETTINGS.replace(network=SETTINGS.network.replace(descriptor_dim=96))
+    )
     network.temperature = 0.02
     frame = torch.eye(96).reshape(96, 8, 12)
     patch = frame[:, 2:6, 3:7].flatten(1).T[None]

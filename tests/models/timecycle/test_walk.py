@@ -25,7 +25,8 @@ pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
 
 NO_CYCLES = "losses={similarity: 0, skip: 0, long: 0, self_cycle: 0}"
 TINY = [
-    "steps=3", "batch=1", "width=96", "height=64", "network={descriptor_dim: 16, widths: [8, 16, 32], global_blocks: 1}",
+    "steps=3", "batch=1", "width=96", "height=64",
+    "network={descriptor_dim: 16, widths: [8, 16, 32], global_blocks: 1}",
     "clips={length: 3, step_max: 3}", "checkpoint_every=3", "optimiser.warmup=1",
     "validation={split: test, every: 3, clips: 1, frames: 3, queries: 8}", NO_CYCLES,
 ]  # fmt: skip
@@ -151,7 +152,7 @@ def test_walkers_stay_on_the_object() -> None:
 
 
 def test_a_network_that_knows_only_the_place_does_not_come_home_through_copies() -> None:
-    """Copies are shifted, each frame by its own number of columns; what is in a cell moves along."""
+    """Copies are shifted, each by its own number of columns; what is in a cell moves along."""
     settings = WalkSettings(nodes=1, temperature=0.02, dropout=0.0)
     shifts = (3, 5, 8)
     centres = torch.stack(torch.meshgrid(torch.arange(8.0), torch.arange(12.0), indexing="ij"), -1)

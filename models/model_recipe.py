@@ -1,0 +1,210 @@
+"""Making a shipped model from nothing: its sets, the stages of its training, the mean, the export.
+
+A recipe is one YAML file (`models/configs/models/`). Everything is made in one folder: sets are
+generated into `sets/`, every stage is a run in `stages/`, and the model is exported to `models/`.
+A stage trains, from the weights of an earlier stage if it names one. Or it is the mean of two
+stages' weights, parameter by parameter, with the shares that are best on the validation split.
+Every stage ends with a calibration on the validation pairs of all its sets.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final, Self
+
+from pydantic import model_validator
+
+from pliant.models.don.settings import DonSettings
+from pliant.models.don.trainer import DonTask, train_don
+from pliant.models.export import export_run
+from pliant.models.training.checkpoint import (
+    BEST,
+    Weights,
+    latest_checkpoint,
+    read_history,
+    read_weights_file,
+    save_weights,
+)
+from pliant.models.training.loop import StepProgress
+from pliant.models.training.processes import joined_processes
+from pliant.models.training.run_folder import RUN_FACTS, read_run_json, write_settings
+from pliant.spec.configuration import (
+    Settings,
+    merged,
+    read_mapping,
+    settings_from,
+    with_overrides,
+)
+from pliant.spec.constraints import Refused, Share
+from pliant.spec.dataset import Dataset
+from pliant.spec.errors import CallError
+
+RECIPES: Final = Path(__file__).parent / "configs" / "models"
+
+
+class Stage(Settings):
+    """A run on the way to a model.
+
+    Attributes:
+        sets: Names of the sets it trains on, its own first.
+        start: The stage whose weights it begins with; empty for random weights.
+        mean_of: Two stages of which it is the mean; it has the settings of the last one.
+        shares: What is tried as the last one's share.
+        settings: Settings of the run that differ from those of all stages.
+    """
+
+    sets: tuple[str, ...]
+    start: str = ""
+    mean_of: tuple[str, ...] = ()
+    shares: tuple[Share, ...] = (0.0, 0.3, 0.5, 0.7, 1.0)
+    settings: Mapping[str, Any] = {}
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if len(self.mean_of) not in (0, 2):
+            raise Refused("two stages", "mean_of")
+        return self
+
+
+class ModelRecipe(Settings):
+    """How a model is made.
+
+    Attributes:
+        name: The model.
+        sets: Name -> `pliant generate` config of a dataset of one tier.
+        settings: Settings of the runs of all stages.
+        stages: Name -> stage, in order; the last one is the model.
+    """
+
+    name: str
+    sets: Mapping[str, Mapping[str, Any]]
+    settings: Mapping[str, Any]
+    stages: Mapping[str, Stage]
+
+
+def read_recipe(
+    path: Path, overrides: Sequence[str] = (), sequences: int | None = None
+) -> ModelRecipe:
+    """Read a recipe.
+
+    Args:
+        path: The file.
+        overrides: `dotted.key=value` texts that change the runs of all stages.
+        sequences: Sequences of every split at most, for a trial.
+
+    Raises:
+        CallError: It cannot be read, or something in it is unknown or impossible.
+    """
+    values = read_mapping(path)
+    common = values.pop("common", {})
+    for name, own in values["sets"].items():
+        made = {"id": f"{values['name']}-{name}", "title": f"{values['name']}: {name}"}
+        made = merged({**made, **common}, own)
+        if sequences is not None:
+            made["splits"] = {key: min(sequences, count) for key, count in made["splits"].items()}
+        values["sets"][name] = made
+    for stage in values["stages"].values():
+        stage["settings"] = with_overrides(stage.get("settings", {}), overrides)
+    recipe = settings_from(ModelRecipe, values, path=path)
+    earlier: set[str] = set()
+    for name, each in recipe.stages.items():
+        _check_known({each.start, *each.mean_of} - {""}, earlier, path, f"stages.{name}")
+        _check_known(set(each.sets), set(recipe.sets), path, f"stages.{name}.sets")
+        earlier.add(name)
+    return recipe
+
+
+def _check_known(named: set[str], known: set[str], path: Path, where: str) -> None:
+    if unknown := sorted(named - known):
+        required = "one of " + ", ".join(sorted(known)) if known else "nothing: it is the first"
+        raise CallError("unknown name", path=path, where=where, found=unknown[0], required=required)
+
+
+def make_model(
+    recipe: ModelRecipe,
+    out: Path,
+    generate: Callable[[Mapping[str, Any], Path], object],
+    progress: StepProgress | None = None,
+) -> Path:
+    """Make a model, or continue; what is finished is not made again.
+
+    Args:
+        recipe: How.
+        out: The folder of sets, stages and the model.
+        generate: Makes a dataset in a folder, or resumes it.
+        progress: Called after each step of a training.
+
+    Returns:
+        The exported model's folder.
+    """
+    for name, config in recipe.sets.items():
+        generate(config, out / "sets" / name)
+    for name, stage in recipe.stages.items():
+        run = out / "stages" / name
+        if read_run_json(run / RUN_FACTS):
+            continue
+        settings = _settings(recipe, stage, out)
+        dataset = Dataset.open(out / "sets" / stage.sets[0])
+        if stage.mean_of:
+            _average(recipe, stage, out, run, settings)
+        else:
+            begun = latest_checkpoint(run) is not None
+            train_don(dataset, run, settings, resume=begun, progress=progress)
+    last = next(reversed(recipe.stages))
+    dataset = Dataset.open(out / "sets" / recipe.stages[last].sets[0])
+    return export_run(out / "stages" / last, recipe.name, out / "models", dataset)
+
+
+def _settings(recipe: ModelRecipe, stage: Stage, out: Path) -> DonSettings:
+    tiers = {name: recipe.sets[name]["tiers"][0] for name in stage.sets}
+    first, *more = stage.sets
+    own: dict[str, Any] = {
+        "tier": tiers[first],
+        "also": [f"{out / 'sets' / name}#{tiers[name]}" for name in more],
+        "cache_dir": str(out / "cache"),
+    }
+    if stage.start:
+        own["network"] = {"pretrained": str(out / "stages" / stage.start)}
+    values = merged(merged(recipe.settings, stage.settings), own)
+    return settings_from(DonSettings, values)
+
+
+def _average(
+    recipe: ModelRecipe, stage: Stage, out: Path, run: Path, settings: DonSettings
+) -> None:
+    """Make a run of the mean of two runs' weights, with the best share on validation."""
+    first, last = (out / "stages" / name for name in stage.mean_of)
+    weights = [read_weights_file(each / BEST) for each in (first, last)]
+    shutil.rmtree(run, ignore_errors=True)
+    run.mkdir(parents=True)
+    dataset = Dataset.open(out / "sets" / stage.sets[0])
+    with joined_processes() as processes:
+        task = DonTask(dataset, settings, run, processes)
+
+        def error(share: float) -> float:
+            task.network.load_state_dict(_mean(*weights, share))
+            task.network.eval()
+            return task.validate()["criterion_px"]
+
+        errors = {share: error(share) for share in stage.shares}
+        share = min(errors, key=errors.__getitem__)
+        mean = _mean(*weights, share)
+        task.network.load_state_dict(mean)
+        save_weights(run / BEST, mean)
+        write_settings(run, settings)
+        facts = read_run_json(last / RUN_FACTS) | {
+            "mean_of": list(stage.mean_of),
+            "share_of_the_last": share,
+            "validation_px_by_share": {str(key): value for key, value in errors.items()},
+        }
+        task.finish(run, read_history(last), facts)
+
+
+def _mean(first: Weights, last: Weights, share: float) -> Weights:
+    """Return (1 - share) of the first and share of the last weights; integers are the last's."""
+    return {
+        name: first[name].lerp(tensor, share) if tensor.is_floating_point() else tensor
+        for name, tensor in last.items()
+    }

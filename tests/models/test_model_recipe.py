@@ -1,0 +1,85 @@
+"""Recipes of the shipped models: readable, and each makes a model that answers, in a small form."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+import torch
+
+from pliant.cli.main import run
+from pliant.generator.config import GenerateConfig
+from pliant.models import load_matcher
+from pliant.models.model_recipe import RECIPES, _mean, read_recipe
+from pliant.models.shipped import FOLDER
+from pliant.spec.configuration import settings_from
+from pliant.spec.errors import CallError
+
+pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
+
+NAMES = sorted(path.stem for path in RECIPES.glob("*.yaml"))
+SMALL = (
+    "steps=2", "batch=1", "width=80", "height=60", "workers=0", "threads=1",
+    "network={widths: [8, 16, 32], global_blocks: 1}",
+    "validation={pairs: 3, queries: 8, calibration_pairs: 6, every: 2}", "optimiser.warmup=1",
+)  # fmt: skip
+
+
+def test_every_shipped_model_has_a_recipe() -> None:
+    assert sorted(path.name for path in FOLDER.iterdir() if path.is_dir()) == NAMES
+    for name in NAMES:
+        recipe = read_recipe(RECIPES / f"{name}.yaml")
+        assert recipe.name == name
+        for config in recipe.sets.values():
+            assert settings_from(GenerateConfig, config).counts["val"] >= 60
+
+
+def small(name: str, out: Path) -> list[str]:
+    overrides = [part for value in SMALL for part in ("--set", value)]
+    size = ["--sequences", "4", "--workers", "1"]
+    return ["train", "model", name, "--out", str(out), *size, *overrides]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", NAMES)
+def test_recipe_makes_a_model_that_answers_and_goes_on(name: str, tmp_path: Path) -> None:
+    assert run(small(name, tmp_path)) == 0
+    made = tmp_path / "models" / name
+    assert load_matcher(made).name == "don"
+    assert (made / "data.yaml").is_file()
+    stages = read_recipe(RECIPES / f"{name}.yaml").stages
+    last = tmp_path / "stages" / next(reversed(stages))
+    facts = json.loads((last / "run.json").read_text())
+    assert facts["calibration"]
+    if stages[last.name].mean_of:
+        assert facts["share_of_the_last"] in stages[last.name].shares
+    before = (last / "best.safetensors").stat().st_mtime_ns
+    assert run(small(name, tmp_path)) == 0  # nothing is made again
+    assert (last / "best.safetensors").stat().st_mtime_ns == before
+
+
+def test_mean_of_weights() -> None:
+    first = {"a": torch.tensor([1.0, 3.0]), "n": torch.tensor(3)}
+    last = {"a": torch.tensor([5.0, -1.0]), "n": torch.tensor(7)}
+    mean = _mean(first, last, 0.25)
+    assert mean["a"].tolist() == [2.0, 2.0]
+    assert int(mean["n"]) == 7
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("stages: {a: {sets: [x], start: b}}", "stages.a: unknown name.*nothing: it is the first"),
+        ("stages: {a: {sets: [y]}}", "stages.a.sets: unknown name.*one of x"),
+        ("stages: {a: {sets: [x], mean_of: [b]}}", "two stages"),
+        ("stages: {a: {sets: [x], begin: b}}", "unknown setting"),
+    ],
+)
+def test_wrong_recipe_is_one_sentence(text: str, message: str, tmp_path: Path) -> None:
+    path = tmp_path / "recipe.yaml"
+    path.write_text(
+        f"name: m\nsets: {{x: {{tiers: [rope], splits: {{train: 2}}}}}}\nsettings: {{}}\n{text}\n"
+    )
+    with pytest.raises(CallError, match=message):
+        read_recipe(path)
