@@ -100,8 +100,8 @@ def read_recipe(
     values = read_mapping(path)
     common = values.pop("common", {})
     for name, own in values["sets"].items():
-        made = {"id": f"{values['name']}-{name}", "title": f"{values['name']}: {name}"}
-        made = merged({**made, **common}, own)
+        labels = {"id": f"{values['name']}-{name}", "title": f"{values['name']}: {name}"}
+        made: dict[str, Any] = merged({**labels, **common}, own)
         if sequences is not None:
             made["splits"] = {key: min(sequences, count) for key, count in made["splits"].items()}
         values["sets"][name] = made
@@ -152,7 +152,7 @@ def make_model(
         else:
             begun = latest_checkpoint(run) is not None
             train_don(dataset, run, settings, resume=begun, progress=progress)
-    last = next(reversed(recipe.stages))
+    last = list(recipe.stages)[-1]
     dataset = Dataset.open(out / "sets" / recipe.stages[last].sets[0])
     return export_run(out / "stages" / last, recipe.name, out / "models", dataset)
 
@@ -176,7 +176,7 @@ def _average(
 ) -> None:
     """Make a run of the mean of two runs' weights, with the best share on validation."""
     first, last = (out / "stages" / name for name in stage.mean_of)
-    weights = [read_weights_file(each / BEST) for each in (first, last)]
+    given, trained = (read_weights_file(each / BEST) for each in (first, last))
     shutil.rmtree(run, ignore_errors=True)
     run.mkdir(parents=True)
     dataset = Dataset.open(out / "sets" / stage.sets[0])
@@ -184,13 +184,13 @@ def _average(
         task = DonTask(dataset, settings, run, processes)
 
         def error(share: float) -> float:
-            task.network.load_state_dict(_mean(*weights, share))
+            task.network.load_state_dict(_mean(given, trained, share))
             task.network.eval()
             return task.validate()["criterion_px"]
 
         errors = {share: error(share) for share in stage.shares}
         share = min(errors, key=errors.__getitem__)
-        mean = _mean(*weights, share)
+        mean = _mean(given, trained, share)
         task.network.load_state_dict(mean)
         save_weights(run / BEST, mean)
         write_settings(run, settings)

@@ -49,7 +49,7 @@ def test_recipe_makes_a_model_that_answers_and_goes_on(name: str, tmp_path: Path
     assert load_matcher(made).name == "don"
     assert (made / "data.yaml").is_file()
     stages = read_recipe(RECIPES / f"{name}.yaml").stages
-    last = tmp_path / "stages" / next(reversed(stages))
+    last = tmp_path / "stages" / list(stages)[-1]
     facts = json.loads((last / "run.json").read_text())
     assert (made / "calibration.json").is_file()
     if stages[last.name].mean_of:
