@@ -21,8 +21,6 @@ if TYPE_CHECKING:
 class Renderer(Protocol):
     """Makes the colour images of sequences, one after the other, with one scene."""
 
-    style: str
-
     def begin(self, scene_object: SceneObject, appearance: Appearance, camera: Camera) -> None:
         """Take what stays the same over a sequence: topology, colours, light, camera."""
         ...

@@ -62,7 +62,6 @@ class CyclesRenderer:
         gpu: Use a GPU if Cycles finds one.
     """
 
-    style = ""
     _owner: ClassVar[CyclesRenderer | None] = None
 
     def __init__(self, size: tuple[int, int], threads: int = 1, *, gpu: bool = True) -> None:
@@ -150,8 +149,6 @@ class CyclesRenderer:
 class PhotoRenderer(CyclesRenderer):
     """Path tracing of the whole frame, denoised by OpenImageDenoise."""
 
-    style = "photo"
-
     def begin(self, scene_object: SceneObject, appearance: Appearance, camera: Camera) -> None:
         """Take what stays the same over a sequence, the table's texture too."""
         super().begin(scene_object, appearance, camera)
@@ -185,8 +182,6 @@ class PhotoRenderer(CyclesRenderer):
 
 class FastRenderer(CyclesRenderer):
     """The object's box by Cycles over a table shaded once per sequence."""
-
-    style = "fast"
 
     def begin(self, scene_object: SceneObject, appearance: Appearance, camera: Camera) -> None:
         """Take what stays the same over a sequence, and shade the open table."""

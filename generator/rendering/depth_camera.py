@@ -40,8 +40,6 @@ class DepthCameraRenderer:
         settings: The camera's faults.
     """
 
-    style = "real-depth"
-
     def __init__(self, settings: DepthCameraSettings | None = None) -> None:
         self.settings = settings or DepthCameraSettings()
 

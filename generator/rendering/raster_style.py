@@ -48,8 +48,6 @@ class RasterRenderer:
         size: Width and height, px.
     """
 
-    style = "raster"
-
     def __init__(self, size: tuple[int, int]) -> None:
         width, height = size
         self._hits = Hits.empty(height * SAMPLES, width * SAMPLES)

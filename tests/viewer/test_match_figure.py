@@ -266,21 +266,15 @@ def test_a_grid_is_on_the_object_that_the_method_finds() -> None:
 
 @pytest.mark.parametrize("method", ["sift", "surf", "orb", "random"])
 @pytest.mark.parametrize("case", ["tiny", "black", "empty"])
-def test_pictures_that_show_nothing_get_no_confidence(
-    case: str, method: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_pictures_that_show_nothing_get_no_confidence(case: str, method: str) -> None:
     side = 3 if case == "tiny" else 64
     rgb = np.random.default_rng(0).integers(0, 256, (side, side, 3)).astype(np.uint8)
     if case != "tiny":
         rgb[:] = 0 if case == "black" else 140
         rgb[::2, ::3] += 1  # the noise of an empty table
-    path = tmp_path / "picture.png"
-    Image.fromarray(rgb).save(path)
-    pictures = ["--source", str(path), "--target", str(path)]
-    out = str(tmp_path / "figure.png")
-    found = matched(capsys, method, *pictures, "--at", "1.5,1.5", "--out", out)
-    assert found["confidence"] in (None, 0.0)
-    assert "nothing to compare" in found["warnings"][0]
+    match = match_photo(METHODS[method](), Frame(rgb), Frame(rgb), [(1.5, 1.5)])  # type: ignore[arg-type]
+    assert match.confidence(match.points[0]) in (None, 0.0)
+    assert "nothing to compare" in match.warnings()[0]
 
 
 class Strange:

@@ -183,15 +183,7 @@ class Episode:
         picked = cloth.simulator.positions[vertex, :2]
         reach = LARGEST_REACH * cloth.side_m
         target = np.clip(picked + carry * cloth.side_m, self._home - reach, self._home + reach)
-        carried = target - picked
-        return Action(
-            name=name,
-            vertex=vertex,
-            carry_m=(float(carried[0]), float(carried[1])),
-            lift_m=float(lift * cloth.side_m),
-            lower_m=float(lift * lower * cloth.side_m),
-            speed_m_s=self._settings.hand_speed_m_s,
-        )
+        return cloth.action(name, vertex, target - picked, lift, lower)
 
     def _rim_vertex(self) -> int:
         """Return a corner now and then, else an uppermost mass far from the middle."""

@@ -182,6 +182,19 @@ class Handling:
 
     # What is done
 
+    def action(
+        self, name: str, vertex: int, carry_m: FloatArray, lift: float, lower_share: float
+    ) -> Action:
+        """Return an action; the lift is in sides of the cloth, the lowering a share of it."""
+        return Action(
+            name=name,
+            vertex=int(vertex),
+            carry_m=(float(carry_m[0]), float(carry_m[1])),
+            lift_m=float(lift * self.side_m),
+            lower_m=float(lift * lower_share * self.side_m),
+            speed_m_s=self.settings.hand_speed_m_s,
+        )
+
     def act(
         self,
         name: str,
@@ -193,14 +206,7 @@ class Handling:
     ) -> None:
         """Pick a mass, carry it and let go; lengths are in sides of the cloth."""
         carried = np.asarray(carry, dtype=np.float64) * self.side_m
-        action = Action(
-            name=name,
-            vertex=int(vertex),
-            carry_m=(float(carried[0]), float(carried[1])),
-            lift_m=lift * self.side_m,
-            lower_m=lift * lower_share * self.side_m,
-            speed_m_s=self.settings.hand_speed_m_s,
-        )
+        action = self.action(name, vertex, carried, lift, lower_share)
         self.record.append(action.record(self.side, self.side))
         for _ in perform(self.simulator, action):
             pass
