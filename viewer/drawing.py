@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -17,55 +17,13 @@ from pliant.spec.errors import CallError
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from pliant.spec.sequence import SequenceRecord
-
 Window = tuple[float, float, float, float]
 """Left, right, bottom and top of what is shown of an image, pixels."""
 
 PICTURES: Final = (".png", ".jpg", ".jpeg", ".webp")
 DRAWINGS: Final = (*PICTURES, ".pdf", ".svg")
-_DPI: Final = 100
-_TITLE_IN: Final = 0.3
 _LOG_RANGE: Final = 10.0  # e^-10 of the largest is as good as nothing
 _LOWEST_SHOWN: Final = 0.05  # quantile at the lower end of the colours, of values that are not logs
-
-
-def draw_strip(
-    out: Path,
-    sequence: SequenceRecord,
-    titles: Mapping[int, str],
-    draw: Callable[[Axes, int], None],
-    *,
-    columns: int,
-    width_in: float,
-) -> None:
-    """Write frames of a sequence as panels, row by row, with something drawn on each.
-
-    Args:
-        out: The image to write.
-        sequence: The sequence.
-        titles: Frame -> text above it.
-        draw: Draws on the panel of a frame.
-        columns: Panels per row at most.
-        width_in: Width of a panel, inches.
-    """
-    from matplotlib.figure import Figure
-
-    columns = min(len(titles), columns)
-    rows = -(-len(titles) // columns)
-    image_in = width_in * sequence.size[1] / sequence.size[0]
-    tall = rows * (image_in + _TITLE_IN)
-    figure = Figure(figsize=(width_in * columns, tall), dpi=_DPI, facecolor="white")
-    figure.subplots_adjust(
-        0.004, 0.005, 0.996, 1 - _TITLE_IN / tall, wspace=0.02, hspace=_TITLE_IN / image_in
-    )
-    axes = list(figure.subplots(rows, columns, squeeze=False).ravel())
-    for unused in axes[len(titles) :]:
-        unused.set_axis_off()
-    for axis, (frame, title) in zip(axes, titles.items(), strict=False):
-        show(axis, sequence.rgb(frame), title)
-        draw(axis, frame)
-    figure.savefig(out)
 
 
 def show(axis: Axes, image: Rgb, title: str, window: Window | None = None) -> None:
@@ -82,12 +40,6 @@ def show(axis: Axes, image: Rgb, title: str, window: Window | None = None) -> No
     left, right, bottom, top = window or (0, width, height, 0)
     axis.set(xlim=(left, right), ylim=(bottom, top), xticks=[], yticks=[])
     axis.set_title(title, fontsize=10)
-
-
-def draw_point(axis: Axes, uv_px: npt.NDArray[Any], colour: Any, *, seen: bool) -> None:
-    """Draw a point of an object: a dot, hollow where the point is not visible."""
-    face, edge = (colour, "white") if seen else ("none", colour)
-    axis.plot(*uv_px, "o", ms=6, mfc=face, mec=edge, mew=1.0)
 
 
 def number_colour(number: int, count: int) -> tuple[float, float, float, float]:

@@ -10,16 +10,21 @@ from typing import Final
 
 from PIL import Image
 
-from pliant.evaluator.report.contact_sheet import contact_sheet
+from pliant.evaluator.report.contact_sheet import contact_sheet, evenly
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
 from pliant.spec.io.writing import replacing
 from pliant.viewer.drawing import DRAWINGS, PICTURES, check_ending
-from pliant.viewer.point_tracks import draw_annotated_points, draw_point_tracks
-from pliant.viewer.tracks import ANIMATION, draw_tracks, read_predicted_tracks
+from pliant.viewer.reading_tracks import annotated_points, predicted_tracks, true_tracks
+from pliant.viewer.tracks import animate, draw_tracks
 
 _SHEETS: Final = ("sheet", "index", "depth")
 FIGURES: Final = (*_SHEETS, "tracks", "points")
+PAPER_FRAMES: Final = (0, 22, 87)
+"""The frames that the paper's figure of tracked points shows."""
+
+_ANIMATION: Final = ".gif"
+_STEPS: Final = 8  # panels of true tracks at most
 
 
 def draw_figure(
@@ -68,10 +73,13 @@ def draw_figure(
             else:
                 sheet.save(partial)
         elif figure == "points":
-            draw_annotated_points(dataset, chosen[0], truth, count, partial)
+            points = annotated_points(dataset, chosen[0], truth)
+            asked = sorted(points.places)
+            draw_tracks(points, [asked[k] for k in evenly(count, len(asked))], partial)
         else:
             episode = next((s for s in chosen if s.temporal), chosen[0])
-            draw_point_tracks(episode, count, partial)
+            frames = evenly(min(count, _STEPS), episode.frames)
+            draw_tracks(true_tracks(episode), frames, partial)
     return out
 
 
@@ -98,9 +106,24 @@ def draw_predicted_tracks(
     Raises:
         CallError: The submission, the episode, a frame or the file's ending cannot be served.
     """
-    check_ending(out, (*DRAWINGS, ANIMATION))
-    tracks = read_predicted_tracks(Dataset.open(root), submission, sequence)
+    check_ending(out, (*DRAWINGS, _ANIMATION))
+    tracks = predicted_tracks(Dataset.open(root), submission, sequence)
+    asked = sorted(tracks.places)
+    if frames is None:
+        paper = set(PAPER_FRAMES) <= set(asked)
+        frames = list(PAPER_FRAMES) if paper else [asked[k] for k in evenly(3, len(asked))]
+    for frame in frames:
+        if frame not in tracks.places:
+            raise CallError(
+                "the submission says nothing of this frame",
+                where=f"--frames, {tracks.sequence.id}",
+                found=frame,
+                required=f"{asked[0]} to {asked[-1]}, {len(asked)} of them asked about",
+            )
     out.parent.mkdir(parents=True, exist_ok=True)
     with replacing(out) as partial:
-        draw_tracks(tracks, partial, frames)
+        if out.suffix.lower() == _ANIMATION:
+            animate(tracks, partial)
+        else:
+            draw_tracks(tracks, frames, partial, columns=len(frames), width_in=5.2)
     return out

@@ -15,7 +15,7 @@ from pliant.cli.main import run
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, SubmissionError
 from pliant.viewer.figures import draw_predicted_tracks
-from pliant.viewer.tracks import read_predicted_tracks
+from pliant.viewer.reading_tracks import predicted_tracks
 
 Submit = Callable[[Path, float], Path]
 
@@ -28,26 +28,24 @@ def submission(tiny_episode: Path, submit: Submit) -> Path:
 
 def test_tracks_are_the_answers_of_one_source_frame(tiny_episode: Path, submission: Path) -> None:
     dataset = Dataset.open(tiny_episode)
-    tracks = read_predicted_tracks(dataset, submission)
-    assert (tracks.sequence.id, tracks.source, tracks.method) == (
-        "rope-test-000000",
-        0,
-        "moved 5 px",
-    )
+    tracks = predicted_tracks(dataset, submission)
+    assert tracks.sequence.id == "rope-test-000000"
+    assert tracks.titles[0] == "moved 5 px, rope-test-000000, frame 0"
+    assert {title.split(", ")[3] for k, title in tracks.titles.items() if k} == {"RMSE 5.0 px"}
     queries = dataset.queries("test")
     from_0 = queries["frame_a"].to_numpy() == 0
-    assert set(tracks.answers) == {0, *queries["frame_b"].to_numpy()[from_0].tolist()}
-    assert len(tracks.colours) == len(tracks.answers[0]) <= 24
+    assert set(tracks.places) == {0, *queries["frame_b"].to_numpy()[from_0].tolist()}
+    assert len(tracks.colours) == len(tracks.places[0]) <= 24
     assert tracks.truth is not None
     for frame, truth in tracks.truth.items():
-        gap = tracks.answers[frame] - truth
+        gap = tracks.places[frame] - truth
         seen = np.isfinite(gap).all(axis=1)
         assert seen.any()
         np.testing.assert_allclose(gap[seen], [[5, 0]] * int(seen.sum()), atol=1e-4)
 
 
 def test_a_strip_and_an_animation(tiny_episode: Path, submission: Path, tmp_path: Path) -> None:
-    asked = sorted(read_predicted_tracks(Dataset.open(tiny_episode), submission).answers)
+    asked = sorted(predicted_tracks(Dataset.open(tiny_episode), submission).places)
     draw_predicted_tracks(tiny_episode, submission, tmp_path / "a.png", frames=[0, asked[1]])
     draw_predicted_tracks(tiny_episode, submission, tmp_path / "b.png", frames=[0])
     with Image.open(tmp_path / "a.png") as two, Image.open(tmp_path / "b.png") as one:
@@ -80,6 +78,6 @@ def test_a_submission_for_something_else_is_refused(
     tiny_dataset: Path, tiny_episode: Path, submission: Path
 ) -> None:
     with pytest.raises(SubmissionError, match="pliant check"):
-        read_predicted_tracks(Dataset.open(tiny_dataset), submission)
+        predicted_tracks(Dataset.open(tiny_dataset), submission)
     with pytest.raises(CallError, match="no pair of the submission is in one episode"):
-        read_predicted_tracks(Dataset.open(tiny_episode), submission, "rope-train-000000")
+        predicted_tracks(Dataset.open(tiny_episode), submission, "rope-train-000000")
