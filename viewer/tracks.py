@@ -92,9 +92,7 @@ def _draw_points(axis: Axes, tracks: Tracks, frame: int) -> None:
     way = range(max(0, frame - _TRAIL), frame + 1)
     for k, colour in enumerate(tracks.colours):
         if tracks.trails:
-            trail = np.stack(
-                [tracks.places[at][k] for at in range(max(0, frame - _TRAIL), frame + 1)]
-            )
+            trail = np.stack([tracks.places[at][k] for at in way])
             axis.plot(*trail.T, color="black", lw=2.2, alpha=0.5)
             axis.plot(*trail.T, color=colour, lw=1.3)
         if truth is not None and seen[k]:
