@@ -61,8 +61,8 @@ def _best_ms_per_step(make: Callable[[], Simulator], steps: int, repeats: int) -
 
 
 def _hanging(points: int, contact: bool) -> Simulator:
-    sheet = Sheet(columns=points, rows=points)
-    start = flat_positions(points, points, 1.0, 1.0)
+    sheet = Sheet(side=points)
+    start = flat_positions(points, 1.0)
     colliders = (PairContact.of(sheet, sheet.spacing_m),) if contact else ()
     simulator = Simulator(sheet, start, gravity=GRAVITY, colliders=colliders)
     simulator.free[[0, points - 1]] = 0.0
@@ -71,10 +71,10 @@ def _hanging(points: int, contact: bool) -> Simulator:
 
 def _heap(points: int) -> Simulator:
     """Return a standing cloth that has fallen for 0.4 s."""
-    flat = flat_positions(points, points, 1.0, 1.0)
+    flat = flat_positions(points, 1.0)
     wobble = np.random.default_rng(0).uniform(-1e-3, 1e-3, len(flat))
     standing = np.stack([flat[:, 0], 0.3 * flat[:, 1] + wobble, 0.95 * flat[:, 1]], axis=1)
-    sheet = Sheet(columns=points, rows=points)
+    sheet = Sheet(side=points)
     colliders = (PairContact.of(sheet, sheet.spacing_m), Table(0.0, 0.5))
     simulator = Simulator(sheet, standing, gravity=GRAVITY, colliders=colliders)
     simulator.run(int(0.4 * simulator.sheet.steps_per_second))

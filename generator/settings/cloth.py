@@ -142,10 +142,8 @@ class ClothSettings(Settings):
         spacing_m = self.side_m / (self.points_a_side - 1)
         kept_per_step = (1.0 - self.damping_percent / 100.0) ** (2700.0 / steps_per_second)
         return Sheet(
-            columns=self.points_a_side,
-            rows=self.points_a_side,
-            width_m=self.side_m,
-            height_m=self.side_m,
+            side=self.points_a_side,
+            side_m=self.side_m,
             density=self.density,
             ks=self.ks,
             bending_ratio=self.bending_ratio,

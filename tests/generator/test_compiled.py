@@ -68,7 +68,6 @@ def test_an_edited_callee_or_constant_in_another_file_gives_the_new_result(shop:
     assert run(shop) == (-19, 0)
     (shop / "constants.py").write_text("FACTOR = 3.0\n")
     assert run(shop) == (-29, 0)
-    assert run(shop) == (-29, 1)
 
 
 def test_cache_folders_of_old_sources_are_removed(shop: Path) -> None:
@@ -94,5 +93,4 @@ def test_the_cache_goes_where_numba_is_told(shop: Path, tmp_path: Path) -> None:
 
 def test_without_a_folder_that_can_be_written_nothing_is_kept(shop: Path, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    for _ in range(2):
-        assert run(shop, XDG_CACHE_HOME=str(tmp_path / "file")) == (21, 0)
+    assert run(shop, XDG_CACHE_HOME=str(tmp_path / "file")) == (21, 0)

@@ -120,8 +120,8 @@ class Episode:
             moments = self._frames(action, number, rest)
             if moments is not None:
                 if action is not None:
-                    side = self._settings.points_a_side
-                    self._actions.append({"index": number, **action.record(side, side)})
+                    facts = action.record(self._settings.points_a_side)
+                    self._actions.append({"index": number, **facts})
                 self._waiting.extend(moments)
                 return
             simulator.place(before[0])
@@ -189,7 +189,7 @@ class Episode:
         """Return a corner now and then, else an uppermost mass far from the middle."""
         cloth, rng = self._handling, self._rng
         if rng.random() < 0.4:
-            return int(rng.choice(corner_vertices(cloth.side, cloth.side)))
+            return int(rng.choice(corner_vertices(cloth.side)))
         angle = rng.uniform(-math.pi, math.pi)
         direction = np.array([math.cos(angle), math.sin(angle)])
         offsets = cloth.simulator.positions[:, :2] - cloth.middle()

@@ -1,7 +1,7 @@
 """The square grid of a cloth: its triangles, its edges and its symmetric vertices.
 
-Vertices are numbered row by row: vertex `row * columns + column`. In a tier, a column is a
-step of u and a row a step of v.
+Vertices are numbered row by row: vertex `row * side + column`. A column is a step of u and a row
+a step of v.
 """
 
 from __future__ import annotations
@@ -15,25 +15,24 @@ from pliant.generator.scene.scene_object import IntArray, quads
 from pliant.spec.arrays import FloatArray
 
 
-def grid_faces(columns: int, rows: int) -> IntArray:
+def grid_faces(side: int) -> IntArray:
     """Return the two triangles of every cell, wound so that a flat sheet faces up.
 
     Args:
-        columns: Vertices along u, >= 2.
-        rows: Vertices along v, >= 2.
+        side: Vertices along a side, >= 2.
 
     Returns:
-        int32 (2 * (columns - 1) * (rows - 1), 3), vertex indices.
+        int32 (2 * (side - 1)**2, 3), vertex indices.
     """
-    row, column = np.meshgrid(np.arange(rows - 1), np.arange(columns - 1), indexing="ij")
-    corner = (row * columns + column).ravel()
-    return quads(corner, corner + 1, corner + columns + 1, corner + columns)
+    row, column = np.meshgrid(np.arange(side - 1), np.arange(side - 1), indexing="ij")
+    corner = (row * side + column).ravel()
+    return quads(corner, corner + 1, corner + side + 1, corner + side)
 
 
 @lru_cache(maxsize=8)
-def grid_mesh(columns: int, rows: int) -> tuple[IntArray, IntArray]:
+def grid_mesh(side: int) -> tuple[IntArray, IntArray]:
     """Return the triangles of a grid and their edges; shared, so read-only."""
-    faces = grid_faces(columns, rows)
+    faces = grid_faces(side)
     edges = triangle_edges(faces)
     faces.setflags(write=False)
     edges.setflags(write=False)
@@ -47,28 +46,25 @@ def triangle_edges(faces: IntArray) -> IntArray:
     return edges
 
 
-def flat_positions(columns: int, rows: int, width_m: float, height_m: float) -> FloatArray:
+def flat_positions(side: int, side_m: float) -> FloatArray:
     """Return a flat sheet in the plane z = 0 with its first vertex at the origin.
 
     Args:
-        columns: Vertices along x.
-        rows: Vertices along y.
-        width_m: Extent along x, metres.
-        height_m: Extent along y, metres.
+        side: Vertices along a side.
+        side_m: Length of a side, metres.
 
     Returns:
-        float64 (rows * columns, 3), metres.
+        float64 (side * side, 3), metres.
     """
-    y, x = np.meshgrid(
-        np.linspace(0.0, height_m, rows), np.linspace(0.0, width_m, columns), indexing="ij"
-    )
+    along = np.linspace(0.0, side_m, side)
+    y, x = np.meshgrid(along, along, indexing="ij")
     return np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
 
 
-def corner_vertices(columns: int, rows: int) -> IntArray:
+def corner_vertices(side: int) -> IntArray:
     """Return the corners at (u, v) = (0, 0), (1, 0), (0, 1) and (1, 1): int32 (4,)."""
-    last = (rows - 1) * columns
-    return np.array([0, columns - 1, last, last + columns - 1], dtype=np.int32)
+    last = (side - 1) * side
+    return np.array([0, side - 1, last, last + side - 1], dtype=np.int32)
 
 
 def mapped_vertices(side: int, matrix: npt.ArrayLike, offset: npt.ArrayLike) -> IntArray:

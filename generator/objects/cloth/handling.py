@@ -56,13 +56,13 @@ class Action:
     lower_m: float
     speed_m_s: float
 
-    def record(self, columns: int, rows: int) -> dict[str, Any]:
+    def record(self, side: int) -> dict[str, Any]:
         """Return the action as a JSON object, with the picked point as (u, v)."""
-        row, column = divmod(self.vertex, columns)
+        row, column = divmod(self.vertex, side)
         facts = asdict(self)
         del facts["vertex"]
         facts["carry_m"] = list(self.carry_m)
-        return {"picked": [column / (columns - 1), row / (rows - 1)], **facts}
+        return {"picked": [column / (side - 1), row / (side - 1)], **facts}
 
 
 def hand_path(action: Action) -> FloatArray:
@@ -101,8 +101,7 @@ def perform(simulator: Simulator, action: Action) -> Iterator[FloatArray]:
     Yields:
         The hand's position after each step: float64 (3,), metres in the world.
     """
-    sheet = simulator.sheet
-    held = grip(action.vertex, sheet.columns, sheet.rows)
+    held = grip(action.vertex, simulator.sheet.side)
     where = simulator.positions[action.vertex].copy()
     simulator.free[held] = 0.0
     try:
@@ -114,12 +113,12 @@ def perform(simulator: Simulator, action: Action) -> Iterator[FloatArray]:
         simulator.free[held] = 1.0
 
 
-def grip(vertex: int, columns: int, rows: int) -> npt.NDArray[np.int64]:
+def grip(vertex: int, side: int) -> npt.NDArray[np.int64]:
     """Return the masses a hand holds: the 3 x 3 patch about one, cut at the cloth's edges."""
-    row, column = divmod(vertex, columns)
-    patch_rows = np.arange(max(row - 1, 0), min(row + 2, rows))
-    patch_columns = np.arange(max(column - 1, 0), min(column + 2, columns))
-    held: npt.NDArray[np.int64] = (patch_rows[:, None] * columns + patch_columns).ravel()
+    row, column = divmod(vertex, side)
+    rows = np.arange(max(row - 1, 0), min(row + 2, side))
+    columns = np.arange(max(column - 1, 0), min(column + 2, side))
+    held: npt.NDArray[np.int64] = (rows[:, None] * side + columns).ravel()
     return held
 
 
@@ -146,9 +145,9 @@ class Handling:
         self.side_m = settings.side_m
         self.side = settings.points_a_side
         self.record: list[dict[str, Any]] = []
-        self._faces = grid_faces(self.side, self.side)
+        self._faces = grid_faces(self.side)
         height_m = 0.5 * settings.thickness_m
-        flat = flat_positions(self.side, self.side, self.side_m, self.side_m)
+        flat = flat_positions(self.side, self.side_m)
         flat[:, :2] -= 0.5 * self.side_m
         flat[:, 2] = height_m + rng.uniform(0.0, UNEVEN_SHARE * self.side_m, len(flat))
         sheet = settings.sheet()
@@ -207,7 +206,7 @@ class Handling:
         """Pick a mass, carry it and let go; lengths are in sides of the cloth."""
         carried = np.asarray(carry, dtype=np.float64) * self.side_m
         action = self.action(name, vertex, carried, lift, lower_share)
-        self.record.append(action.record(self.side, self.side))
+        self.record.append(action.record(self.side))
         for _ in perform(self.simulator, action):
             pass
         self.settle(settle_s)
@@ -277,7 +276,7 @@ class Handling:
 
     def corner(self) -> int:
         """Return a random corner mass."""
-        return int(self.rng.choice(corner_vertices(self.side, self.side)))
+        return int(self.rng.choice(corner_vertices(self.side)))
 
     def inwards(self, vertex: int, spread_rad: float) -> FloatArray:
         """Return a unit direction from a mass to the middle, off by a random angle."""

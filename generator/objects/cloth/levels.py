@@ -81,7 +81,7 @@ def _begin_wrinkled(cloth: Handling) -> None:
         return
     upper = cloth.stand_up()
     cloth.settle(1.0)
-    corners = corner_vertices(side, side)
+    corners = corner_vertices(side)
     ends = corners[list(((0, 2), (1, 3), (0, 1), (2, 3))[upper])]
     vertex = int(rng.choice(ends))
     carry = cloth.inwards(vertex, 0.8) * rng.uniform(0.25, 0.5)

@@ -131,7 +131,7 @@ def _part(settings: ClothSettings) -> Part:
     return Part(
         object_id=CLOTH_ID,
         name=PART,
-        faces=grid_faces(side, side),
+        faces=grid_faces(side),
         rest=rest,
         chart=_chart,
         strand=np.zeros(side * side, dtype=np.int32),

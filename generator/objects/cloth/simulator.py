@@ -31,11 +31,9 @@ class Sheet:
     """The numbers of a cloth and of its simulation; the defaults are those of the CS 184 project.
 
     Attributes:
-        columns: Masses along the first side.
-        rows: Masses along the second side.
-        width_m: First side, metres.
-        height_m: Second side, metres.
-        density: Mass per area, kg/m²; a point's mass is width x height x density / points.
+        side: Masses along a side.
+        side_m: Length of a side, metres.
+        density: Mass per area, kg/m²; a point's mass is the area times it, over the points.
         ks: Stiffness of structural and shear springs, N/m.
         bending_ratio: Stiffness of bending springs over `ks`.
         damping_percent: Share of the motion lost per step, percent.
@@ -44,10 +42,8 @@ class Sheet:
         longest_step_m: No mass moves farther in a step; infinity for none.
     """
 
-    columns: int = 50
-    rows: int = 50
-    width_m: float = 1.0
-    height_m: float = 1.0
+    side: int = 50
+    side_m: float = 1.0
     density: float = 150.0
     ks: float = 5000.0
     bending_ratio: float = 0.2
@@ -58,13 +54,13 @@ class Sheet:
 
     @property
     def spacing_m(self) -> float:
-        """Distance of neighbouring masses at rest, the larger of the two sides'."""
-        return max(self.width_m / (self.columns - 1), self.height_m / (self.rows - 1))
+        """Distance of neighbouring masses at rest."""
+        return self.side_m / (self.side - 1)
 
     @property
     def mass_kg(self) -> float:
         """Mass of one point."""
-        return self.width_m * self.height_m * self.density / (self.columns * self.rows)
+        return self.side_m * self.side_m * self.density / (self.side * self.side)
 
 
 class Simulator:
@@ -96,15 +92,8 @@ class Simulator:
             colliders: What corrects the masses after they moved, in this order.
         """
         self.sheet = sheet
-        self.rest = flat_positions(sheet.columns, sheet.rows, sheet.width_m, sheet.height_m)
-        self.springs = build_springs(
-            sheet.columns,
-            sheet.rows,
-            sheet.width_m,
-            sheet.height_m,
-            sheet.ks,
-            sheet.bending_ratio,
-        )
+        self.rest = flat_positions(sheet.side, sheet.side_m)
+        self.springs = build_springs(sheet.side, sheet.side_m, sheet.ks, sheet.bending_ratio)
         self.positions = np.array(positions, dtype=np.float64)
         self.previous = self.positions.copy()
         self.forces = np.zeros_like(self.positions)
@@ -127,7 +116,7 @@ class Simulator:
             hand_m: float64 (3,), how far held masses move in this step, metres.
         """
         sheet, springs = self.sheet, self.springs
-        add_spring_forces(self.positions, self.forces, springs, sheet.columns, sheet.rows)
+        add_spring_forces(self.positions, self.forces, springs, sheet.side)
         hand = self._still if hand_m is None else hand_m
         motion = Motion(self.gravity, sheet.mass_kg, self.damping, self.dt_s, sheet.longest_step_m)
         verlet_step(self.positions, self.previous, self.forces, self.free, hand, motion)

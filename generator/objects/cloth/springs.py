@@ -61,21 +61,12 @@ class Springs:
     rest_m: FloatArray
 
 
-def build_springs(
-    columns: int,
-    rows: int,
-    width_m: float,
-    height_m: float,
-    ks: float,
-    bending_ratio: float,
-) -> Springs:
+def build_springs(side: int, side_m: float, ks: float, bending_ratio: float) -> Springs:
     """Join the point masses of a flat grid.
 
     Args:
-        columns: Masses in a row.
-        rows: Masses in a column.
-        width_m: Length of a row, metres.
-        height_m: Length of a column, metres.
+        side: Masses along a side.
+        side_m: Length of a side, metres.
         ks: Stiffness of structural and shear springs, N/m.
         bending_ratio: Stiffness of a bending spring over `ks`.
 
@@ -83,9 +74,9 @@ def build_springs(
         The springs.
     """
     stiffness = (ks, ks, bending_ratio * ks)
-    across, down = width_m / (columns - 1), height_m / (rows - 1)
+    spacing = side_m / (side - 1)
     families = tuple(
-        Family(kind, row, column, math.hypot(row * down, column * across), stiffness[kind])
+        Family(kind, row, column, math.hypot(row * spacing, column * spacing), stiffness[kind])
         for kind, row, column in (
             (STRUCTURAL, 0, 1),
             (STRUCTURAL, 1, 0),
@@ -98,14 +89,14 @@ def build_springs(
     # later - earlier mass is (rows, columns) of the family, for both shear directions
     ends = [
         (
-            row * columns + column,
-            (row - family.rows) * columns + column - family.columns,
+            row * side + column,
+            (row - family.rows) * side + column - family.columns,
             number,
         )
-        for row in range(rows)
-        for column in range(columns)
+        for row in range(side)
+        for column in range(side)
         for number, family in enumerate(families)
-        if row >= family.rows and 0 <= column - family.columns < columns
+        if row >= family.rows and 0 <= column - family.columns < side
     ]
     a, b, family = (np.array(part, dtype=np.int32) for part in zip(*ends, strict=True))
     return Springs(
@@ -118,19 +109,18 @@ def build_springs(
 
 
 def add_spring_forces(
-    positions: FloatArray, forces: FloatArray, springs: Springs, columns: int, rows: int
+    positions: FloatArray, forces: FloatArray, springs: Springs, side: int
 ) -> None:
     """Add every spring's force to the masses at its two ends.
 
     Args:
-        positions: float64 (rows * columns, 3), metres.
-        forces: float64 (rows * columns, 3), newtons; changed in place.
+        positions: float64 (side * side, 3), metres.
+        forces: float64 (side * side, 3), newtons; changed in place.
         springs: The springs.
-        columns: Masses in a row.
-        rows: Masses in a column.
+        side: Masses along a side.
     """
-    grid = np.ascontiguousarray(positions.T).reshape(3, rows, columns)
-    pulls = np.zeros((3, rows, columns))
+    grid = np.ascontiguousarray(positions.T).reshape(3, side, side)
+    pulls = np.zeros_like(grid)
     for family in springs.families:
         _add_family(grid, pulls, family)
     forces += pulls.reshape(3, -1).T

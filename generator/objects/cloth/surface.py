@@ -65,39 +65,26 @@ def render_vertices(settings: ClothSettings, positions: FloatArray) -> tuple[Flo
     Returns:
         float64 (render_a_side², 3), metres, and the number of edges that pierce a triangle.
     """
-    side = settings.points_a_side
+    floor_m = 0.5 * settings.thickness_m
     return subdivide(
-        positions,
-        side,
-        side,
-        settings.doublings,
-        0.5 * settings.thickness_m,
-        settings.smoothing,
+        positions, settings.points_a_side, settings.doublings, floor_m, settings.smoothing
     )
 
 
 def cover_of(settings: ClothSettings, vertices: FloatArray) -> Cover:
     """Return what the rendered surface shows from above."""
     side = settings.render_a_side
-    return measure_cover(
-        vertices, grid_mesh(side, side)[0], corner_vertices(side, side), settings.side_m
-    )
+    return measure_cover(vertices, grid_mesh(side)[0], corner_vertices(side), settings.side_m)
 
 
 def subdivide(
-    positions: FloatArray,
-    columns: int,
-    rows: int,
-    doublings: int,
-    floor_m: float,
-    smoothing: float = 0.0,
+    positions: FloatArray, side: int, doublings: int, floor_m: float, smoothing: float = 0.0
 ) -> tuple[FloatArray, int]:
     """Refine a grid of masses for rendering.
 
     Args:
-        positions: float64 (rows * columns, 3), metres.
-        columns: Masses in a row.
-        rows: Masses in a column.
+        positions: float64 (side * side, 3), metres.
+        side: Masses along a side.
         doublings: How often the cells are halved.
         floor_m: No vertex is left below this height, metres.
         smoothing: How far every mass first goes towards the average over its neighbours, 0 to
@@ -105,11 +92,10 @@ def subdivide(
             2**doublings-th vertex in a row and a column.
 
     Returns:
-        The vertices, float64 (((rows - 1) * 2**doublings + 1) * ((columns - 1) *
-        2**doublings + 1), 3); and the number of edges that pierce a triangle of them: 0
-        unless the simulated mesh pokes through itself.
+        The vertices, float64 (((side - 1) * 2**doublings + 1)**2, 3); and the number of edges that
+        pierce a triangle of them: 0 unless the simulated mesh pokes through itself.
     """
-    grid = _above(positions.reshape(rows, columns, 3), floor_m)
+    grid = _above(positions.reshape(side, side, 3), floor_m)
     pierced = 0
     if smoothing > 0.0 or doublings == 0:
         smooth = grid + smoothing * (_averaged(grid) - grid)
@@ -140,8 +126,7 @@ def _unpierced(wanted: FloatArray, safe: FloatArray) -> tuple[FloatArray, int]:
 
 
 def _pierced(grid: FloatArray) -> npt.NDArray[np.int32]:
-    rows, columns = grid.shape[:2]
-    return find_intersections(grid.reshape(-1, 3), *grid_mesh(columns, rows))
+    return find_intersections(grid.reshape(-1, 3), *grid_mesh(len(grid)))
 
 
 def _above(grid: FloatArray, floor_m: float) -> FloatArray:

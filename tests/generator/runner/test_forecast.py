@@ -45,7 +45,8 @@ def test_trials_and_runs_forecast_what_a_run_takes(standin, tmp_path) -> None:
 
     out = tmp_path / "set"
     maker = standin.maker(config, out, frame_s=0.05)
-    summary = generate(config, out, workers=2, open_maker=maker, progress=show)
+    here = standin.InProcess()
+    summary = generate(config, out, workers=2, engine=here, open_maker=maker, progress=show)
     sleeping_s = 6 * 8 * 0.05 / 2
     assert sleeping_s <= estimate.seconds < 5 * sleeping_s  # encoding and syncing come on top
     assert estimate.bytes == pytest.approx(summary.bytes, rel=0.05)
