@@ -68,10 +68,7 @@ def draw_figure(
     with replacing(out) as partial:
         if figure in _SHEETS:
             sheet = Image.fromarray(contact_sheet(dataset, chosen, figure, count))
-            if out.suffix.lower() in (".jpg", ".jpeg"):
-                sheet.save(partial, quality=88)
-            else:
-                sheet.save(partial)
+            sheet.save(partial, quality=88)  # PNG has none
         elif figure == "points":
             points = annotated_points(dataset, chosen[0], truth)
             asked = sorted(points.places)

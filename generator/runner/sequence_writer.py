@@ -24,6 +24,7 @@ from pliant.spec.io.parquet import TableWriter, write_table
 from pliant.spec.io.png import write_rgb
 from pliant.spec.io.reading import file_entry
 from pliant.spec.io.staging import staged
+from pliant.spec.io.writing import synced
 from pliant.spec.storage.layout import (
     CAMERAS_JSON,
     CORRESPONDENCES_TABLE,
@@ -143,9 +144,9 @@ class SequenceWriter:
             if _free_bytes(self._folder) < surface.depth_m.nbytes:
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)) from error
             raise
-        self._images += [
-            file_entry(self._folder, name) for name in (rgb_name(frame), depth_name(frame))
-        ]
+        for name in (rgb_name(frame), depth_name(frame)):
+            synced(self._folder / name)  # here, next to the rendering, and not all at the end
+            self._images.append(file_entry(self._folder, name))
         return time.thread_time() - start
 
 
