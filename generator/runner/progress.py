@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -108,7 +107,6 @@ class Progress:
         bytes: Bytes this run wrote.
         failures: Failed attempts so far.
         memory_bytes: Largest resident memory a worker reported.
-        started: `time.monotonic()` at the start of the rendering.
         log: The run's log file.
         forecast: What is left, from what the finished sequences took.
     """
@@ -121,7 +119,6 @@ class Progress:
     bytes: int = 0
     failures: int = 0
     memory_bytes: int = 0
-    started: float = field(default_factory=time.monotonic)
     log: Path | None = None
 
     @classmethod
@@ -130,16 +127,6 @@ class Progress:
         missing, frames = plan.missing, plan.frames_per_sequence
         forecast = Forecast.of(missing, frames, workers)
         return cls(plan, len(plan.finished), len(missing) * frames, forecast, log=log)
-
-    @property
-    def seconds(self) -> float:
-        """Seconds since the rendering began."""
-        return time.monotonic() - self.started
-
-    @property
-    def images_per_s(self) -> float:
-        """Images a second, all workers together."""
-        return self.frames / self.seconds if self.frames else 0.0
 
 
 @dataclass(frozen=True)
