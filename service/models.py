@@ -197,8 +197,8 @@ class Job(Base):
     submission_id: Mapped[int] = mapped_column(ForeignKey("submission.id"), index=True)
     versions: Mapped[list[Any]]
     priority: Mapped[int]
-    state: Mapped[str]
-    tries: Mapped[int]
+    state: Mapped[str] = mapped_column(default="queued")
+    tries: Mapped[int] = mapped_column(default=0)
     worker: Mapped[str | None]
     lease: Mapped[str | None]
     lease_until_ms: Mapped[int | None]

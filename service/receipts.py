@@ -113,23 +113,17 @@ def write_keys(folder: Path) -> None:
     """Make a key pair; the private one is readable by its owner alone."""
     folder.mkdir(mode=0o755, exist_ok=True)
     key = Ed25519PrivateKey.generate()
-    private = key.private_bytes(
-        serialization.Encoding.PEM,
-        serialization.PrivateFormat.PKCS8,
-        serialization.NoEncryption(),
+    public = key.public_key().public_bytes(
+        serialization.Encoding.PEM, serialization.PublicFormat.SubjectPublicKeyInfo
     )
-    write_secret(folder / PRIVATE_KEY, private)
-    (folder / PUBLIC_KEY).write_bytes(_public_pem(key.public_key()))
+    write_secret(folder / PRIVATE_KEY, _private_pem(key))
+    (folder / PUBLIC_KEY).write_bytes(public)
 
 
 def encrypted_key(path: Path, passphrase: bytes) -> bytes:
     """Return the private key of a file, encrypted with a passphrase (PEM)."""
     key = serialization.load_pem_private_key(path.read_bytes(), None)
-    return key.private_bytes(
-        serialization.Encoding.PEM,
-        serialization.PrivateFormat.PKCS8,
-        serialization.BestAvailableEncryption(passphrase),
-    )
+    return _private_pem(key, serialization.BestAvailableEncryption(passphrase))
 
 
 def decrypted_key(data: bytes, passphrase: bytes) -> bytes:
@@ -142,11 +136,7 @@ def decrypted_key(data: bytes, passphrase: bytes) -> bytes:
         key = serialization.load_pem_private_key(data, passphrase)
     except ValueError as error:
         raise CallError("the key cannot be decrypted", fix="Check the passphrase.") from error
-    return key.private_bytes(
-        serialization.Encoding.PEM,
-        serialization.PrivateFormat.PKCS8,
-        serialization.NoEncryption(),
-    )
+    return _private_pem(key)
 
 
 def key_id(key: Ed25519PublicKey) -> str:
@@ -162,7 +152,10 @@ def write_secret(path: Path, data: bytes) -> None:
         stream.write(data)
 
 
-def _public_pem(key: Ed25519PublicKey) -> bytes:
-    return key.public_bytes(
-        serialization.Encoding.PEM, serialization.PublicFormat.SubjectPublicKeyInfo
-    )
+def _private_pem(
+    key: Any, encryption: serialization.KeySerializationEncryption | None = None
+) -> bytes:
+    form = serialization.PrivateFormat.PKCS8
+    encryption = encryption or serialization.NoEncryption()
+    data: bytes = key.private_bytes(serialization.Encoding.PEM, form, encryption)
+    return data

@@ -11,7 +11,6 @@ from pliant.service.challenge import Challenge
 from pliant.service.leaderboard import leaderboard
 from pliant.service.models import Score, Submission, Version
 from pliant.service.web.state import Site, default_phase, default_version, static_file
-from pliant.service.web.throttle import Throttle
 from pliant.service.web.views import board_csv
 from pliant.spec.io.jsonfiles import write_json
 from pliant.spec.io.staging import staged
@@ -29,7 +28,7 @@ def write_challenge_site(challenge: Challenge, out: Path) -> list[str]:
     Returns:
         The names of the pages.
     """
-    site = Site(challenge, Throttle())
+    site = Site(challenge)
     pages: list[str] = []
     with challenge.database.read() as session, staged(out) as folder:
         time_ms = log_time(session)

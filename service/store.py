@@ -7,23 +7,9 @@ import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Protocol
 from urllib.parse import urlsplit
 
 from pliant.spec.errors import MissingExtraError
-
-
-class Store(Protocol):
-    """Where submission files are kept; a file is written once and never changed."""
-
-    def put(self, file: Path, sha256: str) -> None:
-        """Store a file durably; one that is there already stays."""
-
-    def has(self, sha256: str) -> bool:
-        """Return whether the store contains a file."""
-
-    def local(self, sha256: str) -> Any:
-        """Give a path on this machine to read a file from, as a context manager."""
 
 
 class FolderStore:
@@ -101,6 +87,10 @@ class RemoteStore:
             yield path
         finally:
             path.unlink(missing_ok=True)
+
+
+Store = FolderStore | RemoteStore
+"""Where submission files are kept; a file is written once and never changed."""
 
 
 def open_store(place: str, default: Path, scratch: Path) -> Store:

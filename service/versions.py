@@ -166,12 +166,6 @@ def new_job(submission: Submission, versions: Sequence[int], priority: int) -> J
         submission_id=submission.id,
         versions=list(versions),
         priority=priority,
-        state="queued",
-        tries=0,
-        worker=None,
-        lease=None,
-        lease_until_ms=None,
-        error=None,
         created_ms=submission.created_ms,
     )
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Form, Query
+from fastapi import APIRouter, Form
 from fastapi.responses import HTMLResponse, RedirectResponse
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
@@ -18,7 +18,7 @@ from pliant.service.models import AuditEntry, Job, Score, Submission, Team, Toke
 from pliant.service.submissions import withdraw
 from pliant.service.teams import invite, new_token, revoke_token
 from pliant.service.versions import add_version, protocol_text, rescore, versions_of
-from pliant.service.web.api import TheSite, phase_of
+from pliant.service.web.api import MaybeNumber, TheSite, phase_of
 from pliant.service.web.pages import page
 from pliant.service.web.security import Host, HostForm
 from pliant.service.web.state import Site
@@ -26,6 +26,8 @@ from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
 
 router = APIRouter(prefix="/admin", include_in_schema=False, default_response_class=HTMLResponse)
+
+FormNumber = Annotated[int, Form(ge=1, lt=2**53)]
 
 _BITS_PER_FIGURE = math.log2(9000)
 """A figure of four significant digits has at most so many bits beyond its order of magnitude."""
@@ -95,9 +97,7 @@ def admin(site: TheSite, who: Host) -> HTMLResponse:
 
 
 @router.get("/audit")
-def audit_log(
-    site: TheSite, who: Host, before: Annotated[int | None, Query(ge=1, lt=2**53)] = None
-) -> HTMLResponse:
+def audit_log(site: TheSite, who: Host, before: MaybeNumber = None) -> HTMLResponse:
     """Show the log, the last entries first."""
     query = select(AuditEntry).order_by(AuditEntry.seq.desc()).limit(_ENTRIES)
     with site.database.read() as session:
@@ -118,9 +118,7 @@ def post_invite(
 
 
 @router.post("/token")
-def post_token(
-    site: TheSite, who: HostForm, team: Annotated[int, Form(ge=1, lt=2**53)]
-) -> HTMLResponse:
+def post_token(site: TheSite, who: HostForm, team: FormNumber) -> HTMLResponse:
     """Give a team another token."""
     with site.database.write() as session:
         found = session.get(Team, team)
@@ -145,7 +143,7 @@ def post_revoke(
 def post_credit(
     site: TheSite,
     who: HostForm,
-    team: Annotated[int, Form(ge=1, lt=2**53)],
+    team: FormNumber,
     phase: Annotated[str, Form(max_length=60)],
     amount: Annotated[int, Form(ge=1, le=10_000)],
 ) -> RedirectResponse:
@@ -159,9 +157,7 @@ def post_credit(
 
 
 @router.post("/withdraw")
-def post_withdraw(
-    site: TheSite, who: HostForm, submission: Annotated[int, Form(ge=1, lt=2**53)]
-) -> RedirectResponse:
+def post_withdraw(site: TheSite, who: HostForm, submission: FormNumber) -> RedirectResponse:
     """Take a submission off the leaderboard."""
     with site.database.write() as session:
         withdraw(session, submission, actor=who.actor)

@@ -44,6 +44,7 @@ _BINARY: Final = "application/octet-stream"
 
 Show = Literal["best", "last"]
 Number = Annotated[int, Path(ge=1, lt=2**53)]
+MaybeNumber = Annotated[int | None, Query(ge=1, lt=2**53)]
 
 
 class ErrorView(BaseModel):
@@ -138,18 +139,9 @@ def get_challenge(site: TheSite, who: Visitor) -> ChallengeView:
         phases = []
         for phase in site.challenge.settings.phases:
             left = None if who is None else left_for(session, who, phase)
-            phases.append(
-                PhaseView(
-                    name=phase.name,
-                    split=phase.split,
-                    status=phase.status(time_ms),
-                    protocols=list(phase.protocols),
-                    attempts_per_day=phase.attempts_per_day,
-                    attempts_total=phase.attempts_total,
-                    left_today=None if left is None else left.today,
-                    left_total=None if left is None else left.total,
-                )
-            )
+            values = phase.model_dump() | {"status": phase.status(time_ms)}
+            values |= {"left_today": left and left.today, "left_total": left and left.total}
+            phases.append(PhaseView.model_validate(values))
     return ChallengeView(
         title=site.title,
         phases=phases,
@@ -162,7 +154,7 @@ def get_challenge(site: TheSite, who: Visitor) -> ChallengeView:
 def get_leaderboard(
     site: TheSite,
     phase: str | None = None,
-    version: Annotated[int | None, Query(ge=1, lt=2**53)] = None,
+    version: MaybeNumber = None,
     show: Show = "best",
 ) -> BoardView:
     """Return the leaderboard of a phase."""
@@ -175,7 +167,7 @@ def get_leaderboard(
 def get_leaderboard_csv(
     site: TheSite,
     phase: str | None = None,
-    version: Annotated[int | None, Query(ge=1, lt=2**53)] = None,
+    version: MaybeNumber = None,
     show: Show = "best",
 ) -> PlainTextResponse:
     """Return the leaderboard of a phase as CSV."""
@@ -230,9 +222,7 @@ def own_views(session: Session, who: Identity, before: int | None) -> list[Submi
 
 
 @router.get("/submissions")
-def get_submissions(
-    site: TheSite, who: Member, before: Annotated[int | None, Query(ge=1, lt=2**53)] = None
-) -> list[SubmissionView]:
+def get_submissions(site: TheSite, who: Member, before: MaybeNumber = None) -> list[SubmissionView]:
     """Return the last 100 submissions, or those before one; a team sees its own."""
     with site.database.read() as session:
         return own_views(session, who, before)
@@ -240,7 +230,7 @@ def get_submissions(
 
 @router.get("/submissions.csv", response_class=PlainTextResponse)
 def get_submissions_csv(
-    site: TheSite, who: Member, before: Annotated[int | None, Query(ge=1, lt=2**53)] = None
+    site: TheSite, who: Member, before: MaybeNumber = None
 ) -> PlainTextResponse:
     """Return the same as CSV, with every score."""
     fields = ("id", "team", "phase", "state", "method", "file_name", "file_sha256", "submitted_ms")
@@ -280,7 +270,7 @@ def get_receipt(
     site: TheSite,
     who: Visitor,
     number: Number,
-    version: Annotated[int | None, Query(ge=1, lt=2**53)] = None,
+    version: MaybeNumber = None,
 ) -> dict[str, Any]:
     """Return the signed receipt of a score; without `version` of the newest."""
     with site.database.read() as session:

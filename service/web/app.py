@@ -22,7 +22,6 @@ from pliant.service.web import admin, api, pages
 from pliant.service.web.observe import Metrics, Observation
 from pliant.service.web.security import Protection
 from pliant.service.web.state import Site, static_file
-from pliant.service.web.throttle import Throttle
 from pliant.service.web.uploads import remove_abandoned
 from pliant.spec.errors import PliantError
 
@@ -47,7 +46,7 @@ def make_app(challenge: Challenge, base_url: str = "") -> FastAPI:
         base_url: Address that others reach it by, such as `https://challenge.example.org`.
     """
     remove_abandoned(challenge.incoming)
-    site = Site(challenge, Throttle(), base_url.rstrip("/"))
+    site = Site(challenge, base_url.rstrip("/"))
     app = FastAPI(
         title=site.title,
         version=version("pliant"),

@@ -6,7 +6,7 @@ from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Annotated, Any, Final
 
-from fastapi import APIRouter, Form, Query, Request
+from fastapi import APIRouter, Form, Request
 from fastapi.responses import FileResponse, HTMLResponse, RedirectResponse
 from sqlalchemy.orm import Session
 from starlette.datastructures import UploadFile
@@ -18,6 +18,7 @@ from pliant.service.submissions import NotAcceptedError, left_for
 from pliant.service.teams import Identity, begin_session, end_session
 from pliant.service.versions import versions_of
 from pliant.service.web.api import (
+    MaybeNumber,
     Number,
     Show,
     TheSite,
@@ -53,7 +54,7 @@ def board(
     site: TheSite,
     who: Visitor,
     phase: str | None = None,
-    version: Annotated[int | None, Query(ge=1, lt=2**53)] = None,
+    version: MaybeNumber = None,
     show: Show | None = None,
 ) -> HTMLResponse:
     """Show the leaderboard."""
@@ -81,7 +82,7 @@ def team(
     site: TheSite,
     who: Visitor,
     number: Number,
-    version: Annotated[int | None, Query(ge=1, lt=2**53)] = None,
+    version: MaybeNumber = None,
 ) -> HTMLResponse:
     """Show the history of a team."""
     with site.database.read() as session:
@@ -178,9 +179,7 @@ async def _chunks(file: UploadFile) -> AsyncIterator[bytes]:
 
 
 @router.get("/submissions")
-def submissions(
-    site: TheSite, who: Visitor, before: Annotated[int | None, Query(ge=1, lt=2**53)] = None
-) -> HTMLResponse:
+def submissions(site: TheSite, who: Visitor, before: MaybeNumber = None) -> HTMLResponse:
     """List one's own submissions."""
     if who is None:
         return page(site, "login.html.j2", None, next="/submissions")

@@ -77,15 +77,15 @@ class Site:
 
     Attributes:
         challenge: The challenge.
-        throttle: Counts wrong tokens.
         base_url: Address that others reach it by, or empty.
+        throttle: Counts wrong tokens.
         templates: The pages' templates.
         headers: Security headers of every answer.
     """
 
     challenge: Challenge
-    throttle: Throttle
     base_url: str = ""
+    throttle: Throttle = field(default_factory=Throttle)
     templates: jinja2.Environment = field(default_factory=environment)
     headers: dict[str, str] = field(init=False)
     _cached: dict[Any, tuple[int, Any]] = field(default_factory=dict)

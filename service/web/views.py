@@ -145,10 +145,7 @@ def board_view(board: Board, version: Version, show: str) -> BoardView:
     """Return a leaderboard as a document."""
     return BoardView(
         phase=version.phase,
-        version=version.id,
-        protocol=f"{version.protocol} {version.protocol_version}",
-        protocol_sha256=version.protocol_sha256,
-        truth_sha256=version.truth_sha256,
+        **_named(version),
         show=show,
         rows=list(board.rows),
         controls=list(board.controls),
@@ -189,11 +186,18 @@ def csv_text(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
 
 def _score_view(score: Score, version: Version) -> ScoreView:
     return ScoreView(
-        version=version.id,
-        protocol=f"{version.protocol} {version.protocol_version}",
-        protocol_sha256=version.protocol_sha256,
-        truth_sha256=version.truth_sha256,
+        **_named(version),
         figures=score.figures,
         coverage=score.coverage,
         scored_ms=score.scored_ms,
     )
+
+
+def _named(version: Version) -> dict[str, Any]:
+    """Return what names a version of scoring in a document."""
+    return {
+        "version": version.id,
+        "protocol": f"{version.protocol} {version.protocol_version}",
+        "protocol_sha256": version.protocol_sha256,
+        "truth_sha256": version.truth_sha256,
+    }

@@ -11,11 +11,12 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
+from _pytest.mark import ParameterSet
 from PIL import Image
 
 from pliant.cli.main import COMMANDS, run
@@ -189,11 +190,20 @@ def test_a_bad_path_is_one_sentence(
     _fails_in_one_sentence(_call(name, bad, good, tmp_path), capfd)
 
 
-@pytest.mark.parametrize("damage", ["missing", "empty", "a folder", "truncated"])
-@pytest.mark.parametrize(
-    ("name", "file"),
-    [(name, file) for name, (kind, _) in INPUTS.items() for file in FOLDERS.get(kind, ())],
-)
+def _folder_cases() -> Iterator[ParameterSet]:
+    """Yield every command with every file of its folder and every damage.
+
+    `make test` has one damage of each file for each command, another one for the next command.
+    """
+    places = [(name, file) for name, (kind, _) in INPUTS.items() for file in FOLDERS.get(kind, ())]
+    damages = ("missing", "empty", "a folder", "truncated")
+    for number, place in enumerate(places):
+        for turn, damage in enumerate(damages):
+            marks = [pytest.mark.long] if (number + turn) % len(damages) else []
+            yield pytest.param(*place, damage, marks=marks)
+
+
+@pytest.mark.parametrize(("name", "file", "damage"), list(_folder_cases()))
 def test_a_folder_with_a_bad_file_never_gives_a_traceback(
     name: str,
     file: str,
