@@ -14,8 +14,7 @@ import pyarrow as pa
 from pliant.evaluator.metrics.blocks import VISIBLE, positions_px
 from pliant.evaluator.metrics.causes import CAUSES, NO_CAUSE
 from pliant.evaluator.submission.answers import SplitAnswers
-from pliant.evaluator.submission.columns import read_columns
-from pliant.evaluator.submission.queries import Queries
+from pliant.evaluator.submission.queries import Queries, read_columns
 from pliant.spec.arrays import FloatArray
 from pliant.spec.conventions import VISIBILITY_STATES
 from pliant.spec.io.parquet_columns import codes

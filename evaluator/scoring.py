@@ -29,10 +29,8 @@ from pliant.evaluator.protocols.protocol import Protocol, metric_class
 from pliant.evaluator.scores import SCORES_VERSION, Scores, pair_table, tool_versions
 from pliant.evaluator.statistics.bootstrap import Clusters, intervals
 from pliant.evaluator.statistics.ratios import Ratio
-from pliant.evaluator.submission.answers import SplitAnswers
-from pliant.evaluator.submission.hints import coordinate_hints
+from pliant.evaluator.submission.answers import SplitAnswers, SplitMatches, coordinate_hints
 from pliant.evaluator.submission.loading import Loaded
-from pliant.evaluator.submission.matches import SplitMatches
 from pliant.evaluator.truth_hints import TruthHints
 from pliant.spec.dataset import Dataset
 from pliant.spec.io.reading import sha256_file

@@ -11,8 +11,7 @@ from typing import Final
 import numpy as np
 
 from pliant.evaluator.metrics.blocks import Block
-from pliant.evaluator.submission.answers import SplitAnswers
-from pliant.evaluator.submission.hints import LEAST_ANSWERS, MOST_COMPARED
+from pliant.evaluator.submission.answers import LEAST_ANSWERS, MOST_COMPARED, SplitAnswers
 from pliant.evaluator.submission.queries import Queries
 from pliant.spec.arrays import FloatArray
 

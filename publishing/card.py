@@ -12,6 +12,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import yaml
 from PIL import Image
+from rich.filesize import decimal
 
 from pliant.evaluator.report.contact_sheet import contact_sheet
 from pliant.evaluator.report.pages import render_page
@@ -201,9 +202,4 @@ def _files(root: Path) -> Iterator[tuple[str, int, str]]:
             tables[f"{folder}/ ({len(paths)} files)"] = paths
     for name, paths in tables.items():
         rows = sum(pq.ParquetFile(path).metadata.num_rows for path in paths)
-        yield name, rows, _size(sum(path.stat().st_size for path in paths))
-
-
-def _size(count: int) -> str:
-    power = next((p for p in (3, 2, 1) if count >= 1000**p), 0)
-    return f"{count / 1000**power:,.{1 if power else 0}f} {('B', 'kB', 'MB', 'GB')[power]}"
+        yield name, rows, decimal(sum(path.stat().st_size for path in paths))

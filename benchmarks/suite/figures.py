@@ -7,7 +7,7 @@ from pathlib import Path
 
 from pliant.benchmarks.suite.config import BenchmarkConfig
 from pliant.benchmarks.suite.table import Row, arms, blocks
-from pliant.evaluator.report.plots import Bar, bars_png
+from pliant.evaluator.report.canvas import Bar, bars_png
 
 
 def draw_figures(config: BenchmarkConfig, rows: Sequence[Row], folder: Path) -> list[Path]:

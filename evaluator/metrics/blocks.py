@@ -14,8 +14,7 @@ import pyarrow as pa
 
 from pliant.evaluator.metrics.errors import squared_error_px2, sum_by_pair
 from pliant.evaluator.submission.answers import SplitAnswers
-from pliant.evaluator.submission.columns import read_columns
-from pliant.evaluator.submission.queries import Queries
+from pliant.evaluator.submission.queries import Queries, read_columns
 from pliant.spec.arrays import BoolArray, FloatArray, IntArray, RealArray, StateArray
 from pliant.spec.conventions import VISIBILITY_STATES
 from pliant.spec.errors import SpecError

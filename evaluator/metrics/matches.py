@@ -20,7 +20,7 @@ from pliant.evaluator.metrics.base import (
 from pliant.evaluator.metrics.blocks import VISIBLE, Block
 from pliant.evaluator.metrics.dense_truth import dense_truth
 from pliant.evaluator.metrics.surfaces import ObjectSurface, Surfaces, nearest_object_pixel
-from pliant.evaluator.submission.matches import SplitMatches
+from pliant.evaluator.submission.answers import SplitMatches
 from pliant.evaluator.submission.queries import Queries
 from pliant.spec.configuration import Settings
 from pliant.spec.conventions import VISIBILITY_STATES

@@ -17,9 +17,13 @@ from typing import Any, TypeAlias
 import numpy as np
 import pyarrow as pa
 
-from pliant.evaluator.submission.answers import SplitAnswers, place_answers
-from pliant.evaluator.submission.hints import coordinate_hints
-from pliant.evaluator.submission.matches import SplitMatches, place_matches
+from pliant.evaluator.submission.answers import (
+    SplitAnswers,
+    SplitMatches,
+    coordinate_hints,
+    place_answers,
+    place_matches,
+)
 from pliant.evaluator.submission.problems import Problems
 from pliant.evaluator.submission.queries import Queries, read_queries
 from pliant.evaluator.submission.submission_file import (

@@ -19,11 +19,8 @@ import pytest
 import yaml
 from PIL import Image
 
-from pliant.baselines.submission_file import query_keys, write_answers
 from pliant.cli.main import run
-from pliant.evaluator import evaluate
 from pliant.publishing import PublishSettings, publish
-from pliant.spec.answers import Answers
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, SpecError
 from pliant.spec.storage import layout
@@ -152,25 +149,6 @@ def test_halves_of_two_publications_do_not_fit(halves: Any, tmp_path: Path) -> N
         Dataset.open(tmp_path / "out").with_private(halves.private)
     with pytest.raises(SpecError, match="public half"):
         Dataset.open(tmp_path / "out").with_private(tmp_path / "out")
-
-
-def test_one_score_for_the_whole_and_for_its_halves(halves: Any, tmp_path: Path) -> None:
-    """A participant has the public half alone and writes the very file that fits the whole set."""
-    whole, public = Dataset.open(halves.whole), Dataset.open(halves.public)
-    truth = whole.truth("test")
-    true_px = np.stack([truth["u_b"].to_numpy(), truth["v_b"].to_numpy()], axis=1)
-    rng = np.random.default_rng(5)
-    answers = Answers(
-        uv_px=(true_px + rng.normal(0, 4, true_px.shape)).astype(np.float32),
-        visible=rng.random(len(true_px)).astype(np.float32),
-        sigma_px=rng.uniform(1, 8, len(true_px)).astype(np.float32),
-    )
-    path = tmp_path / "mine.parquet"
-    write_answers(path, public, "test", query_keys(public, "test"), answers, {"name": "mine"})
-    scores = evaluate(path, halves.whole)
-    assert {"geodesic_mean_m", "nll"} <= set(scores.overall)
-    of_halves = evaluate(path, halves.public, truth=halves.private)
-    assert (of_halves.overall, of_halves.tiers) == (scores.overall, scores.tiers)
 
 
 def test_a_sheet_of_the_public_half_leaves_the_hidden_depth_blank(
@@ -327,36 +305,8 @@ def test_croissant_is_accepted_offline(halves: Any) -> None:
     ]
 
 
-def test_our_own_check_of_croissant_finds_what_mlcroissant_passes(
-    halves: Any, tmp_path: Path
-) -> None:
+def test_croissant_is_complete_and_true_to_the_files(halves: Any) -> None:
     assert list(croissant_problems(halves.public)) == []
-    root = tmp_path / "copy"
-    shutil.copytree(halves.public, root)
-    path = root / "croissant.json"
-    whole = path.read_text()
-
-    def problems(change: Any) -> str:
-        document = json.loads(whole)
-        change(document)
-        path.write_text(json.dumps(document))
-        return "; ".join(croissant_problems(root))
-
-    def field(document: Any) -> Any:
-        return document["recordSet"][1]["field"][0]
-
-    assert "'name' is a required property" in problems(lambda d: d.pop("name"))
-    assert "unknown" in problems(lambda d: d.update(unknown=1))
-    assert "'creator'" in problems(lambda d: d.pop("creator"))
-    unknown = problems(lambda d: field(d)["source"]["extract"].update(column="nowhere"))
-    assert "has no column 'nowhere'" in unknown
-    assert "sha256" in problems(lambda d: d["distribution"][0].update(sha256="0" * 64))
-    assert "is not there" in problems(lambda d: d["distribution"][0].update(contentUrl="gone"))
-    loose = problems(lambda d: field(d).update(references={"field": {"@id": "nobody"}}))
-    assert "refers to nobody" in loose
-    assert "'https://schema.org/' was expected" in problems(
-        lambda d: d["@context"].update(sc="http://schema.org/")
-    )
 
 
 @pytest.mark.filterwarnings("ignore")

@@ -20,7 +20,7 @@ from pliant.service.worker import Worker
 from pliant.spec.limits import Limits, run_limited
 from tests.service.conftest import MakeTrial, Trial, quick
 
-LIMITED = "scoring: {wall_s: 60, memory_gib: 1}\n"
+LIMITED = "scoring: {wall_s: 60, memory_gib: 1, tries: 2}\n"
 
 
 def state_of(trial: Trial, number: int) -> Submission:

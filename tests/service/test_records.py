@@ -176,7 +176,10 @@ def test_backup_and_archive_give_the_same_service(
     write_archive(trial.challenge, tmp_path / "all.tar", b"secret")
     write_archive(trial.challenge, tmp_path / "keyless.tar", None)
     key = trial.challenge.private_key.read_bytes()
-    for source, passphrase in (("backup", None), ("all.tar", b"secret"), ("keyless.tar", None)):
+    passphrases = {"all.tar": b"secret"}
+    # PostgreSQL is restored once: its tables are written and read in the same form.
+    for source in ("backup", "all.tar", "keyless.tar") if trial.url is None else ("all.tar",):
+        passphrase = passphrases.get(source)
         if trial.url is not None:
             url = request.getfixturevalue("postgres")()
         out = tmp_path / f"restored-{source}"
