@@ -22,6 +22,10 @@ PLACES_PER_SIDE: Final = 12
 UPRIGHT: Final = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 """Directions of an upright cloth's corners from its middle, clockwise in the picture."""
 
+LEAST_COVERED: Final = 0.75
+"""Of own renders, four of five cloths of the tier `cloth-1`, and none of `cloth-3`, cover more of
+the smallest rectangle around them: only such a rectangle says how a cloth is turned."""
+
 _KEPT_VIEWS: Final = 8
 
 
@@ -62,6 +66,29 @@ def outline_sides(cv2: Any, mask: npt.NDArray[np.bool_]) -> FloatArray | None:
     share = np.arange(PLACES_PER_SIDE) / PLACES_PER_SIDE
     at = stops[:-1, None] + share * np.diff(stops)[:, None]  # (4, PLACES_PER_SIDE)
     return np.stack([np.interp(at, length, closed[:, axis]) for axis in (0, 1)], axis=-1)
+
+
+def angle_from_upright(cv2: Any, mask: npt.NDArray[np.bool_]) -> float | None:
+    """Return by which angle a square cloth is turned from upright, or None if it does not lie flat.
+
+    It is the angle of the smallest rectangle around the mask's largest part.
+
+    Args:
+        cv2: The OpenCV module.
+        mask: bool (H, W).
+
+    Returns:
+        -pi / 4 to pi / 4 radians, from right to down; None where the part covers less than
+        `LEAST_COVERED` of the rectangle.
+    """
+    parts, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    if not parts:
+        return None
+    largest = max(parts, key=cv2.contourArea)
+    _, sides, angle_deg = cv2.minAreaRect(largest)
+    if cv2.contourArea(largest) < LEAST_COVERED * sides[0] * sides[1]:
+        return None
+    return float(np.deg2rad((angle_deg + 45) % 90 - 45))
 
 
 def _area(polygon: FloatArray) -> float:

@@ -31,6 +31,7 @@ class Reframed:
             where they are equal.
         original: The original; None where `view` is it.
         tilted: Whether the direction of the view has changed.
+        turned: Whether it was turned, since the object is far from upright.
     """
 
     view: Frame
@@ -38,6 +39,7 @@ class Reframed:
     homography: FloatArray | None = None
     original: Frame | None = None
     tilted: bool = False
+    turned: bool = False
 
     @classmethod
     def unchanged(cls, view: Frame) -> Reframed:
@@ -65,11 +67,39 @@ class Reframed:
         corner_px = ((box.mean(axis=0) - 0.5 / scale) * size).clip(0, (1 - 1 / scale) * size)
         shift_px = -scale * corner_px
         zoom = np.array([[scale, 0, shift_px[0]], [0, scale, shift_px[1]], [0, 0, 1]])
+        return self._moved(zoom, self.nadir.scaled(scale, shift_px), "zoomed")
+
+    def turned_by(self, angle_rad: float, shown: Mask, most: float) -> Reframed:
+        """Return the view turned about the middle of an object, which ends in the frame's middle.
+
+        Args:
+            angle_rad: By how much, from right to down.
+            shown: bool (h, w), not empty, where `view` shows the object, at any resolution.
+            most: Share of the frame's width or height, whichever is more, that the turned object's
+                box may take; a larger object is reduced.
+        """
+        size = np.array(self.view.size)
+        rows, columns = np.nonzero(shown)
+        places = (np.stack([columns, rows], axis=1) + 0.5) / shown.shape[::-1] * size
+        cosine, sine = np.cos(angle_rad), np.sin(angle_rad)
+        turn = np.array([[cosine, -sine], [sine, cosine]])
+        there = places @ turn.T
+        low, high = there.min(axis=0), there.max(axis=0)
+        scale = min(1.0, most / float(((high - low) / size).max()))
+        matrix = np.eye(3)
+        matrix[:2, :2] = scale * turn
+        matrix[:2, 2] = size / 2 - scale * (low + high) / 2
+        below = mapped(matrix, self.nadir.place_px[None])[0]
+        nadir = Nadir(below, scale * self.nadir.focal_px, turn @ self.nadir.tilt)
+        name = f"turned by {np.degrees(angle_rad):.0f}"
+        return replace(self._moved(matrix, nadir, name), turned=True)
+
+    def _moved(self, step: FloatArray, nadir: Nadir, name: str) -> Reframed:
+        """Return the original under one map more, in one step from its own pixels."""
         original = self.original or self.view
-        homography = zoom if self.homography is None else zoom @ self.homography
-        seen = warped(original, homography, "zoomed")
-        nadir = self.nadir.scaled(scale, shift_px)
-        return Reframed(seen, nadir, homography, original, self.tilted)
+        homography = step if self.homography is None else step @ self.homography
+        seen = warped(original, homography, name, _border(original))
+        return Reframed(seen, nadir, homography, original, self.tilted, self.turned)
 
     def forward(self, uv_px: npt.NDArray[np.floating[Any]]) -> npt.NDArray[np.float32]:
         """Return positions of the original in `view`, float32 (N, 2)."""
@@ -123,19 +153,27 @@ def magnification(homography: FloatArray, uv_px: npt.NDArray[np.floating[Any]]) 
     return np.asarray(np.sqrt(np.abs(np.linalg.det(homography) / weight**3)))
 
 
-def warped(view: Frame, homography: FloatArray, name: str) -> Frame:
+def warped(
+    view: Frame,
+    homography: FloatArray,
+    name: str,
+    outside_rgb: tuple[int, ...] = (0, 0, 0),
+) -> Frame:
     """Return a view in another frame of the same size.
 
     Args:
         view: The view.
         homography: float64 (3, 3), from its positions to those of the result.
         name: What is appended to its key.
+        outside_rgb: Colour of what is outside the view.
     """
     inverse = np.linalg.inv(homography)
     coefficients = (inverse / inverse[2, 2]).ravel()[:8].tolist()
 
     def warp(
-        values: npt.NDArray[Any], resample: Image.Resampling, outside: float = 0.0
+        values: npt.NDArray[Any],
+        resample: Image.Resampling,
+        outside: float | tuple[int, ...] = 0.0,
     ) -> npt.NDArray[Any]:
         picture = Image.fromarray(values)
         perspective = Image.Transform.PERSPECTIVE
@@ -154,12 +192,19 @@ def warped(view: Frame, homography: FloatArray, name: str) -> Frame:
         depth_m = (depth_m * _relative_depth(homography, depth_m.shape)).astype(np.float32)
         depth_m = warp(depth_m, Image.Resampling.NEAREST, np.inf)
     return Frame(
-        rgb=warp(view.rgb, Image.Resampling.BILINEAR),
+        rgb=warp(view.rgb, Image.Resampling.BILINEAR, outside_rgb),
         mask=masked(view.mask),
         depth_m=depth_m,
         key=f"{view.key}/{name}" if view.key else "",
         objects=masked(view.objects),
     )
+
+
+def _border(view: Frame) -> tuple[int, ...]:
+    """Return the mean colour of a view's border, which training shows outside its pictures."""
+    rgb = view.rgb
+    border = np.concatenate([rgb[0], rgb[-1], rgb[:, 0], rgb[:, -1]])
+    return tuple(int(value) for value in border.mean(axis=0).round())
 
 
 def _box(shown: Mask) -> FloatArray | None:

@@ -177,7 +177,7 @@ class DonMatcher:
                 tilted=from_view.tilted or in_view.tilted,
                 unmasked=unmasked,
                 either_way=found.either_way,
-            ).where(found.log_p, found.uv_px)
+            ).where(found.deciding if found.traced is None else found.log_p, found.uv_px)
         position = self.decoded(found, in_view.view)
         return _Decided(from_view, in_view, found, calibration, position)
 
@@ -244,15 +244,38 @@ class DonMatcher:
             uv_a_px: float32 (N, 2), in pixels of the source's view.
         """
         compared = self.compare(source.view, target.view, uv_a_px)
-        traced = None
-        if self.settings.decode == "trace":
-            traced = traced_places(self._traced(source), self._traced(target), self._scale, uv_a_px)
+        if self.settings.decode != "trace":
+            log_p = self._every_way(compared.log_p, source, target, uv_a_px)
+            found = compared.uv_px, compared.distance, compared.query
+            return Search(log_p, *found, None, compared.log_p)
+        traced = traced_places(self._traced(source), self._traced(target), self._scale, uv_a_px)
         log_p, deciding, uv = compared.log_p, compared.log_p, compared.uv_px
         if traced is not None:
             candidates_px = uv.double().numpy() * self._views.pixel_scale(target.view)
             deciding = traced.weighed_in(log_p, candidates_px)
             log_p = traced.either_way(deciding, log_p, candidates_px)
         return Search(log_p, uv, compared.distance, compared.query, traced, deciding)
+
+    def _every_way(
+        self,
+        log_p: torch.Tensor,
+        source: Reframed,
+        target: Reframed,
+        uv_a_px: npt.NDArray[np.float32],
+    ) -> torch.Tensor:
+        """Return the mean of p over the ways in which a blank square may be turned, as a logarithm.
+
+        Args:
+            log_p: float (N, M), of the source as it is.
+            source: The image the queries are in.
+            target: The image to find them in.
+            uv_a_px: float32 (N, 2), in pixels of the source's view.
+        """
+        original = source.back(Answers(uv_a_px)).uv_px
+        ways = [log_p]
+        for way in self.reader.ways(source, target):
+            ways.append(self.compare(way.view, target.view, way.forward(original)).log_p)
+        return torch.stack(ways).logsumexp(dim=0) - np.log(len(ways)) if len(ways) > 1 else log_p
 
     def compare(self, source: Frame, target: Frame, uv_a_px: npt.NDArray[np.float32]) -> Comparison:
         """Compare the queries' descriptors with those of the target's candidates.

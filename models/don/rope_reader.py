@@ -15,6 +15,7 @@ from pliant.baselines.tracing import (
 from pliant.models.don.crossings import with_overlaps
 from pliant.models.don.described import DescribedView, ViewDescriber
 from pliant.models.don.settings import AnswerSettings
+from pliant.models.don.square import other_quarter_turns, upright
 from pliant.models.don.tracing import TracedView, canonical_likelihood, enlarged
 from pliant.models.networks.crossing_network import CrossingNetwork
 from pliant.models.networks.descriptor_network import DescriptorNetwork
@@ -57,9 +58,24 @@ class RopeReader:
         def prepared() -> Reframed:
             masked = self._views.segmented(view) if self._settings.decode == "trace" else view
             seen = rectified(masked) if self._settings.rectify else Reframed.unchanged(masked)
-            return seen.zoomed(self._shown(seen.view), *self._settings.fill)
+            seen = seen.zoomed(self._shown(seen.view), *self._settings.fill)
+            shown = None if self._settings.blank_square == "no" else self._shown(seen.view)
+            return seen if shown is None else upright(seen, shown)
 
         return self._rectified.get(view.key, prepared)
+
+    def ways(self, source: Reframed, target: Reframed) -> list[Reframed]:
+        """Return the source turned to each other side, where nothing says how a cloth is turned.
+
+        Args:
+            source: From `seen`.
+            target: Likewise.
+        """
+        known = self._settings.blank_square
+        if known == "no" or (known == "upright" and not (source.turned or target.turned)):
+            return []
+        shown = self._shown(source.view)
+        return [] if shown is None else other_quarter_turns(source, shown)
 
     def _shown(self, view: Frame) -> Mask | None:
         """Return where a view shows the object, at any resolution, or None where it is unknown."""

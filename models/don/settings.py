@@ -160,6 +160,9 @@ class AnswerSettings(Settings):
         fill: A picture in which the object's box takes less than the first share of the frame's
             width or height, whichever is more, is answered in a part of it in which it takes the
             second: what training shows at least, with its augmentation, and in the middle.
+        blank_square: Whether the object is a blank square, whose sides look alike. `upright`: how
+            it is placed in the picture says which side is which, unless it is turned by more than
+            training shows. `any`: nothing does. An answer then has the four places as modes.
         crossings: With `trace`: find out which strand is on top where a rope crosses itself, by a
             small network trained at the end of the run (`models/don/crossing_training.py`).
         distribution: `modes`, `sigma` or `none`: what the answers say of their certainty.
@@ -172,6 +175,7 @@ class AnswerSettings(Settings):
     mirrored: bool = False
     rectify: bool = False
     fill: Annotated[Range, Bounds(0, 1, above=True)] = (0.54, 0.74)
+    blank_square: Literal["no", "upright", "any"] = "no"
     crossings: bool = False
     distribution: Literal["modes", "sigma", "none"] = "modes"
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from pliant.baselines import METHODS, Frame
-from pliant.baselines.outline import WARPS, ClothOutline, outline_sides
+from pliant.baselines.outline import WARPS, ClothOutline, angle_from_upright, outline_sides
 from pliant.spec.arrays import FloatArray
 from pliant.spec.frame import Pair
 
@@ -118,3 +118,18 @@ def test_masks_without_four_corners_are_answered_by_the_middle(name: str) -> Non
 
 def test_outlines_travel_to_another_process() -> None:
     assert pickle.loads(pickle.dumps(warp("cloth-tps"))).name == "cloth-tps"
+
+
+@pytest.mark.parametrize("angle_deg", [-40, -10, 0, 3, 33])
+def test_the_angle_of_a_flat_cloth_is_that_of_the_rectangle_around_it(angle_deg: float) -> None:
+    mask = view_of(turned(angle_deg)).mask
+    assert mask is not None
+    found = angle_from_upright(cv2, mask)
+    assert found is not None
+    assert np.degrees(found) == pytest.approx(angle_deg, abs=1.5)
+
+
+def test_a_cloth_that_is_not_flat_has_no_angle() -> None:
+    mask = np.tri(*SIZE[::-1], dtype=np.bool_)
+    assert angle_from_upright(cv2, mask) is None
+    assert angle_from_upright(cv2, np.zeros_like(mask)) is None

@@ -1,0 +1,103 @@
+"""A blank square that is turned far: four equal answers; one that is nearly upright: one."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+import torch
+from torch import nn
+
+from pliant.loaders.inputs import NetworkInput
+from pliant.models.don.certainty import Calibration
+from pliant.models.don.matcher import DonMatcher
+from pliant.models.don.settings import AnswerSettings, DonSettings
+from pliant.models.networks.descriptor_network import NetworkSettings, build_network
+from pliant.spec.arrays import FloatArray
+from pliant.spec.frame import Frame, Pair
+
+SIZE = (160, 120)
+MIDDLE = np.array(SIZE) / 2
+SIDE_PX = 72.0
+ASKED = np.array([[18.0, -10.0], [-25.0, 6.0], [4.0, 28.0]])
+"""Places on the upright square, from its middle."""
+
+
+class PlaceInPicture(nn.Module):
+    """A descriptor says where in the picture a pixel is: what upright cloths teach."""
+
+    def forward(self, image: torch.Tensor) -> torch.Tensor:
+        height, width = image.shape[-2:]
+        v, u = torch.meshgrid(torch.arange(height), torch.arange(width), indexing="ij")
+        return torch.stack([u, v]).float()[None] / 10
+
+
+def turned(places: FloatArray, angle_deg: float) -> FloatArray:
+    cosine, sine = np.cos(np.deg2rad(angle_deg)), np.sin(np.deg2rad(angle_deg))
+    return np.asarray(places @ np.array([[cosine, sine], [-sine, cosine]]))
+
+
+def square(angle_deg: float, *, masked: bool = True) -> Frame:
+    """Return a picture of a square that is turned from right to down."""
+    v, u = np.mgrid[0 : SIZE[1], 0 : SIZE[0]] + 0.5
+    there = turned(np.stack([u, v], axis=-1).reshape(-1, 2) - MIDDLE, -angle_deg)
+    mask = (np.abs(there).max(axis=1) < SIDE_PX / 2).reshape(u.shape)
+    rgb = np.where(mask[..., None], 200, 40).astype(np.uint8).repeat(3, axis=2)
+    return Frame(rgb, mask if masked else None, key=f"square {angle_deg} {masked}")
+
+
+def matcher(blank_square: Literal["no", "upright", "any"]) -> DonMatcher:
+    network = build_network(NetworkSettings(widths=(8, 32)), NetworkInput(), initial_scale=20.0)
+    network.backbone = PlaceInPicture()
+    answer = AnswerSettings(blank_square=blank_square)
+    made = DonMatcher(network, DonSettings(width=SIZE[0], height=SIZE[1], answer=answer))
+    made.calibration = Calibration(stray=0.0)
+    return made
+
+
+def nearest_px(modes: npt.NDArray[np.float32], place: FloatArray) -> float:
+    return float(np.linalg.norm(modes[:, :2] - place, axis=1).min())
+
+
+@pytest.mark.parametrize("angle_deg", [40, -38])
+def test_a_square_that_is_turned_far_has_four_answers(angle_deg: float) -> None:
+    pair = Pair(square(5), square(angle_deg), (turned(ASKED, 5) + MIDDLE).astype(np.float32))
+    found = matcher("upright").answer(pair)
+    assert found.modes is not None
+    orbit = [turned(ASKED, angle_deg + 90 * quarter) + MIDDLE for quarter in range(4)]
+    for row, modes in enumerate(found.modes):
+        large = modes[modes[:, 3] > 0.15]
+        assert len(large) == 4
+        np.testing.assert_allclose(large[:, 3], 0.25, atol=0.03)
+        # The source is 5 degrees from upright, which the network is taught to overlook.
+        assert max(nearest_px(large, each[row]) for each in orbit) < 4
+    # All answers are of the same side: the one nearest to upright.
+    assert np.linalg.norm(found.uv_px - orbit[0], axis=1).max() < 4
+
+
+@pytest.mark.parametrize(("blank_square", "modes"), [("no", 1), ("upright", 1), ("any", 4)])
+def test_nearly_upright_squares_have_one_answer_unless_nothing_is_known(
+    blank_square: Literal["no", "upright", "any"], modes: int
+) -> None:
+    pair = Pair(square(0), square(10), (ASKED + MIDDLE).astype(np.float32))
+    found = matcher(blank_square).answer(pair)
+    assert found.modes is not None
+    assert [int((rows[:, 3] > 0.15).sum()) for rows in found.modes] == [modes] * len(ASKED)
+    np.testing.assert_allclose(found.uv_px, ASKED + MIDDLE, atol=0.6)
+
+
+def test_other_objects_are_never_turned() -> None:
+    """A towel's sides differ, so its network finds out itself."""
+    pair = Pair(square(0), square(40), (ASKED + MIDDLE).astype(np.float32))
+    found = matcher("no").answer(pair)
+    np.testing.assert_allclose(found.uv_px, ASKED + MIDDLE, atol=0.6)
+
+
+def test_what_is_no_square_or_unknown_stays_as_it_is() -> None:
+    triangle = np.tri(*SIZE[::-1], dtype=np.bool_)
+    rgb = square(0).rgb
+    unknown = square(40, masked=False)
+    for view in (Frame(rgb, triangle), Frame(rgb, np.zeros_like(triangle)), unknown):
+        assert matcher("upright").reader.seen(view).homography is None
