@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, Final, Literal
+from typing import Final, Literal
 
 import numpy as np
 
 from pliant.spec.arrays import FloatArray
 
-Interpolation = Literal["nearest", "affine", "thin-plate"]
+Interpolation = Literal["nearest", "affine"]
 
 _RIDGE: Final = 1e-3
 """Weight that pulls the local map towards a pure shift, where the matches leave it open (a line
@@ -16,8 +16,6 @@ of matches along a rope says nothing across it)."""
 
 _REWEIGHTINGS: Final = 3
 _SCALE_FLOOR_PX: Final = 0.5
-_ALL_MATCHES: Final = 500
-"""Up to so many matches a thin-plate spline uses all of them; beyond, the nearest 64."""
 
 
 def interpolate(
@@ -34,7 +32,7 @@ def interpolate(
         uv_b_px: float64 (M, 2), the same in the target.
         queries_px: float64 (N, 2), in the source.
         method: `nearest` moves a query as its nearest match; `affine` fits a robust affine map to
-            the nearest matches; `thin-plate` is a thin-plate spline through the matches.
+            the nearest matches.
         neighbours: Matches that `affine` fits.
 
     Returns:
@@ -45,8 +43,6 @@ def interpolate(
     uv_a_px, first = np.unique(uv_a_px, axis=0, return_index=True)
     moved = uv_b_px[first] - uv_a_px
     count = 1 if method == "nearest" else min(neighbours, len(uv_a_px))
-    if method == "thin-plate" and (found := _thin_plate(uv_a_px, moved, queries_px)) is not None:
-        return queries_px + found
     if count < 2:
         nearest = cKDTree(uv_a_px).query(queries_px)[1]
         return queries_px + moved[nearest]
@@ -80,18 +76,3 @@ def _affine(offset: FloatArray, moved: FloatArray, distance: FloatArray) -> Floa
         weight = near / (1 + (residual / scale) ** 2)
     shift: FloatArray = solved[:, 0]
     return shift
-
-
-def _thin_plate(uv_px: FloatArray, moved: FloatArray, at_px: FloatArray) -> FloatArray | None:
-    """Return the spline's displacements, or None where the matches do not define one."""
-    from scipy.interpolate import RBFInterpolator
-
-    if len(uv_px) < 3:
-        return None
-    near: dict[str, Any] = {} if len(uv_px) <= _ALL_MATCHES else {"neighbors": 64}
-    try:
-        spline = RBFInterpolator(uv_px, moved, kernel="thin_plate_spline", **near)
-        found: FloatArray = spline(at_px)
-    except np.linalg.LinAlgError:  # all on one line
-        return None
-    return found

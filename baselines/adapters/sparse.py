@@ -120,7 +120,7 @@ def from_sparse(
         function: (source image, target image) -> positions (M, 2) in the source, positions (M, 2)
             in the target and, where there are scores, (M,).
         name: Name of the method; None takes the function's.
-        interpolation: `nearest`, `affine` or `thin-plate`; see `interpolate`.
+        interpolation: `nearest` or `affine`; see `interpolate`.
         neighbours: Matches that a local affine map is fitted to.
         images: How the function receives images and counts positions.
     """

@@ -39,7 +39,7 @@ def open_vismatch(
         device: A torch device.
         keypoints: Most keypoints of an image.
         size: (width, height), px, that images are resized to; None leaves them.
-        interpolation: How queries follow from the matches: `nearest`, `affine` or `thin-plate`.
+        interpolation: How queries follow from the matches: `nearest` or `affine`.
 
     Raises:
         CallError: There is no such model.

@@ -124,21 +124,3 @@ def mixture_of_modes(
     weight = torch.where(used, stacked[..., 3], 0.0)
     stacked[..., 3] = weight / weight.sum(dim=1, keepdim=True)
     return stacked, used
-
-
-def spread_about(
-    log_p: torch.Tensor,
-    uv_px: torch.Tensor,
-    position_px: torch.Tensor,
-    widths: Widths,
-) -> torch.Tensor:
-    """Return the standard deviation per axis of p about given positions: float (Q,).
-
-    Args:
-        log_p: float (Q, M).
-        uv_px: float (M, 2).
-        position_px: float (Q, 2).
-        widths: What standard deviation the variance stands for.
-    """
-    variance = (log_p.exp() * _squared_gap(position_px, uv_px)).sum(dim=1) / 2
-    return widths.of(variance)

@@ -14,7 +14,7 @@ from pliant.baselines.matcher import Heat
 from pliant.baselines.tracing import Reframed
 from pliant.models.don.certainty import Calibration
 from pliant.models.don.comparison import Comparer, Comparison
-from pliant.models.don.decoding import decode_position, mixture_of_modes, spread_about
+from pliant.models.don.decoding import decode_position, mixture_of_modes
 from pliant.models.don.described import ViewDescriber
 from pliant.models.don.familiarity import Familiarity, fit_familiarity
 from pliant.models.don.rope_reader import RopeReader
@@ -196,19 +196,12 @@ class DonMatcher:
         visible = calibration.visible(found.distance) if calibration.visible_slope > 0 else None
         flat = calibration.flattened(log_p)
         width = float(np.sqrt(scale[0] * scale[1]))
-        if self.settings.distribution == "sigma":
-            about = torch.from_numpy(position / scale).float()
-            sigma = spread_about(flat, uv, about, calibration.widths)
-            return Answers(position, visible, (sigma.numpy() * width).astype(np.float32))
-        modes = None
-        if self.settings.distribution == "modes":
-            mixture, used = mixture_of_modes(
-                flat, uv, calibration.widths, calibration.mode_radius_px
-            )
-            values = mixture.double().numpy() * [scale[0], scale[1], width, 1.0]
-            kept = zip(values.astype(np.float32), used.numpy(), strict=True)
-            modes = [rows[keep] for rows, keep in kept]
-        return Answers(position, visible, None, modes)
+        if self.settings.distribution == "none":
+            return Answers(position, visible)
+        mixture, used = mixture_of_modes(flat, uv, calibration.widths, calibration.mode_radius_px)
+        values = mixture.double().numpy() * [scale[0], scale[1], width, 1.0]
+        kept = zip(values.astype(np.float32), used.numpy(), strict=True)
+        return Answers(position, visible, modes=[rows[keep] for rows, keep in kept])
 
     def heat(self, source: Frame, target: Frame, uv_a_px: npt.NDArray[np.float32]) -> Heat:
         """Return p over the target for one query; see `HeatMatcher`.

@@ -165,7 +165,7 @@ class AnswerSettings(Settings):
             training shows. `any`: nothing does. An answer then has the four places as modes.
         crossings: With `trace`: find out which strand is on top where a rope crosses itself, by a
             small network trained at the end of the run (`models/don/crossing_training.py`).
-        distribution: `modes`, `sigma` or `none`: what the answers say of their certainty.
+        distribution: `modes` or `none`: what the answers say of their certainty.
     """
 
     decode: Literal["argmax", "median", "soft", "trace"] = "median"
@@ -177,7 +177,7 @@ class AnswerSettings(Settings):
     fill: Annotated[Range, Bounds(0, 1, above=True)] = (0.54, 0.74)
     blank_square: Literal["no", "upright", "any"] = "no"
     crossings: bool = False
-    distribution: Literal["modes", "sigma", "none"] = "modes"
+    distribution: Literal["modes", "none"] = "modes"
 
 
 class DonSettings(RunSettings):
