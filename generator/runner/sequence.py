@@ -106,7 +106,7 @@ class SequenceMaker:
                         rgb = apply_noise(rng, rgb, truth.surface, config.noise)
                 with clock("tables"):
                     writer.add_frame(rgb, truth, camera)
-                frame_info.append(_frame_info(scene_object, pose, truth, queried))
+                frame_info.append(frame_facts(scene_object, pose, truth, queried))
                 on_frame()
             with clock("tables"):
                 size = writer.finish(
@@ -194,7 +194,7 @@ def resident_bytes() -> int:
     return int(psutil.Process().memory_info().rss)
 
 
-def _frame_info(
+def frame_facts(
     scene_object: SceneObject, pose: Pose, truth: FrameTruth, queried: int
 ) -> dict[str, Any]:
     """Return a frame's entry of `sequence.json`: the sampler's facts and what the camera sees."""

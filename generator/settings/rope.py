@@ -239,12 +239,11 @@ class RopeSettings(Settings):
             )
 
     def _check_episodes(self) -> None:
-        # A shorter rope falls and folds faster for its size: its steps must be shorter.
-        slowest_hz = 1250.0 * math.sqrt(1.2 / self.length_m)
-        if self.frame_rate_hz * self.substeps < slowest_hz:
+        least = least_substeps(self.length_m, self.frame_rate_hz)
+        if self.substeps < least:
             raise Refused(
-                f"at least {math.ceil(slowest_hz / self.frame_rate_hz)} at this length and frame "
-                "rate, or the rope stretches and tunnels",
+                f"at least {least} at this length and frame rate, or the rope stretches and "
+                "tunnels",
                 "substeps",
             )
         if self.lift_m[1] > 0.25 * self.length_m:
@@ -253,6 +252,14 @@ class RopeSettings(Settings):
             raise Refused(
                 f"at most {0.5 * self.length_m:g}, half a rope length per second", "hand_speed_m_s"
             )
+
+
+def least_substeps(length_m: float, frame_rate_hz: float) -> int:
+    """Return how many physics steps a frame needs.
+
+    A shorter rope falls and folds faster for its size: its steps must be shorter.
+    """
+    return math.ceil(1250.0 * math.sqrt(1.2 / length_m) / frame_rate_hz)
 
 
 def _with_strands(values: dict[str, Any]) -> dict[str, Any]:

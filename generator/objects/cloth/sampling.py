@@ -101,14 +101,15 @@ def sample_cloth(
     tier = streams.task.tier
     level = settings.level_of(tier)
     make_poses = Episode if temporal else Configurations
+    parts, points = cloth_parts(settings)
     return SceneObject(
         tier=tier,
         kind="cloth",
         shape=None,
         temporal=temporal,
         frames=frames,
-        parts=(_part(settings),),
-        points=_points(settings),
+        parts=parts,
+        points=points,
         pose=make_poses(settings, level, streams),
         size_m=settings.side_m,
         thickness_m=settings.thickness_m,
@@ -120,6 +121,11 @@ def sample_cloth(
         },
         variant=settings.variant,
     )
+
+
+def cloth_parts(settings: ClothSettings) -> tuple[tuple[Part, ...], Points]:
+    """Return the mesh of a cloth and its named material points."""
+    return (_part(settings),), _points(settings)
 
 
 def _part(settings: ClothSettings) -> Part:

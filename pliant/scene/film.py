@@ -1,0 +1,249 @@
+"""Pictures of a body with their exact answers, and the dataset that they become."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from pliant.generator.config import GenerateConfig
+from pliant.generator.objects.tiers import describe_tier
+from pliant.generator.rendering import open_renderer
+from pliant.generator.runner.dataset_files import write_dataset_files
+from pliant.generator.runner.sequence import frame_facts, tool_versions
+from pliant.generator.runner.sequence_writer import writing_sequence
+from pliant.generator.scene.appearance import Appearance, sample_appearance
+from pliant.generator.scene.camera import looking_at, sample_camera
+from pliant.generator.scene.scene_object import Pose, SceneObject
+from pliant.generator.seeding import SequenceTask
+from pliant.generator.settings.scene import AppearanceSettings, CameraSettings
+from pliant.generator.truth.frame_truth import FrameTruth, frame_truth
+from pliant.scene.bodies import Body
+from pliant.spec.camera import Camera
+from pliant.spec.configuration import settings_from, settings_to_dict
+from pliant.spec.errors import CallError
+from pliant.spec.io.exr import Surface
+
+
+def camera(
+    eye: Sequence[float],
+    target: Sequence[float] = (0.0, 0.0, 0.0),
+    *,
+    size: tuple[int, int] = (640, 480),
+    fov_deg: float = 45.0,
+) -> Camera:
+    """Return a pinhole camera.
+
+    Args:
+        eye: (x, y, z), metres.
+        target: What its centre sees, metres.
+        size: (width, height), pixels.
+        fov_deg: Horizontal field of view, degrees.
+    """
+    straight = abs(eye[0] - target[0]) + abs(eye[1] - target[1]) < 1e-6 * abs(eye[2] - target[2])
+    up = (0.0, 1.0, 0.0) if straight else (0.0, 0.0, 1.0)
+    return looking_at(eye, target, size, fov_deg=fov_deg, up=up)
+
+
+@dataclass(frozen=True, eq=False)
+class Shot:
+    """What a camera has seen, and the exact answers.
+
+    Attributes:
+        rgb: uint8 (H, W, 3), sRGB.
+        camera: The camera.
+        pose: The geometry.
+        truth: As `pliant generate` writes it.
+    """
+
+    rgb: npt.NDArray[np.uint8]
+    camera: Camera
+    pose: Pose
+    truth: FrameTruth
+
+    @property
+    def surface(self) -> Surface:
+        """Depth, material coordinates and object of every pixel."""
+        return self.truth.surface
+
+    @property
+    def depth_m(self) -> npt.NDArray[np.float32]:
+        """float32 (H, W), planar z, +inf where nothing is."""
+        return self.truth.surface.depth_m
+
+    @property
+    def uv_px(self) -> npt.NDArray[np.float64]:
+        """float64 (P, 2), where the material points are in the picture."""
+        return self.truth.uv_px
+
+    @property
+    def xyz_m(self) -> npt.NDArray[np.float64]:
+        """float64 (P, 3), where they are in the world."""
+        return self.truth.xyz_m
+
+    @property
+    def visible(self) -> npt.NDArray[np.bool_]:
+        """bool (P,), whether the camera sees them."""
+        return np.asarray(self.truth.visibility) == "visible"
+
+
+class Film:
+    """A sequence of pictures of one body.
+
+    Args:
+        body: What is seen.
+        view: The camera of shots that name none; default: one that sees all of the body.
+        size: (width, height) of the default camera, pixels.
+        style: `raster`, or `fast` and `photo` (Blender).
+        look: Colours, table and light; default: drawn with the seed.
+        seed: Of the default camera and look.
+        split: Split of the sequence in a dataset; `val` and `test` get queries.
+        episode: Whether the shots follow one another in time.
+    """
+
+    def __init__(
+        self,
+        body: Body,
+        view: Camera | None = None,
+        *,
+        size: tuple[int, int] = (640, 480),
+        style: str = "raster",
+        look: Appearance | None = None,
+        seed: int = 0,
+        split: str = "train",
+        episode: bool = True,
+    ) -> None:
+        self.body, self.style, self.split, self.episode = body, style, split, episode
+        rng = np.random.default_rng(seed)
+        self.view = view or sample_camera(
+            rng, self._object(body.pose()), CameraSettings(), size, (body.pose(),)
+        )
+        self.look = look or sample_appearance(rng, self._object(), AppearanceSettings())
+        self.shots: list[Shot] = []
+        self._renderer = open_renderer(style, self.view.size)
+        self._seen_by: Camera | None = None
+
+    def shoot(self, view: Camera | None = None) -> Shot:
+        """Take a picture of the body as it is now, and keep it.
+
+        Args:
+            view: The camera; default: the film's. All pictures of a film have one size.
+        """
+        view = view or self.view
+        if view.size != self.view.size:
+            raise CallError(
+                "the pictures of a film have one size", found=view.size, required=self.view.size
+            )
+        pose = self.body.pose()
+        scene_object = self._object(pose)
+        truth = frame_truth(scene_object, pose, view)
+        if view is not self._seen_by:
+            self._renderer.begin(scene_object, self.look, view)
+            self._seen_by = view
+        self.shots.append(Shot(self._renderer.render(pose, truth), view, pose, truth))
+        return self.shots[-1]
+
+    def write(self, out: Path | str, **about: Any) -> Path:
+        """Write the film as a dataset of one sequence, as `write` does."""
+        return write([self], out, **about)
+
+    def _object(self, pose: Pose | None = None) -> SceneObject:
+        body = self.body
+        return SceneObject(
+            tier=body.tier,
+            kind=body.kind,
+            shape=None,
+            temporal=self.episode,
+            frames=max(1, len(self.shots)) if hasattr(self, "shots") else 1,
+            parts=body.parts,
+            points=body.points,
+            pose=lambda frame: pose or self.shots[frame].pose,
+            size_m=body.size_m,
+            thickness_m=body.thickness_m,
+            info={body.kind: settings_to_dict(body.settings)},
+            variant=body.variant,
+        )
+
+
+def write(films: Sequence[Film], out: Path | str, *, id: str = "own-scenes", **about: Any) -> Path:
+    """Write films as the sequences of one dataset.
+
+    Args:
+        films: At least one; all of one kind of body with equal settings, one size and one style.
+        out: The dataset's folder; new.
+        id: The dataset's id.
+        about: More fields of a config, such as `title`, `licence`, `queries`.
+
+    Returns:
+        The folder.
+
+    Raises:
+        CallError: The folder is there, there are no pictures, or films do not go together.
+    """
+    out = Path(out)
+    if out.exists():
+        raise CallError("the folder is there already", path=out, fix="Name a new one.")
+    if not films or not all(film.shots for film in films):
+        raise CallError("there is nothing to write: no picture was taken", path=out)
+    first = films[0]
+    for film in films:
+        for name, mine, theirs in (
+            ("size", film.view.size, first.view.size),
+            ("style", film.style, first.style),
+            ("body", film.body.tier, first.body.tier),
+            ("settings", film.body.settings, first.body.settings),
+            ("number of pictures", len(film.shots), len(first.shots)),
+            ("episode", film.episode, first.episode),
+        ):
+            if mine != theirs:
+                raise CallError(f"films of one dataset have one {name}", found=mine, required=theirs)
+    splits = {name: sum(film.split == name for film in films) for name in ("train", "val", "test")}
+    values = {
+        "tiers": [first.body.tier],
+        "splits": {name: count for name, count in splits.items() if count},
+        "frames": len(first.shots),
+        "episodes": first.episode,
+        "width": first.view.size[0],
+        "height": first.view.size[1],
+        "style": first.style,
+        "id": id,
+        first.body.kind: settings_to_dict(first.body.settings),
+        **about,
+    }
+    config = settings_from(GenerateConfig, values)
+    tasks = []
+    for film in films:
+        index = sum(task.split == film.split for task in tasks)
+        tasks.append(SequenceTask(film.body.tier, film.split, index))
+        _write_sequence(film, config, tasks[-1], out)
+    write_dataset_files(config, tasks, out)
+    return out
+
+
+def _write_sequence(film: Film, config: GenerateConfig, task: SequenceTask, out: Path) -> None:
+    scene_object = film._object()
+    queried = describe_tier(config, task.tier).queried_object
+    facts = [frame_facts(scene_object, shot.pose, shot.truth, queried) for shot in film.shots]
+    info = {
+        "id": task.id,
+        "tier": task.tier,
+        "split": task.split,
+        "shape": None,
+        "index": task.index,
+        "seed": 0,
+        "temporal": film.episode,
+        "frames": len(film.shots),
+        "style": film.style,
+        "noise": None,
+        "parameters": {**scene_object.info, "look": settings_to_dict(film.look)},
+        "frame_info": facts,
+        "tools": tool_versions(film.style),
+    }
+    with writing_sequence(task.folder(out)) as writer:
+        for shot in film.shots:
+            writer.add_frame(shot.rgb, shot.truth, shot.camera)
+        writer.finish(info, scene_object.points)
