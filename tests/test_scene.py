@@ -1,0 +1,141 @@
+"""`pliant.scene`: what it shows is what was built, and what it writes is valid."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("numba")
+
+import pliant
+from pliant import scene
+from pliant.spec.errors import CallError, GenerationError
+
+LINE = [(-0.4, 0.0), (0.0, 0.0), (0.4, 0.0)]
+SIZE = (160, 120)
+TURN = np.linspace(-np.pi / 2, np.pi / 2, 9)
+HAIRPIN = [
+    *((x, -0.0125) for x in (-0.4, -0.3, -0.2, -0.1, -0.05)),
+    *zip(0.0125 * np.cos(TURN), 0.0125 * np.sin(TURN), strict=True),
+    *((x, 0.0125) for x in (-0.05, -0.1, -0.2, -0.3, -0.4)),
+]
+
+
+def test_a_straight_rope_is_where_it_was_put() -> None:
+    rope = scene.Rope(LINE, radius_m=0.01)
+    view = scene.camera((0.0, 0.0, 1.0), size=SIZE, fov_deg=60)
+    shot = scene.Film(rope, view).shoot()
+    # A pinhole straight above, by hand: u = 80 + f x / z, v = 60 - f y / z.
+    focal = 80 / np.tan(np.radians(30))
+    x, y, z = shot.xyz_m.T
+    expected = np.stack([80 + focal * x / (1 - z), 60 - focal * y / (1 - z)], axis=1)
+    np.testing.assert_allclose(shot.uv_px, expected, atol=1e-9)
+    material = rope.points.material[~rope.points.centreline]
+    np.testing.assert_allclose(x[: len(material)], 0.8 * material[:, 0] - 0.4, atol=1e-6)
+    radius = np.hypot(y, z - 0.01)[: len(material)]
+    assert 0.004 < radius.min() < radius.max() <= 0.01 + 1e-6
+    assert shot.visible.any()
+    assert (shot.xyz_m[shot.visible, 2] > 0.005).all()  # only its upper side is seen
+    middle = shot.depth_m[60, 80]
+    assert 0.98 - 1e-6 <= middle < 0.985
+    assert shot.surface.m0[60, 80] == pytest.approx(0.5, abs=0.01)
+
+
+def test_a_hand_takes_the_end_with_it() -> None:
+    rope = scene.Rope(LINE, ball=True)
+    frames: list[float] = []
+    rope.pull(1.0, to=(0.3, 0.2, 0.1), each=lambda: frames.append(rope.pose().centreline[-1][2]))
+    assert len(frames) == np.ceil(np.linalg.norm([0.1, 0.2, 0.09]) / 0.3 * 30)
+    end = rope.pose().centreline[-1]
+    np.testing.assert_allclose(end, (0.3, 0.2, 0.1), atol=0.02)
+    rope.settle(40)
+    line = rope.pose().centreline
+    assert line[-1][2] < 0.02
+    assert np.linalg.norm(np.diff(line, axis=0), axis=1).sum() == pytest.approx(0.8, rel=0.03)
+
+
+@pytest.mark.parametrize(
+    ("curve", "message"),
+    [
+        ([(0, 0), (1, 0, 0)], "inhomogeneous"),
+        ([(0, 0)], "list of points"),
+        ([(0, 0), (0, 0), (1, 0)], "no two in a row"),
+        ([(0, 0, -0.2), (0.4, 0, 0.01), (0.8, 0, 0.01)], "under the table"),
+        (HAIRPIN, "bends more tightly"),
+        ([(-0.3, -0.2), (0.3, 0.2), (0.3, -0.2), (-0.3, 0.2)], "passes through itself"),
+        ([(0.0, 0.0), (0.05, 0.0)], "length_m"),
+    ],
+)
+def test_impossible_ropes(curve: list[tuple[float, ...]], message: str) -> None:
+    with pytest.raises((CallError, ValueError), match=message):
+        scene.Rope(curve)
+
+
+def test_a_cloth_is_folded(tmp_path: Path) -> None:
+    settings = {"points_a_side": 25, "tracked_a_side": 13}
+    cloth = scene.Cloth(side_m=0.5, settings=settings)
+    film = scene.Film(cloth, size=SIZE, split="test", episode=False)
+    flat = film.shoot()
+    assert flat.visible.all()
+    assert flat.pose.info["coverage"] == pytest.approx(1, abs=0.01)
+    cloth.pull((0.0, 0.0), carry=(0.25, 0.25))
+    cloth.settle()
+    folded = film.shoot()
+    corner = int(np.argmin(np.abs(cloth.points.material).sum(axis=1)))
+    np.testing.assert_allclose(folded.xyz_m[corner, :2], (0.0, 0.0), atol=0.06)
+    assert 0.75 < folded.pose.info["coverage"] < 0.95
+    assert (~folded.visible).mean() > 0.05
+    dataset = pliant.load(film.write(tmp_path / "out"))
+    report = pliant.validate(tmp_path / "out")
+    assert report.valid, report.issues
+    read = dataset.frame("cloth-1-test-000000", 1)
+    assert (read.rgb == folded.rgb).all()
+    assert read.surface is not None
+    assert (read.surface.depth_m == folded.depth_m).all()
+    assert len(dataset.pairs("test")) > 0
+    with pytest.raises(CallError, match="is there already"):
+        film.write(tmp_path / "out")
+
+
+def test_a_cloth_of_any_shape() -> None:
+    cloth = scene.Cloth(side_m=0.5, settings={"points_a_side": 25, "tracked_a_side": 13})
+    bend = 0.15
+    cloth.drape(
+        lambda u, v: (0.5 * u, bend * np.sin(0.5 * v / bend), 0.2 + bend * np.cos(0.5 * v / bend))
+    )
+    _, y, z = cloth.pose().vertices["cloth"].T
+    np.testing.assert_allclose(np.hypot(y, z - 0.2), bend, atol=2e-3)
+
+    def loop(u: Any, v: Any) -> Any:  # its cross-section crosses itself
+        t = 2 * np.pi * (v - 0.5)
+        return 0.5 * u, 0.06 * t - 0.1 * np.sin(t), 0.3 - 0.1 * np.cos(t)
+
+    cloth.drape(loop)
+    with pytest.raises(GenerationError, match="pokes through itself"):
+        cloth.pose()
+
+
+def test_films_that_do_not_go_together(tmp_path: Path) -> None:
+    ropes = [scene.Rope(LINE), scene.Rope([(-0.3, 0.0), (0.3, 0.0)])]
+    films = [scene.Film(rope, scene.camera((0, 0, 1), size=SIZE)) for rope in ropes]
+    with pytest.raises(CallError, match="no picture was taken"):
+        scene.write(films, tmp_path / "out")
+    for film in films:
+        film.shoot()
+    with pytest.raises(CallError, match="have one settings"):
+        scene.write(films, tmp_path / "out")
+    with pytest.raises(CallError, match="one size"):
+        films[0].shoot(scene.camera((0, 0, 1), size=(80, 60)))
+    assert not (tmp_path / "out").exists()
+
+
+def test_moving_the_camera_changes_the_picture_and_not_the_points() -> None:
+    film = scene.Film(scene.Rope(LINE), scene.camera((0, 0, 1), size=SIZE))
+    above, beside = film.shoot(), film.shoot(scene.camera((0.2, -0.7, 0.6), size=SIZE))
+    assert (above.xyz_m == beside.xyz_m).all()
+    assert (above.rgb != beside.rgb).any()
+    again = film.shoot(above.camera)
+    assert (again.rgb == above.rgb).all()
