@@ -44,15 +44,21 @@ def test_a_straight_rope_is_where_it_was_put() -> None:
     assert shot.surface.m0[60, 80] == pytest.approx(0.5, abs=0.01)
 
 
+def line_of(rope: scene.Rope) -> Any:
+    line = rope.pose().centreline
+    assert line is not None
+    return line
+
+
 def test_a_hand_takes_the_end_with_it() -> None:
     rope = scene.Rope(LINE, ball=True)
     frames: list[float] = []
-    rope.pull(1.0, to=(0.3, 0.2, 0.1), each=lambda: frames.append(rope.pose().centreline[-1][2]))
+    rope.pull(1.0, to=(0.3, 0.2, 0.1), each=lambda: frames.append(line_of(rope)[-1][2]))
     assert len(frames) == np.ceil(np.linalg.norm([0.1, 0.2, 0.09]) / 0.3 * 30)
-    end = rope.pose().centreline[-1]
+    end = line_of(rope)[-1]
     np.testing.assert_allclose(end, (0.3, 0.2, 0.1), atol=0.02)
     rope.settle(40)
-    line = rope.pose().centreline
+    line = line_of(rope)
     assert line[-1][2] < 0.02
     assert np.linalg.norm(np.diff(line, axis=0), axis=1).sum() == pytest.approx(0.8, rel=0.03)
 

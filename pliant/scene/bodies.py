@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Final, Literal, Protocol
+from typing import Any, Final, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -22,7 +22,7 @@ from pliant.generator.objects.rope.curve import (
 )
 from pliant.generator.objects.rope.dynamics import RopeState
 from pliant.generator.objects.rope.static import MIN_BEND_RADII, ball_centre_of
-from pliant.generator.scene.scene_object import Part, Points, Pose
+from pliant.generator.scene.scene_object import Pose
 from pliant.generator.settings.cloth import ClothSettings
 from pliant.generator.settings.rope import RopeSettings, least_substeps
 from pliant.spec.arrays import FloatArray
@@ -37,23 +37,6 @@ SETTLE_FRAMES: Final = 30
 
 FRAMES_PER_S: Final = 30
 """Frames of time per second."""
-
-
-class Body(Protocol):
-    """What a film shows: a `Rope` or a `Cloth`."""
-
-    kind: Literal["rope", "cloth"]
-    tier: str
-    settings: RopeSettings | ClothSettings
-    parts: tuple[Part, ...]
-    points: Points
-    variant: str
-    size_m: float
-    thickness_m: float
-
-    def pose(self) -> Pose:
-        """Return the geometry as it is now."""
-        ...
 
 
 class Rope:
@@ -71,9 +54,9 @@ class Rope:
             or passes through itself.
     """
 
-    kind: Final = "rope"
-    tier: Final = "rope"
-    variant: Final = "plain"
+    kind: Literal["rope"] = "rope"
+    tier = "rope"
+    variant = "plain"
 
     def __init__(
         self,
@@ -178,7 +161,7 @@ class Cloth:
         settings: More fields of the setting `cloth`, such as `{"points_a_side": 81}`.
     """
 
-    kind: Final = "cloth"
+    kind: Literal["cloth"] = "cloth"
 
     def __init__(
         self,
@@ -217,7 +200,7 @@ class Cloth:
         speed = self.settings.hand_speed_m_s
         vertex = row * (last + 1) + column
         action = Action("pull", vertex, (carry[0], carry[1]), lift_m, lift_m / 2, speed)
-        self._handling.record.append(action.record(last + 1, last + 1))
+        self._handling.record.append(action.record(last + 1))
         every = self._handling.simulator.sheet.steps_per_frame
         for step, _ in enumerate(perform(self._handling.simulator, action), start=1):
             if each is not None and step % every == 0:
@@ -257,6 +240,10 @@ class Cloth:
                 fix="Move it by less at a time, or drape it farther from itself.",
             )
         return Pose({PART: vertices}, info=settings_to_dict(cover_of(self.settings, vertices)))
+
+
+Body = Rope | Cloth
+"""What a film shows."""
 
 
 def _smooth(curve: npt.ArrayLike, radius_m: float) -> FloatArray:

@@ -215,7 +215,7 @@ def write(films: Sequence[Film], out: Path | str, *, id: str = "own-scenes", **a
         **about,
     }
     config = settings_from(GenerateConfig, values)
-    tasks = []
+    tasks: list[SequenceTask] = []
     for film in films:
         index = sum(task.split == film.split for task in tasks)
         tasks.append(SequenceTask(film.body.tier, film.split, index))
