@@ -56,7 +56,7 @@ _TITLES = {"generate": "Making sets", "train": "Training", "answer": "Answering 
 @path_option(
     "--page",
     "FILE.md",
-    "Also write the results page there, and its figures into pictures/ in the same folder.",
+    "Also write the results page there.",
 )
 @json_option
 def command(
@@ -72,10 +72,10 @@ def command(
 ) -> int:
     """Make a reference benchmark: generate, train, answer, evaluate, and write the table.
 
-    CONFIG is benchmarks/pliant-v2.yaml, benchmarks/pliant-v2-mini.yaml or a config of that form.
-    Writes sets/, runs/, answers/, scores/, figures/, checksums.json, table.json and results.md
-    into DIR. --resume continues an interrupted run. Exit code 1 if the test queries differ from
-    the frozen ones.
+    CONFIG is benchmarks/pliant-v3.yaml, benchmarks/pliant-v3-mini.yaml or a config of that form.
+    Writes sets/, runs/, answers/, scores/, checksums.json, table.json, results.md and
+    report/index.html into DIR. --resume continues an interrupted run. Exit code 1 if the test
+    queries differ from the frozen ones.
     """
     require_packages(("numba", "cv2", "torch"), "a benchmark", "all")
     from pliant.benchmarks.suite.config import read_config
@@ -84,7 +84,7 @@ def command(
     if tests:
         config = config.only(tests)
     differing = run_shown(config, out, resume, workers or _default_workers(), until)
-    from pliant.benchmarks.suite.results import write_results
+    from pliant.benchmarks.suite.page import write_results
 
     chosen = "".join(f" --test {name}" for name in config.part)
     called = f"pliant benchmark {config_file} --out DIR{chosen}"
@@ -94,7 +94,7 @@ def command(
     else:
         echo(f"Table: {out / 'results.md'}")
         if not differing.frozen:
-            echo("There are no frozen checksums to hold the test queries against.")
+            echo("There are no frozen checksums to compare the test queries with.")
         elif not differing.sets:
             echo("The test queries are the frozen ones.")
     for name, what in differing.sets.items():

@@ -38,7 +38,7 @@ def command(
 
     Blender renders rope, cloth-1 and cloth-3; SIFT, SURF, ORB, the networks that come with
     Pliant, and the controls answer the same queries; DIR/report/index.html shows a match in
-    pictures, the paper's table and the causes of the errors. The last line is the command that
+    pictures, the tables of scores and the causes of the errors. The last line is the command that
     serves the ropes as a challenge.
     Run the same command again to resume an interrupted demo.
     """
@@ -51,8 +51,7 @@ def command(
     from rich.table import Table
 
     from pliant.benchmarks.suite.config import read_config
-    from pliant.benchmarks.suite.overview import format_px, rmse_by_tier, write_overview
-    from pliant.benchmarks.suite.results import write_results
+    from pliant.benchmarks.suite.page import rmse_by_tier, write_results
     from pliant.benchmarks.suite.table import finished_rows
     from pliant.benchmarks.suite.work import Workspace
     from pliant.cli.benchmark import run_shown
@@ -68,15 +67,14 @@ def command(
     )
     differing = run_shown(config, out, True, workers or cpu_cores())
     write_results(config, out, differing, "pliant demo --out DIR")
-    rows = finished_rows(config, Workspace(out))
-    page = write_overview(config, out, rows)
-    rmse = rmse_by_tier(config, rows)
+    page = out / "report" / "index.html"
+    rmse = rmse_by_tier(config, finished_rows(config, Workspace(out)))
     table = Table("method", title="RMSE, px", title_justify="left")
     for tier in rmse:
         table.add_column(tier, justify="right")
     for method in dict.fromkeys(method for values in rmse.values() for method in values):
         found = (values.get(method) for values in rmse.values())
-        table.add_row(method, *("–" if px is None else format_px(px) for px in found))
+        table.add_row(method, *("–" if px is None else f"{px:.3g}" for px in found))
     Console(stderr=True).print(table)
     serve, token = _make_challenge(out, Workspace(out).set_path("rope"))
     seconds = time.monotonic() - started

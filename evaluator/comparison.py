@@ -13,7 +13,7 @@ from pliant.evaluator.metrics.base import OVERALL
 from pliant.evaluator.metrics.causes import Causes, CausesSettings
 from pliant.evaluator.protocols.protocol import read_protocol
 from pliant.evaluator.scores import Scores
-from pliant.evaluator.statistics.bootstrap import Clusters
+from pliant.evaluator.statistics.crossing import Crossing
 from pliant.evaluator.statistics.ratios import Ratio
 from pliant.evaluator.statistics.sign_flips import (
     PairedDifference,
@@ -113,8 +113,7 @@ def differences(
 ) -> list[Difference]:
     """Return the difference of every report from every earlier one.
 
-    Both methods are compared sequence by sequence, so what makes a sequence hard for both
-    cancels out.
+    Both methods are compared pair by pair, so what makes a sequence hard for both cancels out.
 
     Args:
         reports: Comparable reports.
@@ -138,19 +137,18 @@ def differences(
     ratios = [known[name] for name in wanted]
     names = method_names(reports)
     columns = [_columns(report.per_pair) for report in reports]
-    sequences, tiers = _clusters(reports[0].per_pair)
-    clusters = Clusters.of(sequences[0], tiers[0], len(tiers[1]))
+    crossing, tiers = _crossing(reports[0].per_pair)
     level = protocol.bootstrap.level
     result: list[Difference] = []
     for ratio in ratios:
         terms = [ratio.terms(table) for table in columns]
-        sums = [(clusters.sum(above), clusters.sum(below)) for above, below in terms]
-        for position, group in enumerate([OVERALL, *tiers[1]]):
-            chosen = (clusters.tier == position - 1) | (position == 0)
-            parts = [(above[chosen], below[chosen]) for above, below in sums]
+        sums = [(crossing.sum(above), crossing.sum(below)) for above, below in terms]
+        for position, group in enumerate([OVERALL, *tiers]):
+            mine = crossing.of_group(position)
+            parts = [(above * mine, below * mine) for above, below in sums]
             for b in range(1, len(parts)):
                 for a in range(b):
-                    paired = paired_difference(ratio, parts[a], parts[b], level)
+                    paired = paired_difference(ratio, parts[a], parts[b], crossing, level)
                     if np.isfinite(paired.value):
                         verdict = _verdict(ratio, paired, level)
                         result.append(
@@ -216,11 +214,13 @@ def _columns(table: pa.Table) -> dict[str, FloatArray]:
     return {**columns, "one": np.ones(table.num_rows)}
 
 
-def _clusters(table: pa.Table) -> tuple[Any, Any]:
-    """Return (codes, names) of the source sequences and of the tiers, tiers in file order."""
-    found = []
-    for name in ("sequence_a", "tier"):
-        encoded = table[name].combine_chunks().dictionary_encode()
-        chunk = encoded.combine_chunks() if isinstance(encoded, pa.ChunkedArray) else encoded
-        found.append((chunk.indices.to_numpy(), chunk.dictionary.to_pylist()))
-    return found[0], found[1]
+def _crossing(table: pa.Table) -> tuple[Crossing, list[str]]:
+    """Return the sequences of the pairs, and the names of the tiers in file order."""
+    a, b, tier = (table[name].to_pylist() for name in ("sequence_a", "sequence_b", "tier"))
+    sequences = {name: code for code, name in enumerate(dict.fromkeys([*a, *b]))}
+    tiers = {name: code for code, name in enumerate(dict.fromkeys(tier))}
+    codes = [
+        np.array([known[name] for name in names])
+        for known, names in ((sequences, a), (sequences, b), (tiers, tier))
+    ]
+    return Crossing.of(codes[0], codes[1], codes[2], len(tiers)), list(tiers)

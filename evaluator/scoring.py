@@ -27,7 +27,8 @@ from pliant.evaluator.metrics.matches import match_blocks
 from pliant.evaluator.metrics.surfaces import Surfaces
 from pliant.evaluator.protocols.protocol import Protocol, metric_class
 from pliant.evaluator.scores import SCORES_VERSION, Scores, pair_table, tool_versions
-from pliant.evaluator.statistics.bootstrap import Clusters, intervals
+from pliant.evaluator.statistics.bootstrap import intervals
+from pliant.evaluator.statistics.crossing import Crossing
 from pliant.evaluator.statistics.ratios import Ratio
 from pliant.evaluator.submission.answers import SplitAnswers, SplitMatches, coordinate_hints
 from pliant.evaluator.submission.loading import Loaded
@@ -169,8 +170,8 @@ def _results(
     """Return the part of scores.json that says what was found."""
     queries, answers, columns = loaded.queries, loaded.answers, context.table.columns
     ratios: list[Ratio] = list(protocol.ratios.values())
-    clusters = Clusters.of(queries.sequence_a, queries.tier, len(queries.tiers))
-    overall_intervals, *tier_intervals = intervals(ratios, columns, clusters, protocol.bootstrap)
+    crossing = Crossing.of(queries.sequence_a, queries.sequence_b, queries.tier, len(queries.tiers))
+    overall_intervals, *tier_intervals = intervals(ratios, columns, crossing, protocol.bootstrap)
     of_tier = [queries.tier == code for code in range(len(queries.tiers))]
     sequences = {OVERALL: len(np.unique(queries.sequence_a))}
     for tier, mask in zip(queries.tiers, of_tier, strict=True):

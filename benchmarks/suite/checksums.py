@@ -24,10 +24,12 @@ class Differences:
     Attributes:
         frozen: Whether there are frozen checksums at all.
         sets: Sets that differ, with what differs.
+        unfrozen: Sets that have no frozen checksums.
     """
 
     frozen: bool
     sets: Mapping[str, str]
+    unfrozen: tuple[str, ...] = ()
 
 
 def set_checksums(data: Path) -> dict[str, Any]:
@@ -69,20 +71,17 @@ def compare_checksums(config: BenchmarkConfig, work: Workspace) -> Differences:
     frozen = read_frozen(config)
     if frozen is None:
         return Differences(False, {})
-    differing = {}
-    for name, checksums in found.items():
-        wanted = frozen["sets"].get(name)
-        if wanted is None:
-            differing[name] = "it is not among the frozen sets"
-        elif wanted != checksums:
-            differing[name] = _what_differs(wanted, checksums)
-    return Differences(True, differing)
+    known = frozen["sets"]
+    differing = {
+        name: _what_differs(known[name], checksums)
+        for name, checksums in found.items()
+        if name in known and known[name] != checksums
+    }
+    return Differences(True, differing, tuple(name for name in found if name not in known))
 
 
 def read_frozen(config: BenchmarkConfig) -> dict[str, Any] | None:
     """Return the frozen checksums, or None where the benchmark has none yet.
-
-    Under `tables` a file may name another set that has the very same ones.
 
     Raises:
         CallError: The file cannot be read or belongs to another benchmark or version.
@@ -102,24 +101,7 @@ def read_frozen(config: BenchmarkConfig) -> dict[str, Any] | None:
             found=" ".join(map(str, belongs)),
             required=f"{config.name} {config.version}",
         )
-    _share_tables(document["sets"], path)
     return document
-
-
-def _share_tables(sets: dict[str, Any], path: Path) -> None:
-    """Replace a set's name that stands for its tables by those tables."""
-    for name, checksums in sets.items():
-        source = checksums["tables"]
-        if isinstance(source, str):
-            if source not in sets:
-                raise CallError(
-                    "the checksums name an unknown set",
-                    path=path,
-                    where=f"sets.{name}.tables",
-                    found=repr(source),
-                    required="one of " + ", ".join(sets),
-                )
-            checksums["tables"] = sets[source]["tables"]
 
 
 def _what_differs(wanted: Mapping[str, Any], found: Mapping[str, Any]) -> str:

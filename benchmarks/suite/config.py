@@ -5,11 +5,13 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, Final, Literal
 
 from pliant.baselines import METHODS
+from pliant.baselines.conditions import Masks
 from pliant.evaluator.protocols.protocol import read_protocol
 from pliant.generator.config import GenerateConfig
 from pliant.models.shipped import shipped_names
@@ -31,7 +33,6 @@ class Training(Settings):
         trainer: `don` or `timecycle`.
         recipe: Shipped file of settings under the run's own, or empty.
         settings: The trainer's settings, complete but for defaults.
-        after: Run whose finished weights it starts from, or empty.
         seeds: How many runs, with random seeds from that of the settings upwards. With several,
             a run is named `NAME-0`, `NAME-1` and so on, and NAME stands for all of them.
         learned: Whether its weights are learned; False for a control that stops after a step.
@@ -43,25 +44,53 @@ class Training(Settings):
     trainer: Literal["don", "timecycle"] = "don"
     recipe: str = ""
     settings: Mapping[str, Any] = dict()
-    after: str = ""
     seeds: Count = 1
     learned: bool = True
     arm: str = ""
 
 
+TRACKS: Final[dict[Masks, str]] = {
+    "none": "image alone",
+    "segmenter": "masks from a segmenter",
+    "given": "perfect masks",
+}
+"""What methods are given, the headline first."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A method in a track.
+
+    Attributes:
+        method: A key of `pliant.baselines.METHODS`, a training or a shipped model.
+        track: What it is given.
+        is_blank: Whether it is the control that sees the same masks and a blank picture.
+    """
+
+    method: str
+    track: Masks
+    is_blank: bool = False
+
+    @property
+    def stored(self) -> str:
+        """The name of its answers and scores."""
+        return f"{self.method}--{self.track}" + ("--blank" if self.is_blank else "")
+
+
 class Test(Settings):
-    """One block of the table: a tier's test queries, what answers them, what the paper found.
+    """A part of the table: a tier's test queries, what answers them, what the paper found.
 
     Attributes:
         tier: The tier.
-        title: Heading of the block.
+        title: Its heading.
         variants: Name of the variant (`clean`, `noisy` …) -> set whose test split is asked.
         methods: Methods without training, keys of `pliant.baselines.METHODS`.
         runs: Names of trainings.
         shipped: Names of models that come with the package: the whole recipes, trained once.
         protocols: Protocols to score by, the table's first; `matches` applies to the methods
             with keypoint matches.
-        masks: Whether methods are given the masks of the objects.
+        tracks: What methods are given; each track is a block of its own. In tracks with masks, a
+            blank control is added for every learned method.
         figures: Further metrics of the first protocol to show as columns.
         paper_rmse_px: Label of a method -> RMSE in the paper.
     """
@@ -74,8 +103,8 @@ class Test(Settings):
     methods: tuple[str, ...] = ()
     runs: tuple[str, ...] = ()
     shipped: tuple[str, ...] = ()
-    protocols: tuple[str, ...] = ("standard", "paper")
-    masks: bool = True
+    protocols: tuple[str, ...] = ("standard", "matches")
+    tracks: tuple[Masks, ...] = ("none", "segmenter", "given")
     figures: tuple[str, ...] = ()
     paper_rmse_px: Mapping[str, float] = dict()
 
@@ -84,9 +113,17 @@ class Test(Settings):
         """Everything that answers, in the table's order."""
         return (*self.methods, *self.runs, *self.shipped)
 
-    def stored(self, method: str) -> str:
-        """Return the name of a method's answers: those without masks have their own."""
-        return method if self.masks else f"{method}-no-masks"
+    @property
+    def entries(self) -> list[Entry]:
+        """Every method in every track, in the table's order."""
+        learned = (*self.runs, *self.shipped)
+        return [
+            Entry(method, track, is_blank)
+            for track in self.tracks
+            for method in self.answering
+            for is_blank in (False, True)
+            if not is_blank or (method in learned and track != "none")
+        ]
 
 
 class Comparison(Settings):
@@ -94,6 +131,7 @@ class Comparison(Settings):
 
     Attributes:
         question: What it answers.
+        track: The track of both.
         set: Set whose test split both answered.
         method: The method judged.
         against: The method it is held against.
@@ -101,11 +139,15 @@ class Comparison(Settings):
     """
 
     question: str
+    track: Masks = "none"
     set: str
     method: str
     against: str
     metric: str
 
+
+PAPER_LOSSES: Final = ("contrastive", "distributional")
+"""The paper's learned methods: a row of its table each, also where none is trained here."""
 
 TEST_SPLIT: Final = "test"
 """The split that is asked about."""
@@ -156,8 +198,6 @@ class BenchmarkConfig(Settings):
             _check_known(name, self.tests, None, "--test", "unknown block of the table")
         kept = {key: test for key, test in self.tests.items() if key in tests}
         trained = {name for test in kept.values() for name in test.runs}
-        while earlier := {self.runs[name].after for name in trained} - trained - {""}:
-            trained |= earlier
         runs = {name: run for name, run in self.runs.items() if name in trained}
         asked = {name for test in kept.values() for name in test.variants.values()}
         needed = asked | {run.set for run in runs.values()}
@@ -211,10 +251,8 @@ def _with_seeds(config: BenchmarkConfig) -> BenchmarkConfig:
     for key, run in config.runs.items():
         first = int(run.settings.get("seed", 0))
         for index in range(run.seeds):
-            several = bool(run.after) and config.runs[run.after].seeds > 1
             one = run.replace(
                 settings={**run.settings, "seed": first + index},
-                after=f"{run.after}-{index}" if several else run.after,
                 seeds=1,
                 arm=key,
             )
@@ -268,14 +306,6 @@ def _check_references(config: BenchmarkConfig, path: Path) -> None:
 
     for key, run in config.runs.items():
         known(run.set, config.sets, f"runs.{key}.set")
-        if run.after:
-            known(run.after, list(config.runs)[: list(config.runs).index(key)], f"runs.{key}.after")
-            if config.runs[run.after].seeds not in (1, run.seeds):
-                raise CallError(
-                    "a run and the run it starts from have different numbers of seeds",
-                    path=path, where=f"runs.{key}.seeds", found=run.seeds,
-                    required=config.runs[run.after].seeds,
-                )  # fmt: skip
     for key, test in config.tests.items():
         for variant, name in test.variants.items():
             known(name, config.asked, f"tests.{key}.variants.{variant}")
@@ -289,7 +319,7 @@ def _check_references(config: BenchmarkConfig, path: Path) -> None:
         for name in test.figures:
             known(name, shown, f"tests.{key}.figures")
         for name in test.paper_rmse_px:
-            known(name, test.answering, f"tests.{key}.paper_rmse_px")
+            known(name, (*METHODS, *test.shipped, *PAPER_LOSSES), f"tests.{key}.paper_rmse_px")
     for index, each in enumerate(config.comparisons):
         where = f"comparisons.{index}"
         known(each.set, config.sets, f"{where}.set")

@@ -7,19 +7,26 @@ import os
 # Waiting threads sleep: CPU time is then work, also where other processes run as well.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
+import multiprocessing
 import shutil
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from pliant.baselines import METHODS, KeypointMatcher
+from pliant.baselines.conditions import shown
+from pliant.baselines.matcher import SplitMatcher
+from pliant.baselines.predict import predict
 from pliant.baselines.submission_file import Kind
+from pliant.benchmarks.suite.config import TEST_SPLIT, Entry
 from pliant.benchmarks.suite.work import Cost, Meter
+from pliant.evaluator import evaluate, read_protocol, write_report
+from pliant.spec.configuration import settings_from
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import PliantError
 from pliant.spec.progress import Progress
-
-"""Called with the work done and the total work."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +38,6 @@ class TrainingJob:
         settings: Its settings.
         data: The set's folder.
         run: The run's folder.
-        after: Weights to start from, or None.
         threads: CPU threads, 0 for torch's own choice.
         cache: Folder of decoded frames, which trainings on the same set share.
     """
@@ -40,32 +46,29 @@ class TrainingJob:
     settings: Mapping[str, Any]
     data: Path
     run: Path
-    after: Path | None
     threads: int
     cache: Path
 
 
 @dataclass(frozen=True)
 class AnswerJob:
-    """One method on one test.
+    """One method in one track, on one set.
 
     Attributes:
-        method: A key of `pliant.baselines.METHODS`, or a name for `run`.
+        entry: The method and its track.
         run: The run's folder of a learned method, or None.
         data: The set's folder.
         answers: Kind (`answers`, `matches`) -> submission to write.
         scores: Protocol -> folder of the report.
         threads: CPU threads.
-        masks: Whether the method is given masks.
     """
 
-    method: str
+    entry: Entry
     run: Path | None
     data: Path
     answers: Mapping[Kind, Path]
     scores: Mapping[str, Path]
     threads: int
-    masks: bool = True
 
 
 @dataclass(frozen=True)
@@ -83,117 +86,109 @@ class Outcome:
     error: str = ""
 
 
-def train(job: TrainingJob, tell: Progress) -> Outcome:
-    """Train, going on where an earlier attempt stopped."""
+Job = TrainingJob | AnswerJob
+
+
+def run_job(job: Job, progress: Progress) -> Outcome:
+    """Train, going on where an earlier attempt stopped; or answer queries and score the answers."""
     meter = Meter()
     try:
-        facts = _trained(job, tell)
+        if isinstance(job, TrainingJob):
+            facts = _train(job, progress)
+        else:
+            facts = _answer(job, meter, progress)
     except PliantError as error:
         return Outcome(meter.cost, {}, str(error))
     return Outcome(meter.cost, facts)
 
 
-def _trained(job: TrainingJob, tell: Progress) -> dict[str, Any]:
+def _train(job: TrainingJob, progress: Progress) -> dict[str, Any]:
     resume = any((job.run / "checkpoints").glob("*"))
     if job.run.exists() and not resume:
         shutil.rmtree(job.run)  # stopped before its first checkpoint
     dataset = Dataset.open(job.data)
     values = {**job.settings, "threads": job.threads, "cache_dir": str(job.cache)}
 
-    def telling(steps: int) -> Callable[[int, Mapping[str, float]], None]:
-        return lambda step, figures: tell(step, steps)
-
-    from pliant.spec.configuration import settings_from
+    def reporting(steps: int) -> Callable[[int, Mapping[str, float]], None]:
+        return lambda step, figures: progress(step, steps)
 
     if job.trainer == "timecycle":
         from pliant.models.timecycle.settings import TimeCycleSettings
         from pliant.models.timecycle.trainer import train_timecycle
 
         cycle = settings_from(TimeCycleSettings, values)
-        told = telling(cycle.steps)
-        facts = train_timecycle(dataset, job.run, cycle, resume=resume, progress=told)
-        return {"steps": facts["steps"]}
-    from pliant.models.don.settings import DonSettings
-    from pliant.models.don.trainer import train_don
+        facts = train_timecycle(
+            dataset, job.run, cycle, resume=resume, progress=reporting(cycle.steps)
+        )
+    else:
+        from pliant.models.don.settings import DonSettings
+        from pliant.models.don.trainer import train_don
 
-    if job.after is not None:
-        values["network"] = {**values.get("network", {}), "pretrained": str(job.after)}
-    don = settings_from(DonSettings, values)
-    facts = train_don(dataset, job.run, don, resume=resume, progress=telling(don.steps))
+        don = settings_from(DonSettings, values)
+        facts = train_don(dataset, job.run, don, resume=resume, progress=reporting(don.steps))
     return {"steps": facts["steps"], "validation": facts.get("validation", {})}
 
 
-def answer(job: AnswerJob, tell: Progress) -> Outcome:
-    """Answer a test's queries and score the answers."""
-    from pliant.baselines import METHODS, KeypointMatcher
-    from pliant.baselines.predict import predict
-    from pliant.evaluator import evaluate, read_protocol, write_report
+def _answer(job: AnswerJob, meter: Meter, progress: Progress) -> dict[str, Any]:
+    dataset = Dataset.open(job.data)
+    matcher: Any
+    if job.run is None:
+        matcher = METHODS[job.entry.method]()
+    else:
+        import torch
 
-    meter = Meter()
-    try:
-        dataset = Dataset.open(job.data)
-        matcher: Any
-        if job.run is None:
-            matcher = METHODS[job.method]()
-        else:
-            import torch
+        from pliant.models import load_matcher
 
-            from pliant.models import load_matcher
-
-            torch.set_num_threads(job.threads or torch.get_num_threads())
-            matcher = load_matcher(job.run)
-            matcher.name = job.method
-        facts: dict[str, Any] = {}
-        for kind, out in job.answers.items():
-            if kind == "matches" and not isinstance(matcher, KeypointMatcher):
-                continue
-            out.parent.mkdir(parents=True, exist_ok=True)
-            before_s = meter.cost.cpu_s
-            prediction = predict(
-                dataset, "test", matcher, out, kind, masks=job.masks, progress=tell
-            )
-            cpu_s = meter.cost.cpu_s - before_s
-            if kind == "answers":
-                facts = {"pairs": prediction.pairs, "rows": prediction.rows, "predict_cpu_s": cpu_s}
-            for protocol, folder in job.scores.items():
-                if read_protocol(protocol).kind == kind:
-                    shutil.rmtree(folder, ignore_errors=True)
-                    folder.parent.mkdir(parents=True, exist_ok=True)
-                    scores = evaluate(out, dataset, protocol=protocol)
-                    write_report(scores, folder, data=dataset)
-    except PliantError as error:
-        return Outcome(meter.cost, {}, str(error))
-    return Outcome(meter.cost, facts)
+        torch.set_num_threads(job.threads or torch.get_num_threads())
+        matcher = load_matcher(job.run)
+        matcher.name = job.entry.method
+    if not isinstance(matcher, SplitMatcher):
+        matcher = shown(matcher, job.entry.track, is_blank=job.entry.is_blank)
+    facts: dict[str, Any] = {}
+    for kind, out in job.answers.items():
+        if kind == "matches" and not isinstance(matcher, KeypointMatcher):
+            continue
+        out.parent.mkdir(parents=True, exist_ok=True)
+        before_s = meter.cost.cpu_s
+        masks = job.entry.track != "none"
+        prediction = predict(
+            dataset, TEST_SPLIT, matcher, out, kind, masks=masks, progress=progress
+        )
+        cpu_s = meter.cost.cpu_s - before_s
+        if kind == "answers":
+            facts = {"pairs": prediction.pairs, "rows": prediction.rows, "predict_cpu_s": cpu_s}
+        for protocol, folder in job.scores.items():
+            if read_protocol(protocol).kind == kind:
+                shutil.rmtree(folder, ignore_errors=True)
+                folder.parent.mkdir(parents=True, exist_ok=True)
+                scores = evaluate(out, dataset, protocol=protocol)
+                write_report(scores, folder, data=dataset)
+    return facts
 
 
 def run_all(
-    jobs: Mapping[str, tuple[Callable[[Any, Progress], Outcome], Any, Sequence[str]]],
+    jobs: Mapping[str, Job],
     workers: int,
     started: Callable[[str], None],
-    tell: Callable[[str, int, int], None],
+    progress: Callable[[str, int, int], None],
     ended: Callable[[str, Outcome], None],
     *,
     fresh: bool = True,
 ) -> None:
-    """Run jobs in other processes, each as soon as those it needs have ended.
+    """Run jobs in other processes, in order.
 
     Args:
-        jobs: Name -> function, its job, and the names of jobs that must have ended before.
+        jobs: Name -> job.
         workers: Processes at a time.
         started: Called when a job starts.
-        tell: Called with the progress of a job.
+        progress: Called with the progress of a job.
         ended: Called with the result of a job. After one that failed, no other is started.
         fresh: Start a new process for each job, so that its memory is returned.
     """
-    import multiprocessing
-    from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-
     context = multiprocessing.get_context("spawn")
     news = context.SimpleQueue()
-    waiting = dict(jobs)
+    waiting = list(jobs)
     running: dict[Future[Outcome], str] = {}
-    done: set[str] = set()
-    failed = False
     with ProcessPoolExecutor(
         min(workers, max(1, len(jobs))),
         context,
@@ -201,23 +196,19 @@ def run_all(
         initargs=(news,),
         max_tasks_per_child=1 if fresh else None,
     ) as pool:
-        while running or (waiting and not failed):
-            for name in list(waiting):
-                function, job, needs = waiting[name]
-                if failed or len(running) >= workers or not set(needs) <= done:
-                    continue
-                del waiting[name]
+        while running or waiting:
+            while waiting and len(running) < workers:
+                name = waiting.pop(0)
                 started(name)
-                running[pool.submit(_reporting, function, job, name)] = name
+                running[pool.submit(_reporting, jobs[name], name)] = name
             finished, _ = wait(running, timeout=0.5, return_when=FIRST_COMPLETED)
             while not news.empty():
-                tell(*news.get())
+                progress(*news.get())
             for future in finished:
-                name = running.pop(future)
                 outcome = future.result()
-                ended(name, outcome)
-                done.add(name)
-                failed = failed or bool(outcome.error)
+                ended(running.pop(future), outcome)
+                if outcome.error:
+                    waiting.clear()
 
 
 _NEWS: list[Any] = []
@@ -228,13 +219,13 @@ def _connect(news: Any) -> None:
     _NEWS.append(news)
 
 
-def _reporting(function: Callable[[Any, Progress], Outcome], job: Any, name: str) -> Outcome:
+def _reporting(job: Job, name: str) -> Outcome:
     last = [-1]
 
-    def tell(done: int, total: int) -> None:
+    def progress(done: int, total: int) -> None:
         share = done * 200 // max(total, 1)
         if share != last[0]:  # at most 200 messages a job
             last[0] = share
             _NEWS[0].put((name, done, total))
 
-    return function(job, tell)
+    return run_job(job, progress)

@@ -1,4 +1,4 @@
-"""The picture an overview opens with: one pair, answered by a network and by a local feature."""
+"""The picture a report opens with: one pair, answered by a network and by a local feature."""
 
 from __future__ import annotations
 
@@ -48,8 +48,13 @@ def opening(work: Workspace, rows: Sequence[Row]) -> Opening | None:
         None where no network, or no local feature, answered, or no network is better on a pair.
     """
     best: tuple[float, int, Row, Row, FloatArray, FloatArray] | None = None
-    for learned in (row for row in rows if row.learned):
-        rivals = [row for row in rows if row.test == learned.test and row.method in CLASSICAL]
+    for learned in (row for row in rows if row.learned and not row.entry.is_blank):
+        rivals = [
+            row for row in rows
+            if (row.test, row.variant, row.entry.track)
+            == (learned.test, learned.variant, learned.entry.track)
+            and row.method in CLASSICAL
+        ]  # fmt: skip
         known = [row for row in rivals if row.value("standard", "rmse_px") is not None]
         if not known:
             continue
@@ -77,8 +82,8 @@ def opening(work: Workspace, rows: Sequence[Row]) -> Opening | None:
 
 def _pair_rmse_px(work: Workspace, row: Row) -> FloatArray:
     """Return the RMSE of each pair, float64 (P,), NaN where no point is visible."""
-    table = read_scores(work.scores_path(row.set, row.method, "standard")).per_pair
-    tiers = read_scores(work.scores_path(row.set, row.method, "standard")).tiers
+    scores = read_scores(work.scores_path(row.set, row.entry.stored, "standard"))
+    table, tiers = scores.per_pair, scores.tiers
     squared, counted = (table[name].to_numpy() for name in ("sum_squared_px2", "counted"))
     mine = np.array(table["tier"].to_pylist()) == row.test if row.test in tiers else True
     rmse: FloatArray = np.sqrt(squared / np.where((counted > 0) & mine, counted, np.nan))
@@ -92,7 +97,7 @@ def _example(work: Workspace, dataset: Dataset, row: Row, pair: int) -> Example:
         for table in (
             dataset.queries("test"),
             dataset.truth("test"),
-            read_table(work.answers_path(row.set, row.method, "answers"), "answers"),
+            read_table(work.answers_path(row.set, row.entry.stored, "answers"), "answers"),
         )
     )
     visible = np.flatnonzero(np.array(true["visibility_b"].to_pylist()) == "visible")

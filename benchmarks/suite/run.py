@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Protocol, get_args
+from typing import Protocol, get_args
 
 from pliant.baselines.submission_file import Kind
 from pliant.benchmarks.suite.checksums import Differences, compare_checksums
-from pliant.benchmarks.suite.config import BenchmarkConfig, Test, Training, digest
-from pliant.benchmarks.suite.jobs import AnswerJob, Outcome, TrainingJob, answer, run_all, train
+from pliant.benchmarks.suite.config import BenchmarkConfig, Entry, Test, Training, digest
+from pliant.benchmarks.suite.jobs import AnswerJob, Job, Outcome, TrainingJob, run_all
 from pliant.benchmarks.suite.work import Workspace
 from pliant.evaluator import read_protocol
 from pliant.generator.runner.run import generate
@@ -83,16 +83,15 @@ def set_digest(config: BenchmarkConfig, name: str) -> str:
 
 
 def run_digest(config: BenchmarkConfig, name: str) -> str:
-    """Return what identifies a training: its settings, its set, what it started from."""
+    """Return what identifies a training: its settings and its set."""
     run = config.runs[name]
-    earlier = run_digest(config, run.after) if run.after else ""
-    return digest(run.trainer, run.settings, set_digest(config, run.set), earlier)
+    return digest(run.trainer, run.settings, set_digest(config, run.set))
 
 
 def _generate(config: BenchmarkConfig, work: Workspace, workers: int, watcher: Watcher) -> None:
     identities = {name: set_digest(config, name) for name in config.sets}
     missing = {
-        name: each for name, each in identities.items() if not work.holds(f"set/{name}", each)
+        name: each for name, each in identities.items() if not work.is_current(f"set/{name}", each)
     }
     watcher.begin("generate", len(identities), len(identities) - len(missing))
     for name, identity in missing.items():
@@ -136,12 +135,11 @@ def _validate(root: Path, workers: int) -> None:
 
 def _train(config: BenchmarkConfig, work: Workspace, workers: int, watcher: Watcher) -> None:
     threads = max(1, cpu_cores() // workers)
-    jobs: dict[str, Any] = {}
+    jobs: dict[str, Job] = {}
     for name, run in config.runs.items():
         note = work.finished(f"run/{name}")
         if note is None:
-            needs = [run.after] if run.after in jobs else []
-            jobs[name] = (train, _training_job(work, name, run, threads), needs)
+            jobs[name] = _training_job(work, name, run, threads)
         elif note["digest"] != run_digest(config, name):
             raise CallError(
                 "this training was made with other settings",
@@ -154,40 +152,35 @@ def _train(config: BenchmarkConfig, work: Workspace, workers: int, watcher: Watc
 
 
 def _training_job(work: Workspace, name: str, run: Training, threads: int) -> TrainingJob:
-    from pliant.models.training.checkpoint import BEST
-
-    after = work.run_path(run.after) / BEST if run.after else None
     data, folder = work.set_path(run.set), work.run_path(name)
     cache = (work.root / "cache").resolve()
-    return TrainingJob(run.trainer, run.settings, data, folder, after, threads, cache)
+    return TrainingJob(run.trainer, run.settings, data, folder, threads, cache)
 
 
 def _answer(config: BenchmarkConfig, work: Workspace, workers: int, watcher: Watcher) -> None:
     threads = max(1, cpu_cores() // workers)
     every: dict[str, AnswerJob] = {}
     identities: dict[str, str] = {}
-    for test, set_name in _asked(config):
-        for method in test.answering:
-            run = _run_folder(work, test, method)
-            stored = test.stored(method)
-            stage = f"answer/{set_name}--{stored}"
-            identities[stage] = digest(
-                set_digest(config, set_name),
-                _method_digest(config, test, method),
-                test.protocols,
-            )
-            scores = {p: work.scores_path(set_name, stored, p) for p in test.protocols}
-            answers = {
-                kind: work.answers_path(set_name, stored, kind)
-                for kind in get_args(Kind)
-                if any(read_protocol(protocol).kind == kind for protocol in test.protocols)
-            }
-            data = work.set_path(set_name)
-            every[stage] = AnswerJob(method, run, data, answers, scores, threads, test.masks)
-    jobs: dict[str, Any] = {
-        stage.removeprefix("answer/"): (answer, job, [])
+    for test, set_name, entry in _asked(config):
+        stage = f"answer/{set_name}--{entry.stored}"
+        identities[stage] = digest(
+            set_digest(config, set_name),
+            _method_digest(config, test, entry.method),
+            [read_protocol(name).sha256 for name in test.protocols],
+        )
+        scores = {p: work.scores_path(set_name, entry.stored, p) for p in test.protocols}
+        answers = {
+            kind: work.answers_path(set_name, entry.stored, kind)
+            for kind in get_args(Kind)
+            if any(read_protocol(protocol).kind == kind for protocol in test.protocols)
+        }
+        run = _run_folder(work, test, entry.method)
+        data = work.set_path(set_name)
+        every[stage] = AnswerJob(entry, run, data, answers, scores, threads)
+    jobs: dict[str, Job] = {
+        stage.removeprefix("answer/"): job
         for stage, job in every.items()
-        if not work.holds(stage, identities[stage])
+        if not work.is_current(stage, identities[stage])
     }
     watcher.begin("answer", len(every), len(every) - len(jobs))
     _run(jobs, "answer", identities, work, workers, watcher)
@@ -209,23 +202,20 @@ def _method_digest(config: BenchmarkConfig, test: Test, method: str) -> str:
     return method
 
 
-def _asked(config: BenchmarkConfig) -> list[tuple[Test, str]]:
-    """Return what is to be answered: the first variant of every block, then the second ones."""
-    return [
-        (test, set_name)
-        for _, test, set_name in sorted(
-            (
-                (position, test, set_name)
-                for test in config.tests.values()
-                for position, set_name in enumerate(test.variants.values())
-            ),
-            key=lambda each: each[0],
-        )
+def _asked(config: BenchmarkConfig) -> list[tuple[Test, str, Entry]]:
+    """Return what is to be answered: the first variants and tracks first."""
+    found = [
+        (position, test.tracks.index(entry.track), test, set_name, entry)
+        for test in config.tests.values()
+        for position, set_name in enumerate(test.variants.values())
+        for entry in test.entries
     ]
+    ordered = sorted(found, key=lambda each: each[:2])
+    return [(test, set_name, entry) for _, _, test, set_name, entry in ordered]
 
 
 def _run(
-    jobs: Mapping[str, Any],
+    jobs: Mapping[str, Job],
     kind: str,
     identities: Mapping[str, str],
     work: Workspace,

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
-from pliant.benchmarks.suite.config import BenchmarkConfig, Test
+from pliant.baselines.conditions import Masks
+from pliant.benchmarks.suite.config import PAPER_LOSSES, TRACKS, BenchmarkConfig, Entry, Test
 from pliant.benchmarks.suite.work import Cost, Workspace
-from pliant.evaluator.controls import CONTROLS
 from pliant.evaluator.scores import read_scores
 
 CLASSICAL = ("sift", "surf", "orb")
@@ -16,6 +16,7 @@ _LABELS: Final = {
     "lk-chain": "LK chain",
     "dis-chain": "DIS chain",
     "rlof-chain": "RLOF chain",
+    "surf": "SURF (mahotas)",
     "cloth-tps": "Outline, thin plate",
     "cloth-homography": "Outline, homography",
 }
@@ -24,28 +25,28 @@ _NO_SCORES: Final[dict[str, Any]] = {"values": {}, "intervals": {}}
 
 @dataclass(frozen=True)
 class Row:
-    """One method on one variant of one tier.
+    """One method in one track, on one variant of one tier.
 
     Attributes:
-        test: Key of the block.
+        test: Key of the test.
         variant: `clean`, `noisy` …
         set: The set that was asked.
-        method: A method's name, or a training's.
+        entry: The method and its track.
         label: What the table calls it.
         learned: Whether it was trained, here or before it was shipped.
         paper_rmse_px: The paper's figure, or None.
         scores: Protocol -> {"values": metric -> value, "intervals": metric -> [low, high]}.
-        train: What training here took, what it started from included; None where there is none.
+        train: What training here took; None where there is none.
         predict_cpu_s: CPU seconds of answering.
         pairs: Pairs answered.
-        arm: What its runs with other random seeds have in common with it; otherwise `method`.
+        arm: What its runs with other random seeds have in common with it; otherwise the method.
         seeds: How many of them it is the mean of.
     """
 
     test: str
     variant: str
     set: str
-    method: str
+    entry: Entry
     label: str
     learned: bool
     paper_rmse_px: float | None
@@ -55,6 +56,11 @@ class Row:
     pairs: int
     arm: str
     seeds: int = 1
+
+    @property
+    def method(self) -> str:
+        """The method's name, or the training's."""
+        return self.entry.method
 
     def value(self, protocol: str, metric: str) -> float | None:
         """Return a score, None where the method has none."""
@@ -69,15 +75,13 @@ class Row:
 
 def finished_rows(config: BenchmarkConfig, work: Workspace) -> list[Row]:
     """Return the rows of everything that has been answered and scored, in the config's order."""
-    rows = []
-    for key, test in config.tests.items():
-        for variant, set_name in test.variants.items():
-            for method in test.answering:
-                note = work.finished(f"answer/{set_name}--{test.stored(method)}")
-                if note is None:
-                    continue
-                rows.append(_row(config, work, key, test, variant, set_name, method, note))
-    return rows
+    return [
+        _row(config, work, key, test, variant, set_name, entry, note)
+        for key, test in config.tests.items()
+        for variant, set_name in test.variants.items()
+        for entry in test.entries
+        if (note := work.finished(f"answer/{set_name}--{entry.stored}")) is not None
+    ]
 
 
 def _row(
@@ -87,12 +91,12 @@ def _row(
     test: Test,
     variant: str,
     set_name: str,
-    method: str,
+    entry: Entry,
     note: dict[str, Any],
 ) -> Row:
     scores = {}
     for protocol in test.protocols:
-        folder = work.scores_path(set_name, test.stored(method), protocol)
+        folder = work.scores_path(set_name, entry.stored, protocol)
         if not folder.exists():  # protocol `matches` of a method without keypoints
             continue
         found = read_scores(folder).document
@@ -100,47 +104,64 @@ def _row(
         if len(found["tiers"]) > 1:
             intervals = found["intervals"]["tiers"].get(test.tier, {})
             scores[protocol] = {"values": found["tiers"][test.tier], "intervals": intervals}
+    method = entry.method
     trained = method in config.runs
     arm = (config.runs[method].arm if trained else "") or method
+    first = variant == next(iter(test.variants)) and not entry.is_blank
     return Row(
         key,
         variant,
         set_name,
-        method,
-        _label(config, test, method),
+        entry,
+        _label(config, test, entry),
         (trained and config.runs[method].learned) or method in test.shipped,
-        test.paper_rmse_px.get(arm) if variant == next(iter(test.variants)) else None,
+        test.paper_rmse_px.get(paper_name(arm)) if first else None,
         scores,
-        training_cost(config, work, method) if trained else None,
+        work.cost(f"run/{method}") if trained else None,
         float(note["facts"]["predict_cpu_s"]),
         int(note["facts"]["pairs"]),
         arm,
     )
 
 
-def _label(config: BenchmarkConfig, test: Test, method: str) -> str:
+def paper_name(arm: str) -> str:
+    """Return what the paper calls an arm: `contrastive` for `rope-contrastive`."""
+    return next((name for name in PAPER_LOSSES if arm.endswith(f"-{name}")), arm)
+
+
+def _label(config: BenchmarkConfig, test: Test, entry: Entry) -> str:
+    method = entry.method
+    blank = ", blank picture" if entry.is_blank else ""
     if method in config.runs:
-        return config.runs[method].label
+        return config.runs[method].label + blank
     if method in test.shipped:
-        return f"{method}, as shipped"
+        return f"{method}, as shipped{blank}"
     name = method.replace("-", " ").capitalize()
     return _LABELS.get(method, method.upper() if method in CLASSICAL else name)
 
 
-def training_cost(config: BenchmarkConfig, work: Workspace, run: str) -> Cost:
-    """Return what a run's weights cost, those it started from included."""
-    cost = work.cost(f"run/{run}")
-    earlier = config.runs[run].after
-    return cost + training_cost(config, work, earlier) if earlier else cost
+@dataclass(frozen=True)
+class Block:
+    """The rows of one variant of a test in one track, arms with several seeds as their means."""
+
+    test: str
+    variant: str
+    track: Masks
+    rows: Sequence[Row]
 
 
-def blocks(rows: list[Row]) -> Iterator[tuple[str, str, list[Row]]]:
-    """Yield test, variant and rows of each block, in order."""
-    seen: dict[tuple[str, str], list[Row]] = {}
-    for row in rows:
-        seen.setdefault((row.test, row.variant), []).append(row)
-    for (test, variant), members in seen.items():
-        yield test, variant, members
+def blocks(config: BenchmarkConfig, rows: Sequence[Row]) -> list[Block]:
+    """Return the blocks of the table: track by track, in each the tests in the config's order."""
+    seen: dict[tuple[str, str, Masks], list[Row]] = {}
+    for row in arms(rows):
+        seen.setdefault((row.test, row.variant, row.entry.track), []).append(row)
+    return [
+        Block(key, variant, track, members)
+        for track in TRACKS
+        for key, test in config.tests.items()
+        for variant in test.variants
+        if (members := seen.get((key, variant, track)))
+    ]
 
 
 def arms(rows: Sequence[Row]) -> list[Row]:
@@ -148,9 +169,10 @@ def arms(rows: Sequence[Row]) -> list[Row]:
 
     Where there are several seeds, the interval of a figure is its lowest and its highest value.
     """
-    grouped: dict[tuple[str, str, str], list[Row]] = {}
+    grouped: dict[tuple[str, str, Entry], list[Row]] = {}
     for row in rows:
-        grouped.setdefault((row.test, row.variant, row.arm), []).append(row)
+        place = row.test, row.variant, replace(row.entry, method=row.arm)
+        grouped.setdefault(place, []).append(row)
     return [_mean(members) if len(members) > 1 else members[0] for members in grouped.values()]
 
 
@@ -179,20 +201,26 @@ def _mean(rows: Sequence[Row]) -> Row:
     )
 
 
-def best_untrained(rows: Sequence[Row], protocol: str, metric: str = "rmse_px") -> Row | None:
-    """Return the method without training that has the lowest error, None where none was asked.
+def best(rows: Sequence[Row], protocol: str, metric: str, *, learned: bool) -> Row | None:
+    """Return the row with the lowest error, learned or not, None where there is none.
 
-    Controls, which do not look at the images, are not methods.
+    Controls count among what is not learned: what they reach needs no looking at pictures. Blank
+    controls count nowhere.
     """
-    found = [row for row in rows if not row.learned and row.method not in CONTROLS]
-    known = [(value, row) for row in found if (value := row.value(protocol, metric)) is not None]
+    known = [
+        (value, row)
+        for row in rows
+        if row.learned == learned
+        and not row.entry.is_blank
+        and (value := row.value(protocol, metric)) is not None
+    ]
     return min(known, key=lambda each: each[0])[1] if known else None
 
 
 def table_document(config: BenchmarkConfig, work: Workspace, rows: list[Row]) -> dict[str, Any]:
     """Return the table as JSON values: every row, and what each stage cost."""
-    told = ("wall_s", "cpu_s", "machine", "cores", "finished")
-    stages = {stage: {name: note[name] for name in told} for stage, note in work.notes().items()}
+    noted = ("wall_s", "cpu_s", "machine", "cores", "finished")
+    stages = {stage: {name: note[name] for name in noted} for stage, note in work.notes().items()}
     return {
         "name": config.name,
         "version": config.version,
@@ -202,6 +230,8 @@ def table_document(config: BenchmarkConfig, work: Workspace, rows: list[Row]) ->
                 "variant": row.variant,
                 "set": row.set,
                 "method": row.method,
+                "track": row.entry.track,
+                "blank": row.entry.is_blank,
                 "label": row.label,
                 "paper_rmse_px": row.paper_rmse_px,
                 "scores": row.scores,

@@ -55,7 +55,7 @@ def _cpu_s() -> float:
 
 
 class Workspace:
-    """A benchmark's folder: `sets/`, `runs/`, `answers/`, `scores/`, and a note a finished stage.
+    """A benchmark's folder: `sets/`, `runs/`, `answers/`, `scores/`, and a note per finished stage.
 
     Args:
         root: The folder.
@@ -90,7 +90,7 @@ class Workspace:
                 )
             return
         if self.root.is_dir() and any(self.root.iterdir()):
-            raise CallError("the folder is not empty and holds no benchmark", path=self.root)
+            raise CallError("the folder is not empty and contains no benchmark", path=self.root)
         self.root.mkdir(parents=True, exist_ok=True)
         (self.root / "stages").mkdir(exist_ok=True)
         write_json(begun, {"name": name, "version": version})
@@ -132,7 +132,7 @@ class Workspace:
         found = self._read(stage)
         return found if found is not None and found.get("finished") else None
 
-    def holds(self, stage: str, digest: str) -> bool:
+    def is_current(self, stage: str, digest: str) -> bool:
         """Return whether a stage is finished, and was made from just this."""
         found = self.finished(stage)
         return found is not None and found["digest"] == digest

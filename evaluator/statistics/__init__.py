@@ -1,4 +1,4 @@
 """Statistics over image pairs: ratios of sums, quantiles, bootstrap intervals, comparisons.
 
-Intervals resample whole sequences, because the pairs of one sequence are not independent.
+Intervals resample both sequences of every pair, because pairs that share one are not independent.
 """

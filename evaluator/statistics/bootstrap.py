@@ -1,25 +1,30 @@
-"""Confidence intervals by resampling whole sequences.
+"""Confidence intervals by resampling both sequences of every pair.
 
-Queries of one image pair, and pairs of one sequence, err together: only sequences are
-independent. A replicate draws, in every tier, as many source sequences as there are, with
-replacement (Efron and Tibshirani, An Introduction to the Bootstrap, 1993, chapter 13). The plain
-percentile interval is too narrow when sequences are few; it is widened as Hesterberg proposes
-(What Teachers Should Know About the Bootstrap, The American Statistician 69, 2015, "expanded
-percentile"), so that of 95 % intervals over ten sequences about 95 % hold the truth.
+Queries of one image pair, and pairs that share a sequence, err together: only sequences are
+independent. A replicate draws, in every tier, as many sequences as there are, with replacement; a
+pair of two sequences counts as often as the product of how often both are drawn (the pigeonhole
+bootstrap: Owen, The Pigeonhole Bootstrap, Annals of Applied Statistics 1, 2007), a pair within one
+sequence as often as that is drawn.
+
+Resampling few sequences gives too narrow intervals, so both kinds are widened by Student's t and
+by n / (n - 1). A share has the expanded percentile interval (Hesterberg, What Teachers Should Know
+About the Bootstrap, The American Statistician 69, 2015). A quantity with a unit, such as an error
+in pixels, depends on few large values, which a small sample may lack: its interval is symmetric in
+the logarithm, about the logarithm corrected for the bias of the replicates.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from typing import Annotated, Final, Literal
 
 import numpy as np
 from scipy.special import ndtr, stdtrit
 
+from pliant.evaluator.statistics.crossing import Crossing
 from pliant.evaluator.statistics.ratios import Ratio
-from pliant.spec.arrays import FloatArray, IndexArray, IntArray
+from pliant.spec.arrays import BoolArray, FloatArray
 from pliant.spec.configuration import Settings
 from pliant.spec.constraints import Bounds
 
@@ -30,111 +35,72 @@ class Bootstrap(Settings):
     """How confidence intervals are drawn.
 
     Attributes:
-        unit: What is resampled.
+        unit: What is resampled: the sequences of both frames of a pair.
         replicates: Number of replicates.
         seed: Random seed.
         level: Nominal coverage.
     """
 
-    unit: Literal["sequence_a"]
+    unit: Literal["sequences"]
     replicates: Annotated[int, Bounds(100)]
     seed: Annotated[int, Bounds(0)]
     level: Annotated[float, Bounds(0, 1, above=True, below=True)]
 
 
-@dataclass(frozen=True)
-class Clusters:
-    """Which sequence and tier every pair belongs to.
-
-    Attributes:
-        cluster: int64 (P,), the source sequence of each pair, 0 to C - 1.
-        tier: int64 (C,), the tier of each sequence.
-        tiers: Number of tiers, T.
-    """
-
-    cluster: IntArray
-    tier: IntArray
-    tiers: int
-
-    @classmethod
-    def of(cls, sequence: IndexArray, tier: IndexArray, tiers: int) -> Clusters:
-        """Number the sequences that occur.
-
-        Args:
-            sequence: integer (P,), code of each pair's source sequence.
-            tier: integer (P,), code of its tier.
-            tiers: Number of tiers.
-        """
-        _, first, cluster = np.unique(sequence, return_index=True, return_inverse=True)
-        return cls(cluster.reshape(-1), np.asarray(tier[first], np.int64), tiers)
-
-    def extent(self, group: int) -> tuple[int, int]:
-        """Return (sequences, tiers) of the whole split for 0, of tier `group` - 1 otherwise."""
-        sizes = self.sizes()
-        if group == 0:
-            return int(sizes.sum()), int((sizes > 0).sum())
-        return int(sizes[group - 1]), 1
-
-    def sum(self, values: FloatArray) -> FloatArray:
-        """Sum values of pairs, float64 (P,), over each sequence, float64 (C,)."""
-        sums: FloatArray = np.bincount(self.cluster, values, len(self.tier)).astype(np.float64)
-        return sums
-
-    def sizes(self) -> IntArray:
-        """Return the number of sequences of each tier, int64 (T,)."""
-        return np.bincount(self.tier, minlength=self.tiers)
-
-
-def replicates(clusters: Clusters, terms: FloatArray, settings: Bootstrap) -> FloatArray:
+def replicates(crossing: Crossing, terms: FloatArray, settings: Bootstrap) -> FloatArray:
     """Return the sums of pair terms in every replicate, by tier.
 
     Args:
-        clusters: The resampled units.
+        crossing: The sequences of the pairs.
         terms: float64 (P, M), what is summed.
         settings: A protocol's `bootstrap`.
 
     Returns:
         float64 (B, T, M).
     """
-    sizes = clusters.sizes()
-    by_cluster = np.stack([clusters.sum(column) for column in terms.T], axis=1)  # (C, M)
+    sizes = crossing.sizes()
+    by_couple = np.stack([crossing.sum(column) for column in terms.T], axis=1)  # (E, M)
     count = settings.replicates
-    result = np.zeros((count, clusters.tiers, terms.shape[1]))
-    for tier in range(clusters.tiers):
-        members = by_cluster[clusters.tier == tier]
+    result = np.zeros((count, crossing.tiers, terms.shape[1]))
+    for tier in range(crossing.tiers):
+        mine = crossing.of_group(tier + 1)
         # One generator a tier: a tier's intervals do not depend on which others there are.
         rng = np.random.default_rng([settings.seed, int(sizes[tier])])
         begin = 0
-        for weights in _weights(rng, len(members), count):
-            result[begin : begin + len(weights), tier] = weights @ members
+        for drawn in _drawn(rng, crossing.tier == tier, int(mine.sum()), count):
+            weights = crossing.weights(drawn)[:, mine]
+            result[begin : begin + len(weights), tier] = weights @ by_couple[mine]
             begin += len(weights)
     return result
 
 
-def _weights(rng: np.random.Generator, members: int, count: int) -> Iterator[FloatArray]:
-    """Yield how often each of `members` is drawn, float64 (b, members), `count` rows in all."""
-    if not members:
+def _drawn(
+    rng: np.random.Generator, members: BoolArray, couples: int, count: int
+) -> Iterator[FloatArray]:
+    """Yield how often each of `members` is drawn, float64 (b, C), `count` rows in all."""
+    among = np.flatnonzero(members)
+    if not len(among):
         return
-    step = max(1, min(count, _CHUNK_CELLS // members))
+    step = max(1, min(count, _CHUNK_CELLS // max(len(members), couples)))
     for begin in range(0, count, step):
         rows = min(step, count - begin)
-        drawn = rng.integers(0, members, (rows, members))
-        drawn += np.arange(rows)[:, None] * members
-        yield np.bincount(drawn.ravel(), minlength=rows * members).reshape(rows, members) * 1.0
+        places = rng.choice(among, (rows, len(among))) + np.arange(rows)[:, None] * len(members)
+        cells = np.bincount(places.ravel(), minlength=rows * len(members))
+        yield cells.reshape(rows, len(members)) * 1.0
 
 
 def intervals(
     ratios: list[Ratio],
     columns: Mapping[str, FloatArray],
-    clusters: Clusters,
+    crossing: Crossing,
     settings: Bootstrap,
 ) -> list[dict[str, list[float]]]:
-    """Return percentile intervals of every ratio, overall and for each tier.
+    """Return an interval of every ratio, overall and for each tier.
 
     Args:
         ratios: The metrics.
         columns: The pair table.
-        clusters: The resampled units.
+        crossing: The sequences of the pairs.
         settings: A protocol's `bootstrap`.
 
     Returns:
@@ -143,39 +109,51 @@ def intervals(
     """
     pairs = [ratio.terms(columns) for ratio in ratios]
     terms = np.stack([side for pair in pairs for side in pair], axis=1)
-    drawn = replicates(clusters, terms, settings)  # (B, T, 2M)
-    sizes = clusters.sizes()
+    drawn = replicates(crossing, terms, settings)  # (B, T, 2M)
+    tier_of_pair = crossing.tier[crossing.source[crossing.couple]]
+    sizes = crossing.sizes()
     result = []
-    for group in range(clusters.tiers + 1):
+    for group in range(crossing.tiers + 1):
         sums = drawn.sum(axis=1) if group == 0 else drawn[:, group - 1]
+        counted = (tier_of_pair == group - 1) | (group == 0)
+        whole = terms[counted].sum(axis=0, keepdims=True)  # (1, 2M)
         enough = bool((sizes[sizes > 0] > 1).all()) if group == 0 else sizes[group - 1] > 1
         found: dict[str, list[float]] = {}
         for index, ratio in enumerate(ratios):
-            values = ratio.finish(sums[:, 2 * index], sums[:, 2 * index + 1])
+            above, below = 2 * index, 2 * index + 1
+            values = ratio.finish(sums[:, above], sums[:, below])
             values = values[np.isfinite(values)]
             if enough and len(values):
-                found[ratio.name] = percentile_interval(
-                    values, settings.level, *clusters.extent(group)
+                score = float(ratio.finish(whole[:, above], whole[:, below])[0])
+                found[ratio.name] = interval(
+                    ratio, score, values, settings.level, *crossing.extent(group)
                 )
         result.append(found)
     return result
 
 
-def percentile_interval(
-    values: FloatArray, level: float, sequences: int, tiers: int
+def interval(
+    ratio: Ratio, score: float, values: FloatArray, level: float, sequences: int, tiers: int
 ) -> list[float]:
-    """Return the expanded percentile interval of replicates.
+    """Return the interval of a score, [low, high].
 
     Args:
-        values: float64 (B,), the metric in each replicate.
+        ratio: The metric; its unit decides the kind of interval.
+        score: Its value over all pairs.
+        values: float64 (B,), its value in each replicate.
         level: Nominal coverage.
         sequences: Number of resampled sequences.
         tiers: Number of tiers they were drawn within.
-
-    Returns:
-        [low, high].
     """
-    tail = expanded_tail((1 - level) / 2, sequences, tiers)
+    tail = (1 - level) / 2
+    if ratio.unit and score > 0 and values.min() > 0:
+        logarithms = np.log(values)
+        middle = 2 * math.log(score) - logarithms.mean()
+        freedom = sequences - tiers
+        widened = math.sqrt(sequences / freedom) * float(-stdtrit(freedom, tail))
+        reach = widened * logarithms.std()
+        return [math.exp(middle - reach), math.exp(middle + reach)]
+    tail = expanded_tail(tail, sequences, tiers)
     low, high = np.quantile(values, [tail, 1 - tail])
     return [float(low), float(high)]
 

@@ -59,6 +59,8 @@ class ClothSettings(Settings):
         hand_speed_m_s: Highest speed of the hand.
         coverage_band: Accepted silhouette coverage; None takes the level's.
         yaw_max_rad: The finished cloth is turned by up to this angle either way.
+        sides: `any`, or `alternate`: sequences of even number show more of the cloth's upper side,
+            the others more of its underside. Episodes take `any`.
         max_tries: Configurations tried for one frame before giving up.
     """
 
@@ -82,6 +84,7 @@ class ClothSettings(Settings):
     hand_speed_m_s: Annotated[float, Bounds(0.05, LARGEST_HAND_SPEED_M_S)] = 0.6
     coverage_band: Annotated[Range, Bounds(0, 1.2)] | None = None
     yaw_max_rad: Annotated[float, Bounds(0, math.pi)] = 0.35
+    sides: Literal["any", "alternate"] = "any"
     max_tries: Annotated[int, Bounds(1, 1000)] = 25
 
     @model_validator(mode="after")

@@ -13,14 +13,14 @@ import pytest
 pytest.importorskip("numba", reason="making the datasets needs the extra 'generate'")
 pytest.importorskip("scipy", reason="the attacks need the extra 'generate'")
 
-from pliant.benchmarks.suite.attacked_queries import Answers, Queries, read_answers, read_queries
-from pliant.benchmarks.suite.query_attacks import attack_everything
 from pliant.generator.config import GenerateConfig, QuerySettings
 from pliant.generator.runner.dataset_files import write_dataset_files
 from pliant.generator.runner.plan import plan_tasks
 from pliant.generator.runner.run import generate
 from pliant.generator.settings.cloth import ClothSettings
 from pliant.publishing import PublishSettings, publish
+from tests.attacks.attacked_queries import Answers, Queries, read_answers, read_queries
+from tests.attacks.query_attacks import attack_everything
 
 SMALL: dict[str, Any] = {
     "width": 96,

@@ -10,16 +10,13 @@ import pytest
 import yaml
 from click.testing import CliRunner
 
-from pliant.benchmarks.suite.cause_tables import cause_tables
 from pliant.benchmarks.suite.checksums import compare_checksums, read_frozen, set_checksums
 from pliant.benchmarks.suite.config import BenchmarkConfig, read_config
-from pliant.benchmarks.suite.freezing import frozen_questions
-from pliant.benchmarks.suite.results import write_results
+from pliant.benchmarks.suite.page import write_results
 from pliant.benchmarks.suite.run import run_benchmark, run_digest
-from pliant.benchmarks.suite.table import arms, finished_rows
+from pliant.benchmarks.suite.table import arms, best, blocks, finished_rows
 from pliant.benchmarks.suite.work import Cost, Workspace
 from pliant.cli.main import cli, run
-from pliant.evaluator.scores import read_scores
 from pliant.generator.runner.run import generate
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, TrainingError
@@ -56,10 +53,9 @@ runs:
       network: {widths: [8, 16, 32], descriptor_dim: 4}
       optimiser: {warmup: 1}
       validation: {every: 2, pairs: 2, queries: 8, calibration_pairs: 3}
-  more:
+  more-contrastive:
     label: DON + Lipschitz
     set: rope
-    after: small
     settings:
       <<: *small
       loss: {space_weight: 0.1}
@@ -73,30 +69,35 @@ tests:
     title: Rope
     tier: rope
     variants: {clean: rope, noisy: rope-noisy}
-    methods: [identity]
-    protocols: [standard]
-    runs: [small, more]
+    methods: [identity, sift]
+    protocols: [standard, matches]
+    tracks: [none, given]
+    runs: [small, more-contrastive]
     shipped: [don-rope]
     figures: [pck_2px, least_mass_8px]
-    paper_rmse_px: {small: 28.5}
-  rope-no-masks:
-    title: Rope, masks not given
+    paper_rmse_px: {sift: 104, surf: 95, orb: 93, contrastive: 28.5, distributional: 31.27}
+  rope-image:
+    title: Rope, image alone
     tier: rope
     variants: {clean: rope}
     methods: [centroid]
     protocols: [standard]
+    tracks: [none]
     runs: [twice]
-    masks: false
   rope-seeds:
     title: Rope, two seeds
     tier: rope
     variants: {noisy: rope-noisy}
     protocols: [standard]
+    tracks: [given]
     runs: [twice]
 comparisons:
-  - {question: Does it help, set: rope-noisy, method: more, against: small, metric: jump_rate}
-  - {question: Is it chance, set: rope-noisy, method: twice, against: small, metric: rmse_px}
-  - {question: Or hurt, set: rope, method: more, against: small, metric: rmse_px}
+  - question: Does it help
+    <<: &noisy {track: given, set: rope-noisy, against: small}
+    method: more-contrastive
+    metric: jump_rate
+  - {question: Is it chance, <<: *noisy, method: twice, metric: rmse_px}
+  - {question: Or hurt, set: rope, method: more-contrastive, against: small, metric: rmse_px}
 """
 
 
@@ -138,7 +139,7 @@ def made(config_file: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[P
     """A finished benchmark, which was interrupted once on its way."""
     out = tmp_path_factory.mktemp("made") / "out"
     config, watcher = read_config(config_file), Recorder()
-    watcher.interrupt_at = "more"
+    watcher.interrupt_at = "more-contrastive"
     with pytest.raises(KeyboardInterrupt):
         run_benchmark(config, out, workers=1, watcher=watcher)
     watcher.interrupt_at = None
@@ -146,7 +147,7 @@ def made(config_file: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[P
     return out, watcher
 
 
-@pytest.mark.parametrize("name", ["pliant-v2", "pliant-v2-mini", "pliant-v2-ablations"])
+@pytest.mark.parametrize("name", ["pliant-v3", "pliant-v3-mini"])
 def test_the_shipped_benchmarks_can_be_read_and_trained(name: str) -> None:
     from pliant.models.don.settings import DonSettings
     from pliant.models.timecycle.settings import TimeCycleSettings
@@ -157,72 +158,55 @@ def test_the_shipped_benchmarks_can_be_read_and_trained(name: str) -> None:
     for training in config.runs.values():
         cls = DonSettings if training.trainer == "don" else TimeCycleSettings
         settings_from(cls, training.settings)  # refuses what it does not know
-        assert config.sets[training.set].counts["train"] > 0
-        assert config.sets[training.set].counts["val"] > 0
     for test in config.tests.values():
         assert {config.sets[each].tiers for each in test.variants.values()} == {(test.tier,)}
+        assert test.tracks[0] == "none"  # the headline
 
 
-@pytest.mark.parametrize(("name", "ropes"), [("pliant-v2", 10_000), ("pliant-v2-mini", 3000)])
-def test_the_benchmark_keeps_what_training_must_not_show(name: str, ropes: int) -> None:
+@pytest.mark.parametrize(
+    ("name", "ropes", "cloths"), [("pliant-v3", 200, 100), ("pliant-v3-mini", 60, 40)]
+)
+def test_what_the_benchmark_asks(name: str, ropes: int, cloths: int) -> None:
     config = read_config(FOLDER / f"{name}.yaml")
-    assert config.sets["rope"].counts["train"] >= ropes
-    training = [made for made in config.sets.values() if made.counts.get("train")]
-    few = {"cloth-1-material": 1, "cloth-1-10-materials": 10, "cloth-1-100-materials": 100}
-    assert {tier for made in training for tier in made.tiers} >= {"rope", "cloth-3", "towel"}
-    for key, made in config.sets.items():
-        if made not in training:
-            continue
-        assert made.look.materials == few.get(key, 0)
-        assert made.look.object_hue[1] <= 0.5
-        assert "two-tone" not in made.look.rope_colourings
-        assert "wood" not in made.look.tables
-    for test in config.tests.values():
-        unseen_first = sorted(test.variants, key=lambda name: not name.startswith("unseen"))
-        assert [*test.variants] == unseen_first
-    unseen = {
-        variant["unseen"]
-        for test in config.tests.values()
-        if "unseen" in (variant := test.variants)
-    }
-    for name in unseen:
-        low, high = config.sets[name].look.object_hue
-        assert 0.5 <= low < high <= 0.75  # the training's hues begin at -0.25, which is 0.75
-    for made in config.asked.values():
+    for key, made in config.asked.items():
+        low, high = made.look.object_hue
+        assert 0.5 <= low < high <= 0.75  # trainings' hues begin at -0.25, which is 0.75
+        assert set(made.look.rope_colourings) == {"two-tone"}
         if made.episodes:
             assert made.gripper
             assert made.queries.moving_share >= 0.5
-
-
-def test_the_ablations_ask_the_sets_of_the_mini_benchmark() -> None:
-    mini, config = (
-        read_config(FOLDER / f"pliant-v2-{name}.yaml") for name in ("mini", "ablations")
-    )
-    for name, made in config.asked.items():
-        same = mini.sets[name]
-        assert made == same.replace(id=made.id, version=made.version, title=made.title)
-    for each in config.comparisons:
-        assert len(config.members(each.method)) == len(config.members(each.against)) == 3
+            assert made.counts["test"] >= 24
+        elif made.style != "photo":
+            assert made.counts["test"] >= (ropes if "rope" in made.tiers else cloths)
+        if key in ("cloth-2", "towel"):
+            assert made.cloth.sides == "alternate"
+        if "rope" in made.tiers and not made.episodes:
+            assert made.camera.fov_deg[1] - made.camera.fov_deg[0] >= 30
+    assert [made.style for made in config.asked.values()].count("photo") == 1
+    for test in config.tests.values():
+        assert {"identity", "centroid"} <= set(test.methods)
+    paper = [test for test in config.tests.values() if test.paper_rmse_px]
+    assert [test.tier for test in paper] == ["rope", "cloth-1", "cloth-3"]
+    assert all(set(test.methods) >= {"sift", "surf", "orb"} for test in paper)
+    blank = [each for each in paper[0].entries if each.is_blank]
+    assert [(each.method, each.track) for each in blank] == [
+        ("don-rope", "segmenter"), ("don-rope", "given"),
+    ]  # fmt: skip
 
 
 def test_variants_of_one_camera_ask_the_same_queries() -> None:
-    sets = read_config(FOLDER / "pliant-v2-mini.yaml").sets
-    for other in ("seen", "tables", "noisy", "blurred", "depth"):
-        for tier in ("rope", "cloth-1"):
-            same, each = sets[f"{tier}-unseen"], sets[f"{tier}-{other}"]
-            assert (same.seed, same.camera, same.counts) == (each.seed, each.camera, each.counts)
-            assert (same.rope, same.cloth) == (each.rope, each.cloth)
+    sets = read_config(FOLDER / "pliant-v3-mini.yaml").sets
+    for tier in ("rope", "cloth-1"):
+        same, each = sets[tier], sets[f"{tier}-noisy"]
+        assert same == each.replace(noise=None, id=same.id, title=same.title)
 
 
 @pytest.mark.parametrize(
     ("name", "variant"),
     [
-        ("pliant-v2-mini", "rope-oblique"),
-        ("pliant-v2-mini", "cloth-3-unseen"),
-        ("pliant-v2-ablations", "rope-noisy"),
-        ("pliant-v2", "rope-proportions"),
-        pytest.param("pliant-v2", "towel-unseen", marks=pytest.mark.long),
-        pytest.param("pliant-v2-mini", "rope-episodes-unseen", marks=pytest.mark.long),
+        ("pliant-v3-mini", "rope"),
+        ("pliant-v3-mini", "cloth-3"),
+        pytest.param("pliant-v3-mini", "towel", marks=pytest.mark.long),
     ],
 )
 def test_a_regenerated_sequence_is_the_frozen_one(name: str, variant: str, tmp_path: Path) -> None:
@@ -236,6 +220,9 @@ def test_a_regenerated_sequence_is_the_frozen_one(name: str, variant: str, tmp_p
         assert sha256_file(table) == frozen["sets"][variant]["tables"][sequence.id]
 
 
+TEST = {"title": "T", "tier": "rope", "variants": {"clean": "rope"}}
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -244,7 +231,8 @@ def test_a_regenerated_sequence_is_the_frozen_one(name: str, variant: str, tmp_p
         ({"runs": {"a": {"label": "A"}}}, "a setting is missing"),
         ({"runs": {"a": {"label": "A", "set": "rope", "recipe": "x.yaml"}}}, "unknown name"),
         ({"runs": {"a": {"label": "A", "set": "rope", "trainer": "x"}}}, "unknown value"),
-        ({"runs": {"a": {"label": "A", "set": "rope", "after": "b"}}}, "unknown name"),
+        ({"tests": {"t": {**TEST, "tracks": ["masks"]}}}, "unknown value"),
+        ({"tests": {"t": {**TEST, "paper_rmse_px": {"sfit": 1.0}}}}, "unknown name"),
         ({"sets": {"rope": {"tiers": ["rope"], "style": "oil"}}}, "style"),
         ({"sets": []}, "required: a mapping"),
         ({"tests": {"t": {"title": "T", "tier": "rope", "variants": {"a": "b"}}}}, "unknown name"),
@@ -263,12 +251,12 @@ def test_a_wrong_config_is_refused(change: dict[str, object], message: str, tmp_
     assert "wrong.yaml" in str(refusal.value)
 
 
-def test_a_training_is_another_when_what_it_started_from_is(config_file: Path) -> None:
+def test_a_training_is_another_when_its_settings_are(config_file: Path) -> None:
     config = read_config(config_file)
     changed = {**config.runs, "small": config.runs["small"].replace(settings={"steps": 5})}
     other = config.replace(runs=changed)
-    assert run_digest(config, "more") != run_digest(other, "more")
-    assert run_digest(config, "more") == run_digest(read_config(config_file), "more")
+    assert run_digest(config, "small") != run_digest(other, "small")
+    assert run_digest(config, "small") == run_digest(read_config(config_file), "small")
 
 
 def test_some_blocks_alone_with_what_they_need(config_file: Path, tmp_path: Path) -> None:
@@ -277,10 +265,6 @@ def test_some_blocks_alone_with_what_they_need(config_file: Path, tmp_path: Path
     assert set(seeds.sets) == {"rope", "rope-noisy"}  # asked, and trained on
     assert set(seeds.runs) == {"twice-0", "twice-1"}
     assert (list(seeds.tests), seeds.comparisons) == (["rope-seeds"], ())
-    later = config.replace(tests={"later": config.tests["rope"].replace(runs=("more",))})
-    alone = later.only(["later"])
-    assert set(alone.runs) == {"small", "more"}  # `more` starts from `small`,
-    assert alone.comparisons == ()  # which answers nothing
     assert len(config.only(["rope"]).comparisons) == 2
     with pytest.raises(CallError, match=r"unknown block.*rope-seed.*Did you mean 'rope-seeds'"):
         config.only(["rope-seed"])
@@ -292,9 +276,9 @@ def test_some_blocks_alone_with_what_they_need(config_file: Path, tmp_path: Path
     path = tmp_path / "thumb.yaml"
     path.write_text(yaml.safe_dump(values, sort_keys=False))
     called = ["benchmark", str(path), "--test", "free", "--workers", "1"]
-    called += ["--page", str(tmp_path / "page" / "free.md")]
+    called += ["--page", str(tmp_path / "free.md")]
     assert run([*called, "--out", str(tmp_path / "out")]) == 0
-    assert (tmp_path / "page" / "pictures" / "free" / "rmse-free.png").is_file()
+    assert (tmp_path / "free.md").read_text() == (tmp_path / "out" / "results.md").read_text()
     assert [each.name for each in (tmp_path / "out" / "sets").iterdir()] == ["rope-noisy"]
     page = (tmp_path / "out" / "results.md").read_text()
     assert f"`pliant benchmark {path} --out DIR --test free`" in page
@@ -306,15 +290,9 @@ def test_an_interrupted_benchmark_goes_on_and_repeats_nothing(
 ) -> None:
     _, watcher = made
     assert watcher.begun[:2] == [("generate", 2, 0), ("train", 4, 0)]
-    assert watcher.begun[2:] == [("generate", 2, 2), ("train", 4, 1), ("answer", 13, 0)]
+    assert watcher.begun[2:] == [("generate", 2, 2), ("train", 4, 1), ("answer", 33, 0)]
     assert sorted(watcher.done) == sorted(set(watcher.done))
     assert ("small", 4, 4) in watcher.steps
-
-
-def test_a_run_goes_on_from_the_one_before(made: tuple[Path, Recorder]) -> None:
-    out, _ = made
-    config = yaml.safe_load((out / "runs" / "more" / "config.yaml").read_text())
-    assert config["network"]["pretrained"] == str(out / "runs" / "small" / "best.safetensors")
 
 
 def test_table_and_page(config_file: Path, made: tuple[Path, Recorder], tmp_path: Path) -> None:
@@ -326,28 +304,85 @@ def test_table_and_page(config_file: Path, made: tuple[Path, Recorder], tmp_path
     assert result.exit_code == 0, result.output
     table = json.loads(result.stdout)
     assert before == {path: path.stat().st_mtime_ns for path in out.rglob("*.parquet")}
-    rows = {(row["variant"], row["method"]): row for row in table["rows"] if row["test"] == "rope"}
-    assert len(rows) == 8
+    rows = {
+        (row["variant"], row["method"], row["track"], row["blank"]): row
+        for row in table["rows"]
+        if row["test"] == "rope"
+    }
+    assert len(rows) == 26
     # A row says what the report in scores/ says.
-    report = json.loads((out / "scores/rope-noisy/more/standard/scores.json").read_text())
-    values = rows["noisy", "more"]["scores"]["standard"]["values"]
+    place = out / "scores/rope-noisy/more-contrastive--given/standard/scores.json"
+    report = json.loads(place.read_text())
+    values = rows["noisy", "more-contrastive", "given", False]["scores"]["standard"]["values"]
     assert values["rmse_px"] == report["overall"]["rmse_px"]
-    # What a run started from is part of its cost.
-    assert rows["clean", "more"]["train_cpu_s"] > rows["clean", "small"]["train_cpu_s"]
-    shipped = rows["clean", "don-rope"]
+    shipped = rows["clean", "don-rope", "none", False]
     assert shipped["label"] == "don-rope, as shipped"
     assert shipped["train_cpu_s"] is None
-    assert shipped["scores"]["standard"]["values"]["rmse_px"] > 0
+    assert rows["clean", "small", "none", False]["train_cpu_s"] > 0
+    assert {row["method"] for row in rows.values() if "matches" in row["scores"]} == {"sift"}
+    blank = rows["clean", "don-rope", "given", True]
+    assert blank["label"] == "don-rope, as shipped, blank picture"
+    assert ("clean", "don-rope", "none", True) not in rows
     text = page.read_text()
+    tracks = [line for line in text.splitlines() if line.startswith("## ")]
+    assert tracks[:3] == [
+        "## The paper's table",
+        "## Track: image alone",
+        "## Track: perfect masks",
+    ]
+    (line,) = [each for each in text.splitlines() if each.startswith("| contrastive | 28.5 |")]
+    contrastive = rows["clean", "more-contrastive", "none", False]["scores"]["standard"]["values"]
+    assert f" {contrastive['rmse_px']:.1f} [" in line
+    (line,) = [each for each in text.splitlines() if each.startswith("| distributional |")]
+    assert line.count("not run") == 3
     assert "| DON + Lipschitz | " in text
     assert "| PCK 2 px |" in text  # a figure that the config names; no row has the other one
     assert "Least probability" not in text
-    assert "| don-rope, as shipped | " in text
-    assert "28.5" in text
     assert f"{values['rmse_px']:.1f} [" in text
     assert "Does it help" in text
-    assert (tmp_path / "pictures/results/rmse-rope.png").is_file()
-    assert "(pictures/results/rmse-rope.png)" in text
+
+
+def test_report_shows_tables_and_pictures(config_file: Path, made: tuple[Path, Recorder]) -> None:
+    out, _ = made
+    config = read_config(config_file)
+    write_results(config, out, compare_checksums(config, Workspace(out)), "a command")
+    report = (out / "report" / "index.html").read_text()
+    assert report.count("data:image/png") == 3  # frames of every test
+    assert "Scores: image alone" in report
+    assert report.count('href="../scores/rope/sift--none/standard/report.html"') == 1
+    assert report.count('class="control"') > 0
+    assert "The ten best matches" in report
+
+
+def test_what_was_not_run_is_listed(config_file: Path, made: tuple[Path, Recorder]) -> None:
+    config, work = read_config(config_file), Workspace(made[0])
+    note = work.root / "stages" / "answer--rope--sift--none.json"
+    kept = note.read_text()
+    try:
+        note.unlink()
+        write_results(config, made[0], compare_checksums(config, work), "a command")
+        text = (made[0] / "results.md").read_text()
+        assert "- Rope: clean: image alone: sift" in text
+    finally:
+        note.write_text(kept)
+
+
+def test_controls_compete_with_what_is_not_learned(
+    config_file: Path, made: tuple[Path, Recorder]
+) -> None:
+    config = read_config(config_file)
+    found = blocks(config, finished_rows(config, Workspace(made[0])))
+    assert [(each.test, each.track) for each in found] == [
+        ("rope", "none"), ("rope", "none"), ("rope-image", "none"),
+        ("rope", "given"), ("rope", "given"), ("rope-seeds", "given"),
+    ]  # fmt: skip
+    image = found[2]
+    row = best(image.rows, "standard", "rmse_px", learned=False)
+    assert row is not None
+    assert row.method == "centroid"
+    learned = best(found[3].rows, "standard", "rmse_px", learned=True)
+    assert learned is not None
+    assert not learned.entry.is_blank
 
 
 def test_seeds_are_trained_each_and_reported_as_their_mean(
@@ -358,7 +393,7 @@ def test_seeds_are_trained_each_and_reported_as_their_mean(
     assert config.members("twice") == ("twice-0", "twice-1")
     assert [config.runs[name].settings["seed"] for name in config.members("twice")] == [0, 1]
     rows = finished_rows(config, Workspace(out))
-    single = [row for row in rows if row.test == "rope-seeds"]
+    single = [row for row in rows if row.test == "rope-seeds" and not row.entry.is_blank]
     (row,) = arms(single)
     errors = [each.value("standard", "rmse_px") or 0.0 for each in single]
     assert errors[0] != errors[1]
@@ -366,39 +401,28 @@ def test_seeds_are_trained_each_and_reported_as_their_mean(
     assert row.interval("standard", "rmse_px") == (min(errors), max(errors))
     write_results(config, out, compare_checksums(config, Workspace(out)), "pliant benchmark")
     text = (out / "results.md").read_text()
-    assert "Incomplete" not in text
+    assert "Not run yet" not in text
     (line,) = [each for each in text.splitlines() if each.startswith("| Is it chance")]
     # The pooled RMSE over both seeds minus that of the run without seeds.
     pooled = np.sqrt(np.mean(np.square(errors)))
     against = next(
         each.value("standard", "rmse_px") or 0.0
         for each in rows
-        if (each.method, each.variant) == ("small", "noisy")
+        if (each.method, each.variant, each.entry.track) == ("small", "noisy", "given")
+        and not each.entry.is_blank
     )
     assert f"{pooled - against:+.1f}" in line
 
 
-def test_causes_of_several_seeds_are_one_row(
-    config_file: Path, made: tuple[Path, Recorder]
-) -> None:
-    work, config = Workspace(made[0]), read_config(config_file)
-    tables = cause_tables(config, work, finished_rows(config, work))
-    (table,) = [each for each in tables if each["title"] == "Rope, two seeds: noisy"]
-    (row,) = table["rows"]
-    assert row[0] == "DON again (2 seeds)"
-    shares = []
-    for seed in ("twice-0", "twice-1"):
-        causes = read_scores(work.scores_path("rope-noisy", seed, "standard")).document["causes"]
-        shares.append(causes["overall"]["along"]["squared_error_share"])
-    column = table["heads"].index("Wrong place on the object")
-    assert row[column] == f"{100 * np.mean(shares):.1f}"
-
-
 def test_masks_are_withheld_where_a_test_says_so(made: tuple[Path, Recorder]) -> None:
     out, _ = made
-    footer = read_footer(out / "answers/rope/twice-0-no-masks.parquet")
-    assert footer["method"]["mask"] == "none"
-    assert read_footer(out / "answers/rope/small.parquet")["method"]["mask"] == "given"
+    facts = {
+        name: read_footer(out / f"answers/rope/{name}.parquet")["method"]
+        for name in ("twice-0--none", "small--given", "small--given--blank")
+    }
+    assert [each["mask"] for each in facts.values()] == ["none", "given", "given"]
+    assert "picture" not in facts["small--given"]
+    assert facts["small--given--blank"]["picture"] == "blank"
 
 
 def test_frozen_checksums(
@@ -425,29 +449,6 @@ def test_frozen_checksums(
         assert "not the frozen ones" in (out / "results.md").read_text()
         frozen.write_text(json.dumps({**document, "version": "2.0.0"}))
         with pytest.raises(CallError, match="another benchmark"):
-            read_frozen(config)
-    finally:
-        frozen.unlink()
-
-
-def test_freezing_makes_the_test_splits_alone(
-    config_file: Path, made: tuple[Path, Recorder], tmp_path: Path
-) -> None:
-    """What is frozen without trainings, training splits and noise is what the benchmark asks."""
-    out, _ = made
-    config = read_config(config_file)
-    told: list[str] = []
-    document = frozen_questions(config, tmp_path / "freeze", tell=told.append)
-    assert document["sets"]["rope-noisy"]["tables"] == "rope"  # never made
-    assert [path.name for path in (tmp_path / "freeze").iterdir()] == ["rope"]
-    assert len(told) == 2
-    frozen = config_file.parent / "thumb.sha256.json"
-    try:
-        frozen.write_text(json.dumps(document))
-        assert compare_checksums(config, Workspace(out)).sets == {}
-        document["sets"]["rope-noisy"]["tables"] = "cloth"
-        frozen.write_text(json.dumps(document))
-        with pytest.raises(CallError, match="unknown set"):
             read_frozen(config)
     finally:
         frozen.unlink()

@@ -56,7 +56,7 @@ def test_oracle_is_perfect_and_the_others_are_plausible(made: Path) -> None:
     tiers = {"rope": {"rope"}, "cloth": {"cloth-1", "cloth-3"}}
     asked = [(each, method) for each in tiers for method in (*methods, f"don-{each}")]
     for name, method in asked:
-        path = made / "scores" / name / method / "standard" / "scores.json"
+        path = made / "scores" / name / f"{method}--given" / "standard" / "scores.json"
         scores = json.loads(path.read_text())
         assert set(scores["tiers"]) == tiers[name]
         for values in scores["tiers"].values():

@@ -14,12 +14,19 @@ from scipy.stats import permutation_test
 from pliant.evaluator import evaluate
 from pliant.evaluator.comparison import differences
 from pliant.evaluator.scores import Scores
+from pliant.evaluator.statistics.crossing import Crossing
 from pliant.evaluator.statistics.ratios import Ratio
 from pliant.evaluator.statistics.sign_flips import _subsets, fewest_sequences, paired_difference
 from pliant.spec.errors import SpecError
 
 MEAN = Ratio("mean", "lower", "", "", "", "above", "below")
 RMSE = Ratio("rmse", "lower", "px", "", "", "above", "below", root=True)
+
+
+def episodes(count: int) -> Crossing:
+    """Pairs that stay within their sequence, one a sequence."""
+    codes = np.arange(count)
+    return Crossing.of(codes, codes, np.zeros(count, int), 1)
 
 
 def skewed(rng: np.random.Generator, count: int) -> tuple[Any, Any]:
@@ -36,7 +43,7 @@ def test_interval_excludes_zero_exactly_where_scipy_rejects(count: int) -> None:
     for _ in range(150):
         first, second = skewed(rng, count)
         second = (second[0] * 3.0, second[1])
-        found = paired_difference(RMSE, first, second, 0.95)
+        found = paired_difference(RMSE, first, second, episodes(count), 0.95)
         # An even number of values on each side, so that two-sided is twice the smaller tail.
         reference = permutation_test(
             (second[0], first[0]), lambda x, y, axis: np.sum(x - y, axis=axis), vectorized=True,
@@ -50,10 +57,10 @@ def test_interval_excludes_zero_exactly_where_scipy_rejects(count: int) -> None:
 def test_interval_ends_are_means_of_subsets() -> None:
     first = (np.zeros(6), np.ones(6))
     second = (np.array([3.0, 1.0, 4.0, 1.5, 9.0, 2.0]), np.ones(6))
-    found = paired_difference(MEAN, first, second, 0.95)
+    found = paired_difference(MEAN, first, second, episodes(6), 0.95)
     # Two of 64 sign patterns: the ends are the extreme means, those of single sequences.
     assert (found.low, found.value, found.high) == pytest.approx((1.0, 20.5 / 6, 9.0))
-    found = paired_difference(MEAN, first, second, 0.80)  # a tail of 6 patterns
+    found = paired_difference(MEAN, first, second, episodes(6), 0.80)  # a tail of 6 patterns
     means = sorted(
         np.mean(subset) for k in range(1, 7) for subset in itertools.combinations(second[0], k)
     )
@@ -65,7 +72,7 @@ def test_level_holds_for_few_and_for_many_sequences() -> None:
         rng = np.random.default_rng(count)
         verdicts = 0
         for _ in range(1000):
-            found = paired_difference(RMSE, *skewed(rng, count), 0.95)
+            found = paired_difference(RMSE, *skewed(rng, count), episodes(count), 0.95)
             verdicts += found.low > 0 or found.high < 0
         assert 0.01 < verdicts / 1000 < 0.07
 
@@ -86,12 +93,14 @@ def test_fewer_than_six_sequences_have_no_interval() -> None:
     for count in (1, 5):
         first = (np.zeros(count), np.ones(count))
         second = (np.arange(1.0, count + 1), np.ones(count))
-        found = paired_difference(MEAN, first, second, 0.95)
+        found = paired_difference(MEAN, first, second, episodes(count), 0.95)
         assert math.isnan(found.low)
         assert math.isnan(found.high)
         assert found.sequences == count
     undefined = np.array([1, 1, 1, 1, 1, 0.0])  # the sixth sequence does not define the metric
-    found = paired_difference(MEAN, (undefined, undefined), (undefined * 2.0, undefined), 0.95)
+    found = paired_difference(
+        MEAN, (undefined, undefined), (undefined * 2.0, undefined), episodes(6), 0.95
+    )
     assert found.sequences == 5
     assert math.isnan(found.low)
 
@@ -103,15 +112,59 @@ def test_stated_number_of_sequences_separates_in_four_of_five_cases() -> None:
     def draw(count: int) -> Any:
         effect = rng.normal(shift, spread, count)
         return paired_difference(
-            MEAN, (np.zeros(count), np.ones(count)), (effect, np.ones(count)), 0.95
-        )
+            MEAN, (np.zeros(count), np.ones(count)), (effect, np.ones(count)),
+            episodes(count), 0.95,
+        )  # fmt: skip
 
     needed = draw(20_000).sequences_needed
     assert needed == pytest.approx((1.96 + 0.8416) ** 2 * spread**2 + 1.92, abs=2)
     found = [draw(needed) for _ in range(400)]
     assert 0.74 < np.mean([item.low > 0 for item in found]) < 0.86
     same = (np.ones(8), np.ones(8))
-    assert paired_difference(MEAN, same, same, 0.95).sequences_needed is None
+    assert paired_difference(MEAN, same, same, episodes(8), 0.95).sequences_needed is None
+
+
+def crossed(rng: np.random.Generator, count: int) -> tuple[Crossing, Any, Any]:
+    """Every sequence is the target of four others; a method errs with both sequences of a pair."""
+    target = np.repeat(np.arange(count), 4)
+    source = np.concatenate(
+        [rng.permutation(np.delete(np.arange(count), each))[:4] for each in range(count)]
+    )
+    crossing = Crossing.of(source, target, np.zeros(4 * count, int), 1)
+    effect = np.exp(rng.normal(0, 0.7, (2, count)))
+    above = effect[:, crossing.source] * effect[:, crossing.target]
+    below = np.ones(len(crossing.source))
+    return crossing, (above[0], below), (above[1], below)
+
+
+@pytest.mark.parametrize("count", [8, 20])
+def test_level_of_crossed_pairs(count: int) -> None:
+    """By source sequence alone a third of these verdicts would be false."""
+    rng = np.random.default_rng(count)
+    verdicts = 0
+    for _ in range(300):
+        crossing, first, second = crossed(rng, count)
+        found = paired_difference(RMSE, first, second, crossing, 0.95)
+        assert found.sequences == count
+        verdicts += found.low > 0 or found.high < 0
+    assert verdicts / 300 < 0.06
+
+
+def test_effects_of_sequences_add_up_in_both_roles() -> None:
+    """Worked out by hand: three sequences, every one asked in the two others."""
+    source, target = np.array([0, 0, 1, 1, 2, 2]), np.array([1, 2, 0, 2, 0, 1])
+    crossing = Crossing.of(source, target, np.zeros(6, int), 1)
+    as_source, as_target = np.array([1.0, 2.0, 4.0]), np.array([8.0, 16.0, 32.0])
+    values = (as_source[crossing.source] + as_target[crossing.target]) * 3.0
+    found = crossing.effects(values, np.full(6, 3.0))
+    assert found == pytest.approx(6 * (as_source + as_target))  # two pairs in each role
+    assert found.sum() == pytest.approx(values.sum())
+    weight = np.arange(1.0, 7.0)
+    assert crossing.effects(weight, weight) == pytest.approx(crossing.shares(weight))
+    assert crossing.shares(weight).sum() == pytest.approx(weight.sum())
+    within = Crossing.of(np.array([3, 3, 9]), np.array([3, 3, 9]), np.array([0, 0, 1]), 2)
+    assert within.sum(np.array([1.0, 2.0, 4.0])).tolist() == [3.0, 4.0]
+    assert within.effects(np.array([3.0, 4.0]), np.array([2.0, 1.0])) == pytest.approx([3, 4])
 
 
 def test_reports_of_few_sequences_get_no_verdict(scene: Any, tmp_path: Path) -> None:

@@ -256,7 +256,7 @@ def test_set_is_the_same_in_every_command(
     tmp_path: Path,
     capfd: pytest.CaptureFixture[str],
 ) -> None:
-    benchmark = Path(__file__).parents[2] / "benchmarks" / "pliant-v2-mini.yaml"
+    benchmark = Path(__file__).parents[2] / "benchmarks" / "pliant-v3-mini.yaml"
     places = {"OUT": tmp_path / "out", "DATA": tiny_dataset, "BENCHMARK": benchmark}
     assert run([str(places.get(each, each)) for each in arguments]) == 2
     assert sentence in capfd.readouterr().err

@@ -9,8 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from pliant.generator.objects.cloth.grid import grid_faces
 from pliant.generator.objects.cloth.handling import CALM_SPEED_M_S, Handling
 from pliant.generator.objects.cloth.levels import shape_cloth
+from pliant.generator.objects.cloth.measure import shows_underside
 from pliant.generator.objects.cloth.surface import PART, Placement, cover_of, render_vertices
 from pliant.generator.scene.scene_object import Pose
 from pliant.generator.seeding import RandomStreams, Stream
@@ -52,13 +54,16 @@ class Configurations:
         """Return the pose of a frame; the last one asked for is kept."""
         if self._last is None or self._last[0] != frame:
             rng = self._streams.generator(Stream.CLOTH_CONFIGURATION, frame)
-            made = make_configuration(self._settings, self._level, rng)
+            underside = None
+            if self._settings.sides == "alternate":
+                underside = self._streams.task.index % 2 == 1
+            made = make_configuration(self._settings, self._level, rng, underside)
             self._last = (frame, Pose(vertices={PART: made.vertices}, info=made.info))
         return self._last[1]
 
 
 def make_configuration(
-    settings: ClothSettings, level: int, rng: np.random.Generator
+    settings: ClothSettings, level: int, rng: np.random.Generator, underside: bool | None = None
 ) -> Configuration:
     """Simulate one configuration whose coverage is in the level's band.
 
@@ -66,6 +71,7 @@ def make_configuration(
         settings: The tier's settings.
         level: 1, 2 or 3.
         rng: Source of every choice.
+        underside: Whether it shows more of its underside; None takes either.
 
     Returns:
         A calm cloth that pokes through itself nowhere, its box centred over the origin.
@@ -76,7 +82,7 @@ def make_configuration(
     band = settings.band_of(level)
     refused: dict[str, int] = {}
     for attempt in range(settings.max_tries):
-        made = _try_configuration(settings, level, band, rng)
+        made = _try_configuration(settings, level, band, rng, underside)
         if isinstance(made, Configuration):
             facts = {**made.info, "tries": attempt + 1, "refused": refused}
             return Configuration(made.handling, made.placement, made.vertices, facts)
@@ -92,7 +98,11 @@ def make_configuration(
 
 
 def _try_configuration(
-    settings: ClothSettings, level: int, band: tuple[float, float], rng: np.random.Generator
+    settings: ClothSettings,
+    level: int,
+    band: tuple[float, float],
+    rng: np.random.Generator,
+    underside: bool | None,
 ) -> Configuration | str:
     """Return a configuration, or why it was refused."""
     handling = Handling(settings, rng)
@@ -107,6 +117,9 @@ def _try_configuration(
     vertices, pierced = render_vertices(settings, placement.apply(positions))
     if pierced:
         return "pokes through itself"
+    grid = grid_faces(settings.render_a_side, settings.render_a_side)
+    if underside is not None and shows_underside(vertices, grid) != underside:
+        return "the other side is up"
     cover = cover_of(settings, vertices)
     if not band[0] <= cover.coverage <= band[1]:
         return "coverage outside the band"

@@ -60,6 +60,22 @@ def measure_cover(vertices: FloatArray, faces: IntArray, corners: IntArray, side
     )
 
 
+def shows_underside(vertices: FloatArray, faces: IntArray) -> bool:
+    """Return whether more of a cloth's underside than of its upper side is seen from above.
+
+    Args:
+        vertices: float64 (V, 3), metres, z up.
+        faces: int32 (F, 3), counter-clockwise from the upper side.
+    """
+    a, b, c = (vertices[faces[:, corner]] for corner in range(3))
+    own_face = np.arange(len(faces), dtype=np.int32)
+    none = np.full(len(faces), -1, dtype=np.int32)
+    hidden = covered_from_above(vertices, faces, (a + b + c) / 3, own_face, none)
+    across, along = (b - a)[:, :2], (c - a)[:, :2]
+    area = across[:, 0] * along[:, 1] - across[:, 1] * along[:, 0]  # twice, signed
+    return float(area[~hidden].sum()) < 0
+
+
 @compiled
 def _inside(one: float, two: float, three: float) -> bool:
     """Return whether a place is on the same side of a triangle's three edges."""

@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
-from pathlib import Path
-from types import ModuleType
-
 import numpy as np
 import pytest
 
@@ -18,17 +14,7 @@ from pliant.generator.objects.cloth.grid import (
 from pliant.generator.objects.cloth.intersections import find_intersections
 from pliant.generator.objects.cloth.measure import measure_cover
 from pliant.generator.objects.cloth.surface import Placement, _four_point, subdivide
-
-
-def independent() -> ModuleType:
-    """The other count of intersections, which shares no code with the package."""
-    path = Path(__file__).parents[4] / "benchmarks" / "independent_intersections.py"
-    spec = importlib.util.spec_from_file_location("independent_intersections", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+from tests.generator.objects.cloth import independent_intersections
 
 
 def count(vertices: np.ndarray, faces: np.ndarray) -> int:
@@ -67,7 +53,7 @@ def test_a_soup_of_triangles_agrees_with_the_independent_count() -> None:
     faces = np.arange(900, dtype=np.int32).reshape(-1, 3)
     found = count(vertices, faces)
     assert found > 50
-    assert found == independent().count_intersections(vertices, faces)
+    assert found == independent_intersections.count_intersections(vertices, faces)
 
 
 def test_more_hits_than_expected_are_all_returned() -> None:
@@ -79,7 +65,7 @@ def test_more_hits_than_expected_are_all_returned() -> None:
     faces = np.arange(len(vertices), dtype=np.int32).reshape(-1, 3)
     found = count(vertices, faces)
     assert found > 1024
-    assert found == independent().count_intersections(vertices, faces)
+    assert found == independent_intersections.count_intersections(vertices, faces)
 
 
 def sheet_over_itself(gap: float) -> np.ndarray:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
-from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
@@ -15,6 +13,7 @@ from pliant.generator.objects.cloth.contact_pbd import PairContact
 from pliant.generator.objects.cloth.grid import flat_positions, grid_mesh
 from pliant.generator.objects.cloth.handling import Action, perform
 from pliant.generator.objects.cloth.intersections import find_intersections
+from pliant.generator.objects.cloth.measure import shows_underside
 from pliant.generator.objects.cloth.simulator import Collider, Simulator
 from pliant.generator.objects.cloth.step import Table
 from pliant.generator.scene.scene_object import Pose, SceneObject
@@ -22,6 +21,7 @@ from pliant.generator.seeding import RandomStreams, SequenceTask
 from pliant.generator.settings.cloth import COVERAGE_BANDS, Variant
 from pliant.spec.errors import GenerationError
 from pliant.spec.model import MaterialCoordinate
+from tests.generator.objects.cloth import independent_intersections
 
 COARSE = ClothSettings(points_a_side=33)
 
@@ -33,13 +33,8 @@ def sample(tier: str, settings: ClothSettings = COARSE, **changes: Any) -> Scene
 
 
 def count_intersections(pose: Pose, scene_object: SceneObject) -> int:
-    path = Path(__file__).parents[4] / "benchmarks" / "independent_intersections.py"
-    spec = importlib.util.spec_from_file_location("independent_intersections", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return int(module.count_intersections(pose.vertices["cloth"], scene_object.parts[0].faces))
+    faces = scene_object.parts[0].faces
+    return independent_intersections.count_intersections(pose.vertices["cloth"], faces)
 
 
 @pytest.mark.parametrize("level", [1, 2, 3])
@@ -171,3 +166,18 @@ def test_contact_keeps_the_layers_apart() -> None:
         simulator.run(int(sheet.steps_per_second))
         crossings[name] = len(find_intersections(simulator.positions, faces, edges))
     assert crossings["contact"] == 0 < crossings["none"]
+
+
+def test_alternate_sequences_show_either_side() -> None:
+    settings = ClothSettings(
+        points_a_side=25, tracked_a_side=25, sides="alternate", max_tries=200
+    )  # fmt: skip
+    flat = sample("cloth-1").parts[0]
+    assert not shows_underside(flat.rest, flat.faces)
+    assert shows_underside(flat.rest * [1, -1, 1], flat.faces)
+    for index in range(4):
+        scene_object = sample("cloth-2", settings, index=index, seed=3)
+        pose = scene_object.pose(0)
+        found = shows_underside(pose.vertices["cloth"], scene_object.parts[0].faces)
+        assert found == (index % 2 == 1)
+        assert pose.info["tries"] == 1 + sum(pose.info["refused"].values())

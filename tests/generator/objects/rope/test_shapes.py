@@ -170,7 +170,7 @@ def test_shapes_occur_by_their_weights() -> None:
 
 
 def test_a_length_at_which_the_lift_jumps_is_made(monkeypatch: pytest.MonkeyPatch) -> None:
-    """No plan of this rope came within 2e-6 of its length: a rope of pliant-v2-mini."""
+    """No plan of this rope came within 2e-6 of its length: a rope of an earlier benchmark."""
     monkeypatch.setattr(static, "ATTEMPTS", 20)
     settings = RopeSettings(length_m=1.1632489714968983, radius_m=0.009354337819108792)
     made = sample_configuration("open", settings, np.random.default_rng(1))

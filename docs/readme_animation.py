@@ -1,6 +1,6 @@
 """Draw the animation of README.md: a query moves along a rope, a shipped model follows on another.
 
-    python benchmarks/readme_animation.py docs/pictures/readme.webp [--method don-rope] [--pair 0]
+    python docs/readme_animation.py docs/pictures/readme.webp [--method don-rope] [--pair 0]
 
 It uses the sample dataset of the package. Left the query; right the heat map of the method, its
 answer (cross) and the true position (circle).
@@ -100,8 +100,6 @@ def main() -> None:
     assert isinstance(method, HeatMatcher)
     queries, truth = path_along(pair.source, pair.target)
     answers = method.answer(Pair(source, target, queries)).uv_px
-    errors = np.linalg.norm(answers - truth, axis=1)
-    print(f"median error {np.median(errors):.1f} px, largest {errors.max():.1f} px")
     windows = Window(source), Window(target)
     frames = []
     for query, answer, true in zip(queries, answers, truth, strict=True):
@@ -119,7 +117,6 @@ def main() -> None:
     loop[0].save(
         options.out, save_all=True, append_images=loop[1:], duration=PAUSE_MS, loop=0, quality=70
     )
-    print(f"{options.out}: {len(loop)} frames, {options.out.stat().st_size / 1e6:.2f} MB")
 
 
 if __name__ == "__main__":

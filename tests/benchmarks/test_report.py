@@ -1,4 +1,4 @@
-"""A benchmark with several tiers in one set, scored by two protocols, and its overview page."""
+"""A benchmark with several tiers in one set, scored by two protocols, and its report."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ import pytest
 
 from pliant.benchmarks.suite.checksums import Differences
 from pliant.benchmarks.suite.config import BenchmarkConfig, read_config
-from pliant.benchmarks.suite.overview import rmse_by_tier, write_overview
-from pliant.benchmarks.suite.results import write_results
+from pliant.benchmarks.suite.page import rmse_by_tier, write_results
 from pliant.benchmarks.suite.run import run_benchmark
 from pliant.benchmarks.suite.table import Row, finished_rows
 from pliant.benchmarks.suite.work import Workspace
@@ -26,7 +25,7 @@ version: 1.0.0
 validated: true
 sets:
   both:
-    title: Two <tiers>
+    title: Two tiers
     tiers: [rope, cloth-1]
     style: raster
     width: 320
@@ -40,7 +39,7 @@ tests:
     tier: rope
     variants: {clean: both}
     methods: [sift, centroid, oracle]
-    protocols: [standard, matches]
+    tracks: [given]
   cloth-1: {<<: *test, title: Cloth, tier: cloth-1}
 """
 
@@ -75,7 +74,7 @@ def test_each_row_has_the_scores_of_its_own_tier(made: Made) -> None:
     found = rmse_by_tier(config, rows)
     assert list(found) == list(TIERS)
     for method in ("sift", "centroid", "oracle"):
-        scores = read_scores(out / "scores" / "both" / method / "standard")
+        scores = read_scores(out / "scores" / "both" / f"{method}--given" / "standard")
         assert {tier: found[tier][method] for tier in TIERS} == {
             tier: values["rmse_px"] for tier, values in scores.tiers.items()
         }
@@ -87,27 +86,26 @@ def test_only_keypoint_methods_have_scores_of_matches(made: Made) -> None:
     _, out, rows = made
     assert {row.method for row in rows if "matches" in row.scores} == {"sift"}
     assert {path.name for path in (out / "answers" / "both").iterdir()} == {
-        "sift.parquet", "sift-matches.parquet", "centroid.parquet", "oracle.parquet",
+        "sift--given.parquet", "sift--given-matches.parquet", "centroid--given.parquet",
+        "oracle--given.parquet",
     }  # fmt: skip
 
 
-def test_overview_and_results_show_every_tier(made: Made) -> None:
-    config, out, rows = made
-    page = write_overview(config, out, rows).read_text()
-    assert "Two &lt;tiers&gt;" in page
-    assert page.count("<h2>") == 4  # the scores, both tiers and the provenance
+def test_report_and_results_show_every_tier(made: Made) -> None:
+    config, out, _ = made
+    write_results(config, out, Differences(False, {}), "a command")
+    page = (out / "report" / "index.html").read_text()
+    assert page.count("<h2>") == 3  # the scores and both tiers
     assert "No classical method beats" in page or "beats answering with" in page
     assert page.count('class="causes"') == 2  # SIFT of both tiers
     assert page.count("data:image/png") == 2
     assert page.count('class="pair"') == 2  # SIFT's best matches of each tier
-    assert page.count('href="../scores/both/sift/standard/report.html"') == 3
-    assert page.count('href="../scores/both/sift/matches/report.html"') == 1
-    assert page.count('<td class="best">') >= 6
-    assert '<td class="best control">' not in page
-    write_results(config, out, Differences(False, {}), "a command")
+    assert page.count('href="../scores/both/sift--given/standard/report.html"') == 2
+    assert page.count('<th scope="row" class="control">') == 4  # centroid and oracle
     results = (out / "results.md").read_text()
     assert "RMSE is in pixels at 320x240" in results
     assert results.count("| Oracle | 0.0") == 2
+    assert "## The paper's table" not in results
     assert "What one thing adds" not in results
 
 
@@ -138,6 +136,7 @@ def test_the_demo_is_a_config_of_the_package() -> None:
         "rope": "pliant-demo-rope", "cloth": "pliant-demo-cloth",
     }  # fmt: skip
     assert {made.style for made in config.sets.values()} == {"fast"}
+    assert {test.tracks for test in config.tests.values()} == {("given",)}
     assert [test.shipped for test in config.tests.values()] == [
         ("don-rope",), ("don-cloth",), ("don-cloth",),
     ]  # fmt: skip

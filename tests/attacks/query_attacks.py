@@ -1,6 +1,6 @@
 """Attacks on published queries: what do they say about the answers, without any image?
 
-`python -m pliant.benchmarks.suite.query_attacks PUBLIC WHOLE` attacks the public half of a
+`python -m tests.attacks.query_attacks PUBLIC WHOLE` attacks the public half of a
 dataset and scores the attacks with the dataset that it was published of. An attack reads the public
 queries alone.
 
@@ -29,14 +29,14 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 from scipy.stats import rankdata
 
-from pliant.benchmarks.suite.attacked_queries import (
+from pliant.spec.arrays import FloatArray
+from tests.attacks.attacked_queries import (
     Answers,
     Ints,
     Queries,
     read_answers,
     read_queries,
 )
-from pliant.spec.arrays import FloatArray
 
 NULL_DRAWS = 40
 LEAK_Z = 4.0

@@ -1,0 +1,112 @@
+"""The pictures of a benchmark's report: frames, histograms of errors, the best matches."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+from PIL import Image
+
+from pliant.benchmarks.suite.config import TRACKS, BenchmarkConfig
+from pliant.benchmarks.suite.table import Row
+from pliant.benchmarks.suite.work import Workspace
+from pliant.evaluator.controls import CONTROLS
+from pliant.evaluator.report.best_matches import best_matches
+from pliant.evaluator.report.cells import cause_bars
+from pliant.evaluator.report.charts import Chart
+from pliant.evaluator.report.contact_sheet import contact_sheet
+from pliant.evaluator.report.report import error_histogram
+from pliant.evaluator.scores import Scores, read_scores
+from pliant.spec.dataset import Dataset
+from pliant.spec.queries import QueryPair
+
+_FRAMES_SHOWN: Final = 6
+
+
+@dataclass(frozen=True)
+class SetPictures:
+    """What is shown of a test.
+
+    Attributes:
+        name: Its title and variant.
+        facts: How much it asks.
+        frames_png: Frames, index colours and depth.
+        histogram: Errors of the methods of the first track.
+        matches: (caption, SVG) of the best keypoint matches of each method that has some.
+        bars: Causes of the errors, for `macros.html.j2`.
+    """
+
+    name: str
+    facts: str
+    frames_png: bytes
+    histogram: Chart
+    matches: Sequence[tuple[str, str]]
+    bars: Mapping[str, Any]
+
+
+def set_pictures(
+    config: BenchmarkConfig, work: Workspace, rows: Sequence[Row]
+) -> list[SetPictures]:
+    """Return the pictures of every test with pairs: of its first variant, in its first track."""
+    found = []
+    for key, test in config.tests.items():
+        variant, track = next(iter(test.variants)), test.tracks[0]
+        mine = [
+            row
+            for row in rows
+            if (row.test, row.variant, row.entry.track) == (key, variant, track)
+            and not row.entry.is_blank
+            and "standard" in row.scores
+        ]
+        if mine:
+            name = f"{test.title} ({TRACKS[track]})"
+            found.append(_of_test(work, test.tier, name, mine))
+    return found
+
+
+def _of_test(work: Workspace, tier: str, name: str, rows: Sequence[Row]) -> SetPictures:
+    dataset = Dataset.open(work.set_path(rows[0].set))
+    pairs = [pair for pair in dataset.pairs("test") if pair.source.sequence.tier == tier]
+    sequences = [each for each in dataset.sequences if each.tier == tier]
+    frames = sum(each.frames for each in sequences)
+    # Of the controls, `random` alone: what an answer on the object costs.
+    shown = [row for row in rows if row.method not in CONTROLS or row.method == "random"] or rows
+    reports = [_scores(work, row) for row in shown]
+    labels = [row.label for row in shown]
+    curves = {
+        label: report.document["curves"][tier]["error_px"]
+        for label, report in zip(labels, reports, strict=True)
+    }
+    return SetPictures(
+        name=name,
+        facts=f"{len(sequences)} sequences, {frames} images, {len(pairs)} pairs, "
+        f"{sum(map(len, pairs))} queries. Queries: sha256 {dataset.queries_sha256('test')}.",
+        frames_png=_png(contact_sheet(dataset, sequences, count=_FRAMES_SHOWN)),
+        histogram=error_histogram(curves, title=f"Errors on {name}"),
+        matches=[_matches(work, dataset, row, pairs[0]) for row in rows if "matches" in row.scores],
+        bars=cause_bars(reports, labels, tier),
+    )
+
+
+def _scores(work: Workspace, row: Row) -> Scores:
+    return read_scores(work.scores_path(row.set, row.entry.stored, "standard"))
+
+
+def _matches(work: Workspace, dataset: Dataset, row: Row, pair: QueryPair) -> tuple[str, str]:
+    submission = work.answers_path(row.set, row.entry.stored, "matches")
+    best = best_matches(dataset, pair, submission)
+    if not best.drawn:
+        return f"{row.label}: no match on this pair", best.svg
+    caption = (
+        f"{row.label}: {best.right} of its {best.drawn} best matches within "
+        f"{best.radius_px:.0f} px (green)"
+    )
+    return caption, best.svg
+
+
+def _png(image: Any) -> bytes:
+    buffer = io.BytesIO()
+    Image.fromarray(image).save(buffer, "PNG", optimize=True)
+    return buffer.getvalue()
