@@ -130,4 +130,4 @@ class Crossing:
         """Sum weights over the sources, then over the targets, float64 (2C,)."""
         count = len(self.tier)
         places = np.concatenate([self.source, count + self.target])
-        return np.bincount(places, np.tile(weight, 2), 2 * count)
+        return np.bincount(places, np.tile(weight, 2), 2 * count).astype(np.float64)

@@ -117,7 +117,7 @@ def _try_configuration(
     vertices, pierced = render_vertices(settings, placement.apply(positions))
     if pierced:
         return "pokes through itself"
-    grid = grid_faces(settings.render_a_side, settings.render_a_side)
+    grid = grid_faces(settings.render_a_side)
     if underside is not None and shows_underside(vertices, grid) != underside:
         return "the other side is up"
     cover = cover_of(settings, vertices)

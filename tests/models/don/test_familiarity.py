@@ -149,7 +149,7 @@ def test_what_is_not_one_rope_is_strange(case: object, of_ropes: Familiarity) ->
 
 @pytest.mark.long
 def test_the_shipped_model_warns_of_masks_that_mislead_and_of_no_others() -> None:
-    """docs/photographs.md has the figures for more ropes."""
+    """`benchmarks/familiarity.py` measures it on more ropes."""
     dataset = Dataset.open("sample")
     store = FrameStore(dataset, "rope", "test", dataset.size)
     matcher = load_shipped("don-rope")
