@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from benchmarks.familiarity import ball_in_mask, two_ropes
 
+from benchmarks.familiarity import ball_in_mask, two_ropes
 from pliant.baselines.matcher import UNFAMILIAR
 from pliant.baselines.tracing import MaskShape, Nadir, Trace
 from pliant.loaders.frame_store import FrameStore
