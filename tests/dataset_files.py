@@ -16,8 +16,9 @@ from pliant.spec.io.exr import Surface, write_surface
 from pliant.spec.io.jsonfiles import write_json
 from pliant.spec.io.parquet import write_table
 from pliant.spec.io.png import write_rgb
+from pliant.spec.io.reading import sha256_file
 from pliant.spec.storage import layout
-from pliant.spec.tables import CORRESPONDENCES, POINTS, SEQUENCES
+from pliant.spec.tables import CORRESPONDENCES, POINTS, QUERIES, SEQUENCES, TRUTH
 
 Document = dict[str, Any]
 
@@ -34,6 +35,7 @@ def tier(
     kind: str,
     objects: Mapping[str, Sequence[Document]],
     symmetries: Sequence[tuple[str, Any, Any]] = (),
+    variant: str = "plain",
 ) -> Document:
     """Return a tier of `dataset.json`.
 
@@ -42,11 +44,12 @@ def tier(
         kind: `rope` or `cloth`.
         objects: Name -> two coordinates; ids count from 1, and the first is asked about.
         symmetries: (name, matrix, offset) each.
+        variant: Appearance that the symmetries depend on.
     """
     return {
         "name": name,
         "kind": kind,
-        "variant": "plain",
+        "variant": variant,
         "queried_object": 1,
         "objects": [
             {"id": number, "name": each, "material": list(material)}
@@ -173,3 +176,18 @@ def write_dataset(
         **changes,
     }
     write_json(root / layout.DATASET_JSON, document, "dataset")
+
+
+def write_queries(
+    root: Path, name: str, split: str, queries: Sequence[Document], truth: Sequence[Document]
+) -> tuple[pa.Table, pa.Table]:
+    """Write the queries and the truth of a split of the dataset `name`; return both tables."""
+    asked = pa.Table.from_pylist(list(queries), schema=QUERIES)
+    true = pa.Table.from_pylist(list(truth), schema=TRUTH)
+    footer = {"dataset": {"id": name, "version": "1.0.0"}, "split": split}
+    path, truth_path = layout.queries_path(root, split), layout.truth_path(root, split)
+    for each in (path, truth_path):
+        each.parent.mkdir(exist_ok=True)
+    write_table(path, asked, "queries", footer)
+    write_table(truth_path, true, "truth", {**footer, "queries_sha256": sha256_file(path)})
+    return asked, true

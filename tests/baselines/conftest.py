@@ -9,18 +9,15 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import pyarrow as pa
 import pytest
 
 from pliant.baselines import Frame
 from pliant.spec.arrays import FloatArray
-from pliant.spec.conventions import CONVENTIONS
 from pliant.spec.dataset import Dataset
 from pliant.spec.io.exr import Surface, write_surface
-from pliant.spec.io.jsonfiles import write_json
-from pliant.spec.io.parquet import write_table
 from pliant.spec.io.png import write_rgb
 from pliant.spec.storage import layout
+from tests.dataset_files import coordinate, listing_row, tier, write_dataset, write_queries
 
 WIDTH, HEIGHT = 240, 200
 HALF_SIDE = 64.0  # of the card, in its own px
@@ -114,20 +111,10 @@ def write_cards(root: Path) -> None:
         rgb, surface = card_surface(pose)
         write_rgb(folder / layout.rgb_name(frame), rgb)
         write_surface(folder / layout.depth_name(frame), surface)
-    write_json(root / layout.DATASET_JSON, description(), "dataset")
-    row: dict[str, Any] = {
-        "id": [sequence],
-        "tier": ["card"],
-        "split": ["test"],
-        "shape": [None],
-        "frames": [len(POSES)],
-        "temporal": [False],
-        "seed": [0],
-        "style": ["external"],
-        "coverage": [None],
-        "self_occluded": [0.0],
-    }
-    write_table(root / layout.SEQUENCES_TABLE, pa.table(row), "sequences")
+    side = [coordinate(name, 0, 1, 0.128) for name in ("u", "v")]
+    described = tier("card", "cloth", {"card": side}, variant="printed")
+    row = listing_row(sequence, "card", "test", len(POSES))
+    write_dataset(root, "cards", [row], [described], (WIDTH, HEIGHT))
     rng = np.random.default_rng(11)
     queries: list[dict[str, Any]] = []
     truth: list[dict[str, Any]] = []
@@ -141,51 +128,7 @@ def write_cards(root: Path) -> None:
             hidden = query == 19
             answer = {"u_b": u_b, "v_b": v_b, "visibility_b": "occluded" if hidden else "visible"}
             truth.append({**key, "point": query, **answer, "box_px": 128.0, "alternatives": []})
-    for path, rows, name in (
-        (layout.queries_path(root, "test"), queries, "queries"),
-        (layout.truth_path(root, "test"), truth, "truth"),
-    ):
-        path.parent.mkdir()
-        columns = {key: [row[key] for row in rows] for key in rows[0]}
-        types = {
-            key: pa.array(values, pa.float32() if isinstance(values[0], float) else None)
-            for key, values in columns.items()
-            if key != "alternatives"
-        }
-        if name == "truth":
-            from pliant.spec.tables import TRUTH
-
-            types["alternatives"] = pa.array(
-                columns["alternatives"], TRUTH.field("alternatives").type
-            )
-        write_table(path, pa.table(types), name)
-
-
-def description() -> dict[str, Any]:
-    side = {"min": 0, "max": 1, "metres_per_unit": 0.128, "period": None}
-    material = [{"name": "u", **side}, {"name": "v", **side}]
-    return {
-        "spec_version": "1.0.0",
-        "id": "cards",
-        "version": "1.0.0",
-        "title": "Printed cards",
-        "description": "Flat cards that turn and slide.",
-        "licence": "CC0-1.0",
-        "conventions": CONVENTIONS,
-        "image_size": {"width": WIDTH, "height": HEIGHT},
-        "tiers": [
-            {
-                "name": "card",
-                "kind": "cloth",
-                "variant": "printed",
-                "queried_object": 1,
-                "objects": [{"id": 1, "name": "card", "material": material}],
-                "symmetries": [],
-            }
-        ],
-        "splits": ["test"],
-        "provenance": {"generator": "a test", "seed": None, "config": {}, "tools": {}},
-    }
+    write_queries(root, "cards", "test", queries, truth)
 
 
 @pytest.fixture(scope="session")

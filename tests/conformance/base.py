@@ -8,17 +8,14 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import pyarrow as pa
 
 from pliant.spec.arrays import FloatArray
 from pliant.spec.conventions import SPEC_VERSION
 from pliant.spec.dataset import Dataset
 from pliant.spec.io.exr import Surface
 from pliant.spec.io.jsonfiles import write_json
-from pliant.spec.io.parquet import write_table
-from pliant.spec.io.reading import file_entry, sha256_file
+from pliant.spec.io.reading import file_entry
 from pliant.spec.storage import layout
-from pliant.spec.tables import QUERIES, TRUTH
 from tests import dataset_files
 from tests.conformance.analytic import Ball, Scene, Sheet, Tube, View
 from tests.dataset_files import FrameFiles, coordinate, tier
@@ -275,13 +272,7 @@ def write_queries(root: Path, split: str, asked: list[tuple[str, int, str, int]]
                     ],
                 }
             )
-    footer = {"dataset": {"id": dataset.id, "version": dataset.version}, "split": split}
-    path, truth_path = layout.queries_path(root, split), layout.truth_path(root, split)
-    for each in (path, truth_path):
-        each.parent.mkdir(exist_ok=True)
-    write_table(path, pa.Table.from_pylist(queries, schema=QUERIES), "queries", footer)
-    footer["queries_sha256"] = sha256_file(path)
-    write_table(truth_path, pa.Table.from_pylist(truth, schema=TRUTH), "truth", footer)
+    dataset_files.write_queries(root, dataset.id, split, queries, truth)
 
 
 def write_dataset(

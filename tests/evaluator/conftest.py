@@ -20,59 +20,31 @@ import pyarrow.parquet as pq
 import pytest
 
 from pliant.evaluator.submission import loading
-from pliant.spec import tables
-from pliant.spec.conventions import CONVENTIONS, SPEC_VERSION
+from pliant.spec.conventions import SPEC_VERSION
 from pliant.spec.dataset import Dataset
 from pliant.spec.io.exr import Surface, write_surface
-from pliant.spec.io.jsonfiles import write_json
 from pliant.spec.io.parquet import write_table
 from pliant.spec.io.png import write_rgb
 from pliant.spec.storage import layout
+from tests.dataset_files import (
+    coordinate,
+    listing_row,
+    points_table,
+    tier,
+    write_dataset,
+    write_queries,
+)
 
 WIDTH, HEIGHT = 160, 120
-CLOTH = {
-    "name": "cloth",
-    "kind": "cloth",
-    "variant": "two-sided",
-    "queried_object": 1,
-    "objects": [
-        {
-            "id": 1,
-            "name": "cloth",
-            "material": [
-                {"name": "x", "min": 0, "max": 1, "metres_per_unit": 0.8, "period": None},
-                {"name": "y", "min": 0, "max": 1, "metres_per_unit": 0.5, "period": None},
-            ],
-        }
-    ],
-    "symmetries": [
-        {"name": "half-turn", "matrix": [[-1, 0], [0, -1]], "offset": [1, 1]},
-        {"name": "mirror", "matrix": [[-1, 0], [0, 1]], "offset": [1, 0]},
-    ],
-}
-ROPE = {
-    "name": "rope",
-    "kind": "rope",
-    "variant": "plain",
-    "queried_object": 1,
-    "objects": [
-        {
-            "id": 1,
-            "name": "rope",
-            "material": [
-                {"name": "s", "min": 0, "max": 1, "metres_per_unit": 1.2, "period": None},
-                {
-                    "name": "theta",
-                    "min": -np.pi,
-                    "max": np.pi,
-                    "metres_per_unit": 0.012,
-                    "period": 2 * np.pi,
-                },
-            ],
-        },
-    ],
-    "symmetries": [],
-}
+CLOTH = tier(
+    "cloth",
+    "cloth",
+    {"cloth": [coordinate("x", 0, 1, 0.8), coordinate("y", 0, 1, 0.5)]},
+    [("half-turn", [[-1, 0], [0, -1]], [1, 1]), ("mirror", [[-1, 0], [0, 1]], [1, 0])],
+    "two-sided",
+)
+_ANGLE = coordinate("theta", -np.pi, np.pi, 0.012, 2 * np.pi)
+ROPE = tier("rope", "rope", {"rope": [coordinate("s", 0, 1, 1.2), _ANGLE]})
 SIZES = {"cloth": (96.0, 60.0), "rope": (110.0, 8.0)}  # px
 
 
@@ -198,11 +170,11 @@ def make_scene(
     described: list[dict[str, Any]] = [{"cloth": CLOTH, "rope": ROPE}[name] for name in tiers]
     root.mkdir(parents=True, exist_ok=True)
     rows: list[dict[str, Any]] = []
-    asked: dict[str, list[Any]] = {name: [] for name in tables.QUERIES.names}
-    true: dict[str, list[Any]] = {name: [] for name in tables.TRUTH.names}
+    asked: list[dict[str, Any]] = []
+    true: list[dict[str, Any]] = []
     pair = 0
-    for tier in described:
-        kind = tier["name"]
+    for each in described:
+        kind = each["name"]
         points = material_points(kind)
         for index in range(sequences):
             name = f"{kind}-{split}-{index:06d}"
@@ -216,106 +188,72 @@ def make_scene(
                 axis=1,
             )
             rows.append(
-                {
-                    "id": name,
-                    "tier": kind,
-                    "split": split,
-                    "shape": "open" if kind == "rope" else None,
-                    "frames": frames,
-                    "temporal": temporal,
-                    "seed": 0,
-                    "style": "raster",
-                    "coverage": 0.6 + 0.1 * index if kind == "cloth" else None,
-                    "self_occluded": 0.1,
-                }
+                listing_row(
+                    name,
+                    kind,
+                    split,
+                    frames,
+                    shape="open" if kind == "rope" else None,
+                    temporal=temporal,
+                    style="raster",
+                    coverage=0.6 + 0.1 * index if kind == "cloth" else None,
+                    self_occluded=0.1,
+                )
             )
             if images:
-                _write_images(folder, kind, poses, points, tier)
+                _write_images(folder, kind, poses, points, each)
             asked_pairs = [(a, b) for a in range(sources) for b in range(a + 1, frames)]
             for source, frame in asked_pairs:
                 facing = np.cos(points[:, 1]) > 0 if kind == "rope" else np.ones(len(points), bool)
                 chosen = rng.choice(len(points), queries, replace=False)
                 at_a = project(kind, poses[source], points[chosen].astype(float))
                 at_b = project(kind, poses[frame], points[chosen].astype(float))
-                partners = _partners(tier, points[chosen].astype(float), kind, poses[frame])
-                seen = rng.random((queries, len(tier["symmetries"]))) < 0.75
+                partners = _partners(each, points[chosen].astype(float), kind, poses[frame])
+                seen = rng.random((queries, len(each["symmetries"]))) < 0.75
                 for query in range(queries):
-                    values = (pair, query, kind, name, source, name, frame, *at_a[query])
-                    for column, value in zip(asked, values, strict=True):
-                        asked[column].append(value)
-                    state = "visible" if facing[chosen[query]] else "self_occluded"
+                    key = {"pair_id": pair, "query_id": query, "tier": kind}
+                    (u_a, v_a), (u_b, v_b) = at_a[query], at_b[query]
+                    pixel = {"sequence_a": name, "frame_a": source, "u_a": u_a, "v_a": v_a}
+                    asked.append({**key, **pixel, "sequence_b": name, "frame_b": frame})
+                    answer = {
+                        "point": int(chosen[query]),
+                        "u_b": u_b,
+                        "v_b": v_b,
+                        "visibility_b": "visible" if facing[chosen[query]] else "self_occluded",
+                        "box_px": SIZES[kind][0],
+                    }
                     others = [
                         {"u": u, "v": v, "visibility": "visible" if fine else "occluded"}
                         for (u, v), fine in zip(partners[query], seen[query], strict=True)
                     ]
-                    values = (
-                        pair, query, kind, int(chosen[query]), *at_b[query], state,
-                        SIZES[kind][0], others,
-                    )  # fmt: skip
-                    for column, value in zip(true, values, strict=True):
-                        true[column].append(value)
+                    true.append({**key, **answer, "alternatives": others})
                 pair += 1
-    info = {
-        "spec_version": SPEC_VERSION,
-        "id": "analytic",
-        "version": "1.0.0",
-        "title": "Analytic strips",
-        "description": "Truth by a formula.",
-        "licence": "CC-BY-4.0",
-        "conventions": CONVENTIONS,
-        "image_size": {"width": WIDTH, "height": HEIGHT},
-        "tiers": described,
-        "splits": [split],
-        "provenance": {"generator": "tests", "seed": seed, "config": {}, "tools": {}},
-    }
-    write_json(root / layout.DATASET_JSON, info, "dataset")
-    table = pa.Table.from_pylist(rows, schema=tables.SEQUENCES)
-    identity = {"dataset": {"id": "analytic", "version": "1.0.0"}}
-    write_table(root / layout.SEQUENCES_TABLE, table, "sequences", identity)
-    queries_table = pa.table(asked, schema=tables.QUERIES)
-    truth_table = pa.table(true, schema=tables.TRUTH)
-    for path in (layout.queries_path(root, split), layout.truth_path(root, split)):
-        path.parent.mkdir(exist_ok=True)
-    footer = {**identity, "split": split}
-    write_table(layout.queries_path(root, split), queries_table, "queries", footer)
-    sha = Dataset.open(root).queries_sha256(split)
-    footer["queries_sha256"] = sha
-    write_table(layout.truth_path(root, split), truth_table, "truth", footer)
+    write_dataset(root, "analytic", rows, described, (WIDTH, HEIGHT), splits=[split])
+    queries_table, truth_table = write_queries(root, "analytic", split, asked, true)
     return Scene(root, split, queries_table, truth_table)
 
 
 def _partners(
-    tier: dict[str, Any], material: np.ndarray, kind: str, pose: np.ndarray
+    described: dict[str, Any], material: np.ndarray, kind: str, pose: np.ndarray
 ) -> np.ndarray:
     """Project the partners of points: (N, S, 2), pixels."""
-    maps = [(np.array(s["matrix"]), np.array(s["offset"])) for s in tier["symmetries"]]
+    maps = [(np.array(s["matrix"]), np.array(s["offset"])) for s in described["symmetries"]]
     found = [project(kind, pose, material @ matrix.T + offset) for matrix, offset in maps]
     return np.stack(found, axis=1) if found else np.empty((len(material), 0, 2))
 
 
 def _write_images(
-    folder: Path, kind: str, poses: np.ndarray, points: np.ndarray, tier: dict[str, Any]
+    folder: Path, kind: str, poses: np.ndarray, points: np.ndarray, described: dict[str, Any]
 ) -> None:
     (folder / "rgb").mkdir(parents=True)
     (folder / "depth").mkdir()
     partners = [
         [int(np.argmin(np.abs(points - (np.array(s["matrix"]) @ m + s["offset"])).sum(axis=1)))
-         for s in tier["symmetries"]]
+         for s in described["symmetries"]]
         for m in points
     ]  # fmt: skip
-    table = pa.table(
-        {
-            "point": np.arange(len(points), dtype=np.int32),
-            "object": np.ones(len(points), np.int32),
-            "kind": ["surface"] * len(points),
-            "m0": points[:, 0],
-            "m1": points[:, 1],
-            "partners": partners,
-        },
-        schema=tables.POINTS,
-    )
-    identity = {"sequence": folder.name}
-    write_table(folder / layout.POINTS_TABLE, table, "points", identity)
+    table = points_table(points, np.array(partners, np.int64).reshape(len(points), -1))
+    write_table(folder / layout.POINTS_TABLE, table, "points")
     for frame, pose in enumerate(poses):
         surface = surface_of(kind, pose)
         write_surface(folder / layout.depth_name(frame), surface)
