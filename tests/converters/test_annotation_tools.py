@@ -6,9 +6,6 @@ import json
 from pathlib import Path
 from typing import Any
 
-import pytest
-
-from pliant.cli.main import run
 from tests.converters.importing import asked, imported
 from tests.converters.test_pictures import photographs
 
@@ -76,35 +73,3 @@ def test_labelme_files(tmp_path: Path) -> None:
     labelme(folder)
     imported(folder, tmp_path / "out")
     assert asked(tmp_path / "out") == COCO_ROWS
-
-
-HUGE = 10**400
-
-
-@pytest.mark.parametrize(
-    ("place", "value", "said"),
-    [
-        (("images",), 3, "images: a field is missing or of another type; found 3"),
-        (("images", 0), 3, "images[0]: a field"),
-        (("images", 0, "id"), [1], "images[0].id"),
-        (("images", 0, "width"), 41, "of another size than it was annotated at"),
-        (("annotations", 1, "image_id"), 99, "annotations[1]: an annotation is of no picture"),
-        (("annotations", 1, "keypoints"), [1, 1], "annotations[1]: keypoints are not triples"),
-        (("annotations", 1, "keypoints", 0), HUGE, "annotations[1].keypoints[0]: a field"),
-        (("annotations", 1, "keypoints", 0), None, "annotations[1].keypoints[0]: a field"),
-        (("categories", 0, "keypoints"), ["ball"], "required: 1, as the category names them"),
-        (("categories",), "x", "categories: a field"),
-    ],
-)
-def test_a_broken_coco_file_is_refused_with_its_place(
-    place: tuple[Any, ...], value: Any, said: str, tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
-    folder, document = photographs(tmp_path / "photos"), coco()
-    node: Any = document
-    for key in place[:-1]:
-        node = node[key]
-    node[place[-1]] = value
-    (folder / "export.json").write_text(json.dumps(document))
-    assert run(["import", str(folder), "--out", str(tmp_path / "out")]) == 1
-    assert said in capsys.readouterr().err

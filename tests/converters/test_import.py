@@ -120,26 +120,6 @@ def test_same_source_gives_the_same_bytes(tmp_path: Path) -> None:
     assert len(set(read_table(files[0], "truth")["pair_id"].to_pylist())) == 3
 
 
-BROKEN_KNOTS: dict[str, tuple[Any, str]] = {
-    "frame missing": ({k: KNOTS[k] for k in "01"}, "frame 2 has only one of them"),
-    "points differ": ({**KNOTS, "1": KNOTS["1"][:2]}, "do not list the same points"),
-    "no pixels": ({**KNOTS, "1": [[7], [[1, 2]], []]}, "frame 1, point 0: a point is not a list"),
-    "no frames": ({}, "these are not annotations"),
-    "no number": ({**KNOTS, "x": KNOTS["1"]}, "a frame has no number"),
-}
-
-
-@pytest.mark.parametrize("case", BROKEN_KNOTS)
-def test_broken_annotations_are_named(
-    case: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    document, said = BROKEN_KNOTS[case]
-    source = knots_folder(tmp_path / "knots", document)
-    assert run(["import", str(source), "--out", str(tmp_path / "out")]) == 1
-    assert said in capsys.readouterr().err
-    assert {path.name for path in tmp_path.iterdir()} == {"knots"}
-
-
 def test_size_beyond_the_limit_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

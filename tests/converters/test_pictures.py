@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from pathlib import Path
 from typing import Any
 
@@ -105,51 +104,12 @@ def test_a_list_of_pairs_is_all_that_is_asked(tmp_path: Path) -> None:
     assert asked(tmp_path / "out") == {(2, 60.0, 10.0, 0, 4.5, 6.0, "visible")}
 
 
-def broken_csv(old: str, new: str) -> str:
-    assert old in CSV
-    return CSV.replace(old, new)
-
-
 SOURCES = """picture,point,x,y,visible,source
 a b.JPG,ball,4,6,1,suggested
 b.tif,ball,5,7,1,confirmed
 a b.JPG,end,9,9,1,confirmed
 b.tif,end,8,8,1,marked
 """
-
-
-BROKEN: dict[str, tuple[str, str]] = {
-    "header": (broken_csv("point,", ""), "line 1: the header lacks columns"),
-    "picture": (broken_csv("b.tif,end", "d.tif,end"), "picture not found; found 'd.tif'"),
-    "number": (broken_csv("2.25,8", "2.25,x"), "line 5, y: this is not a number; found 'x'"),
-    "no position": (broken_csv("2.25,8", ",8"), "empty only where visible is 0"),
-    "visible": (broken_csv("true", "maybe"), "line 7: visible is neither 0 nor 1"),
-    "twice": (broken_csv("ç.webp,ball", "ç.webp,end"), "'end' is marked twice in ç.webp"),
-    "short": (broken_csv(",,,0", ""), "line 8: the row lacks values"),
-    # Annotated as stored, not as shown: 30 x 20.
-    "outside": (broken_csv("2.25,8,1", "28,8,1"), "If the tool ignored the EXIF orientation"),
-    "one picture": ("\n".join(CSV.split("\n")[:3]), "2 points in 1 pictures"),
-    "long field": (broken_csv("ball,4.5", "b" * 200_000 + ",4.5"), "line 2: the line is not of"),
-    "nul": (broken_csv("ball,4.5", "ba\0ll,4.5"), "line 2: the name of a point has characters"),
-    "source": (SOURCES.replace("confirmed", "guessed"), "line 3: unknown source; found 'guessed'"),
-    "suggested": (re.sub("confirmed|marked", "suggested", SOURCES), "4 suggested marks do not"),
-    "other points": (
-        "picture,point,x,y,visible\na b.JPG,a,1,1,1\nb.tif,b,1,1,1\n",
-        "Mark the same points, under the same names",
-    ),
-}
-
-
-@pytest.mark.parametrize("case", BROKEN)
-def test_a_broken_csv_is_refused_with_its_line(
-    case: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    text, said = BROKEN[case]
-    folder = photographs(tmp_path / "photos")
-    (folder / "annotations.csv").write_text(text)
-    assert run(["import", str(folder), "--out", str(tmp_path / "out")]) == 1
-    assert said in capsys.readouterr().err
-    assert {path.name for path in tmp_path.iterdir()} == {"photos"}
 
 
 def test_suggestions_are_no_truth(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
