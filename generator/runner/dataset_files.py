@@ -48,16 +48,7 @@ def write_dataset_files(config: GenerateConfig, tasks: Sequence[SequenceTask], r
     tiers = [describe_tier(config, tier) for tier in config.tiers]
     dataset = {"id": config.id, "version": config.version}
     with staged(root / QUERIES_DIR) as queries_dir, staged(root / TRUTH_DIR) as truth_dir:
-        build_queries(
-            root,
-            tiers,
-            tasks,
-            config.queries,
-            seed=config.seed,
-            dataset=dataset,
-            queries_dir=queries_dir,
-            truth_dir=truth_dir,
-        )
+        build_queries(config, tasks, root, queries_dir, truth_dir)
         (root / DATASET_JSON).unlink(missing_ok=True)
     for name in (QUERIES_DIR, TRUTH_DIR):
         with suppress(OSError):  # it is not empty

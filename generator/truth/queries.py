@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from pliant.generator.config import QuerySettings
+from pliant.generator.config import GenerateConfig
+from pliant.generator.objects.tiers import describe_tier
 from pliant.generator.seeding import RandomStreams, SequenceTask, Stream
 from pliant.generator.truth.query_sampling import (
     FrameTask,
@@ -25,13 +25,10 @@ from pliant.generator.truth.query_sampling import (
 from pliant.spec.io.jsonfiles import read_json
 from pliant.spec.io.parquet import read_table, write_table
 from pliant.spec.io.reading import sha256_file
-from pliant.spec.model import Tier
 from pliant.spec.storage.layout import (
     CORRESPONDENCES_TABLE,
     POINTS_TABLE,
     SEQUENCE_JSON,
-    queries_path,
-    truth_path,
 )
 from pliant.spec.tables import QUERIES, TRUTH
 
@@ -39,13 +36,9 @@ _SEQUENCES_IN_MEMORY = 64
 
 
 def build_queries(
-    root: Path,
-    tiers: Sequence[Tier],
+    config: GenerateConfig,
     tasks: Sequence[SequenceTask],
-    settings: QuerySettings,
-    *,
-    seed: int,
-    dataset: Mapping[str, str],
+    root: Path,
     queries_dir: Path,
     truth_dir: Path,
 ) -> None:
@@ -54,11 +47,11 @@ def build_queries(
     A pair's target is a frame of one sequence. Its source is a frame of the same sequence where
     that has several frames, else of another sequence of the same tier and split. Sequences of
     several frames ask half of their pairs from frame 0, towards targets spread over the sequence,
-    two neighbouring frames at a time, and half between any two frames; with `settings.kind`
-    `track`, frame 0 is the source of every later frame; with `settings.skips`, sources are asked in
-    the frames so much later. Query points are tabulated surface points
-    of the queried object that frame A sees, so their positions are exact. A target that does not
-    show the object at all, or a source that shows none of its points, makes no pair.
+    two neighbouring frames at a time, and half between any two frames; with the kind `track`, frame
+    0 is the source of every later frame; with `skips`, sources are asked in the frames so much
+    later. Query points are tabulated surface points of the queried object that frame A sees, so
+    their positions are exact. A target that does not show the object at all, or a source that shows
+    none of its points, makes no pair.
 
     The queries are public, so they must not contain information about the answers:
 
@@ -70,49 +63,40 @@ def build_queries(
       pair has a source and a target of the same class. The query pixels of frame B are therefore
       never answers to a pair whose target is B, nor symmetric to one. A track
       and skips need no classes: their targets are never sources.
-    - With `settings.moving_share`, being asked says that a point is more likely than others to move
-      in the episode, and nothing about where to.
+    - With `moving_share`, being asked says that a point is more likely than others to move in the
+      episode, and nothing about where to.
 
     Args:
-        root: The dataset's folder, whose sequences are finished.
-        tiers: The tiers.
+        config: The dataset's config, with the seed.
         tasks: The finished sequences.
-        settings: How many pairs and queries, and of which splits.
-        seed: The dataset's seed.
-        dataset: `id` and `version` for the footers.
-        queries_dir: Where to write the queries.
-        truth_dir: Where to write their truth.
+        root: The folder with them.
+        queries_dir: The folder to write the queries in.
+        truth_dir: The folder to write their truth in.
     """
-    for split in settings.splits:
-        queries, truth = _split_tables(root, tiers, tasks, settings, seed, split)
+    for split in config.queries.splits:
+        queries, truth = _split_tables(config, tasks, root, split)
         if len(queries) == 0:
             continue
-        path = queries_dir / queries_path(root, split).name
-        answers = truth_dir / truth_path(root, split).name
-        footer: dict[str, Any] = {"dataset": dict(dataset), "split": split}
-        path.parent.mkdir(parents=True, exist_ok=True)
-        answers.parent.mkdir(parents=True, exist_ok=True)
+        path = queries_dir / f"{split}.parquet"
+        footer = {"dataset": {"id": config.id, "version": config.version}, "split": split}
         write_table(path, queries, "queries", footer)
-        write_table(answers, truth, "truth", {**footer, "queries_sha256": sha256_file(path)})
+        footer["queries_sha256"] = sha256_file(path)
+        write_table(truth_dir / path.name, truth, "truth", footer)
 
 
 def _split_tables(
-    root: Path,
-    tiers: Sequence[Tier],
-    tasks: Sequence[SequenceTask],
-    settings: QuerySettings,
-    seed: int,
-    split: str,
+    config: GenerateConfig, tasks: Sequence[SequenceTask], root: Path, split: str
 ) -> tuple[pa.Table, pa.Table]:
+    seed, settings = config.seed, config.queries
     tracks = lru_cache(_SEQUENCES_IN_MEMORY)(lambda task: _read_tracks(task.folder(root)))
     queries: list[pa.Table] = []
     truth: list[pa.Table] = []
-    for tier in tiers:
-        members = [task for task in tasks if (task.tier, task.split) == (tier.name, split)]
+    for tier in config.tiers:
+        members = [task for task in tasks if (task.tier, task.split) == (tier, split)]
         if not members:
             continue
         points = read_table(members[0].folder(root) / POINTS_TABLE, "points")
-        askable = _queried_points(points, tier.queried_object)
+        askable = _queried_points(points, describe_tier(config, tier).queried_object)
         partners = np.array(points["partners"].to_pylist(), np.int64).reshape(len(points), -1)
         drawn: dict[FrameTask, npt.NDArray[np.int64]] = {}
         for task in members:
