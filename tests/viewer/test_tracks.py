@@ -14,21 +14,25 @@ from PIL.GifImagePlugin import GifImageFile
 from pliant.cli.main import run
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, SubmissionError
-from pliant.viewer.figures import draw_predicted_tracks
 from pliant.viewer.reading_tracks import predicted_tracks
+from pliant.viewer.tracks import Tracks, animate, draw_tracks
 
 Submit = Callable[[Path, float], Path]
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def submission(tiny_episode: Path, submit: Submit) -> Path:
     """Every answer 5 px to the right of the truth."""
     return submit(tiny_episode, 5.0)
 
 
-def test_tracks_are_the_answers_of_one_source_frame(tiny_episode: Path, submission: Path) -> None:
+@pytest.fixture(scope="module")
+def tracks(tiny_episode: Path, submission: Path) -> Tracks:
+    return predicted_tracks(Dataset.open(tiny_episode), submission)
+
+
+def test_tracks_are_the_answers_of_one_source_frame(tiny_episode: Path, tracks: Tracks) -> None:
     dataset = Dataset.open(tiny_episode)
-    tracks = predicted_tracks(dataset, submission)
     assert tracks.sequence.id == "rope-test-000000"
     assert tracks.titles[0] == "moved 5 px, rope-test-000000, frame 0"
     assert {title.split(", ")[3] for k, title in tracks.titles.items() if k} == {"RMSE 5.0 px"}
@@ -44,13 +48,13 @@ def test_tracks_are_the_answers_of_one_source_frame(tiny_episode: Path, submissi
         np.testing.assert_allclose(gap[seen], [[5, 0]] * int(seen.sum()), atol=1e-4)
 
 
-def test_a_strip_and_an_animation(tiny_episode: Path, submission: Path, tmp_path: Path) -> None:
-    asked = sorted(predicted_tracks(Dataset.open(tiny_episode), submission).places)
-    draw_predicted_tracks(tiny_episode, submission, tmp_path / "a.png", frames=[0, asked[1]])
-    draw_predicted_tracks(tiny_episode, submission, tmp_path / "b.png", frames=[0])
+def test_a_strip_and_an_animation(tracks: Tracks, tmp_path: Path) -> None:
+    asked = sorted(tracks.places)
+    draw_tracks(tracks, [0, asked[1]], tmp_path / "a.png")
+    draw_tracks(tracks, [0], tmp_path / "b.png")
     with Image.open(tmp_path / "a.png") as two, Image.open(tmp_path / "b.png") as one:
         assert two.size == (2 * one.size[0], one.size[1])
-    draw_predicted_tracks(tiny_episode, submission, tmp_path / "a.gif")
+    animate(tracks, tmp_path / "a.gif")
     with Image.open(tmp_path / "a.gif") as moving:
         assert isinstance(moving, GifImageFile)
         assert moving.n_frames == len(asked)
@@ -61,8 +65,11 @@ def test_the_command(
     tiny_episode: Path, submission: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     view = ["view", str(tiny_episode), "--tracks", str(submission), "--out"]
-    assert run([*view, str(tmp_path / "t.png"), "--json"]) == 0
+    assert run([*view, str(tmp_path / "t.gif"), "--json"]) == 0
+    with Image.open(tmp_path / "t.gif") as moving:
+        assert moving.size == (160, 120)
     assert json.loads(capfd.readouterr().out)["figure"] == "tracks"
+    assert run([*view, str(tmp_path / "t.png"), "--frames", "0"]) == 0
     assert run([*view, str(tmp_path / "t.png"), "--frames", "0,99"]) == 2
     assert "says nothing of this frame" in capfd.readouterr().err
     assert run([*view, str(tmp_path / "t.png"), "--frames", "first"]) == 2
