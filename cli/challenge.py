@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -36,6 +38,18 @@ def open_challenge(challenge: Path, database: str | None) -> Challenge:
     from pliant.service.challenge import Challenge
 
     return Challenge.open(challenge, database)
+
+
+def _of_challenge(function: Callable[..., None]) -> Callable[..., None]:
+    """Add CHALLENGE and --database to a command that receives the open challenge."""
+
+    @challenge_argument
+    @database_option
+    @functools.wraps(function)
+    def opened(challenge: Path, database: str | None, **given: Any) -> None:
+        function(open_challenge(challenge, database), **given)
+
+    return opened
 
 
 @click.group("challenge")
@@ -81,17 +95,15 @@ def create(
 
 
 @command.command("invite")
-@challenge_argument
+@_of_challenge
 @click.argument("team", metavar="TEAM")
 @click.option("--again", is_flag=True, help="Another token for a team that exists.")
-@database_option
 @json_option
-def invite(challenge: Path, team: str, again: bool, database: str | None, as_json: bool) -> None:
+def invite(challenge: Challenge, team: str, again: bool, as_json: bool) -> None:
     """Add TEAM and print its token, of which only a hash is stored."""
-    opened = open_challenge(challenge, database)
     from pliant.service import teams
 
-    with opened.database.write() as session:
+    with challenge.database.write() as session:
         if again:
             token = teams.new_token(session, teams.team_of(session, team).id, actor="host")
         else:
@@ -101,22 +113,18 @@ def invite(challenge: Path, team: str, again: bool, database: str | None, as_jso
 
 
 @command.command("credit")
-@challenge_argument
+@_of_challenge
 @click.argument("team", metavar="TEAM")
 @click.argument("attempts", metavar="N", type=int)
 @click.option("--phase", metavar="NAME", help="Phase; default: the first one.")
-@database_option
-def credit(
-    challenge: Path, team: str, attempts: int, phase: str | None, database: str | None
-) -> None:
+def credit(challenge: Challenge, team: str, attempts: int, phase: str | None) -> None:
     """Give TEAM N more attempts, today and in all."""
-    opened = open_challenge(challenge, database)
     from pliant.service import ledger
     from pliant.service.audit import log_time
     from pliant.service.teams import team_of
 
-    rules = opened.settings.phase(phase) if phase else opened.settings.phases[0]
-    with opened.database.write() as session:
+    rules = challenge.settings.phase(phase) if phase else challenge.settings.phases[0]
+    with challenge.database.write() as session:
         found = team_of(session, team)
         ledger.credit(session, found.id, rules, attempts, log_time(session), actor="host")
         left = ledger.attempts(session, found.id, rules, log_time(session))
@@ -124,75 +132,66 @@ def credit(
 
 
 @command.command("rescore")
-@challenge_argument
+@_of_challenge
 @click.option("--protocol", metavar="NAME|FILE", help="Protocol, or a protocol's JSON file.")
 @path_option("--private", "PRIVATE", "Private half with corrected answers.")
 @click.option("--phase", metavar="NAME", help="Phase; default: the first one.")
 @click.option("--reason", required=True, metavar="TEXT", help="Why; shown on the pages.")
-@database_option
 def rescore(
-    challenge: Path,
+    challenge: Challenge,
     protocol: str | None,
     private: Path | None,
     phase: str | None,
     reason: str,
-    database: str | None,
 ) -> None:
     """Score stored submissions by another protocol or truth, next to the scores they have."""
-    opened = open_challenge(challenge, database)
     from pliant.service.rescoring import rescore_challenge
 
-    versions, count = rescore_challenge(opened, phase, protocol, private, reason)
+    versions, count = rescore_challenge(challenge, phase, protocol, private, reason)
     names = ", ".join(f"{each.id} ({each.protocol}, truth {each.truth})" for each in versions)
     echo(f"Version {names}: {plural(count, 'submission')} wait for a worker.")
 
 
 @command.command("audit")
-@challenge_argument
-@database_option
+@_of_challenge
 @json_option
-def audit(challenge: Path, database: str | None, as_json: bool) -> None:
+def audit(challenge: Challenge, as_json: bool) -> None:
     """Verify the audit log and that every score is the one that was logged.
 
     Exit code 1 if something was changed; the first such entry is named.
     """
-    opened = open_challenge(challenge, database)
     from pliant.service.audit import verify_log
 
-    with opened.database.read() as session:
+    with challenge.database.read() as session:
         chain = verify_log(session)
     text = f"{plural(chain.entries, 'entry').replace('entrys', 'entries')}, whole; {chain.hash}"
     echo_result({"entries": chain.entries, "hash": chain.hash}, text, as_json=as_json)
 
 
 @command.command("backup")
-@challenge_argument
+@_of_challenge
 @out_option("DIR", "Backup folder: new, or an earlier backup, which is brought up to date.")
-@database_option
-def backup(challenge: Path, out: Path, database: str | None) -> None:
+def backup(challenge: Challenge, out: Path) -> None:
     """Copy everything into DIR while the service runs. DIR contains the answers and the keys."""
-    opened = open_challenge(challenge, database)
     from pliant.service.archive import write_backup
 
-    write_backup(opened, out)
-    echo(f"{out}: backup of {challenge}. It contains the answers and the keys.")
+    write_backup(challenge, out)
+    echo(f"{out}: backup of {challenge.root}. It contains the answers and the keys.")
 
 
 @command.command("archive")
-@challenge_argument
+@_of_challenge
 @out_option("FILE", "Archive, such as challenge.tar; must not exist.", FILE)
 @path_option("--passphrase-file", "FILE", "Include the signing key, encrypted.", kind=FILE)
-@database_option
-def archive(challenge: Path, out: Path, passphrase_file: Path | None, database: str | None) -> None:
+def archive(challenge: Challenge, out: Path, passphrase_file: Path | None) -> None:
     """Write everything into one FILE: data, answers, submissions, scores, a static site.
 
     Without --passphrase-file the signing key is left out; receipts can still be verified.
     """
-    opened = open_challenge(challenge, database)
     from pliant.service.archive import write_archive
 
-    write_archive(opened, out, _passphrase(passphrase_file))
-    echo(f"{out}: archive of {challenge}. It contains the answers.")
+    write_archive(challenge, out, _passphrase(passphrase_file))
+    echo(f"{out}: archive of {challenge.root}. It contains the answers.")
 
 
 @command.command("restore")

@@ -78,15 +78,7 @@ def _responsible(dataset: Dataset) -> dict[str, Any]:
     fields = {
         "rai:dataCollection": f"{how} Made with {provenance['generator']}.",
         "rai:dataCollectionType": ["Software Collection"] if synthetic else ["Others"],
-        "rai:dataAnnotationProtocol": "Positions and visibility of material points, computed "
-        "on the deformed geometry itself; no human annotators.",
-        "rai:dataUseCases": ["Training and evaluation of dense correspondence"],
-        "rai:dataLimitations": "One object a scene on a flat table; appearance, cameras and motion "
-        "come from the generator's distributions, stated in dataset.json, and cover no real scene.",
-        "rai:dataBiases": "Shapes, colours and cameras follow the generator's settings.",
-        "rai:personalSensitiveInformation": "None: no people are shown.",
-        "rai:dataReleaseMaintenancePlan": "Any change of the data changes the version; "
-        "SHA256SUMS identifies a copy.",
+        **_resource("croissant.rai.json"),
     }
     if dataset.held_out:
         fields["rai:dataCollectionMissingData"] = (

@@ -7,6 +7,8 @@ from typing import Any
 
 import yaml
 
+from pliant.evaluator.report.pages import render_page
+
 _WHERE = "https://spdx.org/licenses/{}.html"
 
 
@@ -22,12 +24,12 @@ def licence_text(info: Mapping[str, Any], authors: Sequence[str]) -> str:
         info: Its `dataset.json`.
         authors: Who publishes it.
     """
-    return (
-        f"{info['title']} ({info['id']} {info['version']})\n"
-        f"Copyright of the data: {', '.join(authors)}\n\n"
-        f"SPDX-License-Identifier: {info['licence']}\n\n"
-        f"The data of this dataset is licensed under {info['licence']}. The text of the licence:\n"
-        f"{licence_url(info['licence'])}\n"
+    return render_page(
+        "licence.md.j2",
+        package="pliant.publishing",
+        info=info,
+        authors=authors,
+        url=licence_url(info["licence"]),
     )
 
 
@@ -69,15 +71,10 @@ def private_readme(
         hold_out: The splits held out.
         warnings: What the publisher should know.
     """
-    name = f"{info['id']} {info['version']}"
-    notes = "".join(f"- {text}\n" for text in warnings)
-    return (
-        f"# Private half of {name}\n\n"
-        f"The answers of the split {', '.join(hold_out)}: truth, depth and surface images, points, "
-        "correspondences and cameras. **Keep this folder to yourself**: whoever has it has the "
-        "answers.\n\n"
-        "To score a submission exactly as on the whole dataset:\n\n"
-        "    pliant evaluate SUB.parquet --data PUBLIC --truth THIS_FOLDER --out REPORT\n\n"
-        "`sha256sum -c SHA256SUMS` says whether it is whole; `manifest.json` names the public half "
-        "it belongs to.\n" + (f"\n## Beware\n\n{notes}" if notes else "")
+    return render_page(
+        "private_readme.md.j2",
+        package="pliant.publishing",
+        info=info,
+        hold_out=hold_out,
+        warnings=warnings,
     )
