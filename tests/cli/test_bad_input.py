@@ -33,6 +33,7 @@ INPUTS: dict[str, tuple[str, str]] = {
     "view": ("DATA", "view DATA --out OUT.png"),
     "view tracks": ("SUB", "view DATA --tracks SUB --out OUT.png"),
     "publish": ("DATA", "publish DATA --out OUT"),
+    "convert": ("DATA", "convert DATA --to coco --out OUT"),
     "predict with a dataset": ("DATA", "predict identity --data DATA --out OUT"),
     "predict with a run": ("RUN", "predict RUN --data DATA --out OUT"),
     "submission with a dataset": ("DATA", "submission --data DATA --out OUT.parquet"),
