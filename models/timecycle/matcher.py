@@ -24,7 +24,7 @@ from pliant.spec.frame import Frame, Pair
 from pliant.spec.io.resizing import resize_mask, resize_nearest, resize_rgb
 from pliant.spec.lru_cache import LRUCache
 
-_KEPT_VIEWS = 8
+_KEPT_VIEWS = 256  # a stretch of frames is read in many ways when the read-out is chosen
 
 
 class TimeCycleMatcher:
