@@ -38,8 +38,7 @@ class NetworkSettings(Settings):
         global_blocks: U-Net: attention blocks at the coarsest level.
         patch: U-Net: pixels a side that share one position of the finest level.
         pretrained: Weights to start from: a run's folder (also of another size or input), a
-            `.safetensors` file (or a `.pt`/`.pth` state dictionary), `hub:REPO:NAME` for
-            torch.hub, `timm:NAME` for timm; empty for none.
+            `.safetensors` file (or a `.pt`/`.pth` state dictionary); empty for none.
     """
 
     name: Annotated[str, OneOf(("unet", *DEPTHS))] = "unet"

@@ -1,8 +1,7 @@
-"""Starting from somebody else's weights: a file, torch.hub or timm."""
+"""Starting from the weights of another run, or of a file."""
 
 from __future__ import annotations
 
-import importlib
 import logging
 from collections.abc import Mapping
 from pathlib import Path
@@ -41,10 +40,9 @@ def load_pretrained(network: nn.Module, source: str, seen: NetworkInput | None =
     Raises:
         CallError: The source is missing or unreadable.
     """
-    weights, given_input = read_weights(source), NetworkInput()
-    if not source.startswith(("hub:", "timm:")):
-        folder = Path(source) if Path(source).is_dir() else Path(source).parent
-        given_input = _input_of_run(folder) or given_input
+    weights = read_weights(source)
+    folder = Path(source) if Path(source).is_dir() else Path(source).parent
+    given_input = _input_of_run(folder) or NetworkInput()
     own = network.state_dict()
     fitting = {}
     for name, tensor in own.items():
@@ -101,22 +99,16 @@ def _first_layer(
 
 
 def read_weights(source: str) -> Mapping[str, torch.Tensor]:
-    """Return a state dictionary from a file, torch.hub or timm.
+    """Return the state dictionary of a run or a file.
 
     Args:
         source: As `NetworkSettings.pretrained` describes. Files are read without pickle:
             `.pt` and `.pth` through torch's weights-only reader.
 
     Raises:
-        CallError: The source is missing or unreadable, or timm is not installed.
+        CallError: The source is missing or unreadable.
     """
-    if source.startswith("timm:"):
-        return _timm(source.removeprefix("timm:"))
     try:
-        if source.startswith("hub:"):
-            repository, _, name = source.removeprefix("hub:").rpartition(":")
-            model: nn.Module = torch.hub.load(repository, name, pretrained=True)
-            return model.state_dict()
         path = Path(source) / BEST if Path(source).is_dir() else Path(source)
         if path.suffix == ".safetensors":
             from safetensors.torch import load_file
@@ -131,21 +123,10 @@ def read_weights(source: str) -> Mapping[str, torch.Tensor]:
     return {name.removeprefix("module."): value for name, value in state.items()}
 
 
-def _timm(name: str) -> Mapping[str, torch.Tensor]:
-    try:
-        timm = importlib.import_module("timm")
-    except ImportError as error:
-        raise CallError(
-            "timm is not installed", where=f"timm:{name}", fix="Install it with: pip install timm"
-        ) from error
-    model: nn.Module = timm.create_model(name, pretrained=True)
-    return model.state_dict()
-
-
 def _unreadable(source: str, found: str) -> CallError:
     return CallError(
         "the pretrained weights cannot be read",
         where=source,
         found=found.splitlines()[0][:200] if found else "nothing",
-        required="a run's folder, a .safetensors, .pt or .pth file, hub:REPO:NAME or timm:NAME",
+        required="a run's folder, or a .safetensors, .pt or .pth file",
     )

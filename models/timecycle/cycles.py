@@ -61,6 +61,11 @@ def cycle_losses(
         Scalars by name: `long`, `skip`, `similarity`, `self`; `long_cells` and `skip_cells`,
         without gradient, how far the centre ends from its start, cells.
     """
+
+    def error(ends: torch.Tensor) -> torch.Tensor:
+        starts = start.repeat(len(ends) // len(start), 1)
+        return grid_error(ends, starts, network.cells, settings.grid).mean()
+
     last = frames.shape[1] - 1
     parts: dict[str, torch.Tensor] = {}
     found_at: dict[int, torch.Tensor] = {}
@@ -72,9 +77,8 @@ def cycle_losses(
             backward.append(found)
         found_at[1] = backward[0]
         if settings.long > 0:
-            ends, affinities = _forward(network, frames, backward)
-            errors = _cycle_error(ends, affinities, start, weight, network, settings)
-            parts["long"] = errors.mean()
+            ends = _forward(network, frames, backward)
+            parts["long"] = error(ends)
             parts["long_cells"] = _centre_distance(ends, start)
     steps = range(2, last + 1) if last > 1 else range(1, 2)
     if settings.skip > 0 or settings.similarity > 0:
@@ -83,9 +87,8 @@ def cycle_losses(
         found_at |= dict(zip(steps, skipped.chunk(len(steps)), strict=True))
         if settings.skip > 0:
             home = frames[:, last].repeat(len(steps), 1, 1, 1)
-            ends, _, affinities = network.locate(skipped, home)
-            errors = _cycle_error(ends, affinities, start, weight, network, settings)
-            parts["skip"] = errors.mean()
+            ends, _, _ = network.locate(skipped, home)
+            parts["skip"] = error(ends)
             parts["skip_cells"] = _centre_distance(ends, start)
     if settings.similarity > 0:
         products = [((patch * found).sum(dim=2) * weight).sum(dim=1) for found in found_at.values()]
@@ -110,44 +113,25 @@ def weighted_sum(parts: dict[str, torch.Tensor], settings: CycleLossSettings) ->
 
 def _forward(
     network: TimeCycleNetwork, frames: torch.Tensor, backward: list[torch.Tensor]
-) -> tuple[torch.Tensor, torch.Tensor]:
+) -> torch.Tensor:
     """Bring what was found 1 to k frames back forward to the last frame, all lengths at once.
 
     Returns:
-        Placements (k N, 3) in the last frame and the affinities (k N, n n, h w) they came from,
-        shortest cycle first.
+        Placements (k N, 3) in the last frame, shortest cycle first.
     """
     last = frames.shape[1] - 1
     lengths = len(backward)
-    ends, affinities = [], []
+    ends = []
     current = backward  # cycles that are still on their way, by length
     for step in range(1, lengths + 1):
         # A cycle of length i stands at frame last - i + step - 1 and goes one on.
         going = range(step, lengths + 1)
         there = torch.cat([frames[:, last - length + step] for length in going])
-        placement, found, affinity = network.locate(torch.cat(current), there)
+        placement, found, _ = network.locate(torch.cat(current), there)
         count = len(frames)
         ends.append(placement[:count])
-        affinities.append(affinity[:count])
         current = list(found.split(count))[1:]
-    return torch.cat(ends), torch.cat(affinities)
-
-
-def _cycle_error(
-    ends: torch.Tensor,
-    affinities: torch.Tensor,
-    start: torch.Tensor,
-    weight: torch.Tensor,
-    network: TimeCycleNetwork,
-    settings: CycleLossSettings,
-) -> torch.Tensor:
-    """Return the error (C N,) of cycles that ended, start and weight repeated for each length."""
-    times = len(ends) // len(start)
-    start = start.repeat(times, 1)
-    if settings.cycle == "grid":
-        return grid_error(ends, start, network.cells, settings.grid)
-    mass = _mass(affinities, start, network, settings)
-    return 1 - (mass * weight.repeat(times, 1)).sum(dim=1)
+    return torch.cat(ends)
 
 
 def _mass(
@@ -157,7 +141,7 @@ def _mass(
     settings: CycleLossSettings,
 ) -> torch.Tensor:
     xy = place(start, cell_grid(network.cells, start.device))
-    return soft_inlier(affinities, xy, network.size[0], settings.inlier_cells)
+    return soft_inlier(affinities, xy, network.size[0], settings.self_cells)
 
 
 def _centre_distance(ends: torch.Tensor, start: torch.Tensor) -> torch.Tensor:

@@ -94,10 +94,8 @@ class CycleLossSettings(Settings):
 
     Attributes:
         temperature: Of the affinity's softmax; 0 takes the paper's D^-0.5.
-        cycle: How a cycle's end is judged: `grid`, the squared distance of the two placements
-            on an aligned grid, or `inlier`, how little of the affinity is where it belongs.
-        grid: Points of the aligned grid along a side.
-        inlier_cells: Spread of the soft inlier count, cells.
+        grid: Points along a side of the grid on which the two placements of a cycle are compared.
+        self_cells: Spread of the place that counts as right in the self-cycle, cells.
         similarity: Weight of -<patch, what was found>.
         skip: Weight of cycles to a frame and straight back.
         long: Weight of cycles through every frame between.
@@ -106,9 +104,8 @@ class CycleLossSettings(Settings):
     """
 
     temperature: NonNegative = 0.0
-    cycle: Literal["grid", "inlier"] = "grid"
     grid: Annotated[int, Bounds(2)] = 20
-    inlier_cells: Positive = 1.0
+    self_cells: Positive = 1.0
     similarity: NonNegative = 1.0
     skip: NonNegative = 0.1
     long: NonNegative = 0.02

@@ -126,19 +126,6 @@ def test_colour_weights_serve_depth(tmp_path: Path) -> None:
     torch.testing.assert_close(four[:, 3], given["conv1.weight"].mean(dim=1))
 
 
-def test_weights_from_torch_hub(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The hub is asked for what was named; nothing is downloaded here."""
-    asked: list[object] = []
-
-    def load(repository: str, name: str, *, pretrained: bool) -> nn.Module:
-        asked.extend([repository, name, pretrained])
-        return nn.Linear(2, 3)
-
-    monkeypatch.setattr(torch.hub, "load", load)
-    assert set(read_weights("hub:pytorch/vision:v0.20:resnet18")) == {"weight", "bias"}
-    assert asked == ["pytorch/vision:v0.20", "resnet18", True]
-
-
 @pytest.mark.parametrize("content", [None, b"", b"junk" * 100])
 @pytest.mark.parametrize("suffix", [".safetensors", ".pt"])
 def test_unreadable_weights_are_one_sentence(
