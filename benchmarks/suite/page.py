@@ -10,7 +10,7 @@ from pliant.benchmarks.suite.checksums import Differences
 from pliant.benchmarks.suite.config import TRACKS, BenchmarkConfig
 from pliant.benchmarks.suite.opening import opening
 from pliant.benchmarks.suite.pictures import set_pictures
-from pliant.benchmarks.suite.table import CLASSICAL, Row, finished_rows, table_document
+from pliant.benchmarks.suite.table import Row, finished_rows, table_document
 from pliant.benchmarks.suite.tables import (
     comparison_table,
     cost_tables,
@@ -20,7 +20,6 @@ from pliant.benchmarks.suite.tables import (
 from pliant.benchmarks.suite.work import Workspace
 from pliant.evaluator.controls import CONTROLS
 from pliant.evaluator.report.pages import render_page
-from pliant.evaluator.report.verdict import board_verdict
 from pliant.spec.io.jsonfiles import write_json
 from pliant.spec.io.writing import replacing
 
@@ -50,12 +49,26 @@ def write_results(
     rows = finished_rows(config, work)
     document = table_document(config, work, rows)
     write_json(out / "table.json", document)
-    tables = {
-        "paper": paper_tables(config, rows),
-        "tracks": score_tables(config, rows),
-        "comparisons": comparison_table(config, work, rows),
-    }
-    text = render_page(
+    text = results_page(config, work, rows, differing, command)
+    for target in (out / "results.md", page):
+        if target is not None:
+            target.write_text(text, encoding="utf-8")
+    report = out / "report" / "index.html"
+    report.parent.mkdir(parents=True, exist_ok=True)
+    with replacing(report) as partial:
+        partial.write_text(report_page(config, work, rows), encoding="utf-8")
+    return document
+
+
+def results_page(
+    config: BenchmarkConfig,
+    work: Workspace,
+    rows: Sequence[Row],
+    differing: Differences,
+    command: str,
+) -> str:
+    """Return the tables as Markdown; arguments as in `write_results`."""
+    return render_page(
         "results.md.j2",
         package=_TEMPLATES,
         config=config,
@@ -65,27 +78,30 @@ def write_results(
         sizes=" and ".join({f"{made.width}x{made.height}": 0 for made in config.sets.values()}),
         missing=_missing(config, rows),
         costs=cost_tables(config, work),
-        **tables,
+        **_tables(config, work, rows),
     )
-    for target in (out / "results.md", page):
-        if target is not None:
-            target.write_text(text, encoding="utf-8")
-    report = out / "report" / "index.html"
-    report.parent.mkdir(parents=True, exist_ok=True)
-    html = render_page(
+
+
+def report_page(config: BenchmarkConfig, work: Workspace, rows: Sequence[Row]) -> str:
+    """Return the tables with pictures, as one HTML page."""
+    return render_page(
         "report.html.j2",
         package=_TEMPLATES,
         title=f"{config.name} {config.version}",
         opening=opening(work, rows),
-        verdict=_verdicts(config, rows),
         pictures=set_pictures(config, work, rows),
         controls=CONTROLS,
         report_of=lambda row: _report(work, row),
-        **tables,
+        **_tables(config, work, rows),
     )
-    with replacing(report) as partial:
-        partial.write_text(html, encoding="utf-8")
-    return document
+
+
+def _tables(config: BenchmarkConfig, work: Workspace, rows: Sequence[Row]) -> dict[str, Any]:
+    return {
+        "paper": paper_tables(config, rows),
+        "tracks": score_tables(config, rows),
+        "comparisons": comparison_table(config, work, rows),
+    }
 
 
 def _report(work: Workspace, row: Row) -> str:
@@ -104,48 +120,28 @@ def _machines(work: Workspace) -> dict[str, int]:
     return machines
 
 
-def _missing(config: BenchmarkConfig, rows: Sequence[Row]) -> dict[str, list[str]]:
-    """Return what the config names and has not been run: test and variant -> methods by track."""
+def _missing(config: BenchmarkConfig, rows: Sequence[Row]) -> dict[str, str]:
+    """Return what the config names and has not been run: test and variant -> what lacks."""
     there = {(row.test, row.variant, row.entry) for row in rows}
-    found: dict[str, list[str]] = {}
+    found: dict[str, str] = {}
     for key, test in config.tests.items():
         for variant in test.variants:
+            entries = test.entries
+            lacking = [each for each in entries if (key, variant, each) not in there]
+            parts = []
             for track in test.tracks:
-                lacking = [
-                    entry.method + (" (blank)" if entry.is_blank else "")
-                    for entry in test.entries
-                    if entry.track == track and (key, variant, entry) not in there
+                names = [
+                    each.method + (" (blank)" if each.is_blank else "")
+                    for each in lacking
+                    if each.track == track
                 ]
-                if lacking:
-                    place = f"{test.title}: {variant}"
-                    found.setdefault(place, []).append(f"{TRACKS[track]}: {', '.join(lacking)}")
+                whole = len(names) == sum(each.track == track for each in entries)
+                if names:
+                    parts.append(f"{TRACKS[track]}: {'all' if whole else ', '.join(names)}")
+            if parts:
+                place = test.title if len(test.variants) == 1 else f"{test.title}: {variant}"
+                found[place] = "all" if len(lacking) == len(entries) else "; ".join(parts)
     return found
-
-
-def _verdicts(config: BenchmarkConfig, rows: Sequence[Row]) -> list[str]:
-    """Return sentences on local features, then on networks, against the controls of a tier."""
-    sentences = []
-    for key, test in config.tests.items():
-        protocol, variant, track = test.protocols[0], next(iter(test.variants)), test.tracks[0]
-        mine = [
-            row for row in rows
-            if (row.test, row.variant, row.entry.track) == (key, variant, track)
-            and not row.entry.is_blank
-        ]  # fmt: skip
-        for noun, chosen in (
-            ("classical method", [row for row in mine if row.method in CLASSICAL]),
-            ("network", [row for row in mine if row.learned]),
-        ):
-            controls = [row for row in mine if row.method in CONTROLS]
-            values = {
-                row.label if row.method in CLASSICAL else row.method: row.value(protocol, "rmse_px")
-                for row in (*chosen, *controls)
-            }
-            where = f"on {test.title} ({TRACKS[track]})"
-            text = board_verdict(values, "rmse_px", protocol, where=where, noun=noun)
-            if text:
-                sentences.append(text)
-    return sentences
 
 
 def rmse_by_tier(config: BenchmarkConfig, rows: Sequence[Row]) -> dict[str, dict[str, float]]:

@@ -245,7 +245,7 @@ def cost_tables(config: BenchmarkConfig, work: Workspace) -> list[Table]:
     lines = [[name, _minutes([cost for _, cost in mine])] for name, mine in costs.items()]
     lines.append(["together", _minutes([cost for mine in costs.values() for _, cost in mine])])
     parts = [
-        [(name, _minutes([cost])) for name, cost in costs[stage]]
+        [(name, _minutes([cost])) for name, cost in costs[stage] if cost.cpu_s]
         for stage in ("making the sets", "training")
     ]
     each = [[*a, *b] for a, b in zip_longest(*parts, fillvalue=("", ""))]

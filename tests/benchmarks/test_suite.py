@@ -362,7 +362,7 @@ def test_what_was_not_run_is_listed(config_file: Path, made: tuple[Path, Recorde
         note.unlink()
         write_results(config, made[0], compare_checksums(config, work), "a command")
         text = (made[0] / "results.md").read_text()
-        assert "- Rope: clean: image alone: sift" in text
+        assert "- Rope: clean: image alone: sift\n" in text
     finally:
         note.write_text(kept)
 
