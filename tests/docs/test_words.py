@@ -21,7 +21,6 @@ UNCHANGEABLE = {
     "conventions.py",
     "tables.py",
     "results.md",
-    "ablations.md",
 }
 
 _GENERATED = re.compile(r"<!-- generated: .*?<!-- end -->", re.DOTALL)
