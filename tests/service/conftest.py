@@ -24,6 +24,7 @@ from pliant.service.scoring import Result, Task
 from pliant.service.settings import Scoring
 from pliant.service.submissions import Upload, accept
 from pliant.service.teams import Identity, identify, invite
+from pliant.service.worker import Scorer, Worker
 from pliant.spec.dataset import Dataset
 
 POSTGRES = Path("/usr/lib/postgresql/15/bin")
@@ -63,7 +64,7 @@ def postgres() -> Iterator[Callable[[], str]]:
         try:
             yield server.new_database
         finally:
-            server.stop()
+            server.stop("immediate")  # nobody reads it again: no checkpoint
 
 
 class PostgresServer:
@@ -131,6 +132,12 @@ class Trial:
         with self.challenge.database.write() as session:
             who = self.who(self.tokens[team])
             return accept(session, self.challenge, phase, who, upload)[0].id
+
+    def work(self, scorer: Scorer | None = None) -> None:
+        """Do every job that waits, by default with `quick`."""
+        worker = Worker(self.challenge, scorer or quick)
+        while worker.work_once():
+            pass
 
 
 MakeTrial = Callable[..., Trial]

@@ -18,11 +18,11 @@ from sqlalchemy import text
 
 from pliant.evaluator import read_protocol
 from pliant.service.receipts import read_public_key, verify_receipt
+from pliant.service.scoring import score_in_child
 from pliant.service.store import FolderStore
 from pliant.service.web.app import make_app
 from pliant.service.web.security import COOKIE
-from pliant.service.worker import Worker
-from tests.service.conftest import Halves, MakeTrial, Trial, quick
+from tests.service.conftest import Halves, MakeTrial, Trial
 
 API = "/api/v1"
 FIGURES_OF_STANDARD = read_protocol("standard").headline
@@ -34,12 +34,6 @@ def bearer(token: str) -> dict[str, str]:
 
 def submit(client: TestClient, token: str, content: bytes, **query: Any) -> Any:
     return client.post(f"{API}/submissions", content=content, headers=bearer(token), params=query)
-
-
-def work(trial: Trial) -> None:
-    worker = Worker(trial.challenge, quick)
-    while worker.work_once():
-        pass
 
 
 @pytest.fixture
@@ -58,7 +52,6 @@ def test_a_real_file_is_scored_and_a_bad_one_refused(
 ) -> None:
     trial = make_trial()
     good = service_halves.submissions[0].read_bytes()
-    worker = Worker(trial.challenge)
     with client_of(trial) as client:
         sent = submit(client, trial.tokens[0], good, file_name="../mine.parquet")
         assert sent.status_code == 201
@@ -66,8 +59,7 @@ def test_a_real_file_is_scored_and_a_bad_one_refused(
         assert sent.json()["file_name"] == "mine.parquet"
         submit(client, trial.tokens[0], good[:2000])
         submit(client, trial.tokens[0], good, check_only=True)
-        while worker.work_once():
-            pass
+        trial.work(score_in_child)
         scored, refused, checked = (
             client.get(f"{API}/submissions/{n}", headers=bearer(trial.tokens[0])).json()
             for n in (1, 2, 3)
@@ -95,9 +87,9 @@ def test_other_teams_and_visitors_see_only_what_is_public(trial: Trial, client: 
     waiting = submit(client, ada, b"good").json()["id"]
     for headers in ({}, bearer(grace)):
         assert client.get(f"{API}/submissions/{waiting}", headers=headers).status_code == 404
-    work(trial)
+    trial.work()
     refused = submit(client, ada, b"bad").json()["id"]
-    work(trial)
+    trial.work()
     for headers in ({}, bearer(grace)):
         public = client.get(f"{API}/submissions/{waiting}", headers=headers).json()
         assert public["state"] == "scored"
@@ -281,7 +273,7 @@ def test_a_locked_database_is_a_503(make_trial: MakeTrial, monkeypatch: pytest.M
 
 def test_events_end_with_the_state(trial: Trial, client: TestClient) -> None:
     submit(client, trial.tokens[0], b"good")
-    work(trial)
+    trial.work()
     with client.stream("GET", f"{API}/submissions/1/events") as stream:
         assert stream.headers["content-type"].startswith("text/event-stream")
         assert (
@@ -293,7 +285,7 @@ def test_events_end_with_the_state(trial: Trial, client: TestClient) -> None:
 def test_withdraw_credit_and_rescore_by_the_host(trial: Trial, client: TestClient) -> None:
     submit(client, trial.tokens[0], b"good")
     submit(client, trial.tokens[1], b"good too")
-    work(trial)
+    trial.work()
     cookie = login(client, trial.host)
     form, jar = {"csrf": csrf_of(client, cookie)}, with_cookie(cookie)
     done = client.post("/admin/withdraw", data={**form, "submission": 1}, headers=jar)
@@ -305,7 +297,7 @@ def test_withdraw_credit_and_rescore_by_the_host(trial: Trial, client: TestClien
     assert client.post("/admin/credit", data=credited, headers=jar).status_code == 303
     rescored = {**form, "phase": "test", "protocol": "paper", "reason": "the paper's figures"}
     assert "2 submissions wait" in client.post("/admin/rescore", data=rescored, headers=jar).text
-    work(trial)
+    trial.work()
     view = client.get(f"{API}/submissions/2").json()
     assert [each["protocol"].split()[0] for each in view["scores"]] == ["standard", "paper"]
     page = client.get("/admin", headers=jar).text

@@ -11,9 +11,8 @@ from pliant.service import audit, database
 from pliant.service.ledger import Attempts, attempts, credit
 from pliant.service.models import LedgerEntry, State, Submission
 from pliant.service.submissions import NotAcceptedError
-from pliant.service.worker import Worker
 from pliant.spec.errors import CallError
-from tests.service.conftest import MakeTrial, Trial, quick
+from tests.service.conftest import MakeTrial, Trial
 
 
 def left(trial: Trial, team: int = 0) -> Attempts:
@@ -24,13 +23,11 @@ def left(trial: Trial, team: int = 0) -> Attempts:
 
 
 def test_a_scored_file_costs_one_attempt_and_a_refused_one_none(trial: Trial) -> None:
-    worker = Worker(trial.challenge, quick)
     trial.send(b"good")
     trial.send(b"bad")
     trial.send(b"only checked", check_only=True)
     assert left(trial) == Attempts(3, 98)
-    while worker.work_once():
-        pass
+    trial.work()
     assert left(trial) == Attempts(4, 99)
     assert left(trial, 1) == Attempts(5, 100)
 
@@ -105,9 +102,7 @@ def test_the_host_is_not_charged(trial: Trial) -> None:
     host = Trial(trial.challenge, trial.url, trial.host, (trial.host,))
     for number in range(7):
         host.send(f"{number}".encode())
-    worker = Worker(trial.challenge, quick)
-    while worker.work_once():
-        pass
+    trial.work()
     with trial.challenge.database.read() as session:
         states = set(session.scalars(select(Submission.state)))
         assert states == {State.SCORED}

@@ -247,9 +247,7 @@ def test_a_full_database_disk(make_trial: MakeTrial) -> None:
         assert set(statuses) == {201, 507}
         limit[0] = "1000000"
         assert submit(client, trial.tokens[0], b"last").status_code == 201
-    worker = Worker(trial.challenge, quick)
-    while worker.work_once():
-        pass
+    trial.work()
     with database.read() as session:
         count = session.scalar(select(func.count()).select_from(Score))
         charged = session.scalar(select(func.sum(LedgerEntry.amount)))

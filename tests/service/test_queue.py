@@ -45,13 +45,8 @@ def test_many_workers_do_each_job_once(trial: Trial) -> None:
         done.append(str(task.file))
         return quick(task, limits)
 
-    def work() -> None:
-        worker = Worker(trial.challenge, count)
-        while worker.work_once():
-            pass
-
     with ThreadPoolExecutor(6) as pool:
-        for each in [pool.submit(work) for _ in range(6)]:
+        for each in [pool.submit(trial.work, count) for _ in range(6)]:
             each.result()
     with trial.challenge.database.read() as session:
         assert session.scalar(select(func.count()).select_from(Score)) == 10
@@ -161,9 +156,7 @@ def test_a_scorer_that_misbehaves_costs_no_attempt(
         bounds = Limits(memory_bytes=int(limits.memory_gib * 2**30), wall_s=wall_s)
         return run_limited(what, limits=bounds, path=task.name)  # type: ignore[arg-type]
 
-    worker = Worker(trial.challenge, scorer)
-    while worker.work_once():
-        pass
+    trial.work(scorer)
     found = state_of(trial, number)
     assert found.state == State.FAILED
     assert found.failure is not None

@@ -24,23 +24,16 @@ from pliant.service.receipts import Signer, read_public_key, verify_receipt, wri
 from pliant.service.rescoring import rescore_challenge
 from pliant.service.settings import read_challenge_settings
 from pliant.service.site import write_challenge_site
-from pliant.service.worker import Worker
 from pliant.spec.errors import CallError, SpecError
-from tests.service.conftest import Halves, MakeTrial, Trial, quick
+from tests.service.conftest import Halves, MakeTrial, Trial
 
 
 def scored(trial: Trial) -> Trial:
     trial.send(b"good")
     trial.send(b"fine", team=1)
     trial.send(b"bad")
-    work(trial)
+    trial.work()
     return trial
-
-
-def work(trial: Trial) -> None:
-    worker = Worker(trial.challenge, quick)
-    while worker.work_once():
-        pass
 
 
 def rows(challenge: Challenge) -> dict[str, list[tuple[object, ...]]]:
@@ -142,7 +135,7 @@ def test_rescoring_adds_scores_and_changes_none(
     before = rows(trial.challenge)["score"]
     versions, count = rescore_challenge(trial.challenge, None, "paper", None, "more figures")
     assert (len(versions), count) == (1, 2)
-    work(trial)
+    trial.work()
     after = rows(trial.challenge)["score"]
     assert after[: len(before)] == before
     assert len(after) == 4
@@ -153,7 +146,7 @@ def test_rescoring_adds_scores_and_changes_none(
     with pytest.raises(CallError, match="nothing would change"):
         rescore_challenge(trial.challenge, None, None, None, "nothing")
     trial.send(b"later")
-    work(trial)
+    trial.work()
     with trial.challenge.database.read() as session:
         found = session.execute(
             select(Score.submission_id, Version.protocol)
@@ -171,7 +164,7 @@ def test_backup_and_archive_give_the_same_service(
     url = None
     write_backup(trial.challenge, tmp_path / "backup")
     trial.send(b"new")
-    work(trial)
+    trial.work()
     write_backup(trial.challenge, tmp_path / "backup")
     write_archive(trial.challenge, tmp_path / "all.tar", b"secret")
     write_archive(trial.challenge, tmp_path / "keyless.tar", None)
@@ -192,7 +185,7 @@ def test_backup_and_archive_give_the_same_service(
         assert (restored.private_key.read_bytes() == key) == (source != "keyless.tar")
         again = Trial(restored, url, trial.host, trial.tokens)
         assert again.send(b"after") == len(expected["submission"]) + 1
-        work(again)
+        again.work()
         with restored.database.read() as session:
             verify_log(session)
             receipts = session.scalars(select(Score.receipt).order_by(Score.id)).all()
