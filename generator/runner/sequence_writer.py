@@ -155,7 +155,7 @@ def writing_sequence(folder: Path) -> Iterator[SequenceWriter]:
     """Yield the writer of a sequence, and put its files into place, all or none.
 
     Args:
-        folder: The sequence's folder in the dataset. One that is there, such as that of a lost
+        folder: The sequence's folder in the dataset. An existing one, such as that of a lost
             worker that was not lost, is replaced.
 
     Raises:
