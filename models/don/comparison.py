@@ -12,7 +12,7 @@ from pliant.models.don.candidates import pixel_grid, widened
 from pliant.models.don.described import ViewDescriber
 from pliant.models.don.settings import AnswerSettings
 from pliant.models.losses.distributional import log_probabilities
-from pliant.models.networks.descriptor_network import DescriptorNetwork, sample_descriptors
+from pliant.models.networks.descriptor_network import sample_descriptors
 from pliant.spec.frame import Frame
 
 _MIRROR_WEIGHT = 1 / 3  # with 1/2, more sheets come out on the wrong side
@@ -35,70 +35,64 @@ class Comparison:
     query: torch.Tensor
 
 
-class Comparer:
-    """Compares descriptors of two images, of all copies that vote.
+def compare(
+    views: ViewDescriber,
+    settings: AnswerSettings,
+    source: Frame,
+    target: Frame,
+    uv_a_px: npt.NDArray[np.float32],
+    sharpness: float,
+) -> Comparison:
+    """Compare the queries' descriptors with those of the target's candidates, in all copies.
 
     Args:
-        network: The network.
-        views: What describes images with it.
+        views: What describes images.
         settings: Where candidates are looked for.
+        source: The image the queries are in.
+        target: The image to find them in.
+        uv_a_px: float32 (N, 2), in pixels of the source.
+        sharpness: Factor of the log probabilities.
     """
+    a, b = views.described(source), views.described(target)
+    width, height = views.size
+    scale_a = views.pixel_scale(source)
+    query_uv = torch.as_tensor(np.asarray(uv_a_px, dtype=np.float64) / scale_a, dtype=torch.float32)
+    chosen = _searched(b.mask, views.size, settings)
+    uv = pixel_grid(height, width, 1, torch.device("cpu"))[chosen]
+    total = torch.zeros(len(query_uv), len(uv))
+    distance = torch.zeros(len(query_uv))
+    queries = []
+    with torch.inference_mode():
+        scale = views.network.scale.detach().cpu()
+        for turn, map_a, map_b in zip(views.turns, a.maps, b.maps, strict=True):
+            turned = _turned_uv(query_uv, turn, width, height)
+            query = sample_descriptors(map_a[None], turned[None])  # (1, N, D)
+            queries.append(query[0])
+            upright = torch.rot90(map_b, turn, (1, 2))
+            rows = upright.flatten(1).T[chosen]  # (M, D)
+            total += log_probabilities(query, rows[None], scale)[0]
+            gap = torch.cdist(query[0], rows).square().min(dim=1).values
+            distance += gap * scale
+        turns = len(a.maps)
+        mean = total / turns
+        if a.mirrored is not None and b.mirrored is not None:
+            query = sample_descriptors(a.mirrored[None], query_uv[None])
+            rows = b.mirrored.flatten(1).T[chosen]
+            mirrored = log_probabilities(query, rows[None], scale)[0]
+            mean = (1 - _MIRROR_WEIGHT) * mean + _MIRROR_WEIGHT * mirrored
+    log_p = (mean * sharpness).log_softmax(dim=1)
+    return Comparison(log_p, uv, (distance / turns).double().numpy(), queries[0])
 
-    def __init__(
-        self, network: DescriptorNetwork, views: ViewDescriber, settings: AnswerSettings
-    ) -> None:
-        self._network, self._views, self._settings = network, views, settings
 
-    def compare(
-        self, source: Frame, target: Frame, uv_a_px: npt.NDArray[np.float32], sharpness: float
-    ) -> Comparison:
-        """Compare the queries' descriptors with those of the target's candidates.
-
-        Args:
-            source: The image the queries are in.
-            target: The image to find them in.
-            uv_a_px: float32 (N, 2), in pixels of the source.
-            sharpness: Factor of the log probabilities.
-        """
-        a, b = self._views.described(source), self._views.described(target)
-        width, height = self._views.size
-        scale_a = self._views.pixel_scale(source)
-        query_uv = torch.as_tensor(
-            np.asarray(uv_a_px, dtype=np.float64) / scale_a, dtype=torch.float32
-        )
-        chosen = self._searched(b.mask)
-        uv = pixel_grid(height, width, 1, torch.device("cpu"))[chosen]
-        total = torch.zeros(len(query_uv), len(uv))
-        distance = torch.zeros(len(query_uv))
-        queries = []
-        with torch.inference_mode():
-            scale = self._network.scale.detach().cpu()
-            for turn, map_a, map_b in zip(self._views.turns, a.maps, b.maps, strict=True):
-                turned = _turned_uv(query_uv, turn, width, height)
-                query = sample_descriptors(map_a[None], turned[None])  # (1, N, D)
-                queries.append(query[0])
-                upright = torch.rot90(map_b, turn, (1, 2))
-                rows = upright.flatten(1).T[chosen]  # (M, D)
-                total += log_probabilities(query, rows[None], scale)[0]
-                gap = torch.cdist(query[0], rows).square().min(dim=1).values
-                distance += gap * scale
-            turns = len(a.maps)
-            mean = total / turns
-            if a.mirrored is not None and b.mirrored is not None:
-                query = sample_descriptors(a.mirrored[None], query_uv[None])
-                rows = b.mirrored.flatten(1).T[chosen]
-                mirrored = log_probabilities(query, rows[None], scale)[0]
-                mean = (1 - _MIRROR_WEIGHT) * mean + _MIRROR_WEIGHT * mirrored
-        log_p = (mean * sharpness).log_softmax(dim=1)
-        return Comparison(log_p, uv, (distance / turns).double().numpy(), queries[0])
-
-    def _searched(self, mask: npt.NDArray[np.bool_] | None) -> torch.Tensor:
-        """Return the numbers of the pixels that compete, int64 (M,)."""
-        width, height = self._views.size
-        if mask is None or not mask.any() or self._settings.search == "image":
-            return torch.arange(width * height)
-        wide = widened(torch.from_numpy(mask)[None], self._settings.margin_px)
-        return wide.flatten().nonzero()[:, 0]
+def _searched(
+    mask: npt.NDArray[np.bool_] | None, size: tuple[int, int], settings: AnswerSettings
+) -> torch.Tensor:
+    """Return the numbers of the pixels that compete, int64 (M,)."""
+    width, height = size
+    if mask is None or not mask.any() or settings.search == "image":
+        return torch.arange(width * height)
+    wide = widened(torch.from_numpy(mask)[None], settings.margin_px)
+    return wide.flatten().nonzero()[:, 0]
 
 
 def _turned_uv(uv_px: torch.Tensor, turn: int, width: int, height: int) -> torch.Tensor:

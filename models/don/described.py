@@ -37,6 +37,12 @@ class DescribedView:
     mask: Mask | None
     objects: Mask | None
 
+    def on_object(self) -> npt.NDArray[np.float32]:
+        """Return the descriptors on the object (everywhere without a mask), float32 (n, D)."""
+        upright = self.maps[0]
+        flat: npt.NDArray[np.float32] = upright.flatten(1).T.numpy()
+        return flat if self.mask is None or not self.mask.any() else flat[self.mask.reshape(-1)]
+
 
 class ViewDescriber:
     """Describes views with a network, and remembers the last ones by their keys.

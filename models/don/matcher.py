@@ -13,13 +13,13 @@ import torch
 from pliant.baselines.matcher import Heat
 from pliant.baselines.tracing import Reframed
 from pliant.models.don.certainty import Calibration
-from pliant.models.don.comparison import Comparer, Comparison
+from pliant.models.don.comparison import Comparison, compare
 from pliant.models.don.decoding import decode_position, mixture_of_modes
 from pliant.models.don.described import ViewDescriber
 from pliant.models.don.familiarity import Familiarity, fit_familiarity
 from pliant.models.don.rope_reader import RopeReader
 from pliant.models.don.settings import DonSettings
-from pliant.models.don.strangeness import Asked, Described, UsualDescriptors, traced_statistics
+from pliant.models.don.strangeness import Asked, UsualDescriptors, traced_statistics
 from pliant.models.don.tracing import TracedPlaces, TracedView, traced_places
 from pliant.models.networks.descriptor_network import DescriptorNetwork
 from pliant.spec.answers import Answers
@@ -106,7 +106,6 @@ class DonMatcher:
             settings.answer.rotations,
             settings.answer.mirrored,
         )
-        self._comparer = Comparer(self.network, self._views, settings.answer)
         self.reader = RopeReader(self.network, self._views, settings.answer)
 
     def describe(self) -> Mapping[str, Any]:
@@ -156,10 +155,8 @@ class DonMatcher:
         return traced_statistics(source, target, decided.found.traced, decided.position_px)
 
     def _asked(self, decided: _Decided) -> Asked:
-        source, target = (
-            Described(each.maps[0].numpy(), each.mask)
-            for each in map(self._views.described, (decided.source.view, decided.target.view))
-        )
+        views = decided.source.view, decided.target.view
+        source, target = map(self._views.described, views)
         return Asked(source, target, decided.found.query.numpy(), decided.found.distance)
 
     def remarks(self, source: Frame, target: Frame) -> list[str]:
@@ -278,7 +275,7 @@ class DonMatcher:
             target: The image to find them in.
             uv_a_px: float32 (N, 2), in pixels of the source.
         """
-        return self._comparer.compare(source, target, uv_a_px, self.sharpness)
+        return compare(self._views, self.settings, source, target, uv_a_px, self.sharpness)
 
     @property
     def _scale(self) -> torch.Tensor:

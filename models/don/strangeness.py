@@ -15,6 +15,7 @@ from typing import Any, ClassVar, Final
 import numpy as np
 import numpy.typing as npt
 
+from pliant.models.don.described import DescribedView
 from pliant.models.don.tracing import TracedPlaces, TracedView
 from pliant.spec.arrays import FloatArray
 
@@ -65,25 +66,6 @@ def traced_statistics(
 
 
 @dataclass(frozen=True)
-class Described:
-    """What is known of one picture.
-
-    Attributes:
-        descriptors: float32 (D, h, w).
-        mask: bool (h, w), the object, or None where nobody says where it is.
-    """
-
-    descriptors: npt.NDArray[np.float32]
-    mask: npt.NDArray[np.bool_] | None
-
-    def on_object(self) -> npt.NDArray[np.float32]:
-        """Return the descriptors on the object, float32 (n, D)."""
-        everywhere = self.mask is None or not self.mask.any()
-        flat = self.descriptors.reshape(len(self.descriptors), -1).T
-        return flat if everywhere else flat[self.mask.reshape(-1)]  # type: ignore[union-attr]
-
-
-@dataclass(frozen=True)
 class Asked:
     """Some queries between two pictures.
 
@@ -93,8 +75,8 @@ class Asked:
         distance: float64 (N,), distance of the best candidate.
     """
 
-    source: Described
-    target: Described
+    source: DescribedView
+    target: DescribedView
     query: npt.NDArray[np.float32]
     distance: FloatArray
 

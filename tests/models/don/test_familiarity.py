@@ -11,11 +11,11 @@ from benchmarks.familiarity import ball_in_mask, two_ropes
 from pliant.baselines.matcher import UNFAMILIAR
 from pliant.baselines.tracing import MaskShape, Nadir, Trace
 from pliant.loaders.frame_store import FrameStore
+from pliant.models.don.described import DescribedView
 from pliant.models.don.familiarity import Familiarity, fit_familiarity
 from pliant.models.don.strangeness import (
     TRACED,
     Asked,
-    Described,
     UsualDescriptors,
     traced_statistics,
 )
@@ -33,16 +33,19 @@ RNG = np.random.default_rng(5)
 SPREAD = np.array([1.0, 3.0, 0.5, 2.0])
 
 
-def picture(share: float = 0.25, shift: float = 0.0, scale: float = 1.0) -> Described:
+def picture(share: float = 0.25, shift: float = 0.0, scale: float = 1.0) -> DescribedView:
     """Descriptors on the object are Gaussian; off it they are far away."""
     mask = np.zeros((SIDE, SIDE), np.bool_)
     mask.reshape(-1)[: int(share * SIDE**2)] = True
     values = RNG.normal(size=(SIDE, SIDE, DIM)) * SPREAD * scale + shift
     values[~mask] += 40
-    return Described(values.transpose(2, 0, 1).astype(np.float32), mask)
+    described = torch.from_numpy(values.transpose(2, 0, 1).astype(np.float32))
+    return DescribedView([described], None, mask, None)
 
 
-def asked(source: Described, target: Described, distance: float = 1.0, shift: float = 0) -> Asked:
+def asked(
+    source: DescribedView, target: DescribedView, distance: float = 1.0, shift: float = 0
+) -> Asked:
     query = (RNG.normal(size=(20, DIM)) * SPREAD + shift).astype(np.float32)
     return Asked(source, target, query, RNG.gamma(3.0, distance / 3, 20))
 
@@ -84,7 +87,7 @@ def test_an_object_of_twice_the_size_is_not_strange(fitted: Familiarity) -> None
 
 
 def test_without_masks_the_query_alone_counts(fitted: Familiarity) -> None:
-    bare = [Described(each.descriptors, None) for each in (picture(), picture())]
+    bare = [replace(each, mask=None) for each in (picture(), picture())]
     assert np.median(scores(fitted, asked(bare[0], bare[1]))) > 0.2
     assert scores(fitted, asked(bare[0], bare[1], shift=60)).max() < 0.01
 

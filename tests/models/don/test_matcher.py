@@ -56,6 +56,13 @@ def by_colour(settings: AnswerSettings | None = None, scale: float = 8.0) -> Don
     return DonMatcher(network, run_settings(settings or AnswerSettings()))
 
 
+@pytest.fixture
+def few_tried(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Calibration tries few temperatures and radii: which kinds have one of their own is tested."""
+    monkeypatch.setattr(calibration_module, "TEMPERATURES", (0.5, 1.0, 4.0))
+    monkeypatch.setattr(calibration_module, "MODE_RADII_PX", (4.0,))
+
+
 @pytest.fixture(scope="module")
 def pairs(sheet_dataset: Dataset) -> list[ValidationPair]:
     store = FrameStore(sheet_dataset, "sheet", "train", SIZE)
@@ -303,6 +310,7 @@ def test_calibration_makes_an_overconfident_matcher_honest(pairs: list[Validatio
     assert matcher.answer(pairs[0]).modes is None
 
 
+@pytest.mark.usefixtures("few_tried")
 def test_rectified_views_have_a_calibration_of_their_own(
     sheet_dataset: Dataset, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -351,6 +359,7 @@ def test_frames_of_two_datasets_have_different_names(
     assert not keys[0] & keys[1]
 
 
+@pytest.mark.usefixtures("few_tried")
 def test_views_without_masks_have_a_calibration_of_their_own(
     sheet_dataset: Dataset, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -373,6 +382,7 @@ def test_views_without_masks_have_a_calibration_of_their_own(
     assert np.median(given) < 5 < 9 <= np.median(found)
 
 
+@pytest.mark.usefixtures("few_tried")
 def test_ropes_whose_ends_look_alike_have_a_calibration_of_their_own(
     sheet_dataset: Dataset, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -399,6 +409,7 @@ def test_of_several_calibrations_that_of_found_masks_holds_first_and_a_tilts_las
     assert older.for_views(tilted=False, unmasked=True, either_way=True) is older
 
 
+@pytest.mark.usefixtures("few_tried")
 def test_pairs_of_more_doubt_have_a_calibration_of_their_own(
     pairs: list[ValidationPair], monkeypatch: pytest.MonkeyPatch
 ) -> None:
