@@ -20,10 +20,10 @@ KILLS = int(os.environ.get("PLIANT_KILLS", "3"))
 SCRIPT = Path(__file__).with_name("standin.py")
 
 
-def start(out: Path) -> subprocess.Popen[bytes]:
+def start(out: Path, workers: int = 1) -> subprocess.Popen[bytes]:
     with out.with_suffix(".err").open("wb") as errors:
         return subprocess.Popen(
-            [sys.executable, str(SCRIPT), str(out), "2"],
+            [sys.executable, str(SCRIPT), str(out), str(workers)],
             start_new_session=True,
             stderr=errors,
             preexec_fn=_heed_interrupts,
@@ -50,7 +50,7 @@ def test_killed_at_random_moments(digests, uninterrupted, tmp_path):
     moments = random.Random(KILLS)
     held = 0
     for kill in range(KILLS):
-        run = start(out)
+        run = start(out, workers=1 + kill % 2)
         # A moment is a number of new files, so that it does not depend on the machine's load.
         wanted = files(out) + moments.randint(0, 35)
         while run.poll() is None and files(out) < wanted:
@@ -81,6 +81,7 @@ def test_interrupted_in_a_terminal(number, digests, uninterrupted, tmp_path):
     assert run.wait(30) != 0
     assert "KeyboardInterrupt" in out.with_suffix(".err").read_text()
     assert 1 <= sequences(out) < 6
+    assert not list((out / "sequences" / "rope").glob(".*"))  # nothing is left half-written
     assert not (out / "dataset.json").exists()
     run = start(out)
     assert run.wait(60) == 0
