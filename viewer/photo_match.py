@@ -37,11 +37,11 @@ class PointMatch:
 
     uv_a_px: npt.NDArray[np.float32]
     uv_b_px: npt.NDArray[np.float32]
-    visible: float | None
-    sigma_px: float | None
-    modes: npt.NDArray[np.float32] | None
-    familiarity: float | None
-    heat: Heat | None
+    visible: float | None = None
+    sigma_px: float | None = None
+    modes: npt.NDArray[np.float32] | None = None
+    familiarity: float | None = None
+    heat: Heat | None = None
 
     @property
     def mixture(self) -> npt.NDArray[np.float32]:

@@ -142,24 +142,28 @@ def _answer(explorer: Explorer, request: Request) -> Response:
     if answer is None:
         return JSONResponse(None)
     true_px = answer.true_px
-    if true_px is None and (truth := explorer.truth.find(pair.at(answer.uv_a_px))) is not None:
+    if (
+        true_px is None
+        and (truth := explorer.truth.find(pair.at(answer.point.uv_a_px))) is not None
+    ):
         true_px = truth.uv_b_px
-    error = None if true_px is None else float(np.linalg.norm(answer.uv_b_px - true_px))
+    error = None if true_px is None else float(np.linalg.norm(answer.point.uv_b_px - true_px))
     return JSONResponse(_document(answer, error))
 
 
 def _document(answer: MethodAnswer, error_px: float | None) -> dict[str, Any]:
     """Return an answer as JSON values; the heat map is a PNG in base64."""
-    heat = None if answer.heat is None else base64.b64encode(heat_png(answer.heat)).decode("ascii")
+    point = answer.point
+    heat = None if point.heat is None else base64.b64encode(heat_png(point.heat)).decode("ascii")
     return {
-        "query": rounded(answer.uv_a_px),
-        "place": rounded(answer.uv_b_px),
+        "query": rounded(point.uv_a_px),
+        "place": rounded(point.uv_b_px),
         "error_px": _number(error_px),
-        "visible": _number(answer.visible),
-        "sigma_px": _number(answer.sigma_px),
+        "visible": _number(point.visible),
+        "sigma_px": _number(point.sigma_px),
         "confidence": _number(answer.confidence),
         "confidence_is": answer.confidence_is,
-        "familiarity": _number(answer.familiarity),
+        "familiarity": _number(point.familiarity),
         "material": answer.material,
         "warnings": list(answer.warnings),
         "heat": heat,

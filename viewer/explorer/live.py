@@ -79,14 +79,9 @@ class LiveMethod:
             material = self._material(source, uv_a_px)
         point = match.points[0]
         return MethodAnswer(
-            uv_a_px=uv_a_px,
-            uv_b_px=point.uv_b_px.astype(np.float64),
-            visible=point.visible,
-            sigma_px=point.sigma_px,
+            point,
             confidence=match.confidence(point),
             confidence_is=match.confidence_is(point) or "",
-            familiarity=point.familiarity,
-            heat=point.heat,
             material=material,
             warnings=match.warnings(),
             seconds=seconds,

@@ -16,6 +16,7 @@ from pliant.viewer.explorer.answers import Kind, MethodAnswer, PairErrors
 from pliant.viewer.explorer.live import LiveMethod
 from pliant.viewer.explorer.recorded import RecordedQueries
 from pliant.viewer.explorer.truth import REACH_PX
+from pliant.viewer.photo_match import PointMatch
 from pliant.viewer.recorded_answers import RecordedAnswers, read_answers
 
 
@@ -43,17 +44,17 @@ class RecordedMethod:
         if found is None or found[0].split != self._split:
             return None
         queries, row = found
-        uv_b = self._answers.uv_px[row].astype(np.float64)
+        uv_b = self._answers.uv_px[row]
         if not np.isfinite(uv_b).all():
             return None
         visible, sigma = self._answers.visible, self._answers.sigma_px
-        return MethodAnswer(
-            uv_a_px=queries.uv_a_px[row],
-            uv_b_px=uv_b,
-            true_px=None if queries.uv_b_px is None else queries.uv_b_px[row],
+        point = PointMatch(
+            queries.uv_a_px[row].astype(np.float32),
+            uv_b,
             visible=None if visible is None else float(visible[row]),
             sigma_px=None if sigma is None else float(sigma[row]),
         )
+        return MethodAnswer(point, None if queries.uv_b_px is None else queries.uv_b_px[row])
 
     def answers(self, pair: RecordedPair) -> FloatArray | None:
         """Return the answers to the pair's own queries, float64 (N, 2), NaN where missing."""

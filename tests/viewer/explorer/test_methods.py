@@ -34,9 +34,9 @@ def test_a_recorded_answer_is_that_of_the_nearest_query(explorer: Explorer) -> N
     truth = explorer.dataset.truth("test")
     found = explorer.methods[1].answer(pair.at(pair.uv_a_px[4] + [0.02, -0.02]))
     assert found is not None
-    np.testing.assert_allclose(found.uv_a_px, pair.uv_a_px[4], atol=1e-5)
+    np.testing.assert_allclose(found.point.uv_a_px, pair.uv_a_px[4], atol=1e-5)
     expected = [truth["u_b"][4].as_py() + 5, truth["v_b"][4].as_py()]
-    np.testing.assert_allclose(found.uv_b_px, expected, atol=1e-3)
+    np.testing.assert_allclose(found.point.uv_b_px, expected, atol=1e-3)
     assert explorer.methods[1].answer(pair.at([-90.0, 0.0])) is None
 
 
@@ -120,8 +120,8 @@ def test_the_shipped_network_shows_all_it_has(tiny_dataset: Path) -> None:
     pair = pair_of(explorer, "rope")
     answer = explorer.methods[0].answer(pair)
     assert answer is not None
-    assert answer.heat is not None
-    assert answer.heat.values.shape == (120, 160)
+    assert answer.point.heat is not None
+    assert answer.point.heat.values.shape == (120, 160)
     assert answer.material is not None
     assert list(answer.material) == ["s", "theta"]
     assert 0 <= answer.material["s"] <= 1
