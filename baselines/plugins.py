@@ -15,8 +15,7 @@ from types import ModuleType
 from typing import Any, Final
 
 from pliant.baselines.adapters import as_matcher
-from pliant.baselines.adapters.complete import has_ability
-from pliant.baselines.adapters.functions import check_takes_queries, required_parameters
+from pliant.baselines.adapters.complete import check_takes_queries, has_ability, required_parameters
 from pliant.baselines.matcher import Matcher, SplitMatcher
 from pliant.spec.errors import CallError, PliantError
 

@@ -1,9 +1,8 @@
 """Matchers made of what users have: functions, flow, warps, descriptors, matches, trackers."""
 
-from pliant.baselines.adapters.complete import as_matcher
+from pliant.baselines.adapters.complete import MatchFunction, as_matcher, from_function
 from pliant.baselines.adapters.dense import from_flow, from_warp
 from pliant.baselines.adapters.descriptors import from_descriptors
-from pliant.baselines.adapters.functions import MatchFunction, from_function
 from pliant.baselines.adapters.images import Images
 from pliant.baselines.adapters.sparse import from_sparse
 from pliant.baselines.adapters.trackers import from_tracker

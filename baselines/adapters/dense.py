@@ -8,9 +8,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from pliant.baselines.adapters.functions import function_name
-from pliant.baselines.adapters.grids import as_grid, cell_centres, sample
-from pliant.baselines.adapters.images import Images
+from pliant.baselines.adapters.images import Images, as_grid, cell_centres, function_name, sample
 from pliant.spec.answers import Answers
 from pliant.spec.arrays import FloatArray
 from pliant.spec.frame import Frame, Pair

@@ -11,9 +11,7 @@ import numpy.typing as npt
 from scipy.special import softmax
 
 from pliant.baselines.adapters.density import DensityCalibration, fit, mixture
-from pliant.baselines.adapters.functions import function_name
-from pliant.baselines.adapters.grids import as_grid, sample
-from pliant.baselines.adapters.images import Images
+from pliant.baselines.adapters.images import Images, as_grid, function_name, sample
 from pliant.baselines.matcher import Heat
 from pliant.baselines.pixels import central_position, searched_mask
 from pliant.spec.answers import Answers

@@ -4,17 +4,25 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Mapping
-from typing import Any, get_args
+from typing import Any, Final, Literal, get_args
 
 import numpy as np
 
-from pliant.baselines.adapters.functions import function_name
-from pliant.baselines.adapters.images import Images, to_array
-from pliant.baselines.adapters.interpolation import Interpolation, interpolate
+from pliant.baselines.adapters.images import Images, function_name, to_array
 from pliant.baselines.pixels import central_position
 from pliant.spec.answers import Answers, Matches
+from pliant.spec.arrays import FloatArray
 from pliant.spec.errors import CallError, SubmissionError
 from pliant.spec.frame import Frame, Pair
+
+Interpolation = Literal["nearest", "affine"]
+
+_RIDGE: Final = 1e-3
+"""Weight that pulls the local map towards a pure shift, where the matches leave it open (a line
+of matches along a rope says nothing across it)."""
+
+_REWEIGHTINGS: Final = 3
+_SCALE_FLOOR_PX: Final = 0.5
 
 
 class SparseMatcher:
@@ -151,3 +159,63 @@ def as_matches(found: Any, method: str) -> Matches:
         )
     score = parts[2] if len(parts) == 3 else np.ones(count)
     return Matches(*(part.astype(np.float32) for part in (parts[0], parts[1], score)))
+
+
+def interpolate(
+    uv_a_px: FloatArray,
+    uv_b_px: FloatArray,
+    queries_px: FloatArray,
+    method: Interpolation,
+    neighbours: int,
+) -> FloatArray:
+    """Return where queries are, given matches.
+
+    Args:
+        uv_a_px: float64 (M, 2), M >= 1, matches in the source.
+        uv_b_px: float64 (M, 2), the same in the target.
+        queries_px: float64 (N, 2), in the source.
+        method: `nearest` moves a query as its nearest match; `affine` fits a robust affine map to
+            the nearest matches.
+        neighbours: Matches that `affine` fits.
+
+    Returns:
+        float64 (N, 2), in the target.
+    """
+    from scipy.spatial import cKDTree
+
+    uv_a_px, first = np.unique(uv_a_px, axis=0, return_index=True)
+    moved = uv_b_px[first] - uv_a_px
+    count = 1 if method == "nearest" else min(neighbours, len(uv_a_px))
+    if count < 2:
+        nearest = cKDTree(uv_a_px).query(queries_px)[1]
+        return queries_px + moved[nearest]
+    distance, index = cKDTree(uv_a_px).query(queries_px, k=count)  # (N, k)
+    return queries_px + _affine(uv_a_px[index] - queries_px[:, None], moved[index], distance)
+
+
+def _affine(offset: FloatArray, moved: FloatArray, distance: FloatArray) -> FloatArray:
+    """Return the displacement at the origin of local affine fits, by Cauchy reweighting.
+
+    Args:
+        offset: float64 (N, k, 2), matches relative to the query.
+        moved: float64 (N, k, 2), their displacements.
+        distance: float64 (N, k), lengths of `offset`.
+
+    Returns:
+        float64 (N, 2).
+    """
+    reach = np.maximum(distance[:, -1:], 1e-6)  # (N, 1)
+    near = np.exp(-0.5 * (2 * distance / reach) ** 2)
+    terms = np.concatenate([np.ones_like(offset[..., :1]), offset / reach[..., None]], axis=2)
+    ridge = np.diag([0.0, _RIDGE, _RIDGE])
+    weight, solved = near, np.zeros((len(offset), 3, 2))
+    for _ in range(_REWEIGHTINGS):
+        weighted = terms * weight[..., None]  # (N, k, 3)
+        matrix = weighted.transpose(0, 2, 1) @ terms
+        matrix += ridge * weight.sum(axis=1)[:, None, None]
+        solved = np.linalg.solve(matrix, weighted.transpose(0, 2, 1) @ moved)
+        residual = np.linalg.norm(moved - terms @ solved, axis=2)
+        scale = np.maximum(1.5 * np.median(residual, axis=1, keepdims=True), _SCALE_FLOOR_PX)
+        weight = near / (1 + (residual / scale) ** 2)
+    shift: FloatArray = solved[:, 0]
+    return shift

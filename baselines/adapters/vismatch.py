@@ -11,8 +11,7 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import Any, Final
 
 from pliant.baselines.adapters.images import Images
-from pliant.baselines.adapters.interpolation import Interpolation
-from pliant.baselines.adapters.sparse import SparseMatcher, on_images
+from pliant.baselines.adapters.sparse import Interpolation, SparseMatcher, on_images
 from pliant.baselines.pixels import lies_on, searched_mask
 from pliant.spec.answers import Matches
 from pliant.spec.errors import CallError, MissingExtraError
