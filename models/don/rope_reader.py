@@ -1,4 +1,4 @@
-"""Ropes as a network and the tracer read them together: masks, the view from above, traces."""
+"""Pictures as they are answered in, and ropes as a network and the tracer read them together."""
 
 from __future__ import annotations
 
