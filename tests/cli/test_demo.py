@@ -70,7 +70,7 @@ def test_oracle_is_perfect_and_the_others_are_plausible(made: Path) -> None:
 
 def test_page_shows_table_frames_and_matches(made: Path) -> None:
     page = (made / "report" / "index.html").read_text()
-    shown = ("SIFT", "SURF", "ORB", "mahotas", "cloth-3", "best matches", "don-rope", "don-cloth")
+    shown = ("SIFT", "SURF", "ORB", "mahotas", "Cloth 3", "best matches", "don-rope", "don-cloth")
     for words in shown:
         assert words in page
     assert page.count("data:image/png") >= 3
