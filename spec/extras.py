@@ -12,7 +12,7 @@ EXTRAS: Final[dict[str, tuple[str, ...]]] = {
     "generate": ("bpy", "numba", "psutil", "platformdirs"),
     "classical": ("cv2", "mahotas"),
     "train": ("torch", "safetensors", "tensorboard"),
-    "explore": ("starlette", "uvicorn"),
+    "explore": ("starlette", "uvicorn", "matplotlib"),
     "service": (
         *("fastapi", "python_multipart", "sqlalchemy", "alembic", "psycopg", "cryptography"),
         "prometheus_client",

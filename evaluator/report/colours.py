@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import functools
+import json
+from importlib import resources
 from typing import Any
 
 import numpy as np
@@ -34,9 +37,7 @@ def material_colours(
     first, second = tier.queried.material
     a = np.clip((m0 - first.min) / (first.max - first.min), 0.0, 1.0)
     if tier.kind == "rope":
-        from matplotlib import colormaps
-
-        colours: npt.NDArray[np.float64] = colormaps["turbo"](0.04 + 0.92 * a)[:, :3]
+        colours = _mapped("turbo", 0.04 + 0.92 * a)
         return colours * (0.84 + 0.16 * np.cos(np.asarray(m1, np.float64)))[:, None]
     b = np.clip((m1 - second.min) / (second.max - second.min), 0.0, 1.0)
     a, b = a[:, None], b[:, None]
@@ -57,8 +58,6 @@ def index_image(surface: Surface, tier: Tier) -> Rgb:
 
 def depth_image(surface: Surface) -> Rgb:
     """Return the depth of a frame: near is bright; its own range is spread out."""
-    from matplotlib import colormaps
-
     out = np.full((*surface.depth_m.shape, 3), 18, np.uint8)
     on = np.isfinite(surface.depth_m)
     if not on.any():
@@ -66,5 +65,21 @@ def depth_image(surface: Surface) -> Rgb:
     depth = surface.depth_m[on].astype(np.float64)
     low, high = depth.min(), depth.max()
     near = (high - depth) / max(high - low, 1e-9)
-    out[on] = np.rint(255 * colormaps["magma"](0.15 + 0.8 * near)[:, :3]).astype(np.uint8)
+    out[on] = np.rint(255 * _mapped("magma", 0.15 + 0.8 * near)).astype(np.uint8)
     return out
+
+
+def _mapped(name: str, values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Return the colours of values from 0 to 1, float64 (N, 3), by a map of `colour_maps.json`.
+
+    The maps are those of matplotlib: magma by N. Smith and S. van der Walt (CC0), turbo by
+    A. Mikhailov (Apache-2.0).
+    """
+    table = _colour_maps()[name]
+    return table[np.clip((values * len(table)).astype(np.int64), 0, len(table) - 1)]
+
+
+@functools.cache
+def _colour_maps() -> dict[str, npt.NDArray[np.float64]]:
+    path = resources.files("pliant.evaluator.report") / "colour_maps.json"
+    return {name: np.array(colours) for name, colours in json.loads(path.read_bytes()).items()}
