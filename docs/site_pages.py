@@ -56,6 +56,7 @@ API: Final = {
         "pliant.spec.frame",
     ),
     "Methods": ("pliant.baselines.matcher", "pliant.baselines.views", "pliant.baselines.answers"),
+    "Scenes": ("pliant.scene", "pliant.scene.bodies", "pliant.scene.film"),
     "Scores": ("pliant.evaluator.scores.Scores",),
     "Training data": ("pliant.loaders.pairs", "pliant.loaders.clips"),
 }
