@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from importlib.util import find_spec
 from pathlib import Path
 
 from pliant.baselines.matcher import Matcher, SplitMatcher
@@ -11,6 +10,7 @@ from pliant.evaluator.scores import SCORES_JSON
 from pliant.models.shipped import shipped_names
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
+from pliant.spec.extras import EXTRAS, is_installed
 from pliant.viewer.explorer.app import Explorer
 from pliant.viewer.explorer.frames import FrameStore
 from pliant.viewer.explorer.live import LiveMethod
@@ -26,7 +26,7 @@ def open_explorer(dataset: Dataset, answers: Sequence[str], open_method: OpenMet
     Args:
         dataset: The dataset.
         answers: Report folders, submissions and names of methods; none takes the shipped models
-            for the dataset's objects, if torch is installed.
+            for the dataset's objects, and SIFT next to them, where their extras are installed.
         open_method: Opens a method by its name.
 
     Raises:
@@ -54,8 +54,8 @@ def open_explorer(dataset: Dataset, answers: Sequence[str], open_method: OpenMet
 
 
 def _default_methods(dataset: Dataset) -> list[str]:
-    """Return the shipped models whose name says that they are for the dataset's objects."""
-    if not all(find_spec(name) for name in ("torch", "safetensors")):
-        return []
+    """Return the shipped models that are for the dataset's objects by their names, then SIFT."""
     kinds = {tier.kind for tier in dataset.tiers.values()}
-    return [name for name in shipped_names() if any(name.endswith(f"-{kind}") for kind in kinds)]
+    learned = [name for name in shipped_names() if any(name.endswith(f"-{kind}") for kind in kinds)]
+    usable = all(map(is_installed, EXTRAS["train"]))
+    return [*(learned if usable else ()), *(["sift"] if is_installed("cv2") else ())]

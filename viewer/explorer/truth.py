@@ -38,6 +38,8 @@ class Truth:
         material: Names and values of its material coordinates; empty where they are not known.
         xyz_a_m, xyz_b_m: float64 (3,), its world position in both frames, or None.
         origin: How it is known: `surface`, `points` or `query`.
+        partners_px: float64 (S, 2), where the target shows the places that look the same by the
+            tier's symmetries, or None where they are not known.
     """
 
     uv_a_px: FloatArray
@@ -47,6 +49,7 @@ class Truth:
     xyz_a_m: FloatArray | None
     xyz_b_m: FloatArray | None
     origin: str
+    partners_px: FloatArray | None = None
 
     def as_document(self) -> dict[str, Any]:
         """Return the truth as JSON values."""
@@ -58,6 +61,7 @@ class Truth:
             "xyz_a": rounded(self.xyz_a_m, 5),
             "xyz_b": rounded(self.xyz_b_m, 5),
             "origin": self.origin,
+            "partners": [] if self.partners_px is None else self.partners_px.round(2).tolist(),
         }
 
 
@@ -98,6 +102,8 @@ class TruthFinder:
         xyz_b, place = self._placed(pair.target, m)
         visible = bool(found[0])
         names = [each.name for each in queried.material]
+        symmetries = pair.source.sequence.described.symmetries
+        partners, seen = search.find(np.array([each.apply(m) for each in symmetries]).reshape(-1, 2))
         return Truth(
             uv_a_px=np.array([column + 0.5, row + 0.5]),
             uv_b_px=uv_b[0] if visible else place,
@@ -106,6 +112,7 @@ class TruthFinder:
             xyz_a_m=self._placed(pair.source, m)[0],
             xyz_b_m=xyz_b,
             origin="surface" if visible else "points",
+            partners_px=partners[seen],
         )
 
     def places(self, pair: RecordedPair) -> FloatArray:

@@ -23,6 +23,7 @@ async function main() {
   browse.start(data); pictures.start(data); readout.start(data);
   wire();
   tab();
+  await fill();
   document.body.dataset.ready = "yes";
 }
 
@@ -34,6 +35,14 @@ function first() {
   }
   const [name, , , , frames] = data.sequences[0];
   return { a: `${name}/0`, b: `${name}/${Math.min(1, frames - 1)}` };
+}
+
+/** Where the address names no point: that of a query in the middle of the pair's list. */
+async function fill() {
+  const { a, b } = state;
+  if (state.u !== null) return;
+  const queries = await get("queries", { a, b }).catch(() => []);
+  if (queries.length && state.u === null && state.a === a) pictures.move(...queries[queries.length >> 1]);
 }
 
 /** What the address names, without what the dataset does not have. */

@@ -179,6 +179,7 @@ function drawTarget(pen, at) {
     if (truth && data.methods[k].kind === "live") stroke(pen, colour(k), () => { pen.moveTo(...at(truth)); pen.lineTo(x, y); }, [4, 4]);
     stroke(pen, colour(k), () => { pen.moveTo(x, y - 8); pen.lineTo(x + 8, y); pen.lineTo(x, y + 8); pen.lineTo(x - 8, y); pen.closePath(); });
   });
+  for (const place of found.truth?.partners ?? []) ring(pen, at(place), 8, TRUTH, [1.5, 4]);
   if (truth) ring(pen, at(truth), 11, TRUTH, found.truth.visibility === "visible" ? [] : [4, 3]);
 }
 

@@ -20,7 +20,7 @@ export function start(catalogue) {
   });
   askMethod = data.methods.map((_, k) => new Latest(async where => {
     const got = await get("answer", { ...where, method: k }).catch(error => ({ failed: error.message }));
-    if (same(where)) { answers[k] = got; write(header); }
+    if (same(where)) { answers[k] = got; rows[k].row.classList.remove("busy"); write(header); }
   }));
   onChange(changed => {
     if (changed.has("a") || changed.has("b")) warm();
@@ -58,6 +58,7 @@ function ask() {
     document.dispatchEvent(new Event("answered"));
     return;
   }
+  rows.forEach((row, k) => row.row.classList.toggle("busy", data.methods[k].kind === "live"));
   askTruth.ask(asked());
   data.methods.forEach((method, k) => { askMethod[k].ask(asked()); });
 }
