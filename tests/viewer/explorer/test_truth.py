@@ -95,3 +95,20 @@ def test_without_surfaces_the_nearest_query_counts(tiny_dataset: Path, tmp_path:
         np.testing.assert_allclose(found.uv_b_px, [u[k], v[k]], atol=1e-5)
     assert truth.find(pair.at([-100.0, -100.0])) is None
     assert truth.find(pair_of(pair.target, pair.source).at(pair.uv_a_px[0])) is None
+
+
+def test_the_places_that_look_the_same(explorer: Explorer) -> None:
+    """Of a tracked point of a blank cloth: where its seven partners of the table are seen."""
+    frame = explorer.dataset.frames("test", "cloth-1")[0]
+    points, table = frame.sequence.points(), frame.correspondences
+    uv = np.stack([table["u_px"].to_numpy(), table["v_px"].to_numpy()], axis=1)
+    seen = np.array([state == "visible" for state in table["visibility"].to_pylist()])
+    checked = 0
+    for row in np.flatnonzero(seen)[::7]:
+        found = explorer.truth.find(pair_of(frame, frame).at(uv[row]))
+        if found is None or found.partners_px is None:
+            continue
+        partners = [each for each in points["partners"][int(row)].as_py() if seen[each]]
+        for place in uv[partners]:  # the truth is that of the pixel's centre, up to 0.7 px away
+            checked += np.linalg.norm(found.partners_px - place, axis=1).min(initial=np.inf) < 1.5
+    assert checked > 100
