@@ -103,7 +103,8 @@ class TruthFinder:
         visible = bool(found[0])
         names = [each.name for each in queried.material]
         symmetries = pair.source.sequence.described.symmetries
-        partners, seen = search.find(np.array([each.apply(m) for each in symmetries]).reshape(-1, 2))
+        images = np.array([each.apply(m) for each in symmetries]).reshape(-1, 2)
+        partners, seen = search.find(images)
         return Truth(
             uv_a_px=np.array([column + 0.5, row + 0.5]),
             uv_b_px=uv_b[0] if visible else place,
