@@ -83,6 +83,12 @@ class ModelRecipe(Settings):
     settings: Mapping[str, Any]
     stages: Mapping[str, Stage]
 
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if not self.stages:
+            raise Refused("at least one stage", "stages")
+        return self
+
 
 def read_recipe(
     path: Path, overrides: Sequence[str] = (), sequences: int | None = None
@@ -98,22 +104,35 @@ def read_recipe(
         CallError: It cannot be read, or something in it is unknown or impossible.
     """
     values = read_mapping(path)
-    common = values.pop("common", {})
-    for name, own in values["sets"].items():
-        labels = {"id": f"{values['name']}-{name}", "title": f"{values['name']}: {name}"}
+    common = values.pop("common", None) or {}
+    for name, own in _mappings(values, "sets"):
+        labels = {"id": f"{values.get('name')}-{name}", "title": f"{values.get('name')}: {name}"}
         made: dict[str, Any] = merged({**labels, **common}, own)
-        if sequences is not None:
-            made["splits"] = {key: min(sequences, count) for key, count in made["splits"].items()}
+        splits = made.get("splits")
+        if sequences is not None and isinstance(splits, dict):
+            made["splits"] = {split: min(sequences, count) for split, count in splits.items()}
         values["sets"][name] = made
-    for stage in values["stages"].values():
-        stage["settings"] = with_overrides(stage.get("settings", {}), overrides)
+    for _, stage in _mappings(values, "stages"):
+        stage["settings"] = with_overrides(stage.get("settings") or {}, overrides)
     recipe = settings_from(ModelRecipe, values, path=path)
+    for name, config in recipe.sets.items():
+        tiers = config.get("tiers")
+        if not isinstance(tiers, list) or len(tiers) != 1:
+            where = f"sets.{name}.tiers"
+            raise CallError("a set has one tier", path=path, where=where, found=tiers)
     earlier: set[str] = set()
     for name, each in recipe.stages.items():
         _check_known({each.start, *each.mean_of} - {""}, earlier, path, f"stages.{name}")
         _check_known(set(each.sets), set(recipe.sets), path, f"stages.{name}.sets")
         earlier.add(name)
     return recipe
+
+
+def _mappings(values: Mapping[str, Any], section: str) -> list[tuple[str, dict[str, Any]]]:
+    """Return the mappings of a section; anything else is refused by the settings."""
+    found = values.get(section)
+    entries = found.items() if isinstance(found, dict) else ()
+    return [(key, each) for key, each in entries if isinstance(each, dict)]
 
 
 def _check_known(named: set[str], known: set[str], path: Path, where: str) -> None:

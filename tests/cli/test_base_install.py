@@ -25,6 +25,7 @@ CALLS = {
     "predict identity --data sample --out OUT/e.parquet": "",
     "train don --data sample --out OUT/f": "train",
     "train timecycle --data sample --out OUT/f": "train",
+    "train model don-rope --out OUT/r": "train",
     "train export OUT --name a --data sample --out OUT/g": "train",
     "benchmark benchmarks/suite/demo.yaml --out OUT/h": "all",
     "explore sample --no-browser": "explore",

@@ -74,12 +74,14 @@ def test_mean_of_weights() -> None:
         ("stages: {a: {sets: [y]}}", "stages.a.sets: unknown name.*one of x"),
         ("stages: {a: {sets: [x], mean_of: [b]}}", "two stages"),
         ("stages: {a: {sets: [x], begin: b}}", "unknown setting"),
+        ("stages: {}", "at least one stage"),
+        ("stages: [a]", "stages"),
+        ("sets: {z: {}}\nstages: {a: {sets: [z]}}", "sets.z.tiers: a set has"),
     ],
 )
 def test_wrong_recipe_is_one_sentence(text: str, message: str, tmp_path: Path) -> None:
     path = tmp_path / "recipe.yaml"
-    path.write_text(
-        f"name: m\nsets: {{x: {{tiers: [rope], splits: {{train: 2}}}}}}\nsettings: {{}}\n{text}\n"
-    )
+    sets = "" if text.startswith("sets:") else "sets: {x: {tiers: [rope], splits: {train: 2}}}\n"
+    path.write_text(f"name: m\nsettings: {{}}\n{sets}{text}\n")
     with pytest.raises(CallError, match=message):
         read_recipe(path)
