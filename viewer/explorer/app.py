@@ -141,13 +141,10 @@ def _answer(explorer: Explorer, request: Request) -> Response:
     answer = method.answer(pair)
     if answer is None:
         return JSONResponse(None)
-    true_px = answer.true_px
-    if (
-        true_px is None
-        and (truth := explorer.truth.find(pair.at(answer.point.uv_a_px))) is not None
-    ):
+    true_px, point = answer.true_px, answer.point
+    if true_px is None and (truth := explorer.truth.find(pair.at(point.uv_a_px))) is not None:
         true_px = truth.uv_b_px
-    error = None if true_px is None else float(np.linalg.norm(answer.point.uv_b_px - true_px))
+    error = None if true_px is None else float(np.linalg.norm(point.uv_b_px - true_px))
     return JSONResponse(_document(answer, error))
 
 
