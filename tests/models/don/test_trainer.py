@@ -155,6 +155,8 @@ def test_a_run_is_a_folder_that_answers(sheet_dataset: Dataset, tmp_path: Path) 
         "crossings": False,
         "margin_px": 0,
         "distribution": "modes",
+        "fill": [0.54, 0.74],
+        "blank_square": "no",
     }
     json.dumps(described)
     assert facts["validation"]["rmse_px"] > 0
