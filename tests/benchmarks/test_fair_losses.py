@@ -2,30 +2,20 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
-import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
+from tests.benchmarks.conftest import script
 
 
 @pytest.fixture(scope="module")
-def fair() -> Any:
-    """`benchmarks/fair_losses.py`, without leaving its folder on the path."""
-    for name in ("record", "fair_losses"):
-        spec = importlib.util.spec_from_file_location(name, BENCHMARKS / f"{name}.py")
-        assert spec is not None
-        assert spec.loader is not None
-        module = importlib.util.module_from_spec(spec)
-        sys.modules[name] = module
-        spec.loader.exec_module(module)
-    yield sys.modules["fair_losses"]
-    for name in ("record", "fair_losses"):
-        del sys.modules[name]
+def fair() -> Iterator[Any]:
+    with script("fair_losses") as module:
+        yield module
 
 
 def test_arms_differ_in_nothing_but_their_loss_and_trials(fair: Any) -> None:

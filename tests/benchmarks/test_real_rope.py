@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,24 +12,15 @@ from PIL import Image, ImageDraw
 
 from pliant.spec.answers import Answers
 from pliant.spec.frame import Pair
+from tests.benchmarks.conftest import script
 
 cv2 = pytest.importorskip("cv2")
-BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 
 
 @pytest.fixture(scope="module")
-def benchmark_module() -> Any:
-    """`benchmarks/real_rope.py`, without leaving its folder on the path."""
-    for name in ("record", "real_rope"):
-        spec = importlib.util.spec_from_file_location(name, BENCHMARKS / f"{name}.py")
-        assert spec is not None
-        assert spec.loader is not None
-        module = importlib.util.module_from_spec(spec)
-        sys.modules[name] = module
-        spec.loader.exec_module(module)
-    yield sys.modules["real_rope"]
-    for name in ("record", "real_rope"):
-        del sys.modules[name]
+def benchmark_module() -> Iterator[Any]:
+    with script("real_rope") as module:
+        yield module
 
 
 def drawn(path: Path, *, upright: bool = False, background: int = 0) -> Path:
