@@ -15,6 +15,7 @@ from pliant.generator.objects.rope.body import RopeBody, upward_normal
 from pliant.generator.objects.rope.contact import STATIC_RULE, nearest_stretches
 from pliant.generator.objects.rope.curve import (
     arc_length,
+    first_direction,
     resample,
     smooth_curve,
     tightest_bend,
@@ -44,7 +45,7 @@ class Rope:
 
     Args:
         curve: (N, 2) or (N, 3), points of its centre line in metres, joined smoothly; without a
-            height it lies on the table. Its length is the rope's.
+            height it lies on the table. The rope is as long as this curve.
         radius_m: Radius.
         ball: Whether a ball is at its first point; without one, both ends look alike.
         settings: More fields of the setting `rope`, such as `{"strands": 3, "turns": 12}`.
@@ -127,9 +128,9 @@ class Rope:
         return self._body.pose(self._line, self._normal, self._state.ball, {})
 
     def _advance(self, held: int = -1, target: FloatArray | None = None) -> None:
-        tangent = _direction(self._state.chain)
+        tangent = first_direction(self._state.chain)
         self._state.advance(held, target)
-        self._normal = turned(self._normal, tangent, _direction(self._state.chain))
+        self._normal = turned(self._normal, tangent, first_direction(self._state.chain))
         smooth = smooth_curve(self._state.chain, self.settings.radius_m)
         self._line = resample(smooth, self.settings.rows)
 
@@ -263,8 +264,3 @@ def _smooth(curve: npt.ArrayLike, radius_m: float) -> FloatArray:
     at = np.concatenate([[0.0], np.cumsum(steps)])
     dense = np.linspace(0.0, at[-1], max(401, 20 * len(points)))
     return np.asarray(CubicSpline(at, points, bc_type="natural")(dense))
-
-
-def _direction(chain: FloatArray) -> FloatArray:
-    step = chain[1] - chain[0]
-    return np.asarray(step / np.sqrt((step**2).sum()))

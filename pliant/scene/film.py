@@ -118,12 +118,26 @@ class Film:
         episode: bool = True,
     ) -> None:
         self.body, self.style, self.split, self.episode = body, style, split, episode
+        self.shots: list[Shot] = []
+        self.scene_object = SceneObject(
+            tier=body.tier,
+            kind=body.kind,
+            shape=None,
+            temporal=episode,
+            frames=1,  # known when the film is written
+            parts=body.parts,
+            points=body.points,
+            pose=lambda frame: self.shots[frame].pose,
+            size_m=body.size_m,
+            thickness_m=body.thickness_m,
+            info={body.kind: settings_to_dict(body.settings)},
+            variant=body.variant,
+        )
         rng = np.random.default_rng(seed)
         self.view = view or sample_camera(
-            rng, self._object(body.pose()), CameraSettings(), size, (body.pose(),)
+            rng, self.scene_object, CameraSettings(), size, (body.pose(),)
         )
-        self.look = look or sample_appearance(rng, self._object(), AppearanceSettings())
-        self.shots: list[Shot] = []
+        self.look = look or sample_appearance(rng, self.scene_object, AppearanceSettings())
         self._renderer = open_renderer(style, self.view.size)
         self._seen_by: Camera | None = None
 
@@ -139,10 +153,9 @@ class Film:
                 "the pictures of a film have one size", found=view.size, required=self.view.size
             )
         pose = self.body.pose()
-        scene_object = self._object(pose)
-        truth = frame_truth(scene_object, pose, view)
+        truth = frame_truth(self.scene_object, pose, view)
         if view is not self._seen_by:
-            self._renderer.begin(scene_object, self.look, view)
+            self._renderer.begin(self.scene_object, self.look, view)
             self._seen_by = view
         self.shots.append(Shot(self._renderer.render(pose, truth), view, pose, truth))
         return self.shots[-1]
@@ -150,23 +163,6 @@ class Film:
     def write(self, out: Path | str, **about: Any) -> Path:
         """Write the film as a dataset of one sequence, as `write` does."""
         return write([self], out, **about)
-
-    def _object(self, pose: Pose | None = None) -> SceneObject:
-        body = self.body
-        return SceneObject(
-            tier=body.tier,
-            kind=body.kind,
-            shape=None,
-            temporal=self.episode,
-            frames=max(1, len(self.shots)) if hasattr(self, "shots") else 1,
-            parts=body.parts,
-            points=body.points,
-            pose=lambda frame: pose or self.shots[frame].pose,
-            size_m=body.size_m,
-            thickness_m=body.thickness_m,
-            info={body.kind: settings_to_dict(body.settings)},
-            variant=body.variant,
-        )
 
 
 def write(films: Sequence[Film], out: Path | str, *, id: str = "own-scenes", **about: Any) -> Path:
@@ -225,7 +221,7 @@ def write(films: Sequence[Film], out: Path | str, *, id: str = "own-scenes", **a
 
 
 def _write_sequence(film: Film, config: GenerateConfig, task: SequenceTask, out: Path) -> None:
-    scene_object = film._object()
+    scene_object = film.scene_object
     queried = describe_tier(config, task.tier).queried_object
     facts = [frame_facts(scene_object, shot.pose, shot.truth, queried) for shot in film.shots]
     info = {

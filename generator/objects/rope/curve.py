@@ -254,3 +254,9 @@ def smooth_curve(points: FloatArray, floor_m: float, per_segment: int = 24) -> F
     out = np.empty(((len(points) - 1) * per_segment + 1, 3))
     _through(np.ascontiguousarray(points), floor_m, per_segment, out)
     return out
+
+
+def first_direction(chain: FloatArray) -> FloatArray:
+    """Return the unit direction of the first stretch of points (n, 3): float64 (3,)."""
+    step = chain[1] - chain[0]
+    return np.asarray(step / np.sqrt((step**2).sum()))

@@ -9,7 +9,12 @@ import numpy as np
 
 from pliant.generator.objects.rope.actions import Action, next_action, outside_by
 from pliant.generator.objects.rope.body import RopeBody, upward_normal
-from pliant.generator.objects.rope.curve import resample, smooth_curve, turned
+from pliant.generator.objects.rope.curve import (
+    first_direction,
+    resample,
+    smooth_curve,
+    turned,
+)
 from pliant.generator.objects.rope.dynamics import RopeState
 from pliant.generator.objects.rope.static import sample_configuration
 from pliant.generator.scene.scene_object import Pose
@@ -98,7 +103,7 @@ class Episode:
             state.advance(action.held, target)
             self.info |= {"hand_m": target.tolist(), "d_action": (target - hand).tolist()}
         # The surface turns with the rope's first stretch, by no more than that does.
-        tangent = _direction(state.chain)
+        tangent = first_direction(state.chain)
         self._normal = turned(self._normal, self._tangent, tangent)
         self._tangent = tangent
         self.frame += 1
@@ -114,7 +119,7 @@ class Episode:
         for _ in range(_SETTLE_FRAMES):
             self.state.advance()
         self._normal = upward_normal(self.state.chain, roll)
-        self._tangent = _direction(self.state.chain)
+        self._tangent = first_direction(self.state.chain)
         self._action = None
         self._actions = 0
         self.frame = 0
@@ -129,9 +134,3 @@ class Episode:
             "hand_m": None,
             "d_action": [0.0, 0.0, 0.0],
         }
-
-
-def _direction(chain: FloatArray) -> FloatArray:
-    """Return the unit direction of the first stretch: float64 (3,)."""
-    step = chain[1] - chain[0]
-    return np.asarray(step / np.sqrt((step**2).sum()))
