@@ -8,16 +8,18 @@ needs no rendering. Where a coordinate is periodic, the points are repeated one 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
+import pyarrow as pa
 
 from pliant.spec.arrays import FloatArray
+from pliant.spec.conventions import VISIBILITY_STATES
+from pliant.spec.errors import SpecError
+from pliant.spec.io.parquet_columns import codes
 from pliant.spec.model import MaterialObject
 from pliant.spec.sequence import RecordedFrame, SequenceRecord
-
-VISIBILITY = ("visible", "self_occluded", "occluded", "out_of_frame")
-"""States in the order of their numbers."""
 
 
 @dataclass(frozen=True)
@@ -28,17 +30,15 @@ class PosedMesh:
         queried: The object that the points are on.
         rows: int64 (N,), the points' rows in the tables of the sequence.
         material: float64 (N, 2), their material coordinates.
-        faces: int32 (F, 3), numbers of points; empty where there are too few points.
     """
 
     queried: MaterialObject
     rows: npt.NDArray[np.int64]
     material: FloatArray
-    faces: npt.NDArray[np.int32]
 
     @classmethod
     def of(cls, sequence: SequenceRecord) -> PosedMesh:
-        """Read the points of a sequence and triangulate them.
+        """Read the points of a sequence.
 
         Raises:
             SpecError: The table of points is missing or damaged.
@@ -50,7 +50,12 @@ class PosedMesh:
         rows = np.flatnonzero(of_object & on_surface)
         columns = [table[name].to_numpy()[rows] for name in ("m0", "m1")]
         material = np.stack(columns, axis=1).astype(np.float64)
-        return cls(queried, rows, material, triangulate(queried, material))
+        return cls(queried, rows, material)
+
+    @cached_property
+    def faces(self) -> npt.NDArray[np.int32]:
+        """Numbers of points, int32 (F, 3); empty where there are too few points."""
+        return triangulate(self.queried, self.material)
 
     def barycentric(self, material: FloatArray) -> tuple[npt.NDArray[np.int64], FloatArray]:
         """Return which points surround a material point, and their weights.
@@ -85,7 +90,7 @@ class PosedPoints:
     Attributes:
         xyz_m: float32 (N, 3), world positions, metres.
         uv_px: float32 (N, 2).
-        state: uint8 (N,), numbers of `VISIBILITY`.
+        state: uint8 (N,), numbers of `VISIBILITY_STATES`.
     """
 
     xyz_m: npt.NDArray[np.float32]
@@ -104,8 +109,29 @@ class PosedPoints:
             np.stack([table[name].to_numpy()[mesh.rows] for name in names], axis=1)
             for names in (("x_m", "y_m", "z_m"), ("u_px", "v_px"))
         )
-        states = np.array([VISIBILITY.index(s) for s in table["visibility"].to_pylist()], np.uint8)
-        return cls(xyz.astype(np.float32), uv.astype(np.float32), states[mesh.rows])
+        states = states_of(table, frame.key)[mesh.rows]
+        return cls(xyz.astype(np.float32), uv.astype(np.float32), states)
+
+
+def states_of(correspondences: pa.Table, where: str) -> npt.NDArray[np.uint8]:
+    """Return the state of every row, uint8 (N,), numbers of `VISIBILITY_STATES`.
+
+    Args:
+        correspondences: A table of correspondences.
+        where: Its sequence or frame, for the message.
+
+    Raises:
+        SpecError: A state is none of the specification's.
+    """
+    states = codes(correspondences["visibility"], VISIBILITY_STATES)
+    if (states < 0).any():
+        raise SpecError(
+            "unknown state of visibility",
+            where=where,
+            found=correspondences["visibility"][int(np.argmin(states))].as_py(),
+            required=", ".join(VISIBILITY_STATES),
+        )
+    return states.astype(np.uint8)
 
 
 def triangulate(queried: MaterialObject, material: FloatArray) -> npt.NDArray[np.int32]:

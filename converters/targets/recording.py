@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from pliant.spec.point_mesh import VISIBILITY, PosedMesh
+from pliant.spec.conventions import VISIBILITY_STATES
+from pliant.spec.point_mesh import PosedMesh, states_of
 from pliant.spec.sequence import SequenceRecord
 
-VISIBLE, OUT_OF_FRAME = VISIBILITY.index("visible"), VISIBILITY.index("out_of_frame")
+VISIBLE, OUT_OF_FRAME = map(VISIBILITY_STATES.index, ("visible", "out_of_frame"))
 
 
 @dataclass(frozen=True)
@@ -20,7 +21,7 @@ class Options:
 
     Attributes:
         points: Most tracked points of a sequence; None for all. Fewer are spread over the object.
-        frame_rate_hz: Frames per second of targets with a clock; the files hold no time.
+        frame_rate_hz: Frames per second of targets with a clock: a dataset has no times.
     """
 
     points: int | None = None
@@ -38,7 +39,7 @@ class Recording:
         uv_px: float32 (T, N, 2), where the points are in the T frames, centre of the first pixel
             at (0.5, 0.5).
         xyz_m: float32 (T, N, 3), world positions, metres.
-        state: uint8 (T, N), numbers of `VISIBILITY`.
+        state: uint8 (T, N), numbers of `VISIBILITY_STATES`.
     """
 
     sequence: SequenceRecord
@@ -65,8 +66,7 @@ class Recording:
         if points is not None and points < count:
             chosen = np.unique(np.linspace(0, count - 1, points).round().astype(np.int64))
         table = sequence.correspondences()
-        numbers = {name: number for number, name in enumerate(VISIBILITY)}
-        state = np.array([numbers[each] for each in table["visibility"].to_pylist()], np.uint8)
+        state = states_of(table, sequence.id)
 
         def of_frames(*names: str) -> npt.NDArray[np.float32]:
             columns = [table[name].to_numpy().astype(np.float32) for name in names]
