@@ -31,7 +31,7 @@ TARGET_NAMES: Final = ["rerun", "lerobot", "coco", "tapvid", "webdataset", "glb"
     default=15.0,
     show_default=True,
     metavar="HZ",
-    help="Frames per second for lerobot and glb; the dataset's files hold no time.",
+    help="Frames per second for lerobot and glb; a dataset has no times.",
 )
 @json_option
 def command(

@@ -14,8 +14,8 @@ out = Path(sys.argv[1] if len(sys.argv) > 1 else "out")
 photos = out / "photos"
 photos.mkdir(parents=True, exist_ok=True)
 
-# Photographs would be yours, and the marks those of `pliant annotate photos`. Here pictures of the
-# sample stand in, with six points along the rope.
+# Use your own photographs, and marks that `pliant annotate photos` writes. This example takes
+# pictures of the sample, with six points along the rope.
 sequence = pliant.load("sample").sequence("rope-val-000000")
 rows = [["picture", "point", "x", "y", "visible"]]
 points = np.linspace(0, sequence.points().num_rows - 102, 6).round().astype(int)

@@ -206,7 +206,7 @@ def _allocate(path: Path, size: int) -> None:
         size: Bytes.
 
     Raises:
-        PliantError: There is no room, or the file cannot be written.
+        PliantError: The disk is full, or the file cannot be written.
     """
     new = not path.exists()
     try:
