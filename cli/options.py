@@ -19,7 +19,7 @@ set_option = click.option(
     "overrides",
     multiple=True,
     metavar="KEY=VALUE",
-    help="Change one setting: a dotted key and a value in YAML, such as rope.structure=braid or "
+    help="Change one setting: a dotted key and a value in YAML, such as rope.structure=tube or "
     "optimiser.learning_rate=1e-3. Wins over files and other options.",
 )
 """`--set KEY=VALUE`, as `pliant.spec.configuration.with_overrides` takes it."""

@@ -211,10 +211,10 @@ class _Ordered(_Constraint):
 
 @dataclass(frozen=True)
 class DrawnFrom:
-    """A value may also be given as what it is drawn from, such as [low, high].
+    """A value may also be given as the range [low, high] that it is drawn from.
 
     Attributes:
-        source: Type of what it is drawn from: a tuple or a mapping.
+        source: Type of the range.
     """
 
     source: Any
@@ -222,7 +222,7 @@ class DrawnFrom:
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
         return core_schema.tagged_union_schema(
             {"[value]": handler(source), "[source]": handler.generate_schema(self.source)},
-            lambda value: "[source]" if isinstance(value, list | tuple | Mapping) else "[value]",
+            lambda value: "[source]" if isinstance(value, list | tuple) else "[value]",
         )
 
 

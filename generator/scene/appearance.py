@@ -131,7 +131,7 @@ def sample_appearance(
     if scene_object.kind == "rope":
         count = int(scene_object.parts[0].strand.max()) + 1
         colouring = weighted_choice(rng, settings.rope_colourings)
-        # These sets of strands are kept by the reversal of laid and of braided ropes.
+        # These sets of strands are kept by the reversal of a laid rope.
         odd = {"solid": set(), "tracer": {0}, "two-tone": {0, count // 2 if count % 2 == 0 else 0}}[
             colouring
         ]

@@ -28,12 +28,8 @@ KNOTS: Final = ("overhand", "figure-eight")
 SHORTEST_KNOT_DIAMETERS: Final[Mapping[str, float]] = {"overhand": 20.0, "figure-eight": 28.0}
 """Rope lengths, in diameters, under which the flat knot would press strands into each other."""
 
-MAY_BE_DRAWN: Final = ("length_m", "radius_m", "structure", "strands", "turns")
-"""Settings that may be given as what each sequence draws its own from."""
-
-_DRAWN: Final = ("laid", "tube")
-"""Structures that a rope of drawn proportions can have. A braid has gaps between its strands, at
-other places in every braid: a material point of one rope would be missing on the next."""
+MAY_BE_DRAWN: Final = ("length_m", "radius_m", "strands", "turns")
+"""Settings that may be given as a range [low, high]: each sequence draws its own value."""
 
 LONGEST_KNOT_SHARE: Final = 0.92
 """A knot may take this share of the rope; the rest is its two tails."""
@@ -46,14 +42,14 @@ class RopeSettings(Settings):
     at the origin end, 12 control points, and its mix of shapes (30 % open, 25 % overlap,
     45 % loop and tuck, of which a third are here pulled into true knots).
 
-    `length_m`, `radius_m`, `structure`, `strands` and `turns` may also be given as what each
-    sequence draws its own from: numbers as [low, high], the structure as name -> weight.
+    `length_m`, `radius_m`, `strands` and `turns` may also be given as a range [low, high], from
+    which each sequence draws its own value.
 
     Attributes:
         length_m: Length of the rope along its centre line, metres.
         radius_m: Radius of the circle around all strands, metres.
-        structure: `laid` (strands wound one way), `braid` (half of them each way) or `tube`.
-        strands: Laid 3 to 6, braid an even 4 to 16, tube 1.
+        structure: `laid` (strands wound around each other) or `tube`.
+        strands: Laid 3 to 6, tube 1.
         turns: Whole turns of a strand over the length. A whole number makes the reversal
             (s, theta) -> (1 - s, -theta) map the mesh onto itself.
         rows: Cross sections of the mesh along the rope.
@@ -82,9 +78,7 @@ class RopeSettings(Settings):
 
     length_m: Annotated[float, DrawnFrom(Range), Bounds(0.05, 20)] = 1.2
     radius_m: Annotated[float, DrawnFrom(Range), Bounds(1e-4, 0.5)] = 0.012
-    structure: Annotated[
-        Literal["laid", "braid", "tube"], DrawnFrom(Annotated[dict[str, float], Weights(_DRAWN)])
-    ] = "laid"
+    structure: Literal["laid", "tube"] = "laid"
     strands: Annotated[int, DrawnFrom(WholeRange)] = 4
     turns: Annotated[int, DrawnFrom(WholeRange), Bounds(0, 1000)] = 18
     rows: Annotated[int, Bounds(64, 20_000)] = 320
@@ -122,8 +116,6 @@ class RopeSettings(Settings):
         Raises:
             Refused: A value is impossible together with others.
         """
-        if self.drawn and self.structure == "braid":
-            raise Refused("laid or tube where proportions are drawn", "structure")
         for extreme in self._extremes():
             extreme._check_mesh()
             extreme._check_shapes()
@@ -132,36 +124,24 @@ class RopeSettings(Settings):
         return self
 
     @property
-    def drawn(self) -> dict[str, Any]:
-        """Field -> what each sequence draws it from; empty where all are given."""
+    def drawn(self) -> dict[str, tuple[Any, Any]]:
+        """Field -> the range that each sequence draws it from; empty where all are given."""
         given = {name: getattr(self, name) for name in MAY_BE_DRAWN}
-        return {name: each for name, each in given.items() if isinstance(each, tuple | Mapping)}
+        return {name: each for name, each in given.items() if isinstance(each, tuple)}
 
     @property
     def nominal(self) -> RopeSettings:
         """The same settings with the middle of every range: the rope that `dataset.json` has."""
         middle: dict[str, Any] = {}
-        for name, source in self.drawn.items():
-            if isinstance(source, Mapping):
-                middle[name] = max(source, key=source.__getitem__)
-            else:
-                low, high = source
-                middle[name] = (low + high) // 2 if isinstance(low, int) else (low + high) / 2
-        return self.with_values(middle)
-
-    def with_values(self, values: dict[str, Any]) -> RopeSettings:
-        """Return these settings with values for what is drawn; a tube has one strand."""
-        return self.replace(**_with_strands(values)) if values else self
+        for name, (low, high) in self.drawn.items():
+            middle[name] = (low + high) // 2 if isinstance(low, int) else (low + high) / 2
+        return self.replace(**middle) if middle else self
 
     def _extremes(self) -> Iterator[RopeSettings]:
         """Yield these settings with every combination of the ends of the ranges."""
-        sources = self.drawn
-        ends = [
-            [name for name in each if each[name] > 0] if isinstance(each, Mapping) else each
-            for each in sources.values()
-        ]
-        for values in product(*ends):
-            yield self.model_copy(update=_with_strands(dict(zip(sources, values, strict=True))))
+        ranges = self.drawn
+        for values in product(*ranges.values()):
+            yield self.model_copy(update=dict(zip(ranges, values, strict=True)))
 
     @property
     def diameter_m(self) -> float:
@@ -173,8 +153,6 @@ class RopeSettings(Settings):
         """Radius of one strand, metres: `strands` equal circles side by side within the rope."""
         if self.structure == "tube":
             return self.radius_m
-        if self.structure == "braid":
-            return 0.22 * self.radius_m
         return self.radius_m / (1.0 + 1.0 / math.sin(math.pi / self.strands))
 
     @property
@@ -189,13 +167,12 @@ class RopeSettings(Settings):
                 "radius_m",
                 "A thicker rope of this length cannot bend into the shapes.",
             )
-        possible = {"laid": range(3, 7), "braid": range(4, 17, 2), "tube": range(1, 2)}
+        possible = {"laid": range(3, 7), "tube": range(1, 2)}
         strands = possible[self.structure]
         if self.strands not in strands:
             counts = ", ".join(map(str, strands))
             raise Refused(f"{counts} for structure {self.structure}", "strands")
-        waves = self.turns * (self.strands // 2 if self.structure == "braid" else 1)
-        least = 0 if self.structure == "tube" else 8 * waves
+        least = 0 if self.structure == "tube" else 8 * self.turns
         if self.rows < least:
             raise Refused(f"at least {least}, eight for each turn of a strand", "rows")
         if self.length_m / (self.rows - 1) > 0.75 * self.radius_m:
@@ -260,8 +237,3 @@ def least_substeps(length_m: float, frame_rate_hz: float) -> int:
     A shorter rope falls and folds faster for its size: its steps must be shorter.
     """
     return math.ceil(1250.0 * math.sqrt(1.2 / length_m) / frame_rate_hz)
-
-
-def _with_strands(values: dict[str, Any]) -> dict[str, Any]:
-    """Return drawn values; a tube has one strand, whatever the range says."""
-    return {**values, "strands": 1} if values.get("structure") == "tube" else values

@@ -57,7 +57,7 @@ def rope_mesh(settings: RopeSettings) -> RopeMesh:
     """
     sections = _sections(settings)  # (strands, rows, ring, 2)
     strands, rows, ring, _ = sections.shape
-    mirror_strand = _mirror_strands(settings, strands)
+    mirror_strand = -np.arange(strands) % strands
     mirror_ring = -np.arange(ring) % ring
     reversed_sections = sections[mirror_strand][:, ::-1][:, :, mirror_ring] * [1.0, -1.0]
     sections = (sections + reversed_sections) / 2.0
@@ -123,46 +123,20 @@ def _sections(settings: RopeSettings) -> FloatArray:
         return np.broadcast_to(circle, (1, settings.rows, *circle.shape)).copy()
     turn = 2.0 * math.pi * np.arange(settings.ring) / settings.ring
     wave = 2.0 * math.pi * settings.turns
-    strands = settings.strands
-    phase: FloatArray
-    if settings.structure == "laid":
-        # Equal strands side by side; cut at right angles to the rope they are wider than high,
-        # and pressed a little into each other so that no light falls between them.
-        height = settings.strand_radius_m
-        axis_radius = radius - height
-        lay_angle = math.atan(wave / settings.length_m * axis_radius)
-        width = 1.04 * height / math.cos(lay_angle)
-        phase = 2.0 * math.pi * np.arange(strands)[:, None] / strands + wave * s
-        centre = np.full_like(phase, axis_radius)
-    else:
-        # Half of the strands each way; a strand passes over one and under the next.
-        half = strands // 2
-        height = settings.strand_radius_m
-        middle = radius - 1.85 * height
-        way = np.where(np.arange(strands) < half, 1.0, -1.0)[:, None]
-        phase = 2.0 * math.pi * (np.arange(strands) % half)[:, None] / half + way * wave * s
-        centre = middle + 0.85 * height * way * portable.cos(half * wave * s)
-        lay_angle = math.atan(wave / settings.length_m * middle)
-        width = 0.74 * 2.0 * math.pi * middle / strands / math.cos(lay_angle)
-    radial = centre[..., None] + height * portable.cos(turn)
+    # Equal strands side by side; cut at right angles to the rope they are wider than high,
+    # and pressed a little into each other so that no light falls between them.
+    height = settings.strand_radius_m
+    axis_radius = radius - height
+    lay_angle = math.atan(wave / settings.length_m * axis_radius)
+    width = 1.04 * height / math.cos(lay_angle)
+    strand = 2.0 * math.pi * np.arange(settings.strands)[:, None] / settings.strands
+    phase = strand + wave * s
+    radial = (axis_radius + height * portable.cos(turn))[None, None]
     sideways = width * portable.sin(turn)
-    # Sideways runs along the circle, so that a wide strand wraps around the rope.
-    angle = phase[..., None] + sideways / centre[..., None]
-    if settings.structure == "laid":
-        cos, sin = portable.cos(phase)[..., None], portable.sin(phase)[..., None]
-        outline = np.stack([radial * cos - sideways * sin, radial * sin + sideways * cos], axis=-1)
-        reach = np.sqrt((outline**2).sum(axis=-1)).max()
-        return np.asarray(outline * (radius / reach))
-    return np.stack([radial * portable.cos(angle), radial * portable.sin(angle)], axis=-1)
-
-
-def _mirror_strands(settings: RopeSettings, strands: int) -> IntArray:
-    """Return the strand each strand becomes when the rope is reversed."""
-    number = np.arange(strands)
-    if settings.structure == "braid":
-        half = strands // 2
-        return np.where(number < half, -number % half, half + (-number % half)).astype(np.int32)
-    return (-number % strands).astype(np.int32)
+    cos, sin = portable.cos(phase)[..., None], portable.sin(phase)[..., None]
+    outline = np.stack([radial * cos - sideways * sin, radial * sin + sideways * cos], axis=-1)
+    reach = np.sqrt((outline**2).sum(axis=-1)).max()
+    return np.asarray(outline * (radius / reach))
 
 
 def _faces(index: IntArray) -> IntArray:

@@ -140,11 +140,9 @@ def sample_rope(
 def draw_proportions(settings: RopeSettings, rng: np.random.Generator) -> RopeSettings:
     """Return the settings of one rope: each range, in the order of the fields, as a value."""
     values: dict[str, Any] = {}
-    for name, source in settings.drawn.items():
-        if isinstance(source, Mapping):
-            values[name] = weighted_choice(rng, source)
-        elif isinstance(source[0], int):
-            values[name] = int(rng.integers(source[0], source[1] + 1))
+    for name, (low, high) in settings.drawn.items():
+        if isinstance(low, int):
+            values[name] = int(rng.integers(low, high + 1))
         else:
-            values[name] = float(rng.uniform(*source))
-    return settings.with_values(values)
+            values[name] = float(rng.uniform(low, high))
+    return settings.replace(**values) if values else settings

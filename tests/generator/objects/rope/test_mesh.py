@@ -22,7 +22,6 @@ from pliant.generator.objects.rope.mesh import (
 KINDS = {
     "laid-4": RopeSettings(ball=False),
     "laid-3": RopeSettings(ball=False, strands=3, turns=21),
-    "braid": RopeSettings(ball=False, structure="braid", strands=8, turns=10, rows=400),
     "tube": RopeSettings(ball=False, structure="tube", strands=1),
 }
 

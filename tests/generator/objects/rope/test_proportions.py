@@ -23,7 +23,6 @@ RANGES = {
     "radius_m": [0.008, 0.0135],
     "strands": [3, 6],
     "turns": [12, 28],
-    "structure": {"laid": 0.7, "tube": 0.3},
     "ball_strand_radii": 5.0,
 }
 
@@ -35,10 +34,7 @@ def rope(**changes: object) -> RopeSettings:
 def test_draws_fill_the_ranges_and_change_nothing_else() -> None:
     settings = rope()
     ropes = [draw_proportions(settings, np.random.default_rng(seed)) for seed in range(200)]
-    laid = [each for each in ropes if each.structure == "laid"]
-    assert 0.55 < len(laid) / len(ropes) < 0.85
-    assert {each.strands for each in laid} == {3, 4, 5, 6}
-    assert {each.strands for each in ropes if each.structure == "tube"} == {1}
+    assert {each.strands for each in ropes} == {3, 4, 5, 6}
     assert {each.turns for each in ropes} == set(range(12, 29))
     for name, (low, high) in (("length_m", (1.15, 1.6)), ("radius_m", (0.008, 0.0135))):
         values = np.array([getattr(each, name) for each in ropes])
@@ -69,9 +65,7 @@ def test_the_tier_describes_the_middle() -> None:
         ({"turns": [12, 60]}, "rows"),
         ({"turns": [12.5, 20]}, "turns.0"),
         ({"strands": [2, 6]}, "strands"),
-        ({"structure": {"laid": 1, "braid": 1}}, "structure.braid"),
-        ({"structure": "braid", "strands": 8}, "structure"),
-        ({"structure": {"laid": 0}}, "structure"),
+        ({"structure": {"laid": 1, "tube": 1}}, "structure"),
     ],
 )
 def test_a_range_with_an_impossible_end_is_refused(changes: dict[str, object], field: str) -> None:
@@ -94,9 +88,7 @@ def test_ropes_of_all_proportions_name_the_same_points(ball: bool) -> None:
 
 
 def test_a_point_is_on_the_outside_of_the_rope() -> None:
-    sampled = sample_rope(
-        rope(structure="laid"), RandomStreams(4, SequenceTask("rope", "train", 0))
-    )
+    sampled = sample_rope(rope(), RandomStreams(4, SequenceTask("rope", "train", 0)))
     rest, tables = sampled.parts[0].rest, sampled.points
     assert tables.other is not None
     assert tables.share is not None

@@ -32,7 +32,6 @@ def test_defaults_keep_the_papers_proportions() -> None:
         ({"structure": "chain"}, "structure"),
         ({"strands": 2}, "strands"),
         ({"strands": True}, "strands"),
-        ({"structure": "braid", "strands": 7}, "strands"),
         ({"structure": "tube"}, "strands"),
         ({"ring": 7}, "ring"),
         ({"turns": 100}, "rows"),
