@@ -44,10 +44,18 @@ def inlined(function: F) -> F:
 
 
 def elementwise(function: Callable[..., float]) -> Callable[..., Any]:
-    """Compile a function of float64 numbers, now, into a NumPy universal function."""
+    """Compile a function of float64 numbers into a NumPy universal function, when first called.
+
+    Loading one takes Numba's compiler, half a second that a process without geometry saves.
+    """
     signature = f"float64({', '.join(['float64'] * function.__code__.co_argcount)})"
-    with _cache_of(function) as cache:
-        return cast(Callable[..., Any], numba.vectorize([signature], cache=cache)(function))
+
+    @functools.cache
+    def loaded() -> Callable[..., Any]:
+        with _cache_of(function) as cache:
+            return cast(Callable[..., Any], numba.vectorize([signature], cache=cache)(function))
+
+    return lambda *arguments: loaded()(*arguments)
 
 
 @functools.cache
