@@ -107,6 +107,23 @@ def rendered_dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
+def quick_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The run of `don-rope`, which comes with the package, answering without tracing."""
+    pytest.importorskip("torch")
+    from pliant.models.shipped import FOLDER
+
+    run = tmp_path_factory.mktemp("quick") / "don-rope"
+    shutil.copytree(FOLDER / "don-rope", run)
+    config = run / "config.yaml"
+    text = config.read_text()
+    for slow, quick in (("decode: trace", "decode: median"), ("crossings: true", "crossings: false")):
+        assert slow in text
+        text = text.replace(slow, quick)
+    config.write_text(text)
+    return run
+
+
+@pytest.fixture(scope="session")
 def browser() -> Iterator[Browser]:
     """One headless browser for the pages of all rooms."""
     pytest.importorskip("selenium")

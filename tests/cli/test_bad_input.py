@@ -96,9 +96,10 @@ def test_every_command_that_reads_something_is_here() -> None:
 
 
 @pytest.fixture(scope="module")
-def good(tiny_dataset: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+def good(
+    tiny_dataset: Path, quick_run: Path, tmp_path_factory: pytest.TempPathFactory
+) -> dict[str, Path]:
     """One good input of each kind."""
-    pytest.importorskip("torch")
     folder = tmp_path_factory.mktemp("good")
     found = {name: folder / name.lower() for name in ("SUB", "REPORT", "CONFIG", "KNOTS")}
     found |= {name: folder / name for name in ("TRACKS.pkl", "TRACKS.npz", "GOOD.png")}
@@ -112,18 +113,12 @@ def good(tiny_dataset: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[s
     found["TRACKS.pkl"].write_bytes(b"\x80\x04]\x94(K\x01K\x02K\x03e.")
     noise = np.random.default_rng(0).integers(0, 255, (40, 40, 3), np.uint8)
     Image.fromarray(noise).save(found["GOOD.png"])
-    import pliant.models.shipped as shipped
-
-    run_folder = folder / "run"
-    shutil.copytree(Path(shipped.__file__).parent / "shipped" / "don-rope", run_folder)
-    config = run_folder / "config.yaml"
-    config.write_text(config.read_text().replace("decode: trace", "decode: median"))  # quicker
     answers = folder / "ANSWERS.csv"
     answers.write_text("pair_id,query_id,u,v\n0,0,1,2\n")
     truth = tiny_dataset / "truth" / "test.parquet"
     return found | {
         "DATA": tiny_dataset,
-        "RUN": run_folder,
+        "RUN": quick_run,
         "PICTURE": found["GOOD.png"],
         "TRUTH": truth,
         "ANSWERS.csv": answers,
