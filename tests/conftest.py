@@ -116,7 +116,10 @@ def quick_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     shutil.copytree(FOLDER / "don-rope", run)
     config = run / "config.yaml"
     text = config.read_text()
-    for slow, quick in (("decode: trace", "decode: median"), ("crossings: true", "crossings: false")):
+    for slow, quick in (
+        ("decode: trace", "decode: median"),
+        ("crossings: true", "crossings: false"),
+    ):
         assert slow in text
         text = text.replace(slow, quick)
     config.write_text(text)

@@ -35,7 +35,7 @@ INPUTS: dict[str, tuple[str, str]] = {
     "publish": ("DATA", "publish DATA --out OUT"),
     "convert": ("DATA", "convert DATA --to coco --out OUT"),
     "predict with a dataset": ("DATA", "predict identity --data DATA --out OUT"),
-    "predict with a run": ("RUN", "predict RUN --data DATA --out OUT"),
+    "predict with a run": ("RUN", "predict RUN --data DATA --split val --out OUT"),
     "submission with a dataset": ("DATA", "submission --data DATA --out OUT.parquet"),
     "submission of a table": (
         "ANSWERS.csv",

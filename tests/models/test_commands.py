@@ -38,7 +38,7 @@ def test_train_predict_and_check(
     assert report["validation"]["rmse_px"] > 0
 
     predict = ["predict", str(out), "--data", str(tiny_dataset), "--out", str(submission)]
-    assert run(predict) == 0
+    assert run([*predict, "--split", "val"]) == 0
     assert run(["check", str(submission), "--data", str(tiny_dataset)]) == 0
     method = read_footer(submission)["method"]
     assert method["name"] == "don"
