@@ -31,7 +31,7 @@ command.add_command(export.command)
 def _run_options(function: F) -> F:
     """Add the options that every method's command has."""
     options = (
-        data_option(),
+        data_option("Dataset folder, or a YAML file of pliant generate: frames are simulated."),
         out_option("RUN", "Folder of the run."),
         path_option(
             "--config", "FILE", "YAML file of settings; what it leaves out keeps its default."
@@ -55,14 +55,14 @@ def don(data: Path, out: Path, **given: Any) -> None:
     Several processes: `torchrun --nproc-per-node N --no-python pliant train don …`.
     --resume without settings continues with the settings of the run.
     """
+    from pliant.api import load
     from pliant.models.don.settings import DonSettings
     from pliant.models.don.trainer import shipped_recipe, train_don
     from pliant.spec.configuration import read_settings
-    from pliant.spec.dataset import Dataset
 
     def recipe() -> Path:
         tier = read_settings(DonSettings, None, given["overrides"]).tier
-        return shipped_recipe(Dataset.open(data), tier)
+        return shipped_recipe(load(data), tier)
 
     _train(DonSettings, train_don, recipe, _don_figures, data=data, out=out, **given)
 
@@ -134,11 +134,11 @@ def _train(
         show_figures: Prints the figures of a finished run.
         **given: Values of the options of `_run_options`.
     """
+    from pliant.api import load
     from pliant.spec.configuration import read_settings
-    from pliant.spec.dataset import Dataset
 
     data, out, resume = given["data"], given["out"], given["resume"]
-    dataset = Dataset.open(data)
+    dataset = load(data)
     begun = out / "config.yaml"
     config = given["config"] or (begun if resume and begun.is_file() else recipe())
     chosen = read_settings(settings, config, given["overrides"])
@@ -157,7 +157,8 @@ def _train(
         return
     show_figures(facts)
     echo(f"Report: {out / 'report.html'}")
-    echo(f"Answer with it: pliant predict {out} --data {data} --split test --out SUB.parquet")
+    asked = data if dataset.splits_with_queries() else "DATA"
+    echo(f"Answer with it: pliant predict {out} --data {asked} --split test --out SUB.parquet")
 
 
 def _don_figures(facts: Mapping[str, Any]) -> None:

@@ -49,6 +49,8 @@ API: Final = {
         "pliant.api.evaluate",
         "pliant.api.validate",
         "pliant.api.open_method",
+        "pliant.api.stream",
+        "pliant.streaming.PairStream",
     ),
     "Datasets": (
         "pliant.spec.dataset.Dataset",

@@ -23,10 +23,12 @@ from pliant.spec.calls import PATH, check_type, check_whole
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, PliantError
 from pliant.spec.model import Tier
-from pliant.spec.storage import layout
+from pliant.spec.sequence import RecordedFrame
 
 _STORED: Final = ("rgb", "mask", "objects", "depth_m", "uv_px", "visible")
 """What a record keeps of a `TrainingFrame`."""
+
+_LOCKS: Final = 64
 
 
 def named_tier(dataset: Dataset, name: str) -> Tier:
@@ -109,7 +111,7 @@ class FrameStore:
         self._records: npt.NDArray[np.void] | None = None
         if cache is not None:
             digest = hashlib.sha256(
-                dataset.local(layout.SEQUENCES_TABLE).read_bytes()
+                dataset.fingerprint()
                 + json.dumps(
                     [dataset.info, tier, split, size, limit, _STORED], sort_keys=True
                 ).encode()
@@ -145,13 +147,28 @@ class FrameStore:
             self._records = self._open(self._path)
         record = self._records[index]
         if not record["done"]:
-            view = self._decode(index)
-            for name in _STORED:
-                self._records[name][index] = getattr(view, name)
-            self._records["done"][index] = 1  # last: a half-written record is decoded again
-            return view
+            if not self.frames[index].sequence.made_whole:
+                return self._store(index, self._records)
+            self._store_sequence(self.frames[index], self._records)
         stored: dict[str, Any] = {name: np.array(record[name]) for name in _STORED}
         return TrainingFrame(**stored, key=self.frames[index].key)
+
+    def _store(self, index: int, records: npt.NDArray[np.void]) -> TrainingFrame:
+        view = self._decode(index)
+        for name in _STORED:
+            records[name][index] = getattr(view, name)
+        records["done"][index] = 1  # last: a half-written record is decoded again
+        return view
+
+    def _store_sequence(self, frame: RecordedFrame, records: npt.NDArray[np.void]) -> None:
+        """Store all frames of a simulated sequence; other processes wait for them."""
+        from filelock import FileLock  # of the extra that simulates
+
+        own = [n for n, each in enumerate(self.frames) if each.sequence is frame.sequence]
+        with FileLock(f"{self._path}.{own[0] % _LOCKS}.lock"):
+            for number in own:
+                if not records["done"][number]:
+                    self._store(number, records)
 
     def _decode(self, index: int) -> TrainingFrame:
         return read_training_frame(self.frames[index], self.size, self._surface_points)

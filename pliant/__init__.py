@@ -10,10 +10,10 @@ The other packages, such as `pliant.spec` and `pliant.evaluator`, are imported b
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from pliant.api import evaluate, load, open_method, predict, validate
+    from pliant.api import evaluate, load, open_method, predict, stream, validate
 
 __version__ = "0.1.0"
-__all__ = ["__version__", "evaluate", "load", "open_method", "predict", "validate"]
+__all__ = ["__version__", "evaluate", "load", "open_method", "predict", "stream", "validate"]
 
 
 def __getattr__(name: str) -> Any:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -24,6 +24,9 @@ if TYPE_CHECKING:
     from pliant.baselines.adapters import MatchFunction
     from pliant.baselines.predict import SplitAnswers
     from pliant.evaluator.scores import Scores
+    from pliant.generator.config import GenerateConfig
+    from pliant.loaders import AugmentSettings, PairSettings
+    from pliant.streaming import PairStream
     from pliant.spec.validation.validate import Report
 
 _ANSWERS: Final = (
@@ -38,7 +41,8 @@ def load(source: Dataset | Path | str) -> Dataset:
     Args:
         source: An open dataset (returned as it is), its folder, a URL that fsspec knows (`s3://`, `https://`), or the id of a dataset
             on the Hugging Face Hub (`USER/NAME`) where no such folder exists. `sample` is the
-            small dataset of ropes that the package contains.
+            small dataset of ropes that the package contains. A YAML file of `pliant generate`
+            is a dataset without files: its frames are simulated when they are read.
 
     Raises:
         SpecError: It is not a dataset, or its version cannot be read.
@@ -50,9 +54,69 @@ def load(source: Dataset | Path | str) -> Dataset:
         "dataset", source, PATH, required="a folder, a URL, a Hub id (USER/NAME) or a Dataset"
     )
     text = str(source)
+    if text.endswith((".yaml", ".yml")):
+        from pliant.generator.simulated import SimulatedDataset
+
+        return SimulatedDataset.of(Path(text))
     if "://" not in text and not Path(text).exists() and _HUB_ID.fullmatch(text):
         return Dataset.open(f"hf://datasets/{text}")
     return Dataset.open(source)
+
+
+def stream(
+    config: GenerateConfig | Mapping[str, Any] | Path | str,
+    *,
+    tier: str = "",
+    split: str = "train",
+    size: tuple[int, int] = (160, 120),
+    pairs: PairSettings | None = None,
+    augmentation: AugmentSettings | None = None,
+    seed: int = 0,
+    batch: int = 8,
+    steps: int = 1000,
+    start: int = 0,
+    cache: Path | str | None = None,
+) -> PairStream:
+    """Simulate and render training batches without writing a dataset.
+
+    The frames equal those that `pliant generate` writes for the config, and the batches those that
+    training draws from the written dataset.
+
+    Args:
+        config: What `pliant generate` would make: its YAML file, its values, or a `GenerateConfig`.
+        tier: The tier; empty where the config has only one.
+        split: The split.
+        size: (width, height) of the network's input, pixels.
+        pairs: What a sample contains (`PairDataset`).
+        augmentation: Random changes, or None.
+        seed: Random seed of the samples; that of the frames is in the config.
+        batch: Samples per batch.
+        steps: Number of batches.
+        start: Number of the first batch, to continue an earlier stream.
+        cache: A folder for the frames at `size`, which worker processes share: each sequence is
+            then simulated once. None keeps the newest sequences in memory.
+
+    Returns:
+        A PyTorch `IterableDataset` of batches; see `PairStream`.
+
+    Raises:
+        CallError: The config has no such tier or split, or a secret seed.
+        MissingExtraError: The extra `generate` or `train` is not installed.
+    """
+    from pliant.spec.extras import require_packages
+
+    require_packages(["torch"], "streaming batches", "train")
+    from pliant.generator.simulated import SimulatedDataset
+    from pliant.loaders import FrameStore, PairDataset, StepOrder
+    from pliant.streaming import PairStream
+
+    dataset = SimulatedDataset.of(config)
+    names = list(dataset.tiers)
+    if not tier and len(names) > 1:
+        raise CallError("the config has several tiers", where="tier", required=f"one of {names}")
+    store = FrameStore(dataset, tier or names[0], split, size, cache=cache)
+    samples = PairDataset(store, pairs, seed=seed, augmentation=augmentation)
+    return PairStream(samples, StepOrder(batch, start, steps))
 
 
 def open_method(method: str, **options: Any) -> Matcher | SplitMatcher:

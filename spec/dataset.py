@@ -187,6 +187,10 @@ class Dataset:
         """Return a file outside `sequences` as one on this machine, fetched if need be."""
         return self.files.local(name)
 
+    def fingerprint(self) -> bytes:
+        """Return bytes that differ between datasets with other sequences."""
+        return self.local(layout.SEQUENCES_TABLE).read_bytes()
+
     @property
     def id(self) -> str:
         """The dataset's id."""

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, ClassVar, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -75,6 +75,9 @@ class SequenceRecord:
     size: tuple[int, int]
     files: Files = field(repr=False, compare=False)
     decoded: LRUCache[Decoded] = field(default_factory=decoded_images, repr=False, compare=False)
+
+    made_whole: ClassVar[bool] = False
+    """Whether all frames cost no more than one: a simulated sequence."""
 
     def __len__(self) -> int:
         return self.frames

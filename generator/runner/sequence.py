@@ -7,12 +7,14 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from itertools import chain, islice
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
 import numpy as np
+import numpy.typing as npt
 
 from pliant.generator.config import BLENDER_STYLES, GenerateConfig
 from pliant.generator.objects.tiers import describe_tier, sample_scene_object
@@ -33,6 +35,27 @@ T = TypeVar("T")
 
 FRAMED_POSES: Final = 32
 """Independent configurations share a camera that sees so many of them whole."""
+
+
+TakenFrame = tuple[npt.NDArray[np.uint8], FrameTruth, dict[str, Any]]
+"""Picture (H, W, 3), truth, and the frame's entry of `sequence.json`."""
+
+
+@dataclass(frozen=True)
+class Shooting:
+    """A sequence that is being made.
+
+    Attributes:
+        scene_object: What is seen.
+        camera: The camera of all frames.
+        appearance: Colours, table and light.
+        frames: The frames in order, each rendered when it is taken.
+    """
+
+    scene_object: SceneObject
+    camera: Camera
+    appearance: Appearance
+    frames: Iterator[TakenFrame]
 
 
 class SequenceMaker:
@@ -66,7 +89,48 @@ class SequenceMaker:
             CallError: The disk is full or cannot be written.
         """
         started, cpu_started = time.perf_counter(), time.process_time()
-        clock = _StageClock()
+        clock = StageClock()
+        shooting = self.shoot(task, clock)
+        scene_object = shooting.scene_object
+        frame_info: list[dict[str, Any]] = []
+        with writing_sequence(task.folder(self.root)) as writer:
+            for rgb, truth, facts in shooting.frames:
+                with clock("tables"):
+                    writer.add_frame(rgb, truth, shooting.camera)
+                frame_info.append(facts)
+                on_frame()
+            with clock("tables"):
+                size = writer.finish(
+                    self._info(
+                        task, scene_object, settings_to_dict(shooting.appearance), frame_info
+                    ),
+                    scene_object.points,
+                )
+        clock.seconds["encode"] = writer.encode_cpu_s
+        warm = task.tier in self._tiers
+        self._tiers.add(task.tier)
+        return SequenceResult(
+            id=task.id,
+            frames=scene_object.frames,
+            bytes=size,
+            seconds=time.perf_counter() - started,
+            cpu_s=time.process_time() - cpu_started,
+            stage_cpu_s=clock.seconds,
+            memory_bytes=resident_bytes(),
+            warm=warm,
+        )
+
+    def shoot(self, task: SequenceTask, clock: StageClock | None = None) -> Shooting:
+        """Populate a sequence and choose its camera; its frames are rendered as they are taken.
+
+        Args:
+            task: Which sequence.
+            clock: Adds up the time of each stage.
+
+        Raises:
+            GenerationError: No acceptable configuration was found.
+        """
+        clock = clock or StageClock()
         config, streams = self.config, RandomStreams(self.config.seed, task)
         with clock("sample"):
             scene_object = sample_scene_object(config, task)
@@ -86,12 +150,11 @@ class SequenceMaker:
                     truth = frame_truth(scene_object, pose, camera)
                 yield pose, truth
 
-        frame_info: list[dict[str, Any]] = []
-        with writing_sequence(task.folder(self.root)) as writer:
+        def frames() -> Iterator[TakenFrame]:
             with clock("render"):
                 self.renderer.begin(scene_object, appearance, camera)
-            frames = with_neighbours(_ahead(seen()), config.shutter)
-            for frame, (pose, truth, around) in enumerate(frames):
+            around_each = with_neighbours(_ahead(seen()), config.shutter)
+            for frame, (pose, truth, around) in enumerate(around_each):
                 with clock("render"):
                     faults = streams.generator(Stream.DEPTH_CAMERA, frame)
                     render = functools.partial(self.renderer.render, pose, rng=faults)
@@ -104,28 +167,9 @@ class SequenceMaker:
                     with clock("noise"):
                         rng = streams.generator(Stream.NOISE, frame)
                         rgb = apply_noise(rng, rgb, truth.surface, config.noise)
-                with clock("tables"):
-                    writer.add_frame(rgb, truth, camera)
-                frame_info.append(frame_facts(scene_object, pose, truth, queried))
-                on_frame()
-            with clock("tables"):
-                size = writer.finish(
-                    self._info(task, scene_object, settings_to_dict(appearance), frame_info),
-                    scene_object.points,
-                )
-        clock.seconds["encode"] = writer.encode_cpu_s
-        warm = task.tier in self._tiers
-        self._tiers.add(task.tier)
-        return SequenceResult(
-            id=task.id,
-            frames=scene_object.frames,
-            bytes=size,
-            seconds=time.perf_counter() - started,
-            cpu_s=time.process_time() - cpu_started,
-            stage_cpu_s=clock.seconds,
-            memory_bytes=resident_bytes(),
-            warm=warm,
-        )
+                yield rgb, truth, frame_facts(scene_object, pose, truth, queried)
+
+        return Shooting(scene_object, camera, appearance, frames())
 
     def _view(
         self, streams: RandomStreams, scene_object: SceneObject, framed: Sequence[Pose]
@@ -222,7 +266,7 @@ def visible_box(mask: np.ndarray[Any, np.dtype[np.bool_]]) -> list[int] | None:
     return [int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1]
 
 
-class _StageClock:
+class StageClock:
     """CPU seconds of the calling thread, summed by stage."""
 
     def __init__(self) -> None:
@@ -230,6 +274,7 @@ class _StageClock:
 
     @contextmanager
     def __call__(self, stage: str) -> Iterator[None]:
+        """Add the CPU time of a block to a stage."""
         start = time.thread_time()
         yield
         self.seconds[stage] = self.seconds.get(stage, 0.0) + time.thread_time() - start

@@ -1,0 +1,42 @@
+"""Training batches that no file contains: simulated, rendered and collated in worker processes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import islice
+
+import torch
+from torch.utils.data import IterableDataset, default_collate, get_worker_info
+
+from pliant.loaders import PairDataset, StepOrder
+
+
+class PairStream(IterableDataset[dict[str, torch.Tensor]]):
+    """Batches of a `PairDataset`, step after step; the order does not depend on the workers.
+
+        stream = pliant.stream("rope.yaml", steps=3000, cache="frames")
+        for batch in DataLoader(stream, batch_size=None, num_workers=2):
+            ...
+
+    Each worker process opens its own renderer. With Blender's styles or a GPU give the loader
+    `multiprocessing_context="spawn"`.
+
+    Args:
+        samples: The samples; those of `pliant.stream` read simulated frames.
+        order: Which samples each step takes.
+
+    Attributes:
+        samples: The samples.
+    """
+
+    def __init__(self, samples: PairDataset, order: StepOrder) -> None:
+        self.samples, self._order = samples, order
+
+    def __len__(self) -> int:
+        return len(self._order)
+
+    def __iter__(self) -> Iterator[dict[str, torch.Tensor]]:
+        worker = get_worker_info()
+        first, of = (worker.id, worker.num_workers) if worker else (0, 1)
+        for numbers in islice(self._order, first, None, of):  # a loader takes turns
+            yield default_collate([self.samples[number] for number in numbers])
