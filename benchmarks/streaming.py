@@ -35,7 +35,7 @@ WORKERS, BATCH = 2, 8
 
 def measure(quick: bool) -> dict[str, Value]:
     """Take the times of both ways in turns."""
-    sequences, frames, steps, rounds = (6, 12, 20, 1) if quick else (16, 25, 60, 3)
+    sequences, frames, steps, rounds = (6, 12, 20, 1) if quick else (12, 25, 60, 2)
     config = GenerateConfig(
         tiers=("rope",), splits={"train": sequences}, frames=frames, episodes=True, style="raster"
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,8 +13,9 @@ from torch.utils.data import DataLoader
 import pliant
 from pliant.generator.config import GenerateConfig
 from pliant.generator.runner.run import generate
+from pliant.generator.seeding import SequenceTask
 from pliant.generator.settings import ClothSettings, NoiseSettings
-from pliant.generator.simulated import SimulatedDataset, Simulator
+from pliant.generator.simulated import SimulatedDataset, SimulatedFrames, Simulator
 from pliant.loaders import AugmentSettings, FrameStore, PairDataset, PairSettings, StepOrder
 from pliant.models.don.settings import DonSettings
 from pliant.models.don.trainer import train_don
@@ -24,7 +26,7 @@ from pliant.spec.errors import CallError, SpecError
 torch = pytest.importorskip("torch", reason="streams need the extra 'train'")
 pytest.importorskip("numba", reason="streams need the extra 'generate'")
 
-SMALL = {"width": 160, "height": 120, "style": "raster", "seed": 5}
+SMALL: Any = {"width": 160, "height": 120, "style": "raster", "seed": 5}
 CONFIGS = {
     "configurations": GenerateConfig(
         tiers=("rope",), splits={"train": 2, "val": 1}, frames=2, noise=NoiseSettings(), **SMALL
@@ -75,6 +77,7 @@ def test_frames_equal_the_written_ones(config: GenerateConfig, written: Dataset)
                 )
             assert frame.correspondences.equals(other.correspondences)
             assert frame.camera is not None
+            assert other.camera is not None
             np.testing.assert_array_equal(frame.camera.K, other.camera.K)
 
 
@@ -83,7 +86,7 @@ def test_batches_equal_those_of_the_written_set(
     config: GenerateConfig, written: Dataset, workers: int, tmp_path: Path
 ) -> None:
     settings = PairSettings(queries=12)
-    given = {"pairs": settings, "augmentation": AUGMENTED, "size": (80, 60), "seed": 3}
+    given: Any = {"pairs": settings, "augmentation": AUGMENTED, "size": (80, 60), "seed": 3}
     stream = pliant.stream(config, batch=2, steps=5, cache=tmp_path / "frames", **given)
     batches = list(DataLoader(stream, batch_size=None, num_workers=workers))
     store = FrameStore(written, config.tiers[0], "train", (80, 60))
@@ -104,9 +107,12 @@ def test_a_sequence_is_simulated_once(
 ) -> None:
     made: list[str] = []
     simulate = Simulator._simulate
-    monkeypatch.setattr(
-        Simulator, "_simulate", lambda self, task: made.append(task.id) or simulate(self, task)
-    )
+
+    def counted(simulator: Simulator, task: SequenceTask) -> SimulatedFrames:
+        made.append(task.id)
+        return simulate(simulator, task)
+
+    monkeypatch.setattr(Simulator, "_simulate", counted)
     cache = tmp_path if cached else None
     stream = pliant.stream(CONFIGS["configurations"], batch=4, steps=4, cache=cache)
     list(stream)
