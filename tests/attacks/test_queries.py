@@ -21,6 +21,7 @@ from pliant.generator.settings.cloth import ClothSettings
 from pliant.publishing import PublishSettings, publish
 from tests.attacks.attacked_queries import Answers, Queries, read_answers, read_queries
 from tests.attacks.query_attacks import attack_everything
+from tests.generator.runner.standin import InProcess
 
 SMALL: dict[str, Any] = {
     "width": 96,
@@ -61,7 +62,7 @@ def published(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Path,
     root = tmp_path_factory.mktemp("attacked")
     made = {}
     for name, config in SETS.items():
-        assert not generate(config, root / name).failed
+        assert not generate(config, root / name, engine=InProcess()).failed
         made[name] = config
     tracks = SETS["episodes"].replace(queries=QuerySettings(queries_per_pair=32, kind="track"))
     shutil.copytree(root / "episodes", root / "tracks")

@@ -34,6 +34,7 @@ def bare(tmp_path_factory: pytest.TempPathFactory) -> Path:
     from pliant.generator.runner.run import generate
     from pliant.generator.settings.cloth import ClothSettings
     from pliant.generator.settings.rope import RopeSettings
+    from tests.generator.runner.standin import InProcess
 
     config = GenerateConfig(
         tiers=("rope", "cloth-3"),
@@ -48,7 +49,7 @@ def bare(tmp_path_factory: pytest.TempPathFactory) -> Path:
         id="causes",
     )
     out = tmp_path_factory.mktemp("causes") / "data"
-    assert not generate(config, out, workers=2).failed
+    assert not generate(config, out, engine=InProcess()).failed
     return out
 
 
