@@ -6,13 +6,13 @@ from pathlib import Path
 
 import click
 
-from pliant.cli.options import PATH, json_option, path_option
-from pliant.cli.terminal import echo, echo_json, echo_result, progress_bar
+from pliant.cli.options import PATH, json_option
+from pliant.cli.terminal import echo, echo_json, progress_bar
 from pliant.spec.cores import cpu_cores
 
 
 @click.command()
-@click.argument("data", metavar="[DIR]", required=False, type=PATH)
+@click.argument("data", metavar="DIR", type=PATH)
 @click.option("--quick", is_flag=True, help="Structure, schemas and checksums only.")
 @click.option(
     "--workers", type=click.IntRange(min=1), help="Worker processes; default: one per CPU core."
@@ -24,14 +24,12 @@ from pliant.spec.cores import cpu_cores
     show_default=True,
     help="Number of problems to list; the total is always given.",
 )
-@path_option("--spec", "OUT", "Write the specification and its schemas into this folder instead.")
 @json_option
 def command(
-    data: Path | None,
+    data: Path,
     quick: bool,
     workers: int | None,
     limit: int,
-    spec: Path | None,
     as_json: bool,
 ) -> int:
     """Check a dataset against the specification.
@@ -39,15 +37,6 @@ def command(
     Lists every problem with its code and place. Exit code 0: valid; 1: invalid; 2: folder not
     found.
     """
-    if spec is not None:
-        from pliant.spec.export import write_specification
-
-        written = write_specification(spec)
-        document = {"written": [str(path) for path in written]}
-        echo_result(document, f"Wrote {len(written)} files to {spec}.", as_json=as_json)
-        return 0
-    if data is None:
-        raise click.UsageError("Name the folder of a dataset, or --spec OUT.")
     from pliant.spec.validation.validate import validate
 
     with progress_bar("Validating", hidden=as_json) as bar:

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any, Final
 
 from pliant.spec.conventions import SPEC_VERSION
-from pliant.spec.export import JSON_SCHEMAS
 from pliant.spec.io import limits
 from pliant.spec.io.jsonfiles import load_schema
 from pliant.spec.tables import ANSWERS_OPTIONAL, COLUMNS, TABLES
@@ -26,6 +25,15 @@ TEXTS: Final = (HERE / "SPEC.md", *sorted((HERE / "annexes").glob("*.md")))
 PAGES: Final = (HERE.parent / "docs" / "errors.md",)
 """Other pages with generated parts."""
 SCHEMAS: Final = HERE / "schemas" / SPEC_VERSION
+
+JSON_SCHEMAS: Final = (
+    "dataset",
+    "sequence",
+    "cameras",
+    "manifest",
+    *(f"footer-{name}" for name in TABLES),
+)
+"""Names of the JSON Schemas."""
 
 _PART = re.compile(r"(<!-- generated: ([a-z -]+) -->\n).*?(<!-- end -->)", re.DOTALL)
 

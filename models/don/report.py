@@ -11,10 +11,10 @@ import numpy.typing as npt
 from matplotlib.figure import Figure
 
 from pliant.baselines.descriptor_colours import descriptor_colours
-from pliant.evaluator.report.canvas import pictures_png, show_picture
 from pliant.evaluator.report.charts import Chart, Labels, line_chart
 from pliant.models.don.matcher import DonMatcher
 from pliant.models.don.validation import ValidationPair
+from pliant.models.training.canvas import pictures_png, show_picture
 from pliant.models.training.run_page import Section, write_run_page
 from pliant.spec.frame import Frame, Pair
 

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from pliant.evaluator.report.canvas import pictures_png, show_picture
 from pliant.evaluator.report.charts import Chart, Labels, line_chart
 from pliant.models.don.report import history_chart
 from pliant.models.timecycle.guard import Guard
 from pliant.models.timecycle.matcher import TimeCycleMatcher
 from pliant.models.timecycle.validation import Stretch, track_with
+from pliant.models.training.canvas import pictures_png, show_picture
 from pliant.models.training.run_page import Section, write_run_page
 
 _SHOWN = 3

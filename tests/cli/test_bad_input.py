@@ -70,7 +70,6 @@ INPUTS: dict[str, tuple[str, str]] = {
     "export a run": ("RUN", "train export RUN --name a --data DATA --out OUT"),
     "benchmark": ("CONFIG", "benchmark CONFIG --out OUT"),
     "generate": ("CONFIG", "generate rope --config CONFIG --out OUT"),
-    "write the specification": ("FILE", "validate --spec FILE"),
 }
 FOLDERS: dict[str, tuple[str, ...]] = {
     "DATA": ("dataset.json", "sequences.parquet", "queries/test.parquet"),
@@ -122,7 +121,6 @@ def good(
         "PICTURE": found["GOOD.png"],
         "TRUTH": truth,
         "ANSWERS.csv": answers,
-        "FILE": found["GOOD.png"],
     }
 
 
@@ -175,8 +173,6 @@ def test_a_bad_path_is_one_sentence(
     capfd: pytest.CaptureFixture[str],
 ) -> None:
     kind = INPUTS[name][0]
-    if kind == "FILE" and damage in ("missing", "a folder"):
-        pytest.skip("a folder is right")
     if good[kind].is_dir() and damage == "truncated":
         pytest.skip("only a file can be truncated")
     if kind == "CONFIG" and damage in ("empty", "truncated"):

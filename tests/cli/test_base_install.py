@@ -47,7 +47,6 @@ CALLS = {
     "annotate OUT/none": "explore",
     "convert sample --to rerun --out OUT/recordings": "convert",
     "import OUT/none --out OUT/o": "",
-    "validate --spec OUT/q": "",
 }
 """Call -> the extra that it needs, empty for none. A call without may fail for its input."""
 

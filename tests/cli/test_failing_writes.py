@@ -28,7 +28,6 @@ COMMANDS = {
     "leaderboard": ["leaderboard", "REPORT", "--out", "OUT.html"],
     "site": ["leaderboard", "REPORT", "--out", "OUT"],
     "view": ["view", "DATA", "--out", "OUT.png", "--count", "2"],
-    "spec": ["validate", "--spec", "OUT"],
     "publish": ["publish", "DATA", "--out", "OUT"],
     "generate": ["generate", "rope", "--sequences", "1", "--style", "raster",
                  "--size", "64x64", "--out", "OUT", "--workers", "1"],

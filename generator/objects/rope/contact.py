@@ -19,9 +19,6 @@ many diameters of arc length are between them: a half turn of the tightest bend.
 STATIC_RULE: Final = 0.98
 """Least distance of two centre-line stretches of a sampled shape, in diameters."""
 
-EPISODE_RULE: Final = 0.90
-"""The same for every frame of an episode."""
-
 
 @dataclass(frozen=True)
 class Crossing:
