@@ -20,7 +20,6 @@ from collections.abc import Iterator, Mapping
 from typing import Annotated, Final, Literal
 
 import numpy as np
-from scipy.special import ndtr, stdtrit
 
 from pliant.evaluator.statistics.crossing import Crossing
 from pliant.evaluator.statistics.ratios import Ratio
@@ -145,6 +144,8 @@ def interval(
         sequences: Number of resampled sequences.
         tiers: Number of tiers they were drawn within.
     """
+    from scipy.special import stdtrit  # takes 0.1 s to load
+
     tail = (1 - level) / 2
     if ratio.unit and score > 0 and values.min() > 0:
         logarithms = np.log(values)
@@ -170,5 +171,7 @@ def expanded_tail(tail: float, sequences: int, tiers: int) -> float:
         sequences: n, more than `tiers`.
         tiers: Tiers that n is drawn within, each with its own mean.
     """
+    from scipy.special import ndtr, stdtrit
+
     freedom = sequences - tiers
     return float(ndtr(math.sqrt(sequences / freedom) * stdtrit(freedom, tail)))

@@ -10,8 +10,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.sparse.linalg import lsqr
 
 from pliant.spec.arrays import BoolArray, FloatArray, IndexArray, IntArray
 
@@ -100,6 +98,9 @@ class Crossing:
             values: float64 (E,), 0 where `weight` is.
             weight: float64 (E,), >= 0.
         """
+        from scipy.sparse import csr_array
+        from scipy.sparse.linalg import lsqr
+
         rows, count = np.arange(len(weight)), len(self.tier)
         total = self._in_roles(weight)
         # Columns of equal weight: of the solutions, which differ by a constant between the roles,

@@ -16,7 +16,6 @@ from typing import Final
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import stdtr
 
 from pliant.spec.arrays import FloatArray, Rgb
 
@@ -113,6 +112,8 @@ def probability(gain: FloatArray, block: npt.NDArray[np.int64]) -> float:
         gain: float64 (N,).
         block: int64 (N,).
     """
+    from scipy.special import stdtr
+
     _, index = np.unique(block, return_inverse=True)
     count = int(index.max()) + 1 if index.size else 0
     if count < MIN_BLOCKS:
