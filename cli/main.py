@@ -45,6 +45,10 @@ SECTIONS: Final[dict[str, dict[str, tuple[str, str]]]] = {
             "pliant.cli.publish",
             "Package a dataset for release, optionally without test labels.",
         ),
+        "hub-results": (
+            "pliant.cli.hub_results",
+            "Write a report or receipt as results of a model on the Hugging Face Hub.",
+        ),
         "challenge": (
             "pliant.cli.challenge",
             "Run an evaluation service: create, invite, back up.",

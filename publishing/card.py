@@ -16,6 +16,7 @@ from rich.filesize import decimal
 
 from pliant.evaluator.report.contact_sheet import contact_sheet
 from pliant.evaluator.report.pages import render_page
+from pliant.publishing import pairs
 from pliant.publishing.papers import licence_url
 from pliant.spec.dataset import Dataset
 from pliant.spec.io.parquet import read_table
@@ -107,6 +108,7 @@ def configurations(dataset: Dataset, root: Path) -> list[dict[str, Any]]:
     found = [
         ("queries", [(split, layout.queries_name(split)) for split in asked]),
         ("truth", [(split, layout.truth_name(split)) for split in answered]),
+        ("pairs", [(s, f"{layout.PAIRS_DIR}/{s}.parquet") for s in answered]),
         ("correspondences", _sharded(root, "correspondences", dataset)),
         ("frames", _sharded(root, "frames", dataset)),
     ]
@@ -132,7 +134,11 @@ def _sharded(root: Path, folder: str, dataset: Dataset) -> list[tuple[str, str]]
 
 def _front_matter(dataset: Dataset, root: Path) -> dict[str, Any]:
     frames = sum(sequence.frames for sequence in dataset.sequences)
-    features = [{"name": name, **_feature(kind)} for name, kind in FEATURES.items()]
+    shown: dict[str, Mapping[str, Mapping[str, Any]]] = {
+        "frames": FEATURES,
+        "pairs": pairs.FEATURES,
+    }
+    shown = {name: shown[name] for name in shown if (root / name).is_dir()}
     return {
         "license": str(dataset.info["licence"]).lower(),
         "pretty_name": dataset.info["title"],
@@ -140,7 +146,13 @@ def _front_matter(dataset: Dataset, root: Path) -> dict[str, Any]:
         "tags": ["pliant", "dense correspondence", "deformable objects", "rope", "cloth"],
         "size_categories": [_size_category(frames)],
         "configs": configurations(dataset, root),
-        "dataset_info": [{"config_name": "frames", "features": features}],
+        "dataset_info": [
+            {
+                "config_name": name,
+                "features": [{"name": column, **_feature(kind)} for column, kind in of.items()],
+            }
+            for name, of in shown.items()
+        ],
     }
 
 
@@ -197,7 +209,7 @@ def _asked(dataset: Dataset, split: str) -> dict[str, Any]:
 def _files(root: Path) -> Iterator[tuple[str, int, str]]:
     """Yield name, rows and size of each table."""
     tables = {name: [root / name] for name in (layout.SEQUENCES_TABLE, layout.INDEX_TABLE)}
-    for folder in (layout.QUERIES_DIR, layout.TRUTH_DIR, *layout.SHARD_DIRS):
+    for folder in (layout.QUERIES_DIR, layout.TRUTH_DIR, layout.PAIRS_DIR, *layout.SHARD_DIRS):
         if paths := sorted((root / folder).glob("*.parquet")):
             tables[f"{folder}/ ({len(paths)} files)"] = paths
     for name, paths in tables.items():

@@ -10,6 +10,7 @@ from typing import Any, Final
 
 import pyarrow as pa
 
+from pliant.publishing import pairs
 from pliant.publishing.papers import licence_url
 from pliant.spec.dataset import Dataset
 from pliant.spec.io.jsonfiles import write_json
@@ -120,6 +121,7 @@ def _record_sets(dataset: Dataset, root: Path) -> list[dict[str, Any]]:
     for folder, schema, key in (
         ("frames", FRAMES, ["sequence", "frame"]),
         ("correspondences", ROWS, ["sequence", "frame", "point"]),
+        (layout.PAIRS_DIR, pairs.SCHEMA, ["pair_id"]),
     ):
         for path in sorted((root / folder).glob("*.parquet")):
             name = f"{folder}_{path.stem.replace('-', '_')}"
@@ -152,7 +154,7 @@ def _field(name: str, file: str, column: pa.Field, joins: dict[str, str]) -> dic
         "dataType": _data_type(column),
         "source": {"fileObject": {"@id": file}, "extract": {"column": column.name}},
     }
-    if column.name == "image":
+    if pa.types.is_struct(column.type):  # an image
         field["source"]["transform"] = {"jsonPath": "bytes"}
     if pa.types.is_list(column.type):
         field |= {"isArray": True, "arrayShape": "-1"}
@@ -163,7 +165,7 @@ def _field(name: str, file: str, column: pa.Field, joins: dict[str, str]) -> dic
 
 def _data_type(column: pa.Field) -> str:
     kind = column.type.value_type if pa.types.is_list(column.type) else column.type
-    if column.name == "image":
+    if pa.types.is_struct(column.type):
         return "sc:ImageObject"
     if pa.types.is_boolean(kind):
         return "sc:Boolean"

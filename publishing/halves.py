@@ -16,7 +16,9 @@ from pliant.publishing.held_out import (
     public_info,
     public_sequences,
 )
-from pliant.publishing.papers import citation, licence_text, private_readme
+from pliant.publishing.hub_results import write_benchmark
+from pliant.publishing.pairs import write_pairs
+from pliant.publishing.papers import citation, licence_text, private_readme, zenodo
 from pliant.publishing.settings import PublishSettings
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import SpecError
@@ -106,6 +108,9 @@ def write_public(
     else:
         _write_text(root / "LICENSE", licence_text(dataset.info, authors))
     _write_text(root / "CITATION.cff", citation(dataset.info, authors, settings.url, settings.date))
+    write_pairs(public, root)
+    write_benchmark(public, root)
+    write_json(root / ".zenodo.json", zenodo(dataset.info, authors, settings.url, settings.date))
     write_card(public, root, authors=authors, url=settings.url)
     write_croissant(public, root, authors=authors, url=settings.url, date=settings.date)
 

@@ -61,6 +61,36 @@ def citation(
     return yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=100)
 
 
+def zenodo(
+    info: Mapping[str, Any], authors: Sequence[str], url: str | None, date: str | None
+) -> dict[str, Any]:
+    """Return `.zenodo.json`: the metadata that Zenodo takes for a deposit.
+
+    Args:
+        info: The dataset's `dataset.json`.
+        authors: Who publishes it.
+        url: Where it is hosted, or None.
+        date: Day of its release, YYYY-MM-DD, or None.
+    """
+    document: dict[str, Any] = {
+        "upload_type": "dataset",
+        "title": info["title"],
+        "version": info["version"],
+        "description": info["description"] or info["title"],
+        "creators": [{"name": author} for author in authors],
+        "access_right": "open",
+        "license": str(info["licence"]).lower(),
+        "keywords": ["dense correspondence", "deformable objects", "rope", "cloth"],
+    }
+    if date is not None:
+        document["publication_date"] = date
+    if url is not None and url.startswith("https://"):
+        document["related_identifiers"] = [
+            {"identifier": url, "relation": "isIdenticalTo", "resource_type": "dataset"}
+        ]
+    return document
+
+
 def private_readme(
     info: Mapping[str, Any], hold_out: Sequence[str], warnings: Sequence[str]
 ) -> str:

@@ -27,6 +27,7 @@ PRIVATE_DIR: Final = ".private"
 
 WEBDATASET_DIR: Final = "webdataset"
 PICTURES_DIR: Final = "pictures"
+PAIRS_DIR: Final = "pairs"
 MANIFEST_JSON: Final = "manifest.json"
 CHECKSUMS: Final = "SHA256SUMS"
 

@@ -11,7 +11,15 @@ from pliant.spec.storage import layout
 from pliant.spec.validation.findings import Findings
 
 PAPERS: Final = frozenset(
-    {"README.md", "LICENSE", "CITATION.cff", "croissant.json", ".gitattributes"}
+    {
+        "README.md",
+        "LICENSE",
+        "CITATION.cff",
+        "croissant.json",
+        ".zenodo.json",
+        "eval.yaml",
+        ".gitattributes",
+    }
 )
 """Files for people and catalogues that may be in the root; their contents have no rules."""
 
@@ -94,7 +102,8 @@ def check_root(root: Path, findings: Findings) -> dict[str, set[str]]:
     packed = layout.INDEX_TABLE in files
     if layout.SEQUENCES_DIR not in folders | linked and not packed:
         findings.add("FILE_MISSING", layout.SEQUENCES_DIR, "", "a dataset must hold this folder")
-    known = {layout.QUERIES_DIR, layout.TRUTH_DIR, layout.PICTURES_DIR, layout.WEBDATASET_DIR}
+    known = {layout.QUERIES_DIR, layout.TRUTH_DIR, layout.PICTURES_DIR}
+    known |= {layout.WEBDATASET_DIR, layout.PAIRS_DIR}
     known |= {*WORKSHOPS, *(layout.SHARD_DIRS if packed else (layout.SEQUENCES_DIR,))}
     free = PAPERS | {layout.INDEX_TABLE, layout.CHECKSUMS, layout.MANIFEST_JSON}
     report_extra(findings, "", (files - required - free) | (folders - known), "see SPEC.md, Files")

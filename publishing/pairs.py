@@ -1,0 +1,99 @@
+"""`pairs/SPLIT.parquet`: a row per image pair, with both pictures, the queries and their answers.
+
+The dataset viewer of the Hugging Face Hub shows them; Pliant itself does not read them.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from pliant.spec.dataset import Dataset
+from pliant.spec.io import limits
+from pliant.spec.io.reading import read_bytes
+from pliant.spec.storage import layout
+
+_GROUP_PAIRS: Final = 16
+_QUERIES: Final = ("u_a", "v_a")
+_ANSWERS: Final = ("u_b", "v_b", "visibility_b")
+
+FEATURES: Final[dict[str, Mapping[str, Any]]] = {
+    "pair_id": {"dtype": "int32", "_type": "Value"},
+    "tier": {"dtype": "string", "_type": "Value"},
+    "frame_a": {"dtype": "string", "_type": "Value"},
+    "frame_b": {"dtype": "string", "_type": "Value"},
+    "image_a": {"_type": "Image"},
+    "image_b": {"_type": "Image"},
+    **{
+        name: {"feature": {"dtype": "float32", "_type": "Value"}, "_type": "List"}
+        for name in (*_QUERIES, *_ANSWERS[:2])
+    },
+    "visibility_b": {"feature": {"dtype": "string", "_type": "Value"}, "_type": "List"},
+}
+"""The columns in the words of Hugging Face `datasets`."""
+
+_IMAGE: Final = pa.struct([pa.field("bytes", pa.binary()), pa.field("path", pa.string())])
+_TYPES: Final = {"int32": pa.int32(), "string": pa.string(), "float32": pa.float32()}
+
+
+def _arrow(kind: Mapping[str, Any]) -> pa.DataType:
+    if kind["_type"] == "Image":
+        return _IMAGE
+    return pa.list_(_arrow(kind["feature"])) if "feature" in kind else _TYPES[kind["dtype"]]
+
+
+SCHEMA: Final = pa.schema([pa.field(name, _arrow(kind)) for name, kind in FEATURES.items()])
+
+
+def write_pairs(dataset: Dataset, root: Path) -> None:
+    """Write the pairs of every split whose answers are public.
+
+    Args:
+        dataset: The public half, packed.
+        root: Its folder.
+    """
+    features = json.dumps({"info": {"features": FEATURES}}, sort_keys=True)
+    schema = SCHEMA.with_metadata({"huggingface": features})
+    for split in dataset.splits_with_queries():
+        if not dataset.has(layout.truth_name(split)):
+            continue
+        path = root / layout.PAIRS_DIR / f"{split}.parquet"
+        path.parent.mkdir(exist_ok=True)
+        with pq.ParquetWriter(path, schema, compression="none", use_dictionary=False) as writer:
+            rows: list[dict[str, Any]] = []
+            for row in _rows(dataset, split):
+                rows.append(row)
+                if len(rows) == _GROUP_PAIRS:
+                    writer.write_table(pa.Table.from_pylist(rows, schema))
+                    rows.clear()
+            writer.write_table(pa.Table.from_pylist(rows, schema))
+
+
+def _rows(dataset: Dataset, split: str) -> Iterator[dict[str, Any]]:
+    queries, truth = dataset.queries(split), dataset.truth(split)
+    start = 0
+    for pair in dataset.pairs(split):
+        stop = start + len(pair)
+        asked, answered = queries.slice(start, stop - start), truth.slice(start, stop - start)
+        pictures: dict[str, Any] = {}
+        for side, frame in (("a", pair.source), ("b", pair.target)):
+            name = layout.rgb_name(frame.index)
+            file = frame.sequence.file(name)
+            pictures[f"frame_{side}"] = frame.key
+            pictures[f"image_{side}"] = {
+                "bytes": read_bytes(file, limits.MAX_IMAGE_FILE_BYTES),
+                "path": f"{frame.sequence.id}-{Path(name).name}",
+            }
+        yield {
+            "pair_id": pair.pair_id,
+            "tier": asked["tier"][0].as_py(),
+            **pictures,
+            **{name: asked[name].to_pylist() for name in _QUERIES},
+            **{name: answered[name].to_pylist() for name in _ANSWERS},
+        }
+        start = stop

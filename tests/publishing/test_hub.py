@@ -1,0 +1,110 @@
+"""What the Hugging Face Hub and Zenodo take: pairs with pictures, tasks, results, metadata."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from PIL import Image
+
+from pliant import evaluate
+from pliant.cli.main import run
+from pliant.evaluator import write_report
+from pliant.spec.dataset import Dataset
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_datasets_opens_pairs_with_both_pictures(halves: Any, tmp_path: Path) -> None:
+    pytest.importorskip("datasets")
+    script = (
+        "import sys, json\n"
+        "from datasets import load_dataset\n"
+        "pairs = load_dataset(sys.argv[1], 'pairs')\n"
+        "row = pairs['val'][3]\n"
+        "for side in 'ab':\n"
+        "    row.pop(f'image_{side}').convert('RGB').save(f'{sys.argv[2]}/{side}.png')\n"
+        "print(json.dumps([sorted(pairs), len(pairs['val']), row]))\n"
+    )
+    offline = {"HF_HOME": str(tmp_path), "HF_HUB_OFFLINE": "1", "HF_DATASETS_OFFLINE": "1"}
+    done = subprocess.run(
+        [sys.executable, "-c", script, str(halves.public), str(tmp_path)],
+        env={**os.environ, **offline}, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr[-2000:]
+    splits, count, row = json.loads(done.stdout.splitlines()[-1])
+    assert splits == ["val"]  # the test split is held out
+    whole = Dataset.open(halves.whole)
+    pairs = whole.pairs("val")
+    assert count == len(pairs)
+    pair = pairs[3]
+    assert (row["pair_id"], row["frame_a"], row["frame_b"]) == (
+        pair.pair_id, pair.source.key, pair.target.key,
+    )  # fmt: skip
+    for side, frame in (("a", pair.source), ("b", pair.target)):
+        np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / f"{side}.png")), frame.rgb)
+    np.testing.assert_array_equal(np.stack([row["u_a"], row["v_a"]], 1), pair.queries)
+    rows = whole.queries("val")["pair_id"].to_numpy() == pair.pair_id
+    for name in ("u_b", "v_b", "visibility_b"):
+        assert row[name] == whole.truth("val")[name].filter(rows).to_pylist()
+
+
+def test_the_benchmark_names_a_task_per_split_and_tier(halves: Any) -> None:
+    document = yaml.safe_load((halves.public / "eval.yaml").read_text())
+    assert document["evaluation_framework"] == "pliant"
+    assert [task["id"] for task in document["tasks"]] == [
+        f"{split}{tier}"
+        for split in ("val", "test")
+        for tier in ("", "-rope", "-cloth-1", "-cloth-3")
+    ]  # fmt: skip
+    card = (halves.public / "README.md").read_text()
+    configs = {each["config_name"] for each in yaml.safe_load(card.split("---")[1])["configs"]}
+    assert {task["config"] for task in document["tasks"]} <= configs
+
+
+def test_zenodo_metadata(halves: Any) -> None:
+    document = json.loads((halves.public / ".zenodo.json").read_text())
+    assert document["upload_type"] == "dataset"
+    assert document["creators"] == [{"name": "Ada"}, {"name": "Grace"}]
+    assert document["version"] == Dataset.open(halves.public).version
+
+
+@pytest.mark.parametrize("kind", ["report", "receipt"])
+def test_results_of_a_report_and_of_a_receipt(kind: str, halves: Any, tmp_path: Path) -> None:
+    hub = pytest.importorskip("huggingface_hub")
+    dataset = Dataset.open(halves.whole)
+    answers = np.stack([dataset.truth("test")[name].to_numpy() for name in ("u_b", "v_b")], 1)
+    answers[::2] += 20
+    scores = evaluate(dataset, answers)
+    scored = tmp_path / "report"
+    if kind == "report":
+        write_report(scores, scored, data=halves.whole)
+    else:
+        scored = tmp_path / "receipt.json"
+        figures = {"overall": scores.overall, **scores.tiers}
+        scored.write_text(json.dumps({"submission": "s1", "figures": figures, "signature": "x"}))
+    given = ["hub-results", str(scored), "--dataset", "ada/ropes", "--out", str(tmp_path / "model")]
+    assert run([*given, "--url", "https://example.org"]) == 0
+    path = tmp_path / "model" / ".eval_results" / "ada--ropes.yaml"
+    entries = hub.parse_eval_result_entries(yaml.safe_load(path.read_text()))
+    tasks = yaml.safe_load((halves.public / "eval.yaml").read_text())["tasks"]
+    assert {e.task_id for e in entries} == {t["id"] for t in tasks if t["split"] == "test"}
+    assert entries[0].task_id == "test"
+    value = scores.overall["pck_8px"]
+    assert value is not None
+    assert entries[0].value == pytest.approx(100 * value, abs=1e-3)
+    assert 0 < entries[0].value < 100
+    assert entries[0].dataset_id == "ada/ropes"
+
+
+def test_other_files_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "x.json").write_text("{}")
+    given = ["hub-results", str(tmp_path / "x.json"), "--out", str(tmp_path), "--dataset"]
+    assert run([*given, "ada/ropes"]) == 1
+    assert run([*given, "ropes"]) == 2
