@@ -10,7 +10,7 @@ import importlib, os, pathlib, pkgutil, sys
 
 for name in ("resource", "fcntl", "pwd", "grp", "termios", "syslog"):
     sys.modules[name] = None  # an import of it fails
-for name in ("sched_getaffinity", "posix_fallocate", "fork", "getuid", "geteuid", "statvfs", "nice"):
+for name in ("sched_getaffinity", "posix_fallocate", "fork", "getuid", "geteuid", "statvfs"):
     delattr(os, name)
 
 import pliant, pliant.evaluator, pliant.spec
