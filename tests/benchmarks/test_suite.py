@@ -182,6 +182,14 @@ def made(config_file: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[P
     return out, watcher
 
 
+@pytest.fixture(scope="module")
+def written(config_file: Path, made: tuple[Path, Recorder]) -> tuple[str, str]:
+    """The page and the report of the finished benchmark."""
+    config, out = read_config(config_file), made[0]
+    write_results(config, out, compare_checksums(config, Workspace(out)), "pliant benchmark")
+    return (out / "results.md").read_text(), (out / "report" / "index.html").read_text()
+
+
 @pytest.mark.parametrize("name", ["pliant-v3", "pliant-v3-mini"])
 def test_the_shipped_benchmarks_can_be_read_and_trained(name: str) -> None:
     from pliant.models.don.settings import DonSettings
@@ -377,11 +385,8 @@ def test_table_and_page(config_file: Path, made: tuple[Path, Recorder], tmp_path
     assert "Does it help" in text
 
 
-def test_report_shows_tables_and_pictures(config_file: Path, made: tuple[Path, Recorder]) -> None:
-    out, _ = made
-    config = read_config(config_file)
-    write_results(config, out, compare_checksums(config, Workspace(out)), "a command")
-    report = (out / "report" / "index.html").read_text()
+def test_report_shows_tables_and_pictures(written: tuple[str, str]) -> None:
+    report = written[1]
     assert report.count("data:image/png") == 3  # frames of every test
     assert "Scores: image alone" in report
     assert report.count('href="../scores/rope/sift--none/standard/report.html"') == 1
@@ -421,21 +426,19 @@ def test_controls_compete_with_what_is_not_learned(
 
 
 def test_seeds_are_trained_each_and_reported_as_their_mean(
-    config_file: Path, made: tuple[Path, Recorder]
+    config_file: Path, made: tuple[Path, Recorder], written: tuple[str, str]
 ) -> None:
-    out, _ = made
     config = read_config(config_file)
     assert config.members("twice") == ("twice-0", "twice-1")
     assert [config.runs[name].settings["seed"] for name in config.members("twice")] == [0, 1]
-    rows = finished_rows(config, Workspace(out))
+    rows = finished_rows(config, Workspace(made[0]))
     single = [row for row in rows if row.test == "rope-seeds" and not row.entry.is_blank]
     (row,) = arms(single)
     errors = [each.value("standard", "rmse_px") or 0.0 for each in single]
     assert errors[0] != errors[1]
     assert row.value("standard", "rmse_px") == pytest.approx(np.mean(errors))
     assert row.interval("standard", "rmse_px") == (min(errors), max(errors))
-    write_results(config, out, compare_checksums(config, Workspace(out)), "pliant benchmark")
-    text = (out / "results.md").read_text()
+    text = written[0]
     assert "Not run yet" not in text
     (line,) = [each for each in text.splitlines() if each.startswith("| Is it chance")]
     # The pooled RMSE over both seeds minus that of the run without seeds.
