@@ -1,4 +1,4 @@
-"""The picture a report opens with: one pair, answered by a network and by a local feature."""
+"""What a report opens with: a verdict, one pair, and the errors of all methods as bars."""
 
 from __future__ import annotations
 
@@ -9,8 +9,10 @@ from typing import Final
 import numpy as np
 import pyarrow.compute as pc
 
+from pliant.benchmarks.suite.config import TRACKS, BenchmarkConfig
 from pliant.benchmarks.suite.table import CLASSICAL, Row
 from pliant.benchmarks.suite.work import Workspace
+from pliant.evaluator.controls import CONTROLS
 from pliant.evaluator.examples import Example
 from pliant.evaluator.metrics.causes import NO_CAUSE
 from pliant.evaluator.report.drawings import FramePictures, pair_svg
@@ -24,23 +26,30 @@ _QUERIES: Final = 16
 
 @dataclass(frozen=True)
 class Opening:
-    """The first picture.
+    """The first screen.
 
     Attributes:
-        title: What it shows, in one sentence.
+        verdict: The result, in one sentence.
         definitions: SVG images that the pictures use.
-        pictures: (caption, SVG) of each method.
+        pictures: (caption, SVG) of the network and of the local feature.
+        row: The network's row of the table.
+        data: Folder of the dataset, relative to the benchmark's.
+        bars: (method, RMSE in px, whether it is a control), the smallest first.
     """
 
-    title: str
+    verdict: str
     definitions: str
     pictures: list[tuple[str, str]]
+    row: Row
+    data: str
+    bars: list[tuple[str, float, bool]]
 
 
-def opening(work: Workspace, rows: Sequence[Row]) -> Opening | None:
+def opening(config: BenchmarkConfig, work: Workspace, rows: Sequence[Row]) -> Opening | None:
     """Return the pair on which a network most clearly beats the best local feature.
 
     Args:
+        config: The benchmark.
         work: The benchmark's folder.
         rows: Its table.
 
@@ -76,8 +85,23 @@ def opening(work: Workspace, rows: Sequence[Row]) -> Opening | None:
         )
         for row, errors in ((learned, mine), (rival, theirs))
     ]
-    title = f"The same points of one pair, found by {learned.method} and by {rival.label}"
-    return Opening(title, frames.definitions(), pictures)
+    shown = [
+        (row.label, value, row.method in CONTROLS)
+        for row in rows
+        if (row.test, row.variant, row.entry.track)
+        == (learned.test, learned.variant, learned.entry.track)
+        and not row.entry.is_blank
+        and (value := row.value("standard", "rmse_px")) is not None
+    ]
+    bars = sorted(shown, key=lambda bar: bar[1])
+    found = {label: value for label, value, _ in bars}
+    place = f"{config.tests[learned.test].title}, {TRACKS[learned.entry.track]}"
+    verdict = (
+        f"{place}: {learned.method} misses by {found[learned.label]:.0f} px (RMSE), "
+        f"the best local feature, {rival.label}, by {found[rival.label]:.0f} px."
+    )
+    data = work.set_path(learned.set).relative_to(work.root).as_posix()
+    return Opening(verdict, frames.definitions(), pictures, learned, data, bars)
 
 
 def _pair_rmse_px(work: Workspace, row: Row) -> FloatArray:

@@ -88,7 +88,7 @@ def report_page(config: BenchmarkConfig, work: Workspace, rows: Sequence[Row]) -
         "report.html.j2",
         package=_TEMPLATES,
         title=f"{config.name} {config.version}",
-        opening=opening(work, rows),
+        opening=opening(config, work, rows),
         pictures=set_pictures(config, work, rows),
         controls=CONTROLS,
         report_of=lambda row: _report(work, row),

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
+import numpy as np
 from PIL import Image
 
 from pliant.benchmarks.suite.config import TRACKS, BenchmarkConfig
@@ -19,6 +20,7 @@ from pliant.evaluator.report.charts import Chart
 from pliant.evaluator.report.contact_sheet import contact_sheet
 from pliant.evaluator.report.report import error_histogram
 from pliant.evaluator.scores import Scores, read_scores
+from pliant.spec.arrays import Rgb
 from pliant.spec.dataset import Dataset
 from pliant.spec.queries import QueryPair
 
@@ -106,7 +108,9 @@ def _matches(work: Workspace, dataset: Dataset, row: Row, pair: QueryPair) -> tu
     return caption, best.svg
 
 
-def _png(image: Any) -> bytes:
+def _png(image: Rgb) -> bytes:
+    """Return a PNG whose white parts are transparent, so that it fits a dark page too."""
+    alpha = np.where((image == 255).all(axis=2), 0, 255).astype(np.uint8)
     buffer = io.BytesIO()
-    Image.fromarray(image).save(buffer, "PNG", optimize=True)
+    Image.fromarray(np.dstack([image, alpha])).save(buffer, "PNG", optimize=True)
     return buffer.getvalue()

@@ -205,13 +205,14 @@ def best(rows: Sequence[Row], protocol: str, metric: str, *, learned: bool) -> R
     """Return the row with the lowest error, learned or not, None where there is none.
 
     Controls count among what is not learned: what they reach needs no looking at pictures. Blank
-    controls count nowhere.
+    controls and the oracle count nowhere.
     """
     known = [
         (value, row)
         for row in rows
         if row.learned == learned
         and not row.entry.is_blank
+        and row.method != "oracle"
         and (value := row.value(protocol, metric)) is not None
     ]
     return min(known, key=lambda each: each[0])[1] if known else None

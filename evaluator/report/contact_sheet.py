@@ -76,10 +76,12 @@ def _tile(frame: RecordedFrame, tier: Tier, layer: str) -> Rgb:
             rows.append(_resized(images[layer], (_TILE_PX, height)))
     shape = f" {frame.sequence.shape}" if frame.sequence.shape else ""
     text = Image.new("RGB", (_TILE_PX, 16), "white")
-    ImageDraw.Draw(text).text(
+    draw = ImageDraw.Draw(text)
+    draw.fontmode = "1"  # no soft edges: the paper around the text may be made transparent
+    draw.text(
         (1, 1),
         f"{frame.sequence.id} #{frame.index}{shape}",
-        fill=(40, 40, 40),
+        fill=(112, 122, 130),
         font=ImageFont.load_default(11),
     )
     return np.concatenate([np.asarray(text), *rows])

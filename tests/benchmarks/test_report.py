@@ -97,6 +97,7 @@ def test_report_and_results_show_every_tier(made: Made) -> None:
     page = (out / "report" / "index.html").read_text()
     assert page.count("<h2>") == 3  # the scores and both tiers
     assert page.count("Best: without learning") == 2
+    assert "without learning Oracle" not in page
     assert page.count('class="causes"') == 2  # SIFT of both tiers
     assert page.count("data:image/png") == 2
     assert page.count('class="pair"') == 2  # SIFT's best matches of each tier

@@ -72,6 +72,16 @@ def test_page_shows_table_frames_and_matches(made: Path) -> None:
     for words in shown:
         assert words in page
     assert page.count("data:image/png") >= 3
+    (verdict,) = re.findall(r'<div class="verdict"><p>(.*)</p>', page)
+    assert re.fullmatch(r"Rope.*|Cloth.*", verdict)
+    learned, local = map(float, re.findall(r"by (\d+) px", verdict))
+    assert learned < local
+    bars = page[page.index('<table class="bars">') :]
+    widths = re.findall(r"width: ([\d.]+)%", bars[: bars.index("</table>")])
+    lengths = list(map(float, widths))
+    assert lengths == sorted(lengths)
+    assert (lengths[0], lengths[-1]) == (0, 80)  # the oracle and the worst method
+    assert '<a href="#scores">' in page
     outside = re.sub(r"<script>.*?</script>", "", page, flags=re.DOTALL)
     assert "http://" not in outside.replace("http://www.w3.org", "")
     assert "https://" not in outside
