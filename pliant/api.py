@@ -47,6 +47,11 @@ def load(source: Dataset | Path | str) -> Dataset:
     Raises:
         SpecError: It is not a dataset, or its version cannot be read.
         MissingExtraError: A URL or Hub id, and the extra `publish` is not installed.
+
+    Examples:
+        >>> ds = pliant.load("sample")
+        >>> len(ds), ds[0].frames
+        (12, 2)
     """
     if isinstance(source, Dataset):
         return source
@@ -102,6 +107,12 @@ def stream(
     Raises:
         CallError: The config has no such tier or split, or a secret seed.
         MissingExtraError: The extra `generate` or `train` is not installed.
+
+    Examples:
+        >>> rope = {"tiers": ["rope"], "splits": {"train": 2}, "style": "raster"}
+        >>> stream = pliant.stream(rope, batch=4, steps=10)
+        >>> next(iter(stream))["image"].shape  # batch, views, channels, height, width
+        torch.Size([4, 2, 3, 120, 160])
     """
     from pliant.spec.extras import require_packages
 
@@ -132,6 +143,10 @@ def open_method(method: str, **options: Any) -> Matcher | SplitMatcher:
         CallError: It is none of them, both a shipped model and a run of that name, or a method
             that does not take these options.
         MissingExtraError: The method's libraries are not installed.
+
+    Examples:
+        >>> pliant.open_method("random", seed=3).name
+        'random'
     """
     from pliant.baselines import METHODS
     from pliant.baselines.adapters.vismatch import PREFIX, open_vismatch
@@ -195,6 +210,11 @@ def predict(
     Raises:
         CallError: No such method or split.
         SubmissionError: The method did not return one finite position per query.
+
+    Examples:
+        >>> answers = pliant.predict("sample", "centroid")
+        >>> answers.to_table().num_rows
+        768
     """
     from pliant.baselines.predict import answer
 
@@ -231,6 +251,11 @@ def evaluate(
     Raises:
         SubmissionError: Something is wrong with the answers; its `issues` list all of it.
         CallError: No such protocol or split.
+
+    Examples:
+        >>> answers = pliant.predict("sample", "centroid")
+        >>> round(pliant.evaluate("sample", answers).overall["rmse_px"], 2)
+        48.01
     """
     from pliant.baselines.predict import SplitAnswers
     from pliant.evaluator import evaluate as evaluate_file
@@ -274,6 +299,10 @@ def validate(dataset: Dataset | Path | str, *, workers: int = 1) -> Report:
 
     Raises:
         CallError: The dataset is not a folder on this machine.
+
+    Examples:
+        >>> pliant.validate(pliant.load("sample")).valid
+        True
     """
     from pliant.spec.validation.validate import validate as validate_folder
 

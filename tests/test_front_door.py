@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import doctest
 import re
 import subprocess
 import sys
@@ -42,6 +43,16 @@ def test_public_names_exist_and_others_do_not() -> None:
         assert getattr(pliant, name)
     with pytest.raises(AttributeError, match="no attribute 'lod'"):
         pliant.lod  # noqa: B018
+
+
+@pytest.mark.parametrize("name", [name for name in pliant.__all__ if name != "__version__"])
+def test_every_public_function_has_an_example_that_runs(name: str) -> None:
+    if name == "stream":
+        pytest.importorskip("torch", reason="streams need the extra 'train'")
+    function = getattr(pliant, name)
+    (test,) = doctest.DocTestFinder(recurse=False).find(function, name, globs={"pliant": pliant})
+    assert test.examples
+    assert doctest.DocTestRunner().run(test).failed == 0
 
 
 def test_dataset_is_a_collection_of_sequences(ds: Dataset) -> None:
