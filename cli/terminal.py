@@ -38,15 +38,14 @@ def echo(text: str, *, err: bool = False) -> None:
     click.echo(escaped(text, lines=True), err=err)
 
 
-def echo_json(document: object, *, sort_keys: bool = False, ensure_ascii: bool = True) -> None:
+def echo_json(document: object, *, sort_keys: bool = False) -> None:
     """Print a JSON document, the whole output of a command under `--json`.
 
     Args:
         document: JSON values.
         sort_keys: Whether keys are sorted.
-        ensure_ascii: Whether other characters appear as escapes.
     """
-    echo(json.dumps(document, indent=1, sort_keys=sort_keys, ensure_ascii=ensure_ascii))
+    echo(json.dumps(document, indent=1, sort_keys=sort_keys))
 
 
 def echo_result(document: object, text: str, *, as_json: bool) -> None:

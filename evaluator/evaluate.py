@@ -69,7 +69,6 @@ def evaluate_answers(
     truth: Path | str | None = None,
     protocol: str | Protocol | None = None,
     allow_missing: bool = False,
-    progress: Progress | None = None,
 ) -> Scores:
     """Score answers that are in memory, as `evaluate` scores the file that contains them.
 
@@ -84,7 +83,6 @@ def evaluate_answers(
         truth: As for `evaluate`.
         protocol: As for `evaluate`.
         allow_missing: As for `evaluate`.
-        progress: As for `evaluate`.
 
     Raises:
         SubmissionError: Something is wrong with the answers; `issues` has every cause.
@@ -95,7 +93,7 @@ def evaluate_answers(
     chosen = read_protocol(protocol) if isinstance(protocol, str) else protocol
     problems = Problems(method)
     loaded = load_in_memory(answers, dataset, split, method, problems, allow_missing=allow_missing)
-    return _scored(loaded, problems, dataset, truth, chosen, progress)
+    return _scored(loaded, problems, dataset, truth, chosen)
 
 
 def _opened(
@@ -114,7 +112,7 @@ def _scored(
     dataset: Dataset,
     truth: Path | str | None,
     chosen: Protocol | None,
-    progress: Progress | None,
+    progress: Progress | None = None,
     *,
     hide_truth: bool = False,
 ) -> Scores:

@@ -27,7 +27,6 @@ from pliant.models.training.checkpoint import (
     read_weights_file,
     save_weights,
 )
-from pliant.models.training.loop import StepProgress
 from pliant.models.training.processes import joined_processes
 from pliant.models.training.run_folder import RUN_FACTS, read_run_json, write_settings
 from pliant.spec.configuration import (
@@ -145,7 +144,6 @@ def make_model(
     recipe: ModelRecipe,
     out: Path,
     generate: Callable[[Mapping[str, Any], Path], object],
-    progress: StepProgress | None = None,
 ) -> Path:
     """Make a model, or continue; what is finished is not made again.
 
@@ -153,7 +151,6 @@ def make_model(
         recipe: How.
         out: The folder of sets, stages and the model.
         generate: Makes a dataset in a folder, or resumes it.
-        progress: Called after each step of a training.
 
     Returns:
         The exported model's folder.
@@ -170,7 +167,7 @@ def make_model(
             _average(recipe, stage, out, run, settings)
         else:
             begun = latest_checkpoint(run) is not None
-            train_don(dataset, run, settings, resume=begun, progress=progress)
+            train_don(dataset, run, settings, resume=begun)
     last = list(recipe.stages)[-1]
     dataset = Dataset.open(out / "sets" / recipe.stages[last].sets[0])
     return export_run(out / "stages" / last, recipe.name, out / "models", dataset)

@@ -10,6 +10,7 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 from pliant.spec.errors import MissingExtraError
+from pliant.spec.io.writing import synced
 
 
 class FolderStore:
@@ -31,10 +32,9 @@ class FolderStore:
         partial = place.with_name(f".{place.name}.{os.getpid()}-{os.urandom(4).hex()}")
         try:
             shutil.copyfile(file, partial)
-            with open(partial, "rb+") as stream:
-                os.fsync(stream.fileno())
+            synced(partial)
             partial.replace(place)
-            _sync_folder(place.parent)
+            synced(place.parent)
         finally:
             partial.unlink(missing_ok=True)
 
@@ -108,11 +108,3 @@ def open_store(place: str, default: Path, scratch: Path) -> Store:
 
 def _name(sha256: str) -> str:
     return f"{sha256[:2]}/{sha256}.parquet"
-
-
-def _sync_folder(folder: Path) -> None:
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

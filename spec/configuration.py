@@ -125,7 +125,6 @@ def read_settings(
     cls: type[S],
     path: Path | None,
     overrides: Sequence[str] = (),
-    base: Mapping[str, Any] = {},
 ) -> S:
     """Build settings from a YAML or JSON file and `--set` overrides.
 
@@ -133,14 +132,13 @@ def read_settings(
         cls: A class of settings.
         path: The file, or None for the defaults.
         overrides: As for `with_overrides`.
-        base: Plain values under the file's.
 
     Raises:
         CallError: The file cannot be read.
         SettingsError: As `settings_from`.
     """
     values = read_mapping(path) if path is not None else {}
-    return settings_from(cls, merged(base, values), path=path, overrides=overrides)
+    return settings_from(cls, values, path=path, overrides=overrides)
 
 
 def read_mapping(path: Path) -> dict[str, Any]:

@@ -137,16 +137,16 @@ def sparsification_chart(curves: Mapping[str, Mapping[str, Any]]) -> Chart:
     return line_chart(series, Labels("Sparsification", x, "RMSE of the rest, px"))
 
 
-def box_chart(
-    boxes: Mapping[str, Mapping[str, float]], *, title: str, x: str = "RMSE of a pair, px"
-) -> Chart:
-    """Draw box plots: box from the first to the third quartile, whiskers at 5 and 95 %.
+def box_chart(boxes: Mapping[str, Mapping[str, float]], *, title: str) -> Chart:
+    """Draw box plots of the RMSE of a pair.
+
+    A box goes from the first to the third quartile, its whiskers to 5 and 95 %.
 
     Args:
         boxes: Name -> `p5`, `p25`, `p50`, `p75`, `p95`.
         title: Heading.
-        x: Axis label.
     """
+    x = "RMSE of a pair, px"
     layers = [
         {"mark": {"type": "rule"}, "encoding": {"x": _along("p5", x, {}), "x2": {"field": "p95"}}},
         {

@@ -64,8 +64,6 @@ def board_verdict(
     metric: str,
     protocol: str,
     *,
-    where: str = "",
-    noun: str = "method",
     rounded: bool = False,
 ) -> str:
     """Return a sentence about several methods against the best control; empty without one.
@@ -74,8 +72,6 @@ def board_verdict(
         values: Method -> its value over the split, or None.
         metric: The metric.
         protocol: Its protocol.
-        where: Such as `on rope`.
-        noun: What the methods are.
         rounded: Whether the values are `public_scores`.
     """
     shown = heading(metric, protocol, rounded=rounded)
@@ -91,18 +87,16 @@ def board_verdict(
     bar = f"{CONTROLS[control]} ({shown.label} {_with_unit(shown, controls[control])})"
     best = min(methods, key=lambda name: sign * methods[name])
     better = [name for name in methods if sign * methods[name] < sign * controls[control]]
-    place = f" {where}" if where else ""
     if not better:
         return (
-            f"No {noun} beats {bar}{place}; the nearest is {best} "
-            f"with {_with_unit(shown, methods[best])}."
+            f"No method beats {bar}; the nearest is {best} with {_with_unit(shown, methods[best])}."
         )
     if len(better) == len(methods) > 1:
-        start = f"All {len(methods)} {noun}s beat {bar}{place}"
+        start = f"All {len(methods)} methods beat {bar}"
         return f"{start}; the best is {best} with {_with_unit(shown, methods[best])}."
     named = joined([f"{name} ({_with_unit(shown, methods[name])})" for name in better])
     beat = "beats" if len(better) == 1 else "beat"
-    text = f"{named} {beat} {bar}{place}"
+    text = f"{named} {beat} {bar}"
     others = [name for name in methods if name not in better]
     return text + (f"; {joined(others)} {_do_not(others)}." if others else ".")
 

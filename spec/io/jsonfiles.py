@@ -176,8 +176,8 @@ def _place(error: ValidationError) -> str:
     return place
 
 
-def _shortened(message: str, length: int = 300) -> str:
-    return message if len(message) <= length else message[: length - 1] + "…"
+def _shortened(message: str) -> str:
+    return message if len(message) <= 300 else message[:299] + "…"
 
 
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

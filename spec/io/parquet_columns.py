@@ -63,21 +63,18 @@ def load_rows(
     return table.slice(begin - int(starts[groups[0]]) if groups else 0, end - begin)
 
 
-def load_batches(
-    file: pq.ParquetFile, path: AnyFile, schema: pa.Schema, *, batch_rows: int = _BATCH_ROWS
-) -> Iterator[pa.Table]:
+def load_batches(file: pq.ParquetFile, path: AnyFile, schema: pa.Schema) -> Iterator[pa.Table]:
     """Decode columns of an open file little by little; arguments and errors as `load_columns`.
 
     Args:
         file: From `open_table`.
         path: The file, for messages.
         schema: The columns wanted.
-        batch_rows: The most rows at a time.
 
     Yields:
-        Tables of the declared types.
+        Tables of the declared types, of 65,536 rows at most.
     """
-    for table in _decode(file, path, schema, None, batch_rows):
+    for table in _decode(file, path, schema, None, _BATCH_ROWS):
         yield _as_declared(table, path, schema, Counter())
 
 
