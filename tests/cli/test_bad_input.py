@@ -47,6 +47,7 @@ INPUTS: dict[str, tuple[str, str]] = {
     "compare": ("REPORT", "compare REPORT REPORT"),
     "leaderboard": ("REPORT", "leaderboard REPORT --out OUT.html"),
     "site": ("REPORT", "leaderboard REPORT --out OUT"),
+    "hub-results": ("SCORES.json", "hub-results SCORES.json --dataset a/b --out OUT"),
     "import knots": ("KNOTS", "import KNOTS --out OUT"),
     "import a pickle": ("TRACKS.pkl", "import TRACKS.pkl --out OUT"),
     "import an npz file": ("TRACKS.npz", "import TRACKS.npz --out OUT"),
@@ -121,6 +122,7 @@ def good(
         "PICTURE": found["GOOD.png"],
         "TRUTH": truth,
         "ANSWERS.csv": answers,
+        "SCORES.json": found["REPORT"] / "scores.json",
     }
 
 
