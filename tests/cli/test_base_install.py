@@ -39,6 +39,7 @@ CALLS = {
     "compare OUT/report OUT/report": "",
     "leaderboard OUT/report --out OUT/l.html": "",
     "leaderboard OUT/report --out OUT/m": "",
+    "hub-results OUT/report --dataset a/b --out OUT/q": "",
     "serve OUT/none": "explore",
     "challenge create OUT/p --data OUT --private OUT": "service",
     "submit OUT/e.parquet --to http://127.0.0.1:9 --token a": "",
