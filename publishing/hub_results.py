@@ -10,11 +10,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
-import yaml
-
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import SpecError
 from pliant.spec.io.writing import replacing
+from pliant.spec.io.yamlfiles import yaml_text
 
 EVAL_YAML: Final = "eval.yaml"
 FRAMEWORK: Final = "pliant"
@@ -45,7 +44,7 @@ def write_benchmark(dataset: Dataset, root: Path) -> None:
         "evaluation_framework": FRAMEWORK,
         "tasks": tasks,
     }
-    (root / EVAL_YAML).write_bytes(_yaml(document))
+    (root / EVAL_YAML).write_bytes(yaml_text(document).encode())
 
 
 def task_id(split: str, tier: str = "") -> str:
@@ -110,10 +109,5 @@ def write_results(entries: list[Any], out: Path) -> Path:
     path = out / ".eval_results" / f"{name}.yaml"
     path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as partial:
-        partial.write_bytes(_yaml(entries))
+        partial.write_bytes(yaml_text(entries).encode())
     return path
-
-
-def _yaml(document: Any) -> bytes:
-    text: str = yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=100)
-    return text.encode()
