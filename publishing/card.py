@@ -108,7 +108,7 @@ def configurations(dataset: Dataset, root: Path) -> list[dict[str, Any]]:
     found = [
         ("queries", [(split, layout.queries_name(split)) for split in asked]),
         ("truth", [(split, layout.truth_name(split)) for split in answered]),
-        ("pairs", [(s, f"{layout.PAIRS_DIR}/{s}.parquet") for s in answered]),
+        ("pairs", [(split, layout.pairs_name(split)) for split in answered]),
         ("correspondences", _sharded(root, "correspondences", dataset)),
         ("frames", _sharded(root, "frames", dataset)),
     ]

@@ -62,7 +62,7 @@ def write_pairs(dataset: Dataset, root: Path) -> None:
     for split in dataset.splits_with_queries():
         if not dataset.has(layout.truth_name(split)):
             continue
-        path = root / layout.PAIRS_DIR / f"{split}.parquet"
+        path = root / layout.pairs_name(split)
         path.parent.mkdir(exist_ok=True)
         with pq.ParquetWriter(path, schema, compression="none", use_dictionary=False) as writer:
             rows: list[dict[str, Any]] = []

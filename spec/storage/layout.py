@@ -59,6 +59,11 @@ def truth_name(split: str) -> str:
     return f"{TRUTH_DIR}/{split}.parquet"
 
 
+def pairs_name(split: str) -> str:
+    """Return `pairs/SPLIT.parquet`."""
+    return f"{PAIRS_DIR}/{split}.parquet"
+
+
 def sequence_dir(root: Path, tier: str, sequence: str) -> Path:
     """Return `ROOT/sequences/TIER/ID`."""
     return root / SEQUENCES_DIR / tier / sequence
