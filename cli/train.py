@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
@@ -13,6 +13,9 @@ from pliant.cli import export
 from pliant.cli.interrupts import terminated_like_interrupted
 from pliant.cli.options import data_option, json_option, out_option, path_option, set_option
 from pliant.cli.terminal import Bar, echo, echo_json, progress_bar
+
+if TYPE_CHECKING:
+    from pliant.spec.dataset import Dataset
 
 F = TypeVar("F", bound=Callable[..., None])
 
@@ -55,14 +58,13 @@ def don(data: Path, out: Path, **given: Any) -> None:
     Several processes: `torchrun --nproc-per-node N --no-python pliant train don …`.
     --resume without settings continues with the settings of the run.
     """
-    from pliant.api import load
     from pliant.models.don.settings import DonSettings
     from pliant.models.don.trainer import shipped_recipe, train_don
     from pliant.spec.configuration import read_settings
 
-    def recipe() -> Path:
+    def recipe(dataset: Dataset) -> Path:
         tier = read_settings(DonSettings, None, given["overrides"]).tier
-        return shipped_recipe(load(data), tier)
+        return shipped_recipe(dataset, tier)
 
     _train(DonSettings, train_don, recipe, _don_figures, data=data, out=out, **given)
 
@@ -79,7 +81,7 @@ def timecycle(data: Path, out: Path, **given: Any) -> None:
     from pliant.models.timecycle.trainer import train_timecycle
 
     _train(
-        TimeCycleSettings, train_timecycle, lambda: None, _timecycle_figures,
+        TimeCycleSettings, train_timecycle, lambda dataset: None, _timecycle_figures,
         data=data, out=out, **given,
     )  # fmt: skip
 
@@ -121,7 +123,7 @@ def model(
 def _train(
     settings: type[Any],
     train: Callable[..., dict[str, Any]],
-    recipe: Callable[[], Path | None],
+    recipe: Callable[[Dataset], Path | None],
     show_figures: Callable[[Mapping[str, Any]], None],
     **given: Any,
 ) -> None:
@@ -130,7 +132,8 @@ def _train(
     Args:
         settings: The method's class of settings.
         train: Its trainer.
-        recipe: Returns the settings file of a new run without --config, or None for the defaults.
+        recipe: Returns the settings file of a new run on a dataset without --config, or None for
+            the defaults.
         show_figures: Prints the figures of a finished run.
         **given: Values of the options of `_run_options`.
     """
@@ -140,7 +143,7 @@ def _train(
     data, out, resume = given["data"], given["out"], given["resume"]
     dataset = load(data)
     begun = out / "config.yaml"
-    config = given["config"] or (begun if resume and begun.is_file() else recipe())
+    config = given["config"] or (begun if resume and begun.is_file() else recipe(dataset))
     chosen = read_settings(settings, config, given["overrides"])
     first = os.environ.get("RANK", "0") == "0"
     said = f"Interrupted: continue with --resume --out {out}" if first else ""
