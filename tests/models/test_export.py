@@ -292,7 +292,7 @@ def test_names_are_listed_without_torch(models: Path, tiny_dataset: Path, tmp_pa
 
 @pytest.mark.parametrize("name", shipped_names())
 def test_models_of_the_package_answer(name: str, tmp_path: Path) -> None:
-    """On three test shapes of the very set they were trained on, made anew from their `data.yaml`.
+    """On three test shapes that `data.yaml`, the config of the training set, generates again.
 
     The cards' median errors are 3 to 29 px; the control `centroid` has 80 and more, and a model
     that lost its weights, or sees its pictures otherwise, no less.
