@@ -68,15 +68,22 @@ def results(
     """
     try:
         groups = document.get("figures") or {"overall": document["overall"], **document["tiers"]}
-        values = {tier: group[METRIC] for tier, group in groups.items()}
+        measured = {tier: group[METRIC] for tier, group in groups.items()}
     except (KeyError, TypeError) as error:
         raise SpecError(
             "this is neither a report nor a receipt with the metric of the Hub",
             found=f"no field {error}",
             required=f"scores.json or a receipt of a protocol with {METRIC}, such as standard",
         ) from error
-    if len(values) == 2:  # the whole and its only tier
-        values = {"overall": values["overall"]}
+    if len(measured) == 2:  # the whole and its only tier
+        measured = {"overall": measured["overall"]}
+    values = {tier: value for tier, value in measured.items() if value is not None}
+    if not values:
+        raise SpecError(
+            "there is no result to show",
+            found=f"{METRIC} is undefined: no scored query has an answer",
+            required="a report in which at least one query is scored",
+        )
     entries = []
     for tier, value in values.items():
         entry: dict[str, Any] = {

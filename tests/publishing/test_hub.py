@@ -17,7 +17,9 @@ from PIL import Image
 from pliant import evaluate
 from pliant.cli.main import run
 from pliant.evaluator import write_report
+from pliant.publishing.hub_results import results
 from pliant.spec.dataset import Dataset
+from pliant.spec.errors import SpecError
 
 
 @pytest.mark.filterwarnings("ignore")
@@ -108,3 +110,13 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
     given = ["hub-results", str(tmp_path / "x.json"), "--out", str(tmp_path), "--dataset"]
     assert run([*given, "ada/ropes"]) == 1
     assert run([*given, "ropes"]) == 2
+
+
+def test_a_tier_without_a_scored_query_has_no_result(tmp_path: Path) -> None:
+    undefined: dict[str, Any] = {"pck_8px": None}
+    figures = {"overall": {"pck_8px": 0.25}, "rope": {"pck_8px": 0.25}, "cloth-1": undefined}
+    entries = results({"figures": figures}, "ada/ropes")
+    tasks = {each["dataset"]["task_id"]: each["value"] for each in entries}
+    assert tasks == {"test": 25.0, "test-rope": 25.0}
+    with pytest.raises(SpecError, match="pck_8px is undefined"):
+        results({"figures": {"overall": undefined, "rope": undefined}}, "ada/ropes")
