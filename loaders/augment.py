@@ -9,23 +9,20 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Annotated, Any, Final, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
 import numpy.typing as npt
-from PIL import Image, ImageFilter
+from PIL import Image
 from pydantic import model_validator
 
+from pliant.loaders.mask_damage import damaged, faulty
 from pliant.loaders.recolouring import noisy_depth, recolour, recolour_regions, replace_background
 from pliant.loaders.views import TrainingFrame
 from pliant.spec.arrays import Mask
 from pliant.spec.calls import check_type
 from pliant.spec.configuration import Settings
 from pliant.spec.constraints import Bounds, Refused, Share
-
-_MOST_HOLES: Final = 4
-_HOLE_SHARE: Final = 0.04
-"""Largest radius of a hole, as a share of the image's height."""
 
 
 class AugmentSettings(Settings):
@@ -46,8 +43,12 @@ class AugmentSettings(Settings):
             get other colours, so that a network learns no material.
         mask_faults: Probability that the masks given to the network are eroded, dilated or have
             holes; the masks that the losses use stay exact.
+        mask_damage: Probability that they are damaged more: a ragged contour, larger holes, a
+            second object in them, missing ends, a rope's ball in its own mask.
         mask_drop: Probability that the network gets no mask, and again that it gets the queried
             object's alone.
+        picture_drop: Probability that the picture given to the network is one grey. A frame whose
+            masks are dropped keeps its picture.
     """
 
     rotate_deg: Annotated[float, Bounds(0, 180)] = 180.0
@@ -59,7 +60,9 @@ class AugmentSettings(Settings):
     background: Share = 0.0
     recolour: Share = 0.0
     mask_faults: Share = 0.0
+    mask_damage: Share = 0.0
     mask_drop: Annotated[float, Bounds(0, 0.5)] = 0.0
+    picture_drop: Share = 0.0
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -255,7 +258,9 @@ def given_masks(
     """
     mask, objects = view.mask, view.objects
     if settings.mask_faults > 0 and rng.random() < settings.mask_faults:
-        mask, objects = _faulty(rng, mask, objects)
+        mask, objects = faulty(rng, mask, objects)
+    if settings.mask_damage > 0 and rng.random() < settings.mask_damage:
+        mask, objects = damaged(rng, mask, objects)
     if settings.mask_drop > 0:
         draw = rng.random()
         if draw < settings.mask_drop:
@@ -265,25 +270,20 @@ def given_masks(
     return mask, objects
 
 
-def _faulty(rng: np.random.Generator, mask: Mask, objects: Mask) -> tuple[Mask, Mask]:
-    """Return both masks with the same kind of fault."""
-    fault = rng.integers(3)
-    if fault == 2:
-        holes = _holes(rng, mask.shape)
-        return mask & ~holes, objects & ~holes
-    size = ImageFilter.MinFilter(3) if fault == 0 else ImageFilter.MaxFilter(3)
-    changed, all_changed = (
-        np.asarray(Image.fromarray(each).convert("L").filter(size)) > 0 for each in (mask, objects)
-    )
-    # Erosion must not delete an object that is thinner than three pixels.
-    return (changed, all_changed) if changed.sum() > 0.2 * mask.sum() else (mask, objects)
+def given_picture(
+    rng: np.random.Generator,
+    rgb: npt.NDArray[np.uint8],
+    mask: Mask | None,
+    settings: AugmentSettings,
+) -> npt.NDArray[np.uint8]:
+    """Return the picture that the network is given in a training step.
 
-
-def _holes(rng: np.random.Generator, shape: tuple[int, ...]) -> Mask:
-    rows, columns = np.ogrid[: shape[0], : shape[1]]
-    holes = np.zeros(shape, dtype=np.bool_)
-    for _ in range(int(rng.integers(1, _MOST_HOLES + 1))):
-        row, column = rng.uniform(0, shape[0]), rng.uniform(0, shape[1])
-        radius = rng.uniform(1.0, max(1.0, _HOLE_SHARE * shape[0]))
-        holes |= (rows - row) ** 2 + (columns - column) ** 2 <= radius**2
-    return holes
+    Args:
+        rng: Source of randomness.
+        rgb: uint8 (h, w, 3).
+        mask: bool (h, w), the mask that it is given, or None: the picture is then all it has.
+        settings: How often the picture is missing.
+    """
+    if mask is None or settings.picture_drop == 0 or rng.random() >= settings.picture_drop:
+        return rgb
+    return np.full_like(rgb, rng.integers(256))

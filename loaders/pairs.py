@@ -17,6 +17,7 @@ from pliant.loaders.augment import (
     check_augmentation,
     draw_placement,
     given_masks,
+    given_picture,
 )
 from pliant.loaders.frame_store import FrameStore, check_store
 from pliant.loaders.inputs import InputKind, NetworkInput
@@ -271,9 +272,11 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
     def _image(self, rng: np.random.Generator, view: TrainingFrame) -> npt.NDArray[np.float32]:
         seen = self.settings.network_input
         masks: tuple[npt.NDArray[np.bool_] | None, ...] = (view.mask, view.objects)
+        rgb = view.rgb
         if seen.masks and self.augmentation is not None:
             masks = given_masks(rng, view, self.augmentation)
-        return seen.image(view.rgb, view.depth_m, *masks)
+            rgb = given_picture(rng, rgb, masks[0], self.augmentation)
+        return seen.image(rgb, view.depth_m, *masks)
 
 
 class MixedPairs(TorchDataset[dict[str, torch.Tensor]]):

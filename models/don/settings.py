@@ -216,6 +216,13 @@ class DonSettings(RunSettings):
             raise Refused("a picture or depth for answer.crossings", "pairs.input")
         if self.pairs.input == "silhouette" and self.augment.mask_drop > 0:
             raise Refused("0 for pairs.input silhouette", "augment.mask_drop")
+        if self.augment.picture_drop > 0 and not (
+            self.pairs.network_input.colour and self.pairs.masks
+        ):
+            raise Refused(
+                "0 unless the network sees a colour or grey picture and masks",
+                "augment.picture_drop",
+            )
         need_points = [
             f"loss.{name} above 0"
             for name in ("orientation_weight", "canonical_weight")

@@ -87,6 +87,11 @@ def test_orientation_is_known_at_tabulated_points_alone() -> None:
 def test_a_network_of_masks_alone_is_never_left_without_them() -> None:
     with pytest.raises(CallError, match=r"augment\.mask_drop: .*required: 0"):
         read_settings(DonSettings, None, ["pairs.input=silhouette", "augment.mask_drop=0.1"])
+    for other in ("pairs.masks=false", "pairs.input=depth"):
+        with pytest.raises(CallError, match=r"augment\.picture_drop: .*required: 0 unless"):
+            read_settings(
+                DonSettings, None, ["pairs.masks=true", other, "augment.picture_drop=0.1"]
+            )
 
 
 @pytest.mark.parametrize("text", ["[1, 2]", "a: [", "\udcff"])
