@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import struct
+import threading
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -13,8 +14,16 @@ import numpy.typing as npt
 import OpenEXR
 
 from pliant.spec.io import limits
+from pliant.spec.io.exr_chunks import check_chunks
 from pliant.spec.io.png import refuse_large, require_size
-from pliant.spec.io.reading import AnyFile, Blob, FileRefusedError, check_regular, open_binary
+from pliant.spec.io.reading import (
+    AnyFile,
+    Blob,
+    FileRefusedError,
+    check_regular,
+    open_binary,
+    read_bytes,
+)
 
 CHANNELS: Final[dict[str, tuple[str, int]]] = {
     "Z": ("FLOAT", 2),
@@ -30,6 +39,10 @@ COMPRESSIONS: Final = {0: "NONE", 2: "ZIPS", 3: "ZIP"}
 _MAGIC = 20000630
 _HEAD_BYTES = 65536
 _MAX_ATTRIBUTES = 256
+
+_damage_seen = threading.Event()
+"""Set once OpenEXR has failed in this process: then chunks are decompressed before it sees them,
+because it keeps the memory of every picture that it fails to decode."""
 
 
 @dataclass(frozen=True)
@@ -60,6 +73,7 @@ class ExrHeader:
         compression: EXR's compression number.
         origin: Corner of the data window.
         same_windows: True if data and display window are one.
+        size: Bytes of the header.
     """
 
     width: int
@@ -68,6 +82,7 @@ class ExrHeader:
     compression: int
     origin: tuple[int, int]
     same_windows: bool
+    size: int
 
 
 def write_surface(path: Path | str, surface: Surface) -> None:
@@ -145,15 +160,24 @@ def _read(
     refuse_large(header.width, header.height, path)
     _require_kind(header, path, channels)
     require_size((header.width, header.height), size, path)
-    return _decode(path, (header.height, header.width), list(channels))
+    return _decode(path, header, list(channels))
 
 
-def _decode(path: AnyFile, shape: tuple[int, int], names: list[str]) -> dict[str, npt.NDArray[Any]]:
+def _decode(path: AnyFile, header: ExrHeader, names: list[str]) -> dict[str, npt.NDArray[Any]]:
     """Decode channels of a file whose header was checked.
 
     `InputFile` raises on damaged pixels, where `OpenEXR.File` prints to stdout and goes on.
     """
+    data = read_bytes(path, limits.MAX_IMAGE_FILE_BYTES)
     try:
+        check_chunks(
+            data,
+            header.size,
+            header.compression,
+            header.height,
+            4 * len(names) * header.width,
+            inflate=_damage_seen.is_set(),
+        )
         image = OpenEXR.InputFile(io.BytesIO(path.data) if isinstance(path, Blob) else str(path))
         try:
             planes = image.channels(names)
@@ -161,11 +185,13 @@ def _decode(path: AnyFile, shape: tuple[int, int], names: list[str]) -> dict[str
             image.close()
         return {
             name: np.frombuffer(plane, np.uint32 if CHANNELS[name][1] == 0 else np.float32).reshape(
-                shape
+                header.height, header.width
             )
             for name, plane in zip(names, planes, strict=True)
         }
     except Exception as error:  # the binding raises OSError, TypeError and others
+        if not isinstance(error, ValueError):
+            _damage_seen.set()
         raise FileRefusedError(
             "FILE_UNREADABLE", "the EXR cannot be decoded", path=path, found=str(error)
         ) from error
@@ -195,7 +221,7 @@ def read_header(path: AnyFile) -> ExrHeader:
             required="one part of scan lines",
         )
     try:
-        attributes = _attributes(head)
+        attributes, size = _attributes(head)
         channels = _channels(attributes["channels"])
         left, top, right, bottom = struct.unpack("<4i", attributes["dataWindow"])
         display = struct.unpack("<4i", attributes["displayWindow"])
@@ -211,16 +237,18 @@ def read_header(path: AnyFile) -> ExrHeader:
         compression=compression,
         origin=(left, top),
         same_windows=display == (left, top, right, bottom),
+        size=size,
     )
 
 
-def _attributes(head: bytes) -> dict[str, bytes]:
+def _attributes(head: bytes) -> tuple[dict[str, bytes], int]:
+    """Return the header's attributes and its size in bytes."""
     found: dict[str, bytes] = {}
     position = 8
     for _ in range(_MAX_ATTRIBUTES):
         end = head.index(b"\0", position)
         if end == position:
-            return found
+            return found, end + 1
         name = head[position:end].decode("ascii")
         position = head.index(b"\0", end + 1) + 1
         (size,) = struct.unpack_from("<i", head, position)

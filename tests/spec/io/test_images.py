@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import struct
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,8 @@ import OpenEXR
 import pytest
 from PIL import Image
 
-from pliant.spec.io.exr import Surface, read_surface, write_surface
+from pliant.spec.io.exr import Surface, read_header, read_surface, write_surface
+from pliant.spec.io.exr_chunks import check_chunks
 from pliant.spec.io.png import read_rgb, write_rgb
 from pliant.spec.io.reading import FileRefusedError
 
@@ -173,6 +175,41 @@ def test_damaged_pixels_raise_and_print_nothing_on_stdout(
     (tmp_path / "a.exr").write_bytes(data)
     assert refusal(tmp_path / "a.exr") == "FILE_UNREADABLE"
     assert capfd.readouterr().out == ""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+def test_damaged_pixels_keep_no_memory(tmp_path: Path) -> None:
+    """OpenEXR keeps 4 MB each time it fails to decode such a picture: it may fail once."""
+    path = tmp_path / "a.exr"
+    write_surface(path, Surface(*(np.zeros((512, 512), kind) for kind in "fffI")))
+    whole = path.read_bytes()
+
+    def resident_mb() -> float:
+        return int(Path("/proc/self/statm").read_text().split()[1]) * 4096 / 1e6
+
+    before = resident_mb()
+    for damage in range(30):
+        data = bytearray(whole[: len(whole) // 2] if damage % 2 else whole)
+        data[-9] ^= 255
+        path.write_bytes(data)
+        assert refusal(path) == "FILE_UNREADABLE"
+    assert resident_mb() - before < 30
+
+
+@pytest.mark.parametrize("lines", ["NO", "ZIPS", "ZIP"])
+def test_whole_chunks_pass(tmp_path: Path, lines: str) -> None:
+    s = surface(37, 20)
+    header = {
+        "compression": getattr(OpenEXR, f"{lines}_COMPRESSION"),
+        "type": OpenEXR.scanlineimage,
+    }
+    OpenEXR.File(header, channels_of(s)).write(str(tmp_path / "a.exr"))
+    data = (tmp_path / "a.exr").read_bytes()
+    head = read_header(tmp_path / "a.exr")
+    check_chunks(data, head.size, head.compression, 37, 4 * 4 * 20, inflate=True)
+    for end in range(head.size, len(data)):
+        with pytest.raises(ValueError, match="chunk"):
+            check_chunks(data[:end], head.size, head.compression, 37, 320, inflate=False)
 
 
 def test_links_are_refused(tmp_path: Path) -> None:
