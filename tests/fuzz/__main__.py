@@ -2,21 +2,27 @@
 
     python -m tests.fuzz [--seconds 60] [READER…]
 
-Every reader runs in a process of its own, at most 5 s an input and 2 GiB. What it finds is written
-to tests/fuzz/findings/READER-…, which `test_findings.py` replays. Exit code 1: something was found.
+Every reader runs in a process of its own, at most 5 s an input and 2 GiB, and goes on from the
+inputs that earlier runs kept below build/fuzz. What it finds is written to
+tests/fuzz/findings/READER-…, which `test_findings.py` replays. At the end a table shows what all
+runs did together (build/fuzz/figures.json). Exit code 1: something was found.
 """
 
 from __future__ import annotations
 
 import argparse
 import hashlib
+import json
+import re
 import subprocess
 import sys
 import tempfile
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 
 FINDINGS = Path(__file__).parent / "findings"
+BUILD = Path(__file__).parents[2] / "build" / "fuzz"
 SECONDS_PER_INPUT, MEMORY_MB = 5, 2048
 
 
@@ -38,13 +44,41 @@ def main() -> int:
     for name in names:
         print(f"{name}: {each} s", flush=True)
         child = [sys.executable, "-m", "tests.fuzz", "--child", name, "--seconds", str(each)]
-        done = subprocess.run(child, capture_output=True, text=True)
-        print("\n".join(done.stderr.splitlines()[-1:]), flush=True)
+        done = subprocess.run(child, capture_output=True, text=True, errors="replace")
+        record(name, done.stderr)
         if done.returncode:
             failed.append(name)
             print(done.stdout[-2000:] + done.stderr[-4000:], flush=True)
+    print(table(json.loads((BUILD / "figures.json").read_text())))
     print(f"findings in: {', '.join(failed) or 'none'}")
     return 1 if failed else 0
+
+
+def record(name: str, log: str) -> None:
+    """Add what a child did to build/fuzz/figures.json."""
+    path = BUILD / "figures.json"
+    figures = json.loads(path.read_text()) if path.is_file() else {}
+    done = re.search(r"^Done (\d+) runs in (\d+) second", log, re.MULTILINE)
+    peak = re.search(r"^stat::peak_rss_mb: +(\d+)", log, re.MULTILINE)
+    entry = figures.setdefault(name, {"executions": 0, "seconds": 0, "peak_mb": 0})
+    if done and peak:
+        entry["executions"] += int(done[1])
+        entry["seconds"] += int(done[2])
+        entry["peak_mb"] = max(entry["peak_mb"], int(peak[1]))
+    path.write_text(json.dumps(figures, indent=1) + "\n")
+
+
+def table(figures: Mapping[str, Mapping[str, int]]) -> str:
+    """Return the figures as a Markdown table."""
+    lines = ["| reader | executions | seconds | peak memory, MB |", "|---|---:|---:|---:|"]
+    for name, each in figures.items():
+        lines.append(
+            f"| `{name}` | {each['executions']:,} | {each['seconds']} | {each['peak_mb']} |"
+        )
+    total, seconds = (
+        sum(each[key] for each in figures.values()) for key in ("executions", "seconds")
+    )
+    return "\n".join([*lines, f"| all | {total:,} | {seconds} | |"])
 
 
 def fuzz(name: str, seconds: int) -> None:
@@ -55,11 +89,13 @@ def fuzz(name: str, seconds: int) -> None:
         from pliant.spec.errors import PliantError
         from tests.fuzz.readers import MAX_BYTES, READERS
     reader = READERS[name]
+    corpus = BUILD / name
+    corpus.mkdir(parents=True, exist_ok=True)
+    for number, seed in enumerate(reader.seeds()):
+        (corpus / f"seed-{number}").write_bytes(seed[:MAX_BYTES])
+    FINDINGS.mkdir(exist_ok=True)
     with tempfile.TemporaryDirectory(dir="/dev/shm" if Path("/dev/shm").is_dir() else None) as at:
-        corpus, path = Path(at) / "corpus", Path(at) / f"input{reader.suffix}"
-        corpus.mkdir()
-        for number, seed in enumerate(reader.seeds()):
-            (corpus / str(number)).write_bytes(seed[:MAX_BYTES])
+        path = Path(at) / f"input{reader.suffix}"
 
         def one(data: bytes) -> None:
             path.write_bytes(data)
@@ -71,7 +107,6 @@ def fuzz(name: str, seconds: int) -> None:
                 finding.write_bytes(data)
                 raise
 
-        FINDINGS.mkdir(exist_ok=True)
         options = [
             f"-max_total_time={seconds}",
             f"-timeout={SECONDS_PER_INPUT}",
