@@ -26,7 +26,14 @@ __all__ = [
 def write_report(
     scores: Scores, out_dir: Path | str, *, data: Dataset | Path | str | None = None
 ) -> None:
-    """Write scores.json, per_pair.parquet and report.html; see `report.write_report`."""
+    """Write scores.json, per_pair.parquet and report.html; see `report.write_report`.
+
+    Examples:
+        >>> scores = pliant.evaluate("sample", pliant.predict("sample", "centroid"))
+        >>> pliant.evaluator.write_report(scores, "report", data="sample")
+        >>> sorted(path.name for path in Path("report").iterdir())
+        ['per_pair.parquet', 'report.html', 'scores.json']
+    """
     # Imported here: scoring alone needs no templates.
     from pliant.evaluator.report.report import write_report as write
 

@@ -51,6 +51,12 @@ def evaluate(
         SubmissionError: Something is wrong with the submission; `issues` has every cause.
         SpecError: The dataset or the truth is at fault.
         CallError: No such protocol, or one for another kind of submission.
+
+    Examples:
+        >>> path = pliant.predict("sample", "centroid").write("answers.parquet")
+        >>> scores = pliant.evaluator.evaluate("answers.parquet", "sample", protocol="paper")
+        >>> round(scores.overall["rmse_px"], 2)
+        48.01
     """
     dataset, truth = _opened(data, truth)
     chosen = read_protocol(protocol) if isinstance(protocol, str) else protocol
@@ -88,6 +94,13 @@ def evaluate_answers(
         SubmissionError: Something is wrong with the answers; `issues` has every cause.
         SpecError: The dataset or the truth is at fault.
         CallError: No such protocol or split, or the answers are not columns of one length.
+
+    Examples:
+        >>> queries = pliant.load("sample").queries("test")
+        >>> unmoved = {"u": queries["u_a"], "v": queries["v_a"]}
+        >>> scores = pliant.evaluator.evaluate_answers("sample", "test", unmoved)
+        >>> scores.overall["off_object_rate"] > 0.5
+        True
     """
     dataset, truth = _opened(data, truth)
     chosen = read_protocol(protocol) if isinstance(protocol, str) else protocol

@@ -168,6 +168,12 @@ def read_scores(folder: Path) -> Scores:
     Raises:
         SubmissionError: It is not a report, a file of it is damaged, or its files do not belong
             together.
+
+    Examples:
+        >>> scores = pliant.evaluate("sample", pliant.predict("sample", "centroid"))
+        >>> pliant.evaluator.write_report(scores, "read-report", data="sample")
+        >>> pliant.evaluator.read_scores(Path("read-report")).overall == scores.overall
+        True
     """
     path = folder / SCORES_JSON
     try:

@@ -144,6 +144,12 @@ class FrameDataset(TorchDataset[dict[str, torch.Tensor]]):
     Args:
         store: The frames.
         input: `rgb`, `grey`, `depth` or `rgbd`.
+
+    Examples:
+        >>> store = pliant.loaders.FrameStore(pliant.load("sample"), "rope", "train", (80, 60))
+        >>> frames = pliant.loaders.FrameDataset(store)
+        >>> len(frames), frames[0]["mask"].shape
+        (8, torch.Size([60, 80]))
     """
 
     def __init__(self, store: FrameStore, input: InputKind = "rgb") -> None:

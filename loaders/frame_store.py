@@ -64,6 +64,11 @@ class FrameStore:
 
     Raises:
         CallError: No such tier, or the split has no sequence of it.
+
+    Examples:
+        >>> store = pliant.loaders.FrameStore(pliant.load("sample"), "rope", "train", (80, 60))
+        >>> len(store), store.view(0).rgb.shape
+        (8, (60, 80, 3))
     """
 
     def __init__(

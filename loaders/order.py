@@ -22,6 +22,10 @@ class StepOrder(Sampler[list[int]]):
         stop: Step to end before.
         rank: This process's number.
         world: Number of processes.
+
+    Examples:
+        >>> list(pliant.loaders.StepOrder(batch=2, start=3, stop=5))
+        [[6, 7], [8, 9]]
     """
 
     def __init__(self, batch: int, start: int, stop: int, *, rank: int = 0, world: int = 1) -> None:

@@ -97,6 +97,12 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
 
     Raises:
         CallError: The split has too few frames for the pairing.
+
+    Examples:
+        >>> store = pliant.loaders.FrameStore(pliant.load("sample"), "rope", "train", (80, 60))
+        >>> sample = pliant.loaders.PairDataset(store)[0]
+        >>> sample["image"].shape, sample["uv_px"].shape
+        (torch.Size([2, 3, 60, 80]), torch.Size([2, 48, 1, 2]))
     """
 
     def __init__(
@@ -285,6 +291,12 @@ class MixedPairs(TorchDataset[dict[str, torch.Tensor]]):
     Args:
         parts: Datasets whose samples have equal shapes.
         seed: Seed of the draws.
+
+    Examples:
+        >>> store = pliant.loaders.FrameStore(pliant.load("sample"), "rope", "train", (80, 60))
+        >>> pairs = [pliant.loaders.PairDataset(store, seed=seed) for seed in (1, 2)]
+        >>> pliant.loaders.MixedPairs(pairs)[7]["image"].shape
+        torch.Size([2, 3, 60, 80])
     """
 
     def __init__(self, parts: Sequence[PairDataset], seed: int = 0) -> None:

@@ -22,6 +22,11 @@ def load_matcher(run: Path | str) -> DonMatcher | TimeCycleMatcher:
         CallError: It is not a run's folder.
         MissingExtraError: torch is not installed.
         TrainingError: The run has no validated weights yet, or is damaged.
+
+    Examples:
+        >>> run = Path(pliant.models.__file__).parent / "shipped" / "don-rope"
+        >>> pliant.models.load_matcher(run).name
+        'don'
     """
     from pliant.spec.errors import MissingExtraError
 

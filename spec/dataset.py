@@ -73,6 +73,14 @@ class Dataset:
         tiers: Its tiers by name.
         sequences: Its sequences, in the order of `sequences.parquet`.
         files: Where its files come from.
+
+    Examples:
+        >>> dataset = pliant.load("sample")
+        >>> [sequence.id for sequence in dataset][:2]
+        ['rope-train-000000', 'rope-train-000001']
+        >>> pair = dataset.pairs("val")[0]
+        >>> pair.source.rgb.shape, pair.queries.shape
+        ((192, 256, 3), (64, 2))
     """
 
     root: Path

@@ -116,6 +116,10 @@ def read_protocol(name: str) -> Protocol:
 
     Raises:
         CallError: The protocol is unknown.
+
+    Examples:
+        >>> pliant.evaluator.read_protocol("paper").kind
+        'answers'
     """
     if name not in PROTOCOL_NAMES:
         raise CallError("no such protocol", found=repr(name), required=", ".join(PROTOCOL_NAMES))

@@ -250,6 +250,11 @@ def check(
 
     Raises:
         SpecError: The dataset is at fault, not the submission.
+
+    Examples:
+        >>> path = pliant.predict("sample", "centroid").write("checked.parquet")
+        >>> pliant.evaluator.check("checked.parquet", "sample")
+        []
     """
     return inspect(submission, data, allow_missing=allow_missing, limits=limits).issues()
 
@@ -261,7 +266,14 @@ def inspect(
     allow_missing: bool = False,
     limits: Limits | None = None,
 ) -> Problems:
-    """Return a submission's problems with their true totals, and hints; arguments as `check`."""
+    """Return a submission's problems with their true totals, and hints; arguments as `check`.
+
+    Examples:
+        >>> path = pliant.predict("sample", "centroid").write("inspected.parquet")
+        >>> problems = pliant.evaluator.inspect("inspected.parquet", "sample")
+        >>> problems.total, problems.hints
+        (0, [])
+    """
     dataset = data if isinstance(data, Dataset) else Dataset.open(data)
     problems = Problems(submission)
     loaded = load(Path(submission), dataset, problems, allow_missing=allow_missing, limits=limits)

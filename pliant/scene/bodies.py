@@ -53,6 +53,13 @@ class Rope:
     Raises:
         CallError: The curve is too short, under the table, bends more tightly than the rope can,
             or passes through itself.
+
+    Examples:
+        >>> rope = pliant.scene.Rope([(-0.4, 0.0), (0.0, 0.15), (0.4, 0.0)], ball=True)
+        >>> round(rope.settings.length_m, 3)  # the length of the curve
+        0.864
+        >>> rope.pull(1.0, to=(0.3, 0.1, 0.05))
+        >>> rope.settle(5)
     """
 
     kind: Literal["rope"] = "rope"
@@ -160,6 +167,11 @@ class Cloth:
         towel: With hems and stripes, so that every corner is another one; else of one colour.
         seed: Of the unevenness without which nothing wrinkles.
         settings: More fields of the setting `cloth`, such as `{"points_a_side": 81}`.
+
+    Examples:
+        >>> cloth = pliant.scene.Cloth(settings={"points_a_side": 33})
+        >>> cloth.drape(lambda u, v: (0.5 * u, 0.5 * v, 0.02 + 0.01 * u))
+        >>> cloth.settle(0.1)
     """
 
     kind: Literal["cloth"] = "cloth"

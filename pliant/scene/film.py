@@ -43,6 +43,10 @@ def camera(
         target: What its centre sees, metres.
         size: (width, height), pixels.
         fov_deg: Horizontal field of view, degrees.
+
+    Examples:
+        >>> pliant.scene.camera((0.0, -0.6, 1.1), size=(320, 240)).size
+        (320, 240)
     """
     straight = abs(eye[0] - target[0]) + abs(eye[1] - target[1]) < 1e-6 * abs(eye[2] - target[2])
     up = (0.0, 1.0, 0.0) if straight else (0.0, 0.0, 1.0)
@@ -103,6 +107,13 @@ class Film:
         seed: Of the default camera and look.
         split: Split of the sequence in a dataset; `val` and `test` get queries.
         episode: Whether the shots follow one another in time.
+
+    Examples:
+        >>> rope = pliant.scene.Rope([(-0.4, 0.0), (0.0, 0.15), (0.4, 0.0)])
+        >>> film = pliant.scene.Film(rope, size=(160, 120))
+        >>> shot = film.shoot()
+        >>> shot.rgb.shape, len(shot.uv_px) == len(shot.visible)
+        ((120, 160, 3), True)
     """
 
     def __init__(
@@ -179,6 +190,14 @@ def write(films: Sequence[Film], out: Path | str, *, id: str = "own-scenes", **a
 
     Raises:
         CallError: The folder is there, there are no pictures, or films do not go together.
+
+    Examples:
+        >>> rope = pliant.scene.Rope([(-0.4, 0.0), (0.0, 0.15), (0.4, 0.0)])
+        >>> film = pliant.scene.Film(rope, size=(160, 120))
+        >>> shots = [film.shoot(), film.shoot()]
+        >>> folder = pliant.scene.write([film], "my-scenes", title="One rope")
+        >>> pliant.load(folder)[0].frames
+        2
     """
     out = Path(out)
     if out.exists():
