@@ -7,6 +7,8 @@ all threads, without imports.
 
 `ratio_to_reading` and `peak_gib` are the `paper` protocol's on the largest N.
 `ratio_to_reading_needed_columns` compares it with reading only the columns the protocol uses.
+Figures with `surfaces` are of a split whose target frames have surface images: 98 queries a pair,
+20 pairs a target frame.
 """
 
 from __future__ import annotations
@@ -25,7 +27,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from record import Value, main
 
-QUERIES_PER_PAIR = 200
+QUERIES_PER_PAIR, QUERIES_WITH_SURFACES = 200, 98
+FRAMES, POINTS = 21, 5000
 WIDTH, HEIGHT = 640, 480
 TIER: dict[str, Any] = {
     "kind": "cloth",
@@ -56,7 +59,51 @@ def write_dataset(root: Path, rows: int) -> None:
     """Write a dataset without images and a shuffled submission of `rows` rows."""
     pairs = rows // QUERIES_PER_PAIR
     names, tier_of = write_sequences(root, max(2, pairs // 20))
-    write_rows(root, pairs, names, tier_of)
+    write_rows(root, pairs, QUERIES_PER_PAIR, names, tier_of)
+
+
+def write_dataset_with_surfaces(root: Path, pairs: int) -> None:
+    """Write a dataset with the surface images of its target frames, and a shuffled submission."""
+    names, tier_of = write_sequences(root, max(2, pairs // (20 * (FRAMES - 1))))
+    write_surfaces(root, names, tier_of)
+    write_rows(root, pairs, QUERIES_WITH_SURFACES, names, tier_of, middle=0.5)
+
+
+def write_surfaces(root: Path, names: list[str], tier_of: list[str]) -> None:
+    """Write point tables and surface images: a bent square cloth, turned from frame to frame."""
+    from pliant.spec import tables
+    from pliant.spec.io.exr import Surface, write_surface
+    from pliant.spec.io.parquet import write_table
+    from pliant.spec.storage import layout
+
+    rng = np.random.default_rng(1)
+    side = 0.5 * HEIGHT
+    v, u = np.mgrid[:HEIGHT, :WIDTH] + 0.5
+    images = []
+    for frame in range(FRAMES):
+        turn = np.exp(1j * frame) * ((u - WIDTH / 2) + 1j * (v - HEIGHT / 2)) / side
+        m0, m1 = turn.real + 0.5 + 0.05 * np.sin(3 * turn.imag), turn.imag + 0.5
+        on = (np.minimum(m0, m1) >= 0) & (np.maximum(m0, m1) <= 1)
+        material = (np.where(on, each, 0).astype(np.float32) for each in (m0, m1))
+        depth_m = np.where(on, 1, np.inf).astype(np.float32)
+        images.append(root / f"surface-{frame}.exr")
+        write_surface(images[-1], Surface(depth_m, *material, on.astype(np.uint32)))
+    columns = {
+        "point": np.arange(POINTS, dtype=np.int32),
+        "object": np.ones(POINTS, np.int32),
+        "kind": ["surface"] * POINTS,
+        "m0": rng.random(POINTS, np.float32),
+        "m1": rng.random(POINTS, np.float32),
+        "partners": [list[int]()] * POINTS,
+    }
+    points = pa.table(columns, schema=tables.POINTS)
+    for name, tier in zip(names, tier_of, strict=True):
+        folder = layout.sequence_dir(root, tier, name)
+        for frame, image in enumerate(images):
+            path = folder / layout.depth_name(frame)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.hardlink_to(image)
+        write_table(folder / layout.POINTS_TABLE, points, "points", IDENTITY)
 
 
 def write_sequences(root: Path, sequence_count: int) -> tuple[list[str], list[str]]:
@@ -93,7 +140,7 @@ def write_sequences(root: Path, sequence_count: int) -> tuple[list[str], list[st
         "tier": tier_of,
         "split": ["test"] * sequence_count,
         "shape": [None] * sequence_count,
-        "frames": [21] * sequence_count,
+        "frames": [FRAMES] * sequence_count,
         "temporal": [False] * sequence_count,
         "seed": [0] * sequence_count,
         "style": ["external"] * sequence_count,
@@ -111,8 +158,25 @@ def text(codes: Any, words: list[str]) -> Any:
     return pa.DictionaryArray.from_arrays(codes, words).cast(pa.string())
 
 
-def write_rows(root: Path, pairs: int, names: list[str], tier_of: list[str]) -> None:
-    """Write queries, answers and a submission; half of the sequences have a symmetric partner."""
+def write_rows(
+    root: Path,
+    pairs: int,
+    per_pair: int,
+    names: list[str],
+    tier_of: list[str],
+    middle: float = 1.0,
+) -> None:
+    """Write queries, answers and a submission; half of the sequences have a symmetric partner.
+
+    Args:
+        root: Where the dataset is.
+        pairs: Number of pairs.
+        per_pair: Queries of each.
+        names: Names of the sequences.
+        tier_of: Tier of each.
+        middle: Share of the image's height whose square in the middle has all queries; 1 takes
+            the whole image.
+    """
     from pliant.spec import tables
     from pliant.spec.conventions import VISIBILITY_STATES
     from pliant.spec.io.parquet import write_table
@@ -121,12 +185,15 @@ def write_rows(root: Path, pairs: int, names: list[str], tier_of: list[str]) -> 
 
     rng = np.random.default_rng(0)
     sequence_count = len(names)
-    pair = np.repeat(np.arange(pairs, dtype=np.int32), QUERIES_PER_PAIR)
-    query = np.tile(np.arange(QUERIES_PER_PAIR, dtype=np.int32), pairs)
+    pair = np.repeat(np.arange(pairs, dtype=np.int32), per_pair)
+    query = np.tile(np.arange(per_pair, dtype=np.int32), pairs)
     sequence = np.minimum(np.arange(pairs) * sequence_count // pairs, sequence_count - 1)
-    per_row = np.repeat(sequence, QUERIES_PER_PAIR)
+    per_row = np.repeat(sequence, per_pair)
     tier_codes = np.array([tier == "turned" for tier in tier_of], np.int32)[per_row]
-    uv_a = rng.uniform((0, 0), (WIDTH, HEIGHT), (len(pair), 2)).astype(np.float32)
+    low, high = np.zeros(2), np.array([WIDTH, HEIGHT])
+    if middle < 1:
+        low, high = ((high + sign * middle * HEIGHT) / 2 for sign in (-1, 1))
+    uv_a = rng.uniform(low, high, (len(pair), 2)).astype(np.float32)
     uv_b = np.clip(uv_a + rng.normal(0, 20, uv_a.shape), 1, HEIGHT - 1).astype(np.float32)
     queries = {
         "pair_id": pair,
@@ -135,7 +202,7 @@ def write_rows(root: Path, pairs: int, names: list[str], tier_of: list[str]) -> 
         "sequence_a": text(per_row, names),
         "frame_a": np.zeros(len(pair), np.int32),
         "sequence_b": text(per_row, names),
-        "frame_b": (pair % 20 + 1).astype(np.int32),
+        "frame_b": (pair % (FRAMES - 1) + 1).astype(np.int32),
         "u_a": uv_a[:, 0],
         "v_a": uv_a[:, 1],
     }
@@ -157,7 +224,7 @@ def write_rows(root: Path, pairs: int, names: list[str], tier_of: list[str]) -> 
         "pair_id": pair,
         "query_id": query,
         "tier": queries["tier"],
-        "point": rng.integers(0, 5000, len(pair), dtype=np.int32),
+        "point": rng.integers(0, POINTS, len(pair), dtype=np.int32),
         "u_b": uv_b[:, 0],
         "v_b": uv_b[:, 1],
         "visibility_b": text(state, list(VISIBILITY_STATES)),
@@ -230,6 +297,23 @@ def compare(root: Path, jobs: list[str], rounds: int) -> dict[str, dict[str, flo
     }
 
 
+def measure_surfaces(quick: bool) -> dict[str, Value]:
+    """Measure 51,000 pairs with surface images, or 5,100 (quick)."""
+    pairs = 5_100 if quick else 51_000
+    with tempfile.TemporaryDirectory(prefix="pliant-bench-") as folder:
+        write_dataset_with_surfaces(Path(folder), pairs)
+        found = compare(Path(folder), ["read", "paper", "standard"], 3 if quick else 1)
+    result: dict[str, Value] = {"pairs_surfaces": pairs}
+    for name in ("paper", "standard"):
+        result |= {
+            f"cpu_s_surfaces_{name}": found[name]["cpu_s"],
+            f"ms_per_pair_surfaces_{name}": 1e3 * found[name]["cpu_s"] / pairs,
+            f"ratio_to_reading_surfaces_{name}": found[name]["cpu_s"] / found["read"]["cpu_s"],
+            f"peak_gib_surfaces_{name}": found[name]["peak_gib"],
+        }
+    return result
+
+
 def measure(quick: bool) -> dict[str, Value]:
     """Measure at 2 million rows (quick), or at 1, 10 and 20 million."""
     sizes = [500_000, 2_000_000] if quick else [1_000_000, 10_000_000, 20_000_000]
@@ -258,6 +342,7 @@ def measure(quick: bool) -> dict[str, Value]:
                 "rows_per_s_standard": rows / found["standard"]["cpu_s"],
                 "reading_cpu_s": read,
             }
+    result |= measure_surfaces(quick)
     small, large = min(paper_s), max(paper_s)
     # 1 is linear: the cost of a row in the largest split over that in the smallest.
     result["cost_per_row_largest_over_smallest"] = (paper_s[large] / large) / (

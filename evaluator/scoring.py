@@ -20,7 +20,7 @@ from pliant.evaluator.metrics.base import (
     ScoringContext,
     Summary,
 )
-from pliant.evaluator.metrics.blocks import Block, read_blocks
+from pliant.evaluator.metrics.blocks import BLOCK_ROWS, Block, read_blocks
 from pliant.evaluator.metrics.causes import CAUSES_VERSION, Causes, CausesSettings
 from pliant.evaluator.metrics.localisation import Counts
 from pliant.evaluator.metrics.matches import match_blocks
@@ -38,7 +38,8 @@ from pliant.spec.io.reading import sha256_file
 from pliant.spec.progress import Progress
 from pliant.spec.storage import layout
 
-_ROWS_WITH_IMAGES: Final = 1 << 13
+_PAIRS_WITH_IMAGES: Final = 1024
+"""Where surface images are read, they take the time: shorter blocks show progress."""
 
 
 class Observer(Interface):
@@ -72,13 +73,14 @@ def score(
     """
     queries, has_images = loaded.queries, _has_images(dataset)
     answers = loaded.answers if isinstance(loaded.answers, SplitAnswers) else None
-    context = _context(loaded, dataset, protocol)
+    has_causes = has_images and answers is not None and not hide_truth
+    context = _context(loaded, dataset, protocol, has_causes)
     metrics: list[Metric[Any]] = [Counts(NoSettings(), context)]
     for family, settings in protocol.settings.items():
         metrics.append(metric_class(family)(settings, context))
     causes = hints = controls = None
     if answers is not None and not hide_truth:
-        if has_images:
+        if has_causes:
             causes = Causes(CausesSettings(), context)
             metrics.append(causes)
         hints, controls = TruthHints(answers, queries), Controls(queries.rows)
@@ -109,11 +111,15 @@ def score(
     return Scores(document, pair_table(queries, columns), examples, tuple(sentences))
 
 
-def _context(loaded: Loaded, dataset: Dataset, protocol: Protocol) -> ScoringContext:
+def _context(
+    loaded: Loaded, dataset: Dataset, protocol: Protocol, has_causes: bool
+) -> ScoringContext:
     queries, settings, answers = loaded.queries, protocol.settings, loaded.answers
     names = [x for r in protocol.ratios.values() for x in (r.numerator, r.denominator)]
     search_px = settings["geodesic"].search_px if "geodesic" in settings else 1
-    surfaces = Surfaces(dataset, search_px, CausesSettings().precise * max(queries.size))
+    reach_px = CausesSettings().precise * max(queries.size) if has_causes else 0
+    silhouettes = "slices" in settings and bool(settings["slices"].silhouette_px)
+    surfaces = Surfaces(dataset, search_px, reach_px, silhouettes=silhouettes)
     rows = answers.answers if isinstance(answers, SplitMatches) else answers
     return ScoringContext(dataset, queries, rows, PairTable(queries.pairs, names), surfaces)
 
@@ -128,17 +134,18 @@ def _blocks(
     has_images: bool,
 ) -> Iterator[Block]:
     """Yield the split, or its keypoint matches, with the truth that the metrics need."""
+    queries = loaded.queries
     if isinstance(loaded.answers, SplitMatches):
         footprints = protocol.settings["matches"].visible_within_footprints
         return match_blocks(loaded.answers, context, footprints)
+    rows_with_images = min(BLOCK_ROWS, _PAIRS_WITH_IMAGES * -(-queries.rows // queries.pairs))
     return read_blocks(
-        loaded.queries,
+        queries,
         truth,
         loaded.answers,
         truth_columns=sorted({column for each in metrics for column in each.truth_columns}),
         query_pixels=not hide_truth or any(each.query_pixels for each in metrics),
-        # Where surface images are read too, they take the time: shorter blocks show progress.
-        block_rows=_ROWS_WITH_IMAGES if has_images else None,
+        block_rows=rows_with_images if has_images else None,
         cap_errors=hide_truth,
     )
 

@@ -96,7 +96,8 @@ class MaterialObject:
             (...), metres.
         """
         steps = self.steps_m(np.asarray(first) - np.asarray(second))
-        distance: npt.NDArray[Any] = np.sqrt((steps**2).sum(axis=-1))
+        squared = steps**2
+        distance: npt.NDArray[Any] = np.sqrt(squared[..., 0] + squared[..., 1])
         return distance
 
 

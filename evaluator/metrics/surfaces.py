@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -16,6 +17,7 @@ from pliant.evaluator.submission.queries import Queries
 from pliant.spec.arrays import BoolArray, FloatArray, IntArray
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import SpecError
+from pliant.spec.io.exr import read_surface
 from pliant.spec.model import MaterialObject
 from pliant.spec.storage import layout
 
@@ -48,12 +50,13 @@ class SurfaceFacts:
         known: bool (N,), queries whose target frame has a surface image.
         on_object: bool (N,), answers that are on the queried object.
         geodesic_m: float64 (N,), distance on the material; NaN off the object.
-        silhouette_px: float64 (N,), of the true position to the silhouette; NaN if not known.
+        silhouette_px: float64 (N,), of the true position to the silhouette; NaN if not known or
+            not wanted.
         steps_m: float64 (N, 2), from the right material point to the one under the answer or, off
             the object, nearest to it, along both coordinates; NaN where none is within
             `reach_px`.
         pixel_m: float64 (N,), what one pixel of the target frame typically spans on the material;
-            NaN if not known.
+            NaN if not known or not wanted.
     """
 
     known: BoolArray
@@ -71,13 +74,23 @@ class Surfaces:
         dataset: The dataset.
         search_px: Number of rows and columns around an answer's pixel that are searched for the
             object.
-        reach_px: Answers so near the object have `steps_m`, too.
+        reach_px: Answers on the object or so near it have `steps_m`, and their frames `pixel_m`;
+            0 leaves both out.
+        silhouettes: Whether `silhouette_px` is wanted.
     """
 
-    def __init__(self, dataset: Dataset, search_px: int = 1, reach_px: float = 0) -> None:
+    def __init__(
+        self,
+        dataset: Dataset,
+        search_px: int = 1,
+        reach_px: float = 0,
+        *,
+        silhouettes: bool = False,
+    ) -> None:
         self._dataset = dataset
         self._search_px = search_px
         self._reach_px = reach_px
+        self._silhouettes = silhouettes
         self._points: dict[str, FloatArray] = {}
         self.frame = functools.lru_cache(_CACHED_FRAMES)(self._read)
         self._step_m = functools.cache(self._typical_step_m)
@@ -96,7 +109,8 @@ class Surfaces:
         sequence = self._dataset.sequence(name)
         if not sequence.has(layout.depth_name(frame)):
             return None
-        surface = sequence.surface(frame)
+        path = sequence.file(layout.depth_name(frame))
+        surface = read_surface(path, size=sequence.size, writable=False)
         queried = sequence.described.queried_object
         return ObjectSurface(surface.object_id == queried, surface.m0, surface.m1)
 
@@ -117,44 +131,45 @@ class Surfaces:
         return self._points[found.tier]
 
     def _look_up_block(self, block: Block, queries: Queries) -> SurfaceFacts:
-        """Look up a block's answers and true positions in the target frames."""
+        """Look up a block's answers and true positions, once in each target frame."""
         count = len(block.state)
         facts = SurfaceFacts(
             np.zeros(count, bool), np.zeros(count, bool), np.full(count, np.nan),
             np.full(count, np.nan), np.full((count, 2), np.nan), np.full(count, np.nan),
         )  # fmt: skip
-        for index in range(len(block.starts) - 1):
-            pair = block.first_pair + index
-            sequence = queries.sequences[queries.sequence_b[pair]]
-            surface = self.frame(sequence, int(queries.frame_b[pair]))
-            material = self.point_material(sequence)
-            rows = np.arange(block.starts[index], block.starts[index + 1])
-            rows = rows[block.counted[rows]]
-            if surface is not None and material is not None and len(rows):
+        if block.point is None:
+            return facts
+        for pair, rows in _target_frames(block, queries):
+            name, frame = queries.sequences[queries.sequence_b[pair]], int(queries.frame_b[pair])
+            surface = self.frame(name, frame)
+            material = self.point_material(name)
+            if surface is not None and material is not None:
                 queried = self.queried(queries.tiers[queries.tier[pair]])
-                self._look_up(block, rows, surface, material, queried, facts)
-                if block.point is not None:
-                    facts.pixel_m[rows] = self._step_m(sequence, int(queries.frame_b[pair]))
+                self._look_up(block, block.point, rows, surface, material, queried, facts)
+                if self._reach_px:
+                    facts.pixel_m[rows] = self._step_m(name, frame)
         return facts
 
     def _look_up(
         self,
         block: Block,
+        point: IntArray,
         rows: IntArray,
         surface: ObjectSurface,
         material: FloatArray,
         queried: MaterialObject,
         facts: SurfaceFacts,
     ) -> None:
-        if block.point is None:
-            return
+        """Fill in what one target frame says about rows of a block."""
         facts.known[rows] = True
-        facts.silhouette_px[rows] = silhouette_distance_px(surface.on_object, block.true_px[rows])
+        if self._silhouettes:
+            true_px = block.true_px[rows]
+            facts.silhouette_px[rows] = silhouette_distance_px(surface.on_object, true_px)
         answered = rows
         if block.missing is not None:
             answered = rows[~block.missing[rows]]
             facts.geodesic_m[rows[block.missing[rows]]] = farthest_material_m(queried)
-        points = block.point[answered]
+        points = point[answered]
         if len(points) and (points.min() < 0 or points.max() >= len(material)):
             raise SpecError(
                 "the truth names a point that the point table has not",
@@ -168,9 +183,11 @@ class Surfaces:
         facts.on_object[answered] = found
         under = surface.material(row[found], column[found])
         facts.geodesic_m[answered[found]] = queried.distance_m(under, material[points[found]])
-        facts.steps_m[answered[found]] = queried.steps_m(under - material[points[found]])
         off = np.flatnonzero(~found)
-        if not self._reach_px or not len(off):
+        if not self._reach_px:
+            return
+        facts.steps_m[answered[found]] = queried.steps_m(under - material[points[found]])
+        if not len(off):
             return
         row, column, near = nearest_object_pixel(surface.on_object, at[off], int(self._reach_px))
         centre_px = np.stack([column, row], axis=1) + 0.5
@@ -178,6 +195,24 @@ class Surfaces:
         off = off[near]
         under = surface.material(row[near], column[near])
         facts.steps_m[answered[off]] = queried.steps_m(under - material[points[off]])
+
+
+def _target_frames(block: Block, queries: Queries) -> Iterator[tuple[int, IntArray]]:
+    """Yield (a pair, all counted rows) of each target frame of a block that has such rows.
+
+    Pairs come in the order of the split, and rows count from the block's first.
+    """
+    pairs = np.arange(block.pairs.start, block.pairs.stop)
+    place = (queries.tier[pairs], queries.sequence_b[pairs], queries.frame_b[pairs])
+    _, first, of_pair = np.unique(
+        np.stack(place, axis=1), axis=0, return_index=True, return_inverse=True
+    )
+    rows = np.flatnonzero(block.counted)
+    group = first[of_pair.reshape(-1)][block.pair[rows]]  # named by its first pair
+    order = np.argsort(group, kind="stable")
+    chosen, begin = np.unique(group[order], return_index=True)
+    for pair, part in zip(chosen.tolist(), np.split(rows[order], begin[1:]), strict=False):
+        yield block.first_pair + pair, part
 
 
 def pixel_steps_m(surface: ObjectSurface, queried: MaterialObject) -> tuple[FloatArray, FloatArray]:
@@ -199,13 +234,27 @@ def typical_step_m(surface: ObjectSurface, queried: MaterialObject) -> float:
 
     Folds and crossings, where neighbours are far apart on the material, do not move the median.
     """
-    rows, columns = (np.flatnonzero(surface.on_object.any(axis=axis)) for axis in (1, 0))
+    box = _box(surface.on_object)
+    on, m0, m1 = surface.on_object[box], surface.m0[box], surface.m1[box]
+    steps = []
+    for one, next_ in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
+        both = on[one] & on[next_]
+        ends = [
+            np.stack([m0[each][both], m1[each][both]], axis=1).astype(np.float64)
+            for each in (next_, one)
+        ]
+        steps.append(queried.distance_m(*ends))
+    found = np.concatenate(steps)
+    found = found[found > 0]
+    return float(np.median(found)) if len(found) else 0.0
+
+
+def _box(on_object: BoolArray) -> tuple[slice, slice]:
+    """Return the rows and columns between which the object is; no rows where it is nowhere."""
+    rows, columns = (np.flatnonzero(on_object.any(axis=axis)) for axis in (1, 0))
     if not len(rows):
-        return 0.0
-    box = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
-    part = ObjectSurface(surface.on_object[box], surface.m0[box], surface.m1[box])
-    steps = np.concatenate([each[each > 0] for each in pixel_steps_m(part, queried)])
-    return float(np.median(steps)) if len(steps) else 0.0
+        return slice(0, 0), slice(0, 0)
+    return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)
 
 
 def farthest_material_m(described: MaterialObject) -> float:
@@ -238,24 +287,38 @@ def nearest_object_pixel(
     """
     height, width = on_object.shape
     # Clipped before the conversion, which a huge finite number would not survive.
-    home_column = np.floor(np.clip(uv_px[:, 0], -1e6, 1e6)).astype(np.int64)
-    home_row = np.floor(np.clip(uv_px[:, 1], -1e6, 1e6)).astype(np.int64)
-    best = np.full(len(uv_px), np.inf)
-    row = np.zeros(len(uv_px), np.int64)
-    column = np.zeros(len(uv_px), np.int64)
-    inside_home = (home_row >= 0) & (home_row < height) & (home_column >= 0) & (home_column < width)
-    for down in range(-search_px, search_px + 1):
-        for right in range(-search_px, search_px + 1):
-            r, c = home_row + down, home_column + right
-            inside = (r >= 0) & (r < height) & (c >= 0) & (c < width) & inside_home
-            inside[inside] = on_object[r[inside], c[inside]]
-            squared = (c + 0.5 - uv_px[:, 0]) ** 2 + (r + 0.5 - uv_px[:, 1]) ** 2
-            if down == 0 and right == 0:
-                squared = np.full(len(uv_px), -1.0)  # the pixel itself comes first
-            better = inside & (squared < best)
-            best[better] = squared[better]
-            row[better], column[better] = r[better], c[better]
-    return row, column, np.isfinite(best)
+    column = np.floor(np.clip(uv_px[:, 0], -1e6, 1e6)).astype(np.int64)
+    row = np.floor(np.clip(uv_px[:, 1], -1e6, 1e6)).astype(np.int64)
+    found = (row >= 0) & (row < height) & (column >= 0) & (column < width)
+    row[~found] = column[~found] = 0
+    inside = np.flatnonzero(found)
+    found[inside] = on_object[row[inside], column[inside]]
+    elsewhere = inside[~found[inside]]
+    row[elsewhere], column[elsewhere], found[elsewhere] = _nearest_around(
+        on_object, uv_px[elsewhere], row[elsewhere], column[elsewhere], search_px
+    )
+    return row, column, found
+
+
+def _nearest_around(
+    on_object: BoolArray, uv_px: FloatArray, row: IntArray, column: IntArray, search_px: int
+) -> tuple[IntArray, IntArray, BoolArray]:
+    """Return the object's pixel nearest to positions in the windows around their pixels."""
+    side = 2 * search_px + 1
+    framed = np.pad(on_object, search_px)
+    windows = np.lib.stride_tricks.sliding_window_view(framed, (side, side))
+    position, down, right = np.nonzero(windows[row, column])
+    r, c = row[position] + down - search_px, column[position] + right - search_px
+    squared = (c + 0.5 - uv_px[position, 0]) ** 2 + (r + 0.5 - uv_px[position, 1]) ** 2
+    # Of each position the nearest pixel; of equally near ones the first in reading order.
+    order = np.lexsort((squared, position))
+    found_at, begin = np.unique(position[order], return_index=True)
+    best = order[begin]
+    result_row, result_column = np.zeros_like(row), np.zeros_like(column)
+    found = np.zeros(len(row), bool)
+    result_row[found_at], result_column[found_at] = r[best], c[best]
+    found[found_at] = True
+    return result_row, result_column, found
 
 
 def silhouette_distance_px(on_object: BoolArray, uv_px: FloatArray) -> FloatArray:
@@ -269,7 +332,8 @@ def silhouette_distance_px(on_object: BoolArray, uv_px: FloatArray) -> FloatArra
         float64 (N,), pixels to the centre of the nearest pixel outside that touches the
         object's mask (the border of the image is outside); inf where the object fills nothing.
     """
-    framed = np.pad(on_object, 1)
+    box = _box(on_object)
+    framed = np.pad(on_object[box], 1)
     touching = np.zeros_like(framed)
     touching[1:] |= framed[:-1]
     touching[:-1] |= framed[1:]
@@ -279,7 +343,8 @@ def silhouette_distance_px(on_object: BoolArray, uv_px: FloatArray) -> FloatArra
     rows, columns = np.nonzero(touching)
     if not len(rows):
         return np.full(len(uv_px), np.inf)
-    centres = np.stack([columns - 0.5, rows - 0.5], axis=1)  # the frame shifts by one pixel
+    # The frame shifts by one pixel.
+    centres = np.stack([columns + box[1].start - 0.5, rows + box[0].start - 0.5], axis=1)
     # Imported here: only figures of surfaces need it.
     from scipy.spatial import cKDTree
 
