@@ -74,7 +74,7 @@ def test_page_shows_table_frames_and_matches(made: Path) -> None:
     assert page.count("data:image/png") >= 3
     (verdict,) = re.findall(r'<div class="verdict"><p>(.*)</p>', page)
     assert re.fullmatch(r"Rope.*|Cloth.*", verdict)
-    learned, local = map(float, re.findall(r"by (\d+) px", verdict))
+    learned, local, _control = map(float, re.findall(r"by (\d+) px", verdict))
     assert learned < local
     bars = page[page.index('<table class="bars">') :]
     widths = re.findall(r"width: ([\d.]+)%", bars[: bars.index("</table>")])
