@@ -55,23 +55,23 @@ class Controls:
         true = block.true_px[chosen]
         count = np.bincount(pair, minlength=len(block.starts) - 1)
         total = np.stack([np.bincount(pair, axis, len(count)) for axis in true.T], axis=1)
-        others = (count[pair] - 1)[:, None]
-        first = (np.cumsum(count) - count)[pair]
-        place = np.arange(len(pair)) - first
-        other = first + (place + np.maximum(count[pair] // 2, 1)) % count[pair]
+        kept = np.arange(0, len(pair), self._step)
+        of_pair, at = pair[kept], true[kept]
+        size = count[of_pair]
+        first = (np.cumsum(count) - count)[of_pair]
+        other = first + (kept - first + np.maximum(size // 2, 1)) % size
         answers = {
-            "identity": block.uv_a_px[chosen],
-            "centroid": (total[pair] - true) / np.maximum(others, 1),
+            "identity": block.uv_a_px[chosen[kept]],
+            "centroid": (total[of_pair] - at) / np.maximum(size - 1, 1)[:, None],
             "random": true[other],
         }
-        kept = slice(None, None, self._step)
-        own = block.error_px[chosen]
-        self._errors["method"].append(own[kept])
+        own = block.error_px[chosen[kept]]
+        self._errors["method"].append(own)
         for name, answer in answers.items():
-            error = np.hypot(*(answer - true).T)
+            error = np.hypot(*(answer - at).T)
             if name != "identity":  # a pair's only point has no others
-                error = np.where(others[:, 0] > 0, error, own)
-            self._errors[name].append(error[kept])
+                error = np.where(size > 1, error, own)
+            self._errors[name].append(error)
 
     def sentence(self, method: str) -> str | None:
         """Return which controls beat the submission, and what follows; None for none.

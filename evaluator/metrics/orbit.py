@@ -51,7 +51,7 @@ class Orbit(Metric[OrbitSettings]):
 
     def _apart(self, at_px: FloatArray, exists: BoolArray) -> BoolArray:
         """Return which points have a visible partner and discs that do not overlap, bool (n,)."""
-        gap = np.linalg.norm(at_px[:, :, None] - at_px[:, None], axis=-1)  # (n, S + 1, S + 1)
+        gap = _length_px(at_px[:, :, None] - at_px[:, None])  # (n, S + 1, S + 1)
         both = exists[:, :, None] & exists[:, None] & ~np.eye(exists.shape[1], dtype=bool)
         overlapping = both & ~(gap > 2 * self.settings.radius_px)
         return exists[:, 0] & ~overlapping.any(axis=(1, 2))
@@ -67,7 +67,7 @@ class Orbit(Metric[OrbitSettings]):
         """Take in some rows of a block; a missing answer is a flip without probability."""
         answers, radius = self.context.answers, self.settings.radius_px
         lost = np.zeros(len(chosen), bool) if block.missing is None else block.missing[chosen]
-        gap = np.linalg.norm(block.answer_px[chosen][:, None] - at_px, axis=-1)  # (n, S + 1)
+        gap = _length_px(block.answer_px[chosen][:, None] - at_px)  # (n, S + 1)
         gap = np.where(exists & ~lost[:, None], gap, np.inf)
         hit = gap.min(axis=1) <= radius
         rows["orbit_points"][chosen] = 1
@@ -98,3 +98,9 @@ class Orbit(Metric[OrbitSettings]):
         if not self.context.answers.has_distribution:
             at = f"{self.settings.radius_px:g}px"
             summary.notes[f"mass_{at}"] = "the submission has neither `sigma` nor `modes`"
+
+
+def _length_px(offset_px: FloatArray) -> FloatArray:
+    """Return the lengths of offsets (..., 2); for two numbers faster than NumPy's norm."""
+    squared = offset_px * offset_px
+    return np.asarray(np.sqrt(squared[..., 0] + squared[..., 1]))

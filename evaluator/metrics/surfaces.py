@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -139,12 +138,21 @@ class Surfaces:
         )  # fmt: skip
         if block.point is None:
             return facts
-        for pair, rows in _target_frames(block, queries):
-            name, frame = queries.sequences[queries.sequence_b[pair]], int(queries.frame_b[pair])
+        pairs = np.arange(block.pairs.start, block.pairs.stop)
+        places = (each[pairs].tolist() for each in (queries.sequence_b, queries.frame_b))
+        of_frame: dict[tuple[int, int], list[int]] = {}
+        for index, place in enumerate(zip(*places, strict=True)):
+            of_frame.setdefault(place, []).append(index)
+        for (sequence, frame), members in of_frame.items():
+            name = queries.sequences[sequence]
             surface = self.frame(name, frame)
-            material = self.point_material(name)
-            if surface is not None and material is not None:
-                queried = self.queried(queries.tiers[queries.tier[pair]])
+            material = None if surface is None else self.point_material(name)
+            if surface is None or material is None:
+                continue
+            rows = np.concatenate([np.arange(*block.starts[each : each + 2]) for each in members])
+            rows = rows[block.counted[rows]]
+            if len(rows):
+                queried = self.queried(queries.tiers[queries.tier[pairs[members[0]]]])
                 self._look_up(block, block.point, rows, surface, material, queried, facts)
                 if self._reach_px:
                     facts.pixel_m[rows] = self._step_m(name, frame)
@@ -195,24 +203,6 @@ class Surfaces:
         off = off[near]
         under = surface.material(row[near], column[near])
         facts.steps_m[answered[off]] = queried.steps_m(under - material[points[off]])
-
-
-def _target_frames(block: Block, queries: Queries) -> Iterator[tuple[int, IntArray]]:
-    """Yield (a pair, all counted rows) of each target frame of a block that has such rows.
-
-    Pairs come in the order of the split, and rows count from the block's first.
-    """
-    pairs = np.arange(block.pairs.start, block.pairs.stop)
-    place = (queries.tier[pairs], queries.sequence_b[pairs], queries.frame_b[pairs])
-    _, first, of_pair = np.unique(
-        np.stack(place, axis=1), axis=0, return_index=True, return_inverse=True
-    )
-    rows = np.flatnonzero(block.counted)
-    group = first[of_pair.reshape(-1)][block.pair[rows]]  # named by its first pair
-    order = np.argsort(group, kind="stable")
-    chosen, begin = np.unique(group[order], return_index=True)
-    for pair, part in zip(chosen.tolist(), np.split(rows[order], begin[1:]), strict=False):
-        yield block.first_pair + pair, part
 
 
 def pixel_steps_m(surface: ObjectSurface, queried: MaterialObject) -> tuple[FloatArray, FloatArray]:
