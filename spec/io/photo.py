@@ -90,8 +90,8 @@ def read_mask(path: Path | str, size: tuple[int, int]) -> npt.NDArray[np.bool_]:
         CallError: It is missing, of another size, or black everywhere.
         PliantError: It is not a picture that can be read.
     """
+    _check_size("mask", path, photo_size(path), size)
     mask: npt.NDArray[np.bool_] = (read_photo(path) > BLACK).any(axis=2)
-    _check_shape("mask", path, mask.shape, size)
     if not mask.any():
         raise CallError("the mask is black everywhere", path=path)
     return mask
@@ -118,7 +118,8 @@ def read_depth(path: Path | str, size: tuple[int, int]) -> npt.NDArray[np.float3
             with open(path, "rb") as stream:  # `np.load` would also open an archive of arrays
                 values = np.lib.format.read_array(stream, allow_pickle=False)
         else:
-            with Image.open(path) as opened:
+            with _opened(path) as opened:
+                _check_size("depth image", path, opened.size, size)
                 values = np.asarray(opened)
     except Exception as error:  # Pillow's decoders share no base
         raise _unreadable(path, error) from error
@@ -136,7 +137,7 @@ def read_depth(path: Path | str, size: tuple[int, int]) -> npt.NDArray[np.float3
             path=path,
             required="16-bit millimetres (.png, .tif) or metres (.npy)",
         )
-    _check_shape("depth image", path, values.shape, size)
+    _check_size("depth image", path, values.shape[::-1], size)
     with np.errstate(over="ignore", invalid="ignore"):
         depth_m = values.astype(np.float32) / (1 if metres else _MILLIMETRES_PER_METRE)
     return np.where(np.isfinite(depth_m) & (depth_m > 0), depth_m, np.inf).astype(np.float32)
@@ -164,15 +165,15 @@ def _opened(source: Path | IO[bytes]) -> Iterator[Image.Image]:
             yield opened
 
 
-def _check_shape(
-    what: str, path: Path | str, shape: tuple[int, ...], size: tuple[int, int]
+def _check_size(
+    what: str, path: Path | str, found: tuple[int, ...], required: tuple[int, int]
 ) -> None:
-    if shape != (size[1], size[0]):
+    if found != required:
         raise CallError(
             f"the {what} is not of the picture's size",
             path=path,
-            found=f"{shape[1]}x{shape[0]}",
-            required=f"{size[0]}x{size[1]}",
+            found=f"{found[0]}x{found[1]}",
+            required=f"{required[0]}x{required[1]}",
         )
 
 
