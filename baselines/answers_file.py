@@ -107,7 +107,7 @@ def _read(path: Path) -> tuple[pa.Table, int]:
             return _read_separated(path, _SEPARATORS[suffix]), 2
         if suffix in _JSON_LINES:
             return pa.Table.from_pylist(list(_json_rows(path))), 1
-    except (pa.ArrowException, UnicodeDecodeError) as error:
+    except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         message = " ".join(str(error).split())
         raise CallError("the file cannot be read", path=path, found=message[:200]) from error
     raise CallError(

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from cryptography.exceptions import InvalidSignature
+from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
 from cryptography.hazmat.primitives import serialization
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
 
@@ -102,7 +102,7 @@ def read_public_key(path: Path) -> Ed25519PublicKey:
     """
     try:
         key = serialization.load_pem_public_key(path.read_bytes())
-    except ValueError as error:
+    except (ValueError, UnsupportedAlgorithm) as error:
         raise CallError("this is not a public key", path=path, required="PEM") from error
     if not isinstance(key, Ed25519PublicKey):
         raise CallError("this is not an Ed25519 key", path=path)
