@@ -2,7 +2,8 @@
 
     python -m tests.fuzz [--seconds 60] [READER…]
 
-Every reader runs in a process of its own, at most 5 s an input and 2 GiB, and goes on from the
+Every reader runs in a process of its own, at most 5 s an input, 2 GiB in all, and for an input
+100 MB more than twice the size of the arrays that it returns. It goes on from the
 inputs that earlier runs kept below build/fuzz. What it finds is written to
 tests/fuzz/findings/READER-…, which `test_findings.py` replays. At the end a table shows what all
 runs did together (build/fuzz/figures.json). Exit code 1: something was found.
@@ -13,58 +14,84 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
+import os
 import re
-import subprocess
+import resource
 import sys
 import tempfile
-from collections.abc import Mapping
-from contextlib import suppress
+import time
+import traceback
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import is_dataclass
 from pathlib import Path
+from typing import IO, TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from tests.fuzz.reader import Reader
 
 FINDINGS = Path(__file__).parent / "findings"
 BUILD = Path(__file__).parents[2] / "build" / "fuzz"
-SECONDS_PER_INPUT, MEMORY_MB = 5, 2048
+SECONDS_PER_INPUT, MEMORY_MB, MEMORY_PER_INPUT_MB = 5, 2048, 100
 
 
 def main() -> int:
     """Fuzz the readers named, or all, one after the other."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=int, default=60, help="in all")
-    parser.add_argument("--child", help=argparse.SUPPRESS)
     parser.add_argument("readers", nargs="*")
     arguments = parser.parse_args()
-    if arguments.child:
-        fuzz(arguments.child, arguments.seconds)
-        return 0
-    from tests.fuzz.readers import READERS
+    import atheris
 
+    BUILD.mkdir(parents=True, exist_ok=True)
+    log = BUILD / "log.txt"
+    with log.open("wb") as stream, redirected(stream), atheris.instrument_imports(["pliant"]):
+        from tests.fuzz.readers import READERS
     names = arguments.readers or list(READERS)
     each = max(1, arguments.seconds // len(names))
     failed = []
     for name in names:
         print(f"{name}: {each} s", flush=True)
-        child = [sys.executable, "-m", "tests.fuzz", "--child", name, "--seconds", str(each)]
-        done = subprocess.run(child, capture_output=True, text=True, errors="replace")
-        record(name, done.stderr)
-        if done.returncode:
+        start = time.monotonic()
+        child = os.fork()  # the imports are made and instrumented once
+        if child == 0:
+            with log.open("wb") as stream, redirected(stream):
+                fuzz(name, READERS[name], each)
+        status = os.waitpid(child, 0)[1]
+        text = log.read_text(errors="replace")
+        record(name, text, round(time.monotonic() - start))
+        if status:
             failed.append(name)
-            print(done.stdout[-2000:] + done.stderr[-4000:], flush=True)
+            print(text[-4000:], flush=True)
     print(table(json.loads((BUILD / "figures.json").read_text())))
     print(f"findings in: {', '.join(failed) or 'none'}")
     return 1 if failed else 0
 
 
-def record(name: str, log: str) -> None:
+@contextmanager
+def redirected(stream: IO[bytes]) -> Iterator[None]:
+    """Send what this process and its libraries print to a file."""
+    kept = [os.dup(number) for number in (1, 2)]
+    for number in (1, 2):
+        os.dup2(stream.fileno(), number)
+    try:
+        yield
+    finally:
+        for number, copy in zip((1, 2), kept, strict=True):
+            os.dup2(copy, number)
+            os.close(copy)
+
+
+def record(name: str, log: str, seconds: int) -> None:
     """Add what a child did to build/fuzz/figures.json."""
     path = BUILD / "figures.json"
     figures = json.loads(path.read_text()) if path.is_file() else {}
-    done = re.search(r"^Done (\d+) runs in (\d+) second", log, re.MULTILINE)
-    peak = re.search(r"^stat::peak_rss_mb: +(\d+)", log, re.MULTILINE)
     entry = figures.setdefault(name, {"executions": 0, "seconds": 0, "peak_mb": 0})
-    if done and peak:
-        entry["executions"] += int(done[1])
-        entry["seconds"] += int(done[2])
-        entry["peak_mb"] = max(entry["peak_mb"], int(peak[1]))
+    lines = re.findall(r"^#(\d+)\t.*rss: (\d+)Mb", log, re.MULTILINE)
+    if lines:
+        entry["executions"] += int(lines[-1][0])
+        entry["seconds"] += seconds
+        entry["peak_mb"] = max(entry["peak_mb"], int(lines[-1][1]))
     path.write_text(json.dumps(figures, indent=1) + "\n")
 
 
@@ -81,14 +108,13 @@ def table(figures: Mapping[str, Mapping[str, int]]) -> str:
     return "\n".join([*lines, f"| all | {total:,} | {seconds} | |"])
 
 
-def fuzz(name: str, seconds: int) -> None:
+def fuzz(name: str, reader: Reader, seconds: int) -> None:
     """Fuzz one reader in this process; libFuzzer ends it."""
     import atheris
 
-    with atheris.instrument_imports(include=["pliant"]):
-        from pliant.spec.errors import PliantError
-        from tests.fuzz.readers import MAX_BYTES, READERS
-    reader = READERS[name]
+    from pliant.spec.errors import PliantError
+    from tests.fuzz.reader import MAX_BYTES
+
     corpus = BUILD / name
     corpus.mkdir(parents=True, exist_ok=True)
     for number, seed in enumerate(reader.seeds()):
@@ -99,13 +125,17 @@ def fuzz(name: str, seconds: int) -> None:
 
         def one(data: bytes) -> None:
             path.write_bytes(data)
+            before, decoded = peak_mb(), 0.0
             try:
                 with suppress(PliantError):
-                    reader.read(path)
+                    decoded = array_mb(reader.read(path))
+                taken = peak_mb() - before
+                assert taken <= MEMORY_PER_INPUT_MB + 2 * decoded, f"took {taken:.0f} MB"
             except BaseException:  # libFuzzer itself keeps hangs and floods of memory
                 finding = FINDINGS / f"{name}-{hashlib.sha1(data).hexdigest()[:12]}"
                 finding.write_bytes(data)
-                raise
+                traceback.print_exc()
+                os._exit(1)
 
         options = [
             f"-max_total_time={seconds}",
@@ -117,6 +147,22 @@ def fuzz(name: str, seconds: int) -> None:
         ]
         atheris.Setup([sys.argv[0], *options, str(corpus)], one)
         atheris.Fuzz()
+
+
+def peak_mb() -> float:
+    """Return the most memory that this process has had so far."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+def array_mb(found: object) -> float:
+    """Return the size of the arrays and tables in what a reader returned."""
+    if is_dataclass(found):
+        found = list(vars(found).values())
+    if isinstance(found, dict):
+        found = list(found.values())
+    if isinstance(found, (list, tuple)):
+        return sum(map(array_mb, found))
+    return float(getattr(found, "nbytes", 0)) / 2**20
 
 
 if __name__ == "__main__":
