@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import os
-import re
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 
 from pliant.spec.errors import CallError
-from pliant.spec.io.writing import synced
+from pliant.spec.io.writing import abandoned, synced
 
 
 @contextmanager
@@ -57,15 +56,9 @@ def staged(folder: Path) -> Iterator[Path]:
 
 def _tidy(folder: Path) -> None:
     """Remove what processes that ended left of an earlier writing of a folder."""
-    pattern = re.compile(rf"\.{re.escape(folder.name)}\.(\d+)\.(partial|earlier)")
-    for path in [*folder.parent.glob(".*")]:
-        match = pattern.fullmatch(path.name)
-        if match is None:
-            continue
-        with suppress(PermissionError):  # of a process of somebody else
-            try:
-                os.kill(int(match[1]), 0)
-            except ProcessLookupError:
-                if match[2] == "earlier" and not folder.exists():
-                    path.rename(folder)
-                shutil.rmtree(path, ignore_errors=True)
+    for path in abandoned(folder.parent, f".{folder.name}.", ".earlier"):
+        if not folder.exists():
+            path.rename(folder)
+        shutil.rmtree(path, ignore_errors=True)
+    for path in abandoned(folder.parent, f".{folder.name}.", ".partial"):
+        shutil.rmtree(path, ignore_errors=True)

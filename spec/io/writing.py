@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -14,7 +15,8 @@ from pliant.spec.errors import CallError
 def replacing(path: Path | str, *, durable: bool = False) -> Iterator[Path]:
     """Give a temporary path in the same folder, and rename it to `path` at the end.
 
-    When the body raises, the temporary file is removed and `path` stays as it was.
+    When the body raises, the temporary file is removed and `path` stays as it was. What a killed
+    process left of an earlier writing of `path` is removed.
 
     Args:
         path: The file to write; replaced if it exists.
@@ -28,6 +30,9 @@ def replacing(path: Path | str, *, durable: bool = False) -> Iterator[Path]:
     """
     path = Path(path)
     partial = path.with_name(f".{path.stem}.{os.getpid()}.partial{path.suffix}")
+    for left in abandoned(path.parent, f".{path.stem}.", f".partial{path.suffix}"):
+        with suppress(OSError):
+            left.unlink()
     try:
         yield partial
         if durable:
@@ -38,6 +43,33 @@ def replacing(path: Path | str, *, durable: bool = False) -> Iterator[Path]:
     finally:
         with suppress(OSError):  # what prevented the write prevents this as well
             partial.unlink(missing_ok=True)
+
+
+def abandoned(folder: Path, before: str, after: str) -> list[Path]:
+    """Return the temporary files or folders of processes that have ended.
+
+    Args:
+        folder: Where they are.
+        before: What their names have before the number of the process.
+        after: What their names have after it.
+    """
+    found = []
+    for path in folder.glob(f"{glob.escape(before)}*{glob.escape(after)}"):
+        number = path.name[len(before) : len(path.name) - len(after)]
+        if number.isdecimal() and not _runs(int(number)):
+            found.append(path)
+    return found
+
+
+def _runs(process: int) -> bool:
+    """Return whether there is a process of this number."""
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:  # of somebody else
+        return True
+    return True
 
 
 def synced(path: Path) -> None:

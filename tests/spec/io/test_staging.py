@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
@@ -11,6 +12,7 @@ import pytest
 
 from pliant.spec.errors import CallError
 from pliant.spec.io.staging import staged
+from pliant.spec.io.writing import replacing
 
 PROGRAM = """
 import sys, time
@@ -69,3 +71,13 @@ def test_an_error_inside_leaves_the_earlier_folder(tmp_path: Path) -> None:
         (place / "missing" / "file").write_text("")
     assert names(tmp_path) == ["out"]
     assert names(out) == ["first"]
+
+
+def test_the_next_writing_of_a_file_removes_what_a_killed_one_left(tmp_path: Path) -> None:
+    ended = subprocess.Popen(["true"])
+    ended.wait()
+    for name in (f".a.{ended.pid}.partial.json", f".a.{os.getpid()}.partial.txt"):
+        (tmp_path / name).touch()
+    with replacing(tmp_path / "a.json") as partial:
+        partial.touch()
+    assert names(tmp_path) == [f".a.{os.getpid()}.partial.txt", "a.json"]
