@@ -7,7 +7,7 @@ import logging
 import shutil
 import time
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import Final, Literal
 
@@ -278,7 +278,7 @@ def _threads_each(engine: Engine) -> int:
 def _logged(run: RunFolder) -> Iterator[Path]:
     """Send this package's log to a file of the run while it lasts."""
     path = run.new_log()
-    handler = logging.FileHandler(path, delay=True)
+    handler = _LogFile(path, delay=True)
     handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(message)s"))
     level = logger.level
     logger.addHandler(handler)
@@ -289,6 +289,18 @@ def _logged(run: RunFolder) -> Iterator[Path]:
         logger.removeHandler(handler)
         logger.setLevel(level)
         handler.close()
+
+
+class _LogFile(logging.FileHandler):
+    """A log file whose own failure, such as a full disk, does not hide what is reported."""
+
+    def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802
+        """Drop the record: its traceback on stderr would bury the error of the run."""
+
+    def close(self) -> None:
+        """Close the file, even if its last lines cannot be written."""
+        with suppress(OSError):
+            super().close()
 
 
 def _ignore(progress: Progress) -> None:
