@@ -27,14 +27,17 @@ def write(sequences: Iterable[SequenceRecord], folder: Path, options: Options) -
         recording = Recording.of(sequence, options.points)
         # Recordings of one application share its layout of views.
         stream = rr.new_recording(f"pliant {sequence.tier}", recording_id=sequence.id)
-        rr.save(folder / f"{sequence.id}.rrd", recording=stream)
-        rr.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True, recording=stream)
-        for frame in sequence:
-            _set_frame(rr, stream, frame.index)
-            for name, value in _entities(rr, recording, frame).items():
-                rr.log(name, value, recording=stream)
-        stream.flush()
-        rr.disconnect(recording=stream)
+        encoded = rr.binary_stream(recording=stream)
+        # Written here: Rerun's own writer only logs that a disk is full.
+        with open(folder / f"{sequence.id}.rrd", "wb") as file:
+            rr.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True, recording=stream)
+            for frame in sequence:
+                _set_frame(rr, stream, frame.index)
+                for name, value in _entities(rr, recording, frame).items():
+                    rr.log(name, value, recording=stream)
+                file.write(encoded.read() or b"")
+            rr.disconnect(recording=stream)
+            file.write(encoded.read() or b"")
         yield
 
 
