@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import shutil
 import tarfile
-import tempfile
 from collections.abc import Callable
 from contextlib import ExitStack
 from datetime import UTC, datetime
@@ -36,7 +35,7 @@ from pliant.spec.errors import CallError, SpecError
 from pliant.spec.io.jsonfiles import write_json
 from pliant.spec.io.reading import sha256_file
 from pliant.spec.io.staging import staged
-from pliant.spec.io.writing import replacing
+from pliant.spec.io.writing import abandoned, replacing
 from pliant.spec.storage.manifest import read_checksums, write_checksums
 
 _COPIED: Final = ("public", "private", "protocols", "keys")
@@ -49,8 +48,9 @@ Copy = Callable[[str, str], Any]
 def write_backup(challenge: Challenge, out: Path) -> None:
     """Copy everything while the service runs; an earlier backup is brought up to date.
 
-    The database is read at one moment. Submission files are stored before the rows that name
-    them and never change, so every row of the backup has its file.
+    The new backup takes the place of the earlier one when it is whole; files that did not change
+    are not copied again. The database is read at one moment. Submission files are stored before
+    the rows that name them and never change, so every row of the backup has its file.
 
     Args:
         challenge: The challenge.
@@ -61,9 +61,11 @@ def write_backup(challenge: Challenge, out: Path) -> None:
     """
     if out.exists() and any(out.iterdir()) and not (out / _SUMS).is_file():
         raise CallError("the folder is not a backup", path=out, fix="Name a new folder.")
-    out.mkdir(mode=0o700, parents=True, exist_ok=True)
-    os.chmod(out, 0o700)
-    _write(challenge, out, shutil.copy2)
+    with staged(out) as place:
+        os.chmod(place, 0o700)
+        if (out / _SUMS).is_file():
+            shutil.copytree(out, place, copy_function=_link, dirs_exist_ok=True)
+        _write(challenge, place, shutil.copy2)
 
 
 def write_archive(challenge: Challenge, out: Path, passphrase: bytes | None) -> None:
@@ -77,11 +79,15 @@ def write_archive(challenge: Challenge, out: Path, passphrase: bytes | None) -> 
     Raises:
         CallError: The file exists.
     """
+    scratch = out.resolve().with_name(f".{out.name}.{os.getpid()}.folder")
+    for each in abandoned(scratch.parent, f".{out.name}.", ".folder"):
+        shutil.rmtree(each, ignore_errors=True)
     if out.exists():
         raise CallError("the file exists already", path=out)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=".pliant-", dir=out.resolve().parent) as scratch:
-        folder = Path(scratch) / "challenge"
+    with ExitStack() as stack:
+        stack.callback(shutil.rmtree, scratch, ignore_errors=True)
+        folder = scratch / "challenge"
+        scratch.mkdir(0o700, parents=True)
         folder.mkdir()
         _write(challenge, folder, _link)
         secret = folder / "keys" / PRIVATE_KEY
@@ -149,6 +155,8 @@ def _write(challenge: Challenge, out: Path, copy: Copy) -> None:
         sha256s = set(session.scalars(select(Submission.file_sha256)))
     for name in _COPIED:
         _update(challenge.root / name, out / name, copy)
+    for name in (CHALLENGE_YAML, _SUMS):  # an earlier backup may have the same file
+        (out / name).unlink(missing_ok=True)
     shutil.copy2(challenge.root / CHALLENGE_YAML, out / CHALLENGE_YAML)
     store = FolderStore(out / "submissions")
     for sha256 in sorted(sha256s):
