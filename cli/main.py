@@ -176,6 +176,9 @@ def _explained(error: BaseException) -> tuple[str | None, int]:
         )
     if isinstance(error, ModuleNotFoundError) and (extra := extra_of(error.name or "")):
         return str(MissingExtraError(f"module {error.name}", extra)), CALL_WRONG
+    database = sys.modules.get("sqlalchemy.exc")
+    if database is not None and isinstance(error, database.DBAPIError):
+        return f"the database cannot be used; found {error.orig}", CALL_WRONG
     if isinstance(error, OSError) and (error.strerror or error.errno):
         place = f"{error.filename}: " if error.filename else ""
         return f"{place}{error.strerror or ' '.join(str(error).split())}", CALL_WRONG
