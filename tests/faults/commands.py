@@ -1,0 +1,287 @@
+"""The commands that are disturbed: their inputs, the state before, and what must hold after."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import os
+import shutil
+import tarfile
+from collections.abc import Callable
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+Action = Callable[[], int]
+TRAINING: Final = (
+    "steps=3", "batch=1", "width=40", "height=30", "seed=3", "network.widths=[8, 32]",
+    "network.descriptor_dim=4", "pairs.queries=8", "optimiser.warmup=1", "checkpoint_every=1",
+    "validation={split: train, every: 2, pairs: 1, queries: 8, calibration_pairs: 1}",
+)  # fmt: skip
+_PICTURE: Final = "data/sequences/rope/rope-test-000000/rgb/00000"
+_RECORDS: Final = (".pliant", "tensorboard")
+"""Folders of logs, whose content differs from run to run."""
+
+
+def digests(work: Path) -> dict[str, str]:
+    """Return file -> sha256 of everything in a folder but logs."""
+    return {
+        path.relative_to(work).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in sorted(work.rglob("*"))
+        if path.is_file() and not set(path.parts) & set(_RECORDS)
+    }
+
+
+@dataclass(frozen=True)
+class Command:
+    """One command.
+
+    Attributes:
+        prepare: Fills its folder before each run, from a folder of inputs.
+        action: Does it in that folder and returns an exit code.
+        again: Does it again after an interruption; None is `action`.
+        state: What is compared of the folder.
+        continues: A run that was interrupted is continued: it may leave more than it found.
+    """
+
+    prepare: Callable[[Path, Path], None]
+    action: Callable[[Path, Path], int]
+    again: Callable[[Path, Path], int] | None = None
+    state: Callable[[Path], Any] = digests
+    continues: bool = False
+
+
+def pliant(*arguments: object) -> int:
+    """Run the command line."""
+    from pliant.cli.main import run
+
+    return run([str(each) for each in arguments])
+
+
+def make_inputs(inputs: Path, data: Path | None) -> None:
+    """Make everything that the commands read.
+
+    Args:
+        inputs: An empty folder.
+        data: A small dataset of a rope; None generates one.
+    """
+    quiet = io.StringIO()
+    made = inputs / "data"
+    with redirect_stdout(quiet), redirect_stderr(quiet):
+        if data is None:
+            size = ("--size", "64x64", "--style", "raster", "--workers", 1)
+            codes = [pliant("generate", "rope", "--sequences", 3, "--frames", 2, *size,
+                            "--out", made)]  # fmt: skip
+        else:
+            shutil.copytree(data, made, ignore=shutil.ignore_patterns(".pliant"))
+            codes = [0]
+        for name in ("identity", "centroid"):
+            file = inputs / f"{name}.parquet"
+            codes += [
+                pliant("predict", name, "--data", made, "--out", file),
+                pliant("evaluate", file, "--data", made, "--out", inputs / name),
+            ]
+        codes += [
+            _publish(inputs, inputs),
+            _create(inputs, inputs),
+            pliant("convert", made, "--to", "coco", "--out", inputs / "coco"),
+            pliant("challenge", "backup", inputs / "challenge", "--out", inputs / "backup"),
+            pliant("challenge", "invite", inputs / "challenge", "Later"),
+        ]
+    assert not any(codes), quiet.getvalue()
+
+
+def _publish(inputs: Path, work: Path) -> int:
+    options = ("--hold-out", "test", "--answers-are-public")
+    return pliant("publish", inputs / "data", "--out", work / "public", *options)
+
+
+def _create(inputs: Path, work: Path) -> int:
+    halves = ("--data", inputs / "public", "--private", inputs / "public-private")
+    return pliant("challenge", "create", work / "challenge", *halves)
+
+
+def _nothing(inputs: Path, work: Path) -> None:
+    """Leave the folder empty."""
+
+
+def _earlier(*names: str) -> Callable[[Path, Path], None]:
+    """Return what puts results of an earlier call into the folder, from inputs."""
+
+    def prepare(inputs: Path, work: Path) -> None:
+        for name in names:
+            source, _, target = name.partition(":")
+            place = work / (target or source)
+            copy = shutil.copytree if (inputs / source).is_dir() else shutil.copyfile
+            copy(inputs / source, place)
+
+    return prepare
+
+
+def _call(*arguments: str) -> Callable[[Path, Path], int]:
+    """Return a call of the command line; `IN/` and `OUT/` begin paths."""
+
+    def action(inputs: Path, work: Path) -> int:
+        folders = {"IN": str(inputs), "OUT": str(work)}
+        return pliant(
+            *("/".join([folders.get(head, head), *rest]) if rest else head
+              for head, *rest in (each.split("/") for each in arguments))
+        )  # fmt: skip
+
+    return action
+
+
+def _generate(sequences: int, style: str = "raster", stand_in: bool = True) -> Any:
+    """Return a generation of rope sequences, by default by the stand-in in this process."""
+
+    def action(inputs: Path, work: Path) -> int:
+        if stand_in:
+            from pliant.generator.runner import run as runner
+            from tests.generator.runner.standin import InProcess, maker
+
+            runner.sequence_maker = lambda config, root, threads=1: maker(config, root)
+            runner._open_engine = lambda *_: InProcess()
+        size = "48x32" if stand_in else "64x64"
+        return pliant("generate", "rope", "--sequences", sequences, "--frames", 2, "--size", size,
+                      "--style", style, "--workers", 1, "--out", work / "set")  # fmt: skip
+
+    return action
+
+
+def _generated(inputs: Path, work: Path) -> None:
+    """Put a finished set of two sequences into the folder."""
+    made = inputs / "grown"
+    if not made.exists():
+        child = os.fork()
+        if child == 0:
+            with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
+                os._exit(_generate(2)(inputs, made))
+        os.waitpid(child, 0)
+    shutil.copytree(made, work, dirs_exist_ok=True)
+
+
+def _train(*options: str) -> Callable[[Path, Path], int]:
+    def action(inputs: Path, work: Path) -> int:
+        chosen = [part for each in TRAINING for part in ("--set", each)]
+        data = inputs / "data"
+        return pliant("train", "don", "--data", data, "--out", work / "run", *chosen, *options)
+
+    return action
+
+
+def _train_again(inputs: Path, work: Path) -> int:
+    resumed = (work / "run" / "config.yaml").exists()
+    return _train(*["--resume"] * resumed)(inputs, work)
+
+
+def _recordings(work: Path) -> dict[str, Any]:
+    """Return what Rerun reads: its files have a time in them."""
+    from rerun import dataframe
+
+    found: dict[str, Any] = {}
+    for path in sorted(work.rglob("*")):
+        if path.suffix == ".rrd" and ".partial" not in str(path):
+            view = dataframe.load_recording(path).view(index="frame", contents="/**")
+            table = view.select().read_all()
+            kept = [name for name in table.column_names if not name.startswith("log_")]
+            found[path.name] = repr(table.select(kept).to_pylist())
+        elif path.is_file():
+            found[path.relative_to(work).as_posix()] = path.stat().st_size
+    return found
+
+
+def _archived(work: Path) -> dict[str, Any]:
+    """Return sizes of the files of an archive, which has times in it."""
+    found: dict[str, Any] = digests(work)
+    for name in [name for name in found if name.endswith(".tar")]:
+        with tarfile.open(work / name) as tar:
+            found[name] = sorted((each.name, each.size) for each in tar)
+    return found
+
+
+def _books(work: Path) -> Any:
+    """Return what a challenge contains, but random keys and tokens; check its audit log."""
+    from sqlalchemy import func, select
+
+    from pliant.service.audit import verify_log
+    from pliant.service.challenge import Challenge
+    from pliant.service.models import Job, LedgerEntry, Score, Submission, Team, Token
+
+    found: dict[str, Any] = {}
+    for root in sorted(path for path in work.iterdir() if (path / "challenge.yaml").is_file()):
+        files = {
+            name: digest
+            for name, digest in digests(root).items()
+            if not name.startswith(("challenge.sqlite", "keys/"))
+        }
+        keys = sorted(path.name for path in (root / "keys").iterdir())
+        challenge = Challenge.open(root, None)
+        with challenge.database.read() as session:
+            verify_log(session)
+            teams = sorted(session.scalars(select(Team.name)))
+            counts = [
+                session.scalar(select(func.count()).select_from(each))
+                for each in (Token, Submission, Score, LedgerEntry)
+            ]
+            states = sorted(session.scalars(select(Submission.state)))
+            jobs = sorted(str(each) for each in session.scalars(select(Job.state)))
+            figures = [each.figures for each in session.scalars(select(Score))]
+            charged = session.scalar(select(func.sum(LedgerEntry.amount)))
+        challenge.database.engine.dispose()
+        found[root.name] = (files, keys, teams, counts, states, jobs, figures, charged)
+    known = {root for root in found}
+    other = {k: v for k, v in digests(work).items() if k.split("/")[0] not in known}
+    return found, other
+
+
+COMMANDS: Final[dict[str, Command]] = {
+    "generate": Command(_nothing, _generate(3), continues=True),
+    "generate-grow": Command(_generated, _generate(3), continues=True),
+    "generate-blender": Command(
+        _nothing, _generate(2, "fast", stand_in=False), continues=True
+    ),
+    "predict": Command(
+        _earlier("centroid.parquet:out.parquet"),
+        _call("predict", "identity", "--data", "IN/data", "--out", "OUT/out.parquet"),
+    ),
+    "evaluate": Command(
+        _earlier("centroid:report"),
+        _call("evaluate", "IN/identity.parquet", "--data", "IN/data", "--out", "OUT/report"),
+    ),
+    "leaderboard": Command(
+        _nothing, _call("leaderboard", "IN/identity", "IN/centroid", "--out", "OUT/table.html")
+    ),
+    "site": Command(_nothing, _call("leaderboard", "IN/identity", "IN/centroid", "--out", "OUT/s")),
+    "view": Command(_nothing, _call("view", "IN/data", "--out", "OUT/sheet.png", "--count", "2")),
+    "match": Command(
+        _nothing,
+        _call("match", "identity", "--source", f"IN/{_PICTURE}0.png",
+              "--target", f"IN/{_PICTURE}1.png", "--at", "30,30", "--out", "OUT/figure.png"),
+    ),
+    "import": Command(
+        _nothing, _call("import", "IN/coco/annotations.json", "--out", "OUT/set")
+    ),
+    "publish": Command(_nothing, _publish),
+    **{
+        f"convert-{target}": Command(
+            _nothing,
+            _call("convert", "IN/data", "--to", target, "--out", "OUT/set"),
+            state=_recordings if target == "rerun" else digests,
+        )
+        for target in ("rerun", "lerobot", "coco", "tapvid", "webdataset", "glb")
+    },
+    "train": Command(_nothing, _train(), _train_again, continues=True),
+    "challenge-create": Command(_nothing, _create, state=_books),
+    "challenge-invite": Command(
+        _earlier("challenge"), _call("challenge", "invite", "OUT/challenge", "Team"), state=_books
+    ),
+    "challenge-backup": Command(
+        _earlier("backup"), _call("challenge", "backup", "IN/challenge", "--out", "OUT/backup")
+    ),
+    "challenge-archive": Command(
+        _nothing,
+        _call("challenge", "archive", "IN/challenge", "--out", "OUT/archive.tar"),
+        state=_archived,
+    ),
+}  # fmt: skip
