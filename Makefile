@@ -3,6 +3,7 @@
 # make test: lint, types, tests
 # make test-all: the same with the tests that take minutes (marker `long`)
 # make fuzz SECONDS=60: coverage-guided fuzzing of every reader of files
+# make mutants SAMPLE=100: so many mutants of each target of tests/mutation (SAMPLE= for all)
 # They make .venv from constraints.txt when it is missing; Python 3.11 is all they need.
 
 PYTHON ?= python3.11
@@ -11,8 +12,9 @@ BIN := $(VENV)/bin
 OUT ?= demo
 
 SECONDS ?= 60
+SAMPLE ?= 100
 
-.PHONY: demo docs test test-all fuzz lint types unit unit-all venv clean
+.PHONY: demo docs test test-all fuzz mutants lint types unit unit-all venv clean
 
 venv: $(VENV)/.installed
 
@@ -47,6 +49,9 @@ unit-all: venv
 
 fuzz: venv
 	$(BIN)/python -m tests.fuzz --seconds $(SECONDS)
+
+mutants: venv
+	$(BIN)/python -m tests.mutation $(if $(SAMPLE),--sample $(SAMPLE))
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info

@@ -1,0 +1,175 @@
+"""Mutation testing: `make mutants SAMPLE=100`.
+
+    python -m tests.mutation [--sample 100] [--seed 0] [--out build/mutation] [TARGET…]
+
+One process; each mutant runs in a fork (see `runner.py`). OUT/TARGET.jsonl keeps the results, and
+mutants with a result there are not run again; `--survivors` runs those that survived once more.
+survivors.yaml lists the surviving mutants that no test can or should kill, with the reason.
+Exit code 1: there are survivors without a reason.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import random
+import sys
+from dataclasses import dataclass
+from itertools import groupby
+from pathlib import Path
+
+import pytest
+import yaml
+
+from tests.mutation.mutants import Mutant, mutants_of
+from tests.mutation.runner import KILLED, TIMEOUT, Runner
+
+ROOT = Path(__file__).resolve().parents[2]
+REASONS = Path(__file__).with_name("survivors.yaml")
+
+
+@dataclass(frozen=True)
+class Target:
+    """Source files and the tests that are to notice their mutants."""
+
+    source: str
+    tests: tuple[str, ...]
+    expression: str = ""  # of pytest's -k
+    compiled: bool = False  # by Numba: run uncompiled, so that functions can be replaced
+
+
+_OF_METRICS = (
+    *("against_reference", "causes", "matches", "metrics_by_hand", "missing_answers"),
+    *("orbit", "protocols", "videos"),
+)
+TARGETS = {
+    "ledger": Target("service/ledger.py", ("tests/service/test_attempts.py",), "not postgresql"),
+    "statistics": Target(
+        "evaluator/statistics",
+        ("tests/evaluator/test_sign_flips.py", "tests/evaluator/test_metrics_by_hand.py"),
+    ),
+    "metrics": Target(
+        "evaluator/metrics",
+        tuple(f"tests/evaluator/test_{name}.py" for name in _OF_METRICS),
+    ),
+    "validation": Target("spec/validation", ("tests/spec/validation",)),
+    "truth": Target("generator/truth", ("tests/generator/truth",), compiled=True),
+}
+
+
+def main() -> int:
+    """Run the targets named, or all, each in a process of its own."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--sample", type=int, help="mutants per target (default: all)")
+    parser.add_argument("--seed", type=int, default=0, help="of the sample (default: 0)")
+    parser.add_argument("--out", type=Path, default=ROOT / "build" / "mutation")
+    parser.add_argument("--survivors", action="store_true", help="run survivors once more")
+    parser.add_argument("--cpu-seconds", type=float, default=20, help="tests per mutant")
+    parser.add_argument("targets", nargs="*", metavar="TARGET", help=", ".join(TARGETS))
+    arguments = parser.parse_args()
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    open_questions = 0
+    names: list[str] = arguments.targets or list(TARGETS)
+    for _, together in groupby(names, key=lambda name: TARGETS[name].tests):
+        group = list(together)
+        child = os.fork()
+        if child == 0:
+            run(group, arguments)
+            os._exit(0)
+        os.waitpid(child, 0)
+        open_questions += sum(summarise(name, arguments) for name in group)
+    return 1 if open_questions else 0
+
+
+def chosen(name: str, sample: int | None, seed: int) -> tuple[list[Mutant], int]:
+    """Return a target's mutants in random order, as many as asked for, and how many there are."""
+    source = ROOT / TARGETS[name].source
+    files = sorted(source.rglob("*.py")) if source.is_dir() else [source]
+    found = [mutant for file in files for mutant in mutants_of(file, ROOT)]
+    random.Random(seed).shuffle(found)
+    return found[:sample], len(found)
+
+
+def read_results(path: Path) -> dict[str, str]:
+    """Return key -> status; the last line of a mutant counts."""
+    lines = path.read_text().splitlines() if path.exists() else []
+    return {row["key"]: row["status"] for row in map(json.loads, lines)}
+
+
+def run(names: list[str], arguments: argparse.Namespace) -> None:
+    """Run the mutants without a result of targets that have the same tests."""
+    again = (None, "survived", "uncovered") if arguments.survivors else (None,)
+    target_of: dict[str, str] = {}
+    mutants = []
+    for name in names:
+        done = read_results(arguments.out / f"{name}.jsonl")
+        for mutant in chosen(name, arguments.sample, arguments.seed)[0]:
+            if done.get(mutant.key) in again:
+                target_of[mutant.key] = name
+                mutants.append(mutant)
+    if not mutants:
+        return
+    target = TARGETS[names[0]]
+    if target.compiled:
+        os.environ["NUMBA_DISABLE_JIT"] = "1"
+
+    def report(mutant: Mutant, status: str, tests: int) -> None:
+        with (arguments.out / f"{target_of[mutant.key]}.jsonl").open("a") as out:
+            out.write(json.dumps({"key": mutant.key, "status": status, "tests": tests}) + "\n")
+        place = f"{mutant.file.relative_to(ROOT)}:{mutant.lines.start}"
+        print(f"{status:9} {place} {mutant.before} -> {mutant.after}", flush=True)
+
+    options = ["-q", "-s", "-p", "no:cacheprovider", "-o", "timeout=0", "-m", "not long"]
+    options += ["-k", target.expression] if target.expression else []
+    options += ["-o", "tmp_path_retention_policy=none", f"--rootdir={ROOT}"]
+    tests = [str(ROOT / each) for each in target.tests]
+    pytest.main([*options, *tests], plugins=[Runner(mutants, report, arguments.cpu_seconds)])
+
+
+def summarise(name: str, arguments: argparse.Namespace) -> int:
+    """Print a target's score; return how many survivors have no reason."""
+    results = read_results(arguments.out / f"{name}.jsonl")
+    mutants, population = chosen(name, arguments.sample, arguments.seed)
+    mutants = [mutant for mutant in mutants if mutant.key in results]
+    reasons = {
+        (row["file"], row["function"], change): row["reason"]
+        for row in yaml.safe_load(REASONS.read_text()) or []
+        for change in row["changes"]
+    }
+    killed, argued, open_ = 0, 0, []
+    for mutant in mutants:
+        if results[mutant.key] in (KILLED, TIMEOUT):
+            killed += 1
+            continue
+        file = str(mutant.file.relative_to(ROOT))
+        change = f"{mutant.before} -> {mutant.after}"
+        if (file, mutant.function, change) in reasons:
+            argued += 1
+        else:
+            open_.append(f"{results[mutant.key]}: {file}:{mutant.lines.start} {change}")
+    print("\n".join(open_))
+    count = max(1, len(mutants))
+    low, high = interval(killed + argued, count)
+    print(
+        f"{name}: {len(mutants)} of {population} mutants, {killed} killed, {argued} argued, "
+        f"{len(open_)} open; killed {killed / count:.3f}, killed or argued "
+        f"{(killed + argued) / count:.3f} (95 % {low:.3f} to {high:.3f})",
+        flush=True,
+    )
+    return len(open_)
+
+
+def interval(hits: int, count: int) -> tuple[float, float]:
+    """Return the 95 % interval of a share, after Wilson."""
+    z = 1.959964
+    share = hits / count
+    centre = (share + z * z / (2 * count)) / (1 + z * z / count)
+    half = z * math.sqrt(share * (1 - share) / count + (z / (2 * count)) ** 2)
+    half /= 1 + z * z / count
+    return centre - half, centre + half
+
+
+if __name__ == "__main__":
+    sys.exit(main())

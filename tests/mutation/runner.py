@@ -1,0 +1,208 @@
+"""Run tests against mutants, each in a fork of one process in which the tests are collected.
+
+The process runs every test once and notes which lines it executes and its CPU time. A mutant's
+function is replaced in the fork, which runs the tests that execute the changed line, those that
+take little time first, until one fails. Fixtures of the session are made once, by the original.
+"""
+
+from __future__ import annotations
+
+import functools
+import gc
+import os
+import resource
+import signal
+import sys
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
+from pathlib import Path
+from types import CodeType, FrameType, FunctionType
+from typing import Any, cast
+
+import pytest
+from _pytest.runner import runtestprotocol
+
+from tests.mutation.mutants import Mutant
+
+KILLED, SURVIVED, UNCOVERED, TIMEOUT = "killed", "survived", "uncovered", "timeout"
+Functions = dict[tuple[Path, str, int], list[FunctionType]]
+MOST_TESTS = 250  # per mutant: the failed one is the exit code of the fork
+WALL_S = 300
+"""A fork that takes longer hangs: a lock that its parent held."""
+
+
+class Runner:
+    """A plug-in of pytest that runs mutants in place of the session's tests.
+
+    Attributes:
+        mutants: What to run.
+        report: Takes a mutant, its status and the tests that were run.
+        cpu_s: CPU time of the tests of one mutant, about; the quickest are taken.
+    """
+
+    def __init__(
+        self, mutants: Sequence[Mutant], report: Callable[[Mutant, str, int], None], cpu_s: float
+    ) -> None:
+        self.mutants, self.report, self.cpu_s = mutants, report, cpu_s
+        self._files = {mutant.file for mutant in mutants}
+        self._lines: dict[tuple[Path, int], set[pytest.Item]] = defaultdict(set)
+        self._costs: dict[pytest.Item, float] = {}
+        self._executed: set[tuple[Path, int]] = set()
+        self._resolved: dict[str, Path] = {}
+        self._sound: set[pytest.Item] = set()
+
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_collection(self) -> None:
+        """Let Hypothesis draw the same examples in every fork."""
+        from hypothesis import settings
+
+        settings.register_profile("mutation", deadline=None, derandomize=True, database=None)
+        settings.load_profile("mutation")
+
+    def pytest_runtestloop(self, session: pytest.Session) -> bool:
+        """Run the tests once, then the mutants."""
+        items = self._trace(session.items)
+        session._setupstate.teardown_exact(cast(pytest.Item, session))  # all but its own fixtures
+        print(f"{len(items)} of {len(session.items)} tests pass", flush=True)
+        functions = self._functions()
+        for mutant in self.mutants:
+            chosen = self._tests_of(mutant, items)
+            status, failed = self._outcome(mutant, functions, chosen)
+            while failed is not None and not self._passes_unchanged(failed):
+                items.remove(failed)
+                chosen = self._tests_of(mutant, items)
+                status, failed = self._outcome(mutant, functions, chosen)
+            self.report(mutant, status, len(chosen))
+        return True
+
+    def _outcome(
+        self, mutant: Mutant, functions: Functions, chosen: Sequence[pytest.Item]
+    ) -> tuple[str, pytest.Item | None]:
+        """Return a mutant's status, and the test that failed."""
+        if not chosen:
+            return UNCOVERED, None
+        failed = self._fork(
+            lambda: _run_mutant(mutant, functions, chosen),
+            10 + 5 * sum(self._costs[item] for item in chosen),
+        )
+        if failed is None:
+            return TIMEOUT, None
+        return (SURVIVED, None) if failed < 0 else (KILLED, chosen[failed])
+
+    def _passes_unchanged(self, item: pytest.Item) -> bool:
+        """Return whether a test passes in a fork without a mutant, else it is left out."""
+        if item not in self._sound:
+            if self._fork(lambda: _run([item]), 10 + 5 * self._costs[item]) != -1:
+                print(f"left out, fails in a fork: {item.nodeid}", flush=True)
+                return False
+            self._sound.add(item)
+        return True
+
+    def _trace(self, items: Sequence[pytest.Item]) -> list[pytest.Item]:
+        """Run the tests with a trace of the lines; return those that pass."""
+        passed = []
+        shared: set[tuple[Path, int]] = set()
+        for index, item in enumerate(items):
+            following = items[index + 1] if index + 1 < len(items) else item
+            if index == 0 or item.parent is not items[index - 1].parent:
+                shared = set()  # lines of the module's own fixtures
+            before = _cpu_s()
+            self._executed = set()
+            sys.settrace(self._enter)
+            try:
+                reports = runtestprotocol(item, log=False, nextitem=following)
+            finally:
+                sys.settrace(None)
+            if index == 0 or item.parent is not items[index - 1].parent:
+                shared = self._executed
+            self._costs[item] = _cpu_s() - before
+            if all(report.passed for report in reports):
+                passed.append(item)
+                for line in self._executed | shared:
+                    self._lines[line].add(item)
+            elif any(report.failed for report in reports):
+                print(f"fails: {item.nodeid}", flush=True)
+        return passed
+
+    def _enter(self, frame: FrameType, event: str, _: Any) -> Any:
+        name = frame.f_code.co_filename
+        if name not in self._resolved:
+            self._resolved[name] = Path(os.path.realpath(name))
+        return self._line if self._resolved[name] in self._files else None
+
+    def _line(self, frame: FrameType, event: str, _: Any) -> Any:
+        if event == "line":
+            self._executed.add((self._resolved[frame.f_code.co_filename], frame.f_lineno))
+        return self._line
+
+    def _tests_of(self, mutant: Mutant, items: Iterable[pytest.Item]) -> list[pytest.Item]:
+        covering: set[pytest.Item] = set()
+        for line in mutant.lines:
+            covering |= self._lines.get((mutant.file, line), set())
+        chosen: list[pytest.Item] = []
+        spent = 0.0
+        for item in sorted((i for i in items if i in covering), key=lambda i: self._costs[i]):
+            spent += self._costs[item]
+            if chosen and (spent > self.cpu_s or len(chosen) == MOST_TESTS):
+                break
+            chosen.append(item)
+        return chosen
+
+    def _functions(self) -> Functions:
+        found: Functions = defaultdict(list)
+        for each in gc.get_objects():
+            if isinstance(each, FunctionType):
+                code: CodeType = each.__code__
+                file = Path(os.path.realpath(code.co_filename))
+                if file in self._files:
+                    found[file, code.co_qualname, code.co_firstlineno].append(each)
+        return found
+
+    def _fork(self, run: Callable[[], int], cpu_s: float) -> int | None:
+        """Return what `run` returns in a fork, -1 to 253, or None if it takes too long or dies."""
+        child = os.fork()
+        if child == 0:
+            silence = os.open(os.devnull, os.O_RDWR)
+            for stream in (0, 1, 2):
+                os.dup2(silence, stream)
+            os.setpgid(0, 0)
+            limit = int(cpu_s) + 1
+            resource.setrlimit(resource.RLIMIT_CPU, (limit, limit))
+            signal.alarm(WALL_S)
+            code = 255
+            with suppress(BaseException):
+                code = run() + 1
+            os._exit(code)
+        _, status = os.waitpid(child, 0)
+        with suppress(ProcessLookupError):
+            os.killpg(child, signal.SIGKILL)  # what a killed test has left
+        if os.WIFSIGNALED(status) or os.WEXITSTATUS(status) == 255:
+            return None
+        return os.WEXITSTATUS(status) - 1
+
+
+def _run_mutant(mutant: Mutant, functions: Functions, items: Sequence[pytest.Item]) -> int:
+    for each in gc.get_objects():
+        if isinstance(each, functools._lru_cache_wrapper):
+            each.cache_clear()
+    for function in functions[mutant.file, mutant.function, mutant.line]:
+        function.__code__ = mutant.code
+    return _run(items)
+
+
+def _run(items: Sequence[pytest.Item]) -> int:
+    """Run tests until one fails; return its index, or -1 if all pass."""
+    for index, item in enumerate(items):
+        following = items[index + 1] if index + 1 < len(items) else item
+        reports = runtestprotocol(item, log=False, nextitem=following)
+        if any(report.failed for report in reports):
+            return index
+    return -1
+
+
+def _cpu_s() -> float:
+    own, children = (
+        resource.getrusage(w) for w in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
+    )
+    return own.ru_utime + own.ru_stime + children.ru_utime + children.ru_stime
