@@ -240,7 +240,7 @@ class _Masks:
 
 
 def _write_frame(clip: Clip, frame: int, folder: Path, masks: _Masks) -> list[str]:
-    """Write what is known of a frame; return the files, relative to the folder."""
+    """Write the files of a frame; return their paths relative to the folder."""
     names = [layout.rgb_name(frame)]
     names += [layout.mask_name(frame)] if clip.read_mask else []
     names += [layout.camera_depth_name(frame)] if clip.read_depth else []

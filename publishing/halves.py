@@ -31,7 +31,7 @@ from pliant.spec.storage import layout
 from pliant.spec.storage.packing import FolderToPack, Packer
 
 StageProgress = Callable[[str, int, int], None]
-"""Called with (what is being done, sequences done, sequences in all)."""
+"""Called with (name of the stage, finished sequences, all sequences)."""
 
 _TOP: tuple[str, ...] = (layout.DATASET_JSON, layout.SEQUENCES_TABLE)
 

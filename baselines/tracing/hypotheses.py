@@ -145,7 +145,7 @@ def _walked(
 
 
 def _opened(mask: Mask) -> Mask:
-    """Return a mask without what is thinner than five pixels, if anything is thicker."""
+    """Remove parts thinner than five pixels from a mask, unless all of it is thinner."""
     picture = Image.fromarray(mask).convert("L")
     opened = picture.filter(ImageFilter.MinFilter(5)).filter(ImageFilter.MaxFilter(5))
     thick = np.asarray(opened) > 0

@@ -46,7 +46,7 @@ def _from_above(tilt: float, above: Nadir) -> FloatArray:
 
 
 def _fit(homography: FloatArray, shown: Mask) -> tuple[float, FloatArray]:
-    """Return the scale and then the shift that bring what is shown to the middle of the frame."""
+    """Return the scale, and the shift after it, that centre the visible object in the frame."""
     places = np.argwhere(shown)[:, ::-1] + 0.5
     there = mapped(homography, places)
     low, high = there.min(axis=0), there.max(axis=0)

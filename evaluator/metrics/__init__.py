@@ -1,1 +1,1 @@
-"""Metrics as pure functions of arrays; what is averaged over what is the protocol's business."""
+"""Metrics as pure functions of arrays; the protocol defines how they are averaged."""

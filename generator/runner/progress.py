@@ -1,4 +1,4 @@
-"""How far a run is, what is left of it by its own finished sequences, and how it ended."""
+"""Progress of a run, its remaining time estimated from finished sequences, and its outcome."""
 
 from __future__ import annotations
 

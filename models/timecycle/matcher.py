@@ -51,7 +51,7 @@ class TimeCycleMatcher:
         self._encoded: LRUCache[torch.Tensor] = LRUCache(_KEPT_VIEWS)
 
     def read_by(self, propagation: PropagationSettings) -> TimeCycleMatcher:
-        """Return the same encoder, read in another way; what is encoded already is shared."""
+        """Return a matcher with other read-out settings that shares this one's encoded frames."""
         read = TimeCycleMatcher(
             self.network, self.settings.replace(propagation=propagation), self.facts
         )

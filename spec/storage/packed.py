@@ -1,4 +1,4 @@
-"""The files of a packed dataset: Parquet shards, and the index that says what is where in them."""
+"""The files of a packed dataset: Parquet shards, and the index of the files in them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A grid of cells over points or a triangle mesh, to find what is near a place."""
+"""A uniform grid over points or a triangle mesh, for neighbour search."""
 
 from __future__ import annotations
 

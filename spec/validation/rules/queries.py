@@ -1,4 +1,4 @@
-"""Rules of queries and truth: what is asked, that it can be seen, and that the answer follows."""
+"""Rules of queries and ground truth: keys, visibility in the source, agreement with the tables."""
 
 from __future__ import annotations
 
