@@ -7,7 +7,6 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import RBFInterpolator
 
 from pliant.baselines.features.opencv import load_opencv
 from pliant.baselines.pixels import HALF_PIXEL, central_position
@@ -122,6 +121,8 @@ def _homography(cv2: Any, source: FloatArray, target: FloatArray, uv_px: FloatAr
 def _thin_plate(cv2: Any, source: FloatArray, target: FloatArray, uv_px: FloatArray) -> FloatArray:
     """Carry places by the thin-plate spline through the outline (Bookstein, PAMI 1989)."""
     del cv2
+    from scipy.interpolate import RBFInterpolator  # it takes half a second
+
     spline = RBFInterpolator(
         source.reshape(-1, 2), target.reshape(-1, 2), kernel="thin_plate_spline"
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
+from scipy import fft, ndimage
 
 from pliant.baselines.tracing.depth_in_mask import depth_in_mask, ridge, shrunk, working_factor
 from pliant.baselines.tracing.settings import TRACING
@@ -87,13 +87,23 @@ def _ends(mask: Mask) -> int:
         return 0
     row, column = np.mgrid[-reach : reach + 1, -reach : reach + 1]
     disc = np.hypot(row, column) <= TRACING.shape_around * half_px
-    from scipy.signal import fftconvolve  # it loads scipy.stats, half a second
-
-    around: FloatArray = fftconvolve(mask.astype(np.float64), disc.astype(np.float64), "same")
+    around = _sum_around(mask, disc, reach)
     places, _ = ndimage.label(
         mask & (around < TRACING.shape_at_end * _strand_px2(half_px)), np.ones((3, 3))
     )
     return int((np.bincount(places.ravel())[1:] >= TRACING.shape_least_end * half_px**2).sum())
+
+
+def _sum_around(mask: Mask, disc: Mask, reach: int) -> FloatArray:
+    """Return how many pixels of a mask are in a disc of 2 reach + 1 pixels about each pixel.
+
+    It is SciPy's `fftconvolve`, whose module takes half a second to import.
+    """
+    height, width = mask.shape
+    fast = [fft.next_fast_len(side + 2 * reach, real=True) for side in mask.shape]
+    product = fft.rfft2(mask.astype(np.float64), fast) * fft.rfft2(disc.astype(np.float64), fast)
+    around: FloatArray = fft.irfft2(product, fast)
+    return around[reach : reach + height, reach : reach + width]
 
 
 def _strand_px2(half_px: float) -> float:
