@@ -5,6 +5,7 @@ from pliant.baselines.matcher import (
     HeatMatcher,
     KeypointMatcher,
     Matcher,
+    SharingMatcher,
     SplitMatcher,
     TrackMatcher,
 )
@@ -22,6 +23,7 @@ __all__ = [
     "Matcher",
     "Matches",
     "Pair",
+    "SharingMatcher",
     "SplitMatcher",
     "TrackMatcher",
 ]

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
 import pickle
+import tempfile
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
 from typing import Final
 
 import numpy as np
 
 from pliant.baselines.answers import checked_answers
-from pliant.baselines.matcher import KeypointMatcher, Matcher, TrackMatcher
+from pliant.baselines.matcher import KeypointMatcher, Matcher, SharingMatcher, TrackMatcher
 from pliant.baselines.submission_file import Kind
 from pliant.baselines.tracks import answer_tracks, tasks_by_source
 from pliant.spec.answers import Answers, Matches
+from pliant.spec.cores import cpu_cores
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
 from pliant.spec.queries import QueryPair
@@ -63,8 +67,12 @@ class _Worker:
 _process_worker: _Worker | None = None  # set once in each worker process
 
 
-def _start_process(address: str, split: str, pickled: bytes, kind: Kind, masks: bool) -> None:
+def _start_process(
+    address: str, split: str, pickled: bytes, kind: Kind, masks: bool, workers: int
+) -> None:
     global _process_worker
+    # Torch, which a matcher brings, would use all cores in every process.
+    os.environ.setdefault("OMP_NUM_THREADS", str(max(1, cpu_cores() // workers)))
     pairs = Dataset.open(address).pairs(split)
     _process_worker = _Worker(pairs, pickle.loads(pickled), kind, masks)
 
@@ -100,6 +108,28 @@ def answer_pairs(
         for task in tasks:
             yield worker.run(task)
         return
+    with tempfile.TemporaryDirectory(prefix="pliant-predict-") as folder:
+        executor = ProcessPoolExecutor(
+            workers,
+            mp_context=multiprocessing.get_context("spawn"),
+            initializer=_start_process,
+            initargs=(
+                dataset.address,
+                split,
+                _pickled(matcher, Path(folder)),
+                kind,
+                masks,
+                workers,
+            ),
+        )
+        try:
+            yield from executor.map(_run_in_process, tasks)
+        finally:
+            executor.shutdown(cancel_futures=True)
+
+
+def _pickled(matcher: Matcher, folder: Path) -> bytes:
+    """Return a matcher whose copies share a folder, where it is a `SharingMatcher`."""
     try:
         pickled = pickle.dumps(matcher)
     except Exception as error:
@@ -107,16 +137,11 @@ def answer_pairs(
             f"the method {matcher.name!r} cannot be sent to worker processes ({error})",
             fix="Use one worker",
         ) from error
-    executor = ProcessPoolExecutor(
-        workers,
-        mp_context=multiprocessing.get_context("spawn"),
-        initializer=_start_process,
-        initargs=(dataset.address, split, pickled, kind, masks),
-    )
-    try:
-        yield from executor.map(_run_in_process, tasks)
-    finally:
-        executor.shutdown(cancel_futures=True)
+    if isinstance(matcher, SharingMatcher):
+        copy = pickle.loads(pickled)
+        copy.share(folder)
+        pickled = pickle.dumps(copy)
+    return pickled
 
 
 def _tasks(matcher: Matcher, pairs: Sequence[QueryPair], most: int) -> list[range]:

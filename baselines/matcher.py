@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -114,6 +115,15 @@ class TrackMatcher(Matcher, Protocol):
         Yields:
             For each frame after the first, one answer for every point, in order.
         """
+        ...
+
+
+@runtime_checkable
+class SharingMatcher(Matcher, Protocol):
+    """A method whose copies in other processes share what is costly to find out about a picture."""
+
+    def share(self, folder: Path) -> None:
+        """Store it in a folder from now on, which exists as long as the copies answer."""
         ...
 
 

@@ -17,7 +17,8 @@ from pliant.spec.frame import Frame
 from pliant.spec.io.resizing import resize_mask, resize_nearest, resize_rgb
 from pliant.spec.lru_cache import LRUCache
 
-_KEPT_VIEWS = 8
+_KEPT_BYTES = 256 * 2**20
+_LEAST_KEPT = 8
 
 
 @dataclass(frozen=True)
@@ -44,6 +45,12 @@ class DescribedView:
         return flat if self.mask is None or not self.mask.any() else flat[self.mask.reshape(-1)]
 
 
+def _bytes_of(described: DescribedView) -> int:
+    """Return how many bytes the maps take, but so few that the last views are always kept."""
+    maps = [*described.maps, *([] if described.mirrored is None else [described.mirrored])]
+    return min(sum(each.nbytes for each in maps), _KEPT_BYTES // _LEAST_KEPT)
+
+
 class ViewDescriber:
     """Describes views with a network, and remembers the last ones by their keys.
 
@@ -65,7 +72,7 @@ class ViewDescriber:
     ) -> None:
         self.network, self.given, self.size, self.mirrored = network, given, size, mirrored
         self.turns = range(0, 4, 4 // rotations)
-        self._kept: LRUCache[DescribedView] = LRUCache(_KEPT_VIEWS)
+        self._kept: LRUCache[DescribedView] = LRUCache(_KEPT_BYTES, _bytes_of)
 
     def described(self, view: Frame) -> DescribedView:
         """Return a view's descriptors; without a mask, with the one that the network predicts."""

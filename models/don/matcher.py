@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -158,6 +159,10 @@ class DonMatcher:
         views = decided.source.view, decided.target.view
         source, target = map(self._views.described, views)
         return Asked(source, target, decided.found.query.numpy(), decided.found.distance)
+
+    def share(self, folder: Path) -> None:
+        """Store traces in a folder, where copies in other processes find them."""
+        self.reader.share(folder)
 
     def remarks(self, source: Frame, target: Frame) -> list[str]:
         """Return what should be known of two pictures, as sentences; see `RemarkingMatcher`."""

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import torch
 
+from pliant.baselines.shared_cache import SharedCache
 from pliant.baselines.tracing import (
     MaskShape,
     Reframed,
@@ -23,8 +26,16 @@ from pliant.spec.arrays import Mask
 from pliant.spec.frame import Frame
 from pliant.spec.lru_cache import LRUCache
 
-_KEPT_VIEWS = 8
-_KEPT_TRACES = 128
+_KEPT_BYTES = 128 * 2**20
+_LEAST_KEPT = 8
+_BYTES_PER_PIXEL = 9  # colour, depth and two masks
+_KEPT_TRACES = 256
+
+
+def _bytes_of(seen: Reframed) -> int:
+    """Return about how many bytes a view takes, so that the last ones are kept at any size."""
+    width, height = seen.view.size
+    return min(_BYTES_PER_PIXEL * width * height, _KEPT_BYTES // _LEAST_KEPT)
 
 
 class RopeReader:
@@ -44,8 +55,12 @@ class RopeReader:
     ) -> None:
         self._network, self._views, self._settings = network, views, settings
         self.crossings: CrossingNetwork | None = None
-        self._rectified: LRUCache[Reframed] = LRUCache(_KEPT_VIEWS)
+        self._rectified: LRUCache[Reframed] = LRUCache(_KEPT_BYTES, _bytes_of)
         self._readings: LRUCache[tuple[list[Trace], MaskShape]] = LRUCache(_KEPT_TRACES)
+
+    def share(self, folder: Path) -> None:
+        """Store traces in a folder, where copies in other processes find them."""
+        self._readings = SharedCache(_KEPT_TRACES, folder)
 
     @property
     def finds_masks(self) -> bool:

@@ -6,6 +6,7 @@ import shutil
 from dataclasses import asdict, replace
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -546,3 +547,21 @@ def test_a_contrastive_network_is_sharpened_before_it_answers(
     assert before > 2 * after
     assert after < 1.5
     assert calibrate(matcher, inner, SIZE).sharpness == matcher.sharpness > 10
+
+
+def test_copies_share_traces_through_a_folder(
+    pairs: list[ValidationPair], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import pickle
+
+    matcher = by_colour(AnswerSettings(decode="trace"))
+    matcher.share(tmp_path)
+    copy = pickle.loads(pickle.dumps(matcher))
+    expected = matcher.answer(pairs[0])
+    assert len(list(tmp_path.iterdir())) == 2
+
+    def refuse(*_: Any) -> Any:
+        raise AssertionError("a picture was traced again")
+
+    monkeypatch.setattr("pliant.models.don.rope_reader.rope_traces", refuse)
+    np.testing.assert_array_equal(copy.answer(pairs[0]).uv_px, expected.uv_px)
