@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import shutil
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Final
 
 from pliant.spec.errors import CallError
 from pliant.spec.io.writing import abandoned, synced
+
+_HERE: Final = -100
+_EXCHANGE: Final = 2
+"""AT_FDCWD and RENAME_EXCHANGE of Linux."""
 
 
 @contextmanager
@@ -36,9 +43,10 @@ def staged(folder: Path) -> Iterator[Path]:
         yield made
         for path in [*made.rglob("*"), made]:
             synced(path)
-        if folder.exists():
-            folder.rename(earlier)
-        made.rename(folder)
+        if not (folder.exists() and _exchanged(made, folder)):
+            if folder.exists():
+                folder.rename(earlier)
+            made.rename(folder)
         synced(folder.parent)
     except OSError as error:
         raise CallError(
@@ -52,6 +60,20 @@ def staged(folder: Path) -> Iterator[Path]:
             earlier.rename(folder)
         for each in (made, earlier):
             shutil.rmtree(each, ignore_errors=True)
+
+
+def _exchanged(one: Path, other: Path) -> bool:
+    """Give two folders each other's name at one moment; return False where that is not possible.
+
+    Without it there is a moment at which the folder has no name.
+    """
+    if sys.platform != "linux":
+        return False
+    call = getattr(ctypes.CDLL(None), "renameat2", None)
+    if call is None:
+        return False
+    result: int = call(_HERE, os.fsencode(one), _HERE, os.fsencode(other), _EXCHANGE)
+    return result == 0
 
 
 def _tidy(folder: Path) -> None:

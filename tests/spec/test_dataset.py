@@ -32,6 +32,14 @@ def test_what_a_dataset_tells() -> None:
     assert sequence.points().num_rows == 93
 
 
+def test_a_dataset_that_is_moved_while_it_is_open(copy_of: Copy) -> None:
+    root = copy_of("full")
+    dataset = Dataset.open(root)
+    root.rename(root.with_name("elsewhere"))
+    with pytest.raises(SpecError, match=r"000001\.png: the file is not there"):
+        dataset.sequence("rope-test-000000").rgb(1)
+
+
 def test_a_frame_is_a_slice_whatever_the_row_groups(copy_of: Copy) -> None:
     root = copy_of("full")
     path = root / ROPE_TEST / "correspondences.parquet"

@@ -81,3 +81,42 @@ def test_the_next_writing_of_a_file_removes_what_a_killed_one_left(tmp_path: Pat
     with replacing(tmp_path / "a.json") as partial:
         partial.touch()
     assert names(tmp_path) == [f".a.{os.getpid()}.partial.txt", "a.json"]
+
+
+WRITER = """
+import sys
+from pathlib import Path
+from pliant.spec.errors import CallError
+from pliant.spec.io.staging import staged
+from pliant.spec.io.writing import replacing
+
+out, name, refused = Path(sys.argv[1]), sys.argv[2], 0
+for number in range(40):
+    try:
+        with staged(out) as place:
+            for each in range(5):
+                (place / str(each)).write_text(name)
+        with replacing(out.with_suffix(".txt")) as file:
+            file.write_text(name * 1000)
+    except CallError:
+        refused += 1
+print(refused)
+"""
+
+
+def test_two_processes_that_write_one_folder(tmp_path: Path) -> None:
+    """At every moment each writes all of it or gets an error; what is left is of one of them."""
+    out = tmp_path / "out"
+    both = [
+        subprocess.Popen(
+            [sys.executable, "-c", WRITER, str(out), name], stdout=subprocess.PIPE, text=True
+        )
+        for name in "ab"
+    ]
+    refused = [int(each.communicate(timeout=120)[0]) for each in both]
+    assert [each.returncode for each in both] == [0, 0]
+    assert sum(refused) < 80
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["out", "out.txt"]
+    assert len({path.read_text() for path in out.iterdir()}) == 1
+    assert len(list(out.iterdir())) == 5
+    assert set(out.with_suffix(".txt").read_text()) in ({"a"}, {"b"})
