@@ -28,6 +28,9 @@ RECYCLE_SEQUENCES: Final = 500
 RECYCLE_GROWTH_BYTES: Final = 400 * 2**20
 """… or when it has grown by so much since its first sequence."""
 
+STALL_S: Final = 3600.0
+"""A worker that finishes no frame for so long hangs, and is killed."""
+
 _TICK_S: Final = 0.5
 _STOP_S: Final = 5.0
 
@@ -47,6 +50,8 @@ class _Worker:
     task: SequenceTask | None = None
     sequences: int = 0
     first_bytes: int = 0
+    heard: float = 0.0
+    stalled: bool = False
 
 
 @dataclass(frozen=True)
@@ -55,17 +60,19 @@ class LocalEngine:
 
     Workers are spawned, never forked: Blender does not survive a fork. Each holds one renderer
     and makes one sequence at a time. A worker that dies (a segmentation fault, the kernel's
-    out-of-memory killer) fails its task alone.
+    out-of-memory killer) or hangs fails its task alone.
 
     Attributes:
         workers: Processes, >= 1.
         log: File that takes what the workers, Blender included, print.
         gpus: GPUs to share out, one per worker in turn; 0 leaves the choice to the renderer.
+        stall_s: A worker that finishes no frame for so many seconds is killed.
     """
 
     workers: int
     log: Path = field(default=Path(os.devnull))
     gpus: int = 0
+    stall_s: float = STALL_S
 
     def events(
         self, tasks: Sequence[SequenceTask], open_maker: OpenMaker
@@ -87,8 +94,7 @@ class LocalEngine:
                 for worker in workers.values():
                     if worker.task is None and queue:
                         _send(worker, queue.popleft())
-                for pipe in wait(list(workers)):
-                    worker = workers[pipe]  # type: ignore[index]
+                for worker in self._ready(workers):
                     event = _receive(worker)
                     yield event
                     if isinstance(event, Rendered):
@@ -103,6 +109,20 @@ class LocalEngine:
                     worker.process.kill()
             for worker in workers.values():
                 _stop(worker)
+
+    def _ready(self, workers: Mapping[Connection, _Worker]) -> list[_Worker]:
+        """Wait for workers that report something, that died, or that hang: these are killed."""
+        while True:
+            reports = [workers[pipe] for pipe in wait(list(workers), _TICK_S)]  # type: ignore[index]
+            now = time.monotonic()
+            for worker in reports:
+                worker.heard = now
+            for worker in workers.values():
+                if worker.task is not None and now - worker.heard > self.stall_s:
+                    worker.stalled = True
+                    worker.process.kill()  # its pipe ends, which the next round reports
+            if reports:
+                return reports
 
     def _start(self, number: int, open_maker: OpenMaker) -> _Worker:
         context = multiprocessing.get_context("spawn")
@@ -166,7 +186,7 @@ def count_gpus() -> int:
 
 
 def _send(worker: _Worker, task: SequenceTask) -> None:
-    worker.task = task
+    worker.task, worker.heard = task, time.monotonic()
     with contextlib.suppress(OSError):  # a dead worker is noticed when it is read from
         worker.pipe.send(task)
 
@@ -177,6 +197,8 @@ def _receive(worker: _Worker) -> Event:
         event: Event = worker.pipe.recv()
     except (EOFError, OSError):
         worker.process.join(_STOP_S)
+        if worker.stalled:
+            return Failed(worker.task, "the worker process hung: it was killed")
         return Failed(worker.task, _cause_of_death(worker.process.exitcode))
     return event
 

@@ -13,7 +13,7 @@ from typing import Final, Literal
 
 from pliant.generator.config import BLENDER_STYLES, GenerateConfig
 from pliant.generator.runner.engine import Engine, Failed, Finished, OpenMaker, Rendered
-from pliant.generator.runner.manifest import Failure, RunFolder, refuse_changes
+from pliant.generator.runner.manifest import RUN_DIR, Failure, RunFolder, refuse_changes
 from pliant.generator.runner.plan import Plan, plan_run
 from pliant.generator.runner.progress import Progress, Summary
 from pliant.generator.seeding import SequenceTask
@@ -196,6 +196,12 @@ def _make_missing(
 
 def _require_here(root: Path, event: Finished) -> None:
     """Check that what another node may have written can be seen here."""
+    if not (root / RUN_DIR).is_dir():
+        raise GenerationError(
+            "the output folder was moved or removed during the run",
+            path=root,
+            fix="Give the same command with its new name: what is finished is kept.",
+        )
     folder = event.task.folder(root)
     if not folder.is_dir():
         raise GenerationError(

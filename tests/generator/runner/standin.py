@@ -8,6 +8,7 @@ from __future__ import annotations
 import errno
 import functools
 import os
+import resource
 import signal
 import sys
 import time
@@ -16,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import psutil
 
 from pliant.generator.config import GenerateConfig
 from pliant.generator.runner.engine import Event, OpenMaker, Rendered, SequenceResult, attempt
@@ -115,6 +117,12 @@ class StandInMaker:
             os.kill(os.getpid(), signal.SIGSEGV)
         if fault == "full":
             raise OSError(errno.ENOSPC, "No space left on device", "000000.exr")
+        if fault == "hang":
+            time.sleep(3600)
+        if fault == "memory":
+            used = psutil.Process().memory_info().vms
+            resource.setrlimit(resource.RLIMIT_AS, (used + 2**28, resource.RLIM_INFINITY))
+            np.ones(2**28)
         if fault == "once":
             marker = self.root / ".pliant" / f"failed-{task.id}"
             if not marker.exists():

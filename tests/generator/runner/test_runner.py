@@ -3,6 +3,7 @@ from __future__ import annotations
 import json
 import logging
 import shutil
+import time
 
 import pytest
 
@@ -117,6 +118,36 @@ def test_one_run_at_a_time(make, standin, tmp_path):
     with run.locked(), pytest.raises(CallError, match="another process is generating"):
         make(tmp_path / "set")
     make(tmp_path / "set")
+
+
+@pytest.mark.parametrize("jump_s", [-3600.0, 86400.0 * 400])
+def test_a_clock_that_jumps_changes_no_byte(
+    jump_s, make, digests, uninterrupted, tmp_path, monkeypatch
+):
+    clock = iter(range(10**9))
+    began = time.time()
+    monkeypatch.setattr(time, "time", lambda: began + next(clock) * jump_s)
+    summary = make(tmp_path / "set")
+    assert 0 < summary.seconds < 60
+    assert digests(tmp_path / "set") == uninterrupted
+
+
+def test_a_set_that_is_moved_meanwhile_goes_on_where_it_is(
+    make, standin, digests, uninterrupted, tmp_path
+):
+    out, moved = tmp_path / "set", tmp_path / "moved"
+    config = standin.small_config()
+
+    def move(state):
+        if state.sequences == 2 and not moved.exists():
+            out.rename(moved)
+
+    maker = standin.maker(config, out)
+    with pytest.raises(GenerationError, match="moved or removed"):
+        generate(config, out, engine=standin.InProcess(), open_maker=maker, progress=move)
+    assert not (out / "dataset.json").exists()
+    make(moved)
+    assert digests(moved) == uninterrupted
 
 
 @pytest.mark.parametrize("fault", ["raise", "segfault"])
