@@ -9,12 +9,19 @@ from pliant.generator.runner.run import generate
 
 
 @pytest.fixture
-def cluster(monkeypatch, standin):
-    """A local Ray of two CPUs, whose workers can import the stand-in."""
+def local_ray(monkeypatch, standin):
+    """Ray, whose workers can import the stand-in."""
     ray = pytest.importorskip("ray")
     monkeypatch.setenv("PYTHONPATH", str(Path(standin.__file__).parents[3]))
     monkeypatch.setenv("RAY_USAGE_STATS_ENABLED", "0")
     monkeypatch.setenv("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
+    return ray
+
+
+@pytest.fixture
+def cluster(local_ray):
+    """A local Ray of two CPUs."""
+    ray = local_ray
     ray.init(num_cpus=2, include_dashboard=False, log_to_driver=False)
     yield ray
     ray.shutdown()
@@ -40,3 +47,34 @@ def test_a_local_ray_of_two_makes_the_same_bytes(
     assert summary.made == 1
     assert digests(out) == uninterrupted
     assert cluster.is_initialized()  # the engine leaves a cluster alone that it did not start
+
+
+@pytest.mark.long
+@pytest.mark.filterwarnings("ignore::ResourceWarning")
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_a_lost_node_costs_no_sequence(standin, digests, uninterrupted, local_ray, tmp_path):
+    """Of two nodes one is killed while both work: the other makes all that is left."""
+    cluster_utils = pytest.importorskip("ray.cluster_utils")
+    cluster = cluster_utils.Cluster(
+        initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False}
+    )
+    node = cluster.add_node(num_cpus=1)
+    local_ray.init(address=cluster.address, log_to_driver=False)
+    used = []
+
+    def lose_a_node(state):
+        if state.sequences == 1 and not used:
+            used.append(local_ray.cluster_resources()["CPU"])
+            cluster.remove_node(node, allow_graceful=False)
+
+    try:
+        out, config = tmp_path / "set", standin.small_config()
+        maker = standin.maker(config, out, frame_s=0.5)
+        engine = RayEngine(2)
+        summary = generate(config, out, engine=engine, open_maker=maker, progress=lose_a_node)
+        assert used == [2.0]
+        assert summary.failed == ()
+        assert digests(out) == uninterrupted
+    finally:
+        local_ray.shutdown()
+        cluster.shutdown()
