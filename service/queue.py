@@ -9,6 +9,7 @@ from __future__ import annotations
 import secrets
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 from sqlalchemy import Select, func, or_, select
 from sqlalchemy.orm import Session
@@ -18,6 +19,9 @@ from pliant.service.database import Database, now_ms
 from pliant.service.ledger import CHARGE, refund
 from pliant.service.models import Job, LedgerEntry, State, Submission
 from pliant.service.settings import Scoring
+
+_CLOCKS_DIFFER_MS: Final = 60_000
+"""How far the clocks of two machines that work on one queue may be apart."""
 
 
 @dataclass(frozen=True)
@@ -45,10 +49,10 @@ def lease_next(database: Database, worker: str, limits: Scoring) -> Lease | None
     A job that was leased as often as is allowed fails instead.
     """
     with database.read() as session:  # most polls find nothing: they take no lock
-        if session.scalar(_waiting().limit(1)) is None:
+        if session.scalar(_waiting(limits).limit(1)) is None:
             return None
     with database.write(take_turns=False) as session:
-        job = session.scalar(_waiting().limit(1).with_for_update(skip_locked=True))
+        job = session.scalar(_waiting(limits).limit(1).with_for_update(skip_locked=True))
         if job is None:
             return None
         if job.tries < limits.tries:
@@ -153,6 +157,10 @@ def counts(session: Session) -> dict[str, int]:
 _STOPPED = "Scoring stopped several times. The host sees why; no attempt was charged."
 
 
-def _waiting() -> Select[Job]:
-    ended = (Job.state == "leased") & (Job.lease_until_ms < now_ms())
+def _waiting(limits: Scoring) -> Select[Job]:
+    now = now_ms()
+    # A lease that lasts longer than any was made before the clock was set back.
+    longest = now + int(2000 * limits.lease_s) + _CLOCKS_DIFFER_MS
+    over = or_(Job.lease_until_ms < now, Job.lease_until_ms > longest)
+    ended = (Job.state == "leased") & over
     return select(Job).where(or_(Job.state == "queued", ended)).order_by(Job.priority, Job.id)

@@ -80,6 +80,18 @@ def test_a_worker_that_comes_back_late_changes_nothing(trial: Trial) -> None:
     assert state_of(trial, number).method == "quick"
 
 
+def test_a_lease_of_a_clock_that_was_set_back_ends(trial: Trial) -> None:
+    limits = trial.challenge.settings.scoring
+    number = trial.send(b"good")
+    assert lease_next(trial.challenge.database, "gone", limits) is not None
+    trial.work()
+    assert state_of(trial, number).state == State.RUNNING
+    with trial.challenge.database.write() as session:
+        session.execute(text("UPDATE job SET lease_until_ms = lease_until_ms + 86400000"))
+    trial.work()
+    assert state_of(trial, number).state == State.SCORED
+
+
 def test_a_job_whose_workers_stop_fails_after_three_tries_and_is_refunded(trial: Trial) -> None:
     number = trial.send(b"good")
     limits = trial.challenge.settings.scoring
