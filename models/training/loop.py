@@ -28,6 +28,7 @@ from pliant.models.training.checkpoint import (
 )
 from pliant.models.training.optimiser import learning_rate, make_optimiser
 from pliant.models.training.processes import Processes, agree, average_gradients
+from pliant.models.training.run_folder import TENSORBOARD
 from pliant.models.training.task import Task
 from pliant.spec.errors import TrainingError
 
@@ -204,5 +205,5 @@ def _log_writer(run: Path, processes: Processes) -> AbstractContextManager[Any]:
         return nullcontext()
     from torch.utils.tensorboard import SummaryWriter
 
-    writer: AbstractContextManager[Any] = SummaryWriter(str(run / "tensorboard"))
+    writer: AbstractContextManager[Any] = SummaryWriter(str(run / TENSORBOARD))
     return writer

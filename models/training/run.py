@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, TypedDict
 
@@ -59,9 +60,10 @@ def train_task(
     settings = settings.replace(tier=with_tier(settings.tier, dataset))
     if settings.threads:
         torch.set_num_threads(settings.threads)
-    with joined_processes() as processes:
+    with joined_processes() as processes, ExitStack() as stack:
         if processes.first:
-            open_run(run, settings, options.get("resume", False), task_type.answering)
+            resume = options.get("resume", False)
+            stack.enter_context(open_run(run, settings, resume, task_type.answering))
         task = task_type(dataset, settings, run, processes)
         state = train(task, run, **options)
         facts = run_facts(dataset, settings, state.step, processes) | task.facts()

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import json
 import platform
-from collections.abc import Mapping
+import shutil
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
-from pliant.models.training.checkpoint import latest_checkpoint
+from filelock import FileLock, Timeout
+
+from pliant.models.training.checkpoint import BEST, latest_checkpoint
 from pliant.models.training.processes import Processes
 from pliant.models.training.settings import RunSettings
 from pliant.spec.configuration import read_settings, settings_to_dict
@@ -20,6 +24,8 @@ from pliant.spec.io.yamlfiles import yaml_text
 CONFIG: Final = "config.yaml"
 RUN_FACTS: Final = "run.json"
 CALIBRATION: Final = "calibration.json"
+TENSORBOARD: Final = "tensorboard"
+LOCK: Final = ".lock"
 
 RESUMABLE: Final = ("threads", "workers", "cache", "cache_dir", "checkpoint_every")
 """Settings that may differ when a run goes on: they change no step."""
@@ -46,8 +52,11 @@ def with_tier(tier: str, dataset: Dataset) -> str:
     )
 
 
-def open_run(run: Path, settings: RunSettings, resume: bool, answering: str) -> None:
-    """Make a run's folder with its config, or check that it was begun with the same settings.
+@contextmanager
+def open_run(run: Path, settings: RunSettings, resume: bool, answering: str) -> Iterator[None]:
+    """Keep a run's folder for this process: a new one, or one that was begun.
+
+    A run that was interrupted before its first checkpoint begins again.
 
     Args:
         run: The folder.
@@ -56,33 +65,54 @@ def open_run(run: Path, settings: RunSettings, resume: bool, answering: str) -> 
         answering: The setting that says how the result answers; it may differ then.
 
     Raises:
-        CallError: A new run's folder is not empty.
+        CallError: A new run's folder is not empty, or another process trains in it.
         TrainingError: There is nothing to resume, or a setting differs.
     """
     if resume:
-        if latest_checkpoint(run) is None:
-            raise TrainingError(
-                "there is no checkpoint to resume", path=run, fix="Start it without --resume."
-            )
-        begun = settings_to_dict(read_settings(type(settings), run / CONFIG))
-        for name, value in settings_to_dict(settings).items():
-            if name not in (*RESUMABLE, answering) and begun[name] != value:
-                raise TrainingError(
-                    "a run goes on with the settings it began with",
-                    path=run / CONFIG,
-                    where=name,
-                    found=value,
-                    required=begun[name],
-                    fix="Leave --config and --set out, or start another run.",
-                )
-    elif run.exists() and (not run.is_dir() or any(run.iterdir())):
+        _check_resumable(run, settings, answering)
+    elif run.exists() and (not run.is_dir() or any(run.iterdir())) and not _is_only_begun(run):
         raise CallError(
             "the folder of a new run must be empty",
             path=run,
             fix="Name another one, or go on with --resume.",
         )
     run.mkdir(parents=True, exist_ok=True)
-    write_settings(run, settings)
+    try:
+        with FileLock(run / LOCK, timeout=0):
+            if not resume:
+                (run / BEST).unlink(missing_ok=True)
+                shutil.rmtree(run / TENSORBOARD, ignore_errors=True)
+            write_settings(run, settings)
+            yield
+    except Timeout as error:
+        raise CallError(
+            "another process is training in this folder",
+            path=run,
+            fix="Wait for it to end, or stop it.",
+        ) from error
+
+
+def _check_resumable(run: Path, settings: RunSettings, answering: str) -> None:
+    if latest_checkpoint(run) is None:
+        raise TrainingError(
+            "there is no checkpoint to resume", path=run, fix="Start it without --resume."
+        )
+    begun = settings_to_dict(read_settings(type(settings), run / CONFIG))
+    for name, value in settings_to_dict(settings).items():
+        if name not in (*RESUMABLE, answering) and begun[name] != value:
+            raise TrainingError(
+                "a run goes on with the settings it began with",
+                path=run / CONFIG,
+                where=name,
+                found=value,
+                required=begun[name],
+                fix="Leave --config and --set out, or start another run.",
+            )
+
+
+def _is_only_begun(run: Path) -> bool:
+    """Return whether a folder is a run's that was interrupted before its first checkpoint."""
+    return (run / LOCK).is_file() and latest_checkpoint(run) is None
 
 
 def write_settings(run: Path, settings: RunSettings) -> None:

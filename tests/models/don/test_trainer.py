@@ -18,6 +18,7 @@ from pliant.models.don.trainer import train_don
 from pliant.models.don.validation import draw_validation_pairs
 from pliant.models.training.checkpoint import latest_checkpoint, read_checkpoint, read_weights_file
 from pliant.models.training.optimiser import learning_rate
+from pliant.models.training.run_folder import open_run
 from pliant.models.training.settings import OptimiserSettings
 from pliant.spec.configuration import read_settings, settings_to_dict
 from pliant.spec.dataset import Dataset
@@ -96,6 +97,27 @@ def test_resumed_equals_uninterrupted(
     matcher = load_matcher(whole)
     assert isinstance(matcher, DonMatcher)
     assert matcher.familiarity is not None
+
+
+def test_a_run_interrupted_before_its_first_checkpoint_begins_again(
+    sheet_dataset: Dataset, tmp_path: Path
+) -> None:
+    """It has no checkpoint to resume; its folder is not that of something else either."""
+    run = tmp_path / "run"
+
+    def stop(*_: object) -> None:
+        raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        train_don(sheet_dataset, run, tiny(), progress=stop)
+    with pytest.raises(TrainingError, match="Start it without --resume"):
+        train_don(sheet_dataset, run, tiny(), resume=True)
+    with open_run(run, tiny(), False, "decode"), pytest.raises(CallError, match="another process"):
+        train_don(sheet_dataset, run, tiny())
+    train_don(sheet_dataset, run, tiny(), stop_at=2)
+    assert len(list((run / "tensorboard").iterdir())) == 1
+    with pytest.raises(CallError, match="must be empty"):
+        train_don(sheet_dataset, run, tiny())
 
 
 @pytest.mark.parametrize("keep", ["best", "last"])
