@@ -35,9 +35,11 @@ def main() -> int:
     place = under_the_library("tests.faults")
     try:
         (place / "inputs").mkdir()
-        make_inputs(place / "inputs", arguments.data)
+        names = arguments.commands or list(COMMANDS)
+        if any(COMMANDS[name].inputs for name in names):
+            make_inputs(place / "inputs", arguments.data)
         found = {}
-        for name in arguments.commands or COMMANDS:
+        for name in names:
             trial = Trial(name, COMMANDS[name], place)
             for point in chosen(trial.points, arguments):
                 trial.try_point(point)

@@ -32,6 +32,8 @@ OPERATIONS: Final = {
 }  # fmt: skip
 _WAITING: Final = "wsoat"
 """Operations that a signal interrupts; the others never give EINTR."""
+_NOT_FORKED: Final = ("bpy", "_bpy", "cycles", "rerun", "__mp")
+"""Modules that do not survive a fork."""
 _PATH, _CALLS = 4096, 65536
 _LAYOUT: Final = struct.Struct(f"@{_PATH}sqqqii{_PATH}s{_CALLS}s")
 _HANG_S: Final = 120.0
@@ -165,7 +167,7 @@ def import_what(action: Callable[[], int], root: Path, output: Path) -> None:
 
     run_disturbed(listing, root, None, output)
     for name in json.loads(names.read_text()) if names.exists() else ():
-        if name not in sys.modules and not name.startswith(("bpy", "_bpy", "cycles", "__mp")):
+        if name not in sys.modules and not name.startswith(_NOT_FORKED):
             with suppress(Exception):
                 importlib.import_module(name)
 
