@@ -60,7 +60,7 @@ def test_a_lost_node_costs_no_sequence(standin, digests, uninterrupted, local_ra
     )
     node = cluster.add_node(num_cpus=1)
     local_ray.init(address=cluster.address, log_to_driver=False)
-    used = []
+    used: list[float] = []
 
     def lose_a_node(state):
         if state.sequences == 1 and not used:
