@@ -161,10 +161,12 @@ def make_scene(
     images: bool = True,
     split: str = "test",
     sources: int = 1,
+    hidden: float = 0.0,
 ) -> Scene:
     """Write a dataset: in every sequence the first `sources` frames are asked against later ones.
 
-    About a quarter of the symmetric partners is called occluded.
+    About a quarter of the symmetric partners is called occluded, and a share `hidden` of the
+    points.
     """
     rng = np.random.default_rng(seed)
     described: list[dict[str, Any]] = [{"cloth": CLOTH, "rope": ROPE}[name] for name in tiers]
@@ -210,6 +212,7 @@ def make_scene(
                 at_b = project(kind, poses[frame], points[chosen].astype(float))
                 partners = _partners(each, points[chosen].astype(float), kind, poses[frame])
                 seen = rng.random((queries, len(each["symmetries"]))) < 0.75
+                covered = rng.random(queries) < hidden if hidden else np.zeros(queries, bool)
                 for query in range(queries):
                     key = {"pair_id": pair, "query_id": query, "tier": kind}
                     (u_a, v_a), (u_b, v_b) = at_a[query], at_b[query]
@@ -219,7 +222,9 @@ def make_scene(
                         "point": int(chosen[query]),
                         "u_b": u_b,
                         "v_b": v_b,
-                        "visibility_b": "visible" if facing[chosen[query]] else "self_occluded",
+                        "visibility_b": "occluded"
+                        if covered[query]
+                        else ("visible" if facing[chosen[query]] else "self_occluded"),
                         "box_px": SIZES[kind][0],
                     }
                     others = [

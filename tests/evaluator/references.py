@@ -1,0 +1,383 @@
+"""Metrics written from their definitions, one query at a time, to compare the evaluator with.
+
+They share no code with the evaluator and loop where it is vectorised.
+"""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from scipy.stats import multivariate_normal, ncx2
+
+from pliant.evaluator import read_protocol
+from pliant.spec.tables import ANSWERS_OPTIONAL
+
+DIAGONAL = 200.0  # of 160x120
+STANDARD = read_protocol("standard").metrics
+
+
+def mean(values: Any) -> float | None:
+    values = list(values)
+    return math.fsum(values) / len(values) if values else None
+
+
+def rms(values: Any) -> float | None:
+    values = list(values)
+    return math.sqrt(math.fsum(v * v for v in values) / len(values)) if values else None
+
+
+class Rows:
+    """The rows of a split as dictionaries, with the answers beside the truth."""
+
+    def __init__(self, scene: Any, answers: pa.Table) -> None:
+        given = {(r["pair_id"], r["query_id"]): r for r in answers.to_pylist()}
+        self.rows = []
+        for query, true in zip(scene.queries.to_pylist(), scene.truth.to_pylist(), strict=True):
+            row = {**query, **true, "answer": given.get((query["pair_id"], query["query_id"]))}
+            row["seen"] = row["visibility_b"] == "visible"
+            row["error"] = DIAGONAL if row["answer"] is None else self.distance(row)
+            row["reach"] = math.inf if row["answer"] is None else row["error"]
+            self.rows.append(row)
+
+    @staticmethod
+    def distance(row: dict[str, Any]) -> float:
+        return math.hypot(row["answer"]["u"] - row["u_b"], row["answer"]["v"] - row["v_b"])
+
+    def of(self, tier: str | None) -> list[dict[str, Any]]:
+        return [row for row in self.rows if tier in (None, row["tier"])]
+
+
+def pairs_of(rows: list[dict[str, Any]]) -> list[list[dict[str, Any]]]:
+    found: dict[int, list[dict[str, Any]]] = {}
+    for row in rows:
+        found.setdefault(row["pair_id"], []).append(row)
+    return list(found.values())
+
+
+def reference_localisation(rows: list[dict[str, Any]]) -> dict[str, float | None]:
+    seen = [row for row in rows if row["seen"]]
+    errors = [row["error"] for row in seen]
+    result = {
+        "rmse_px": rms(errors),
+        "mean_px": mean(errors),
+        "rmse_px_mean_over_pairs": mean(
+            rms(row["error"] for row in pair if row["seen"])
+            for pair in pairs_of(rows)
+            if any(row["seen"] for row in pair)
+        ),
+        "outside_image_rate": mean(
+            not (0 <= row["answer"]["u"] <= 160 and 0 <= row["answer"]["v"] <= 120)
+            for row in rows
+            if row["answer"]
+        ),
+    }
+    names = {0.05: "p5_px", 0.25: "p25_px", 0.5: "median_px", 0.75: "p75_px", 0.95: "p95_px"}
+    ordered = sorted(errors)
+    for level, name in names.items():
+        if not ordered:
+            result[name] = None
+            continue
+        place = level * (len(ordered) - 1)
+        low = math.floor(place)
+        high = min(low + 1, len(ordered) - 1)
+        result[name] = ordered[low] + (ordered[high] - ordered[low]) * (place - low)
+    for threshold in (1, 2, 4, 8, 16, 32):
+        result |= reference_pck(rows, f"pck_{threshold}px", lambda row, t=threshold: t)
+    for share in (0.05, 0.1):
+        result |= reference_pck(rows, f"pck_{share}box", lambda row, s=share: s * row["box_px"])
+    return result
+
+
+def reference_pck(rows: list[dict[str, Any]], name: str, limit: Any) -> dict[str, float | None]:
+    def hit(row: dict[str, Any]) -> bool:
+        return bool(row["reach"] <= limit(row))
+
+    return {
+        name: mean(hit(row) for row in rows if row["seen"]),
+        f"{name}_mean_over_pairs": mean(
+            mean(hit(row) for row in pair if row["seen"])
+            for pair in pairs_of(rows)
+            if any(row["seen"] for row in pair)
+        ),
+    }
+
+
+def reference_tapvid(rows: list[dict[str, Any]]) -> dict[str, float | None]:
+    """After the published definition, a pair for a video."""
+    thresholds = (1, 2, 4, 8, 16)
+    oa: list[float | None] = []
+    within: dict[int, list[float]] = {t: [] for t in thresholds}
+    jaccard: dict[int, list[float]] = {t: [] for t in thresholds}
+    for pair in pairs_of(rows):
+        right = []
+        for row in pair:
+            answer = row["answer"]
+            row["said"] = answer is None or answer.get("visible", 1.0) >= 0.5
+            right.append(answer is not None and row["said"] == row["seen"])
+            if answer is not None:
+                du = (answer["u"] - row["u_b"]) * 256 / 160
+                dv = (answer["v"] - row["v_b"]) * 256 / 120
+                row["scaled"] = math.hypot(du, dv)
+            else:
+                row["scaled"] = math.inf
+        oa.append(mean(right))
+        for t in thresholds:
+            visible = sum(row["seen"] for row in pair)
+            hits = sum(row["seen"] and row["scaled"] < t for row in pair)
+            if visible:
+                within[t].append(hits / visible)
+            true_positives = sum(row["seen"] and row["said"] and row["scaled"] < t for row in pair)
+            false_positives = sum(
+                row["said"] and (not row["seen"] or not row["scaled"] < t) for row in pair
+            )
+            if visible + false_positives:
+                jaccard[t].append(true_positives / (visible + false_positives))
+    result = {"oa": mean(oa)}
+    result |= {f"delta_{t}": mean(within[t]) for t in thresholds}
+    result |= {f"jaccard_{t}": mean(jaccard[t]) for t in thresholds}
+    for name, values in (("delta_avg", within), ("aj", jaccard)):
+        defined = all(values[t] for t in thresholds)
+        result[name] = mean(mean(values[t]) or 0.0 for t in thresholds) if defined else None
+    return result
+
+
+def reference_symmetry(rows: list[dict[str, Any]]) -> dict[str, float | None]:
+    squares, point_squares, flips, point_flips, per_pair = [], [], [], [], []
+    for pair in pairs_of(rows):
+        seen = [row for row in pair if row["seen"]]
+        if not seen:
+            continue
+        candidates = [[row["error"] ** 2 for row in seen]]
+        complete = all(row["answer"] is not None for row in seen)
+        count = len(seen[0]["alternatives"])
+        for index in range(count if complete else 0):
+            candidates.append([partner_squared(row, index) for row in seen])
+        sums = [math.fsum(values) for values in candidates]
+        best = min(sums)
+        squares.append(best)
+        per_pair.append(math.sqrt(best / len(seen)))
+        if count:
+            flips.append(not complete or best < sums[0])
+        for row in seen:
+            # A point on the axis of a symmetry is its own partner: equal by the same arithmetic.
+            own = (
+                row["error"] ** 2 if row["answer"] is None else squared(row, row["u_b"], row["v_b"])
+            )
+            others = [
+                partner_squared(row, index)
+                for index in range(count if row["answer"] is not None else 0)
+                if row["alternatives"][index]["visibility"] == "visible"
+            ]
+            nearest = min([own, *others])
+            point_squares.append(nearest)
+            if count:
+                point_flips.append(row["answer"] is None or nearest < own)
+    counted = sum(row["seen"] for row in rows)
+    return {
+        "symmetric_rmse_px": math.sqrt(math.fsum(squares) / counted) if counted else None,
+        "symmetric_rmse_px_mean_over_pairs": mean(per_pair),
+        "point_symmetric_rmse_px": math.sqrt(math.fsum(point_squares) / counted)
+        if counted
+        else None,
+        "flip_rate": mean(flips),
+        "point_flip_rate": mean(point_flips),
+    }
+
+
+def partner_squared(row: dict[str, Any], index: int) -> float:
+    partner = row["alternatives"][index]
+    return squared(row, partner["u"], partner["v"])
+
+
+def squared(row: dict[str, Any], u: float, v: float) -> float:
+    return (row["answer"]["u"] - u) ** 2 + (row["answer"]["v"] - v) ** 2
+
+
+def reference_continuity(rows: list[dict[str, Any]]) -> dict[str, float | None]:
+    s = STANDARD["continuity"]
+    jumps, stretches = [], []
+    for pair in pairs_of(rows):
+        usable = [row for row in pair[: s["queries_per_pair"]] if row["seen"]]
+        for row in usable:
+            others = [other for other in usable if other is not row]
+            if not others:
+                continue
+
+            def near(other: dict[str, Any], row: dict[str, Any] = row) -> np.float32:
+                du = np.float32(other["u_a"]) - np.float32(row["u_a"])
+                dv = np.float32(other["v_a"]) - np.float32(row["v_a"])
+                return np.float32(du * du + dv * dv)  # min() keeps the first of equals
+
+            nearest = min(others, key=near)
+            a = math.hypot(nearest["u_a"] - row["u_a"], nearest["v_a"] - row["v_a"])
+            true = math.hypot(nearest["u_b"] - row["u_b"], nearest["v_b"] - row["v_b"])
+            if not s["min_distance_a_px"] <= a <= s["max_distance_a_px"]:
+                continue
+            if true > s["max_true_stretch"] * a:
+                continue
+            p, q = nearest["answer"], row["answer"]
+            if p is None or q is None:
+                jumps.append(True)
+                stretches.append(DIAGONAL / a)
+                continue
+            b = math.hypot(p["u"] - q["u"], p["v"] - q["v"])
+            jumps.append(b > max(s["jump_stretch"] * a, s["jump_min_px"]))
+            stretches.append(b / a)
+    stretch = float(np.quantile(stretches, 0.95)) if stretches else None
+    return {"jump_rate": mean(jumps), "stretch_p95": stretch}
+
+
+def reference_jitter(rows: list[dict[str, Any]]) -> dict[str, float | None]:
+    errors: dict[tuple[Any, ...], Any] = {}
+    for row in rows:
+        if row["seen"]:
+            key = (row["sequence_a"], row["frame_a"], row["sequence_b"], row["point"])
+            answer = row["answer"]
+            offset = answer and (answer["u"] - row["u_b"], answer["v"] - row["v_b"])
+            errors[(*key, row["frame_b"])] = offset
+    changes: list[float] = []
+    for (*place, frame_b), error in errors.items():
+        earlier = (*place, frame_b - 1)
+        if earlier in errors:
+            before = errors[earlier]
+            if error is None or before is None:
+                changes.append(2 * DIAGONAL)
+            else:
+                changes.append(math.hypot(error[0] - before[0], error[1] - before[1]))
+    return {"jitter_px": mean(changes)}
+
+
+def modes_of(answer: dict[str, Any]) -> list[tuple[float, float, float, float]]:
+    if answer.get("modes"):
+        total = math.fsum(m["weight"] for m in answer["modes"])
+        return [
+            (m["u"], m["v"], max(m["sigma"], 0.5), m["weight"] / total) for m in answer["modes"]
+        ]
+    return [(answer["u"], answer["v"], max(answer["sigma"], 0.5), 1.0)]
+
+
+def reference_distribution(rows: list[dict[str, Any]]) -> dict[str, float | None]:
+    nll, recalled, asked, spread = [], 0, 0, []
+    bins: list[list[tuple[float, bool]]] = [[] for _ in range(15)]
+    seen = [row for row in rows if row["seen"] and row["answer"] is not None]
+    inside: dict[float, list[bool]] = {0.5: [], 0.9: [], 0.95: []}
+    for row in seen:
+        modes = modes_of(row["answer"])
+        at = (row["u_b"], row["v_b"])
+        p = math.fsum(
+            w * multivariate_normal.pdf(at, (u, v), s * s * np.eye(2)) for u, v, s, w in modes
+        )
+        nll.append(-math.log(0.999 * p + 0.001 / (160 * 120)))
+        said = math.fsum(
+            w * ncx2.cdf(64 / s**2, 2, max(square(row["answer"], u, v) / s**2, 1e-300))
+            for u, v, s, w in modes
+        )
+        index = max(0, math.ceil(min(said, 1.0) * 15) - 1)
+        bins[index].append((said, row["error"] <= 8))
+        mu = [math.fsum(m[3] * m[k] for m in modes) for k in (0, 1)]
+        inner = math.fsum(
+            w * (2 * s * s + (u - mu[0]) ** 2 + (v - mu[1]) ** 2) for u, v, s, w in modes
+        )
+        spread.append(math.sqrt(inner / 2))
+        if len(modes) == 1:
+            u, v, s, _ = modes[0]
+            for level in inside:
+                inside[level].append(
+                    math.dist(at, (u, v)) <= s * math.sqrt(-2 * math.log(1 - level))
+                )
+        partners = [a for a in row["alternatives"] if a["visibility"] == "visible"]
+        if partners:
+            for position in [at, *((a["u"], a["v"]) for a in partners)]:
+                asked += 1
+                recalled += any(
+                    math.dist(position, (u, v)) <= 16 and w >= 0.05 for u, v, _, w in modes
+                )
+    gaps = [abs(math.fsum(s for s, _ in b) - sum(h for _, h in b)) for b in bins]
+    result = {
+        "nll": mean(nll),
+        "ece": math.fsum(gaps) / len(seen) if seen else None,
+        "mode_recall": recalled / asked if asked else None,
+        "ause": reference_ause([row["error"] for row in seen], spread) if seen else None,
+    }
+    if len(inside[0.5]) == len(seen):
+        result |= {f"coverage_{level * 100:g}": mean(inside[level]) for level in inside}
+    return result
+
+
+def square(answer: dict[str, Any], u: float, v: float) -> float:
+    return (answer["u"] - u) ** 2 + (answer["v"] - v) ** 2
+
+
+def reference_ause(errors: list[float], spread: list[float]) -> float:
+    """For uncertainties that are all different."""
+    assert len(set(spread)) == len(spread)
+
+    def curve(order: list[int]) -> list[float]:
+        result = []
+        for step in range(100):
+            keep = len(order) * (1 - step / 100)
+            whole = math.floor(keep)
+            total = math.fsum(errors[i] ** 2 for i in order[:whole])
+            if whole < len(order):
+                total += (keep - whole) * errors[order[whole]] ** 2
+            result.append(math.sqrt(total / keep))
+        return result
+
+    by_spread = curve(sorted(range(len(errors)), key=lambda i: spread[i]))
+    by_error = curve(sorted(range(len(errors)), key=lambda i: errors[i]))
+    gap = [(a - b) / by_spread[0] for a, b in zip(by_spread, by_error, strict=True)]
+    return math.fsum((a + b) / 2 for a, b in pairwise(gap)) / 100
+
+
+def assert_agrees(found: dict[str, Any], expected: dict[str, Any], place: str) -> None:
+    for name, value in expected.items():
+        if value is None:
+            assert found[name] is None, (place, name)
+        else:
+            assert found[name] == pytest.approx(value, rel=1e-9, abs=1e-9), (place, name)
+
+
+def answers_of(scene: Any, seed: int, kind: str) -> pa.Table:
+    """Return answers of mixed quality: near, far, mirrored and outside."""
+    rng = np.random.default_rng(seed)
+    uv = scene.true_px + rng.normal(0, 3, (scene.rows, 2))
+    far = rng.random(scene.rows) < 0.2
+    uv[far] = rng.uniform(-40, 200, (far.sum(), 2))
+    for row, others in enumerate(scene.truth["alternatives"].to_pylist()):
+        if others and (scene.pair[row] % 3 == 0 or rng.random() < 0.1):
+            uv[row] = np.array([others[0]["u"], others[0]["v"]]) + rng.normal(0, 1, 2)
+    if kind == "double":
+        columns = {"u": uv[:, 0], "v": uv[:, 1]}
+        table = scene.table(uv)
+        for name, values in columns.items():
+            table = table.set_column(table.column_names.index(name), name, pa.array(values))
+        return table
+    table = scene.table(uv, visible=rng.random(scene.rows).astype(np.float32))
+    if kind == "sigma":
+        sigma = np.exp(rng.normal(1, 1, scene.rows)).astype(np.float32) + np.float32(0.6)
+        return table.append_column("sigma", pa.array(sigma))
+    if kind == "modes":
+        modes = []
+        for u, v in uv:
+            count = int(rng.integers(1, 4))
+            weight = rng.dirichlet(np.ones(count))
+            modes.append(
+                [
+                    {
+                        "u": u + rng.normal(0, 5) * (k > 0),
+                        "v": v + rng.normal(0, 20) * (k > 0),
+                        "sigma": 0.6 + float(np.exp(rng.normal(1, 1))),
+                        "weight": weight[k],
+                    }
+                    for k in range(count)
+                ]
+            )
+        return table.append_column("modes", pa.array(modes, ANSWERS_OPTIONAL.field("modes").type))
+    if kind == "holes":
+        return table.take(pa.array(np.flatnonzero(rng.random(scene.rows) < 0.8)))
+    return table
