@@ -41,14 +41,21 @@ class Target:
 
 
 _OF_METRICS = (
-    *("against_reference", "causes", "matches", "metrics_by_hand", "missing_answers"),
+    *(
+        "against_reference",
+        "causes",
+        "differential",
+        "matches",
+        "metrics_by_hand",
+        "missing_answers",
+    ),
     *("orbit", "protocols", "videos"),
 )
 TARGETS = {
     "ledger": Target("service/ledger.py", ("tests/service/test_attempts.py",), "not postgresql"),
     "statistics": Target(
         "evaluator/statistics",
-        ("tests/evaluator/test_sign_flips.py", "tests/evaluator/test_metrics_by_hand.py"),
+        ("tests/evaluator/test_statistics_by_hand.py", "tests/evaluator/test_sign_flips.py"),
     ),
     "metrics": Target(
         "evaluator/metrics",
