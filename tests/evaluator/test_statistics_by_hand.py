@@ -238,10 +238,10 @@ def test_an_unclear_difference_needs_very_many_sequences_and_a_clear_one_six() -
     ids = np.arange(8)
     crossed = Crossing.of(ids, ids, np.zeros(8, np.int64), 1)
     asked = np.full(8, 4.0)
-    base = np.full(8, 2.0)
-    clear = paired_difference(SHARE, (base, asked), (base + 1, asked), crossed, 0.95)
+    base = np.full(8, 2.0, np.float64)
+    clear = paired_difference(SHARE, (base, asked), (base + 1.0, asked), crossed, 0.95)
     assert clear.sequences_needed == 6
-    tiny = np.tile([1.0, -1.0], 4) + 1e-9
+    tiny = np.array([1.0, -1.0] * 4, np.float64) + 1e-9
     unclear = paired_difference(SHARE, (base, asked), (base + tiny, asked), crossed, 0.95)
     assert unclear.sequences_needed == 10**9
 
