@@ -14,6 +14,7 @@ from pliant.generator.settings import (
     DepthCameraSettings,
     NoiseSettings,
     RopeSettings,
+    SceneSettings,
 )
 from pliant.spec.configuration import Settings, settings_to_dict
 from pliant.spec.constraints import Bounds, Count, Natural, NotEmpty, OneOf, Refused, Share
@@ -95,6 +96,7 @@ class GenerateConfig(Settings):
         rope: Settings of the rope tier.
         cloth: Settings of the cloth tiers.
         look: Ranges of table, light, colour.
+        scene: What else is in the scene; configurations alone.
         camera: Ranges of the camera.
         noise: Image noise; None adds none.
         depth_camera: Faults that the style `real-depth` shows; None takes its defaults. Other
@@ -122,6 +124,7 @@ class GenerateConfig(Settings):
     rope: RopeSettings = RopeSettings()
     cloth: ClothSettings = ClothSettings()
     look: AppearanceSettings = AppearanceSettings()
+    scene: SceneSettings = SceneSettings()
     camera: CameraSettings = CameraSettings()
     noise: NoiseSettings | None = None
     depth_camera: DepthCameraSettings | None = None
@@ -150,6 +153,10 @@ class GenerateConfig(Settings):
                 raise Refused("an episode (--episodes)", name)
         if asked.skips and (asked.kind == "track" or max(asked.skips) >= self.frames):
             raise Refused(f"kind pairs, and skips below frames ({self.frames})", "queries.skips")
+        if self.scene.distractors[1] and self.episodes:
+            raise Refused(
+                "(0, 0) for episodes: their physics knows one object", "scene.distractors"
+            )
         if self.shutter and self.style != "raster":
             raise Refused("0, or style raster: no other style blurs motion", "shutter")
         if self.depth_camera is not None and self.style != "real-depth":
@@ -193,11 +200,14 @@ class GenerateConfig(Settings):
     def resolved(self) -> dict[str, Any]:
         """Return what decides the bytes of the dataset, as JSON values.
 
-        `rope` or `cloth` is left out where no tier uses it, `depth_camera` in other styles.
+        `rope` or `cloth` is left out where no tier uses it, `depth_camera` in other styles, and
+        `scene` where there is nothing else in it.
         """
         values = self.to_dict()
         for unused in {"rope", "cloth"} - {TIER_KINDS[tier] for tier in self.tiers}:
             del values[unused]
+        if not self.scene.distractors[1]:
+            del values["scene"]
         if self.depth_faults is None:
             del values["depth_camera"]
         else:

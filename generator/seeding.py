@@ -28,6 +28,7 @@ class Stream(StrEnum):
     CLOTH_CONFIGURATION = "actions"  # per frame: what is done to the cloth
     CLOTH_EPISODE = "episode"  # start and actions
     GRIPPER = "gripper"  # direction and steepness of its arm
+    DISTRACTORS = "distractors"  # what there is, and per frame where it is
     CAMERA = "camera"
     APPEARANCE = "look"  # light, and the material where sequences do not share materials
     MATERIAL = "material"  # of a numbered material of a tier, which all its splits share

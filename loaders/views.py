@@ -24,7 +24,8 @@ class TrainingFrame(Frame):
     Attributes:
         rgb: uint8 (h, w, 3), sRGB.
         mask: bool (h, w), True where at least half the pixel shows the queried object.
-        objects: bool (h, w), True where at least half the pixel shows any object.
+        objects: bool (h, w), True where at least half the pixel shows any object but a
+            distractor.
         depth_m: float32 (h, w), planar z at the pixel's centre, +inf is background.
         uv_px: float32 (P, 2), where each surface point projects to; NaN is behind the camera.
         visible: bool (P,), True where the camera sees the point.
@@ -87,7 +88,7 @@ def read_training_frame(
     return TrainingFrame(
         rgb=resize_rgb(sequence.rgb(frame.index), size),
         mask=resize_mask(frame.queried_in(surface.object_id), size),
-        objects=resize_mask(surface.object_id > 0, size),
+        objects=resize_mask(frame.objects_in(surface.object_id), size),
         depth_m=resize_nearest(surface.depth_m, size),
         key=frame.key,
         uv_px=(uv_full * scale).astype(np.float32),

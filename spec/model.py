@@ -52,6 +52,10 @@ class MaterialCoordinate:
         return difference - self.period * np.round(difference / self.period)
 
 
+DISTRACTOR: Final = "distractor"
+"""Names of objects that are in the scene by chance begin with it."""
+
+
 @dataclass(frozen=True)
 class MaterialObject:
     """One object of a tier's scenes.

@@ -23,7 +23,7 @@ from pliant.spec.io.parquet_columns import load_columns, load_rows
 from pliant.spec.io.png import read_mask, read_rgb
 from pliant.spec.io.reading import AnyFile
 from pliant.spec.lru_cache import LRUCache
-from pliant.spec.model import Tier
+from pliant.spec.model import DISTRACTOR, Tier
 from pliant.spec.storage import layout
 from pliant.spec.storage.files import Files
 from pliant.spec.tables import CORRESPONDENCES
@@ -265,9 +265,9 @@ class RecordedFrame(Frame):
 
     @property
     def objects(self) -> npt.NDArray[np.bool_] | None:
-        """Where any object is visible, bool (H, W), or None if not known."""
+        """Where any object but a distractor is visible, bool (H, W), or None if not known."""
         ids = self.object_ids
-        return None if ids is None else ids > 0
+        return None if ids is None else self.objects_in(ids)
 
     @property
     def depth_m(self) -> npt.NDArray[np.float32] | None:
@@ -295,6 +295,16 @@ class RecordedFrame(Frame):
         """Return where object ids are those of the queried object, bool (H, W)."""
         mask: npt.NDArray[np.bool_] = object_ids == self.sequence.described.queried_object
         return mask
+
+    def objects_in(
+        self, object_ids: npt.NDArray[np.uint8] | npt.NDArray[np.uint32]
+    ) -> npt.NDArray[np.bool_]:
+        """Return where object ids are those of any object but a distractor, bool (H, W)."""
+        shown: npt.NDArray[np.bool_] = object_ids > 0
+        for each in self.sequence.described.objects:
+            if each.name.startswith(DISTRACTOR):
+                shown &= object_ids != each.id
+        return shown
 
     def _kept(self, name: str, decode: Callable[[], Decoded]) -> Decoded:
         """Return the images of one of the sequence's files; none where it is withheld."""

@@ -18,6 +18,7 @@ from pliant.generator.scene.scene_object import GRIPPER, IntArray, Part, Pose, S
 from pliant.spec.arrays import FloatArray
 from pliant.spec.model import MaterialCoordinate, MaterialObject, Tier
 
+_COLOUR: Final = (0.055, 0.055, 0.06)
 _FINGER_M: Final = (0.010, 0.022, 0.07)
 _PALM_M: Final = (0.075, 0.05, 0.035)
 _ARM_M: Final = (0.8, 0.06, 0.05)
@@ -51,6 +52,7 @@ def add_gripper(scene_object: SceneObject, rng: np.random.Generator) -> SceneObj
         rest=rest,
         chart=_chart,
         strand=np.zeros(len(rest), np.int32),
+        colour=_COLOUR,
     )
 
     def pose(frame: int) -> Pose:

@@ -10,6 +10,7 @@ from importlib import import_module
 from typing import Final, Protocol, cast
 
 from pliant.generator.config import TIER_KINDS, GenerateConfig
+from pliant.generator.objects.distractors import add_distractors, with_distractors
 from pliant.generator.objects.gripper import add_gripper, with_gripper
 from pliant.generator.scene.scene_object import SceneObject
 from pliant.generator.seeding import RandomStreams, SequenceTask, Stream
@@ -45,7 +46,8 @@ def describe_tier(config: GenerateConfig, tier: str) -> Tier:
         tier: One of `TIER_KINDS`.
     """
     described = _module(tier).describe(config, tier)
-    return with_gripper(described) if config.gripper else described
+    described = with_gripper(described) if config.gripper else described
+    return with_distractors(described, config.scene.distractors[1])
 
 
 def sample_scene_object(config: GenerateConfig, task: SequenceTask) -> SceneObject:
@@ -60,6 +62,8 @@ def sample_scene_object(config: GenerateConfig, task: SequenceTask) -> SceneObje
     """
     streams = RandomStreams(config.seed, task)
     sampled = _module(task.tier).sample(config, streams)
+    if config.scene.distractors[1]:  # never in episodes, nor with a gripper
+        return add_distractors(sampled, streams, config.scene)
     return add_gripper(sampled, streams.generator(Stream.GRIPPER)) if config.gripper else sampled
 
 

@@ -28,7 +28,7 @@ from pliant.generator.rendering.srgb import encode_srgb
 from pliant.generator.rendering.table import TableView
 from pliant.generator.scene.appearance import Appearance
 from pliant.generator.scene.camera import seen_window
-from pliant.generator.scene.scene_object import GRIPPER, Pose, SceneMesh, SceneObject
+from pliant.generator.scene.scene_object import Pose, SceneMesh, SceneObject
 from pliant.generator.truth.frame_truth import FrameTruth
 from pliant.spec.arrays import Rgb
 from pliant.spec.camera import Camera
@@ -81,7 +81,7 @@ class CyclesRenderer:
         surfaces = materials(scene_object, self._mesh, appearance)
         self._objects = []
         for part, _, rows in self._mesh.parts:
-            cloth = scene_object.kind == "cloth" and part.name != GRIPPER
+            cloth = scene_object.kind == "cloth" and part.colour is None
             kind = "cloth" if cloth else part.name
             made = blender.add_mesh(
                 self._scene,

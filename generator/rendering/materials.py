@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from pliant.generator.compiled import compiled, inlined
 from pliant.generator.scene.appearance import Appearance, TableAppearance
-from pliant.generator.scene.scene_object import GRIPPER, SceneMesh, SceneObject
+from pliant.generator.scene.scene_object import SceneMesh, SceneObject
 from pliant.spec.arrays import FloatArray
 
 Image = npt.NDArray[np.float32]
@@ -146,8 +146,6 @@ def cloth_images(appearance: Appearance, side_px: int = 768) -> tuple[Image, Ima
 PLAIN, FIBRES, WOVEN = 0, 1, 2
 """What a triangle's colour is: the vertices', the vertices' mottled by fibres, the cloth's."""
 
-GRIPPER_COLOUR: Final = (0.055, 0.055, 0.06)
-
 FIBRES_PER_M: Final = 700.0
 """Frequency of the fibres' mottling."""
 
@@ -192,8 +190,8 @@ def materials(scene_object: SceneObject, mesh: SceneMesh, appearance: Appearance
             colour[rows] = np.asarray(appearance.strand_colours)[part.strand]
             place[rows] = fibre_places(part.rest)
             crevice[rows] = strand_crevices(part.rest, len(appearance.strand_colours))
-        elif part.name == GRIPPER:
-            colour[rows] = GRIPPER_COLOUR
+        elif part.colour is not None:
+            colour[rows] = part.colour
         elif scene_object.kind == "cloth":
             surface[faces] = WOVEN
             place[rows, :2] = part.chart(part.rest)

@@ -116,7 +116,7 @@ def sample_appearance(
     table_srgb = _sample_hsv(rng, settings.table_saturation, settings.table_value)
     table = TableAppearance(
         kind=weighted_choice(rng, settings.tables),
-        colour=_linear(table_srgb),
+        colour=linear_reflectance(table_srgb),
         contrast=float(rng.uniform(*settings.table_contrast)),
         scale_m=float(rng.uniform(*settings.table_scale_m)),
         angle_rad=float(rng.uniform(-math.pi, math.pi)),
@@ -135,18 +135,18 @@ def sample_appearance(
         odd = {"solid": set(), "tracer": {0}, "two-tone": {0, count // 2 if count % 2 == 0 else 0}}[
             colouring
         ]
-        strands = tuple(_linear(second if k in odd else main) for k in range(count))
+        strands = tuple(linear_reflectance(second if k in odd else main) for k in range(count))
     else:
-        cloth = (_linear(main), _linear(second), _linear(third))
+        cloth = (linear_reflectance(main), linear_reflectance(second), linear_reflectance(third))
         back = second if scene_object.variant == "towel" else main
     return Appearance(
         light=light,
         table=table,
         strand_colours=strands,
         fibre_contrast=float(rng.uniform(*settings.fibre_contrast)),
-        ball_colour=_linear(third),
+        ball_colour=linear_reflectance(third),
         cloth_colours=cloth,
-        back_colour=_linear(back),
+        back_colour=linear_reflectance(back),
         pattern=scene_object.variant,
         weave_contrast=float(rng.uniform(*settings.weave_contrast)),
         specular=float(rng.uniform(*settings.specular)),
@@ -198,7 +198,7 @@ def _sample_hsv(
     return colorsys.hsv_to_rgb(turn, rng.uniform(*saturation), rng.uniform(*value))
 
 
-def _linear(srgb: Colour) -> Colour:
+def linear_reflectance(srgb: Colour) -> Colour:
     """Return an sRGB colour (0 to 1) as linear reflectance."""
     c = np.asarray(srgb)
     return _colour(np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4))

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pliant.generator import portable
-from pliant.generator.scene.scene_object import GRIPPER, Pose, SceneObject
+from pliant.generator.scene.scene_object import Pose, SceneObject
 from pliant.generator.settings.scene import CLEARANCE_M, MIN_MARGIN, CameraSettings
 from pliant.spec.arrays import FloatArray
 from pliant.spec.camera import Camera
@@ -109,7 +109,7 @@ def sample_camera(
             pose.vertices[part.name]
             for pose in seen
             for part in scene_object.parts
-            if part.name != GRIPPER
+            if part.colour is None
         ]
     ).astype(np.float64)
     if scene_object.temporal and "workspace_m" in scene_object.info:

@@ -29,8 +29,9 @@ class Part:
     """One object of a scene: topology and rest coordinates, which no frame changes.
 
     Attributes:
-        object_id: 1 for the rope or the cloth, 2 for the rope's ball, the next for a gripper.
-        name: `rope`, `ball`, `cloth` or `gripper`.
+        object_id: 1 for the rope or the cloth, 2 for the rope's ball, the next for a gripper or
+            for distractors.
+        name: `rope`, `ball`, `cloth`, `gripper` or `distractor-1` and so on.
         faces: int32 (F, 3), vertex indices, outward winding where there is an outside.
         rest: float64 (V, 3), coordinates in the undeformed object. They are continuous over
             every triangle, so that interpolating them inside one is exact; the chart turns
@@ -38,6 +39,8 @@ class Part:
         chart: rest (N, 3) -> material (N, 2).
         strand: int32 (V,), which strand (or 0) a vertex belongs to; the appearances colour by it.
         double_sided: True for a sheet whose back can be seen.
+        colour: Linear reflectance of scenery, which the camera does not frame: a gripper or a
+            distractor. None for the object itself, whose colours are the appearance's.
     """
 
     object_id: int
@@ -47,6 +50,7 @@ class Part:
     chart: Chart
     strand: IntArray
     double_sided: bool = False
+    colour: tuple[float, float, float] | None = None
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from pliant.generator.settings.scene import (
     CameraSettings,
     DepthCameraSettings,
     NoiseSettings,
+    SceneSettings,
 )
 
 __all__ = [
@@ -19,4 +20,5 @@ __all__ = [
     "DepthCameraSettings",
     "NoiseSettings",
     "RopeSettings",
+    "SceneSettings",
 ]

@@ -14,12 +14,14 @@ from pliant.spec.constraints import (
     NonNegative,
     Range,
     Refused,
+    Share,
     Weights,
     WholeRange,
 )
 
 TABLES: Final = ("plain", "mottled", "wood")
 ROPE_COLOURINGS: Final = ("solid", "tracer", "two-tone")
+DISTRACTORS: Final = ("rope", "cable", "cloth")
 
 
 class AppearanceSettings(Settings):
@@ -123,6 +125,24 @@ class CameraSettings(Settings):
         if self.top + self.oblique <= 0:
             raise Refused("above 0 for one of top and oblique", "top")
         return self
+
+
+class SceneSettings(Settings):
+    """What else is in the scene.
+
+    Attributes:
+        distractors: Number of ropes, cables and cloths next to the object, (low, high). They are in
+            the surface images as objects of their own, and nothing is asked about them.
+        distractor_kinds: `rope`, `cable`, `cloth` -> weight.
+        distractor_over: Probability that one is partly over the object and hides a part of it,
+            instead of next to it where there is room.
+    """
+
+    distractors: Annotated[WholeRange, Bounds(0, 16)] = (0, 0)
+    distractor_kinds: Annotated[Mapping[str, float], Weights(DISTRACTORS)] = Field(
+        default_factory=lambda: {"rope": 0.4, "cable": 0.3, "cloth": 0.3}
+    )
+    distractor_over: Share = 0.3
 
 
 class NoiseSettings(Settings):
