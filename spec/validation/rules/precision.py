@@ -29,6 +29,9 @@ MIN_LEVELS: Final = 8
 MAX_LEVELS: Final = 256
 PIXELS_PER_LEVEL: Final = 4
 
+_FLOAT32_STEPS: Final = 16
+"""So many steps of float32 apart, values are no format's: a flat cloth under the camera."""
+
 _STEPS_M = ((1e-2, "whole centimetres"), (1e-3, "whole millimetres"), (1e-4, "0.1 mm"))
 
 
@@ -97,7 +100,9 @@ def _coarse(values: npt.NDArray[Any], name: str) -> str | None:
     if levels.size <= MAX_LEVELS and values.size >= PIXELS_PER_LEVEL * levels.size:
         gaps = np.diff(levels.astype(np.float64))
         steps = gaps / gaps.min()
-        if np.all(np.abs(steps - np.rint(steps)) < 0.02 * np.maximum(steps, 1)):
+        finest = _FLOAT32_STEPS * np.spacing(np.abs(levels).max())
+        equal = np.abs(steps - np.rint(steps)) < 0.02 * np.maximum(steps, 1)
+        if gaps.min() > finest and np.all(equal):
             return f"{values.size} pixels have {levels.size} equally spaced values: 8 bits?"
     return None
 
