@@ -1,4 +1,8 @@
-"""Poses are the same on every processor: tested with AVX-512 switched off in NumPy and BLAS."""
+"""Datasets are the same on every processor and with any number of threads.
+
+Tested with AVX-512 switched off in NumPy and BLAS, and with Numba compiling for no processor in
+particular.
+"""
 
 from __future__ import annotations
 
@@ -20,6 +24,8 @@ OLDER = {
     "NPY_DISABLE_CPU_FEATURES": "AVX512F AVX512CD AVX512_SKX AVX512_CLX AVX512_CNL AVX512_ICL",
     "OPENBLAS_CORETYPE": "Haswell",
 }
+THREADS = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "4")
+GENERIC = {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""}
 ROOT = Path(__file__).parents[2]
 CONFIG = GenerateConfig(
     tiers=("rope", "cloth-1"),
@@ -50,12 +56,14 @@ def test_a_product_is_the_product() -> None:
     assert portable.norm(np.array([3.0, -4.0])) == 5.0
 
 
-@pytest.mark.skipif(
-    "avx512" not in Path("/proc/cpuinfo").read_text() if Path("/proc/cpuinfo").exists() else True,
-    reason="needs a processor with AVX-512: on others this is the older code already",
-)
-def test_datasets_do_not_depend_on_the_processor(tmp_path: Path) -> None:
-    """Byte for byte: cameras, tables, queries, depth and images of ropes and cloths."""
+@pytest.fixture(scope="module")
+def own(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """Checksums of the dataset as this process would make it, with one thread."""
+    return made(tmp_path_factory.mktemp("own") / "data", {})
+
+
+def made(out: Path, environment: dict[str, str]) -> dict[str, str]:
+    """Generate a dataset in a new process; return file -> sha256."""
     code = (
         f"import sys; sys.path.insert(0, {str(ROOT)!r})\n"
         "from pliant.generator.runner.run import generate\n"
@@ -63,18 +71,33 @@ def test_datasets_do_not_depend_on_the_processor(tmp_path: Path) -> None:
         "from tests.generator.test_portable import CONFIG\n"
         "generate(CONFIG, sys.argv[1], engine=InProcess())"
     )
-    found = []
-    for name, environment in (("own", {}), ("older", OLDER)):
-        out = tmp_path / name
-        subprocess.run(
-            [sys.executable, "-c", code, str(out)], env={**os.environ, **environment}, check=True
-        )
-        found.append(
-            {
-                str(path.relative_to(out)): hashlib.sha256(path.read_bytes()).hexdigest()
-                for path in sorted(out.rglob("*"))
-                if path.suffix in (".parquet", ".exr", ".png") or path.name == "cameras.json"
-            }
-        )
-    assert len(found[0]) > 20
-    assert found[0] == found[1]
+    command = [sys.executable, "-c", code, str(out)]
+    subprocess.run(command, env={**os.environ, **environment}, check=True)
+    found = {
+        str(path.relative_to(out)): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in sorted(out.rglob("*"))
+        if path.suffix in (".parquet", ".exr", ".png") or path.name == "cameras.json"
+    }
+    assert len(found) > 20
+    return found
+
+
+@pytest.mark.skipif(
+    "avx512" not in Path("/proc/cpuinfo").read_text() if Path("/proc/cpuinfo").exists() else True,
+    reason="needs a processor with AVX-512: on others this is the older code already",
+)
+def test_datasets_do_not_depend_on_the_processor(own: dict[str, str], tmp_path: Path) -> None:
+    """Byte for byte: cameras, tables, queries, depth and images of ropes and cloths."""
+    assert made(tmp_path / "data", OLDER) == own
+
+
+@pytest.mark.parametrize(
+    "environment",
+    [THREADS, pytest.param(GENERIC, marks=pytest.mark.long)],
+    ids=["threads", "generic"],
+)
+def test_datasets_do_not_depend_on_threads_and_compiled_code(
+    own: dict[str, str], environment: dict[str, str], tmp_path: Path
+) -> None:
+    """With four threads in every library; and compiled for no processor in particular."""
+    assert made(tmp_path / "data", environment) == own
