@@ -1,7 +1,8 @@
 # make demo: a small benchmark, rendered, answered, scored and reported in ./demo
 # make docs: the documentation site, without network access, in build/site
 # make test: lint, types, tests
-# make test-all: the same with the tests that take minutes (marker `long`)
+# make test-all: the same with the tests that take minutes (marker `long`), and their coverage
+# make pythons: environments of the base install on Python 3.12 and 3.13, which one test compares
 # make fuzz SECONDS=60: coverage-guided fuzzing of every reader of files
 # make mutants SAMPLE=100: so many mutants of each target of tests/mutation (SAMPLE= for all)
 # They make .venv from constraints.txt when it is missing; Python 3.11 is all they need.
@@ -14,7 +15,7 @@ OUT ?= demo
 SECONDS ?= 60
 SAMPLE ?= 100
 
-.PHONY: demo docs test test-all fuzz mutants lint types unit unit-all venv clean
+.PHONY: demo docs test test-all pythons fuzz mutants lint types unit unit-all venv clean
 
 venv: $(VENV)/.installed
 
@@ -45,7 +46,13 @@ unit: venv
 	$(BIN)/pytest -n 2 --dist worksteal -m 'not long'
 
 unit-all: venv
-	$(BIN)/pytest -n 2 --dist worksteal
+	$(BIN)/pytest -n 2 --dist worksteal --cov --cov-report=term --cov-report=json:build/coverage.json
+
+pythons:
+	for version in 3.12 3.13; do \
+		python$$version -m venv $(VENV)-$$version && \
+		$(VENV)-$$version/bin/python -m pip install --quiet --disable-pip-version-check 'pyarrow<26' -e . || exit; \
+	done
 
 fuzz: venv
 	$(BIN)/python -m tests.fuzz --seconds $(SECONDS)
