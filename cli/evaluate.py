@@ -43,6 +43,13 @@ if TYPE_CHECKING:
     help="Cap every error at the image diagonal, for results shown to participants "
     "(see: pliant leaderboard --hide-truth).",
 )
+@click.option(
+    "--workers",
+    default=1,
+    show_default=True,
+    metavar="N",
+    help="Number of worker processes that read surface images; does not change the output.",
+)
 @json_option
 def command(
     submission: Path,
@@ -52,6 +59,7 @@ def command(
     out: Path | None,
     allow_missing: bool,
     hide_truth: bool,
+    workers: int,
     as_json: bool,
 ) -> int:
     """Score SUB.parquet against its dataset.
@@ -78,6 +86,7 @@ def command(
                     allow_missing=allow_missing,
                     hide_truth=hide_truth,
                     limits=Limits(),
+                    workers=workers,
                     progress=bar,
                 )
         except SubmissionError as error:

@@ -10,6 +10,7 @@ from pliant.evaluator.scores import Scores
 from pliant.evaluator.scoring import score
 from pliant.evaluator.submission.loading import Given, Loaded, load, load_in_memory
 from pliant.evaluator.submission.problems import Problems
+from pliant.spec.calls import check_whole
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, SubmissionError
 from pliant.spec.limits import Limits
@@ -26,6 +27,7 @@ def evaluate(
     allow_missing: bool = False,
     hide_truth: bool = False,
     limits: Limits | None = None,
+    workers: int = 1,
     progress: Progress | None = None,
 ) -> Scores:
     """Score a submission.
@@ -42,6 +44,7 @@ def evaluate(
             left out too. See `public_scores`.
         limits: Read the submission in a child process with these limits, as the command does;
             None reads it in this process, which a hostile file can crash.
+        workers: Number of processes that read surface images, >= 1; does not change the scores.
         progress: Called with (pairs scored, pairs in all) now and then.
 
     Returns:
@@ -58,12 +61,15 @@ def evaluate(
         >>> round(scores.overall["rmse_px"], 2)
         48.01
     """
+    check_whole("workers", workers, 1)
     dataset, truth = _opened(data, truth)
     chosen = read_protocol(protocol) if isinstance(protocol, str) else protocol
     problems = Problems(submission)
     path = Path(submission)
     loaded = load(path, dataset, problems, allow_missing=allow_missing, limits=limits)
-    return _scored(loaded, problems, dataset, truth, chosen, progress, hide_truth=hide_truth)
+    return _scored(
+        loaded, problems, dataset, truth, chosen, progress, hide_truth=hide_truth, workers=workers
+    )
 
 
 def evaluate_answers(
@@ -128,6 +134,7 @@ def _scored(
     progress: Progress | None = None,
     *,
     hide_truth: bool = False,
+    workers: int = 1,
 ) -> Scores:
     """Score a submission that was read; refuse one with problems."""
     if loaded is None:
@@ -148,7 +155,9 @@ def _scored(
     if protocol.kind == "answers":
         queries_sha256 = str(loaded.submission.footer["queries_sha256"])
         check_truth(path, dataset.id, dataset.version, split, queries_sha256)
-    return score(loaded, dataset, path, protocol, hide_truth=hide_truth, progress=progress)
+    return score(
+        loaded, dataset, path, protocol, hide_truth=hide_truth, progress=progress, workers=workers
+    )
 
 
 def _refusal(problems: Problems) -> SubmissionError:

@@ -24,6 +24,7 @@ from pliant.evaluator.metrics.blocks import BLOCK_ROWS, Block, read_blocks
 from pliant.evaluator.metrics.causes import CAUSES_VERSION, Causes, CausesSettings
 from pliant.evaluator.metrics.localisation import Counts
 from pliant.evaluator.metrics.matches import match_blocks
+from pliant.evaluator.metrics.surface_workers import looked_up_ahead
 from pliant.evaluator.metrics.surfaces import Surfaces
 from pliant.evaluator.protocols.protocol import Protocol, metric_class
 from pliant.evaluator.scores import SCORES_VERSION, Scores, pair_table, tool_versions
@@ -38,7 +39,7 @@ from pliant.spec.io.reading import sha256_file
 from pliant.spec.progress import Progress
 from pliant.spec.storage import layout
 
-_PAIRS_WITH_IMAGES: Final = 1024
+_PAIRS_WITH_IMAGES: Final = 2048
 """Where surface images are read, they take the time: shorter blocks show progress."""
 
 
@@ -57,6 +58,7 @@ def score(
     *,
     hide_truth: bool,
     progress: Progress | None,
+    workers: int = 1,
 ) -> Scores:
     """Score a submission.
 
@@ -67,6 +69,7 @@ def score(
         protocol: A protocol for submissions of this kind.
         hide_truth: As for `evaluate`.
         progress: As for `evaluate`.
+        workers: As for `evaluate`.
 
     Raises:
         SpecError: The dataset or the truth is at fault.
@@ -86,7 +89,10 @@ def score(
         hints, controls = TruthHints(answers, queries), Controls(queries.rows)
     observers: list[Observer] = [*metrics]
     observers += [each for each in (hints, controls) if each is not None]
-    for block in _blocks(loaded, truth, protocol, context, metrics, hide_truth, has_images):
+    blocks = _blocks(loaded, truth, protocol, context, metrics, hide_truth, has_images)
+    if workers > 1 and has_images and (has_causes or "geodesic" in protocol.settings):
+        blocks = looked_up_ahead(blocks, context.surfaces, queries, workers)
+    for block in blocks:
         for each in observers:
             each.update(block)
         if progress is not None:

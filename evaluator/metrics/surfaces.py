@@ -6,7 +6,7 @@ import functools
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -93,7 +93,22 @@ class Surfaces:
         self._points: dict[str, FloatArray] = {}
         self.frame = functools.lru_cache(_CACHED_FRAMES)(self._read)
         self._step_m = functools.cache(self._typical_step_m)
-        self.facts = functools.lru_cache(1)(self._look_up_block)
+        self._kept: tuple[Block, SurfaceFacts] | None = None
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # A copy in another process has read nothing yet.
+        make = functools.partial(Surfaces, silhouettes=self._silhouettes)
+        return make, (self._dataset, self._search_px, self._reach_px)
+
+    def facts(self, block: Block, queries: Queries) -> SurfaceFacts:
+        """Return what the surfaces say about a block's queries; of the last block it is known."""
+        if self._kept is None or self._kept[0] is not block:
+            self._kept = block, self._look_up_block(block, queries)
+        return self._kept[1]
+
+    def keep(self, block: Block, facts: SurfaceFacts) -> None:
+        """Take over what another process looked up for a block."""
+        self._kept = block, facts
 
     def queried(self, tier: str) -> MaterialObject:
         """Return the object of a tier that queries are on."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 
 from pliant.evaluator import evaluate
 from pliant.evaluator.metrics import surfaces
+from pliant.spec.errors import CallError
 from pliant.spec.io.exr import read_surface
 
 
@@ -47,7 +49,7 @@ def test_the_nearest_pixel_is_that_of_a_search_by_hand(search: int) -> None:
 
 
 def test_a_target_frame_is_read_once(
-    scene_maker: Any, tmp_path: Any, monkeypatch: pytest.MonkeyPatch
+    scene_maker: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     scene = scene_maker(tmp_path / "data", sequences=2, frames=5, temporal=True, sources=2)
     path = scene.submit(tmp_path / "s.parquet")
@@ -67,7 +69,7 @@ def test_a_target_frame_is_read_once(
 
 
 def test_silhouettes_are_left_out_where_no_figure_needs_them(
-    scene: Any, tmp_path: Any, monkeypatch: pytest.MonkeyPatch
+    scene: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refuse(*_: Any) -> Any:
         raise AssertionError("a distance to the silhouette was computed")
@@ -77,3 +79,17 @@ def test_silhouettes_are_left_out_where_no_figure_needs_them(
     evaluate(path, scene.root, protocol="paper")
     with pytest.raises(AssertionError, match="silhouette"):
         evaluate(path, scene.root)
+
+
+def test_worker_processes_change_no_byte(scene: Any, tmp_path: Path) -> None:
+    path = scene.submit(tmp_path / "s.parquet", scene.table(scene.true_px + 3.0))
+    for workers in (1, 2):
+        (tmp_path / str(workers)).mkdir()
+        evaluate(path, scene.root, workers=workers).write(tmp_path / str(workers), "")
+    for name in ("scores.json", "per_pair.parquet"):
+        assert (tmp_path / "1" / name).read_bytes() == (tmp_path / "2" / name).read_bytes()
+
+
+def test_the_number_of_workers_is_checked(scene: Any, tmp_path: Path) -> None:
+    with pytest.raises(CallError, match="workers"):
+        evaluate(tmp_path / "s.parquet", scene.root, workers=0)
