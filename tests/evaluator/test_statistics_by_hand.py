@@ -61,6 +61,8 @@ def test_ratios() -> None:
     np.testing.assert_array_equal(below, COLUMNS["asked"] > 0)
     np.testing.assert_allclose(mean.finish(np.array([8.0]), np.array([2.0])), [4.0])
     np.testing.assert_allclose(SHARE.mean_over_pairs("").terms(COLUMNS)[0][:2], [0.25, 0.5])
+    one = SHARE.mean_over_pairs("").terms({"hits": np.ones(1), "asked": np.ones(1)})
+    np.testing.assert_array_equal(one, [[1], [1]])
     with pytest.raises(SpecError, match=r"lacks a column.*asked, hits; required: squares"):
         ERROR.terms({name: COLUMNS[name] for name in ("hits", "asked")})
 
@@ -154,6 +156,15 @@ def test_intervals_of_every_group(crossed: Crossing) -> None:
     assert intervals([SHARE], nothing, Crossing.of(A[:5], B[:5], TIER[:5], 1), SETTINGS) == [{}, {}]
 
 
+def test_a_tier_of_one_sequence_has_no_interval_and_neither_has_the_whole() -> None:
+    alone = np.array([10, 11, 12, 40])
+    crossed = Crossing.of(alone, alone, np.array([0, 0, 0, 1]), 2)
+    assert crossed.extent(0) == (4, 2)
+    four = {name: values[:4] for name, values in COLUMNS.items()}
+    found = intervals([SHARE], four, crossed, SETTINGS)
+    assert [set(each) for each in found] == [set(), {"pck"}, set()]
+
+
 def test_an_interval_by_hand() -> None:
     values = np.array([1.0, 2, 4, 8])
     t = stats.t(3).ppf(0.95)
@@ -166,6 +177,8 @@ def test_an_interval_by_hand() -> None:
     quantiles = np.quantile(values, [tail, 1 - tail])
     assert interval(SHARE, 3.0, values, 0.9, 5, 2) == pytest.approx(quantiles)
     assert interval(ERROR, 0.0, values, 0.9, 5, 2) == pytest.approx(quantiles)
+    small = interval(ERROR, 0.03, values / 100, 0.9, 5, 2)
+    assert small == pytest.approx([math.exp(middle - reach) / 100, math.exp(middle + reach) / 100])
     values[0] = 0
     assert interval(ERROR, 3.0, values, 0.9, 5, 2)[0] < 1
     with pytest.raises(ValueError, match="level"):
@@ -231,6 +244,11 @@ def test_differences_that_are_not_defined() -> None:
         SHARE, (same[0][:1], same[1][:1]), (np.ones(1) * 9, same[1][:1]), one, 0.95
     )
     assert single.sequences_needed is None
+    two = Crossing.of(ids[:2], ids[:2], np.zeros(2, np.int64), 1)
+    pair = paired_difference(
+        SHARE, (same[0][:2], same[1][:2]), (turned[0][:2], same[1][:2]), two, 0.95
+    )
+    assert pair.sequences_needed is not None
     assert [fewest_sequences(level) for level in (0.5, 0.75, 0.9, 0.95)] == [2, 3, 5, 6]
 
 
@@ -252,4 +270,5 @@ def test_subsets_of_thirteen_sequences_follow_the_first_twelve() -> None:
     assert subsets.any(axis=1).all()
     combination = [subsets[2**bit - 1, 12] for bit in range(12)]  # of the single generators
     np.testing.assert_array_equal(subsets[:, 12], subsets[:, :12] @ combination % 2)
-    assert any(combination)
+    drawn = int(np.random.default_rng(13).integers(1, 2**12))
+    np.testing.assert_array_equal(combination, [drawn >> bit & 1 for bit in range(12)])

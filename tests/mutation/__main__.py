@@ -61,7 +61,12 @@ TARGETS = {
         "evaluator/metrics",
         tuple(f"tests/evaluator/test_{name}.py" for name in _OF_METRICS),
     ),
-    "validation": Target("spec/validation", ("tests/spec/validation",)),
+    "validation": Target(
+        "spec/validation",
+        tuple(
+            f"tests/spec/validation/test_{name}.py" for name in ("conformance", "rules", "validate")
+        ),
+    ),
     "truth": Target("generator/truth", ("tests/generator/truth",), compiled=True),
 }
 

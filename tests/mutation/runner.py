@@ -1,8 +1,9 @@
 """Run tests against mutants, each in a fork of one process in which the tests are collected.
 
 The process runs every test once and notes which lines it executes and its CPU time. A mutant's
-function is replaced in the fork, which runs the tests that execute the changed line, those that
-take little time first, until one fails. Fixtures of the session are made once, by the original.
+function is replaced in the fork, which runs the tests that execute the changed line until one
+fails: first those that noticed another mutant of the file, then those that take little time.
+Fixtures of the session are made once, by the original.
 """
 
 from __future__ import annotations
@@ -51,6 +52,7 @@ class Runner:
         self._executed: set[tuple[Path, int]] = set()
         self._resolved: dict[str, Path] = {}
         self._sound: set[pytest.Item] = set()
+        self._killers: dict[Path, set[pytest.Item]] = defaultdict(set)
 
     @pytest.hookimpl(tryfirst=True)
     def pytest_collection(self) -> None:
@@ -73,6 +75,8 @@ class Runner:
                 items.remove(failed)
                 chosen = self._tests_of(mutant, items)
                 status, failed = self._outcome(mutant, functions, chosen)
+            if failed is not None:
+                self._killers[mutant.file].add(failed)
             self.report(mutant, status, len(chosen))
         return True
 
@@ -142,7 +146,11 @@ class Runner:
             covering |= self._lines.get((mutant.file, line), set())
         chosen: list[pytest.Item] = []
         spent = 0.0
-        for item in sorted((i for i in items if i in covering), key=lambda i: self._costs[i]):
+        killers = self._killers[mutant.file]
+        for item in sorted(
+            (item for item in items if item in covering),
+            key=lambda item: (item not in killers, self._costs[item]),
+        ):
             spent += self._costs[item]
             if chosen and (spent > self.cpu_s or len(chosen) == MOST_TESTS):
                 break
