@@ -152,7 +152,8 @@ def reference_symmetry(rows: list[dict[str, Any]]) -> dict[str, float | None]:
         seen = [row for row in pair if row["seen"]]
         if not seen:
             continue
-        candidates = [[row["error"] ** 2 for row in seen]]
+        # A point on the axis of a symmetry is its own partner: equal by the same arithmetic.
+        candidates = [[own_squared(row) for row in seen]]
         complete = all(row["answer"] is not None for row in seen)
         count = len(seen[0]["alternatives"])
         for index in range(count if complete else 0):
@@ -164,10 +165,7 @@ def reference_symmetry(rows: list[dict[str, Any]]) -> dict[str, float | None]:
         if count:
             flips.append(not complete or best < sums[0])
         for row in seen:
-            # A point on the axis of a symmetry is its own partner: equal by the same arithmetic.
-            own = (
-                row["error"] ** 2 if row["answer"] is None else squared(row, row["u_b"], row["v_b"])
-            )
+            own = own_squared(row)
             others = [
                 partner_squared(row, index)
                 for index in range(count if row["answer"] is not None else 0)
@@ -187,6 +185,10 @@ def reference_symmetry(rows: list[dict[str, Any]]) -> dict[str, float | None]:
         "flip_rate": mean(flips),
         "point_flip_rate": mean(point_flips),
     }
+
+
+def own_squared(row: dict[str, Any]) -> float:
+    return row["error"] ** 2 if row["answer"] is None else squared(row, row["u_b"], row["v_b"])
 
 
 def partner_squared(row: dict[str, Any], index: int) -> float:
