@@ -29,7 +29,7 @@ from pliant.spec.io.jsonfiles import write_json
 from pliant.spec.io.parquet import write_table
 from pliant.spec.io.png import write_mask, write_rgb
 from pliant.spec.io.reading import file_entry, sha256_file
-from pliant.spec.io.staging import staged
+from pliant.spec.io.staging import is_left_alone, staged_both
 from pliant.spec.model import MaterialCoordinate, MaterialObject, Tier
 from pliant.spec.progress import Progress
 from pliant.spec.storage import layout
@@ -107,7 +107,7 @@ def write_imported(
     """
     beside = out.with_name(f"{out.name}-truth")
     for folder in (out, beside):
-        if folder.exists():
+        if folder.exists() and not is_left_alone(folder, out):
             raise CallError("the folder is there already", path=folder, fix="Give a new folder")
     for what, name in (("the dataset's id", settings.id), ("--kind", settings.kind)):
         if not is_name(name):
@@ -130,7 +130,7 @@ def write_imported(
             path=source.get("source"),
             fix="Mark the same points, under the same names, in several pictures.",
         )
-    with staged(out) as root, staged(beside) as answers:
+    with staged_both(out, beside) as (root, answers):
         masks = _Masks(settings.kind)
         done, total = 0, sum(clip.frames for clip in clips)
         documents = []

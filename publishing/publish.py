@@ -18,7 +18,7 @@ from pliant.publishing.settings import PublishSettings
 from pliant.spec.conventions import SPLITS
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, SpecError
-from pliant.spec.io.staging import staged
+from pliant.spec.io.staging import is_left_alone, staged, staged_both
 from pliant.spec.secrets import seed_weakness
 from pliant.spec.storage import layout
 from pliant.spec.storage.manifest import Half, write_checksums, write_manifest
@@ -90,15 +90,18 @@ def publish(
     dataset = _open(source, settings)
     out = out.absolute()
     private = None if not settings.hold_out else (private or out.with_name(f"{out.name}-private"))
-    for place in [out] if private is None else [private.absolute(), out]:
-        _check_place(place, source)
+    if private is not None and not is_left_alone(private.absolute(), out):
+        _check_place(private.absolute(), source)
+    _check_place(out, source)
     show = progress or (lambda what, done, total: None)
     _check_contents(source, show)
     warnings = _warnings(dataset, settings)
     with ExitStack() as stack:
-        # The folders get their names in reverse order: the private half first.
-        public_half = stack.enter_context(staged(out))
-        private_half = None if private is None else stack.enter_context(staged(private))
+        private_half = None
+        if private is None:
+            public_half = stack.enter_context(staged(out))
+        else:
+            public_half, private_half = stack.enter_context(staged_both(out, private))
         public_half.chmod(0o755)
         write_public(dataset, public_half, settings, show)
         if private_half is not None:

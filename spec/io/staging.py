@@ -62,6 +62,31 @@ def staged(folder: Path) -> Iterator[Path]:
             shutil.rmtree(each, ignore_errors=True)
 
 
+@contextmanager
+def staged_both(folder: Path, other: Path) -> Iterator[tuple[Path, Path]]:
+    """Stage two new folders that belong together; `other` gets its name first.
+
+    After an error there is neither. A process that is killed between the two renames leaves
+    `other` alone, which `is_left_alone` recognises and the next staging replaces.
+
+    Raises:
+        CallError: A folder cannot be written.
+    """
+    try:
+        with staged(folder) as one, staged(other) as two:
+            yield one, two
+    except BaseException:
+        if not folder.exists():
+            shutil.rmtree(other, ignore_errors=True)
+        raise
+
+
+def is_left_alone(other: Path, folder: Path) -> bool:
+    """Return whether a killed process had finished `other` of two folders, and not `folder`."""
+    unfinished = abandoned(folder.parent, f".{folder.name}.", ".partial")
+    return other.exists() and not folder.exists() and bool(unfinished)
+
+
 def _exchanged(one: Path, other: Path) -> bool:
     """Give two folders each other's name at one moment; return False where that is not possible.
 

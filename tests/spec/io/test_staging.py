@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from pliant.spec.errors import CallError
-from pliant.spec.io.staging import staged
+from pliant.spec.io.staging import is_left_alone, staged, staged_both
 from pliant.spec.io.writing import replacing
 
 PROGRAM = """
@@ -81,6 +81,40 @@ def test_the_next_writing_of_a_file_removes_what_a_killed_one_left(tmp_path: Pat
     with replacing(tmp_path / "a.json") as partial:
         partial.touch()
     assert names(tmp_path) == [f".a.{os.getpid()}.partial.txt", "a.json"]
+
+
+PAIR = """
+import os, sys
+from pathlib import Path
+from pliant.spec.io import staging
+
+def rename(path, target, original=Path.rename):
+    if target.name == "out":
+        if sys.argv[2] == "killed":
+            os.kill(os.getpid(), 9)
+        raise OSError(5, "Input/output error")
+    return original(path, target)
+
+Path.rename = rename
+folder = Path(sys.argv[1])
+with staging.staged_both(folder / "out", folder / "other") as places:
+    for place in places:
+        (place / "file").touch()
+"""
+
+
+def test_of_two_folders_both_are_there_or_neither(tmp_path: Path) -> None:
+    out, other = tmp_path / "out", tmp_path / "other"
+    codes = {}
+    for how in ("error", "killed"):
+        done = subprocess.run([sys.executable, "-c", PAIR, str(tmp_path), how], capture_output=True)
+        codes[how] = (done.returncode, is_left_alone(other, out), len(names(tmp_path)))
+    assert codes == {"error": (1, False, 0), "killed": (-9, True, 2)}
+    with staged_both(out, other) as places:
+        for place in places:
+            (place / "new").touch()
+    assert names(tmp_path) == ["other", "out"]
+    assert names(other) == names(out) == ["new"]
 
 
 WRITER = """
