@@ -93,16 +93,29 @@ class Trial:
             return f"traceback: {ending.output[-2000:]}"
         elif ending.code and "Error: " not in ending.output:
             return f"no error is told: {ending.output[-2000:]}"
-        if ending.code == 0:
-            return _differs(self._command.state(self._work), self._after, "after exit code 0")
-        if self._command.continues:
+        if self._command.continues and ending.code != 0:
             return None  # the run that follows shows whether anything was lost
         state = self._command.state(self._work)
         if crash or ending.where.startswith("unlink"):  # unfinished files may be left then
             state = _visible(state)
         if state == self._after:
             return None
+        if crash:
+            return self._torn(state)
+        if ending.code == 0:
+            return _differs(state, self._after, "after exit code 0")
         return _differs(state, self._before, "earlier state")
+
+    def _torn(self, state: dict[str, Any]) -> str | None:
+        """Return which output is neither that of before nor the new one, None if none is."""
+        for name in sorted({path.split("/")[0] for path in {*state, *self._before}}):
+            found, before, after = (
+                {path: each for path, each in states.items() if path.split("/")[0] == name}
+                for states in (state, self._before, self._after)
+            )
+            if found not in (before, after):
+                return _differs(found, before, "after the crash")
+        return None
 
     def _wrong_again(self) -> str | None:
         """Return what is wrong after the same command again, None if nothing is."""
@@ -119,10 +132,8 @@ class Trial:
         return wrong
 
 
-def _visible(state: Any) -> Any:
+def _visible(state: dict[str, Any]) -> dict[str, Any]:
     """Return a state without hidden files, such as unfinished ones."""
-    if not isinstance(state, dict):
-        return state
     return {name: each for name, each in state.items() if not name.startswith(".")}
 
 
@@ -131,13 +142,9 @@ def _names(work: Path) -> set[str]:
     return {p.relative_to(work).as_posix() for p in work.rglob(".*")}
 
 
-def _differs(found: Any, expected: Any, when: str) -> str | None:
+def _differs(found: dict[str, Any], expected: dict[str, Any], when: str) -> str | None:
     """Return how a state differs from the expected one, None if it does not."""
-    if found == expected:
-        return None
-    if isinstance(found, dict) and isinstance(expected, dict):
-        keys = sorted(k for k in {*found, *expected} if found.get(k) != expected.get(k))
-        kinds = {(True, True): "other", (True, False): "more", (False, True): "missing"}
-        text = ", ".join(f"{key} ({kinds[key in found, key in expected]})" for key in keys[:4])
-        return f"{when}: {len(keys)} files differ: {text}"
-    return f"{when}: {found!r:.600} instead of {expected!r:.600}"
+    keys = sorted(k for k in {*found, *expected} if found.get(k) != expected.get(k))
+    kinds = {(True, True): "other", (True, False): "more", (False, True): "missing"}
+    text = ", ".join(f"{key} ({kinds[key in found, key in expected]})" for key in keys[:4])
+    return f"{when}: {len(keys)} files differ: {text}" if keys else None

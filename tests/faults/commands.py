@@ -49,7 +49,7 @@ class Command:
     prepare: Callable[[Path, Path], None]
     action: Callable[[Path, Path], int]
     again: Callable[[Path, Path], int] | None = None
-    state: Callable[[Path], Any] = digests
+    state: Callable[[Path], dict[str, Any]] = digests
     inputs: bool = True
     continues: bool = False
 
@@ -187,13 +187,13 @@ def _recordings(work: Path) -> dict[str, Any]:
 def _archived(work: Path) -> dict[str, Any]:
     """Return sizes of the files of an archive, which has times in it."""
     found: dict[str, Any] = digests(work)
-    for name in [name for name in found if name.endswith(".tar")]:
+    for name in [name for name in found if name.endswith(".tar") and not name.startswith(".")]:
         with tarfile.open(work / name) as tar:
             found[name] = sorted((each.name, each.size) for each in tar)
     return found
 
 
-def _books(work: Path) -> Any:
+def _books(work: Path) -> dict[str, Any]:
     """Return what a challenge contains, but random keys and tokens; check its audit log."""
     from sqlalchemy import func, select
 
@@ -202,7 +202,8 @@ def _books(work: Path) -> Any:
     from pliant.service.models import Job, LedgerEntry, Score, Submission, Team, Token
 
     found: dict[str, Any] = {}
-    for root in sorted(path for path in work.iterdir() if (path / "challenge.yaml").is_file()):
+    roots = [path for path in work.iterdir() if not path.name.startswith(".")]
+    for root in [path for path in roots if (path / "challenge.yaml").is_file()]:
         files = {
             name: digest
             for name, digest in digests(root).items()
@@ -223,9 +224,8 @@ def _books(work: Path) -> Any:
             charged = session.scalar(select(func.sum(LedgerEntry.amount)))
         challenge.database.engine.dispose()
         found[root.name] = (files, keys, teams, counts, states, jobs, figures, charged)
-    known = {root for root in found}
-    other = {k: v for k, v in digests(work).items() if k.split("/")[0] not in known}
-    return found, other
+    other = {k: v for k, v in digests(work).items() if k.split("/")[0] not in found}
+    return {**found, **other}
 
 
 COMMANDS: Final[dict[str, Command]] = {
