@@ -21,7 +21,7 @@ class Trial:
         place: Folder with `inputs/`, for the runs.
 
     Attributes:
-        points: Every point of the undisturbed run.
+        operations: One letter for each call of the undisturbed run.
         tried: Kind of fault -> points at which it came to that.
         failures: What did not hold, with the point.
     """
@@ -40,8 +40,7 @@ class Trial:
         assert undisturbed.code == 0, undisturbed.output
         self._after = command.state(self._work)
         self._names = _names(self._work)
-        self.points = points_of(undisturbed.operations)
-        self._calls = len(undisturbed.operations)
+        self.operations = undisturbed.operations
         size = sum(p.stat().st_size for p in self._work.rglob("*") if p.is_file())
         self.unseen_bytes = max(0, size - undisturbed.written - self._begun_bytes)
 
@@ -59,8 +58,8 @@ class Trial:
     def figures(self) -> dict[str, Any]:
         """Return the counts as JSON."""
         return {
-            "calls": self._calls,
-            "points": len(self.points),
+            "calls": len(self.operations),
+            "points": len(points_of(self.operations)),
             "tried": sum(self.tried.values()),
             "passed": sum(self.tried.values()) - len(self.failures),
             "failed": len(self.failures),

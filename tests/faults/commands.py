@@ -91,6 +91,10 @@ def make_inputs(inputs: Path, data: Path | None) -> None:
             pliant("challenge", "backup", inputs / "challenge", "--out", inputs / "backup"),
             pliant("challenge", "invite", inputs / "challenge", "Later"),
         ]
+        from tests.faults.challenges import send
+
+        shutil.copytree(inputs / "challenge", inputs / "waiting")
+        send(inputs / "waiting", inputs / "identity.parquet")
     assert not any(codes), quiet.getvalue()
 
 
@@ -194,38 +198,23 @@ def _archived(work: Path) -> dict[str, Any]:
 
 
 def _books(work: Path) -> dict[str, Any]:
-    """Return what a challenge contains, but random keys and tokens; check its audit log."""
-    from sqlalchemy import func, select
+    """Return what challenges contain, and digests of the other files."""
+    from tests.faults.challenges import books
 
-    from pliant.service.audit import verify_log
-    from pliant.service.challenge import Challenge
-    from pliant.service.models import Job, LedgerEntry, Score, Submission, Team, Token
+    found = digests(work)
+    for path in work.iterdir():
+        if not path.name.startswith(".") and (path / "challenge.yaml").is_file():
+            for name in [name for name in found if name.startswith(f"{path.name}/")]:
+                if "/keys/" in name or "/challenge.sqlite" in name:
+                    del found[name]
+            found[f"{path.name}/books"] = books(path)
+    return found
 
-    found: dict[str, Any] = {}
-    roots = [path for path in work.iterdir() if not path.name.startswith(".")]
-    for root in [path for path in roots if (path / "challenge.yaml").is_file()]:
-        files = {
-            name: digest
-            for name, digest in digests(root).items()
-            if not name.startswith(("challenge.sqlite", "keys/"))
-        }
-        keys = sorted(path.name for path in (root / "keys").iterdir())
-        challenge = Challenge.open(root, None)
-        with challenge.database.read() as session:
-            verify_log(session)
-            teams = sorted(session.scalars(select(Team.name)))
-            counts = [
-                session.scalar(select(func.count()).select_from(each))
-                for each in (Token, Submission, Score, LedgerEntry)
-            ]
-            states = sorted(session.scalars(select(Submission.state)))
-            jobs = sorted(str(each) for each in session.scalars(select(Job.state)))
-            figures = [each.figures for each in session.scalars(select(Score))]
-            charged = session.scalar(select(func.sum(LedgerEntry.amount)))
-        challenge.database.engine.dispose()
-        found[root.name] = (files, keys, teams, counts, states, jobs, figures, charged)
-    other = {k: v for k, v in digests(work).items() if k.split("/")[0] not in found}
-    return {**found, **other}
+
+def _score(inputs: Path, work: Path) -> int:
+    from tests.faults.challenges import work as score_what_waits
+
+    return score_what_waits(work / "challenge")
 
 
 COMMANDS: Final[dict[str, Command]] = {
@@ -268,6 +257,9 @@ COMMANDS: Final[dict[str, Command]] = {
     "challenge-create": Command(_nothing, _create, state=_books),
     "challenge-invite": Command(
         _earlier("challenge"), _call("challenge", "invite", "OUT/challenge", "Team"), state=_books
+    ),
+    "challenge-work": Command(
+        _earlier("waiting:challenge"), _score, state=_books, continues=True
     ),
     "challenge-backup": Command(
         _earlier("backup"), _call("challenge", "backup", "IN/challenge", "--out", "OUT/backup")

@@ -1,0 +1,74 @@
+"""What a challenge contains, and the scoring of a submission, for the faults' commands."""
+
+from __future__ import annotations
+
+import hashlib
+import shutil
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy import func, select, text
+from sqlalchemy.exc import SQLAlchemyError
+
+from pliant.service.audit import verify_log
+from pliant.service.challenge import Challenge
+from pliant.service.models import Job, LedgerEntry, Score, Submission, Team, Token
+from pliant.service.scoring import score
+from pliant.service.submissions import Upload, accept
+from pliant.service.teams import Identity, invite
+from pliant.service.worker import Worker
+
+
+def books(root: Path) -> Any:
+    """Return what a challenge contains, but random keys and tokens; check its audit log."""
+    challenge = Challenge.open(root, None)
+    with closing_engine(challenge), challenge.database.read() as session:
+        verify_log(session)
+        tables = (Token, Submission, Score, LedgerEntry)
+        return (
+            sorted(path.name for path in (root / "keys").iterdir()),
+            sorted(session.scalars(select(Team.name))),
+            [session.scalar(select(func.count()).select_from(each)) for each in tables],
+            sorted(session.scalars(select(Submission.state))),
+            sorted(session.scalars(select(Job.state))),
+            [each.figures for each in session.scalars(select(Score))],
+            session.scalar(select(func.sum(LedgerEntry.amount))),
+        )
+
+
+def closing_engine(challenge: Challenge) -> closing[Any]:
+    """Close a challenge's database at the end."""
+    engine = challenge.database.engine
+    return closing(type("Engine", (), {"close": engine.dispose})())
+
+
+def send(root: Path, file: Path) -> None:
+    """Put a submission into the queue, as the web process does."""
+    challenge = Challenge.open(root, None)
+    sha256 = hashlib.sha256(file.read_bytes()).hexdigest()
+    incoming = challenge.incoming / "given.parquet"
+    shutil.copyfile(file, incoming)
+    challenge.store.put(incoming, sha256)
+    incoming.unlink()
+    upload = Upload(sha256, "given.parquet", file.stat().st_size, False)
+    with closing_engine(challenge), challenge.database.write() as session:
+        team = invite(session, "Team", actor="host")[0]
+        who = Identity(team.id, team.name, False, "none")
+        accept(session, challenge, challenge.settings.phases[0], who, upload)
+
+
+def work(root: Path) -> int:
+    """Score what waits, in this process; a job whose worker was killed waits again at once."""
+    challenge = Challenge.open(root, None)
+    with closing_engine(challenge):
+        try:
+            with challenge.database.write() as session:
+                session.execute(text("UPDATE job SET lease_until_ms = 0 WHERE state = 'leased'"))
+            worker = Worker(challenge, lambda task, limits: score(task))
+            while worker.work_once():
+                pass
+        except SQLAlchemyError as error:
+            print(f"Error: {error}")
+            return 2
+    return 0
