@@ -55,11 +55,12 @@ def sampled_paths(evidence: Evidence, length_px: float, count: int) -> list[Floa
         TRACING.hidden_later,
     )
     likelihood = np.where(evidence.on_rope[:, None], evidence.likelihood, hidden)
+    by_step = np.ascontiguousarray(likelihood.T)
     filtered, log_evidence = [], []
     for relative in TRACING.chain_lengths:
-        transition = _transition(evidence.pixels, relative * length_px / TRACING.chain_steps)
-        forward, value = _forward(transition, likelihood)
-        filtered.append((transition.tocsc(), forward))
+        onward = _onward(evidence.pixels, relative * length_px / TRACING.chain_steps)
+        forward, value = _forward(onward, by_step)
+        filtered.append((onward, forward))
         log_evidence.append(value)
     if max(log_evidence) == -np.inf:
         return []
@@ -67,9 +68,9 @@ def sampled_paths(evidence: Evidence, length_px: float, count: int) -> list[Floa
     drawn = np.rint(count * share / share.sum()).astype(np.int64)
     rng = np.random.default_rng(0)
     paths = []
-    for (transition, forward), number in zip(filtered, drawn, strict=True):
+    for (onward, forward), number in zip(filtered, drawn, strict=True):
         for _ in range(number):
-            states = _backward(transition, forward, rng)
+            states = _backward(onward, forward, rng)
             centres = evidence.pixels[states // TRACING.chain_headings, ::-1] + 0.5
             paths.append(
                 gaussian_filter1d(centres, TRACING.chain_smoothing_steps, axis=0, mode="nearest")
@@ -77,66 +78,75 @@ def sampled_paths(evidence: Evidence, length_px: float, count: int) -> list[Floa
     return paths
 
 
-def _transition(pixels: npt.NDArray[np.int64], step_px: float) -> sparse.csr_array:
-    """Return p(next state | state) without the steps that leave the region, (N 16, N 16)."""
-    rows, columns = pixels.T
-    number = np.full(pixels.max(axis=0) + 1, -1)
-    number[rows, columns] = np.arange(len(pixels))
+def _onward(pixels: npt.NDArray[np.int64], step_px: float) -> sparse.csr_array:
+    """Return p(next state | state), a row for each next state, (N 16, N 16).
+
+    Steps that leave the region are left out.
+    """
+    headings = TRACING.chain_headings
     reach = int(np.ceil(step_px + 1.5))
+    rows, columns = (pixels + reach).T
+    number = np.full(pixels.max(axis=0) + 1 + 2 * reach, -1, dtype=np.int32)
+    number[rows, columns] = np.arange(len(pixels))
     down, right = (axis.ravel() for axis in np.mgrid[-reach : reach + 1, -reach : reach + 1])
+    # Of each step of whole pixels, the states before and after it, up to their headings.
+    steps: dict[int, tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]] = {}
     origin, arrival, weight = [], [], []
-    for heading in range(TRACING.chain_headings):
+    for heading in range(headings):
         for turn, likely in TRACING.chain_turns:
-            angle = 2 * np.pi * (heading + turn / 2) / TRACING.chain_headings
+            angle = 2 * np.pi * (heading + turn / 2) / headings
             gap = (right - step_px * np.cos(angle)) ** 2 + (down - step_px * np.sin(angle)) ** 2
             share = np.exp(-gap / (2 * TRACING.chain_blur_px**2))
             share /= share.sum()
-            for k in np.flatnonzero(share > TRACING.chain_least_share):
-                row, column = rows + down[k], columns + right[k]
-                inside = (row >= 0) & (row < number.shape[0])
-                inside &= (column >= 0) & (column < number.shape[1])
-                start = np.flatnonzero(inside)
-                end = number[row[start], column[start]]
-                start, end = start[end >= 0], end[end >= 0]
-                origin.append(start * TRACING.chain_headings + heading)
-                arrival.append(
-                    end * TRACING.chain_headings + (heading + turn) % TRACING.chain_headings
-                )
-                weight.append(np.full(len(start), likely * share[k]))
-    size = len(pixels) * TRACING.chain_headings
-    entries = (np.concatenate(weight), (np.concatenate(origin), np.concatenate(arrival)))
+            for k in np.flatnonzero(share > TRACING.chain_least_share).tolist():
+                if k not in steps:
+                    end = number[rows + down[k], columns + right[k]]
+                    start = np.flatnonzero(end >= 0).astype(np.int32)
+                    steps[k] = start * headings, end[start] * headings
+                before, after = steps[k]
+                origin.append(before + heading)
+                arrival.append(after + (heading + turn) % headings)
+                weight.append(np.full(len(before), likely * share[k]))
+    size = len(pixels) * headings
+    entries = (np.concatenate(weight), (np.concatenate(arrival), np.concatenate(origin)))
     return sparse.csr_array(entries, shape=(size, size))
 
 
-def _forward(transition: sparse.csr_array, likelihood: FloatArray) -> tuple[FloatArray, float]:
+def _forward(onward: sparse.csr_array, likelihood: FloatArray) -> tuple[FloatArray, float]:
     """Return p(state at t | evidence up to t), float64 (T, N 16), and log p(evidence).
 
     Where no path of this length stays in the region, log p(evidence) is -inf.
+
+    Args:
+        onward: From `_onward`.
+        likelihood: float64 (T, N).
     """
-    onward = transition.T.tocsr()
-    forward = np.zeros((TRACING.chain_steps, transition.shape[0]))
+    forward = np.zeros((TRACING.chain_steps, onward.shape[0]))
     log_evidence = 0.0
-    for step in range(TRACING.chain_steps):
-        seen = np.repeat(likelihood[:, step], TRACING.chain_headings)
-        state = onward @ forward[step - 1] * seen if step else seen / len(seen)
+    for step, seen in enumerate(likelihood):
+        state = onward @ forward[step - 1] if step else np.full(onward.shape[0], 1.0)
+        of_pixel = state.reshape(len(seen), -1)
+        of_pixel *= seen[:, None]
+        if not step:
+            state /= len(state)
         total = float(state.sum())
         if total == 0:
             return forward, -np.inf
         log_evidence += float(np.log(total))
-        forward[step] = state / total
+        np.divide(state, total, out=forward[step])
     return forward, log_evidence
 
 
 def _backward(
-    transition: sparse.csc_array, forward: FloatArray, rng: np.random.Generator
+    onward: sparse.csr_array, forward: FloatArray, rng: np.random.Generator
 ) -> npt.NDArray[np.int64]:
     """Draw one sequence of states from the posterior, int64 (T,)."""
     states = np.empty(TRACING.chain_steps, dtype=np.int64)
     states[-1] = _draw(forward[-1], rng)
     for step in range(TRACING.chain_steps - 2, -1, -1):
-        span = slice(*transition.indptr[states[step + 1] : states[step + 1] + 2])
-        before = transition.indices[span]
-        states[step] = before[_draw(forward[step, before] * transition.data[span], rng)]
+        span = slice(*onward.indptr[states[step + 1] : states[step + 1] + 2])
+        before = onward.indices[span]
+        states[step] = before[_draw(forward[step, before] * onward.data[span], rng)]
     return states
 
 
