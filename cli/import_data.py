@@ -65,6 +65,13 @@ from pliant.cli.terminal import echo_result, progress_bar
     "rounded",
 )
 @click.option("--episode", is_flag=True, help="Pictures: frames are consecutive in time.")
+@click.option(
+    "--alike",
+    metavar="A,B[,C,D]",
+    multiple=True,
+    help="Pictures: points that look alike: two names to exchange, or four corners in their order. "
+    "Repeat it for groups that are exchanged together. They are alternatives in the scores.",
+)
 @choice_option(
     "--coordinates",
     ["auto", "normalised", "pixels"],

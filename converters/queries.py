@@ -9,8 +9,10 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
+from pliant.converters.alike import Alike
 from pliant.converters.clip import Clip
 from pliant.spec.arrays import FloatArray
+from pliant.spec.errors import CallError
 from pliant.spec.tables import QUERIES, TRUTH
 
 Scheme = Literal["first", "strided", "pairs"]
@@ -32,6 +34,7 @@ def make_queries(
     scheme: Scheme,
     pairs: int,
     seed: int = 0,
+    alike: Sequence[Alike] = (),
 ) -> tuple[pa.Table, pa.Table]:
     """Return the queries and the truth of some clips.
 
@@ -46,6 +49,7 @@ def make_queries(
         scheme: Which pairs of frames.
         pairs: Of scheme `pairs`, the most pairs of a clip.
         seed: Of the drawing.
+        alike: Renamings under which the object looks the same: they give the alternatives.
 
     Returns:
         The tables `queries` and `truth`, row by row.
@@ -55,6 +59,7 @@ def make_queries(
     for index, (clip, sequence) in enumerate(zip(clips, ids, strict=True)):
         rng = np.random.default_rng(np.random.SeedSequence([seed, index]))
         known, within = np.isfinite(clip.uv_px).all(axis=2), clip.within()
+        partners = _partners(clip, alike)
         asked: list[tuple[Any, ...]] = []
         true: list[tuple[Any, ...]] = []
         for a, b, points in _frame_pairs(clip, scheme, pairs, rng):
@@ -64,16 +69,47 @@ def make_queries(
             box_px = _box_px(clip.uv_px[clip.visible[:, b], b])
             # Annotations are often numbered along the material, which the row order must not show.
             for query, point in enumerate(rng.permutation(chosen).tolist()):
-                hidden = "occluded" if within[point, b] else "out_of_frame"
-                state = "visible" if clip.visible[point, b] else hidden
+                state = _state(clip, within, point, b)
+                others = [
+                    {"u": u, "v": v, "visibility": _state(clip, within, partner, b)}
+                    for partner in partners[point]
+                    for u, v in (clip.uv_px[partner, b],)
+                ]
                 key = (pair, query, tier)
                 asked.append((*key, sequence, a, sequence, b, *clip.uv_px[point, a]))
-                true.append((*key, point, *clip.uv_px[point, b], state, box_px, []))
+                true.append((*key, point, *clip.uv_px[point, b], state, box_px, others))
             pair += 1
         if asked:
             queries.append(pa.table(list(map(list, zip(*asked, strict=True))), schema=QUERIES))
             truths.append(pa.table(list(map(list, zip(*true, strict=True))), schema=TRUTH))
     return pa.concat_tables(queries), pa.concat_tables(truths)
+
+
+def _partners(clip: Clip, alike: Sequence[Alike]) -> npt.NDArray[np.int64]:
+    """Return the point that each renaming turns each point into, int64 (N, S).
+
+    Raises:
+        CallError: A group names a point that is not annotated.
+    """
+    names = (clip.facts or {}).get("points", ())
+    row = {name: index for index, name in enumerate(names)}
+    for each in alike:
+        if missing := sorted(set(each.renamed) - set(row)):
+            raise CallError(
+                "a point that looks like others is not annotated",
+                where="--alike",
+                found=missing[0],
+                required="one of " + ", ".join(names)[:200],
+            )
+    own = [[row[each.renamed.get(name, name)] for each in alike] for name in names]
+    return np.array(own, np.int64).reshape(len(clip.uv_px), len(alike))
+
+
+def _state(clip: Clip, within: npt.NDArray[np.bool_], point: int, frame: int) -> str:
+    """Return the visibility state of a point; one without a position is taken for hidden."""
+    if clip.visible[point, frame]:
+        return "visible"
+    return "occluded" if within[point, frame] else "out_of_frame"
 
 
 def _frame_pairs(

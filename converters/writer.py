@@ -16,6 +16,7 @@ from typing import Any, Final, Literal
 import numpy as np
 import pyarrow as pa
 
+from pliant.converters.alike import Alike, alike
 from pliant.converters.clip import ATTACHED, OBJECT, Clip, resized
 from pliant.converters.queries import Scheme, make_queries
 from pliant.spec.arrays import ImageArray
@@ -52,6 +53,7 @@ class ImportSettings:
         queries: Which pairs of frames are asked about.
         pairs: Of scheme `pairs`, the most pairs of a clip.
         size: (width, height) to bring every frame to, px; None keeps their common size.
+        alike: Groups of points that look alike, see `converters.alike`.
     """
 
     id: str
@@ -62,6 +64,7 @@ class ImportSettings:
     queries: Scheme = "pairs"
     pairs: int = 100
     size: tuple[int, int] | None = None
+    alike: Sequence[str] = ()
 
 
 @dataclass(frozen=True)
@@ -120,10 +123,13 @@ def write_imported(
     if settings.pairs < 1:
         raise CallError("the number of pairs is wrong", found=settings.pairs, required=">= 1")
     _check_names(clips, source)
+    same = alike(settings.alike)
     size = _size(clips, settings)
     clips = [resized(clip, size) for clip in clips]
     ids = [f"{settings.id}-{settings.split}-{index:06d}" for index in range(len(clips))]
-    queries, truth = make_queries(clips, ids, settings.id, settings.queries, settings.pairs)
+    queries, truth = make_queries(
+        clips, ids, settings.id, settings.queries, settings.pairs, alike=same
+    )
     if not len(queries):
         raise SpecError(
             "no point is seen in one frame and known in another, so nothing can be asked",
@@ -147,9 +153,12 @@ def write_imported(
         _write_tables(root, answers, settings, documents, queries, truth)
         names = dict(zip(ids, (clip.name for clip in clips), strict=True))
         measured = all(clip.read_depth is not None for clip in clips)
-        unknown = [*UNKNOWN, *([] if measured else ["depth"])]
+        unknown = [each for each in UNKNOWN if each != "symmetries" or not same]
+        unknown += [] if measured else ["depth"]
         config = {**source, "queries": settings.queries, "sources": names, "unknown": unknown}
-        write_json(root / layout.DATASET_JSON, _dataset(settings, size, config, masks), "dataset")
+        write_json(
+            root / layout.DATASET_JSON, _dataset(settings, size, config, masks, same), "dataset"
+        )
     pairs = int(queries["pair_id"][-1].as_py()) + 1
     answers = beside / f"{settings.split}.parquet"
     return Imported(out, answers, len(clips), total, pairs, len(queries), masks.balls)
@@ -283,14 +292,25 @@ def _sequence(
 
 
 def _dataset(
-    settings: ImportSettings, size: tuple[int, int], config: Mapping[str, Any], masks: _Masks
+    settings: ImportSettings,
+    size: tuple[int, int],
+    config: Mapping[str, Any],
+    masks: _Masks,
+    same: Sequence[Alike],
 ) -> dict[str, Any]:
     """Return `dataset.json`; the tier's material is one that is called unknown."""
     unsaid = config["unknown"]
     names = {OBJECT: "unknown", **({ATTACHED: "attached"} if masks.attached else {})}
     material = (MaterialCoordinate("unknown", 0, 1, 1), MaterialCoordinate("unknown", 0, 1, 1))
     objects = tuple(MaterialObject(number, name, material) for number, name in names.items())
-    tier = Tier(settings.id, settings.kind, "unknown", OBJECT, objects)
+    tier = Tier(
+        settings.id,
+        settings.kind,
+        "unknown",
+        OBJECT,
+        objects,
+        tuple(each.symmetry for each in same),
+    )
     return {
         "spec_version": SPEC_VERSION,
         "id": settings.id,
