@@ -160,7 +160,7 @@ class Runner:
     def _functions(self) -> Functions:
         found: Functions = defaultdict(list)
         for each in gc.get_objects():
-            if isinstance(each, FunctionType):
+            if type(each) is FunctionType:  # isinstance would ask weak proxies
                 code: CodeType = each.__code__
                 file = Path(os.path.realpath(code.co_filename))
                 if file in self._files:
@@ -192,7 +192,7 @@ class Runner:
 
 def _run_mutant(mutant: Mutant, functions: Functions, items: Sequence[pytest.Item]) -> int:
     for each in gc.get_objects():
-        if isinstance(each, functools._lru_cache_wrapper):
+        if type(each) is functools._lru_cache_wrapper:
             each.cache_clear()
     for function in functions[mutant.file, mutant.function, mutant.line]:
         function.__code__ = mutant.code
