@@ -33,6 +33,7 @@ from tests.evaluator.references import (
 )
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "spec" / "examples"
+pytestmark = pytest.mark.timeout(1800)  # 50 sets at once, on a busy machine
 KINDS = ("plain", "double", "sigma", "modes", "holes")
 
 
