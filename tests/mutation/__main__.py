@@ -79,6 +79,7 @@ def main() -> int:
     parser.add_argument("--out", type=Path, default=ROOT / "build" / "mutation")
     parser.add_argument("--survivors", action="store_true", help="run survivors once more")
     parser.add_argument("--cpu-seconds", type=float, default=20, help="tests per mutant")
+    parser.add_argument("-k", default="", help="only these tests, as pytest's -k: a lower bound")
     parser.add_argument("targets", nargs="*", metavar="TARGET", help=", ".join(TARGETS))
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
@@ -134,7 +135,7 @@ def run(names: list[str], arguments: argparse.Namespace) -> None:
         print(f"{status:9} {place} {mutant.before} -> {mutant.after}", flush=True)
 
     options = ["-q", "-s", "-p", "no:cacheprovider", "-o", "timeout=0", "-m", "not long"]
-    options += ["-k", target.expression] if target.expression else []
+    options += ["-k", arguments.k or target.expression]
     options += ["-o", "tmp_path_retention_policy=none", f"--rootdir={ROOT}"]
     tests = [str(ROOT / each) for each in target.tests]
     pytest.main([*options, *tests], plugins=[Runner(mutants, report, arguments.cpu_seconds)])
