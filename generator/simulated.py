@@ -204,7 +204,7 @@ class SimulatedDataset(Dataset):
                 shape=None,
                 frames=config.frames,
                 temporal=config.episodes,
-                dir=task.folder(root),
+                root=root,
                 size=config.size,
                 files=simulator,
                 decoded=decoded,

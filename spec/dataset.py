@@ -35,6 +35,10 @@ NAME: Final = re.compile(r"[A-Za-z0-9](?:[A-Za-z0-9._-]{0,126}[A-Za-z0-9])?")
 """What names of tiers and sequences look like; they are folder names too."""
 
 
+_LISTED: Final = ["id", "tier", "split", "shape", "frames", "temporal"]
+"""Columns of `sequences.parquet` that a `SequenceRecord` has."""
+
+
 def is_name(text: str) -> bool:
     """Return whether a text may name a tier or a sequence (and so a folder)."""
     return NAME.fullmatch(text) is not None and ".." not in text
@@ -126,10 +130,11 @@ class Dataset:
         if storage.has(layout.INDEX_TABLE):
             files = PackedFiles(storage, table["id"].to_pylist())
         place = Path(root)
+        named = {tier for tier in tiers if is_name(tier)}  # once, not for 100,000 sequences
         sequences = []
         decoded = decoded_images()
-        for row in table.to_pylist():
-            if not (is_name(row["id"]) and is_name(row["tier"])):
+        for row in table.select(_LISTED).to_pylist():
+            if not (is_name(row["id"]) and (row["tier"] in named or is_name(row["tier"]))):
                 raise SpecError(
                     "invalid name of a sequence or tier",
                     path=listing,
@@ -153,7 +158,7 @@ class Dataset:
                     shape=row["shape"],
                     frames=row["frames"],
                     temporal=row["temporal"],
-                    dir=layout.sequence_dir(place, row["tier"], row["id"]),
+                    root=place,
                     size=size,
                     files=files,
                     decoded=decoded,

@@ -58,7 +58,7 @@ class SequenceRecord:
         shape: Named shape of the object, or None.
         frames: Number of frames.
         temporal: True for an episode.
-        dir: Its folder, or where it would be if the dataset were not packed.
+        root: The folder of its dataset.
         size: (width, height) of its images.
         files: Where its files come from.
         decoded: The images that its frames keep, shared with the dataset's other sequences.
@@ -71,7 +71,7 @@ class SequenceRecord:
     shape: str | None
     frames: int
     temporal: bool
-    dir: Path
+    root: Path
     size: tuple[int, int]
     files: Files = field(repr=False, compare=False)
     decoded: LRUCache[Decoded] = field(default_factory=decoded_images, repr=False, compare=False)
@@ -99,6 +99,11 @@ class SequenceRecord:
     def __repr__(self) -> str:
         kind = "episode" if self.temporal else "sequence"
         return f"SequenceRecord({self.id!r}, {kind} of {self.frames} frames, {self.split})"
+
+    @property
+    def dir(self) -> Path:
+        """Its folder, or where it would be if the dataset were not packed."""
+        return layout.sequence_dir(self.root, self.tier, self.id)
 
     def has(self, name: str) -> bool:
         """Return whether the sequence has a file, such as `depth/000000.exr`."""
