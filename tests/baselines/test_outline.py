@@ -129,6 +129,19 @@ def test_the_angle_of_a_flat_cloth_is_that_of_the_rectangle_around_it(angle_deg:
     assert np.degrees(found) == pytest.approx(angle_deg, abs=1.5)
 
 
+@pytest.mark.parametrize("angle_deg", [0.0, 21.0, -40.0])
+def test_a_slanted_fold_hardly_turns_a_cloth(angle_deg: float) -> None:
+    """Three edges against the fold, which is 20 degrees from them; the smallest rectangle fails."""
+    corners = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, -0.4], [-1.0, 0.33]])
+    place = turned(angle_deg)
+    mask = np.zeros(SIZE[::-1], dtype=np.uint8)
+    cv2.fillPoly(mask, [np.rint(place(corners) - 0.5).astype(np.int32)], 1)
+    found = angle_from_upright(cv2, mask > 0)
+    assert found is not None
+    gap = (np.degrees(found) - angle_deg + 45) % 90 - 45
+    assert abs(gap) < 10
+
+
 def test_a_cloth_that_is_not_flat_has_no_angle() -> None:
     mask = np.tri(*SIZE[::-1], dtype=np.bool_)
     assert angle_from_upright(cv2, mask) is None
