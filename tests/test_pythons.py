@@ -1,6 +1,8 @@
 """Files and scores are the same under every Python that the base install supports.
 
 `make pythons` makes the environments `.venv-3.12` and `.venv-3.13`; without them this is skipped.
+Scores are compared to nine digits, because NumPy 1 and 2 differ in the last digits of `exp`; files,
+tables and the list of problems are compared byte for byte.
 """
 
 from __future__ import annotations
@@ -41,7 +43,7 @@ for name in ("perfect", "with-modes", "outside-image", "matches"):
     file = conformance / "submissions" / f"{name}.parquet"
     write_report(evaluate(file, conformance / "datasets" / "full"), out / name)
     scores = out / name / "scores.json"
-    document = json.loads(scores.read_text())
+    document = json.loads(scores.read_text(), parse_float=lambda text: float(f"{float(text):.9g}"))
     del document["tools"], document["files"]["report.html"]  # they name the version of NumPy
     write_json(scores, document)
 found = {

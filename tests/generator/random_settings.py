@@ -16,6 +16,9 @@ CHANGED: Final = 0.3
 
 CLOTH_KEPT: Final = ("points_a_side", "tracked_a_side", "coverage_band", "max_tries")
 
+LOOK_KEPT: Final = ("least_contrast", "object_value", "table_value")
+"""With others of these no colour may stand out from the table, which `generate` refuses."""
+
 S = TypeVar("S", bound=Settings)
 
 
@@ -52,7 +55,11 @@ def draw_config(rng: np.random.Generator, *styles: str) -> GenerateConfig:
         "queries": queries,
     }
     config = settings_from(GenerateConfig, base)
-    sections = {name: changed(getattr(config, name), rng) for name in ("rope", "look", "camera")}
+    sections: dict[str, Settings] = {
+        "rope": changed(config.rope, rng),
+        "look": changed(config.look, rng, *LOOK_KEPT),
+        "camera": changed(config.camera, rng),
+    }
     sections["cloth"] = changed(_small_cloth(rng), rng, *CLOTH_KEPT)
     if rng.random() < 0.4:
         sections["noise"] = changed(NoiseSettings(), rng)
