@@ -30,7 +30,7 @@ MAX_LEVELS: Final = 256
 PIXELS_PER_LEVEL: Final = 4
 
 _FLOAT32_STEPS: Final = 16
-"""So many steps of float32 apart, values are no format's: a flat cloth under the camera."""
+"""Values that are this many float32 steps apart prove no format: a flat cloth seen from above."""
 
 _STEPS_M = ((1e-2, "whole centimetres"), (1e-3, "whole millimetres"), (1e-4, "0.1 mm"))
 
