@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import glob
 import os
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -62,7 +63,9 @@ def abandoned(folder: Path, before: str, after: str) -> list[Path]:
 
 
 def _runs(process: int) -> bool:
-    """Return whether there is a process of this number."""
+    """Return whether there is a process of this number; where nothing tells, there is."""
+    if sys.platform == "win32":  # where `os.kill` ends a process instead of asking for it
+        return True
     try:
         os.kill(process, 0)
     except ProcessLookupError:

@@ -73,6 +73,18 @@ def test_an_error_inside_leaves_the_earlier_folder(tmp_path: Path) -> None:
     assert names(out) == ["first"]
 
 
+def test_on_windows_no_process_is_ended_to_learn_whether_it_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    left = tmp_path / ".x.999999999.partial.json"
+    left.touch()
+    monkeypatch.setattr(sys, "platform", "win32")
+    monkeypatch.setattr(os, "kill", lambda *_: pytest.fail("os.kill ends processes there"))
+    with replacing(tmp_path / "x.json") as partial:
+        partial.touch()
+    assert left.exists()
+
+
 def test_the_next_writing_of_a_file_removes_what_a_killed_one_left(tmp_path: Path) -> None:
     ended = subprocess.Popen(["true"])
     ended.wait()
