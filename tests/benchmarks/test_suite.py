@@ -231,10 +231,12 @@ def test_what_the_benchmark_asks(name: str, ropes: int, cloths: int) -> None:
     paper = [test for test in config.tests.values() if test.paper_rmse_px]
     assert [test.tier for test in paper] == ["rope", "cloth-1", "cloth-3"]
     assert all(set(test.methods) >= {"sift", "surf", "orb"} for test in paper)
-    blank = [each for each in paper[0].entries if each.is_blank]
-    assert [(each.method, each.track) for each in blank] == [
-        ("don-rope", "segmenter"), ("don-rope", "given"),
-    ]  # fmt: skip
+    learned = (*paper[0].runs, "don-rope")
+    blank = [(each.method, each.track) for each in paper[0].entries if each.is_blank]
+    assert blank == [(method, track) for track in ("segmenter", "given") for method in learned]
+    for test in paper:
+        trained = [f"{test.tier}-contrastive", f"{test.tier}-distributional"]
+        assert list(test.runs) == (trained if name == "pliant-v3-mini" else [])
 
 
 def test_variants_of_one_camera_ask_the_same_queries() -> None:
