@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 
 from pliant.spec.errors import CallError
-from pliant.spec.model import Symmetry
+from pliant.spec.model import SQUARE_MIRRORS, SQUARE_ROTATIONS, Symmetry
 
 _CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
-_MIDDLE = 0.5
 
 
 @dataclass(frozen=True)
@@ -48,27 +46,14 @@ def alike(groups: Sequence[str]) -> list[Alike]:
     elif len(set(names)) < len(names) or not all(names):
         required = "every point once"
     else:
-        return [_renaming(split, symmetry) for symmetry in _maps(size)] if split else []
+        maps = SQUARE_ROTATIONS + SQUARE_MIRRORS if size == 4 else SQUARE_MIRRORS[:1]
+        return [_renaming(split, symmetry) for symmetry in maps] if split else []
     raise CallError(
         "the points that look alike are not given as groups",
         where="--alike",
         found="; ".join(groups)[:80],
         required=required,
     )
-
-
-def _maps(size: int) -> list[Symmetry]:
-    if size == 2:
-        return [Symmetry("mirror_u", ((-1, 0), (0, 1)), (1, 0))]
-    found = []
-    for mirrored, quarter in list(product((False, True), range(4)))[1:]:
-        matrix = np.linalg.matrix_power(np.array([[0, -1], [1, 0]]), quarter)
-        matrix = matrix @ np.diag([-1, 1]) if mirrored else matrix
-        offset = _MIDDLE - matrix @ [_MIDDLE, _MIDDLE]
-        name = f"{'mirror' if mirrored else 'rotation'}_{90 * quarter}"
-        (a, b), (c, d) = matrix.tolist()
-        found.append(Symmetry(name, ((a, b), (c, d)), (float(offset[0]), float(offset[1]))))
-    return found
 
 
 def _renaming(groups: Sequence[Sequence[str]], symmetry: Symmetry) -> Alike:

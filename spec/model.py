@@ -124,6 +124,20 @@ class Symmetry:
         return material @ np.array(self.matrix, float).T + np.array(self.offset, float)
 
 
+SQUARE_ROTATIONS: Final = (
+    Symmetry("rotation_90", ((0, -1), (1, 0)), (1, 0)),
+    Symmetry("rotation_180", ((-1, 0), (0, -1)), (1, 1)),
+    Symmetry("rotation_270", ((0, 1), (-1, 0)), (0, 1)),
+)
+SQUARE_MIRRORS: Final = (
+    Symmetry("mirror_u", ((-1, 0), (0, 1)), (1, 0)),
+    Symmetry("mirror_v", ((1, 0), (0, -1)), (0, 1)),
+    Symmetry("mirror_diagonal", ((0, 1), (1, 0)), (0, 0)),
+    Symmetry("mirror_antidiagonal", ((0, -1), (-1, 0)), (1, 1)),
+)
+"""With the identity, these and the rotations map the unit square onto itself."""
+
+
 @dataclass(frozen=True)
 class Tier:
     """A family of one difficulty.

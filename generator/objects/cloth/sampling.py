@@ -17,26 +17,20 @@ from pliant.generator.seeding import RandomStreams
 from pliant.generator.settings.cloth import ClothSettings, Variant
 from pliant.spec.arrays import FloatArray
 from pliant.spec.configuration import settings_to_dict
-from pliant.spec.model import MaterialCoordinate, MaterialObject, Symmetry, Tier
+from pliant.spec.model import (
+    SQUARE_MIRRORS,
+    SQUARE_ROTATIONS,
+    MaterialCoordinate,
+    MaterialObject,
+    Symmetry,
+    Tier,
+)
 
 CLOTH_ID: Final = 1
 
-
-ROTATIONS: Final = (
-    Symmetry("rotation_90", ((0, -1), (1, 0)), (1, 0)),
-    Symmetry("rotation_180", ((-1, 0), (0, -1)), (1, 1)),
-    Symmetry("rotation_270", ((0, 1), (-1, 0)), (0, 1)),
-)
-MIRRORS: Final = (
-    Symmetry("mirror_u", ((-1, 0), (0, 1)), (1, 0)),
-    Symmetry("mirror_v", ((1, 0), (0, -1)), (0, 1)),
-    Symmetry("mirror_diagonal", ((0, 1), (1, 0)), (0, 0)),
-    Symmetry("mirror_antidiagonal", ((0, -1), (-1, 0)), (1, 1)),
-)
-
 SYMMETRIES: Final[dict[Variant, tuple[Symmetry, ...]]] = {
     # Both faces alike: turning the cloth over about an axis in its plane mirrors (u, v).
-    "plain": ROTATIONS + MIRRORS,
+    "plain": SQUARE_ROTATIONS + SQUARE_MIRRORS,
     # A wide stripe is near one end, a narrow one along one side, on both faces, in exchanged
     # colours. From the back they are a mirror image, so the picture says which face is up.
     "towel": (),

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pliant.generator.config import GenerateConfig
-from pliant.generator.objects.cloth.sampling import MIRRORS, ROTATIONS
 from pliant.generator.objects.tiers import describe_tier, sample_scene_object
 from pliant.generator.rendering.materials import cloth_images
 from pliant.generator.runner.run import generate
@@ -17,6 +16,7 @@ from pliant.generator.scene.appearance import sample_appearance
 from pliant.generator.seeding import SequenceTask
 from pliant.generator.settings import AppearanceSettings, ClothSettings
 from pliant.spec.dataset import Dataset
+from pliant.spec.model import SQUARE_MIRRORS, SQUARE_ROTATIONS
 from pliant.spec.validation.validate import validate
 from tests.generator.runner.standin import InProcess
 
@@ -37,12 +37,12 @@ def test_every_map_of_the_square_changes_the_pattern_whatever_the_colours_are() 
     front, back = (_regions(face) for face in faces)
     centre = (np.arange(240) + 0.5) / 240
     u, v = np.meshgrid(centre, centre)
-    for each in (*ROTATIONS, *MIRRORS):
+    for each in (*SQUARE_ROTATIONS, *SQUARE_MIRRORS):
         mapped = each.apply(np.stack([u, v], axis=-1))
         column, row = np.floor(mapped * 240).astype(int).transpose(2, 0, 1)
         # A mirror shows the other face: the towel was turned over. Its colours are exchanged, and
         # with a material that was never seen before nothing says which of them is the front's.
-        other = front if each in ROTATIONS else back
+        other = front if each in SQUARE_ROTATIONS else back
         assert (front != other[row, column]).mean() > 0.1, each.name
 
 
