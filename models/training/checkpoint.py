@@ -138,6 +138,20 @@ def latest_checkpoint(run: Path) -> Path | None:
     return max(whole, default=None)
 
 
+def checkpoint_to_resume(run: Path) -> Path:
+    """Return the newest whole checkpoint of a run.
+
+    Raises:
+        TrainingError: There is none.
+    """
+    folder = latest_checkpoint(run)
+    if folder is None:
+        raise TrainingError(
+            "the run has no checkpoint to resume", path=run, fix="Start it without --resume."
+        )
+    return folder
+
+
 def read_checkpoint(folder: Path) -> TrainingState:
     """Read a checkpoint.
 

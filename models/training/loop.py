@@ -21,7 +21,7 @@ from pliant.models.training.checkpoint import (
     BEST,
     TrainingState,
     Weights,
-    latest_checkpoint,
+    checkpoint_to_resume,
     read_checkpoint,
     save_checkpoint,
     save_weights,
@@ -142,12 +142,7 @@ def _start(
 ) -> TrainingState:
     if not resume:
         return TrainingState(0, {}, _copy(network), {})
-    folder = latest_checkpoint(run)
-    if folder is None:
-        raise TrainingError(
-            "there is no checkpoint to resume", path=run, fix="Start it without --resume."
-        )
-    state = read_checkpoint(folder)
+    state = read_checkpoint(checkpoint_to_resume(run))
     network.load_state_dict(state.weights)
     optimiser.load_state_dict(state.optimiser)
     device = next(network.parameters()).device

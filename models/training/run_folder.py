@@ -12,7 +12,7 @@ from typing import Any, Final
 
 from filelock import FileLock, Timeout
 
-from pliant.models.training.checkpoint import BEST, latest_checkpoint
+from pliant.models.training.checkpoint import BEST, checkpoint_to_resume, latest_checkpoint
 from pliant.models.training.processes import Processes
 from pliant.models.training.settings import RunSettings
 from pliant.spec.configuration import read_settings, settings_to_dict
@@ -93,10 +93,7 @@ def open_run(run: Path, settings: RunSettings, resume: bool, answering: str) -> 
 
 
 def _check_resumable(run: Path, settings: RunSettings, answering: str) -> None:
-    if latest_checkpoint(run) is None:
-        raise TrainingError(
-            "there is no checkpoint to resume", path=run, fix="Start it without --resume."
-        )
+    checkpoint_to_resume(run)
     begun = settings_to_dict(read_settings(type(settings), run / CONFIG))
     for name, value in settings_to_dict(settings).items():
         if name not in (*RESUMABLE, answering) and begun[name] != value:
