@@ -80,7 +80,7 @@ def results(
     values = {tier: value for tier, value in measured.items() if value is not None}
     if not values:
         raise SpecError(
-            "there is no result to show",
+            "the scores have no value of the Hub's metric",
             found=f"{METRIC} is undefined: no scored query has an answer",
             required="a report in which at least one query is scored",
         )

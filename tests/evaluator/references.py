@@ -32,7 +32,7 @@ def rms(values: Any) -> float | None:
 
 
 class Rows:
-    """The rows of a split as dictionaries, with the answers beside the truth."""
+    """The rows of a split as dictionaries with query, ground truth and answer."""
 
     def __init__(self, scene: Any, answers: pa.Table) -> None:
         given = {(r["pair_id"], r["query_id"]): r for r in answers.to_pylist()}

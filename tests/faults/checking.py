@@ -91,7 +91,7 @@ class Trial:
         elif "Traceback" in ending.output:
             return f"traceback: {ending.output[-2000:]}"
         elif ending.code and "Error: " not in ending.output:
-            return f"no error is told: {ending.output[-2000:]}"
+            return f"no error message: {ending.output[-2000:]}"
         if self._command.continues and ending.code != 0:
             return None  # the run that follows shows whether anything was lost
         state = self._command.state(self._work)

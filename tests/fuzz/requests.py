@@ -44,7 +44,7 @@ def send(application: Any, data: bytes, tokens: dict[bytes, bytes]) -> int:
     Args:
         application: An ASGI application.
         data: The request; its first line names no version of HTTP.
-        tokens: What stands in a request for a token that is drawn when the service starts.
+        tokens: Placeholder in a request -> the token that the service drew when it started.
 
     Raises:
         AssertionError: The answer is a fault of the server, or there is none.
