@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections import OrderedDict
 from collections.abc import Callable
+from functools import partial
 from typing import Any, Generic, TypeVar
 
 Value = TypeVar("Value")
@@ -20,16 +21,20 @@ class LRUCache(Generic[Value]):
     Args:
         capacity: Sum of the sizes of the values that are kept.
         size_of: Size of a value (default: 1, so that `capacity` is a number of values).
+        least: Number of values that are kept whatever their sizes.
     """
 
-    def __init__(self, capacity: int, size_of: Callable[[Value], int] = _one) -> None:
-        self._capacity, self._size_of = capacity, size_of
+    def __init__(
+        self, capacity: int, size_of: Callable[[Value], int] = _one, *, least: int = 0
+    ) -> None:
+        self._capacity, self._size_of, self._least = capacity, size_of, least
         self._kept: OrderedDict[str, Value] = OrderedDict()
-        self._size = 0
+        self._total = 0
         self._lock = threading.RLock()
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return LRUCache, (self._capacity, self._size_of)  # a copy in another process starts empty
+        # A copy in another process starts empty.
+        return partial(LRUCache, least=self._least), (self._capacity, self._size_of)
 
     def get(self, key: str, make: Callable[[], Value]) -> Value:
         """Return the value of a key, making it where it is not cached.
@@ -43,11 +48,15 @@ class LRUCache(Generic[Value]):
                 self._kept.move_to_end(key)
                 return self._kept[key]
         value = make()
-        size = self._size_of(value)
+        size = self._size(value)
         with self._lock:
             if key and key not in self._kept and size <= self._capacity:
                 self._kept[key] = value
-                self._size += size
-                while self._size > self._capacity:
-                    self._size -= self._size_of(self._kept.popitem(last=False)[1])
+                self._total += size
+                while self._total > self._capacity:
+                    self._total -= self._size(self._kept.popitem(last=False)[1])
         return value
+
+    def _size(self, value: Value) -> int:
+        size = self._size_of(value)
+        return min(size, self._capacity // self._least) if self._least else size

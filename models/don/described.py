@@ -46,9 +46,9 @@ class DescribedView:
 
 
 def _bytes_of(described: DescribedView) -> int:
-    """Return how many bytes the maps take, but so few that the last views are always kept."""
+    """Return how many bytes the maps take."""
     maps = [*described.maps, *([] if described.mirrored is None else [described.mirrored])]
-    return min(sum(each.nbytes for each in maps), _KEPT_BYTES // _LEAST_KEPT)
+    return sum(each.nbytes for each in maps)
 
 
 class ViewDescriber:
@@ -72,7 +72,7 @@ class ViewDescriber:
     ) -> None:
         self.network, self.given, self.size, self.mirrored = network, given, size, mirrored
         self.turns = range(0, 4, 4 // rotations)
-        self._kept: LRUCache[DescribedView] = LRUCache(_KEPT_BYTES, _bytes_of)
+        self._kept: LRUCache[DescribedView] = LRUCache(_KEPT_BYTES, _bytes_of, least=_LEAST_KEPT)
 
     def described(self, view: Frame) -> DescribedView:
         """Return a view's descriptors; without a mask, with the one that the network predicts."""

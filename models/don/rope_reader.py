@@ -33,9 +33,9 @@ _KEPT_TRACES = 256
 
 
 def _bytes_of(seen: Reframed) -> int:
-    """Return about how many bytes a view takes, so that the last ones are kept at any size."""
+    """Return about how many bytes a view takes."""
     width, height = seen.view.size
-    return min(_BYTES_PER_PIXEL * width * height, _KEPT_BYTES // _LEAST_KEPT)
+    return _BYTES_PER_PIXEL * width * height
 
 
 class RopeReader:
@@ -55,7 +55,7 @@ class RopeReader:
     ) -> None:
         self._network, self._views, self._settings = network, views, settings
         self.crossings: CrossingNetwork | None = None
-        self._rectified: LRUCache[Reframed] = LRUCache(_KEPT_BYTES, _bytes_of)
+        self._rectified: LRUCache[Reframed] = LRUCache(_KEPT_BYTES, _bytes_of, least=_LEAST_KEPT)
         self._readings: LRUCache[tuple[list[Trace], MaskShape]] = LRUCache(_KEPT_TRACES)
 
     def share(self, folder: Path) -> None:

@@ -128,3 +128,13 @@ def test_cache_is_empty_in_another_process(tmp_path: Path) -> None:
     cache: LRUCache[int] = LRUCache(2)
     cache.get("a", lambda: 1)
     assert pickle.loads(pickle.dumps(cache)).get("a", lambda: 2) == 2
+
+
+def test_the_last_values_are_kept_whatever_their_sizes() -> None:
+    cache: LRUCache[str] = LRUCache(10, lambda _: 40, least=2)
+    copied: LRUCache[str] = pickle.loads(pickle.dumps(LRUCache(4, len, least=2)))
+    for each in (cache, copied):
+        for key in "abc":
+            each.get(key, lambda: "made first")
+        values = [each.get(key, lambda: "made again") for key in "cba"]
+        assert values == ["made first", "made first", "made again"]
