@@ -102,12 +102,14 @@ def _read(path: Path) -> tuple[pa.Table, int]:
         raise CallError("file not found", path=path)
     try:
         if suffix in _PARQUET:
-            return pq.read_table(path), 0
+            table = pq.read_table(path)
+            table.validate(full=True)  # text that is not UTF-8 is an error here, not later
+            return table.rename_columns(table.column_names), 0  # and so are such names
         if suffix in _SEPARATORS:
             return _read_separated(path, _SEPARATORS[suffix]), 2
         if suffix in _JSON_LINES:
             return pa.Table.from_pylist(list(_json_rows(path))), 1
-    except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
+    except (pa.ArrowException, OSError, UnicodeError) as error:
         message = " ".join(str(error).split())
         raise CallError("the file cannot be read", path=path, found=message[:200]) from error
     raise CallError(

@@ -115,14 +115,14 @@ def fuzz(name: str, reader: Reader, seconds: int) -> None:
     import atheris
 
     from pliant.spec.errors import PliantError
-    from tests.fuzz.reader import MAX_BYTES
+    from tests.fuzz.reader import MAX_BYTES, SCRATCH
 
     corpus = BUILD / name
     corpus.mkdir(parents=True, exist_ok=True)
     for number, seed in enumerate(reader.seeds()):
         (corpus / f"seed-{number}").write_bytes(seed[:MAX_BYTES])
     FINDINGS.mkdir(exist_ok=True)
-    with tempfile.TemporaryDirectory(dir="/dev/shm" if Path("/dev/shm").is_dir() else None) as at:
+    with tempfile.TemporaryDirectory(dir=SCRATCH) as at:
         path = Path(at) / f"input{reader.suffix}"
 
         def one(data: bytes) -> None:
