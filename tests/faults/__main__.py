@@ -19,8 +19,9 @@ from pathlib import Path
 from typing import Any
 
 from tests.faults.checking import Trial
-from tests.faults.commands import COMMANDS, make_inputs
+from tests.faults.commands import COMMANDS
 from tests.faults.injection import OPERATIONS, Point, points_of, under_the_library
+from tests.faults.inputs import make_inputs
 
 
 def main() -> int:
@@ -71,7 +72,7 @@ def summary(figures: dict[str, Any]) -> str:
     """Return the figures of a command for people."""
     lines = [
         f"{figures['calls']} calls, {figures['points']} points, {figures['tried']} tried, "
-        f"{figures['passed']} passed, {figures['failed']} failed"
+        f"{figures['passed']} passed, {figures['failed']} failed, {figures['seconds']} s"
     ]
     return "\n  ".join([*lines, *figures["failures"][:20]])
 

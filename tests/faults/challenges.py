@@ -16,6 +16,7 @@ from sqlalchemy.exc import SQLAlchemyError
 from pliant.service import worker as worker_module
 from pliant.service.audit import verify_log
 from pliant.service.challenge import Challenge
+from pliant.service.ledger import CREDIT
 from pliant.service.models import Job, LedgerEntry, Score, Submission, Team, Token
 from pliant.service.scoring import score
 from pliant.service.submissions import Upload, accept
@@ -39,6 +40,14 @@ def books(root: Path) -> Any:
             [each.figures for each in session.scalars(select(Score))],
             session.scalar(select(func.sum(LedgerEntry.amount))),
         )
+
+
+def credits_of(root: Path) -> int:
+    """Return the attempts that were given in a challenge."""
+    challenge = Challenge.open(root, None)
+    with closing_engine(challenge), challenge.database.read() as session:
+        given = select(func.sum(LedgerEntry.amount)).where(LedgerEntry.kind == CREDIT)
+        return session.scalar(given) or 0
 
 
 def closing_engine(challenge: Challenge) -> closing[Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import time
 from collections import Counter
 from functools import partial
 from pathlib import Path
@@ -32,6 +33,7 @@ class Trial:
         self._output = place / "output"
         self.tried: Counter[str] = Counter()
         self.failures: list[str] = []
+        self._start = time.monotonic()
         self._prepare()
         self._before = command.state(self._work)
         import_what(self._action(), self._work, self._output)
@@ -64,6 +66,7 @@ class Trial:
             "passed": sum(self.tried.values()) - len(self.failures),
             "failed": len(self.failures),
             "kinds": dict(self.tried),
+            "seconds": round(time.monotonic() - self._start),
             "bytes_unseen": self.unseen_bytes,
             "failures": self.failures,
         }

@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 import hashlib
-import io
-import os
 import shutil
 import tarfile
 from collections.abc import Callable
-from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+from tests.faults.inputs import create, once, pliant, publish
+from tests.faults.trainings import DON, TIMECYCLE, training
+
 Action = Callable[[], int]
-TRAINING: Final = (
-    "steps=3", "batch=1", "width=40", "height=30", "seed=3", "network.widths=[8, 32]",
-    "network.descriptor_dim=4", "pairs.queries=8", "optimiser.warmup=1", "checkpoint_every=1",
-    "validation={split: train, every: 2, pairs: 1, queries: 8, calibration_pairs: 1}",
-)  # fmt: skip
 _PICTURE: Final = "data/sequences/rope/rope-test-000000/rgb/00000"
 _RECORDS: Final = (".pliant", "tensorboard")
 """Folders of logs, whose content differs from run to run."""
@@ -52,60 +47,6 @@ class Command:
     state: Callable[[Path], dict[str, Any]] = digests
     inputs: bool = True
     continues: bool = False
-
-
-def pliant(*arguments: object) -> int:
-    """Run the command line."""
-    from pliant.cli.main import run
-
-    return run([str(each) for each in arguments])
-
-
-def make_inputs(inputs: Path, data: Path | None) -> None:
-    """Make everything that the commands read.
-
-    Args:
-        inputs: An empty folder.
-        data: A small dataset of a rope; None generates one.
-    """
-    quiet = io.StringIO()
-    made = inputs / "data"
-    with redirect_stdout(quiet), redirect_stderr(quiet):
-        if data is None:
-            size = ("--size", "64x64", "--style", "raster", "--workers", 1)
-            codes = [pliant("generate", "rope", "--sequences", 3, "--frames", 2, *size,
-                            "--out", made)]  # fmt: skip
-        else:
-            shutil.copytree(data, made, ignore=shutil.ignore_patterns(".pliant"))
-            codes = [0]
-        for name in ("identity", "centroid"):
-            file = inputs / f"{name}.parquet"
-            codes += [
-                pliant("predict", name, "--data", made, "--out", file),
-                pliant("evaluate", file, "--data", made, "--out", inputs / name),
-            ]
-        codes += [
-            _publish(inputs, inputs),
-            _create(inputs, inputs),
-            pliant("convert", made, "--to", "coco", "--out", inputs / "coco"),
-            pliant("challenge", "backup", inputs / "challenge", "--out", inputs / "backup"),
-            pliant("challenge", "invite", inputs / "challenge", "Later"),
-        ]
-        from tests.faults.challenges import send
-
-        shutil.copytree(inputs / "challenge", inputs / "waiting")
-        send(inputs / "waiting", inputs / "identity.parquet")
-    assert not any(codes), quiet.getvalue()
-
-
-def _publish(inputs: Path, work: Path) -> int:
-    options = ("--hold-out", "test", "--answers-are-public")
-    return pliant("publish", inputs / "data", "--out", work / "public", *options)
-
-
-def _create(inputs: Path, work: Path) -> int:
-    halves = ("--data", inputs / "public", "--private", inputs / "public-private")
-    return pliant("challenge", "create", work / "challenge", *halves)
 
 
 def _nothing(inputs: Path, work: Path) -> None:
@@ -157,14 +98,15 @@ def _generate(sequences: int, style: str = "raster", stand_in: bool = True) -> A
 
 def _generated(inputs: Path, work: Path) -> None:
     """Put a finished set of two sequences into the folder."""
-    made = inputs / "grown"
-    if not made.exists():
-        child = os.fork()
-        if child == 0:
-            with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
-                os._exit(_generate(2)(inputs, made))
-        os.waitpid(child, 0)
-    shutil.copytree(made, work, dirs_exist_ok=True)
+    once(inputs / "grown", lambda made: _generate(2)(inputs, made))
+    shutil.copytree(inputs / "grown", work, dirs_exist_ok=True)
+
+
+def _episodes(inputs: Path, work: Path) -> None:
+    """Add a set of three episodes of six frames to the inputs."""
+    size = ("--frames", 6, "--size", "64x64", "--style", "raster", "--workers", 1)
+    call = ("generate", "rope", "--episodes", "--sequences", 3, *size)
+    once(inputs / "episodes", lambda made: pliant(*call, "--out", made))
 
 
 def _evaluate(inputs: Path, work: Path) -> int:
@@ -174,20 +116,6 @@ def _evaluate(inputs: Path, work: Path) -> int:
     vars(loading)["run_limited"] = lambda read, **_: read()
     file, data = inputs / "identity.parquet", inputs / "data"
     return pliant("evaluate", file, "--data", data, "--out", work / "report")
-
-
-def _train(*options: str) -> Callable[[Path, Path], int]:
-    def action(inputs: Path, work: Path) -> int:
-        chosen = [part for each in TRAINING for part in ("--set", each)]
-        data = inputs / "data"
-        return pliant("train", "don", "--data", data, "--out", work / "run", *chosen, *options)
-
-    return action
-
-
-def _train_again(inputs: Path, work: Path) -> int:
-    resumed = (work / "run" / "config.yaml").exists()
-    return _train(*["--resume"] * resumed)(inputs, work)
 
 
 def _recordings(work: Path) -> dict[str, Any]:
@@ -218,6 +146,17 @@ def _books(work: Path) -> dict[str, Any]:
                     del found[name]
             found[f"{path.name}/books"] = books(path)
     return found
+
+
+def _credit(inputs: Path, work: Path) -> int:
+    return pliant("challenge", "credit", work / "challenge", "Later", 3)
+
+
+def _credit_once(inputs: Path, work: Path) -> int:
+    """Give the credit unless the challenge has it already, as its host does."""
+    from tests.faults.challenges import credits_of
+
+    return 0 if credits_of(work / "challenge") else _credit(inputs, work)
 
 
 def _score(inputs: Path, work: Path) -> int:
@@ -253,7 +192,7 @@ COMMANDS: Final[dict[str, Command]] = {
     "import": Command(
         _nothing, _call("import", "IN/coco/annotations.json", "--out", "OUT/set")
     ),
-    "publish": Command(_nothing, _publish),
+    "publish": Command(_nothing, publish),
     **{
         f"convert-{target}": Command(
             _nothing,
@@ -262,11 +201,15 @@ COMMANDS: Final[dict[str, Command]] = {
         )
         for target in ("rerun", "lerobot", "coco", "tapvid", "webdataset", "glb")
     },
-    "train": Command(_nothing, _train(), _train_again, continues=True),
-    "challenge-create": Command(_nothing, _create, state=_books),
+    "train": Command(_nothing, *training("don", "data", DON), continues=True),
+    "train-timecycle": Command(
+        _episodes, *training("timecycle", "episodes", TIMECYCLE), continues=True
+    ),
+    "challenge-create": Command(_nothing, create, state=_books),
     "challenge-invite": Command(
         _earlier("challenge"), _call("challenge", "invite", "OUT/challenge", "Team"), state=_books
     ),
+    "challenge-credit": Command(_earlier("challenge"), _credit, _credit_once, state=_books),
     "challenge-work": Command(
         _earlier("waiting:challenge"), _score, state=_books, continues=True
     ),
@@ -278,4 +221,12 @@ COMMANDS: Final[dict[str, Command]] = {
         _call("challenge", "archive", "IN/challenge", "--out", "OUT/archive.tar"),
         state=_archived,
     ),
+    **{
+        f"challenge-restore{ending}": Command(
+            _nothing,
+            _call("challenge", "restore", f"IN/{source}", "--out", "OUT/challenge"),
+            state=_books,
+        )
+        for ending, source in (("", "archive.tar"), ("-backup", "backup"))
+    },
 }  # fmt: skip

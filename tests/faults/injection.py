@@ -173,10 +173,15 @@ def import_what(action: Callable[[], int], root: Path, output: Path) -> None:
 
 
 def points_of(operations: str) -> list[Point]:
-    """Return every fault of a command whose undisturbed run made these calls."""
+    """Return every fault of a command whose undisturbed run made these calls.
+
+    A crash before a call leaves what a crash after the call before it leaves.
+    """
     points = []
     for call, operation in enumerate(operations):
         for kind in KINDS[1:]:
+            if kind == "crash before" and call:
+                continue
             if kind == "torn write" and operation != "w":
                 continue
             if kind == "ENOSPC" and operation == "u":
