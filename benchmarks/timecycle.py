@@ -1,24 +1,22 @@
 """Following points through rope episodes without labels: what training brings, and what limits it.
 
-Makes rope episodes of 320x240 and trains every row from the shipped recipes; `--quick` trains far
-too little to be good: its errors show that the pieces fit, not what a method can do. Every encoder
+Makes rope episodes of 320x240 and trains by the shipped recipe; `--quick` trains far too little to
+be good: its errors show that the pieces fit, not what a method can do. Every encoder
 is read in the way that suits it, chosen on the validation episodes that it is measured on; test
 episodes are those of the benchmark. Errors are in pixels of a picture 640 wide.
 
 To use what exists: PLIANT_TIMECYCLE_DATA names a dataset of rope episodes, PLIANT_TIMECYCLE_RUNS a
-folder to keep the runs in (finished ones are not trained again, interrupted ones go on),
+folder to keep the run in (a finished one is not trained again, an interrupted one goes on),
 PLIANT_TIMECYCLE_DON a run of Dense Object Nets on ropes (such as models/shipped/don-rope), without
-which the rows from_don and supervised are left out. PLIANT_TIMECYCLE_STEPS are the steps of a run.
+which the row supervised is left out. PLIANT_TIMECYCLE_STEPS are the steps of the run.
 
 overhead_ratio        CPU time of loader, patches, encoder, affinities, localiser, losses, forward
                       and backward, over that of the encoder on the same pictures and the same
                       affinities, with a loss of one sum
 rmse_px_10, _20       of TimeCycle, RMSE that many frames after the query; late_px is the mean over
-                      the last half of the stretches. With a prefix, of other rows: walk_ (random
-                      walk), turned_ (the walk home through turned copies), from_don_ (the same,
-                      begun with a DON's weights), identity_, untrained_, and the ceilings
-                      supervised_ (the DON as it is) and oracle_ (descriptors computed from the
-                      true place along the rope)
+                      the last half of the stretches. With a prefix, of other rows: identity_,
+                      untrained_, and the ceilings supervised_ (the DON as it is) and oracle_
+                      (descriptors computed from the true place along the rope)
 """
 
 from __future__ import annotations
@@ -32,7 +30,6 @@ import json
 import statistics
 import tempfile
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
@@ -63,14 +60,7 @@ from pliant.spec.configuration import read_mapping, read_settings
 from pliant.spec.dataset import Dataset
 from pliant.spec.frame import Frame
 
-RECIPES: Final = Path(__file__).parents[1] / "models" / "configs"
-ROWS: Final[dict[str, tuple[str, tuple[str, ...]]]] = {
-    "timecycle": ("timecycle.yaml", ()),
-    "walk": ("random-walk.yaml", ("walk.turned=false",)),
-    "turned": ("random-walk.yaml", ()),
-}
-"""Row -> recipe, and what it changes."""
-
+RECIPE: Final = Path(__file__).parents[1] / "models" / "configs" / "timecycle.yaml"
 LOOK: Final = {
     "materials": 0,
     "object_hue": (-0.25, 0.5),
@@ -180,18 +170,6 @@ def episodes(folder: Path, quick: bool) -> Dataset:
     return Dataset.open(named)
 
 
-def rows(quick: bool) -> Iterator[tuple[str, str, tuple[str, ...]]]:
-    """Yield the trained rows: name, recipe, and what it changes."""
-    steps = os.environ.get("PLIANT_TIMECYCLE_STEPS", "4" if quick else "700")
-    more = (f"steps={steps}", "threads=1", "tier=rope", *(QUICK if quick else ()))
-    for name, (recipe, changes) in ROWS.items():
-        yield name, recipe, (*changes, *more)
-    if don := os.environ.get("PLIANT_TIMECYCLE_DON"):
-        network = read_mapping(Path(don) / "config.yaml")["network"] | {"pretrained": don}
-        begun = (f"network={json.dumps(network)}", "lift=8")
-        yield "from_don", "random-walk.yaml", (*begun, *more)
-
-
 def errors(task: TimeCycleTask, prefix: str, track: Track) -> dict[str, Value]:
     """Return the figures of a method on the validation stretches."""
     found = figures(errors_over_time(track, task.stretches))
@@ -199,42 +177,41 @@ def errors(task: TimeCycleTask, prefix: str, track: Track) -> dict[str, Value]:
     return {**listed, f"{prefix}late_px": found["criterion_px"]}
 
 
-def untrained_rows(task: TimeCycleTask, prefix: str) -> dict[str, Value]:
-    """Return the figures of encoders that are not trained here, each read as it suits it."""
-    record: dict[str, Value] = {}
-    first = TimeCycleMatcher(task.network, task.settings)
-    for name, matcher in ((prefix, first), ("oracle_", Oracle(task))):
-        if task.settings.propagation.chosen:
-            matcher = matcher.read_by(choose_readout(matcher, task.stretches))
-        record |= errors(task, name, track_with(matcher))
-    return record
+def chosen(matcher: TimeCycleMatcher, task: TimeCycleTask) -> TimeCycleMatcher:
+    """Return a matcher read in the way that suits its encoder."""
+    if not task.settings.propagation.chosen:
+        return matcher
+    return matcher.read_by(choose_readout(matcher, task.stretches))
 
 
 def measure(quick: bool) -> dict[str, Value]:
     """Make, train, track."""
     torch.set_num_threads(1)
+    steps = os.environ.get("PLIANT_TIMECYCLE_STEPS", "4" if quick else "700")
+    changes = (f"steps={steps}", "threads=1", "tier=rope", *(QUICK if quick else ()))
     with tempfile.TemporaryDirectory() as folder:
         scratch = Path(folder)
         dataset = episodes(scratch, quick)
-        runs = Path(os.environ.get("PLIANT_TIMECYCLE_RUNS", scratch / "runs"))
-        record: dict[str, Value] = {}
-        for name, recipe, changes in rows(quick):
-            settings = read_settings(TimeCycleSettings, RECIPES / recipe, changes)
-            run = runs / name
-            if not read_run_json(run / RUN_FACTS):
-                train_timecycle(dataset, run, settings, resume=latest_checkpoint(run) is not None)
-            task = TimeCycleTask(dataset, settings, scratch / "watch", ALONE)
-            matcher = load_matcher(run)
-            assert isinstance(matcher, TimeCycleMatcher)
-            prefix = "" if name == "timecycle" else f"{name}_"
-            record |= errors(task, prefix, track_with(matcher))
-            if name == "timecycle":
-                record |= errors(task, "identity_", track_identity)
-                record["overhead_ratio"] = overhead_ratio(task, 3 if quick else 15)
-            elif name == "turned":
-                record |= untrained_rows(task, "untrained_")
-            elif name == "from_don":
-                record |= untrained_rows(task, "supervised_")
+        run = Path(os.environ.get("PLIANT_TIMECYCLE_RUNS", scratch / "runs")) / "timecycle"
+        settings = read_settings(TimeCycleSettings, RECIPE, changes)
+        if not read_run_json(run / RUN_FACTS):
+            train_timecycle(dataset, run, settings, resume=latest_checkpoint(run) is not None)
+        task = TimeCycleTask(dataset, settings, scratch / "watch", ALONE)
+        untrained = TimeCycleMatcher(task.network, settings)
+        trained = load_matcher(run)
+        assert isinstance(trained, TimeCycleMatcher)
+        record = errors(task, "", track_with(trained)) | errors(task, "identity_", track_identity)
+        for name, matcher in (("untrained_", untrained), ("oracle_", Oracle(task))):
+            record |= errors(task, name, track_with(chosen(matcher, task)))
+        if don := os.environ.get("PLIANT_TIMECYCLE_DON"):
+            network = read_mapping(Path(don) / "config.yaml")["network"] | {"pretrained": don}
+            begun = (f"network={json.dumps(network)}", "lift=8")
+            settings = read_settings(TimeCycleSettings, RECIPE, (*begun, *changes))
+            supervised = TimeCycleTask(dataset, settings, scratch / "supervised", ALONE)
+            matcher = TimeCycleMatcher(supervised.network, settings)
+            track = track_with(chosen(matcher, supervised))
+            record |= errors(supervised, "supervised_", track)
+        record["overhead_ratio"] = overhead_ratio(task, 3 if quick else 15)
         record["train_episodes"] = sum(s.split == "train" for s in dataset.sequences)
     return record
 

@@ -112,31 +112,13 @@ class CycleLossSettings(Settings):
     self_cycle: NonNegative = 1.0
     freeze: Annotated[float, Bounds(0, 1, below=True)] = 0.0
 
-    @property
-    def any(self) -> bool:
-        """Whether a part has a weight."""
-        return any((self.similarity, self.skip, self.long, self.self_cycle))
-
-
-class WalkSettings(Settings):
-    """The contrastive random walk, alone or in addition to the cycles.
-
-    Attributes:
-        weight: Weight of its loss; 0 leaves it out.
-        nodes: Side of a node, cells.
-        temperature: Of the softmax over a step's edges.
-        dropout: Share of edges that are dropped.
-        on_object: Nodes are those that touch the object's mask (truth), and no others.
-        turned: The way home leads through copies of the frames, each turned and scaled in its own
-            way, so that a network that only knows the place in the picture does not come home.
-    """
-
-    weight: NonNegative = 0.0
-    nodes: Count = 2
-    temperature: Positive = 0.07
-    dropout: Annotated[float, Bounds(0, 1, below=True)] = 0.1
-    on_object: bool = False
-    turned: bool = False
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if not any((self.similarity, self.skip, self.long, self.self_cycle)):
+            raise Refused(
+                "one weight above 0 of similarity, skip, long and self_cycle", "similarity"
+            )
+        return self
 
 
 class PropagationSettings(Settings):
@@ -210,7 +192,6 @@ class TimeCycleSettings(RunSettings):
         stride: Pixels along a side of a cell in training; the cells' descriptors are means.
         localiser: The localiser.
         losses: The losses of cycles.
-        walk: The loss of the random walk.
         validation: How the run is watched.
         propagation: How the result answers.
     """
@@ -228,26 +209,14 @@ class TimeCycleSettings(RunSettings):
     stride: Stride = 8
     localiser: LocaliserSettings = LocaliserSettings()
     losses: CycleLossSettings = CycleLossSettings()
-    walk: WalkSettings = WalkSettings()
     validation: TrackValidationSettings = TrackValidationSettings()
     propagation: PropagationSettings = PropagationSettings()
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        if not self.losses.any and self.walk.weight == 0:
-            raise Refused(
-                "one weight above 0 of similarity, skip, long, self_cycle and walk.weight",
-                "losses.similarity",
-            )
-        if self.walk.weight and self.walk.nodes > self._most_nodes:
-            raise Refused(f"<= {self._most_nodes}: two nodes", "walk.nodes")
         if self.losses.freeze and self.localiser.kind == "moments":
             raise Refused("0 for localiser.kind moments, which has no weights", "losses.freeze")
         return self
-
-    @property
-    def _most_nodes(self) -> int:
-        return min(self.width, self.height) // (2 * self.stride)
 
     @property
     def patch_cells(self) -> int:

@@ -14,12 +14,10 @@ from pliant.models.timecycle.cycles import cycle_losses, weighted_sum
 from pliant.models.timecycle.guard import Guard, compare_with_trivial
 from pliant.models.timecycle.matcher import TimeCycleMatcher
 from pliant.models.timecycle.network import TimeCycleNetwork
-from pliant.models.timecycle.patches import draw_patches, interest
+from pliant.models.timecycle.patches import draw_patches
 from pliant.models.timecycle.readout import choose_readout
 from pliant.models.timecycle.settings import TimeCycleSettings
-from pliant.models.timecycle.turned_copies import turned_copies
 from pliant.models.timecycle.validation import draw_stretches, errors_over_time, figures, track_with
-from pliant.models.timecycle.walk import WayHome, walk_loss
 from pliant.models.training.processes import Processes
 from pliant.models.training.run import RunOptions, train_task
 from pliant.models.training.run_folder import RUN_FACTS, write_json, write_settings
@@ -58,39 +56,20 @@ class TimeCycleTask(Task[TimeCycleSettings]):
         frozen = nullcontext if progress >= settings.losses.freeze else torch.no_grad
         with frozen():
             frames = self.encode(images.flatten(0, 1)).unflatten(0, images.shape[:2])
-        loss, parts = frames.new_zeros(()), {}
-        if settings.losses.any:
-            clips, cells = settings.clips, self.network.cells
-            stride = settings.stride
-            patches = draw_patches(images, batch["mask"], cells, clips, generator, stride)
-            with frozen():
-                cut = self.encode(patches.images).flatten(2).transpose(1, 2)
-            parts = cycle_losses(
-                self.network,
-                frames[patches.clip],
-                cut,
-                patches.placement,
-                patches.weight,
-                settings.losses,
-            )
-            loss = weighted_sum(parts, settings.losses)
-        if settings.walk.weight > 0:
-            walked = self._walk(frames, batch, generator)
-            loss, parts = loss + settings.walk.weight * walked["walk"], {**parts, **walked}
+        clips, cells = settings.clips, self.network.cells
+        patches = draw_patches(images, batch["mask"], cells, clips, generator, settings.stride)
+        with frozen():
+            cut = self.encode(patches.images).flatten(2).transpose(1, 2)
+        parts = cycle_losses(
+            self.network,
+            frames[patches.clip],
+            cut,
+            patches.placement,
+            patches.weight,
+            settings.losses,
+        )
+        loss = weighted_sum(parts, settings.losses)
         return loss, {name: part.detach() for name, part in parts.items()}
-
-    def _walk(
-        self, frames: torch.Tensor, batch: Batch, generator: torch.Generator
-    ) -> dict[str, torch.Tensor]:
-        settings, images, mask = self.settings, batch["image"], batch["mask"]
-        pictures = images[:, :, : settings.clips.colours]
-        counts = interest(pictures, mask, settings.clips.choose, settings.stride)
-        home = None
-        if settings.walk.turned:
-            turned = turned_copies(images, mask, generator, settings.stride)
-            described = self.encode(turned.images.flatten(0, 1)).unflatten(0, images.shape[:2])
-            home = WayHome(described, turned.mask, turned.place)
-        return walk_loss(frames, counts, settings.walk, generator, mask, home)
 
     def encode(self, images: torch.Tensor) -> torch.Tensor:
         """Return unit descriptors of images (N, C, H, W) at the run's precision."""

@@ -143,7 +143,7 @@ def test_a_run_is_a_folder_that_answers(tiny_episode: Path, tmp_path: Path) -> N
 
 def test_the_shipped_recipes_can_be_read() -> None:
     configs = files("pliant.models") / "configs"
-    for name in ("timecycle", "timecycle-paper", "random-walk"):
+    for name in ("timecycle", "timecycle-paper"):
         read_settings(TimeCycleSettings, Path(str(configs / f"{name}.yaml")))
     paper = read_settings(TimeCycleSettings, Path(str(configs / "timecycle-paper.yaml")))
     assert (paper.patch_cells, paper.temperature) == (10, 512**-0.5)
