@@ -91,8 +91,6 @@ class GenerateConfig(Settings):
             makes where there is none; no public file contains it.
         style: `fast`, `photo`, `raster` or `real-depth`.
         gripper: Episodes: show a gripper that holds the object, and hides parts of it.
-        shutter: Episodes in style `raster`: share of the time between two frames that the shutter
-            is open. The truth is that of the middle of the exposure.
         rope: Settings of the rope tier.
         cloth: Settings of the cloth tiers.
         look: Ranges of table, light, colour.
@@ -120,7 +118,6 @@ class GenerateConfig(Settings):
     secret_seed: bool = False
     style: Style = "fast"
     gripper: bool = False
-    shutter: Share = 0.0
     rope: RopeSettings = RopeSettings()
     cloth: ClothSettings = ClothSettings()
     look: AppearanceSettings = AppearanceSettings()
@@ -146,7 +143,7 @@ class GenerateConfig(Settings):
         if not self.episodes and self.queries.kind == "track":
             raise Refused("pairs, or --episodes: only an episode can be tracked", "queries.kind")
         asked = self.queries
-        moving = {"gripper": self.gripper, "shutter": self.shutter, "queries.skips": asked.skips}
+        moving = {"gripper": self.gripper, "queries.skips": asked.skips}
         moving["queries.moving_share"] = asked.moving_share
         for name, value in moving.items():
             if value and not self.episodes:
@@ -157,8 +154,6 @@ class GenerateConfig(Settings):
             raise Refused(
                 "(0, 0) for episodes: their physics knows one object", "scene.distractors"
             )
-        if self.shutter and self.style != "raster":
-            raise Refused("0, or style raster: no other style blurs motion", "shutter")
         if self.depth_camera is not None and self.style != "real-depth":
             raise Refused("real-depth, which depth_camera belongs to", "style")
         if self.splits is not None and self.sequences is not None:

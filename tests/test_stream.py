@@ -37,7 +37,6 @@ CONFIGS = {
         frames=3,
         episodes=True,
         gripper=True,
-        shutter=0.5,
         **SMALL,
     ),
     "cloths": GenerateConfig(

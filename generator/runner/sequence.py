@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -19,7 +18,6 @@ import numpy.typing as npt
 from pliant.generator.config import BLENDER_STYLES, GenerateConfig
 from pliant.generator.objects.tiers import describe_tier, sample_scene_object
 from pliant.generator.rendering import open_renderer
-from pliant.generator.rendering.motion_blur import blurred, with_neighbours
 from pliant.generator.runner.engine import SequenceResult
 from pliant.generator.runner.sequence_writer import writing_sequence
 from pliant.generator.scene.appearance import Appearance, sample_appearance
@@ -153,16 +151,10 @@ class SequenceMaker:
         def frames() -> Iterator[TakenFrame]:
             with clock("render"):
                 self.renderer.begin(scene_object, appearance, camera)
-            around_each = with_neighbours(_ahead(seen()), config.shutter)
-            for frame, (pose, truth, around) in enumerate(around_each):
+            for frame, (pose, truth) in enumerate(_ahead(seen())):
                 with clock("render"):
                     faults = streams.generator(Stream.DEPTH_CAMERA, frame)
-                    render = functools.partial(self.renderer.render, pose, rng=faults)
-                    if around is None:
-                        rgb = render(truth)
-                    else:
-                        last = len(scene_object.parts[-1].rest) if config.gripper else 0
-                        rgb = blurred(render, camera, truth, around, config.shutter, last)
+                    rgb = self.renderer.render(pose, truth, rng=faults)
                 if config.noise is not None:
                     with clock("noise"):
                         rng = streams.generator(Stream.NOISE, frame)
@@ -200,8 +192,6 @@ class SequenceMaker:
         parameters = {**settings_to_dict(scene_object.info), "look": appearance}
         if self._depth_camera is not None:
             parameters["depth_camera"] = settings_to_dict(self._depth_camera)
-        if self.config.shutter:
-            parameters["shutter"] = self.config.shutter
         return {
             "id": task.id,
             "tier": task.tier,

@@ -51,7 +51,6 @@ def draw_config(rng: np.random.Generator, *styles: str) -> GenerateConfig:
         "seed": int(rng.integers(2**63)),
         "style": style,
         "gripper": bool(episodes and rng.random() < 0.5),
-        "shutter": float(rng.random()) if episodes and style == "raster" else 0.0,
         "queries": queries,
     }
     config = settings_from(GenerateConfig, base)

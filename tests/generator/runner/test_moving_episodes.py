@@ -1,4 +1,4 @@
-"""Episodes with a gripper, motion blur and queries on points that move."""
+"""Episodes with a gripper and queries on points that move."""
 
 from __future__ import annotations
 
@@ -26,7 +26,6 @@ CONFIG = GenerateConfig(
     seed=3,
     style="raster",
     gripper=True,
-    shutter=0.5,
     rope=RopeSettings(frame_rate_hz=15.0, substeps=96, hand_speed_m_s=(0.3, 0.6)),
     queries=QuerySettings(pairs_per_sequence=9, skips=(1, 5, 15), moving_share=0.5),
 )
@@ -44,7 +43,7 @@ def episode(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
 
 @pytest.fixture(scope="module")
 def plain(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
-    config = CONFIG.replace(gripper=False, shutter=0.0)
+    config = CONFIG.replace(gripper=False)
     return made(config, tmp_path_factory.mktemp("moving") / "plain")
 
 
@@ -83,24 +82,6 @@ def _states(sequence, frame: int) -> list[str]:
     return states
 
 
-def test_motion_blur_changes_what_moves_and_nothing_else(tmp_path: Path, plain: Dataset) -> None:
-    blurred = made(CONFIG.replace(gripper=False), tmp_path / "blurred")
-    sharp, soft = plain.sequences[0], blurred.sequences[0]
-    assert soft.info["parameters"]["shutter"] == 0.5
-    moved = [
-        np.abs(np.asarray(sharp.correspondences(f)["u_px"]) - sharp.correspondences(f + 1)["u_px"])
-        for f in range(FRAMES - 1)
-    ]
-    still = [f for f in range(1, FRAMES - 1) if max(moved[f - 1].max(), moved[f].max()) < 1e-6]
-    fastest = max(range(1, FRAMES - 1), key=lambda f: moved[f].max())
-    for frame in still:
-        np.testing.assert_array_equal(sharp.rgb(frame), soft.rgb(frame))
-    change = np.abs(sharp.rgb(fastest).astype(int) - soft.rgb(fastest)).max(axis=2) > 20
-    assert change.sum() > 30
-    for frame in range(FRAMES):
-        np.testing.assert_array_equal(sharp.surface(frame).depth_m, soft.surface(frame).depth_m)
-
-
 def test_asked_points_move_and_targets_are_never_sources(episode: Dataset) -> None:
     sequence, asked_pairs = episode.sequences[0], list(episode.pairs("test"))
     pairs = [(pair.source.index, pair.target.index) for pair in asked_pairs]
@@ -123,14 +104,11 @@ def test_asked_points_move_and_targets_are_never_sources(episode: Dataset) -> No
     ("changes", "field"),
     [
         ({"episodes": False}, "gripper"),
-        ({"gripper": False, "episodes": False}, "shutter"),
-        ({"style": "real-depth"}, "shutter"),
         ({"frames": 15}, "queries.skips"),
         ({"queries": QuerySettings(kind="track", skips=(1,))}, "queries.skips"),
         (
             {
                 "gripper": False,
-                "shutter": 0.0,
                 "episodes": False,
                 "queries": QuerySettings(moving_share=0.5),
             },
