@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import pickle
 import shutil
 import subprocess
 import sys
@@ -14,67 +13,6 @@ import pytest
 
 from pliant.evaluator import evaluate, read_scores, write_report
 from pliant.spec.errors import SubmissionError
-
-# Writes the report in forked processes; the k-th is killed before its k-th change of a file.
-WRITER = """
-import os, pickle, signal, sys
-from pathlib import Path
-from pliant.evaluator.report.report import write_report
-scores, earlier, work = pickle.load(open(sys.argv[1], "rb"))
-step = 0
-while True:
-    step += 1
-    out = Path(work) / str(step) / "report"
-    if (child := os.fork()) == 0:
-        left = [step]
-        def hook(event, arguments):
-            writes = event == "open" and set("wax+") & {*str(arguments[1])}
-            if event in ("os.mkdir", "os.rename", "os.remove", "os.rmdir") or writes:
-                left[0] -= 1
-                if left[0] == 0:
-                    os.kill(os.getpid(), signal.SIGKILL)
-        write_report(earlier, out)
-        sys.addaudithook(hook)
-        write_report(scores, out)
-        os._exit(0)
-    _, status = os.waitpid(child, 0)
-    if status == 0:
-        break
-    assert os.WIFSIGNALED(status), status
-print(step)
-"""
-
-
-def test_killed_at_any_step_a_report_is_whole_or_not_there(scene: Any, tmp_path: Path) -> None:
-    earlier, later = (
-        evaluate(
-            scene.submit(tmp_path / "s.parquet", scene.table(scene.true_px + off)),
-            scene.root,
-            protocol="paper",
-        )
-        for off in (3, 5)
-    )
-    (tmp_path / "scores").write_bytes(pickle.dumps((later, earlier, str(tmp_path / "killed"))))
-    done = subprocess.run(
-        [sys.executable, "-c", WRITER, str(tmp_path / "scores")],
-        check=True, capture_output=True, text=True,
-    )  # fmt: skip
-    steps = int(done.stdout)
-    assert steps > 5
-    found = []
-    for step in range(1, steps + 1):
-        folder = tmp_path / "killed" / str(step) / "report"
-        if not folder.exists():
-            found.append("none")
-            continue
-        scores = read_scores(folder)
-        expected = {"earlier": earlier, "later": later}
-        (name,) = [n for n, each in expected.items() if each.document == scores.document]
-        assert scores.per_pair.equals(expected[name].per_pair)
-        found.append(name)
-    assert found[0] == "earlier"
-    assert found[-1] == "later"
-    assert found.count("none") <= 1
 
 
 def test_files_of_two_reports_are_refused(scene: Any, tmp_path: Path) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 import shutil
-import subprocess
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -250,25 +249,3 @@ def test_compare_of_few_sequences_shows_the_order_and_no_rank(
     assert lines[3] == "PCK 8 px, overall, best first: middle 1.000, near 1.000, far 0.000"
     assert lines[6].startswith("No verdict on 18 differences: 4 sequences, and at least 6 are ")
     assert len(lines) == 7
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(shutil.which("chromium") is None, reason="needs Debian's chromium")
-@pytest.mark.parametrize("width", [1100, 390])
-def test_a_browser_shows_the_page(reports: Path, tmp_path: Path, width: int) -> None:
-    from PIL import Image
-
-    picture = tmp_path / "page.png"
-    page = reports / "near" / "report.html"
-    command = [
-        "chromium", "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars",
-        f"--user-data-dir={tmp_path / 'chrome'}", f"--window-size={width},1400",
-        f"--screenshot={picture}", f"file://{page}",
-    ]  # fmt: skip
-    subprocess.run(command, check=True, capture_output=True, timeout=120)
-    with Image.open(picture) as image:
-        pixels = np.asarray(image.convert("L"), float)
-    assert pixels.shape == (1400, width)
-    dark = (pixels < 128).mean()
-    assert 0.005 < dark < 0.5
-    assert (pixels[:, -4:] > 200).mean() > 0.9  # nothing runs over the right edge

@@ -11,7 +11,7 @@ import pyarrow as pa
 import pytest
 
 from pliant.evaluator import evaluate
-from pliant.evaluator.statistics.bootstrap import Bootstrap, expanded_tail, intervals, replicates
+from pliant.evaluator.statistics.bootstrap import Bootstrap, intervals
 from pliant.evaluator.statistics.crossing import Crossing
 from pliant.evaluator.statistics.ratios import Ratio
 
@@ -98,60 +98,3 @@ def test_intervals_cover_what_they_should() -> None:
         low, high = intervals([ratio], columns, crossing, settings)[0]["mean"]
         hits += low <= 10 <= high
     assert 0.92 <= hits / 400 <= 0.98
-
-
-def test_an_interval_needs_two_sequences() -> None:
-    ratio = Ratio("mean", "lower", "", "", "", "total", "count")
-    columns = {"total": np.array([1.0, 2.0, 3.0]), "count": np.ones(3)}
-    codes = np.array([7, 7, 9])
-    crossing = Crossing.of(codes, codes, np.array([0, 0, 1]), 2)
-    settings = Bootstrap(unit="sequences", replicates=100, seed=0, level=0.95)
-    assert intervals([ratio], columns, crossing, settings) == [{}, {}, {}]
-    codes = np.array([5, 7, 9])
-    crossing = Crossing.of(codes, codes, np.array([0, 0, 1]), 2)
-    overall, first, second = intervals([ratio], columns, crossing, settings)
-    assert first["mean"][0] >= 1
-    assert first["mean"][1] <= 2
-    assert overall == second == {}
-
-
-def test_both_sequences_of_a_pair_are_resampled() -> None:
-    """Every pair is its own column, so that a replicate says how often each was drawn."""
-    source, target = np.array([0, 1, 2, 2]), np.array([1, 2, 0, 2])
-    crossing = Crossing.of(source, target, np.zeros(4, int), 1)
-    settings = Bootstrap(unit="sequences", replicates=500, seed=0, level=0.95)
-    drawn = replicates(crossing, np.eye(4), settings)[:, 0]  # (B, pair)
-    alone = drawn[:, 3]  # how often sequence 2 was drawn
-    assert alone.mean() == pytest.approx(1, abs=0.15)
-    # Three sequences: a pair of two different ones has 3 * 2 / 3**2 on average.
-    assert drawn[:, :3].mean(axis=0) == pytest.approx(np.full(3, 2 / 3), abs=0.15)
-    assert not drawn[alone == 0][:, [1, 2]].any()
-    assert not drawn[alone == 3][:, :3].any()
-
-
-def test_an_interval_of_pixels_is_symmetric_in_the_logarithm() -> None:
-    ratio = Ratio("error", "lower", "px", "", "", "total", "count")
-    codes = np.repeat(np.arange(12), 3)
-    crossing = Crossing.of(codes, codes, np.zeros(36, int), 1)
-    columns = {
-        "total": np.exp(np.random.default_rng(0).normal(0, 1, 36)), "count": np.ones(36),
-    }  # fmt: skip
-    settings = Bootstrap(unit="sequences", replicates=400, seed=0, level=0.95)
-    (low, high), *_ = intervals([ratio], columns, crossing, settings)[0].values()
-    share = Ratio("share", "lower", "", "", "", "total", "count")
-    (from_, to), *_ = intervals([share], columns, crossing, settings)[0].values()
-    score = columns["total"].mean()
-    assert 0 < low < score < high
-    assert high > to  # the percentile interval ends where few large values would begin
-    zero = {**columns, "total": np.zeros(36)}
-    assert intervals([ratio], zero, crossing, settings)[0]["error"] == [0, 0]
-    assert from_ < score < to
-
-
-def test_the_expanded_tail_is_that_of_student() -> None:
-    from scipy.stats import norm, t
-
-    for sequences, tiers in ((2, 1), (8, 1), (30, 3), (1000, 2)):
-        freedom = sequences - tiers
-        z = -np.sqrt(sequences / freedom) * t.ppf(0.975, freedom)
-        assert expanded_tail(0.025, sequences, tiers) == pytest.approx(norm.cdf(z), rel=1e-12)

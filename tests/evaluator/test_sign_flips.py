@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import math
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,7 @@ from pliant.evaluator.comparison import differences
 from pliant.evaluator.scores import Scores
 from pliant.evaluator.statistics.crossing import Crossing
 from pliant.evaluator.statistics.ratios import Ratio
-from pliant.evaluator.statistics.sign_flips import _subsets, fewest_sequences, paired_difference
+from pliant.evaluator.statistics.sign_flips import _subsets, paired_difference
 from pliant.spec.errors import SpecError
 
 MEAN = Ratio("mean", "lower", "", "", "", "above", "below")
@@ -88,23 +87,6 @@ def test_subsets_of_many_sequences_form_a_group() -> None:
             assert (subsets[a] ^ subsets[b]).tobytes() in members
 
 
-def test_fewer_than_six_sequences_have_no_interval() -> None:
-    assert [fewest_sequences(level) for level in (0.9, 0.95, 0.99)] == [5, 6, 8]
-    for count in (1, 5):
-        first = (np.zeros(count), np.ones(count))
-        second = (np.arange(1.0, count + 1), np.ones(count))
-        found = paired_difference(MEAN, first, second, episodes(count), 0.95)
-        assert math.isnan(found.low)
-        assert math.isnan(found.high)
-        assert found.sequences == count
-    undefined = np.array([1, 1, 1, 1, 1, 0.0])  # the sixth sequence does not define the metric
-    found = paired_difference(
-        MEAN, (undefined, undefined), (undefined * 2.0, undefined), episodes(6), 0.95
-    )
-    assert found.sequences == 5
-    assert math.isnan(found.low)
-
-
 def test_stated_number_of_sequences_separates_in_four_of_five_cases() -> None:
     rng = np.random.default_rng(0)
     shift, spread = 1.0, 2.0
@@ -148,23 +130,6 @@ def test_level_of_crossed_pairs(count: int) -> None:
         assert found.sequences == count
         verdicts += found.low > 0 or found.high < 0
     assert verdicts / 300 < 0.06
-
-
-def test_effects_of_sequences_add_up_in_both_roles() -> None:
-    """Worked out by hand: three sequences, every one asked in the two others."""
-    source, target = np.array([0, 0, 1, 1, 2, 2]), np.array([1, 2, 0, 2, 0, 1])
-    crossing = Crossing.of(source, target, np.zeros(6, int), 1)
-    as_source, as_target = np.array([1.0, 2.0, 4.0]), np.array([8.0, 16.0, 32.0])
-    values = (as_source[crossing.source] + as_target[crossing.target]) * 3.0
-    found = crossing.effects(values, np.full(6, 3.0))
-    assert found == pytest.approx(6 * (as_source + as_target))  # two pairs in each role
-    assert found.sum() == pytest.approx(values.sum())
-    weight = np.arange(1.0, 7.0)
-    assert crossing.effects(weight, weight) == pytest.approx(crossing.shares(weight))
-    assert crossing.shares(weight).sum() == pytest.approx(weight.sum())
-    within = Crossing.of(np.array([3, 3, 9]), np.array([3, 3, 9]), np.array([0, 0, 1]), 2)
-    assert within.sum(np.array([1.0, 2.0, 4.0])).tolist() == [3.0, 4.0]
-    assert within.effects(np.array([3.0, 4.0]), np.array([2.0, 1.0])) == pytest.approx([3, 4])
 
 
 def test_reports_of_few_sequences_get_no_verdict(scene: Any, tmp_path: Path) -> None:

@@ -232,24 +232,3 @@ def test_what_check_passes_evaluate_scores(
         finite = [v for v in scores.overall.values() if v is not None]
         assert np.isfinite(finite).all()
         assert 0 <= figure(scores, "pck_8px") <= 1
-
-
-@settings(
-    max_examples=50,
-    deadline=None,
-    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
-)
-@given(data=st.data())
-def test_bytes_changed_anywhere_never_crash_the_check(
-    scene: Any, tmp_path: Path, data: st.DataObject
-) -> None:
-    path = scene.submit(tmp_path / "s.parquet")
-    content = bytearray(path.read_bytes())
-    for _ in range(data.draw(st.integers(1, 6))):
-        position = data.draw(st.integers(0, len(content) - 1))
-        content[position] = data.draw(st.integers(0, 255))
-    path.write_bytes(bytes(content))
-    issues = check(path, scene.root)
-    scores, reasons = verdict(path, scene, protocol="paper")
-    assert {each.code for each in reasons} == {each.code for each in issues}
-    assert (scores is None) == bool(issues)

@@ -10,7 +10,6 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -129,19 +128,6 @@ def test_two_publications_are_the_same_bytes(halves: Any, tmp_path: Path) -> Non
     assert (tmp_path / "again-private").stat().st_mode & 0o077 == 0
 
 
-def test_an_interruption_leaves_nothing(
-    halves: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def interrupt(dataset: Dataset, public: Path, *_: object) -> None:
-        assert any(public.iterdir())
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(import_module("pliant.publishing.publish"), "_tie", interrupt)
-    with pytest.raises(KeyboardInterrupt):
-        publish(halves.whole, tmp_path / "out", HELD_OUT)
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_halves_of_two_publications_do_not_fit(halves: Any, tmp_path: Path) -> None:
     publish(halves.whole, tmp_path / "out", HELD_OUT, private=tmp_path / "own")
     Dataset.open(tmp_path / "out").with_private(tmp_path / "own")
@@ -247,23 +233,6 @@ def test_a_guessable_seed_is_refused_unless_the_answers_are_public(
     assert run(["publish", str(halves.whole), "--out", str(tmp_path / "open")]) == 0
 
 
-def test_what_a_killed_publication_leaves_goes_with_the_next(halves: Any, tmp_path: Path) -> None:
-    script = (
-        "import os, signal, sys\nfrom pathlib import Path\n"
-        "from pliant.publishing import PublishSettings, publish\n"
-        "module = sys.modules['pliant.publishing.publish']\n"
-        "module._tie = lambda *_: os.kill(os.getpid(), signal.SIGKILL)\n"
-        "publish(Path(sys.argv[1]), Path(sys.argv[2]), PublishSettings(hold_out=('test',),\n"
-        "answers_are_public=True))"
-    )
-    out = tmp_path / "out"
-    done = subprocess.run([sys.executable, "-c", script, str(halves.whole), str(out)])
-    assert done.returncode == -9
-    assert len(list(tmp_path.iterdir())) == 2  # both temporary folders
-    publish(halves.whole, out, HELD_OUT)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["out", "out-private"]
-
-
 def test_the_papers(halves: Any) -> None:
     citation = yaml.safe_load((halves.public / "CITATION.cff").read_text())
     assert citation["cff-version"] == "1.2.0"
@@ -353,14 +322,6 @@ def test_hugging_face_datasets_shows_pictures(
     assert lines[4] == str(rows)
     with Image.open(tmp_path / "seen.png") as seen:
         assert (np.asarray(seen) == first.rgb(1)).all()
-
-
-def test_command_reports(halves: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    arguments = ["publish", str(halves.whole), "--out", str(tmp_path / "out"), "--hold-out", "test"]
-    assert run([*arguments, "--answers-are-public"]) == 0
-    shown = capsys.readouterr()
-    assert "15 sequences, 30 frames" in shown.out
-    assert "the held-out answers are public" in shown.err  # the tiny dataset's seed is 0
 
 
 def test_settings_are_checked() -> None:
