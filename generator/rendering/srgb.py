@@ -12,11 +12,6 @@ from pliant.generator.compiled import compiled
 _STEPS: Final = 4096
 
 
-_LINEAR: Final = np.array(
-    [v / 12.92 if v <= 0.04045 else ((v + 0.055) / 1.055) ** 2.4 for v in np.arange(256) / 255.0]
-)
-
-
 def _table() -> npt.NDArray[np.uint8]:
     x = (np.arange(_STEPS) + 0.5) / _STEPS
     curve = np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055)
@@ -31,11 +26,6 @@ def encode_channel(value: float) -> int:
     """Return the sRGB byte of a linear value; below 0 and above 1 are clipped."""
     k = int(value * _STEPS)
     return _CURVE[min(max(k, 0), _STEPS - 1)]
-
-
-def decode_srgb(rgb: npt.NDArray[np.uint8]) -> npt.NDArray[np.float64]:
-    """Return an image, uint8 (H, W, 3), in linear light: float64, 0 to 1."""
-    return _LINEAR[rgb]
 
 
 def encode_srgb(linear: npt.NDArray[np.floating[Any]]) -> npt.NDArray[np.uint8]:
