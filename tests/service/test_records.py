@@ -196,6 +196,17 @@ def test_backup_and_archive_give_the_same_service(
         restored.database.engine.dispose()
 
 
+def test_a_folder_that_cannot_be_removed_does_not_get_into_a_backup(
+    make_trial: MakeTrial, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    challenge, out = make_trial().challenge, tmp_path / "backup"
+    write_backup(challenge, out)
+    names = sorted(out.rglob("*"))
+    monkeypatch.setattr("shutil.rmtree", lambda *_, **__: None)
+    write_backup(challenge, out)
+    assert sorted(out.rglob("*")) == names
+
+
 def test_archives_contain_no_open_key_and_are_checked(
     make_trial: MakeTrial, tmp_path: Path
 ) -> None:
