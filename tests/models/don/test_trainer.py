@@ -6,16 +6,13 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 import torch
 
-from pliant.loaders.frame_store import FrameStore
 from pliant.models import load_matcher
 from pliant.models.don.matcher import DonMatcher
 from pliant.models.don.settings import DonSettings
 from pliant.models.don.trainer import train_don
-from pliant.models.don.validation import draw_validation_pairs
 from pliant.models.training.checkpoint import latest_checkpoint, read_checkpoint, read_weights_file
 from pliant.models.training.optimiser import learning_rate
 from pliant.models.training.run_folder import open_run
@@ -139,21 +136,6 @@ def test_which_weights_answer(
     answering = read_weights_file(run / "best.safetensors")
     same = [torch.equal(answering[name], last[name]) for name in last]
     assert all(same) if keep == "last" else not all(same)
-
-
-def test_a_run_that_learned_orientation_answers(sheet_dataset: Dataset, tmp_path: Path) -> None:
-    """Its network has three channels more, which no answer looks at."""
-    run = tmp_path / "run"
-    train_don(sheet_dataset, run, tiny("loss.orientation_weight=0.5"))
-    weights = read_weights_file(run / "best.safetensors")
-    assert weights["backbone.head.weight"].shape[0] == 4 + 3
-    history = read_checkpoint(latest_checkpoint(run)).history  # type: ignore[arg-type]
-    assert 0 < history[-1]["orientation"] < 4
-    matcher = load_matcher(run)
-    assert isinstance(matcher, DonMatcher)
-    pair = draw_validation_pairs(FrameStore(sheet_dataset, "sheet", "val", (40, 30)), 1, 8, 0)[0]
-    assert matcher.descriptor_map(pair.source).shape == (30, 40, 4)
-    assert np.isfinite(matcher.answer(pair).uv_px).all()
 
 
 def test_a_run_is_a_folder_that_answers(sheet_dataset: Dataset, tmp_path: Path) -> None:

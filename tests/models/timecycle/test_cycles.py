@@ -63,35 +63,29 @@ def test_each_part_alone_reaches_the_encoder(name: str) -> None:
     assert all(float(g.abs().max()) > 0 for g in gradients if g is not None)
 
 
-def test_a_frozen_encoder_leaves_the_gradient_to_the_localiser() -> None:
-    torch.manual_seed(1)
-    network = TimeCycleNetwork(SETTINGS.replace(localiser=SETTINGS.localiser.replace(kind="conv")))
-    with torch.no_grad():
-        inputs = clip(network)
-    weighted_sum(cycle_losses(network, **inputs, settings=only("long")), only("long")).backward()
-    assert all(p.grad is None for p in network.encoder.parameters())
-    assert all(p.grad is not None for p in network.localiser.parameters())
+def still(length: int, start: tuple[float, float]) -> dict[str, torch.Tensor]:
+    """The losses of a still clip in which every cell is its own direction, from a wrong start.
+
+    The patch is 4x4 cells about (5, 4): columns 3 to 6, rows 2 to 5.
+    """
+    network = TimeCycleNetwork(WIDE)
+    network.temperature = 0.02
+    frame = torch.eye(96).reshape(96, 8, 12)
+    frames = frame.expand(1, length, 96, 8, 12)
+    patch = frame[:, 2:6, 3:7].flatten(1).T[None]
+    weight = torch.full((1, 16), 1 / 16)
+    placed = torch.tensor([[*start, 0.0]])
+    return cycle_losses(network, frames, patch, placed, weight, CycleLossSettings())
 
 
 def test_cycles_of_a_still_and_distinct_clip_come_home() -> None:
     """Perfect descriptors (every cell its own direction) and nothing moves: no error at all."""
-    network = TimeCycleNetwork(
-        SETTINGS.replace(network=SETTINGS.network.replace(descriptor_dim=96))
-    )
-    network.temperature = 0.02
-    frame = torch.eye(96).reshape(96, 8, 12)
-    frames = frame.expand(1, 4, 96, 8, 12)
-    # Centre (5, 4), 4x4 cells: columns 3 to 6, rows 2 to 5.
-    patch = frame[:, 2:6, 3:7].flatten(1).T[None]
-    start = torch.tensor([[5.0, 4.0, 0.0]])
-    weight = torch.full((1, 16), 1 / 16)
-    parts = cycle_losses(network, frames, patch, start, weight, CycleLossSettings())
+    parts = still(4, (5.0, 4.0))
     assert float(parts["long"]) < 1e-6
     assert float(parts["skip"]) < 1e-6
     assert float(parts["similarity"]) == pytest.approx(-1, abs=1e-4)
     assert float(parts["self"]) == pytest.approx(0, abs=1e-3)
-    moved = cycle_losses(network, frames, patch, start + 1, weight, CycleLossSettings())
-    # One cell off in u and v (and a radian, which the centre does not feel): sqrt(2) cells.
+    moved = still(4, (6.0, 5.0))  # one cell off in u and v: sqrt(2) cells
     assert float(moved["long_cells"]) == pytest.approx(2**0.5, abs=1e-3)
     assert float(moved["self"]) > 0.5
 
@@ -105,17 +99,8 @@ def test_the_paper_weights_are_the_defaults_and_sum_as_named() -> None:
 
 def test_cycles_are_averaged_and_the_paper_recipe_weighs_their_sum() -> None:
     """In a still clip each cycle has the same error, so that a sum would grow with the frames."""
-    network = TimeCycleNetwork(
-        SETTINGS.replace(network=SETTINGS.network.replace(descriptor_dim=96))
-    )
-    network.temperature = 0.02
-    frame = torch.eye(96).reshape(96, 8, 12)
-    patch = frame[:, 2:6, 3:7].flatten(1).T[None]
-    start = torch.tensor([[6.0, 4.0, 0.0]])  # one cell beside the patch's place, 4 cells wide
-    weight = torch.full((1, 16), 1 / 16)
     for length in (3, 4, 6):
-        frames = frame.expand(1, length, 96, 8, 12)
-        parts = cycle_losses(network, frames, patch, start, weight, CycleLossSettings())
+        parts = still(length, (6.0, 4.0))  # one cell beside the patch's place, 4 cells wide
         assert float(parts["long"]) == pytest.approx(1 / 4**2, abs=1e-4)
         assert float(parts["skip"]) == pytest.approx(1 / 4**2, abs=1e-4)
         assert float(parts["similarity"]) == pytest.approx(-1, abs=1e-4)
