@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 import pliant
-from pliant.baselines import METHODS, Frame
+from pliant.baselines import METHODS
 from pliant.baselines.predict import predict as predict_file
 from pliant.evaluator import evaluate as evaluate_file
 from pliant.spec.dataset import Dataset
-from pliant.spec.errors import CallError, PliantError, SpecError, SubmissionError
+from pliant.spec.errors import CallError, SpecError
 
 README = Path(__file__).parents[1] / "README.md"
 DOCUMENT = Path(__file__).parents[1] / "docs" / "python.md"
@@ -137,46 +137,6 @@ def test_predicting_and_scoring_in_memory_equal_the_files(ds: Dataset, tmp_path:
     assert in_memory.overall == from_file.overall
     assert pliant.evaluate(ds, tmp_path / "memory.parquet").overall == from_file.overall
     assert pliant.evaluate(ds, answers.to_table()).overall == from_file.overall
-
-
-def test_a_function_is_a_method(ds: Dataset) -> None:
-    def stay(source: Frame, target: Frame, uv_a_px: np.ndarray) -> np.ndarray:
-        assert source.rgb.shape == target.rgb.shape
-        return uv_a_px
-
-    answers = pliant.predict(ds, stay)
-    assert "'stay'" in repr(answers)
-    np.testing.assert_array_equal(
-        answers.answers.uv_px, pliant.predict(ds, "identity").answers.uv_px
-    )
-    scores = pliant.evaluate(ds, answers.answers.uv_px)
-    assert scores.overall == pliant.evaluate(ds, answers).overall
-
-
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda ds: pliant.load("no/such/folder/here"), "not a Pliant dataset|is no Pliant"),
-        (lambda ds: pliant.predict(ds, "sfit"), "Did you mean sift"),
-        (
-            lambda ds: pliant.predict(ds, 3),  # type: ignore[arg-type]
-            "this is not a method",
-        ),
-        (lambda ds: pliant.predict(ds, "identity", "tets"), "no queries for split 'tets'"),
-        (lambda ds: pliant.predict(ds, lambda a, b, q: q[:1]), "wrong shape"),
-        (lambda ds: pliant.evaluate(ds, np.zeros((3, 2))), "one per query"),
-        (lambda ds: pliant.evaluate(ds, np.zeros((3, 4))), "shape"),
-        (lambda ds: pliant.evaluate(ds, "missing.parquet"), "missing.parquet"),
-        (
-            lambda ds: pliant.evaluate(ds, pliant.predict(ds, "identity"), protocol="papre"),
-            "no such protocol",
-        ),
-        (lambda ds: pliant.validate("no/such/folder"), "folder not found"),
-    ],
-)
-def test_wrong_calls_are_one_sentence(ds: Dataset, call: object, message: str) -> None:
-    with pytest.raises((CallError, SpecError, SubmissionError, PliantError), match=message):
-        call(ds)  # type: ignore[operator]
 
 
 def test_a_dataset_validates(tiny_dataset: Path, ds: Dataset) -> None:

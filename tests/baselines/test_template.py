@@ -6,7 +6,6 @@ import json
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
@@ -52,20 +51,6 @@ def test_filled_template_is_scored(tmp_path: Path) -> None:
     scores = evaluate(out, DATA)
     assert scores.overall["rmse_px"] == 0
     assert scores.method == "mine"
-
-
-def test_one_row_forgotten_is_one_row_named(tmp_path: Path) -> None:
-    out = tmp_path / "mine.parquet"
-    written(out)
-    table = pq.read_table(out)
-    filled = np.full(len(table), 5.0, np.float32)
-    forgotten = filled.copy()
-    forgotten[7] = np.nan
-    table = table.set_column(2, "u", pa.array(filled)).set_column(3, "v", pa.array(forgotten))
-    pq.write_table(table, out)
-    (issue,) = check(out, DATA)
-    assert issue.code == "VALUE_NOT_FINITE"
-    assert "row 7 " in issue.where
 
 
 def test_template_of_matches_has_a_row_a_pair(

@@ -89,7 +89,7 @@ def test_help_imports_no_command() -> None:
     program = "import sys; from pliant.cli.main import run; run(['--help']); print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
     loaded = set(done.stdout.split())
-    assert not loaded & {"numpy", "pyarrow", "rich", "torch"}
+    assert not loaded & {"numpy", "pyarrow", "rich", "torch", "matplotlib"}
     assert not loaded & {module for module, _ in COMMANDS.values()}
 
 

@@ -42,7 +42,3 @@ def test_a_tier_of_one_module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     states = np.array(sequence.correspondences(0)["visibility"].to_pylist())
     assert 0.3 < (states == "visible").mean() < 0.9
     assert len(dataset.queries("test")) > 50
-
-
-def test_the_example_is_short() -> None:
-    assert len(EXAMPLE.read_text().splitlines()) <= 250
