@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import io
+import os
 import struct
 import threading
 from dataclasses import dataclass
@@ -119,6 +121,18 @@ def _write(path: Path | str, channels: dict[str, npt.NDArray[Any]]) -> None:
     pixels = {name: np.ascontiguousarray(array) for name, array in channels.items()}
     with OpenEXR.File(header, pixels, 1) as image:
         image.write(str(path))
+    _check_written(Path(path), 4 * len(channels))
+
+
+def _check_written(path: Path, pixel_bytes: int) -> None:
+    """Check the table of chunks, which OpenEXR writes last: it says nothing when that fails."""
+    try:
+        header = read_header(path)
+        line_bytes, data = pixel_bytes * header.width, path.read_bytes()
+        shape = (header.compression, header.height, line_bytes)
+        check_chunks(data, header.size, *shape, inflate=False)
+    except (FileRefusedError, ValueError) as error:
+        raise OSError(errno.EIO, os.strerror(errno.EIO), str(path)) from error
 
 
 def read_surface(

@@ -65,6 +65,23 @@ def test_surface_round_trip_is_exact(tmp_path: Path) -> None:
     found.depth_m[0, 0] = 1  # a reader's own copy
 
 
+def test_a_table_of_chunks_that_could_not_be_written_is_an_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """OpenEXR leaves the space for it empty then, and says nothing."""
+
+    class Failing(OpenEXR.File):
+        def write(self, path: str) -> None:
+            super().write(path)
+            table = read_header(path).size
+            data = Path(path).read_bytes()
+            Path(path).write_bytes(data[:table] + bytes(8) + data[table + 8 :])
+
+    monkeypatch.setattr(OpenEXR, "File", Failing)
+    with pytest.raises(OSError, match=r"a\.exr"):
+        write_surface(tmp_path / "a.exr", surface())
+
+
 def test_writers_refuse_wrong_arrays(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="uint8"):
         write_rgb(tmp_path / "a.png", np.zeros((4, 4, 3), np.float32))
