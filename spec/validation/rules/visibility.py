@@ -46,6 +46,9 @@ MATCH = 3.0
 SURE = 1.5
 """How near a hidden cloth point may come to the surface shown, in pixel footprints."""
 
+BEND = 1.0
+"""Second difference of depth, in pixel footprints: in a sharper fold what is hidden is near."""
+
 LOOSE_SHARE = 0.5
 """The share of visible points that must be matched wherever they are."""
 
@@ -214,6 +217,10 @@ def _report_hidden(windows: Windows, problems: FileProblems) -> None:
             (windows.away_m <= close) & (np.abs(near - depth[:, None, None]) <= close),
             axis=(1, 2),
         )
+        lines = np.stack([near[:, 1, :], near[:, :, 1]])
+        with np.errstate(invalid="ignore"):
+            bends = np.abs(np.diff(lines, n=2)[..., 0])
+        surely &= np.all(bends <= BEND * windows.footprint_m, axis=0)
     problems.add_rows(
         "OCCLUDED_DISAGREES",
         hidden & (nearer | (windows.smooth & surely) | misnamed | nobody),
