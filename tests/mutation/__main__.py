@@ -3,7 +3,7 @@
     python -m tests.mutation [--sample 100] [--seed 0] [--out build/mutation] [TARGET…]
 
 One process; each mutant runs in a fork (see `runner.py`). OUT/TARGET.jsonl keeps the results, and
-mutants with a result there are not run again; `--survivors` runs those that survived once more.
+mutants with a result there are not run again; `--survivors` runs only those that survived.
 survivors.yaml lists the surviving mutants that no test can or should kill, with the reason.
 Exit code 1: there are survivors without a reason.
 """
@@ -11,14 +11,18 @@ Exit code 1: there are survivors without a reason.
 from __future__ import annotations
 
 import argparse
+import hashlib
+import importlib
 import json
 import math
 import os
-import random
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
+from types import FunctionType
+from typing import Any
 
 import pytest
 import yaml
@@ -37,7 +41,7 @@ class Target:
     source: str
     tests: tuple[str, ...]
     expression: str = ""  # of pytest's -k
-    compiled: bool = False  # by Numba: run uncompiled, so that functions can be replaced
+    uncompiled: tuple[str, ...] = ()  # modules that Numba leaves alone: functions can be replaced
 
 
 _OF_METRICS = (
@@ -67,7 +71,11 @@ TARGETS = {
             f"tests/spec/validation/test_{name}.py" for name in ("conformance", "rules", "validate")
         ),
     ),
-    "truth": Target("generator/truth", ("tests/generator/truth",), compiled=True),
+    "truth": Target(
+        "generator/truth",
+        ("tests/generator/truth",),
+        uncompiled=("pliant.generator.truth", "pliant.generator.rendering.raster_style"),
+    ),
 }
 
 
@@ -77,7 +85,7 @@ def main() -> int:
     parser.add_argument("--sample", type=int, help="mutants per target (default: all)")
     parser.add_argument("--seed", type=int, default=0, help="of the sample (default: 0)")
     parser.add_argument("--out", type=Path, default=ROOT / "build" / "mutation")
-    parser.add_argument("--survivors", action="store_true", help="run survivors once more")
+    parser.add_argument("--survivors", action="store_true", help="run only survivors, again")
     parser.add_argument("--cpu-seconds", type=float, default=20, help="tests per mutant")
     parser.add_argument("-k", default="", help="only these tests, as pytest's -k: a lower bound")
     parser.add_argument("targets", nargs="*", metavar="TARGET", help=", ".join(TARGETS))
@@ -97,11 +105,14 @@ def main() -> int:
 
 
 def chosen(name: str, sample: int | None, seed: int) -> tuple[list[Mutant], int]:
-    """Return a target's mutants in random order, as many as asked for, and how many there are."""
+    """Return a target's mutants in random order, as many as asked for, and how many there are.
+
+    An edit of a function changes the places of its own mutants in that order, and no others.
+    """
     source = ROOT / TARGETS[name].source
     files = sorted(source.rglob("*.py")) if source.is_dir() else [source]
     found = [mutant for file in files for mutant in mutants_of(file, ROOT)]
-    random.Random(seed).shuffle(found)
+    found.sort(key=lambda mutant: hashlib.sha256(f"{seed} {mutant.name}".encode()).digest())
     return found[:sample], len(found)
 
 
@@ -113,7 +124,7 @@ def read_results(path: Path) -> dict[str, str]:
 
 def run(names: list[str], arguments: argparse.Namespace) -> None:
     """Run the mutants without a result of targets that have the same tests."""
-    again = (None, "survived", "uncovered") if arguments.survivors else (None,)
+    again = ("survived", "uncovered") if arguments.survivors else (None,)
     target_of: dict[str, str] = {}
     mutants = []
     for name in names:
@@ -125,8 +136,8 @@ def run(names: list[str], arguments: argparse.Namespace) -> None:
     if not mutants:
         return
     target = TARGETS[names[0]]
-    if target.compiled:
-        os.environ["NUMBA_DISABLE_JIT"] = "1"
+    if target.uncompiled:
+        _leave_uncompiled(target.uncompiled)
 
     def report(mutant: Mutant, status: str, tests: int) -> None:
         with (arguments.out / f"{target_of[mutant.key]}.jsonl").open("a") as out:
@@ -139,6 +150,16 @@ def run(names: list[str], arguments: argparse.Namespace) -> None:
     options += ["-o", "tmp_path_retention_policy=none", f"--rootdir={ROOT}"]
     tests = [str(ROOT / each) for each in target.tests]
     pytest.main([*options, *tests], plugins=[Runner(mutants, report, arguments.cpu_seconds)])
+
+
+def _leave_uncompiled(modules: tuple[str, ...]) -> None:
+    module = importlib.import_module("pliant.generator.compiled")
+
+    def unless_named(decorator: Callable[[FunctionType], Any]) -> Callable[[FunctionType], Any]:
+        return lambda each: each if each.__module__.startswith(modules) else decorator(each)
+
+    for name in ("compiled", "inlined"):
+        setattr(module, name, unless_named(getattr(module, name)))
 
 
 def summarise(name: str, arguments: argparse.Namespace) -> int:

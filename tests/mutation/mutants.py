@@ -55,6 +55,7 @@ class Mutant:
         line: First line of the function's code object, by which it is found.
         lines: Lines of the changed expression.
         before, after: The changed expression or statement.
+        name: File, function and number of the mutant.
         key: Identifies the mutant as long as its function is not edited.
         code: The function's code with the change.
     """
@@ -65,6 +66,7 @@ class Mutant:
     lines: range
     before: str
     after: str
+    name: str
     key: str
     code: CodeType
 
@@ -90,9 +92,10 @@ def mutants_of(file: Path, root: Path) -> Iterator[Mutant]:
                 continue
             head = _head(old)
             lines = range(head.lineno, (head.end_lineno or head.lineno) + 1)
-            key = f"{file.relative_to(root)}::{name}::{digest}::{number}"
+            of_file = f"{file.relative_to(root)}::{name}"
+            key = f"{of_file}::{digest}::{number}"
             first, second = (text.split("\n")[0] for text in (before, after))
-            yield Mutant(file, name, line, lines, first, second, key, code)
+            yield Mutant(file, name, line, lines, first, second, f"{of_file}::{number}", key, code)
 
 
 def _definitions(tree: ast.AST, prefix: str = "") -> Iterator[tuple[ast.FunctionDef, str]]:

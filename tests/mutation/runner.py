@@ -13,16 +13,17 @@ import gc
 import os
 import resource
 import signal
-import sys
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import suppress
+from inspect import isgeneratorfunction
 from pathlib import Path
-from types import CodeType, FrameType, FunctionType
+from types import CodeType, FunctionType
 from typing import Any, cast
 
 import pytest
 from _pytest.runner import runtestprotocol
+from coverage import Coverage
 
 from tests.mutation.mutants import Mutant
 
@@ -47,10 +48,13 @@ class Runner:
     ) -> None:
         self.mutants, self.report, self.cpu_s = mutants, report, cpu_s
         self._files = {mutant.file for mutant in mutants}
-        self._lines: dict[tuple[Path, int], set[pytest.Item]] = defaultdict(set)
+        self._lines: dict[tuple[Path, int], set[str]] | None = None  # ids of tests and modules
         self._costs: dict[pytest.Item, float] = {}
-        self._executed: set[tuple[Path, int]] = set()
-        self._resolved: dict[str, Path] = {}
+        self._coverage = Coverage(
+            data_file=None, config_file=False, include=sorted(map(str, self._files)), messages=False
+        )
+        self._test = ""
+        self._made: dict[tuple[str, str], Any] = {}  # modules' fixtures
         self._sound: set[pytest.Item] = set()
         self._killers: dict[Path, set[pytest.Item]] = defaultdict(set)
 
@@ -103,52 +107,66 @@ class Runner:
             self._sound.add(item)
         return True
 
+    @pytest.hookimpl(wrapper=True)
+    def pytest_fixture_setup(
+        self, fixturedef: pytest.FixtureDef[Any], request: pytest.FixtureRequest
+    ) -> Generator[None, Any, Any]:
+        """Make a module's fixture once if that executes no line of the mutants' files.
+
+        The lines that another one executes count for all tests of its module.
+        """
+        if fixturedef.scope != "module":
+            return (yield)
+        name = f"{request.node.nodeid} {fixturedef.argname}"
+        key = name, str(fixturedef.cache_key(cast(Any, request)))
+        if self._lines is None:
+            self._coverage.switch_context(name)
+        elif key in self._made:
+            cast(Any, fixturedef).func = lambda **_: self._made[key]
+        try:
+            value = yield
+        finally:
+            if self._lines is None:
+                self._coverage.switch_context(self._test)
+        if not isgeneratorfunction(fixturedef.func):
+            self._made[key] = value
+        return value
+
     def _trace(self, items: Sequence[pytest.Item]) -> list[pytest.Item]:
-        """Run the tests with a trace of the lines; return those that pass."""
+        """Run the tests and note the lines that each executes; return those that pass."""
         passed = []
-        shared: set[tuple[Path, int]] = set()
+        self._coverage.start()
         for index, item in enumerate(items):
             following = items[index + 1] if index + 1 < len(items) else item
-            if index == 0 or item.parent is not items[index - 1].parent:
-                shared = set()  # lines of the module's own fixtures
             before = _cpu_s()
-            self._executed = set()
-            sys.settrace(self._enter)
-            try:
-                reports = runtestprotocol(item, log=False, nextitem=following)
-            finally:
-                sys.settrace(None)
-            if index == 0 or item.parent is not items[index - 1].parent:
-                shared = self._executed
+            self._test = item.nodeid
+            self._coverage.switch_context(item.nodeid)
+            reports = runtestprotocol(item, log=False, nextitem=following)
             self._costs[item] = _cpu_s() - before
             if all(report.passed for report in reports):
                 passed.append(item)
-                for line in self._executed | shared:
-                    self._lines[line].add(item)
             elif any(report.failed for report in reports):
                 print(f"fails: {item.nodeid}", flush=True)
+        self._coverage.stop()
+        self._lines = {
+            (file, line): {context.split(" ")[0] for context in contexts}
+            for file in self._files
+            for line, contexts in self._coverage.get_data().contexts_by_lineno(str(file)).items()
+        }
+        used = self._coverage.get_data().measured_contexts()
+        self._made = {key: value for key, value in self._made.items() if key[0] not in used}
         return passed
 
-    def _enter(self, frame: FrameType, event: str, _: Any) -> Any:
-        name = frame.f_code.co_filename
-        if name not in self._resolved:
-            self._resolved[name] = Path(os.path.realpath(name))
-        return self._line if self._resolved[name] in self._files else None
-
-    def _line(self, frame: FrameType, event: str, _: Any) -> Any:
-        if event == "line":
-            self._executed.add((self._resolved[frame.f_code.co_filename], frame.f_lineno))
-        return self._line
-
     def _tests_of(self, mutant: Mutant, items: Iterable[pytest.Item]) -> list[pytest.Item]:
-        covering: set[pytest.Item] = set()
+        assert self._lines is not None
+        covering: set[str] = set()
         for line in mutant.lines:
             covering |= self._lines.get((mutant.file, line), set())
         chosen: list[pytest.Item] = []
         spent = 0.0
         killers = self._killers[mutant.file]
         for item in sorted(
-            (item for item in items if item in covering),
+            (item for item in items if covering & {item.nodeid, _module(item)}),
             key=lambda item: (item not in killers, self._costs[item]),
         ):
             spent += self._costs[item]
@@ -207,6 +225,11 @@ def _run(items: Sequence[pytest.Item]) -> int:
         if any(report.failed for report in reports):
             return index
     return -1
+
+
+def _module(item: pytest.Item) -> str:
+    module = item.getparent(pytest.Module)
+    return module.nodeid if module else ""
 
 
 def _cpu_s() -> float:
