@@ -73,7 +73,7 @@ def first_occluders(
     uv = camera.to_pixels(points_camera)[:, :2]
     columns = -(-camera.width // _CELL_PX)
     rows = -(-camera.height // _CELL_PX)
-    cells = np.clip(uv // _CELL_PX, 0, [columns - 1, rows - 1]).astype(np.int64)
+    cells = np.maximum(uv // _CELL_PX, 0).astype(np.int64)  # float32 rounds -1e-46 up
     cell = cells[:, 1] * columns + cells[:, 0]
     order = np.argsort(cell, kind="stable")
     starts = np.searchsorted(cell[order], np.arange(rows * columns + 1))

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -141,18 +143,18 @@ def _plates(height: float, one_object: bool) -> tuple[SceneObject, Camera]:
         zeros = np.zeros(count, np.int32)
         return Part(object_id, name, triangles, np.zeros((count, 3)), _flat, zeros, True)
 
-    if one_object:
-        parts: tuple[Part, ...] = (part(1, "low", np.concatenate([faces, faces + np.int32(5)])),)
+    if one_object:  # the small plate's triangles come first
+        parts: tuple[Part, ...] = (part(1, "low", np.concatenate([faces + np.int32(5), faces])),)
         pose = Pose({"low": np.concatenate([corners, over])})
     else:
         parts = (part(1, "low", faces), part(2, "high", faces))
         pose = Pose({"low": corners, "high": over})
     points = Points(
-        np.ones(2, np.int32),
-        np.array([0, 2], np.int32),
-        np.zeros(2, bool),
-        np.zeros((2, 2), np.float32),
-        np.zeros((2, 0), np.int32),
+        np.array([1, 1, 1 if one_object else 2], np.int32),
+        np.array([0, 2, 5 if one_object else 0], np.int32),
+        np.zeros(3, bool),
+        np.zeros((3, 2), np.float32),
+        np.zeros((3, 0), np.int32),
     )
     scene_object = SceneObject(
         "t", "cloth", None, False, 1, parts, points, lambda _: pose, size_m=1.0, thickness_m=0.01
@@ -178,9 +180,11 @@ def _flat(rest: np.ndarray) -> np.ndarray:
 def test_states_worked_out_by_hand(height: float, one_object: bool, state: str) -> None:
     scene_object, camera = _plates(height, one_object)
     truth = frame_truth(scene_object, scene_object.pose(0), camera)
-    # Point 0 is under the small plate (if that lies higher); point 1 leaves a 40 degree view.
-    assert truth.visibility == [state, "out_of_frame"]
+    # Point 0 is under the small plate (if that lies higher); point 1 leaves a 40 degree view;
+    # point 2 is a corner of the small plate that juts out.
+    assert truth.visibility == [state, "out_of_frame", "visible"]
     np.testing.assert_allclose(truth.uv_px[0], [32, 32], atol=1e-9)
+    np.testing.assert_allclose(truth.xyz_m[2], [-0.05, -0.02, height], atol=1e-12)
     assert truth.surface.object_id[20, 40] == 1
 
 
@@ -208,6 +212,9 @@ def test_the_centre_line_is_seen_through_its_own_surface_only(tube: SceneObject)
         elif (across[other] > 1.5 * diameter_px).all():
             assert states[k] == "visible"
     assert {"visible", "self_occluded"} <= set(states)
+    # What counts is the length in metres, in diameters: ten times of both changes nothing.
+    large = replace(tube, size_m=10 * tube.size_m, thickness_m=10 * tube.thickness_m)
+    assert frame_truth(large, tube.pose(0), camera).visibility == truth.visibility
 
 
 def test_theta_has_no_seam(tube: SceneObject) -> None:

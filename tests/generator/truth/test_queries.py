@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
+from itertools import takewhile
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from pliant.generator.truth.query_sampling import (
     draw_points,
     frame_pairs,
     point_classes,
+    skip_pairs,
 )
 from pliant.spec.configuration import settings_from
 from pliant.spec.dataset import Dataset
@@ -23,6 +25,7 @@ from pliant.spec.errors import CallError
 from pliant.spec.io.parquet import read_footer
 
 TASK = SequenceTask("rope", "test", 0)
+ASKED = ("visible", "surface")
 FRAMES = FrameTask(TASK, 0), FrameTask(TASK, 1)
 
 
@@ -90,6 +93,55 @@ def test_frame_pairs_of_a_sequence(frames):
         assert 1500 <= third == fourth - 1 < 2999
 
 
+def test_half_of_the_pairs_spread_over_the_sequence():
+    def from_frame_0(seed, frames, wanted):
+        pairs = frame_pairs(np.random.default_rng(seed), TASK, [TASK], frames, wanted)
+        return [b.frame for a, b in takewhile(lambda pair: pair[0].frame == 0, pairs)]
+
+    spread = [len(from_frame_0(3, 3000, wanted)) for wanted in range(1, 9)]
+    assert spread == [0, 2, 2, 2, 2, 4, 4, 4]
+    # One stretch of the frames 1 to 3: either two neighbours of it.
+    assert {tuple(from_frame_0(seed, 4, 2)[:2]) for seed in range(20)} == {(1, 2), (2, 3)}
+    # Stretches of one frame.
+    assert {tuple(from_frame_0(seed, 3, 8)[:2]) for seed in range(20)} == {(1, 2)}
+
+
+def test_classes_of_frames():
+    assert [FrameTask(TASK, frame).point_class(24) for frame in range(6)] == [0, 1, 2, 3, 1, 2]
+    members = [FrameTask(SequenceTask("rope", "test", k), 0) for k in range(6)]
+    assert [each.point_class(1) for each in members] == [0, 1, 2, 3, 0, 1]
+
+
+@pytest.mark.parametrize(("share", "expected"), [(0.25, (1, 4)), (0.75, (2, 2)), (1.0, (2, 2))])
+def test_points_that_move_have_their_share(share, expected):
+    # Point 0 moves by a 3-4-5 triangle in frame 2, point 1 by exactly 4 px, which is none; point 2
+    # in frame 1; point 3 in frame 3, which is not asked. The others stay.
+    uv = np.zeros((4, 8, 2), np.float32)
+    uv[2, 0], uv[2, 1], uv[1, 2], uv[3, 3] = (3, 4), (0, 4), (-5, 0), (9, 9)
+    seen = Tracks(uv, np.full((4, 8), "visible", object), [None] * 4)
+    rng = np.random.default_rng(0)
+    drawn = [draw_points(rng, seen, 0, np.arange(8), 4, [1, 2], share) for _ in range(20)]
+    for each in drawn:
+        moving = len({0, 2} & set(each.tolist()))
+        assert len(set(each.tolist())) == len(each) == expected[1]
+        assert moving >= expected[0]
+    assert len({tuple(each.tolist()) for each in drawn}) > 1
+
+
+def test_no_target_of_a_skip_is_a_source():
+    for seed in range(20):
+        pairs = list(skip_pairs(np.random.default_rng(seed), TASK, 10, (1, 3)))
+        sources = [source.frame for source, _ in pairs[::2]]
+        asked = [(source.frame, target.frame) for source, target in pairs]
+        assert asked == [(frame, frame + skip) for frame in sources for skip in (1, 3)]
+        targets = {target.frame for _, target in pairs}
+        assert len(set(sources)) == len(sources) >= 2
+        assert not targets & set(sources)
+        # Every other frame that has all its targets would break the rule.
+        for frame in set(range(7)) - set(sources):
+            assert frame in targets or {frame + 1, frame + 3} & set(sources)
+
+
 @pytest.mark.parametrize("frames", [1, 24])
 def test_no_pair_has_source_and_target_of_one_class(frames):
     members = [SequenceTask("rope", "test", k) for k in range(9)] if frames == 1 else [TASK]
@@ -139,7 +191,7 @@ def test_a_track_asks_frame_0_in_every_later_frame(standin, tmp_path):
         frames=5,
         episodes=True,
         splits={"test": 2},
-        queries=QuerySettings(queries_per_pair=3, kind="track"),
+        queries=QuerySettings(queries_per_pair=10_000, kind="track"),
     )
     out = tmp_path / "set"
     generate(config, out, engine=standin.InProcess(), open_maker=standin.maker(config, out))
@@ -153,7 +205,10 @@ def test_a_track_asks_frame_0_in_every_later_frame(standin, tmp_path):
         followed: dict[int, set[int]] = {frame: set() for frame in range(1, 5)}
         for query, point in own:
             followed[query["frame_b"]].add(point)
-        assert len(followed[1]) == 3
+        states = dataset.sequence(sequence).correspondences(0)["visibility"].to_pylist()
+        kinds = dataset.sequence(sequence).points()["kind"].to_pylist()
+        seen = {k for k, pair in enumerate(zip(states, kinds, strict=True)) if pair == ASKED}
+        assert followed[1] == seen  # all of them: a track needs no classes
         assert followed[1] == followed[2] == followed[3] == followed[4]
 
 

@@ -43,6 +43,15 @@ def test_weights_are_those_in_space_not_in_the_image() -> None:
     np.testing.assert_allclose(uvz[:, 1], rows + 0.5, atol=1e-11)
 
 
+@pytest.mark.parametrize("turns", range(4))
+def test_a_tip_just_beyond_a_pixel_centre_covers_it(turns: int) -> None:
+    turn = np.linalg.matrix_power(np.array([[0.0, 1], [-1, 0]]), turns)
+    tip = np.array([[0.5 + 5e-7, 0.5], [-4, -4], [-4, 5]])  # px from the principal point
+    points = np.column_stack([(tip - 0.5) @ turn + 0.5, np.full(3, 8.0)]) * [0.125, 0.125, 0.125]
+    hits = rasterise(AHEAD, points, np.array([[0, 1, 2]], np.int32))
+    assert hits.triangle[8, 8] == 0
+
+
 def test_a_floor_passing_under_the_camera_needs_no_clipping() -> None:
     points = np.array([[-50.0, 1, -20], [50, 1, -20], [50, 1, 80], [-50, 1, 80]])
     hits = rasterise(AHEAD, points, np.array([[0, 1, 2], [0, 2, 3]], np.int32))
