@@ -1,12 +1,11 @@
-"""What scoring costs: CPU time over that of merely reading both files, memory, linearity.
+"""What scoring costs: CPU time over that of merely reading both files, and memory.
 
 A split of N queries (200 a pair, half of the pairs with a symmetry) and a shuffled submission are
 written once; every figure is then taken in a process of its own, alternating with a process that
 only reads the submission and the truth with pyarrow, and the median is kept. CPU time is that of
 all threads, without imports.
 
-`ratio_to_reading` and `peak_gib` are the `paper` protocol's on the largest N.
-`ratio_to_reading_needed_columns` compares it with reading only the columns the protocol uses.
+`ratio_to_reading` and `peak_gib` are the `paper` protocol's.
 Figures with `surfaces` are of a split whose target frames have surface images: 98 queries a pair,
 20 pairs a target frame.
 """
@@ -46,12 +45,6 @@ TIER: dict[str, Any] = {
     ],
 }
 HALF_TURN = {"name": "half-turn", "matrix": [[-1, 0], [0, -1]], "offset": [1, 1]}
-NEEDED = {
-    "submission": ["pair_id", "query_id", "u", "v"],
-    "truth": ["pair_id", "query_id", "u_b", "v_b", "visibility_b"],
-}
-
-
 IDENTITY = {"dataset": {"id": "scale", "version": "1.0.0"}}
 
 
@@ -248,13 +241,9 @@ def write_rows(
 def job(what: str, root: Path) -> dict[str, float]:
     """Do one thing in this process; return its CPU seconds and the peak memory."""
     submission, truth = root / "submission.parquet", root / "truth" / "test.parquet"
-    if what.startswith("read"):
+    if what == "read":
         start = time.process_time()
-        columns = NEEDED if what == "read-needed" else {"submission": None, "truth": None}
-        tables = [
-            pq.read_table(submission, columns=columns["submission"]),
-            pq.read_table(truth, columns=columns["truth"]),
-        ]
+        tables = [pq.read_table(submission), pq.read_table(truth)]
         used = time.process_time() - start
         del tables
     else:
@@ -315,40 +304,19 @@ def measure_surfaces(quick: bool) -> dict[str, Value]:
 
 
 def measure(quick: bool) -> dict[str, Value]:
-    """Measure at 2 million rows (quick), or at 1, 10 and 20 million."""
-    sizes = [500_000, 2_000_000] if quick else [1_000_000, 10_000_000, 20_000_000]
-    largest = 2_000_000 if quick else 10_000_000
-    result: dict[str, Value] = {"rows": largest}
-    paper_s: dict[int, float] = {}
-    for rows in sizes:
-        with tempfile.TemporaryDirectory(prefix="pliant-bench-") as folder:
-            root = Path(folder)
-            write_dataset(root, rows)
-            if rows != largest:
-                paper_s[rows] = compare(root, ["paper"], 3)["paper"]["cpu_s"]
-                continue
-            jobs = ["read", "read-needed", "paper", "standard"]
-            found = compare(root, jobs, 3)
-            paper_s[rows] = found["paper"]["cpu_s"]
-            read = found["read"]["cpu_s"]
-            result |= {
-                "ratio_to_reading": found["paper"]["cpu_s"] / read,
-                "ratio_to_reading_standard": found["standard"]["cpu_s"] / read,
-                "ratio_to_reading_needed_columns": found["paper"]["cpu_s"]
-                / found["read-needed"]["cpu_s"],
-                "peak_gib": found["paper"]["peak_gib"],
-                "peak_gib_standard": found["standard"]["peak_gib"],
-                "rows_per_s": rows / found["paper"]["cpu_s"],
-                "rows_per_s_standard": rows / found["standard"]["cpu_s"],
-                "reading_cpu_s": read,
-            }
-    result |= measure_surfaces(quick)
-    small, large = min(paper_s), max(paper_s)
-    # 1 is linear: the cost of a row in the largest split over that in the smallest.
-    result["cost_per_row_largest_over_smallest"] = (paper_s[large] / large) / (
-        paper_s[small] / small
-    )
-    return result
+    """Measure at 2 million rows (quick), or at 10 million."""
+    rows = 2_000_000 if quick else 10_000_000
+    with tempfile.TemporaryDirectory(prefix="pliant-bench-") as folder:
+        write_dataset(Path(folder), rows)
+        found = compare(Path(folder), ["read", "paper", "standard"], 3)
+    result: dict[str, Value] = {"rows": rows, "reading_cpu_s": found["read"]["cpu_s"]}
+    for name, suffix in (("paper", ""), ("standard", "_standard")):
+        result |= {
+            f"ratio_to_reading{suffix}": found[name]["cpu_s"] / found["read"]["cpu_s"],
+            f"peak_gib{suffix}": found[name]["peak_gib"],
+            f"rows_per_s{suffix}": rows / found[name]["cpu_s"],
+        }
+    return result | measure_surfaces(quick)
 
 
 if __name__ == "__main__":

@@ -1,10 +1,9 @@
-r"""Whether familiarity warns of wrong answers on ropes, and of no others; and its fit.
+r"""Whether familiarity warns of wrong answers on ropes, and of no others.
 
-    python benchmarks/familiarity.py DATA... [--model don-rope] [--fit] [--pairs N]
+    python benchmarks/familiarity.py DATA... [--model don-rope] [--pairs N]
 
-Each DATA is a dataset of ropes. With `--fit`, the pairs of its split `val`, with their masks, give
-the model's `familiarity.json`. Then the pairs of its split `test` are answered:
-as they are, without masks, and with faulty masks of three kinds. A row for each says the errors (to
+Each DATA is a dataset of ropes. The pairs of its split `test` are answered as they are, without
+masks, and with faulty masks of three kinds. A row for each says the errors (to
 the nearer of both ends' readings where a rope has no ball), and the share of the answers whose
 familiarity is below 0.02, which `pliant match` warns of. The data of the shipped models:
 
@@ -26,12 +25,10 @@ import numpy.typing as npt
 
 from pliant.baselines.matcher import UNFAMILIAR
 from pliant.loaders.frame_store import FrameStore
-from pliant.models.don.familiarity import FAMILIARITY
 from pliant.models.don.loading import load_matcher
 from pliant.models.don.matcher import DonMatcher
 from pliant.models.don.validation import ValidationPair, draw_validation_pairs
 from pliant.models.shipped import FOLDER
-from pliant.models.training.run_folder import write_json
 from pliant.spec.dataset import Dataset
 from pliant.spec.frame import Frame
 
@@ -83,10 +80,10 @@ SETS: dict[str, Callable[[Frame, Frame], Frame]] = {
 }
 
 
-def drawn(data: Path, split: str, pairs: int) -> list[ValidationPair]:
-    """Return pairs of a split."""
+def drawn(data: Path, pairs: int) -> list[ValidationPair]:
+    """Return pairs of the test split."""
     dataset = Dataset.open(data)
-    store = FrameStore(dataset, "rope", split, dataset.size)
+    store = FrameStore(dataset, "rope", "test", dataset.size)
     return draw_validation_pairs(store, pairs, _QUERIES, 5)
 
 
@@ -111,21 +108,16 @@ def answered(
 @click.command(help=__doc__)
 @click.argument("data", nargs=-1, required=True, type=click.Path(exists=True, path_type=Path))
 @click.option("--model", default="don-rope", show_default=True, help="A shipped model.")
-@click.option("--fit", is_flag=True, help="Fit the model's familiarity first, and store it.")
 @click.option("--pairs", default=40, show_default=True, help="Pairs of each dataset.")
-def main(data: tuple[Path, ...], model: str, fit: bool, pairs: int) -> None:
+def main(data: tuple[Path, ...], model: str, pairs: int) -> None:
     """Print a row of a table for each dataset and kind of mask."""
     matcher = load_matcher(FOLDER / model)
     assert isinstance(matcher, DonMatcher)
     kinds = [name for name in SETS if matcher.reader.finds_masks or name != "without masks"]
-    if fit:
-        own = [pair for each in data for pair in drawn(each, "val", 2 * pairs)]
-        matcher.familiarity = matcher.fitted_familiarity(own)
-        write_json(FOLDER / model / FAMILIARITY, matcher.familiarity.as_document())
     click.echo("| data, masks | RMSE | within 15 px | flagged | flagged of errors over 60 px |")
     click.echo("|---|---|---|---|---|")
     for root in data:
-        asked = drawn(root, "test", pairs)
+        asked = drawn(root, pairs)
         for name in kinds:
             found = list(answered(matcher, [changed(pair, SETS[name]) for pair in asked]))
             errors, flagged = (np.concatenate([each[k] for each in found]) for k in (0, 1))

@@ -21,9 +21,7 @@ rope is not in its middle.
 
 from __future__ import annotations
 
-import argparse
 import itertools
-import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,7 +29,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import numpy.typing as npt
-from record import Value, machine
+from record import Value, main
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
@@ -228,28 +226,15 @@ def measure(
     return figures
 
 
-def main() -> None:
-    """Run as a program."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("methods", nargs="*", default=METHODS, metavar="METHOD")
-    parser.add_argument("--masks", type=Path, help="masks of rope and ball, by the pictures' names")
-    parser.add_argument("--threshold", type=int, default=12, help="grey levels (default: 12)")
-    parser.add_argument("--quick", action="store_true", help="each picture with the next one alone")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the record there")
-    given = parser.parse_args()
-    try:
-        figures = measure(given.folder, given.methods, given.masks, given.threshold, given.quick)
-    except PliantError as error:
-        parser.exit(error.exit_code, f"Error: {error}\n")
-    record = {"benchmark": "real_rope", "quick": given.quick, **machine(), **figures}
-    for key, value in record.items():
-        print(f"{key:40} {value:.4g}" if isinstance(value, float) else f"{key:40} {value}")
-    if given.json:
-        given.json.write_text(json.dumps(record, indent=1) + "\n")
-
-
 if __name__ == "__main__":
-    main()
+    main(
+        "real_rope",
+        measure,
+        __doc__,
+        {
+            "folder": {"type": Path},
+            "methods": {"nargs": "*", "default": METHODS, "metavar": "METHOD"},
+            "--masks": {"type": Path, "help": "masks of rope and ball, by the pictures' names"},
+            "--threshold": {"type": int, "default": 12, "help": "grey levels (default: 12)"},
+        },
+    )

@@ -9,9 +9,11 @@ import subprocess
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 from pliant.benchmarks.suite.work import processor_name
 from pliant.spec.cores import cpu_cores
+from pliant.spec.errors import PliantError
 
 Value = float | int | str | bool | None
 
@@ -33,20 +35,35 @@ def machine() -> dict[str, Value]:
     }
 
 
-def main(name: str, measure: Callable[[bool], Mapping[str, Value]], doc: str | None) -> None:
+def main(
+    name: str,
+    measure: Callable[..., Mapping[str, Value]],
+    doc: str | None,
+    arguments: Mapping[str, Mapping[str, Any]] | None = None,
+) -> None:
     """Parse the flags of `benchmarks/NAME.py`, measure, print and optionally write the record.
 
     Args:
         name: The benchmark's name.
-        measure: Takes `quick` and returns flat figures.
+        measure: Takes `quick`, and further arguments by name, and returns flat figures.
         doc: The module's docstring, shown by `--help`.
+        arguments: Further arguments of the program, as `add_argument` takes them.
     """
-    parser = argparse.ArgumentParser(description=doc)
+    parser = argparse.ArgumentParser(
+        description=doc, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    for flag, options in (arguments or {}).items():
+        parser.add_argument(flag, **options)
     parser.add_argument("--quick", action="store_true", help="end within 2 minutes on 2 cores")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the record there")
-    arguments = parser.parse_args()
-    record = {"benchmark": name, "quick": arguments.quick, **machine(), **measure(arguments.quick)}
+    given = vars(parser.parse_args())
+    out = given.pop("json")
+    try:
+        figures = measure(**given)
+    except PliantError as error:
+        parser.exit(error.exit_code, f"Error: {error}\n")
+    record = {"benchmark": name, "quick": given["quick"], **machine(), **figures}
     for key, value in record.items():
-        print(f"{key:32} {value:.6g}" if isinstance(value, float) else f"{key:32} {value}")
-    if arguments.json:
-        arguments.json.write_text(json.dumps(record, indent=1) + "\n")
+        print(f"{key:40} {value:.6g}" if isinstance(value, float) else f"{key:40} {value}")
+    if out:
+        out.write_text(json.dumps(record, indent=1) + "\n")

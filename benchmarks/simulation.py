@@ -5,7 +5,7 @@
 `cloth_ms_per_step_N`: a cloth of N x N points held by two corners, without self-contact;
 `…_self`: with it; `…_heap_self`: a cloth that falls in folds on a table.
 `cloth_cpu_s_tier_N`: a finished cloth of a tier, refused tries and the calm phase included.
-`rope_frames_per_s`: a rope episode that a hand moves; `…_at_rest`; `…_with_mesh` of each frame.
+`rope_frames_per_s`: a rope episode that a hand moves; `…_with_mesh` of each frame.
 """
 
 from __future__ import annotations
@@ -103,10 +103,9 @@ def _rope_rates(frames: int) -> dict[str, Value]:
             work(frame)
         return frames / (time.process_time() - start)
 
-    resting, moved, meshed = episode(), episode(), episode()
+    moved, meshed = episode(), episode()
     return {
         "rope_frames_per_s": rate(lambda _: moved.step()),
-        "rope_frames_per_s_at_rest": rate(lambda _: resting.state.advance()),
         "rope_frames_per_s_with_mesh": rate(lambda frame: meshed.pose(6 + frame)),
     }
 
