@@ -76,8 +76,11 @@ def test_plain_python_gives_the_same_figures(
         monkeypatch.setattr(blocks, "BLOCK_ROWS", (7, 1 << 18)[seed % 2])  # many blocks, or one
         scene, kind, table = drawn(scene_maker, tmp_path / "data", seed)
         if table.num_rows:
-            path = scene.submit(tmp_path / "submission.parquet", table)
+            order = pa.array(np.random.default_rng(seed).permutation(table.num_rows))
+            path = scene.submit(tmp_path / "submission.parquet", table.take(order))
             scores = evaluate(path, scene.root, allow_missing=kind == "holes")
+            coverage = table.num_rows / scene.rows
+            assert scores.document["coverage"] == pytest.approx(coverage, abs=1e-12)
             rows = Rows(scene, table)
             for tier, found in [(None, scores.overall), *scores.tiers.items()]:
                 part, place = rows.of(tier), f"seed {seed}, {kind}, {tier}"
@@ -90,6 +93,11 @@ def test_plain_python_gives_the_same_figures(
                     *([reference_distribution] if kind in ("sigma", "modes") else []),
                 ):
                     assert_agrees(found, reference(part), place)
+            for name in ("paper", "tapvid"):
+                small = evaluate(path, scene.root, protocol=name, allow_missing=kind == "holes")
+                for metric, value in small.overall.items():
+                    if not metric.endswith("_moving"):  # of tapvid alone: test_protocols.py
+                        assert value == scores.overall[metric], (name, metric)
         shutil.rmtree(scene.root)
 
 

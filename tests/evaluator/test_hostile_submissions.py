@@ -1,8 +1,8 @@
 """More than two hundred files that somebody might submit, by mistake or on purpose.
 
-Every case says which issue codes must be reported, all of them; None stands for damaged bytes,
-of which nobody can say beforehand what a reader will see. Whatever the file, `inspect` and
-`evaluate` give the same verdict and neither raises anything but its own errors.
+Every case says which issue codes must be reported, all of them. Whatever the file, `inspect` and
+`evaluate` give the same verdict and neither raises anything but its own errors. Bytes that are
+changed at random: `tests/fuzz`.
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ import pytest
 from pliant.cli.main import run
 from pliant.evaluator import evaluate, inspect
 from pliant.spec.errors import SubmissionError
-from pliant.spec.limits import Limits, run_limited
+from pliant.spec.limits import Limits
 from pliant.spec.validation.issue_codes import ISSUE_CODES
 
 Build = Callable[[Any, Path], None]
-CASES: dict[str, tuple[set[str] | None, Build]] = {}
+CASES: dict[str, tuple[set[str], Build]] = {}
 
 
-def case(name: str, *codes: str, damaged: bool = False) -> Callable[[Build], Build]:
+def case(name: str, *codes: str) -> Callable[[Build], Build]:
     """Register a case with the codes it must give."""
 
     def register(build: Build) -> Build:
         assert name not in CASES
-        CASES[name] = (None if damaged else set(codes), build)
+        CASES[name] = (set(codes), build)
         return build
 
     return register
@@ -481,22 +481,9 @@ for _share in range(1, 20):
         path.write_bytes(data[: int(len(data) * share)])
 
 
-for _seed in range(60):
-
-    @case(f"damaged bytes {_seed}", damaged=True)
-    def _(scene: Any, path: Path, seed: int = _seed) -> None:
-        rng = np.random.default_rng(seed)
-        data = bytearray(scene.submit(path).read_bytes())
-        # The first third hits the data, the rest the metadata at the end.
-        low = 0 if seed < 20 else len(data) * 2 // 3
-        for position in rng.integers(low, len(data), 1 + seed % 3):
-            data[position] ^= 1 << int(rng.integers(8))
-        path.write_bytes(bytes(data))
-
-
 def test_there_are_many_cases_and_all_codes_are_of_the_catalogue() -> None:
     assert len(CASES) >= 200
-    codes = {code for expected, _ in CASES.values() if expected for code in expected}
+    codes = {code for expected, _ in CASES.values() for code in expected}
     assert codes <= set(ISSUE_CODES)
     submission_codes = {
         name for name, code in ISSUE_CODES.items() if code.subject in ("both", "submission")
@@ -518,29 +505,15 @@ def verdict(path: Path, root: Path) -> set[str]:
     return found
 
 
-def verdicts(folder: Path, root: Path) -> dict[str, set[str]]:
-    return {path.name: verdict(path, root) for path in sorted(folder.iterdir())}
-
-
-@pytest.mark.parametrize("name", [name for name in CASES if CASES[name][0] is not None])
+@pytest.mark.parametrize("name", CASES)
 def test_a_hostile_file_gets_its_codes(name: str, scene: Any, tmp_path: Path) -> None:
     expected, build = CASES[name]
     build(scene, tmp_path / "submission.parquet")
     assert verdict(tmp_path / "submission.parquet", scene.root) == expected
 
 
-def test_damaged_files_get_a_verdict(scene: Any, tmp_path: Path) -> None:
-    """All in one child process: what crashes it fails the test."""
-    damaged = [name for name, (expected, _) in CASES.items() if expected is None]
-    for name in damaged:
-        CASES[name][1](scene, tmp_path / name)
-    found = run_limited(functools.partial(verdicts, tmp_path, scene.root))
-    assert set(found) == set(damaged)
-    assert sum(codes == {"FILE_UNREADABLE"} for codes in found.values()) > 20
-
-
 @pytest.mark.usefixtures("child_process")
-@pytest.mark.parametrize("name", ["good", "text", "cut to 50 %", "u nan", "a folder", "no footer"])
+@pytest.mark.parametrize("name", ["good", "u nan", "no footer"])
 def test_the_commands_end_without_a_traceback(
     name: str, scene: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -553,7 +526,7 @@ def test_the_commands_end_without_a_traceback(
     assert run(["evaluate", *arguments, "--protocol", "paper"]) == status
     out = capsys.readouterr()
     assert "Traceback" not in out.out + out.err
-    assert all(code in out.out and code in out.err for code in expected or ())
+    assert all(code in out.out and code in out.err for code in expected)
 
 
 def crash(*_: object, **__: object) -> None:
@@ -585,7 +558,7 @@ def test_a_crash_of_the_reader_and_a_bomb_are_issues(scene: Any, tmp_path: Path)
 def test_other_encodings_score_like_the_plain_file(scene: Any, tmp_path: Path) -> None:
     plain = evaluate(scene.submit(tmp_path / "plain.parquet"), scene.root, protocol="paper")
     assert plain.overall["rmse_px"] == 0
-    same = [name for name, (codes, _) in CASES.items() if codes == set() and "outside" not in name]
+    same = [name for name, (codes, _) in CASES.items() if not codes and "outside" not in name]
     assert len(same) > 40
     for name in same:
         path = tmp_path / f"{name.replace('/', ' ')}.parquet"

@@ -28,23 +28,6 @@ def noisy(scene: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return scene.submit(tmp_path_factory.mktemp("noisy") / "s.parquet", table.take(order))
 
 
-def without_submission(document: dict[str, Any]) -> dict[str, Any]:
-    return {key: value for key, value in document.items() if key != "submission"}
-
-
-def test_blocks_of_any_size_give_the_same_scores(
-    scene: Any, noisy: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    whole = evaluate(noisy, scene.root)
-    for rows in (1, 21, 47):
-        monkeypatch.setattr("pliant.evaluator.metrics.blocks.BLOCK_ROWS", rows)
-        cut = evaluate(noisy, scene.root)
-        for name, value in whole.overall.items():
-            expected = None if value is None else pytest.approx(value, rel=1e-12)
-            assert cut.overall[name] == expected, name
-        assert cut.per_pair.equals(whole.per_pair)
-
-
 def test_two_evaluations_agree_to_the_byte(scene: Any, noisy: Path, tmp_path: Path) -> None:
     for name in ("a", "b"):
         folder = tmp_path / name
@@ -52,20 +35,6 @@ def test_two_evaluations_agree_to_the_byte(scene: Any, noisy: Path, tmp_path: Pa
         evaluate(noisy, scene.root).write(folder, "")
     for name in ("scores.json", "per_pair.parquet"):
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
-
-
-def test_order_and_precision_of_the_file_do_not_matter(
-    scene: Any, noisy: Path, tmp_path: Path
-) -> None:
-    import pyarrow.parquet as pq
-
-    table = pq.read_table(noisy)
-    ordered = table.sort_by([("pair_id", "ascending"), ("query_id", "ascending")])
-    double = ordered.set_column(2, "u", ordered["u"].cast("double"))
-    expected = without_submission(evaluate(noisy, scene.root).document)
-    for name, other in {"ordered": ordered, "double": double}.items():
-        path = scene.submit(tmp_path / f"{name}.parquet", other)
-        assert without_submission(evaluate(path, scene.root).document) == expected
 
 
 def test_memory_does_not_grow_with_row_groups(scene_maker: Any, tmp_path: Path) -> None:

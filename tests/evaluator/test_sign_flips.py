@@ -98,7 +98,7 @@ def test_stated_number_of_sequences_separates_in_four_of_five_cases() -> None:
             episodes(count), 0.95,
         )  # fmt: skip
 
-    needed = draw(20_000).sequences_needed
+    needed = draw(5_000).sequences_needed
     assert needed == pytest.approx((1.96 + 0.8416) ** 2 * spread**2 + 1.92, abs=2)
     found = [draw(needed) for _ in range(400)]
     assert 0.74 < np.mean([item.low > 0 for item in found]) < 0.86
