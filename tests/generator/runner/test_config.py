@@ -34,15 +34,12 @@ def test_round_trip_through_yaml_and_json(tmp_path):
     ("values", "named"),
     [
         ({"tiers": ["ropes"]}, "tiers"),
-        ({"tiers": ["rope"], "frames": 0}, "frames"),
         ({"tiers": ["rope"], "camera": {"top": 0.0, "oblique": 0.0}}, "camera.top"),
         ({"tiers": ["rope"], "look": {"tables": {"wood": 0.0}}}, "look.tables"),
         ({"tiers": ["rope"], "episodes": True}, "frames"),
-        ({"tiers": ["rope"], "seed": -1}, "seed"),
         ({"tiers": ["rope"], "sequences": 3, "splits": {"test": 3}}, "sequences"),
         ({"tiers": ["rope"], "splits": {"dev": 3}}, "splits"),
         ({"tiers": ["rope"], "splits": {}}, "splits"),
-        ({"tiers": ["rope"], "queries": {"pairs_per_sequence": 0}}, "queries.pairs_per_sequence"),
     ],
 )
 def test_refuses_and_names_the_field(values, named):

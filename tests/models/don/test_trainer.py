@@ -65,13 +65,10 @@ def test_overfits_four_pairs(sheet_dataset: Dataset, tmp_path: Path) -> None:
     assert facts["validation"]["rmse_px"] < 1.5  # 3 is asked for
 
 
-@pytest.mark.parametrize("optimiser", ["adamw", "muon"])
-def test_resumed_equals_uninterrupted(
-    sheet_dataset: Dataset, tmp_path: Path, optimiser: str
-) -> None:
-    """Bit for bit: weights, running average, optimiser and history."""
+def test_resumed_equals_uninterrupted(sheet_dataset: Dataset, tmp_path: Path) -> None:
+    """Bit for bit: weights, running average, optimiser and history; TimeCycle's test has AdamW."""
     whole, parts = tmp_path / "whole", tmp_path / "parts"
-    settings = tiny(f"optimiser.kind={optimiser}")
+    settings = tiny("optimiser.kind=muon")
     train_don(sheet_dataset, whole, settings)
     train_don(sheet_dataset, parts, settings, stop_at=3)
     assert read_checkpoint(latest_checkpoint(parts)).step == 3  # type: ignore[arg-type]
@@ -211,8 +208,6 @@ def test_calls_that_are_refused(sheet_dataset: Dataset, tmp_path: Path) -> None:
     with pytest.raises(TrainingError, match="no checkpoint to resume"):
         train_don(sheet_dataset, run, tiny(), resume=True)
     train_don(sheet_dataset, run, tiny("steps=2"), stop_at=2)
-    with pytest.raises(CallError, match="must be empty"):
-        train_don(sheet_dataset, run, tiny("steps=2"))
     with pytest.raises(TrainingError, match="settings it began with"):
         train_don(sheet_dataset, run, tiny("steps=9"), resume=True)
     with pytest.raises(CallError, match="not a training run"):
