@@ -15,6 +15,7 @@ from tests.evaluator.references import (
     answers_of,
     assert_agrees,
     mean,
+    pairs_of,
     rms,
 )
 
@@ -58,6 +59,87 @@ def test_geodesic_errors_agree_with_a_reference(scene: Any, tmp_path: Path) -> N
         assert_agrees(scores.tiers[tier], expected, tier)
         assert metres
         assert off
+
+
+def test_curves_are_those_of_plain_numpy(scene: Any, tmp_path: Path) -> None:
+    table = answers_of(scene, seed=3, kind="plain")
+    document = evaluate(scene.submit(tmp_path / "s.parquet", table), scene.root).document
+    edges = [0.5, 1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192]
+    for tier in (None, "cloth", "rope"):
+        seen = [row for row in Rows(scene, table).of(tier) if row["seen"]]
+        error = np.array([row["error"] for row in seen])
+        of_pairs = np.array([rms(row["error"] for row in pair) for pair in pairs_of(seen)])
+        curves = document["curves"][tier or "overall"]
+        assert curves["cdf"]["error_px"] == edges
+        shares = [(error < edge).mean() for edge in edges]
+        assert curves["cdf"]["share_below"] == pytest.approx(shares)
+        steps = np.histogram(error, [*np.arange(0, 132, 4), np.inf])[0] / len(error)
+        found = curves["error_px"]
+        assert found["edges_px"] == np.arange(0, 132, 4).tolist()
+        assert [*found["share"], found["share_beyond"]] == pytest.approx(steps.tolist())
+        for name, values in (("normalised_error", error), ("normalised_pair_rmse", of_pairs)):
+            bins = np.histogram(np.minimum(values / 200, 1), 50, (0, 1))[0] / len(values)
+            assert curves[name]["edges"] == pytest.approx(np.linspace(0, 1, 51).tolist())
+            assert curves[name]["share"] == pytest.approx(bins.tolist())
+        box = {
+            f"p{100 * each:g}": np.quantile(of_pairs, each)
+            for each in (0.05, 0.25, 0.5, 0.75, 0.95)
+        }
+        assert curves["pair_rmse_box_px"] == pytest.approx(box)
+
+
+def test_slices_are_those_of_single_rows(scene: Any, tmp_path: Path) -> None:
+    table = answers_of(scene, seed=3, kind="plain")
+    document = evaluate(scene.submit(tmp_path / "s.parquet", table), scene.root).document
+
+    def between(value: float, edges: list[float], unit: str) -> str:
+        low = max((edge for edge in edges if edge <= value), default=None)
+        high = min((edge for edge in edges if edge > value), default=None)
+        if low is None:
+            return f"below {high} {unit}".strip()
+        return (f"{low} {unit} and more" if high is None else f"{low} to {high} {unit}").strip()
+
+    outside: dict[tuple[str, int], np.ndarray] = {}
+
+    def to_silhouette(row: dict[str, Any]) -> float:
+        place = row["sequence_b"], row["frame_b"]
+        if place not in outside:
+            on = np.pad(scene.dataset.sequence(place[0]).surface(place[1]).object_id == 1, 1)
+            outside[place] = np.argwhere(~on)[:, ::-1] - 0.5
+        return float(np.linalg.norm(outside[place] - [row["u_b"], row["v_b"]], axis=1).min())
+
+    covered = {f"cloth-test-{k:06d}": 0.6 + 0.1 * k for k in range(3)}
+    label_of = {
+        "visibility in the target": lambda row: row["visibility_b"],
+        "displacement": lambda row: between(
+            math.dist((row["u_a"], row["v_a"]), (row["u_b"], row["v_b"])), [32, 64, 128, 256], "px"
+        ),
+        "distance to the silhouette": lambda row: between(to_silhouette(row), [4, 8, 16], "px"),
+        "shape": lambda row: "rope open" if row["tier"] == "rope" else "",
+        "coverage of the cloth": lambda row: (
+            between(covered[row["sequence_b"]], [0.25, 0.5, 0.75], "").replace("  ", " ")
+            if row["tier"] == "cloth"
+            else ""
+        ),
+    }
+    assert set(document["slices"]) == set(label_of)
+    for name, label in label_of.items():
+        members: dict[str, list[dict[str, Any]]] = {}
+        for row in Rows(scene, table).rows:
+            if (row["seen"] or name == "visibility in the target") and label(row):
+                members.setdefault(label(row), []).append(row)
+        found = {row["slice"]: row for row in document["slices"][name]}
+        assert set(found) == set(members), name
+        for each, rows in members.items():
+            error = [row["error"] for row in rows]
+            expected = {
+                "slice": each,
+                "queries": len(rows),
+                "rmse_px": pytest.approx(rms(error)),
+                "mean_px": pytest.approx(mean(error)),
+                "pck_8px": pytest.approx(mean(row["reach"] <= 8 for row in rows)),
+            }
+            assert found[each] == expected, (name, each)
 
 
 def test_the_mixture_regions_hold_what_they_say(tmp_path: Path) -> None:
