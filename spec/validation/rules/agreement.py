@@ -177,9 +177,11 @@ def _depth_text(measured: Measured) -> str:
         return "the depth images have the length of the ray; required: planar z"
     shift = float(np.median(measured.shown_m - measured.depth_m))
     steady = float(np.median(np.abs(measured.shown_m - measured.depth_m - shift)))
-    if steady < 0.2 * abs(shift):
+    by_shift, by_factor = steady < 0.2 * abs(shift), plain < 0.2 * abs(factor - 1)
+    # Where the depths are alike both may explain them; the right one leaves less.
+    if by_shift and not (by_factor and plain * abs(shift) < steady * abs(factor - 1)):
         return f"{text}: they differ by about {1e3 * shift:+.1f} mm"
-    if plain < 0.2 * abs(factor - 1):
+    if by_factor:
         return f"{text}: they are about {factor:.3g} times depth_m"
     return f"{text}: of another frame or another camera?"
 
