@@ -53,7 +53,7 @@ _OF_METRICS = (
         "metrics_by_hand",
         "missing_answers",
     ),
-    *("orbit", "protocols", "videos"),
+    *("orbit", "protocols", "surface_lookup", "videos"),
 )
 TARGETS = {
     "ledger": Target("service/ledger.py", ("tests/service/test_attempts.py",), "not postgresql"),
