@@ -65,24 +65,16 @@ def test_run_folder_is_a_method(
 
 
 @pytest.mark.parametrize(
-    ("change", "code", "message"),
+    ("change", "message"),
     [
-        (
-            {"METHOD": "siftt"},
-            2,
-            "no method 'siftt'; required: one of sift, surf, orb, lk-chain",
-        ),
-        ({"METHOD": "siftt"}, 2, "Did you mean sift?"),
-        ({"--data": "nowhere"}, 1, "nowhere: this is not a Pliant dataset"),
-        ({"--split": "train"}, 2, "no queries for split 'train'"),
-        ({"--out": "missing/out.parquet"}, 2, "output folder does not exist"),
-        ({"--kind": "matches"}, 2, "no keypoint matches of its own"),
-        ({"--kind": "guesses"}, 2, "guesses"),
+        ({"METHOD": "siftt"}, "no method 'siftt'; required: one of sift, surf, orb, lk-chain"),
+        ({"METHOD": "siftt"}, "Did you mean sift?"),
+        ({"--split": "train"}, "no queries for split 'train'"),
+        ({"--kind": "matches"}, "no keypoint matches of its own"),
     ],
 )
 def test_bad_predict_calls(
     change: dict[str, str],
-    code: int,
     message: str,
     cards_root: Path,
     tmp_path: Path,
@@ -94,7 +86,7 @@ def test_bad_predict_calls(
     method = call.pop("METHOD")
     options = [part for pair in call.items() for part in pair]
     found, said, complaint = outcome(capsys, "predict", method, *options)
-    assert (found, said) == (code, "")
+    assert (found, said) == (2, "")
     assert message in complaint
     assert list(tmp_path.iterdir()) == []
 

@@ -58,9 +58,7 @@ def test_flags_that_cannot_be_read(settings, given, named):
     ("hidden", "call", "named"),
     [
         ("numba", ["generate", "rope", "--style", "raster"], "pliant[generate]"),
-        ("numba", ["generate", "rope", "--style", "raster", "--dry-run"], "pliant[generate]"),
         ("bpy", ["generate", "rope"], "pliant[generate]"),
-        ("mahotas", ["demo"], "pliant[all]"),
         ("numba psutil platformdirs filelock bpy torch cv2 mahotas", ["demo"], "pliant[all]"),
     ],
 )
