@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 
 import pytest
@@ -89,23 +88,6 @@ def test_bad_predict_calls(
     assert (found, said) == (2, "")
     assert message in complaint
     assert list(tmp_path.iterdir()) == []
-
-
-def test_missing_extra_is_one_sentence(
-    cards_root: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setitem(sys.modules, "cv2", None)
-    code, _, complaint = outcome(
-        capsys, "predict", "sift", "--data", cards_root, "--out", tmp_path / "out.parquet"
-    )
-    assert code == 2
-    assert complaint == (
-        "Error: SIFT needs the optional dependencies 'classical'. "
-        "Install them with: pip install 'pliant[classical]'\n"
-    )
 
 
 def test_match_draws_and_reports(

@@ -54,25 +54,17 @@ def test_flags_that_cannot_be_read(settings, given, named):
         build_config(("rope",), None, settings, flags(**given))
 
 
-@pytest.mark.parametrize(
-    ("hidden", "call", "named"),
-    [
-        ("numba", ["generate", "rope", "--style", "raster"], "pliant[generate]"),
-        ("bpy", ["generate", "rope"], "pliant[generate]"),
-        ("numba psutil platformdirs filelock bpy torch cv2 mahotas", ["demo"], "pliant[all]"),
-    ],
-)
-def test_without_its_extra_a_command_names_it_and_writes_nothing(hidden, call, named, tmp_path):
+def test_without_blender_the_extra_is_named_and_nothing_is_written(tmp_path):
     code = (
-        f"import sys; sys.modules |= dict.fromkeys({hidden.split()})\n"
+        "import sys; sys.modules['bpy'] = None\n"
         "from pliant.cli.main import main; main(sys.argv[1:])"
     )
     done = subprocess.run(
-        [sys.executable, "-c", code, *call, "--out", str(tmp_path / "out")],
+        [sys.executable, "-c", code, "generate", "rope", "--out", str(tmp_path / "out")],
         capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 2
-    assert f"pip install '{named}'" in done.stderr
+    assert "pip install 'pliant[generate]'" in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
     assert not (tmp_path / "out").exists()
 
