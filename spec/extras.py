@@ -15,7 +15,6 @@ EXTRAS: Final[dict[str, tuple[str, ...]]] = {
     "explore": ("starlette", "uvicorn", "matplotlib"),
     "service": (
         *("fastapi", "python_multipart", "sqlalchemy", "alembic", "psycopg", "cryptography"),
-        "prometheus_client",
     ),
     "cluster": ("ray",),
     "convert": ("rerun",),

@@ -1,18 +1,21 @@
 "use strict";
 (() => {
-  // A submission that is not scored yet: its state arrives as server-sent events.
+  // A submission that is not scored yet: its state is asked for every second.
   const live = document.getElementById("live");
-  if (live?.dataset.events) {
-    const events = new EventSource(live.dataset.events);
-    events.onmessage = ({ data }) => {
-      const { state, queue_position: position } = JSON.parse(data);
-      if (!["queued", "running"].includes(state)) { events.close(); location.reload(); return; }
+  if (live?.dataset.state) {
+    const ask = async () => {
+      const answer = await fetch(live.dataset.state).catch(() => null);
+      setTimeout(ask, 1000);
+      if (!answer?.ok) return;
+      const { state, queue_position: position } = await answer.json();
+      if (!["queued", "running"].includes(state)) { location.reload(); return; }
       const badge = live.querySelector(".state");
       badge.className = `state ${state}`;
       badge.textContent = state;
       document.getElementById("position").textContent =
         position ? `number ${position} in the queue` : state === "running" ? "being scored" : "";
     };
+    setTimeout(ask, 1000);
   }
 
   // The submit page: files can be dropped, and the transfer has a progress bar.

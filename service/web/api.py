@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import Iterator
 from typing import Annotated, Any, Final, Literal
 
-from anyio import to_thread
 from fastapi import APIRouter, Depends, Path, Query, Request
 from fastapi.responses import PlainTextResponse, StreamingResponse
 from pydantic import BaseModel
@@ -37,8 +35,6 @@ from pliant.service.web.views import (
 )
 from pliant.spec.errors import CallError
 
-_EVENT_S: Final = 1.0
-_MOST_STREAMS: Final = 200
 _PAGE: Final = 100
 _BINARY: Final = "application/octet-stream"
 
@@ -288,36 +284,3 @@ def get_receipt(
 def get_key(site: TheSite) -> PlainTextResponse:
     """Return the public key that verifies receipts (PEM)."""
     return PlainTextResponse(site.challenge.public_key.read_text())
-
-
-@router.get("/submissions/{number}/events", response_class=StreamingResponse)
-def get_events(request: Request, site: TheSite, who: Visitor, number: Number) -> StreamingResponse:
-    """Stream a submission's state and place in the queue as server-sent events, to its end."""
-    with site.database.read() as session:
-        find_submission(session, number, who)
-    if request.app.state.streams >= _MOST_STREAMS:
-        raise NotAcceptedError("TOO_MANY_REQUESTS", 429, "too many pages are watching")
-    return StreamingResponse(_events(request, site, who, number), media_type="text/event-stream")
-
-
-async def _events(
-    request: Request, site: Site, who: Identity | None, number: int
-) -> AsyncIterator[str]:
-    request.app.state.streams += 1
-    try:
-        sent = ""
-        while not await request.is_disconnected():
-            view = await to_thread.run_sync(_view, site, who, number)
-            state = json.dumps({"state": view.state, "queue_position": view.queue_position})
-            yield f"data: {state}\n\n" if state != sent else ": still here\n\n"
-            sent = state
-            if view.ended:
-                return
-            await asyncio.sleep(_EVENT_S)
-    finally:
-        request.app.state.streams -= 1
-
-
-def _view(site: Site, who: Identity | None, number: int) -> SubmissionView:
-    with site.database.read() as session:
-        return submission_view(session, find_submission(session, number, who), who)

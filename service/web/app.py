@@ -19,7 +19,7 @@ from starlette.responses import Response
 from pliant.service.challenge import Challenge
 from pliant.service.submissions import NotAcceptedError
 from pliant.service.web import admin, api, pages
-from pliant.service.web.observe import Metrics, Observation
+from pliant.service.web.observe import Observation
 from pliant.service.web.security import Protection
 from pliant.service.web.state import Site, static_file
 from pliant.service.web.uploads import remove_abandoned
@@ -56,28 +56,22 @@ def make_app(challenge: Challenge, base_url: str = "") -> FastAPI:
         redoc_url=None,
     )
     app.state.site = site
-    app.state.streams = 0
-    metrics = Metrics(challenge.database)
     app.include_router(api.router)
     app.include_router(pages.router)
     app.include_router(admin.router)
-    _add_operations(app, site, metrics)
+    _add_operations(app, site)
     _add_errors(app, site)
     app.add_middleware(Protection, site=site, upload_paths=_UPLOADS)
-    app.add_middleware(Observation, metrics=metrics)
+    app.add_middleware(Observation)
     return app
 
 
-def _add_operations(app: FastAPI, site: Site, metrics: Metrics) -> None:
+def _add_operations(app: FastAPI, site: Site) -> None:
     def healthz() -> PlainTextResponse:
         """Return `ok` when the database answers."""
         with site.database.read() as session:
             session.execute(text("SELECT 1"))
         return PlainTextResponse("ok")
-
-    def metrics_text() -> Response:
-        """Return the metrics."""
-        return Response(metrics.text(), media_type="text/plain; version=0.0.4")
 
     def static(name: str) -> Response:
         """Return the pages' script or style sheet."""
@@ -87,7 +81,6 @@ def _add_operations(app: FastAPI, site: Site, metrics: Metrics) -> None:
         return Response(static_file(name), media_type=kind)
 
     app.add_api_route("/healthz", healthz, include_in_schema=False)
-    app.add_api_route("/metrics", metrics_text, include_in_schema=False)
     app.add_api_route("/static/{name}", static, include_in_schema=False)
 
 

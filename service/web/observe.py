@@ -1,4 +1,4 @@
-"""Structured logs without secrets, and metrics for Prometheus."""
+"""Structured logs without secrets."""
 
 from __future__ import annotations
 
@@ -6,17 +6,8 @@ import json
 import logging
 import sys
 import time
-from collections.abc import Iterable
 
-from prometheus_client import CollectorRegistry, Counter, Histogram, generate_latest
-from prometheus_client.core import GaugeMetricFamily
-from prometheus_client.registry import Collector
-from sqlalchemy import func, select
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
-
-from pliant.service import queue
-from pliant.service.database import Database
-from pliant.service.models import Submission
 
 log = logging.getLogger("pliant.service.web")
 
@@ -50,57 +41,15 @@ def configure_logging() -> None:
     logging.getLogger("alembic").setLevel(logging.WARNING)
 
 
-class Metrics(Collector):
-    """Counts requests, and reads the queue when it is asked.
-
-    Args:
-        database: The challenge's database.
-    """
-
-    def __init__(self, database: Database) -> None:
-        self._database = database
-        self.registry = CollectorRegistry()
-        self.requests = Counter(
-            "pliant_http_requests", "Requests.", ("method", "route", "status"),
-            registry=self.registry,
-        )  # fmt: skip
-        self.seconds = Histogram(
-            "pliant_http_seconds", "Duration of requests.", ("route",), registry=self.registry
-        )
-        self.registry.register(self)
-
-    def describe(self) -> Iterable[GaugeMetricFamily]:
-        """Return no metrics: the database is not read at the start."""
-        return ()
-
-    def collect(self) -> Iterable[GaugeMetricFamily]:
-        """Yield the number of jobs and submissions in each state."""
-        jobs = GaugeMetricFamily("pliant_jobs", "Jobs by state.", labels=["state"])
-        files = GaugeMetricFamily("pliant_submissions", "Submissions by state.", labels=["state"])
-        with self._database.read() as session:
-            for state, count in queue.counts(session).items():
-                jobs.add_metric([state], count)
-            query = select(Submission.state, func.count()).group_by(Submission.state)
-            for state, count in session.execute(query):
-                files.add_metric([state], count)
-        yield jobs
-        yield files
-
-    def text(self) -> bytes:
-        """Return all metrics in Prometheus' text format."""
-        return generate_latest(self.registry)
-
-
 class Observation:
-    """Logs and counts requests: method, route, status, time; no query, header, body or token.
+    """Logs requests: method, route, status, time; no query, header, body or token.
 
     Args:
         app: The application.
-        metrics: Receives the counts.
     """
 
-    def __init__(self, app: ASGIApp, metrics: Metrics) -> None:
-        self._app, self._metrics = app, metrics
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve one request."""
@@ -122,8 +71,6 @@ class Observation:
             seconds = time.monotonic() - started
             route = getattr(scope.get("route"), "path", "unmatched")
             method = scope["method"] if scope["method"] in _METHODS else "other"
-            self._metrics.requests.labels(method, route, status).inc()
-            self._metrics.seconds.labels(route).observe(seconds)
             client = (scope.get("client") or ("unknown",))[0]
             facts = {"method": method, "route": route, "status": status, "client": client}
             log.info("request", extra={**facts, "ms": round(seconds * 1000, 1)})

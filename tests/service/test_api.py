@@ -94,7 +94,7 @@ def test_other_teams_and_visitors_see_only_what_is_public(trial: Trial, client: 
         public = client.get(f"{API}/submissions/{waiting}", headers=headers).json()
         assert public["state"] == "scored"
         assert public["file_name"] is None
-        for path in (f"{refused}", f"{refused}/receipt", f"{refused}/events"):
+        for path in (f"{refused}", f"{refused}/receipt"):
             found = client.get(f"{API}/submissions/{path}", headers=headers)
             assert found.status_code == 404, path
         for number in (waiting, refused):
@@ -236,9 +236,6 @@ def test_headers_and_operations(make_trial: MakeTrial) -> None:
         assert "default-src 'none'" in page.headers["content-security-policy"]
         assert page.headers["x-content-type-options"] == "nosniff"
         assert client.get("/healthz").text == "ok"
-        submit(client, trial.tokens[0], b"good")
-        metrics = client.get("/metrics").text
-        assert 'pliant_jobs{state="queued"} 1.0' in metrics
         assert client.get("/no/such/page").status_code == 404
 
 
@@ -269,17 +266,6 @@ def test_a_locked_database_is_a_503(make_trial: MakeTrial, monkeypatch: pytest.M
         assert client.get("/").status_code == 200
     with client_of(trial) as client:
         assert submit(client, trial.tokens[0], b"good").status_code == 201
-
-
-def test_events_end_with_the_state(trial: Trial, client: TestClient) -> None:
-    submit(client, trial.tokens[0], b"good")
-    trial.work()
-    with client.stream("GET", f"{API}/submissions/1/events") as stream:
-        assert stream.headers["content-type"].startswith("text/event-stream")
-        assert (
-            "".join(stream.iter_text()).strip()
-            == 'data: {"state": "scored", "queue_position": null}'
-        )
 
 
 def test_withdraw_credit_and_rescore_by_the_host(trial: Trial, client: TestClient) -> None:

@@ -23,10 +23,10 @@ from tests.service.server import serving
 
 PAGES = (
     "/", "/?show=last", "/rules", "/data", "/submit", "/login", "/teams/2", "/submissions",
-    "/submissions/1", "/submissions/2", "/admin", "/admin/audit", "/metrics", "/healthz",
+    "/submissions/1", "/submissions/2", "/admin", "/admin/audit", "/healthz",
     "/api/v1/challenge", "/api/v1/leaderboard", "/api/v1/leaderboard.csv", "/api/v1/submissions",
     "/api/v1/submissions.csv", "/api/v1/submissions/1", "/api/v1/submissions/1/receipt",
-    "/api/v1/submissions/1/events", "/api/v1/submissions/2", "/api/v1/key",
+    "/api/v1/submissions/2", "/api/v1/key",
     "/api/v1/openapi.json", "/no/such/page", "/api/v1/leaderboard?version=99",
     "/data/truth/test.parquet", "/data/../private/1/truth/test.parquet",
 )  # fmt: skip
