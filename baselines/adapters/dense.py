@@ -27,7 +27,6 @@ class DenseMatcher:
         images: How the function receives images.
         kind: `flow` is a displacement in px of the image that the function receives; `warp` is a
             position in the target, in `images.coordinates`.
-        facts: JSON-able facts of the method.
     """
 
     def __init__(
@@ -36,15 +35,13 @@ class DenseMatcher:
         name: str,
         images: Images,
         kind: Literal["flow", "warp"],
-        facts: Mapping[str, Any] | None = None,
     ) -> None:
         self.name = name
         self._function, self._images, self._kind = function, images, kind
-        self._facts = facts or {}
 
     def describe(self) -> Mapping[str, Any]:
         """Return the facts for the submission's footer."""
-        return {"implementation": f"dense {self._kind}, read bilinearly", **self._facts}
+        return {"implementation": f"dense {self._kind}, read bilinearly"}
 
     def answer(self, pair: Pair) -> Answers:
         """Answer query pixels; see `Matcher.answer`.

@@ -3,26 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 from scipy.special import softmax
 
-from pliant.baselines.adapters.density import DensityCalibration, fit, mixture
 from pliant.baselines.adapters.images import Images, as_grid, function_name, sample
 from pliant.baselines.matcher import Heat
 from pliant.baselines.pixels import central_position, searched_mask
 from pliant.spec.answers import Answers
 from pliant.spec.arrays import FloatArray
-from pliant.spec.dataset import Dataset
-from pliant.spec.errors import CallError
 from pliant.spec.frame import Frame, Pair
 from pliant.spec.lru_cache import LRUCache
 
 _FRAMES: Final = 4
 _QUERIES_AT_ONCE: Final = 64
+_TEMPERATURE: Final = 0.05
+"""Of the softmax of the similarities, which gives the heat map's confidence."""
+
 _STEPS: Final = np.stack(np.meshgrid(*[np.linspace(-1, 1, 9)] * 2), axis=-1).reshape(-1, 2)
 _LEVELS: Final = (1.0, 0.25, 0.0625)
 """Half-widths, in cells, of the squares that refinement searches, one after the other."""
@@ -32,8 +31,7 @@ class DescriptorMatcher:
     """Answers with the place whose descriptor has the largest cosine similarity.
 
     The best cell that touches the target's object is refined below a cell: descriptors are
-    interpolated bilinearly around it, and the similarity is maximised. The softmax of the
-    similarity over a temperature is the density; see `calibrate`.
+    interpolated bilinearly around it, and the similarity is maximised.
 
     Args:
         function: Image -> map of descriptors.
@@ -41,7 +39,6 @@ class DescriptorMatcher:
         images: How the function receives images.
         grid: (stride, first), px of the image that the function receives: column j of the map is
             centred at first + j stride. None: cells cover the image, whatever the stride.
-        facts: JSON-able facts of the method.
     """
 
     def __init__(
@@ -50,38 +47,30 @@ class DescriptorMatcher:
         name: str,
         images: Images,
         grid: tuple[float, float] | None = None,
-        facts: Mapping[str, Any] | None = None,
     ) -> None:
         self.name = name
-        self.calibration = DensityCalibration()
-        self._facts = facts or {}
         self._function, self._images, self._grid = function, images, grid
         self._maps: LRUCache[npt.NDArray[np.float32]] = LRUCache(_FRAMES)
 
     def describe(self) -> Mapping[str, Any]:
         """Return the facts for the submission's footer."""
-        how = "dense descriptors, nearest by cosine, refined bilinearly"
-        return {"implementation": how, "calibration": asdict(self.calibration), **self._facts}
+        return {"implementation": "dense descriptors, nearest by cosine, refined bilinearly"}
 
     def answer(self, pair: Pair) -> Answers:
-        """Answer query pixels, with a density; see `Matcher.answer`."""
+        """Answer query pixels; see `Matcher.answer`."""
         source, target, uv_a_px = pair.source, pair.target, pair.uv_a_px
         wanted, cells = self._wanted(source, uv_a_px), self._cells(target)
         if len(cells) == 0:
-            middle = np.tile(central_position(target), (len(uv_a_px), 1))
-            size = np.float32(np.linalg.norm(target.rgb.shape[:2]) / 4)
-            return Answers(middle, modes=[np.array([[*uv, size, 1]], np.float32) for uv in middle])
+            return Answers(np.tile(central_position(target), (len(uv_a_px), 1)))
         described = self._map(target)
-        places, stride_px = self._px(cells, described, target), self._stride_px(target)
-        found, modes = [], []
+        found = []
         for begin in range(0, len(wanted), _QUERIES_AT_ONCE):
             part = wanted[begin : begin + _QUERIES_AT_ONCE]
             score = part @ described[cells[:, 1], cells[:, 0]].T  # (N, M)
             best = cells[score.argmax(axis=1)].astype(np.float64)
             found.append(self._px(_refined(described, part, best), described, target))
-            modes += mixture(score, places, stride_px, self.calibration)
         uv_px = np.concatenate([np.zeros((0, 2)), *found])
-        return Answers(uv_px.astype(np.float32), modes=modes)
+        return Answers(uv_px.astype(np.float32))
 
     def heat(self, source: Frame, target: Frame, uv_a_px: npt.NDArray[np.float32]) -> Heat:
         """Return the cosine similarity of every target pixel; see `HeatMatcher.heat`."""
@@ -96,44 +85,9 @@ class DescriptorMatcher:
         similarity[cells[:, 1], cells[:, 0]] = score[0]
         at = self._nearest_cell(pixels, described, target)
         values[rows, columns] = similarity[at[:, 1], at[:, 0]]
-        logits = (score[0] / self.calibration.temperature).astype(np.float64)
+        logits = (score[0] / _TEMPERATURE).astype(np.float64)
         share = float(softmax(logits).max()) if len(cells) else 0.0
         return Heat(values, "cosine similarity", share, "probability of the best cell")
-
-    def calibrate(self, dataset: Dataset, split: str = "val", pairs: int = 32) -> DescriptorMatcher:
-        """Choose temperature and spread of the density by the likelihood of a split's truth.
-
-        Args:
-            dataset: A dataset with the truth of this split.
-            split: The split; not the one to be scored.
-            pairs: Most pairs looked at, evenly spaced.
-
-        Returns:
-            This matcher.
-
-        Raises:
-            CallError: The split has no visible query.
-        """
-        asked, truth = dataset.pairs(split), dataset.truth(split)
-        u, v = truth["u_b"].to_numpy(), truth["v_b"].to_numpy()
-        seen = np.array(truth["visibility_b"].to_pylist()) == "visible"
-        ends = np.cumsum([len(pair) for pair in asked])
-        known = []
-        for number in np.unique(np.linspace(0, len(asked) - 1, pairs).astype(int)):
-            pair = asked[number]
-            source, target = pair.source, pair.target
-            cells, described = self._cells(target), self._map(target)
-            rows = np.arange(ends[number] - len(pair), ends[number])
-            visible = seen[rows]
-            if len(cells) and visible.any():
-                wanted = self._wanted(source, pair.uv_a_px[visible])
-                score = wanted @ described[cells[:, 1], cells[:, 0]].T
-                at = np.stack([u[rows], v[rows]], axis=1)[visible]
-                known.append((score, self._px(cells, described, target), at))
-        if not known:
-            raise CallError("no query to calibrate with", where=f"split {split}")
-        self.calibration = fit(known, self._stride_px(target), f"{dataset.id}/{split}")
-        return self
 
     def _map(self, view: Frame) -> npt.NDArray[np.float32]:
         """Return a view's descriptors, float32 (h, w, D), of length 1."""
@@ -157,9 +111,6 @@ class DescriptorMatcher:
             return stride, stride / 2
         scale = size / self._images.size_of(view)
         return self._grid[0] * scale, self._grid[1] * scale
-
-    def _stride_px(self, view: Frame) -> float:
-        return float(self._geometry(self._map(view), view)[0].mean())
 
     def _px(self, cells: npt.NDArray[Any], described: npt.NDArray[Any], view: Frame) -> FloatArray:
         stride, first = self._geometry(described, view)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Mapping
-from typing import Any, Final, Literal, get_args
+from typing import Any, Final
 
 import numpy as np
 
@@ -14,8 +14,6 @@ from pliant.spec.answers import Answers, Matches
 from pliant.spec.arrays import FloatArray
 from pliant.spec.errors import CallError, SubmissionError
 from pliant.spec.frame import Frame, Pair
-
-Interpolation = Literal["nearest", "affine"]
 
 _RIDGE: Final = 1e-3
 """Weight that pulls the local map towards a pure shift, where the matches leave it open (a line
@@ -32,8 +30,7 @@ class SparseMatcher:
         match: (source view, target view) -> `Matches`, or arrays (M, 2), (M, 2) and where there
             are scores (M,), pixels.
         name: Name of the method.
-        interpolation: How queries follow from the matches; see `interpolate`.
-        neighbours: Matches that a local affine map is fitted to, >= 1.
+        neighbours: Matches that a local affine map is fitted to, >= 1; see `interpolate`.
         facts: JSON-able facts of the method.
     """
 
@@ -41,30 +38,20 @@ class SparseMatcher:
         self,
         match: Callable[[Frame, Frame], Any],
         name: str,
-        interpolation: Interpolation = "affine",
         neighbours: int = 8,
         facts: Mapping[str, Any] | None = None,
     ) -> None:
-        if interpolation not in get_args(Interpolation):
-            raise CallError(
-                "this is not a way to interpolate",
-                where="interpolation",
-                found=repr(interpolation),
-                required=", ".join(get_args(Interpolation)),
-            )
         if neighbours < 1:
             raise CallError("too few neighbours", found=neighbours, required=">= 1")
         self.name = name
         self._match = match
-        self._interpolation: Interpolation = interpolation
         self._neighbours = neighbours
         self._facts = facts or {}
 
     def describe(self) -> Mapping[str, Any]:
         """Return the facts of the method, and how queries follow from its matches."""
-        how = self._interpolation
-        if how == "affine":
-            how += f", {self._neighbours} nearest matches"  # type: ignore[assignment]
+        many = self._neighbours > 1
+        how = f"affine, {self._neighbours} nearest matches" if many else "nearest match"
         return {**self._facts, "interpolation": how}
 
     def match(self, source: Frame, target: Frame) -> Matches:
@@ -84,7 +71,6 @@ class SparseMatcher:
             matches.uv_a_px.astype(np.float64),
             matches.uv_b_px.astype(np.float64),
             pair.uv_a_px.astype(np.float64),
-            self._interpolation,
             self._neighbours,
         )
         return Answers(found.astype(np.float32))
@@ -118,7 +104,6 @@ def from_sparse(
     function: Callable[[Any, Any], Any],
     *,
     name: str | None = None,
-    interpolation: Interpolation = "affine",
     neighbours: int = 8,
     images: Images | None = None,
 ) -> SparseMatcher:
@@ -128,15 +113,13 @@ def from_sparse(
         function: (source image, target image) -> positions (M, 2) in the source, positions (M, 2)
             in the target and, where there are scores, (M,).
         name: Name of the method; None takes the function's.
-        interpolation: `nearest` or `affine`; see `interpolate`.
-        neighbours: Matches that a local affine map is fitted to.
+        neighbours: Matches that a local affine map is fitted to; 1 moves a query as its nearest
+            match.
         images: How the function receives images and counts positions.
     """
     name = name or function_name(function)
     match = on_images(function, images or Images(), name)
-    return SparseMatcher(
-        match, name, interpolation, neighbours, facts={"implementation": "sparse matches"}
-    )
+    return SparseMatcher(match, name, neighbours, facts={"implementation": "sparse matches"})
 
 
 def as_matches(found: Any, method: str) -> Matches:
@@ -162,21 +145,15 @@ def as_matches(found: Any, method: str) -> Matches:
 
 
 def interpolate(
-    uv_a_px: FloatArray,
-    uv_b_px: FloatArray,
-    queries_px: FloatArray,
-    method: Interpolation,
-    neighbours: int,
+    uv_a_px: FloatArray, uv_b_px: FloatArray, queries_px: FloatArray, neighbours: int
 ) -> FloatArray:
-    """Return where queries are, given matches.
+    """Return where queries are, given matches, by robust affine maps of the nearest ones.
 
     Args:
         uv_a_px: float64 (M, 2), M >= 1, matches in the source.
         uv_b_px: float64 (M, 2), the same in the target.
         queries_px: float64 (N, 2), in the source.
-        method: `nearest` moves a query as its nearest match; `affine` fits a robust affine map to
-            the nearest matches.
-        neighbours: Matches that `affine` fits.
+        neighbours: Matches that a map is fitted to; 1 moves a query as its nearest match.
 
     Returns:
         float64 (N, 2), in the target.
@@ -185,7 +162,7 @@ def interpolate(
 
     uv_a_px, first = np.unique(uv_a_px, axis=0, return_index=True)
     moved = uv_b_px[first] - uv_a_px
-    count = 1 if method == "nearest" else min(neighbours, len(uv_a_px))
+    count = min(neighbours, len(uv_a_px))
     if count < 2:
         nearest = cKDTree(uv_a_px).query(queries_px)[1]
         return queries_px + moved[nearest]

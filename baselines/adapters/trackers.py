@@ -29,7 +29,6 @@ class TrackerMatcher:
         window: Most frames of a clip, >= 2; the next one starts from the last frame's answers.
             None gives all frames at once.
         batch: Most points of a call; None gives all at once.
-        facts: JSON-able facts of the method.
     """
 
     def __init__(
@@ -39,7 +38,6 @@ class TrackerMatcher:
         images: Images,
         window: int | None = None,
         batch: int | None = None,
-        facts: Mapping[str, Any] | None = None,
     ) -> None:
         for what, value, least in (("window", window, 2), ("batch", batch, 1)):
             if value is not None and value < least:
@@ -47,11 +45,10 @@ class TrackerMatcher:
         self.name = name
         self._function, self._images = function, images
         self._window, self._batch = window, batch
-        self._facts = facts or {}
 
     def describe(self) -> Mapping[str, Any]:
         """Return the facts for the submission's footer."""
-        return {"implementation": "point tracker", "window": self._window, **self._facts}
+        return {"implementation": "point tracker", "window": self._window}
 
     def answer(self, pair: Pair) -> Answers:
         """Answer query pixels by a clip of two frames; see `Matcher.answer`."""

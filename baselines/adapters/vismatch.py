@@ -11,7 +11,7 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import Any, Final
 
 from pliant.baselines.adapters.images import Images
-from pliant.baselines.adapters.sparse import Interpolation, SparseMatcher, on_images
+from pliant.baselines.adapters.sparse import SparseMatcher, on_images
 from pliant.baselines.pixels import lies_on, searched_mask
 from pliant.spec.answers import Matches
 from pliant.spec.errors import CallError, MissingExtraError
@@ -26,7 +26,7 @@ def open_vismatch(
     device: str = "cpu",
     keypoints: int = 2048,
     size: tuple[int, int] | None = None,
-    interpolation: Interpolation = "affine",
+    neighbours: int = 8,
 ) -> SparseMatcher:
     """Return a matcher of `vismatch`; queries are interpolated between its matches.
 
@@ -38,7 +38,7 @@ def open_vismatch(
         device: A torch device.
         keypoints: Most keypoints of an image.
         size: (width, height), px, that images are resized to; None leaves them.
-        interpolation: How queries follow from the matches: `nearest` or `affine`.
+        neighbours: Matches around a query that an affine map is fitted to; 1 takes the nearest.
 
     Raises:
         CallError: There is no such model.
@@ -72,7 +72,7 @@ def open_vismatch(
         return Matches(found.uv_a_px[on], found.uv_b_px[on], found.score[on])
 
     facts = {"implementation": f"vismatch {name}", "version": _version(), "keypoints": keypoints}
-    return SparseMatcher(match_objects, called, interpolation, facts=facts)
+    return SparseMatcher(match_objects, called, neighbours, facts=facts)
 
 
 def _version() -> str:

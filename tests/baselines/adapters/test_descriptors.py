@@ -1,22 +1,17 @@
-"""Maps of descriptors that name material places, on a rendered pair and a rendered dataset."""
+"""Maps of descriptors that name material places, on a pair whose motion is known."""
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-import pliant
 from pliant.baselines import Frame, HeatMatcher
 from pliant.baselines.adapters import Images, from_descriptors
-from pliant.baselines.adapters.density import DensityCalibration, mixture
 from pliant.spec.arrays import FloatArray
-from pliant.spec.dataset import Dataset
 from pliant.spec.frame import Pair
 from tests.baselines.adapters.conftest import Motion, centres
-from tests.evaluator.figures import figure
 
 
 def waves(places: FloatArray, least: float, most: float) -> FloatArray:
@@ -86,44 +81,3 @@ def test_object_that_is_not_seen_is_the_middle() -> None:
         Pair(view, view, np.ones((2, 2), np.float32))
     )
     assert found.uv_px.tolist() == [[30, 20]] * 2
-    assert found.modes is not None
-
-
-def test_mixture_of_two_equal_places() -> None:
-    at = np.stack(np.meshgrid(np.arange(0, 200, 4.0), np.arange(0, 40, 4.0)), axis=-1).reshape(
-        -1, 2
-    )
-    score = np.full((1, len(at)), -1.0)
-    for place in ([40, 20], [160, 20]):
-        score[0, np.linalg.norm(at - place, axis=1) < 1] = 1
-    (modes,) = mixture(score, at, 4.0, DensityCalibration(temperature=0.05))
-    assert sorted(modes[:, 0].tolist()) == pytest.approx([40, 160], abs=0.1)
-    assert modes[:, 3].tolist() == pytest.approx([0.5, 0.5], abs=0.01)
-    assert modes[:, 2].max() < 2
-
-
-class Material:
-    """Describes frames by the material coordinates under every third pixel, with noise."""
-
-    def __init__(self, dataset: Dataset) -> None:
-        frames = [frame for split in ("val", "test") for frame in dataset.frames(split)]
-        self.by_image = {frame.rgb.tobytes(): frame for frame in frames}
-
-    def __call__(self, image: Any) -> Any:
-        surface = self.by_image[image.tobytes()].surface
-        assert surface is not None
-        places = np.stack([surface.m0, surface.m1], axis=-1)[1::3, 1::3].astype(float)
-        noise = np.random.default_rng(0).normal(0, 0.02, places.shape)
-        return waves(places + noise, 0.3, 1.5)
-
-
-def test_calibration_makes_the_truth_likelier(tiny_dataset: Path) -> None:
-    dataset = Dataset.open(tiny_dataset)
-    method = from_descriptors(Material(dataset), grid=(3.0, 1.5))
-    method.calibration = DensityCalibration(temperature=0.01)  # far too sure
-    before = pliant.evaluate(dataset, pliant.predict(dataset, method))
-    method.calibrate(dataset, "val", pairs=6)
-    after = pliant.evaluate(dataset, pliant.predict(dataset, method))
-    assert figure(after, "median_px") == figure(before, "median_px") < 4
-    assert figure(after, "nll") < figure(before, "nll") - 0.5
-    assert method.describe()["calibration"]["fitted_on"] == "tiny/val"

@@ -24,11 +24,13 @@ def keypoints() -> Floats:
     return np.random.default_rng(5).uniform(-60, 60, (150, 2))
 
 
-@pytest.mark.parametrize(("way", "most_px"), [("nearest", 12), ("affine", 0.05)])
+@pytest.mark.parametrize(
+    ("neighbours", "way", "most_px"), [(1, "nearest", 12), (8, "affine", 0.05)]
+)
 @pytest.mark.parametrize("coordinates", ["pixel", "index", "normalised"])
 @pytest.mark.parametrize("size", [None, (100, 150)])
 def test_matches_of_a_turned_card(
-    way: Any, most_px: float, coordinates: Any, size: Any,
+    neighbours: int, way: str, most_px: float, coordinates: Any, size: Any,
     pose: Any, view_of: ViewOf, card_queries: Floats, keypoints: Floats,
 ) -> None:  # fmt: skip
     before, after = pose(), pose(angle_deg=25, scale=0.9, centre=(122.3, 97.6))
@@ -47,7 +49,7 @@ def test_matches_of_a_turned_card(
         return found[0], found[1]
 
     images = Images(size=size, coordinates=coordinates)
-    method = from_sparse(match, interpolation=way, images=images)
+    method = from_sparse(match, neighbours=neighbours, images=images)
     queries = before.place(card_queries).astype(np.float32)
     found = method.answer(Pair(view_of(before), view_of(after), queries)).uv_px
     error = np.linalg.norm(found - after.place(card_queries), axis=1)
@@ -67,14 +69,14 @@ def test_affine_is_robust_to_wrong_matches(
     assert np.median(np.linalg.norm(found - after.place(card_queries), axis=1)) < 0.5
 
 
-@pytest.mark.parametrize("way", ["nearest", "affine"])
+@pytest.mark.parametrize("neighbours", [1, 8])
 @pytest.mark.parametrize("matches", [1, 2, 3, 9])
-def test_few_matches_and_matches_on_one_line(way: Any, matches: int) -> None:
+def test_few_matches_and_matches_on_one_line(neighbours: int, matches: int) -> None:
     view = Frame(np.zeros((40, 50, 3), np.uint8))
     at = np.stack([np.linspace(5, 45, matches), np.full(matches, 20.0)], axis=1)
     shift = np.array([3, -4])
     at = np.concatenate([at, at[:1]])  # a place that was matched twice
-    method = from_sparse(lambda source, target: (at, at + shift), interpolation=way)
+    method = from_sparse(lambda source, target: (at, at + shift), neighbours=neighbours)
     queries = np.array([[5, 20], [30, 35]], np.float32)
     np.testing.assert_allclose(
         method.answer(Pair(view, view, queries)).uv_px, queries + shift, atol=0.01
@@ -106,7 +108,7 @@ def test_tensors_on_a_device() -> None:
 def test_wrong_forms_are_one_sentence() -> None:
     with pytest.raises(SubmissionError, match="returned no matches; found None"):
         as_matches(None, "mine")
-    with pytest.raises(CallError, match="'cubic'; required: nearest, affine"):
-        from_sparse(lambda a, b: None, interpolation="cubic")  # type: ignore[arg-type]
+    with pytest.raises(CallError, match="too few neighbours"):
+        from_sparse(lambda a, b: None, neighbours=0)
     with pytest.raises(CallError, match="'uv'; required: pixel, index or normalised"):
         Images(coordinates="uv")  # type: ignore[arg-type]
