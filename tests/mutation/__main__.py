@@ -68,7 +68,8 @@ TARGETS = {
     "validation": Target(
         "spec/validation",
         tuple(
-            f"tests/spec/validation/test_{name}.py" for name in ("conformance", "rules", "validate")
+            f"tests/spec/validation/test_{name}.py"
+            for name in ("conformance", "consistent_mutations", "diagnosis", "rules", "validate")
         ),
     ),
     "truth": Target(

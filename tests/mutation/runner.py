@@ -145,8 +145,9 @@ class Runner:
             self._costs[item] = _cpu_s() - before
             if all(report.passed for report in reports):
                 passed.append(item)
-            elif any(report.failed for report in reports):
-                print(f"fails: {item.nodeid}", flush=True)
+            for report in reports:
+                if report.failed:
+                    print(f"fails: {item.nodeid}\n{report.longreprtext[-500:]}", flush=True)
         self._coverage.stop()
         self._lines = {
             (file, line): {context.split(" ")[0] for context in contexts}
