@@ -16,7 +16,7 @@ from pliant.spec.errors import CallError
 @click.argument("folder", metavar="DIR", type=PATH)
 @out_option(
     "FILE",
-    "Image to write: .png, .jpg, .webp; tracks and points also .pdf, .svg; --tracks also .gif.",
+    "Image to write: .png, .jpg, .webp; tracks and points also .pdf, .svg.",
     FILE,
 )
 @choice_option(

@@ -16,14 +16,13 @@ from pliant.spec.errors import CallError
 from pliant.spec.io.writing import replacing
 from pliant.viewer.drawing import DRAWINGS, PICTURES, check_ending
 from pliant.viewer.reading_tracks import annotated_points, predicted_tracks, true_tracks
-from pliant.viewer.tracks import animate, draw_tracks
+from pliant.viewer.tracks import draw_tracks
 
 _SHEETS: Final = ("sheet", "index", "depth")
 FIGURES: Final = (*_SHEETS, "tracks", "points")
 PAPER_FRAMES: Final = (0, 22, 87)
 """The frames that the paper's figure of tracked points shows."""
 
-_ANIMATION: Final = ".gif"
 _STEPS: Final = 8  # panels of true tracks at most
 
 
@@ -93,7 +92,7 @@ def draw_predicted_tracks(
     Args:
         root: The dataset's folder.
         submission: The submission, of kind `answers`.
-        out: The image (as for `tracks`), or a `.gif` of all frames.
+        out: The image, as for `tracks`.
         sequence: Id of an episode; None takes the first that is asked about.
         frames: Frames of the image; None takes 0, 22 and 87 where there are those.
 
@@ -103,7 +102,7 @@ def draw_predicted_tracks(
     Raises:
         CallError: The submission, the episode, a frame or the file's ending cannot be served.
     """
-    check_ending(out, (*DRAWINGS, _ANIMATION))
+    check_ending(out, DRAWINGS)
     tracks = predicted_tracks(Dataset.open(root), submission, sequence)
     asked = sorted(tracks.places)
     if frames is None:
@@ -119,8 +118,5 @@ def draw_predicted_tracks(
             )
     out.parent.mkdir(parents=True, exist_ok=True)
     with replacing(out) as partial:
-        if out.suffix.lower() == _ANIMATION:
-            animate(tracks, partial)
-        else:
-            draw_tracks(tracks, frames, partial, columns=len(frames), width_in=5.2)
+        draw_tracks(tracks, frames, partial, columns=len(frames), width_in=5.2)
     return out

@@ -1,11 +1,11 @@
-"""Tracks of points as pictures: a strip of frames, or an animation of all of them."""
+"""Tracks of points as pictures: a strip of frames."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -21,9 +21,6 @@ _DPI: Final = 100
 _TITLE_IN: Final = 0.3
 _TRAIL: Final = 60
 _NAMED: Final = 12  # more points have colours alone
-_ANIMATED_TRAIL: Final = 20
-_FRAMES_PER_SECOND: Final = 15
-_ANIMATION_WIDTH_PX: Final = 480
 
 
 @dataclass(frozen=True)
@@ -101,32 +98,3 @@ def _draw_points(axis: Axes, tracks: Tracks, frame: int) -> None:
         axis.plot(*uv[k], "o", ms=6, mfc=face, mec=edge, mew=1.0)
         if len(tracks.names) in range(1, _NAMED + 1) and np.isfinite(uv[k]).all():
             name_point(axis, uv[k], tracks.names[k])
-
-
-def animate(tracks: Tracks, out: Path) -> None:
-    """Write an animation of every frame that has places, with short trails."""
-    from PIL import Image, ImageDraw
-
-    frames = sorted(tracks.places)
-    width, height = tracks.sequence.size
-    scale = min(1.0, _ANIMATION_WIDTH_PX / width)
-    size = (round(width * scale), round(height * scale))
-    colours: list[Any] = [tuple(int(255 * c) for c in colour[:3]) for colour in tracks.colours]
-    pictures = []
-    for number, frame in enumerate(frames):
-        picture = Image.fromarray(tracks.sequence.rgb(frame)).resize(size)
-        pen = ImageDraw.Draw(picture)
-        recent = frames[max(0, number - _ANIMATED_TRAIL) : number + 1]
-        trail = np.stack([tracks.places[at] for at in recent])
-        for k, colour in enumerate(colours):
-            line = trail[np.isfinite(trail[:, k]).all(axis=1), k] * scale
-            if len(line) > 1:
-                pen.line([tuple(p) for p in line.tolist()], fill=colour, width=1)
-            if len(line):
-                u, v = line[-1].tolist()
-                pen.ellipse([u - 3, v - 3, u + 3, v + 3], fill=colour, outline="white")
-        pen.text((4, 3), tracks.titles[frame], fill="white")
-        pictures.append(picture)
-    first, *rest = [picture.quantize(128) for picture in pictures]
-    milliseconds = round(1000 / _FRAMES_PER_SECOND)
-    first.save(out, save_all=True, append_images=rest, duration=milliseconds, loop=0)
