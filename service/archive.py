@@ -161,9 +161,7 @@ def _write(challenge: Challenge, out: Path, copy: Copy) -> None:
     shutil.copy2(challenge.root / CHALLENGE_YAML, out / CHALLENGE_YAML)
     store = FolderStore(out / "submissions")
     for sha256 in sorted(sha256s):
-        if not store.has(sha256):
-            with challenge.store.local(sha256) as path:
-                store.put(path, sha256)
+        store.put(challenge.store.path(sha256), sha256)
     write_checksums(out)
 
 

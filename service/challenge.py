@@ -19,7 +19,7 @@ from typing import Final
 from pliant.service.database import Database, sqlite_url
 from pliant.service.receipts import PRIVATE_KEY, PUBLIC_KEY
 from pliant.service.settings import ChallengeSettings, read_challenge_settings
-from pliant.service.store import Store, open_store
+from pliant.service.store import FolderStore
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
 
@@ -35,13 +35,11 @@ class Challenge:
         root: Its folder.
         settings: Its rules.
         database: Its database.
-        store: Its submissions' files.
     """
 
     root: Path
     settings: ChallengeSettings
     database: Database
-    store: Store
 
     @classmethod
     def open(cls, root: Path, database_url: str | None = None) -> Challenge:
@@ -76,8 +74,12 @@ class Challenge:
     def of(cls, root: Path, database_url: str | None) -> Challenge:
         """Return the challenge of a folder, whatever the state of its database."""
         settings = read_challenge_settings(root / CHALLENGE_YAML)
-        store = open_store(settings.store, root / "submissions", root / "incoming")
-        return cls(root, settings, database_of(root, database_url), store)
+        return cls(root, settings, database_of(root, database_url))
+
+    @property
+    def store(self) -> FolderStore:
+        """Its submissions' files."""
+        return FolderStore(self.root / "submissions")
 
     @property
     def public(self) -> Path:

@@ -92,8 +92,6 @@ class ChallengeSettings(_Settings):
         max_file_mb: Largest submission file.
         submissions_per_minute: Files of a team per minute, checks included.
         scoring: Limits of scoring.
-        store: Folder or fsspec URL of the submissions' files; empty: `submissions/` in the
-            challenge.
         authors: Who publishes the challenge, for the archive's metadata.
     """
 
@@ -104,7 +102,6 @@ class ChallengeSettings(_Settings):
     max_file_mb: Annotated[float, Field(gt=0, le=16_384)] = 200
     submissions_per_minute: Annotated[int, Field(ge=1, le=1000)] = 10
     scoring: Scoring = Scoring()
-    store: str = ""
     authors: tuple[str, ...] = ()
 
     @model_validator(mode="after")

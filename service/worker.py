@@ -103,16 +103,15 @@ class Worker:
                     for each in versions
                 )
                 session.expunge_all()
-            with self.challenge.store.local(submission.file_sha256) as file:
-                task = Task(
-                    file=file,
-                    name=submission.file_name,
-                    public=self.challenge.public,
-                    split=phase.split,
-                    allow_missing=phase.allow_missing,
-                    versions=ways,
-                )
-                return self._scorer(task, self._limits)
+            task = Task(
+                file=self.challenge.store.path(submission.file_sha256),
+                name=submission.file_name,
+                public=self.challenge.public,
+                split=phase.split,
+                allow_missing=phase.allow_missing,
+                versions=ways,
+            )
+            return self._scorer(task, self._limits)
         except SQLAlchemyError:
             raise
         except Exception as error:

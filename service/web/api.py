@@ -256,7 +256,7 @@ def get_file(site: TheSite, who: Member, number: Number) -> StreamingResponse:
 
 
 def _content(site: Site, sha256: str) -> Iterator[bytes]:
-    with site.challenge.store.local(sha256) as path, open(path, "rb") as stream:
+    with open(site.challenge.store.path(sha256), "rb") as stream:
         while chunk := stream.read(1 << 20):
             yield chunk
 

@@ -242,19 +242,6 @@ def test_the_site_needs_no_service(make_trial: MakeTrial, tmp_path: Path) -> Non
     assert not (tmp_path / "site" / "submissions" / "3.json").exists()
 
 
-def test_submissions_at_a_url(make_trial: MakeTrial, tmp_path: Path) -> None:
-    pytest.importorskip("fsspec")
-    trial = scored(make_trial(f"store: memory://{tmp_path.name}\n"))
-    assert not list((trial.challenge.root / "submissions").iterdir())
-    write_backup(trial.challenge, tmp_path / "backup")
-    names = [path.name for path in (tmp_path / "backup" / "submissions").rglob("*.parquet")]
-    assert len(names) == 3
-    for name in names:
-        with trial.challenge.store.local(name.removesuffix(".parquet")) as path:
-            assert path.read_bytes() in (b"good", b"fine", b"bad")
-    assert not list(trial.challenge.incoming.glob("*.parquet"))
-
-
 @pytest.mark.parametrize(
     ("yaml", "message"),
     [
