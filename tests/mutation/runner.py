@@ -117,7 +117,7 @@ class Runner:
         """
         if fixturedef.scope != "module":
             return (yield)
-        name = f"{request.node.nodeid} {fixturedef.argname}"
+        name = f"{request.node.nodeid}\n{fixturedef.argname}"
         key = name, str(fixturedef.cache_key(cast(Any, request)))
         if self._lines is None:
             self._coverage.switch_context(name)
@@ -150,7 +150,7 @@ class Runner:
                     print(f"fails: {item.nodeid}\n{report.longreprtext[-500:]}", flush=True)
         self._coverage.stop()
         self._lines = {
-            (file, line): {context.split(" ")[0] for context in contexts}
+            (file, line): {context.split("\n")[0] for context in contexts}
             for file in self._files
             for line, contexts in self._coverage.get_data().contexts_by_lineno(str(file)).items()
         }

@@ -63,6 +63,7 @@ def check_sequence(
         return result
     result.split, result.frames = info["split"], info["frames"]
     result.temporal = info["temporal"]
+    result.boxes_px = np.full(result.frames, np.nan, np.float32)
     held_out = info["split"] in context.held_out
     check_files(files, info, held_out=held_out)
     tier = context.tiers.get(info["tier"])
@@ -197,7 +198,6 @@ def _check_frames(
             grouped = check_keys(table, frames, len(points))
             if not context.quick:
                 stream = frame_rows(table, frames, len(points), grouped)
-    result.boxes_px = np.full(frames, np.nan, np.float32)
     shares = np.full(frames, np.nan)
     count = 0
     evidence = Evidence(frames)

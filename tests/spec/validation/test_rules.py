@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pliant.spec.conventions import VISIBILITY_STATES
 from pliant.spec.model import MaterialCoordinate, MaterialObject, Tier
 from pliant.spec.validation.findings import Findings
+from pliant.spec.validation.rules.answers import Tracks, compare_answers
 from pliant.spec.validation.rules.evidence import Evidence
 from pliant.spec.validation.rules.files import SequenceFiles
 from pliant.spec.validation.rules.tiers import check_tiers
@@ -142,3 +144,33 @@ def test_blank_pictures_are_reported_beside_a_doubtful_outline(
     blank, outline = (issue.message for issue in findings.listed())
     assert blank.startswith("1 of 2 pictures are one colour")
     assert outline == "the outline is not seen"
+
+
+def test_answers_are_compared_with_the_target() -> None:
+    uv = np.arange(12, dtype=np.float32).reshape(2, 3, 2)
+    state = np.array([[0, 0, 0], [0, 1, 0]], np.int8)
+    tracks = Tracks(uv, state, np.ones(3, bool), np.array([[2], [1], [0]]))
+    right: dict[str, Any] = {
+        "point": np.array([0, 1, 2]),
+        "u_b": uv[1, :, 0].copy(),
+        "v_b": uv[1, :, 1].copy(),
+        "visibility_b": [VISIBILITY_STATES[each] for each in state[1]],
+        "alternatives": [
+            [{"u": uv[1, k, 0], "v": uv[1, k, 1], "visibility": VISIBILITY_STATES[state[1, k]]}]
+            for k in (2, 1, 0)
+        ],
+    }
+
+    def problems(**changes: Any) -> list[list[str]]:
+        found: list[list[str]] = [[], [], []]
+        compare_answers(tracks, 1, right | changes, np.array([0, 1, -1]), found)
+        return found
+
+    assert problems() == [[], [], []]
+    for name, value in (("point", 7), ("u_b", 0.5), ("v_b", 0.5)):
+        wrong = right[name].copy()
+        wrong[[0, 2]] = value  # the last query is on no point
+        assert [len(each) for each in problems(**{name: wrong})] == [1, 0, 0], name
+    states = ["occluded", *right["visibility_b"][1:]]
+    assert [len(each) for each in problems(visibility_b=states)] == [1, 0, 0]
+    assert [len(each) for each in problems(alternatives=right["alternatives"][::-1])] == [1, 0, 0]

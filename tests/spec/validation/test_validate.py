@@ -102,6 +102,12 @@ def test_progress_is_told(copy_of: Copy) -> None:
     assert seen == [(1, 5), (2, 5), (3, 5), (4, 5), (5, 5)]
 
 
+def test_sequences_of_a_tier_that_is_not_described(copy_of: Copy) -> None:
+    root = copy_of("full")
+    listed(change_json("dataset.json", lambda d: d.update(tiers=d["tiers"][:1])))(root)
+    assert validate(root).counts == {"ROW_MISSING": 3, "TIER_UNKNOWN": 3}
+
+
 def test_wrong_calls(tmp_path: Path) -> None:
     with pytest.raises(CallError, match="folder not found"):
         validate(tmp_path / "nowhere")
