@@ -1,7 +1,7 @@
-"""PyTorch datasets over Pliant files: pairs, clips and frames."""
+"""PyTorch datasets over Pliant files: pairs and clips."""
 
 from pliant.loaders.augment import AugmentSettings
-from pliant.loaders.clips import ClipDataset, FrameDataset
+from pliant.loaders.clips import ClipDataset
 from pliant.loaders.frame_store import FrameStore
 from pliant.loaders.inputs import NetworkInput
 from pliant.loaders.order import StepOrder
@@ -10,7 +10,6 @@ from pliant.loaders.pairs import MixedPairs, PairDataset, PairSettings
 __all__ = [
     "AugmentSettings",
     "ClipDataset",
-    "FrameDataset",
     "FrameStore",
     "MixedPairs",
     "NetworkInput",

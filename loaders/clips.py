@@ -1,4 +1,4 @@
-"""Frames in a row with the tracks of material points: clips of episodes, or every frame once."""
+"""Frames in a row with the tracks of material points: clips of episodes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from pliant.loaders.augment import (
     warp_view,
 )
 from pliant.loaders.frame_store import FrameStore, check_store
-from pliant.loaders.inputs import InputKind, NetworkInput
+from pliant.loaders.inputs import NetworkInput
 from pliant.loaders.order import sample_generator
 from pliant.loaders.recolouring import recolour
 from pliant.loaders.views import TrainingFrame
@@ -133,42 +133,3 @@ class ClipDataset(TorchDataset[dict[str, torch.Tensor]]):
             rgb = recolour(same_tint, moved.rgb, settings.colour, 0.0)
             changed.append(replace(moved, rgb=recolour(rng, rgb, 0.0, settings.noise)))
         return changed
-
-
-class FrameDataset(TorchDataset[dict[str, torch.Tensor]]):
-    """Every frame of a tier and split, with all its surface points.
-
-    A sample holds `image` float32 (C, h, w), `mask` bool (h, w), `uv_px` float32 (P, 2) in
-    working pixels (0 where unknown), `visible` bool (P,) and `material` float32 (P, 2).
-
-    Args:
-        store: The frames.
-        input: `rgb`, `grey`, `depth` or `rgbd`.
-
-    Examples:
-        >>> store = pliant.loaders.FrameStore(pliant.load("sample"), "rope", "train", (80, 60))
-        >>> frames = pliant.loaders.FrameDataset(store)
-        >>> len(frames), frames[0]["mask"].shape
-        (8, torch.Size([60, 80]))
-    """
-
-    def __init__(self, store: FrameStore, input: InputKind = "rgb") -> None:
-        check_store(store)
-        self.store = store
-        self.input = NetworkInput(input)
-
-    def __len__(self) -> int:
-        return len(self.store)
-
-    def __getitem__(self, index: int) -> dict[str, torch.Tensor]:
-        if not 0 <= index < len(self):
-            raise IndexError(f"frame {index} of {len(self)}")
-        view = self.store.view(index)
-        known = np.isfinite(view.uv_px).all(axis=-1)
-        return {
-            "image": torch.from_numpy(self.input.image(view.rgb, view.depth_m)),
-            "mask": torch.from_numpy(np.array(view.mask)),
-            "uv_px": torch.from_numpy(np.where(known[:, None], view.uv_px, np.float32(0))),
-            "visible": torch.from_numpy(view.visible & known),
-            "material": torch.from_numpy(self.store.material),
-        }

@@ -53,7 +53,7 @@ EXAMPLES = {
         *("check", "inspect", "evaluate", "evaluate_answers"),
         *("read_protocol", "read_scores", "write_report"),
     ],
-    "loaders": ["FrameStore", "PairDataset", "MixedPairs", "FrameDataset", "StepOrder"],
+    "loaders": ["FrameStore", "PairDataset", "MixedPairs", "StepOrder"],
     "models": ["load_matcher"],
     "spec.dataset": ["Dataset"],
 }

@@ -13,7 +13,6 @@ import pytest
 import pliant
 from pliant.loaders import (
     ClipDataset,
-    FrameDataset,
     FrameStore,
     MixedPairs,
     NetworkInput,
@@ -96,8 +95,6 @@ CALLS: dict[str, tuple[Call, str]] = {
     "ClipDataset(ds)": (lambda ds, store: ClipDataset(ds), STORE),
     "ClipDataset length": (lambda ds, store: ClipDataset(store, length=1), "length: .*>= 2"),
     "ClipDataset no episode": (lambda ds, store: ClipDataset(store), "no episode of 4 frames"),
-    "FrameDataset('sample')": (lambda ds, store: FrameDataset("sample"), STORE),
-    "FrameDataset input": (lambda ds, store: FrameDataset(store, input="x"), "one of rgb, grey"),
     "MixedPairs([])": (lambda ds, store: MixedPairs([]), "no dataset to draw from"),
     "MixedPairs([ds])": (lambda ds, store: MixedPairs([ds]), "parts: .*required: PairDataset"),
     "StepOrder": (lambda ds, store: StepOrder(0, 0, 2), "batch: .*>= 1"),
@@ -113,7 +110,6 @@ OTHERS: dict[str, tuple[Call, type[Exception], str]] = {
     "ds[0][9]": (lambda ds, store: ds[0][9], IndexError, "2 frames, and no frame 9"),
     "store.view(99)": (lambda ds, store: store.view(99), IndexError, "frame 99 of 8 frames"),
     "PairDataset[-1]": (lambda ds, store: PairDataset(store)[-1], IndexError, "from 0"),
-    "FrameDataset[99]": (lambda ds, store: FrameDataset(store)[99], IndexError, "99 of 8"),
 }
 
 

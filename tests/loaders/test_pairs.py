@@ -11,7 +11,6 @@ from torch.utils.data import DataLoader
 from pliant.loaders import (
     AugmentSettings,
     ClipDataset,
-    FrameDataset,
     FrameStore,
     MixedPairs,
     PairDataset,
@@ -230,15 +229,6 @@ def test_clips_of_configurations_are_refused(sheet_dataset: Dataset) -> None:
         ClipDataset(FrameStore(sheet_dataset, "sheet", "train"))
     with pytest.raises(CallError, match="too few frames for pairs of kind 'next'"):
         PairDataset(FrameStore(sheet_dataset, "sheet", "train"), PairSettings(pairing="next"))
-
-
-def test_frames_come_once_each_in_order(sheet_dataset: Dataset) -> None:
-    frames = FrameDataset(FrameStore(sheet_dataset, "sheet", "val", SIZE))
-    samples = list(DataLoader(frames, batch_size=1))
-    assert len(samples) == len(frames) == 2
-    assert samples[0]["uv_px"].shape == (1, 169, 2)
-    with pytest.raises(IndexError):
-        frames[2]
 
 
 def test_memory_does_not_grow_with_what_was_read(tmp_path_factory: pytest.TempPathFactory) -> None:
