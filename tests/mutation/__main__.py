@@ -149,6 +149,7 @@ def run(names: list[str], arguments: argparse.Namespace) -> None:
     options = ["-q", "-s", "-p", "no:cacheprovider", "-o", "timeout=0", "-m", "not long"]
     options += ["-k", arguments.k or target.expression]
     options += ["-o", "tmp_path_retention_policy=none", f"--rootdir={ROOT}"]
+    options += [f"--basetemp={arguments.out.resolve() / names[0]}"]  # others clear pytest's own
     tests = [str(ROOT / each) for each in target.tests]
     pytest.main([*options, *tests], plugins=[Runner(mutants, report, arguments.cpu_seconds)])
 

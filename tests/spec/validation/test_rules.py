@@ -7,11 +7,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.stats import ttest_1samp
 
 from pliant.spec.conventions import VISIBILITY_STATES
 from pliant.spec.model import MaterialCoordinate, MaterialObject, Tier
 from pliant.spec.validation.findings import Findings
 from pliant.spec.validation.rules.answers import Tracks, compare_answers
+from pliant.spec.validation.rules.colour import MIN_BLOCKS, probability
 from pliant.spec.validation.rules.evidence import Evidence
 from pliant.spec.validation.rules.files import SequenceFiles
 from pliant.spec.validation.rules.tiers import check_tiers
@@ -174,3 +176,15 @@ def test_answers_are_compared_with_the_target() -> None:
     states = ["occluded", *right["visibility_b"][1:]]
     assert [len(each) for each in problems(visibility_b=states)] == [1, 0, 0]
     assert [len(each) for each in problems(alternatives=right["alternatives"][::-1])] == [1, 0, 0]
+
+
+def test_chance_is_that_of_a_t_test_over_blocks() -> None:
+    gain = np.random.default_rng(0).normal(0.3, 1.0, MIN_BLOCKS + 5)
+    block = np.arange(len(gain)) * 7
+    expected = ttest_1samp(gain, 0, alternative="greater").pvalue
+    assert probability(gain, block) == pytest.approx(expected)
+    # Places of a block that say the same count once.
+    assert probability(np.repeat(gain, 3), np.repeat(block, 3)) == pytest.approx(expected)
+    assert probability(gain[:MIN_BLOCKS], block[:MIN_BLOCKS]) < 1
+    assert probability(gain[1:MIN_BLOCKS], block[1:MIN_BLOCKS]) == 1
+    assert probability(gain[:0], block[:0]) == 1

@@ -108,6 +108,18 @@ def test_sequences_of_a_tier_that_is_not_described(copy_of: Copy) -> None:
     assert validate(root).counts == {"ROW_MISSING": 3, "TIER_UNKNOWN": 3}
 
 
+def test_a_query_asks_a_frame_after_the_last(copy_of: Copy) -> None:
+    root = copy_of("full")
+
+    def change(rows: list[dict[str, Any]]) -> None:
+        for row in rows:
+            if row["pair_id"] == 0:
+                row["frame_b"] = 2  # of two
+
+    listed(change_rows("queries/test.parquet", change))(root)
+    assert validate(root).counts["QUERY_INVALID"] == 1
+
+
 def test_wrong_calls(tmp_path: Path) -> None:
     with pytest.raises(CallError, match="folder not found"):
         validate(tmp_path / "nowhere")
