@@ -120,6 +120,15 @@ def test_a_query_asks_a_frame_after_the_last(copy_of: Copy) -> None:
     assert validate(root).counts["QUERY_INVALID"] == 1
 
 
+def test_a_row_names_the_point_after_the_last(copy_of: Copy) -> None:
+    root = copy_of("full")
+    change = change_rows(
+        f"{ROPE_TRAIN}/correspondences.parquet", lambda rows: rows[92].update(point=93)
+    )
+    listed(change)(root)
+    assert validate(root).counts == {"ROW_MISSING": 1, "ROW_UNKNOWN": 1}
+
+
 def test_wrong_calls(tmp_path: Path) -> None:
     with pytest.raises(CallError, match="folder not found"):
         validate(tmp_path / "nowhere")
