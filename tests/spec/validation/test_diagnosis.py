@@ -285,7 +285,8 @@ CLOTH = Tier.from_document(TIERS["cloth-1"])
 def agreement(*parts: Measured) -> dict[str, str]:
     """Return code -> the message of its first issue."""
     findings = Findings()
-    check_agreement(CLOTH, Fixed(*parts), Fixed(), findings.at("table"))
+    other_depth = check_agreement(CLOTH, Fixed(*parts), Fixed(), findings.at("table"))
+    assert other_depth is ("DEPTH_IMAGE_DISAGREES" in findings.counts)
     return {issue.code: issue.message for issue in reversed(findings.listed())}
 
 

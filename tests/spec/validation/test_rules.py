@@ -13,7 +13,7 @@ from pliant.spec.conventions import VISIBILITY_STATES
 from pliant.spec.model import MaterialCoordinate, MaterialObject, Tier
 from pliant.spec.validation.findings import Findings
 from pliant.spec.validation.rules.answers import Tracks, compare_answers
-from pliant.spec.validation.rules.colour import MIN_BLOCKS, probability
+from pliant.spec.validation.rules.colour import MIN_BLOCKS, is_blank, probability
 from pliant.spec.validation.rules.evidence import Evidence
 from pliant.spec.validation.rules.files import SequenceFiles
 from pliant.spec.validation.rules.tiers import check_tiers
@@ -188,3 +188,15 @@ def test_chance_is_that_of_a_t_test_over_blocks() -> None:
     assert probability(gain[:MIN_BLOCKS], block[:MIN_BLOCKS]) < 1
     assert probability(gain[1:MIN_BLOCKS], block[1:MIN_BLOCKS]) == 1
     assert probability(gain[:0], block[:0]) == 1
+
+
+def test_a_picture_of_one_colour_is_blank() -> None:
+    rgb = np.full((40, 50, 3), (7, 100, 200), np.uint8)
+    assert is_blank(rgb)
+    for step, blank in ((2, True), (3, False)):
+        one = rgb.copy()
+        one[3, 5] += np.uint8(step)  # a pixel between those that are looked at first
+        assert is_blank(one) is blank
+        one = rgb.copy()
+        one[4, 6, 1] -= np.uint8(step)
+        assert is_blank(one) is blank
