@@ -129,6 +129,14 @@ def test_a_row_names_the_point_after_the_last(copy_of: Copy) -> None:
     assert validate(root).counts == {"ROW_MISSING": 1, "ROW_UNKNOWN": 1}
 
 
+def test_the_row_of_a_bad_value_is_named(copy_of: Copy) -> None:
+    root = copy_of("full")
+    change = change_rows(f"{ROPE_TRAIN}/points.parquet", lambda rows: rows[4].update(m0=np.nan))
+    listed(change)(root)
+    (issue,) = (each for each in validate(root).issues if each.code == "VALUE_NOT_FINITE")
+    assert issue.where.startswith("row 4, m0")
+
+
 def test_wrong_calls(tmp_path: Path) -> None:
     with pytest.raises(CallError, match="folder not found"):
         validate(tmp_path / "nowhere")
