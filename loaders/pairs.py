@@ -286,11 +286,14 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
 
 
 class MixedPairs(TorchDataset[dict[str, torch.Tensor]]):
-    """Samples of several datasets: each sample is of one of them, drawn by its number of frames.
+    """Samples of several datasets: each batch is of one of them, drawn by its number of frames.
+
+    Samples of tiers with and without symmetries have other shapes, and do not mix in a batch.
 
     Args:
-        parts: Datasets whose samples have equal shapes.
+        parts: The datasets.
         seed: Seed of the draws.
+        batch: Samples of a batch, >= 1, as in `StepOrder`.
 
     Examples:
         >>> store = pliant.loaders.FrameStore(pliant.load("sample"), "rope", "train", (80, 60))
@@ -299,16 +302,17 @@ class MixedPairs(TorchDataset[dict[str, torch.Tensor]]):
         torch.Size([2, 3, 60, 80])
     """
 
-    def __init__(self, parts: Sequence[PairDataset], seed: int = 0) -> None:
+    def __init__(self, parts: Sequence[PairDataset], seed: int = 0, batch: int = 1) -> None:
         check_type("parts", parts, (list, tuple), required="a list of PairDataset")
         for part in parts:
             check_type("parts", part, PairDataset)
         check_whole("seed", seed)
+        check_whole("batch", batch, 1)
         if not parts:
             raise CallError(
                 "there is no dataset to draw from", where="parts", found="an empty list"
             )
-        self.parts, self.seed = list(parts), seed
+        self.parts, self.seed, self.batch = list(parts), seed, batch
         self._ends = np.cumsum([len(part) for part in self.parts])
 
     def __len__(self) -> int:
@@ -316,6 +320,6 @@ class MixedPairs(TorchDataset[dict[str, torch.Tensor]]):
 
     def __getitem__(self, index: int) -> dict[str, torch.Tensor]:
         """Draw sample number `index` (any number >= 0)."""
-        rng = sample_generator(self.seed, index, MIXING_STREAM)
+        rng = sample_generator(self.seed, index // self.batch, MIXING_STREAM)
         part = int(np.searchsorted(self._ends, rng.integers(self._ends[-1]), side="right"))
         return self.parts[part][index]

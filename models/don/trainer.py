@@ -79,7 +79,8 @@ class DonTask(Task[DonSettings]):
             )
             for of, tier in training_data(dataset, settings)
         ]
-        self.samples = parts[0] if len(parts) == 1 else MixedPairs(parts, settings.seed)
+        mixed = MixedPairs(parts, settings.seed, settings.batch)
+        self.samples = parts[0] if len(parts) == 1 else mixed
         self.validation_pairs = draw_validation_pairs(
             self.held_out, settings.validation.pairs, settings.validation.queries, settings.seed
         )

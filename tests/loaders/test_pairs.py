@@ -6,7 +6,7 @@ import tracemalloc
 import numpy as np
 import pytest
 import torch
-from torch.utils.data import DataLoader
+from torch.utils.data import DataLoader, default_collate
 
 from pliant.loaders import (
     AugmentSettings,
@@ -18,7 +18,7 @@ from pliant.loaders import (
     StepOrder,
 )
 from pliant.loaders.pairs import Pairing
-from pliant.spec.dataset import Dataset
+from pliant.spec.dataset import SAMPLE, Dataset
 from pliant.spec.errors import CallError
 from tests.loaders.sheet_dataset import sheet_map, write_sheet_dataset
 
@@ -269,6 +269,18 @@ def test_mixed_pairs_draw_from_each_part_by_its_frames(sheet_dataset: Dataset) -
         assert any(own)
         first += own[0]
     assert 30 <= first <= 50
+
+
+def test_a_batch_is_of_one_part(sheet_dataset: Dataset) -> None:
+    """Points of the sheet have a symmetry partner, those of a rope with a ball have none."""
+    sheet = FrameStore(sheet_dataset, "sheet", "train", (40, 30))
+    rope = FrameStore(Dataset.open(SAMPLE), "rope", "train", (40, 30))
+    mixed = MixedPairs([PairDataset(sheet), PairDataset(rope)], batch=3)
+    slots = set()
+    for numbers in StepOrder(batch=3, start=0, stop=20):
+        batch = default_collate([mixed[number] for number in numbers])
+        slots.add(batch["uv_px"].shape[3])
+    assert slots == {1, 2}
 
 
 def test_samples_give_the_material_of_their_points(sheet_dataset: Dataset) -> None:
