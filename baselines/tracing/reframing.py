@@ -32,6 +32,7 @@ class Reframed:
         original: The original; None where `view` is it.
         tilted: Whether the direction of the view has changed.
         turned: Whether it was turned, since the object is far from upright.
+        segmented: Whether its masks were found, or corrected, in the picture.
     """
 
     view: Frame
@@ -40,6 +41,7 @@ class Reframed:
     original: Frame | None = None
     tilted: bool = False
     turned: bool = False
+    segmented: bool = False
 
     @classmethod
     def unchanged(cls, view: Frame) -> Reframed:

@@ -10,6 +10,7 @@ import torch
 
 from pliant.loaders.inputs import NetworkInput
 from pliant.models.don.ball import FIRST_SHARE
+from pliant.models.don.mask_repair import repaired
 from pliant.models.don.segmentation import Foreground, rope_masks
 from pliant.models.networks.descriptor_network import DescriptorNetwork, NetworkOutput
 from pliant.spec.arrays import Mask
@@ -91,15 +92,18 @@ class ViewDescriber:
     def segmented(self, view: Frame) -> Frame:
         """Return a view of a rope with masks found in its picture, where it has none.
 
-        It stays as it is for a network that predicts no masks or sees no picture, and where nothing
-        stands out from the table.
+        Masks that do not follow the picture's contours are corrected. The view stays as it is for a
+        network that predicts no masks or sees no picture, and where nothing stands out from the
+        table.
         """
-        if view.mask is not None or not self.segments:
+        if not self.segments or (view.mask is not None and not view.mask.any()):
             return view
         out = self._out(self.given.image(*self._resized(view)))
         rope, objects = out.foreground[0].cpu().sigmoid().numpy()
         first = self._first_share(out.descriptors[0].cpu()).numpy()
         found = rope_masks(view.rgb, Foreground(rope, objects, first))
+        if found is not None and view.mask is not None:
+            found = repaired(view.mask, view.objects, found)
         if found is None:
             return view
         key = f"{view.key}/segmented" if view.key else ""

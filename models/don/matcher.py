@@ -170,8 +170,9 @@ class DonMatcher:
 
     def _decided(self, source: Frame, target: Frame, uv_a_px: npt.NDArray[np.float32]) -> _Decided:
         """Search for queries in the views as they are answered in, float32 (N, 2), N >= 1."""
-        unmasked = source.mask is None or target.mask is None
         from_view, in_view = self.reader.seen(source), self.reader.seen(target)
+        unmasked = source.mask is None or target.mask is None
+        unmasked |= from_view.segmented or in_view.segmented
         found = self.search(from_view, in_view, from_view.forward(uv_a_px))
         calibration = self.calibration
         if calibration is not None:

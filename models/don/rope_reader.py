@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import torch
@@ -75,7 +76,8 @@ class RopeReader:
             seen = rectified(masked) if self._settings.rectify else Reframed.unchanged(masked)
             seen = seen.zoomed(self._shown(seen.view), *self._settings.fill)
             shown = None if self._settings.blank_square == "no" else self._shown(seen.view)
-            return seen if shown is None else upright(seen, shown)
+            seen = seen if shown is None else upright(seen, shown)
+            return replace(seen, segmented=masked is not view)
 
         return self._rectified.get(view.key, prepared)
 

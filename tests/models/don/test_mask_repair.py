@@ -1,0 +1,74 @@
+"""Given masks of a rope, checked against its picture."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pliant.baselines.conditions import segmented
+from pliant.models.don.mask_repair import repaired
+from pliant.models.don.segmentation import rope_masks
+from pliant.spec.arrays import Mask
+from pliant.spec.frame import Frame
+from tests.models.don.test_segmentation import overlap, scene, vague
+
+
+def test_exact_masks_are_kept() -> None:
+    rgb, rope, ball, _ = scene()
+    found = rope_masks(rgb, vague(rope, ball))
+    assert found is not None
+    assert repaired(rope, rope | ball, found) is None
+    assert repaired(rope | ball, None, found) is None
+
+
+def test_a_segmenters_masks_are_corrected() -> None:
+    rgb, rope, ball, shadow = scene()
+    found = rope_masks(rgb, vague(rope, ball | shadow))
+    assert found is not None
+    for k in range(8):
+        damaged = segmented(Frame(rgb, mask=rope, objects=rope | ball, key=f"s/{k}"))
+        assert damaged.mask is not None
+        assert damaged.objects is not None
+        mended = repaired(damaged.mask, damaged.objects, found)
+        assert mended is not None
+        mask, objects = mended
+        assert objects is not None
+        assert overlap(mask, rope) > overlap(damaged.mask, rope)
+        assert (mask & rope).sum() > 0.96 * rope.sum()  # holes are filled, the end is back
+        assert overlap(objects & ~mask, ball) > 0.7
+
+
+def test_a_second_rope_in_the_mask_goes() -> None:
+    rgb, rope, ball, _ = scene()
+    found = rope_masks(rgb, vague(rope, ball))
+    other = np.zeros_like(rope)
+    other[30:50, 60:580] = True
+    assert found is not None
+    mended = repaired(rope | other, rope | other | ball, found)
+    assert mended is not None
+    mask, objects = mended
+    assert objects is not None
+    assert not (objects & other).any()
+    assert overlap(mask, rope) > 0.85
+
+
+def test_lengths_scale_with_the_picture() -> None:
+    rgb, rope, ball, _ = scene()
+    found = rope_masks(rgb, vague(rope, ball))
+    assert found is not None
+
+    def doubled(mask: Mask) -> Mask:
+        return mask.repeat(2, axis=0).repeat(2, axis=1)
+
+    damaged = segmented(Frame(rgb, mask=rope, objects=rope | ball, key="s/0"))
+    assert damaged.mask is not None
+    assert damaged.objects is not None
+    assert found[1] is not None
+    once = repaired(damaged.mask, damaged.objects, found)
+    twice = repaired(
+        doubled(damaged.mask), doubled(damaged.objects), (doubled(found[0]), doubled(found[1]))
+    )
+    assert once is not None
+    assert twice is not None
+    assert overlap(doubled(once[0]), twice[0]) > 0.95
+    exact = doubled(rope), doubled(rope | ball)
+    assert repaired(*exact, (doubled(found[0]), doubled(found[1]))) is None
