@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
@@ -19,10 +20,12 @@ def write(sequences: Iterable[SequenceRecord], folder: Path, options: Options) -
     """
     for sequence in sequences:
         recording = Recording.of(sequence, options.points)
+        packed = io.BytesIO()  # a ZipFile on a full disk prints a traceback when it is deleted
         np.savez_compressed(
-            folder / f"{sequence.id}.npz",
+            packed,
             video=np.stack([frame.rgb for frame in sequence]),
             points=(recording.uv_px / np.array(sequence.size, np.float32)).transpose(1, 0, 2),
             occluded=~recording.visible.T,
         )
+        (folder / f"{sequence.id}.npz").write_bytes(packed.getvalue())
         yield
