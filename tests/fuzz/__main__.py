@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 FINDINGS = Path(__file__).parent / "findings"
 BUILD = Path(__file__).parents[2] / "build" / "fuzz"
 SECONDS_PER_INPUT, MEMORY_MB, MEMORY_PER_INPUT_MB = 5, 2048, 100
+SCRATCH = "/dev/shm" if Path("/dev/shm").is_dir() else None
+"""Temporary folders are in memory, if there is such a place."""
 HANG_SECONDS = 120
 """An input is ended after so much time: on a loaded machine far more than CPU seconds."""
 
@@ -55,11 +57,13 @@ def main() -> int:
     for name in names:
         print(f"{name}: {each} s", flush=True)
         start = time.monotonic()
-        child = os.fork()  # the imports are made and instrumented once
-        if child == 0:
-            with log.open("wb") as stream, redirected(stream):
-                fuzz(name, READERS[name], each)
-        status = os.waitpid(child, 0)[1]
+        with tempfile.TemporaryDirectory(dir=SCRATCH) as place:  # libFuzzer tidies nothing up
+            child = os.fork()  # the imports are made and instrumented once
+            if child == 0:
+                tempfile.tempdir = place
+                with log.open("wb") as stream, redirected(stream):
+                    fuzz(name, READERS[name], each)
+            status = os.waitpid(child, 0)[1]
         text = log.read_text(errors="replace")
         record(name, text, round(time.monotonic() - start))
         if status:
@@ -115,14 +119,14 @@ def fuzz(name: str, reader: Reader, seconds: int) -> None:
     import atheris
 
     from pliant.spec.errors import PliantError
-    from tests.fuzz.reader import MAX_BYTES, SCRATCH
+    from tests.fuzz.reader import MAX_BYTES
 
     corpus = BUILD / name
     corpus.mkdir(parents=True, exist_ok=True)
     for number, seed in enumerate(reader.seeds()):
         (corpus / f"seed-{number}").write_bytes(seed[:MAX_BYTES])
     FINDINGS.mkdir(exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=SCRATCH) as at:
+    with tempfile.TemporaryDirectory() as at:
         path = Path(at) / f"input{reader.suffix}"
 
         def one(data: bytes) -> None:

@@ -36,7 +36,7 @@ from pliant.spec.configuration import read_settings, settings_from
 from pliant.spec.io import photo
 from pliant.spec.io.jsonfiles import read_json
 from pliant.spec.secrets import SECRET_SEED_FILE, read_secret_seed
-from tests.fuzz.reader import ROOT, SCRATCH, TINY, Reader, files, in_folder, texts, tiny
+from tests.fuzz.reader import ROOT, TINY, Reader, files, in_folder, texts, tiny
 
 _SIZE: Final = (6, 4)
 _KEY: Final = Ed25519PrivateKey.from_private_bytes(bytes(32))
@@ -89,7 +89,7 @@ def _checkpoint(path: Path) -> object:
 
 @cache
 def _report() -> tuple[tempfile.TemporaryDirectory[str], Path]:
-    place = tempfile.TemporaryDirectory(prefix="pliant-fuzz-", dir=SCRATCH)
+    place = tempfile.TemporaryDirectory(prefix="pliant-fuzz-")
     folder = Path(place.name) / "report"
     write_report(evaluate(TINY / "submission.parquet", TINY / "dataset"), folder)
     return place, folder

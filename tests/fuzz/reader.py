@@ -16,9 +16,6 @@ TINY: Final = ROOT / "tests" / "data" / "tiny-submission"
 MAX_BYTES: Final = 1 << 16
 """Longest input that is tried; larger seeds are cut, as a broken download is."""
 
-SCRATCH: Final = "/dev/shm" if Path("/dev/shm").is_dir() else None
-"""Where temporary folders go: in memory, if there is such a place."""
-
 
 @dataclass(frozen=True)
 class Reader:

@@ -31,7 +31,6 @@ from pliant.viewer.annotate_app import annotate_application
 from pliant.viewer.annotation import Annotation
 from pliant.viewer.explorer.opening import open_explorer
 from pliant.viewer.local_app import site_application
-from tests.fuzz.reader import SCRATCH
 
 ROOT: Final = Path(__file__).parents[2]
 DATA: Final = ROOT / "spec" / "conformance" / "datasets" / "full"
@@ -106,7 +105,7 @@ def _loop() -> asyncio.AbstractEventLoop:
 
 @cache
 def _scratch() -> tempfile.TemporaryDirectory[str]:
-    return tempfile.TemporaryDirectory(prefix="pliant-fuzz-", dir=SCRATCH)
+    return tempfile.TemporaryDirectory(prefix="pliant-fuzz-")
 
 
 @cache
