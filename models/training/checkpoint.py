@@ -16,7 +16,7 @@ from typing import Any, Final
 
 import torch
 from safetensors import SafetensorError
-from safetensors.torch import load_file, save_file
+from safetensors.torch import load_file, save
 
 from pliant.spec.errors import TrainingError
 from pliant.spec.io.staging import staged
@@ -58,8 +58,9 @@ def save_weights(path: Path, weights: Mapping[str, torch.Tensor]) -> None:
         path: The `.safetensors` file.
         weights: Name -> tensor.
     """
-    with replacing(path) as partial:
-        save_file({k: v.detach().cpu().contiguous() for k, v in weights.items()}, partial)
+    data = save({k: v.detach().cpu().contiguous() for k, v in weights.items()})
+    with replacing(path) as partial:  # `save_file` has temporary files of its own
+        partial.write_bytes(data)
 
 
 def read_weights_file(path: Path) -> Weights:
@@ -125,10 +126,15 @@ def save_checkpoint(run: Path, state: TrainingState) -> Path:
         save_weights(place / "average.safetensors", state.average)
         save_weights(place / "optimiser.safetensors", tensors)
         (place / "state.json").write_text(json.dumps(document, indent=1, sort_keys=True) + "\n")
-    for other in (run / CHECKPOINTS).iterdir():
+    remove_others(folder)
+    return folder
+
+
+def remove_others(folder: Path) -> None:
+    """Remove the other checkpoints of a run, which a killed process left."""
+    for other in folder.parent.iterdir():
         if other != folder:
             shutil.rmtree(other, ignore_errors=True)
-    return folder
 
 
 def latest_checkpoint(run: Path) -> Path | None:

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager, nullcontext
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from pliant.models.training.checkpoint import (
     Weights,
     checkpoint_to_resume,
     read_checkpoint,
+    remove_others,
     save_checkpoint,
     save_weights,
 )
@@ -142,7 +144,9 @@ def _start(
 ) -> TrainingState:
     if not resume:
         return TrainingState(0, {}, _copy(network), {})
-    state = read_checkpoint(checkpoint_to_resume(run))
+    checkpoint = checkpoint_to_resume(run)
+    state = read_checkpoint(checkpoint)
+    remove_others(checkpoint)
     network.load_state_dict(state.weights)
     optimiser.load_state_dict(state.optimiser)
     device = next(network.parameters()).device
@@ -194,11 +198,26 @@ def _validate(task: Task[Any], run: Path, state: TrainingState) -> dict[str, flo
     return figures
 
 
-def _log_writer(run: Path, processes: Processes) -> AbstractContextManager[Any]:
-    """Return the TensorBoard log of the run in process 0, None in the others."""
+@contextmanager
+def _log_writer(run: Path, processes: Processes) -> Iterator[Any]:
+    """Give the TensorBoard log of the run in process 0, None in the others.
+
+    What its thread fails to write is an error of the next call: the thread prints nothing.
+    """
     if not processes.first:
-        return nullcontext()
+        yield None
+        return
     from torch.utils.tensorboard import SummaryWriter
 
-    writer: AbstractContextManager[Any] = SummaryWriter(str(run / TENSORBOARD))
-    return writer
+    usual = threading.excepthook
+
+    def hook(failure: threading.ExceptHookArgs) -> None:
+        if not issubclass(failure.exc_type, OSError):
+            usual(failure)
+
+    threading.excepthook = hook
+    try:
+        with SummaryWriter(str(run / TENSORBOARD)) as writer:
+            yield writer
+    finally:
+        threading.excepthook = usual

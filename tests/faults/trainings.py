@@ -38,6 +38,8 @@ def training(method: str, data: str, settings: Iterable[str]) -> tuple[Run, Run]
         return pliant("train", method, "--data", inputs / data, *out, *chosen, *options)
 
     def again(inputs: Path, work: Path) -> int:
-        return train(inputs, work, *["--resume"] * (work / "run" / "config.yaml").exists())
+        from pliant.models.training.checkpoint import latest_checkpoint
+
+        return train(inputs, work, *["--resume"] * bool(latest_checkpoint(work / "run")))
 
     return train, again
