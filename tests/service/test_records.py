@@ -196,6 +196,33 @@ def test_backup_and_archive_give_the_same_service(
         restored.database.engine.dispose()
 
 
+def test_commands_of_the_host(
+    make_trial: MakeTrial, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    root = scored(make_trial()).challenge.root
+    paths = [str(tmp_path / name) for name in ("backup", "all.tar", "again", "phrase", "empty")]
+    backup, archived, again, phrase, empty = paths
+    Path(phrase).write_text("secret\n")
+    Path(empty).write_text("\n")
+    assert run(["challenge", "credit", str(root), "Ada", "2"]) == 0
+    assert "phase test" in capfd.readouterr().out
+    assert run(["challenge", "backup", str(root), "--out", backup]) == 0
+    assert run(["challenge", "archive", str(root), "--out", archived]) == 0
+    secret = ["--passphrase-file", phrase, "--out"]
+    assert run(["challenge", "archive", str(root), *secret, f"{archived}2"]) == 0
+    assert run(["challenge", "restore", f"{archived}2", *secret, again]) == 0
+    restored = Challenge.open(Path(again))
+    assert (
+        restored.private_key.read_bytes()
+        == (root / "keys" / restored.private_key.name).read_bytes()
+    )
+    assert run(["challenge", "upgrade", again]) == 0
+    capfd.readouterr()
+    void = ["--passphrase-file", empty, "--out", f"{again}2"]
+    assert run(["challenge", "restore", archived, *void]) == 2
+    assert "the passphrase is empty" in capfd.readouterr().err
+
+
 def test_a_folder_that_cannot_be_removed_does_not_get_into_a_backup(
     make_trial: MakeTrial, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
