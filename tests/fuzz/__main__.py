@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
+import logging
 import os
 import re
 import resource
@@ -121,6 +122,7 @@ def fuzz(name: str, reader: Reader, seconds: int) -> None:
     from pliant.spec.errors import PliantError
     from tests.fuzz.reader import MAX_BYTES
 
+    logging.disable(logging.CRITICAL)
     corpus = BUILD / name
     corpus.mkdir(parents=True, exist_ok=True)
     for number, seed in enumerate(reader.seeds()):

@@ -9,7 +9,6 @@ BODY
 from __future__ import annotations
 
 import asyncio
-import logging
 import shutil
 import tempfile
 from functools import cache
@@ -99,7 +98,6 @@ async def _answered(application: Any, scope: dict[str, Any], body: bytes) -> int
 
 @cache
 def _loop() -> asyncio.AbstractEventLoop:
-    logging.disable(logging.CRITICAL)
     return asyncio.new_event_loop()
 
 
