@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pytest
+from scipy import ndimage
 
 from pliant.cli.main import run
 from pliant.evaluator import evaluate, inspect, read_scores
@@ -136,6 +137,10 @@ def test_hidden_matter_has_no_partner(scene: Any, tmp_path: Path) -> None:
     assert found.on_object.all()
     assert (found.visible == shown)[~near_the_cut].mean() > 0.99
     assert np.isnan(found.uv_b_px[~found.visible]).all()
+    rows, columns = np.nonzero(ndimage.binary_dilation(source.on_object) & ~source.on_object)
+    beside = np.stack([columns, rows], axis=1) + 0.5
+    queried = scene.dataset.tiers["cloth"].queried
+    assert not dense_truth(source, target, beside, queried, 2.0).on_object.any()
 
 
 def test_no_matches_at_all_are_a_coverage_of_zero(scene: Any, tmp_path: Path) -> None:

@@ -297,3 +297,19 @@ def test_quantiles_are_numpys() -> None:
         found = exact_quantiles(parts, levels)
         np.testing.assert_allclose(np.array(found, float), expected, rtol=1e-14, err_msg=name)
     assert exact_quantiles([np.array([np.nan])], levels) == [None] * len(levels)
+
+
+def test_jitter_is_the_change_between_neighbours_in_time() -> None:
+    """Rows out of order; the error hops by 1, 2 and 3 px on one track, and a frame is missing."""
+    track, frame = np.array([0, 0, 0, 0, 1, 1]), np.array([3, 0, 2, 1, 0, 2])
+    error = np.array([[6, 0], [0, 0], [3, 0], [1, 0], [0, 0], [9, 0]], float)
+    row, change = jitter.jitter_px(track, frame, error)
+    assert dict(zip(row.tolist(), change.tolist(), strict=True)) == {3: 1, 2: 2, 0: 3}
+
+
+def test_a_region_ends_between_two_points_of_known_density() -> None:
+    """Masses in the middle of points at 0.2, 0.55, 0.8, 0.95; log density is linear between."""
+    p, mass = np.array([[2.0, 8.0, 1.0, 4.0]]), np.array([[0.3, 0.4, 0.1, 0.2]])
+    mass = mass[:, [3, 1, 2, 0]]  # 0.2 at 2, 0.4 at 8, 0.1 at 1, 0.3 at 4
+    found = [float(each[0]) for each in mixtures._densities_at(p, mass, (0.2, 0.5, 0.8))]
+    assert found == pytest.approx([8, 8 * 2 ** -(0.3 / 0.35), 2])
