@@ -79,8 +79,7 @@ class DonTask(Task[DonSettings]):
             )
             for of, tier in training_data(dataset, settings)
         ]
-        mixed = MixedPairs(parts, settings.seed, settings.batch)
-        self.samples = parts[0] if len(parts) == 1 else mixed
+        self.samples = MixedPairs(parts, settings.seed, settings.batch)
         self.validation_pairs = draw_validation_pairs(
             self.held_out, settings.validation.pairs, settings.validation.queries, settings.seed
         )
