@@ -64,7 +64,7 @@ def write_backup(challenge: Challenge, out: Path) -> None:
     with staged(out) as place:
         os.chmod(place, 0o700)
         if (out / _SUMS).is_file():
-            kept = shutil.ignore_patterns(_TABLES)  # they are written anew in any case
+            kept = shutil.ignore_patterns(_TABLES)  # written again below
             shutil.copytree(out, place, ignore=kept, copy_function=_link, dirs_exist_ok=True)
         _write(challenge, place, shutil.copy2)
 

@@ -189,7 +189,7 @@ def test_distance_to_a_silhouette() -> None:
     assert np.isinf(surfaces.silhouette_distance_px(np.zeros((3, 3), bool), uv)).all()
     filled = surfaces.silhouette_distance_px(np.ones((9, 9), bool), uv)
     np.testing.assert_allclose(filled, [5, 3])
-    # Rows and columns are told apart: 10 x 3 pixels in the corner of a wide image.
+    # An object 10 pixels wide and 3 high in a wide image: exchanged axes give other distances.
     on = np.zeros((8, 20), bool)
     on[1:4, 9:19] = True
     uv = np.array([[12.5, 2.5], [12.5, 1.5], [12.5, 3.5], [9.5, 2.5], [18.5, 2.2]])

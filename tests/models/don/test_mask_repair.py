@@ -28,9 +28,9 @@ def test_a_segmenters_masks_are_corrected() -> None:
         damaged = segmented(Frame(rgb, mask=rope, objects=rope | ball, key=f"s/{k}"))
         assert damaged.mask is not None
         assert damaged.objects is not None
-        mended = repaired(damaged.mask, damaged.objects, found)
-        assert mended is not None
-        mask, objects = mended
+        corrected = repaired(damaged.mask, damaged.objects, found)
+        assert corrected is not None
+        mask, objects = corrected
         assert objects is not None
         assert overlap(mask, rope) > overlap(damaged.mask, rope)
         assert (mask & rope).sum() > 0.96 * rope.sum()  # holes are filled, the end is back
@@ -43,9 +43,9 @@ def test_a_second_rope_in_the_mask_goes() -> None:
     other = np.zeros_like(rope)
     other[30:50, 60:580] = True
     assert found is not None
-    mended = repaired(rope | other, rope | other | ball, found)
-    assert mended is not None
-    mask, objects = mended
+    corrected = repaired(rope | other, rope | other | ball, found)
+    assert corrected is not None
+    mask, objects = corrected
     assert objects is not None
     assert not (objects & other).any()
     assert overlap(mask, rope) > 0.85

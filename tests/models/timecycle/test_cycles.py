@@ -100,7 +100,7 @@ def test_the_paper_weights_are_the_defaults_and_sum_as_named() -> None:
 def test_cycles_are_averaged_and_the_paper_recipe_weighs_their_sum() -> None:
     """In a still clip each cycle has the same error, so that a sum would grow with the frames."""
     for length in (3, 4, 6):
-        parts = still(length, (6.0, 4.0))  # one cell beside the patch's place, 4 cells wide
+        parts = still(length, (6.0, 4.0))  # a patch of 4 cells, one cell off
         assert float(parts["long"]) == pytest.approx(1 / 4**2, abs=1e-4)
         assert float(parts["skip"]) == pytest.approx(1 / 4**2, abs=1e-4)
         assert float(parts["similarity"]) == pytest.approx(-1, abs=1e-4)
