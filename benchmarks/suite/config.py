@@ -8,7 +8,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 from pliant.baselines import METHODS
 from pliant.baselines.conditions import Masks
@@ -16,7 +16,7 @@ from pliant.evaluator.protocols.protocol import read_protocol
 from pliant.generator.config import GenerateConfig
 from pliant.models.shipped import shipped_names
 from pliant.spec.configuration import Settings, merged, read_mapping, settings_from, with_overrides
-from pliant.spec.constraints import did_you_mean
+from pliant.spec.constraints import Count, did_you_mean
 from pliant.spec.errors import CallError
 from pliant.spec.io.yamlfiles import parse_yaml
 
@@ -25,19 +25,28 @@ RECIPES: Final = files("pliant.models") / "configs"
 
 
 class Training(Settings):
-    """One training of Dense Object Nets.
+    """One run of a trainer.
 
     Attributes:
         label: The method's name in the table.
         set: Set it is trained on.
+        trainer: `don` or `timecycle`.
         recipe: Shipped file of settings under the run's own, or empty.
-        settings: Its settings, complete but for defaults.
+        settings: The trainer's settings, complete but for defaults.
+        seeds: How many runs, with random seeds from that of the settings upwards. With several,
+            a run is named `NAME-0`, `NAME-1` and so on, and NAME stands for all of them.
+        learned: Whether its weights are learned; False for a control that stops after a step.
+        arm: NAME, of a run that is one of several seeds; otherwise empty.
     """
 
     label: str
     set: str
+    trainer: Literal["don", "timecycle"] = "don"
     recipe: str = ""
     settings: Mapping[str, Any] = dict()
+    seeds: Count = 1
+    learned: bool = True
+    arm: str = ""
 
 
 TRACKS: Final[dict[Masks, str]] = {
@@ -201,9 +210,14 @@ class BenchmarkConfig(Settings):
             comparisons=tuple(
                 each
                 for each in self.comparisons
-                if each.set in asked and {each.method, each.against} <= answering
+                if each.set in asked
+                and {*self.members(each.method), *self.members(each.against)} <= answering
             ),
         )
+
+    def members(self, name: str) -> tuple[str, ...]:
+        """Return the runs that a name stands for, one per random seed; any other name alone."""
+        return tuple(key for key, run in self.runs.items() if run.arm == name) or (name,)
 
 
 def read_config(path: Path, overrides: Sequence[str] = ()) -> BenchmarkConfig:
@@ -228,7 +242,27 @@ def read_config(path: Path, overrides: Sequence[str] = ()) -> BenchmarkConfig:
     if config.checksums is not None:
         config = config.replace(checksums=path.parent / config.checksums)
     _check_references(config, path)
-    return config
+    return _with_seeds(config)
+
+
+def _with_seeds(config: BenchmarkConfig) -> BenchmarkConfig:
+    """Return the config with a run for every random seed, also in the tests."""
+    runs: dict[str, Training] = {}
+    for key, run in config.runs.items():
+        first = int(run.settings.get("seed", 0))
+        for index in range(run.seeds):
+            one = run.replace(
+                settings={**run.settings, "seed": first + index},
+                seeds=1,
+                arm=key,
+            )
+            runs |= {f"{key}-{index}": one} if run.seeds > 1 else {key: run}
+    expanded = config.replace(runs=runs)
+    tests = {
+        key: test.replace(runs=tuple(one for name in test.runs for one in expanded.members(name)))
+        for key, test in config.tests.items()
+    }
+    return expanded.replace(tests=tests)
 
 
 def digest(*parts: Any) -> str:

@@ -34,6 +34,7 @@ class TrainingJob:
     """One training.
 
     Attributes:
+        trainer: `don` or `timecycle`.
         settings: Its settings.
         data: The set's folder.
         run: The run's folder.
@@ -41,6 +42,7 @@ class TrainingJob:
         cache: Folder of decoded frames, which trainings on the same set share.
     """
 
+    trainer: str
     settings: Mapping[str, Any]
     data: Path
     run: Path
@@ -101,21 +103,29 @@ def run_job(job: Job, progress: Progress) -> Outcome:
 
 
 def _train(job: TrainingJob, progress: Progress) -> dict[str, Any]:
-    from pliant.models.don.settings import DonSettings
-    from pliant.models.don.trainer import train_don
-
     resume = any((job.run / "checkpoints").glob("*"))
     if job.run.exists() and not resume:
         shutil.rmtree(job.run)  # stopped before its first checkpoint
+    dataset = Dataset.open(job.data)
     values = {**job.settings, "threads": job.threads, "cache_dir": str(job.cache)}
-    settings = settings_from(DonSettings, values)
-    facts = train_don(
-        Dataset.open(job.data),
-        job.run,
-        settings,
-        resume=resume,
-        progress=lambda step, figures: progress(step, settings.steps),
-    )
+
+    def reporting(steps: int) -> Callable[[int, Mapping[str, float]], None]:
+        return lambda step, figures: progress(step, steps)
+
+    if job.trainer == "timecycle":
+        from pliant.models.timecycle.settings import TimeCycleSettings
+        from pliant.models.timecycle.trainer import train_timecycle
+
+        cycle = settings_from(TimeCycleSettings, values)
+        facts = train_timecycle(
+            dataset, job.run, cycle, resume=resume, progress=reporting(cycle.steps)
+        )
+    else:
+        from pliant.models.don.settings import DonSettings
+        from pliant.models.don.trainer import train_don
+
+        don = settings_from(DonSettings, values)
+        facts = train_don(dataset, job.run, don, resume=resume, progress=reporting(don.steps))
     return {"steps": facts["steps"], "validation": facts.get("validation", {})}
 
 

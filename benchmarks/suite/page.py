@@ -105,7 +105,9 @@ def _tables(config: BenchmarkConfig, work: Workspace, rows: Sequence[Row]) -> di
 
 
 def _report(work: Workspace, row: Row) -> str:
-    """Return the path of a row's own report from the benchmark's."""
+    """Return the path of a row's own report from the benchmark's; empty for a mean of seeds."""
+    if row.seeds > 1:
+        return ""
     protocol = next(iter(row.scores))
     folder = work.scores_path(row.set, row.entry.stored, protocol).relative_to(work.root)
     return f"../{folder.as_posix()}/report.html"

@@ -85,7 +85,7 @@ def set_digest(config: BenchmarkConfig, name: str) -> str:
 def run_digest(config: BenchmarkConfig, name: str) -> str:
     """Return what identifies a training: its settings and its set."""
     run = config.runs[name]
-    return digest(run.settings, set_digest(config, run.set))
+    return digest(run.trainer, run.settings, set_digest(config, run.set))
 
 
 def _generate(config: BenchmarkConfig, work: Workspace, workers: int, watcher: Watcher) -> None:
@@ -154,7 +154,7 @@ def _train(config: BenchmarkConfig, work: Workspace, workers: int, watcher: Watc
 def _training_job(work: Workspace, name: str, run: Training, threads: int) -> TrainingJob:
     data, folder = work.set_path(run.set), work.run_path(name)
     cache = (work.root / "cache").resolve()
-    return TrainingJob(run.settings, data, folder, threads, cache)
+    return TrainingJob(run.trainer, run.settings, data, folder, threads, cache)
 
 
 def _answer(config: BenchmarkConfig, work: Workspace, workers: int, watcher: Watcher) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 from pliant.baselines.conditions import Masks
@@ -37,6 +37,8 @@ class Row:
         train: What training here took; None where there is none.
         predict_cpu_s: CPU seconds of answering.
         pairs: Pairs answered.
+        arm: What its runs with other random seeds have in common with it; otherwise the method.
+        seeds: How many of them it is the mean of.
     """
 
     test: str
@@ -50,6 +52,8 @@ class Row:
     train: Cost | None
     predict_cpu_s: float
     pairs: int
+    arm: str
+    seeds: int = 1
 
     @property
     def method(self) -> str:
@@ -100,6 +104,7 @@ def _row(
             scores[protocol] = {"values": found["tiers"][test.tier], "intervals": intervals}
     method = entry.method
     trained = method in config.runs
+    arm = (config.runs[method].arm if trained else "") or method
     first = variant == next(iter(test.variants)) and not entry.is_blank
     return Row(
         key,
@@ -107,18 +112,19 @@ def _row(
         set_name,
         entry,
         _label(config, test, entry),
-        trained or method in test.shipped,
-        test.paper_rmse_px.get(paper_name(method)) if first else None,
+        (trained and config.runs[method].learned) or method in test.shipped,
+        test.paper_rmse_px.get(paper_name(arm)) if first else None,
         scores,
         work.cost(f"run/{method}") if trained else None,
         float(note["facts"]["predict_cpu_s"]),
         int(note["facts"]["pairs"]),
+        arm,
     )
 
 
-def paper_name(method: str) -> str:
-    """Return what the paper calls a method: `contrastive` for `rope-contrastive`."""
-    return next((name for name in PAPER_LOSSES if method.endswith(f"-{name}")), method)
+def paper_name(arm: str) -> str:
+    """Return what the paper calls an arm: `contrastive` for `rope-contrastive`."""
+    return next((name for name in PAPER_LOSSES if arm.endswith(f"-{name}")), arm)
 
 
 def _label(config: BenchmarkConfig, test: Test, entry: Entry) -> str:
@@ -134,7 +140,7 @@ def _label(config: BenchmarkConfig, test: Test, entry: Entry) -> str:
 
 @dataclass(frozen=True)
 class Block:
-    """The rows of one variant of a test in one track."""
+    """The rows of one variant of a test in one track, arms with several seeds as their means."""
 
     test: str
     variant: str
@@ -145,7 +151,7 @@ class Block:
 def blocks(config: BenchmarkConfig, rows: Sequence[Row]) -> list[Block]:
     """Return the blocks of the table: track by track, in each the tests in the config's order."""
     seen: dict[tuple[str, str, Masks], list[Row]] = {}
-    for row in rows:
+    for row in arms(rows):
         seen.setdefault((row.test, row.variant, row.entry.track), []).append(row)
     return [
         Block(key, variant, track, members)
@@ -154,6 +160,43 @@ def blocks(config: BenchmarkConfig, rows: Sequence[Row]) -> list[Block]:
         for variant in test.variants
         if (members := seen.get((key, variant, track)))
     ]
+
+
+def arms(rows: Sequence[Row]) -> list[Row]:
+    """Return one row for each arm of a block: figures are means over its random seeds.
+
+    Where there are several seeds, the interval of a figure is its lowest and its highest value.
+    """
+    grouped: dict[tuple[str, str, Entry], list[Row]] = {}
+    for row in rows:
+        place = row.test, row.variant, replace(row.entry, method=row.arm)
+        grouped.setdefault(place, []).append(row)
+    return [_mean(members) if len(members) > 1 else members[0] for members in grouped.values()]
+
+
+def _mean(rows: Sequence[Row]) -> Row:
+    scores: dict[str, Any] = {}
+    for protocol, first in rows[0].scores.items():
+        values, intervals = {}, {}
+        for metric in first["values"]:
+            found = [row.value(protocol, metric) for row in rows]
+            known = [value for value in found if value is not None]
+            values[metric] = sum(known) / len(known) if len(known) == len(rows) else None
+            if len(known) == len(rows):
+                intervals[metric] = (min(known), max(known))
+        scores[protocol] = {"values": values, "intervals": intervals}
+    costs = [row.train for row in rows if row.train is not None]
+    return replace(
+        rows[0],
+        label=f"{rows[0].label} ({len(rows)} seeds)",
+        scores=scores,
+        train=Cost(
+            sum(cost.wall_s for cost in costs) / len(costs),
+            sum(cost.cpu_s for cost in costs) / len(costs),
+        ),
+        predict_cpu_s=sum(row.predict_cpu_s for row in rows) / len(rows),
+        seeds=len(rows),
+    )
 
 
 def best(rows: Sequence[Row], protocol: str, metric: str, *, learned: bool) -> Row | None:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import zip_longest
 from typing import Final
 
+import pyarrow as pa
+
 from pliant.benchmarks.suite.config import TRACKS, BenchmarkConfig, Comparison
-from pliant.benchmarks.suite.table import CLASSICAL, Block, Row, best, blocks, paper_name
+from pliant.benchmarks.suite.table import CLASSICAL, Block, Row, arms, best, blocks, paper_name
 from pliant.benchmarks.suite.work import Cost, Workspace
 from pliant.evaluator.comparison import Difference, differences
 from pliant.evaluator.protocols.protocol import read_protocol
@@ -135,13 +137,13 @@ def paper_tables(config: BenchmarkConfig, rows: Sequence[Row]) -> list[Table]:
         if not test.paper_rmse_px:
             continue
         variant = next(iter(test.variants))
-        mine = [row for row in rows if (row.test, row.variant) == (key, variant)]
+        mine = [row for row in arms(rows) if (row.test, row.variant) == (key, variant)]
         lines = []
         for name, label in _PAPER_ROWS.items():
             found = {
                 row.entry.track: row
                 for row in mine
-                if paper_name(row.method) == name and not row.entry.is_blank
+                if paper_name(row.arm) == name and not row.entry.is_blank
             }
             cells = [_rmse(found.get(track), "standard") for track in TRACKS]
             own = _rmse(found.get("none"), "matches") if name in CLASSICAL else ""
@@ -157,7 +159,9 @@ def _rmse(row: Row | None, protocol: str) -> str:
 
 def comparison_table(config: BenchmarkConfig, work: Workspace, rows: Sequence[Row]) -> Table | None:
     """Return the paired differences that the config asks for, None where none can be answered."""
-    scored = {(row.set, row.method, row.entry.track): row for row in rows if not row.entry.is_blank}
+    scored = {
+        (row.set, row.arm, row.entry.track): row for row in arms(rows) if not row.entry.is_blank
+    }
     lines = []
     for asked in config.comparisons:
         judged = scored.get((asked.set, asked.method, asked.track))
@@ -172,11 +176,9 @@ def _comparison(
     config: BenchmarkConfig, work: Workspace, asked: Comparison, first: Row, second: Row
 ) -> Sequence[str]:
     protocol, metric = config.tests[first.test].protocols[0], asked.metric
-    judged, against = (
-        read_scores(work.scores_path(row.set, row.entry.stored, protocol))
-        for row in (first, second)
-    )
-    found = _difference(against, judged, metric)
+    seeds = max(first.seeds, second.seeds)
+    judged, against = (_reports(config, work, row, protocol, seeds) for row in (first, second))
+    found = _difference(_pooled(against), _pooled(judged), metric)
     before, after = second.value(protocol, metric), first.value(protocol, metric)
     place = f"{heading(metric, protocol).label}, {asked.set}, {TRACKS[asked.track]}"
     if found is None or before is None or after is None:
@@ -185,14 +187,35 @@ def _comparison(
     difference = f"{found.value:+.{digits}f}"
     if found.verdict != "too few sequences":
         difference += f" [{found.low:+.{digits}f}, {found.high:+.{digits}f}]"
+    verdict: str = found.verdict
+    if verdict in ("better", "worse") and seeds > 1:
+        single = [_difference(b, a, metric) for a, b in zip(judged, against, strict=True)]
+        if any(each is None or each.value * found.value <= 0 for each in single):
+            verdict = "no clear difference: the seeds disagree"
     return (
         asked.question,
         f"{first.label}: {after:.{digits}f}",
         f"{second.label}: {before:.{digits}f}",
         place,
         difference,
-        found.verdict,
+        verdict,
     )
+
+
+def _reports(
+    config: BenchmarkConfig, work: Workspace, row: Row, protocol: str, seeds: int
+) -> list[Scores]:
+    """Return the reports of an arm, one per seed; that of a method without seeds is repeated."""
+    found = [
+        read_scores(work.scores_path(row.set, replace(row.entry, method=each).stored, protocol))
+        for each in config.members(row.arm)
+    ]
+    return found * seeds if len(found) == 1 else found
+
+
+def _pooled(reports: Sequence[Scores]) -> Scores:
+    """Return the answers of all seeds as one report."""
+    return replace(reports[0], per_pair=pa.concat_tables([each.per_pair for each in reports]))
 
 
 def _difference(against: Scores, judged: Scores, metric: str) -> Difference | None:

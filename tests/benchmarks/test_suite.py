@@ -8,6 +8,7 @@ from concurrent.futures import Future
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 from click.testing import CliRunner
@@ -18,7 +19,7 @@ from pliant.benchmarks.suite.checksums import compare_checksums, read_frozen, se
 from pliant.benchmarks.suite.config import BenchmarkConfig, read_config
 from pliant.benchmarks.suite.page import results_page, write_results
 from pliant.benchmarks.suite.run import run_benchmark, run_digest
-from pliant.benchmarks.suite.table import best, blocks, finished_rows
+from pliant.benchmarks.suite.table import arms, best, blocks, finished_rows
 from pliant.benchmarks.suite.work import Cost, Workspace
 from pliant.cli.main import cli, run
 from pliant.generator.runner.run import generate
@@ -63,9 +64,10 @@ runs:
     settings:
       <<: *small
       loss: {space_weight: 0.1}
-  again:
+  twice:
     label: DON again
     set: rope
+    seeds: 2
     settings: *small
 tests:
   rope:
@@ -86,20 +88,20 @@ tests:
     methods: [centroid]
     protocols: [standard]
     tracks: [none]
-    runs: [again]
-  rope-again:
-    title: Rope, another training
+    runs: [twice]
+  rope-seeds:
+    title: Rope, two seeds
     tier: rope
     variants: {noisy: rope-noisy}
     protocols: [standard]
     tracks: [given]
-    runs: [again]
+    runs: [twice]
 comparisons:
   - question: Does it help
     <<: &noisy {track: given, set: rope-noisy, against: small}
     method: more-contrastive
     metric: jump_rate
-  - {question: Is it chance, <<: *noisy, method: again, metric: rmse_px}
+  - {question: Is it chance, <<: *noisy, method: twice, metric: rmse_px}
   - {question: Or hurt, set: rope, method: more-contrastive, against: small, metric: rmse_px}
 """
 
@@ -191,12 +193,14 @@ def written(config_file: Path, made: tuple[Path, Recorder]) -> tuple[str, str]:
 @pytest.mark.parametrize("name", ["pliant-v3", "pliant-v3-mini"])
 def test_the_shipped_benchmarks_can_be_read_and_trained(name: str) -> None:
     from pliant.models.don.settings import DonSettings
+    from pliant.models.timecycle.settings import TimeCycleSettings
     from pliant.spec.configuration import settings_from
 
     config = read_config(FOLDER / f"{name}.yaml")
     assert config.name == name
     for training in config.runs.values():
-        settings_from(DonSettings, training.settings)  # refuses what it does not know
+        cls = DonSettings if training.trainer == "don" else TimeCycleSettings
+        settings_from(cls, training.settings)  # refuses what it does not know
     for test in config.tests.values():
         assert {config.sets[each].tiers for each in test.variants.values()} == {(test.tier,)}
         assert test.tracks[0] == "none"  # the headline
@@ -271,7 +275,7 @@ TEST = {"title": "T", "tier": "rope", "variants": {"clean": "rope"}}
         ({"runs": {"a": {"label": "A", "set": "none"}}}, "unknown name"),
         ({"runs": {"a": {"label": "A"}}}, "a setting is missing"),
         ({"runs": {"a": {"label": "A", "set": "rope", "recipe": "x.yaml"}}}, "unknown name"),
-        ({"runs": {"a": {"label": "A", "set": "rope", "trainer": "x"}}}, "unknown"),
+        ({"runs": {"a": {"label": "A", "set": "rope", "trainer": "x"}}}, "unknown value"),
         ({"tests": {"t": {**TEST, "tracks": ["masks"]}}}, "unknown value"),
         ({"tests": {"t": {**TEST, "paper_rmse_px": {"sfit": 1.0}}}}, "unknown name"),
         ({"sets": {"rope": {"tiers": ["rope"], "style": "oil"}}}, "style"),
@@ -302,16 +306,16 @@ def test_a_training_is_another_when_its_settings_are(config_file: Path) -> None:
 
 def test_some_blocks_alone_with_what_they_need(config_file: Path, tmp_path: Path) -> None:
     config = read_config(config_file)
-    chosen = config.only(["rope-again"])
-    assert set(chosen.sets) == {"rope", "rope-noisy"}  # asked, and trained on
-    assert set(chosen.runs) == {"again"}
-    assert (list(chosen.tests), chosen.comparisons) == (["rope-again"], ())
+    seeds = config.only(["rope-seeds"])
+    assert set(seeds.sets) == {"rope", "rope-noisy"}  # asked, and trained on
+    assert set(seeds.runs) == {"twice-0", "twice-1"}
+    assert (list(seeds.tests), seeds.comparisons) == (["rope-seeds"], ())
     assert len(config.only(["rope"]).comparisons) == 2
-    with pytest.raises(CallError, match=r"unknown block.*rope-agai.*Did you mean 'rope-again'"):
-        config.only(["rope-agai"])
+    with pytest.raises(CallError, match=r"unknown block.*rope-seed.*Did you mean 'rope-seeds'"):
+        config.only(["rope-seed"])
     values = yaml.safe_load(config_file.read_text())
     values["tests"]["free"] = {
-        **values["tests"]["rope-again"], "variants": {"noisy": "rope-noisy"},
+        **values["tests"]["rope-seeds"], "variants": {"noisy": "rope-noisy"},
         "runs": [], "methods": ["identity"],
     }  # fmt: skip
     path = tmp_path / "thumb.yaml"
@@ -330,8 +334,8 @@ def test_an_interrupted_benchmark_goes_on_and_repeats_nothing(
     made: tuple[Path, Recorder],
 ) -> None:
     _, watcher = made
-    assert watcher.begun[:2] == [("generate", 2, 0), ("train", 3, 0)]
-    assert watcher.begun[2:] == [("generate", 2, 2), ("train", 3, 1), ("answer", 30, 0)]
+    assert watcher.begun[:2] == [("generate", 2, 0), ("train", 4, 0)]
+    assert watcher.begun[2:] == [("generate", 2, 2), ("train", 4, 1), ("answer", 33, 0)]
     assert sorted(watcher.done) == sorted(set(watcher.done))
     assert ("small", 4, 4) in watcher.steps
 
@@ -412,7 +416,7 @@ def test_controls_compete_with_what_is_not_learned(
     found = blocks(config, finished_rows(config, Workspace(made[0])))
     assert [(each.test, each.track) for each in found] == [
         ("rope", "none"), ("rope", "none"), ("rope-image", "none"),
-        ("rope", "given"), ("rope", "given"), ("rope-again", "given"),
+        ("rope", "given"), ("rope", "given"), ("rope-seeds", "given"),
     ]  # fmt: skip
     image = found[2]
     row = best(image.rows, "standard", "rmse_px", learned=False)
@@ -423,11 +427,38 @@ def test_controls_compete_with_what_is_not_learned(
     assert not learned.entry.is_blank
 
 
+def test_seeds_are_trained_each_and_reported_as_their_mean(
+    config_file: Path, made: tuple[Path, Recorder], written: tuple[str, str]
+) -> None:
+    config = read_config(config_file)
+    assert config.members("twice") == ("twice-0", "twice-1")
+    assert [config.runs[name].settings["seed"] for name in config.members("twice")] == [0, 1]
+    rows = finished_rows(config, Workspace(made[0]))
+    single = [row for row in rows if row.test == "rope-seeds" and not row.entry.is_blank]
+    (row,) = arms(single)
+    errors = [each.value("standard", "rmse_px") or 0.0 for each in single]
+    assert errors[0] != errors[1]
+    assert row.value("standard", "rmse_px") == pytest.approx(np.mean(errors))
+    assert row.interval("standard", "rmse_px") == (min(errors), max(errors))
+    text = written[0]
+    assert "Not run yet" not in text
+    (line,) = [each for each in text.splitlines() if each.startswith("| Is it chance")]
+    # The pooled RMSE over both seeds minus that of the run without seeds.
+    pooled = np.sqrt(np.mean(np.square(errors)))
+    against = next(
+        each.value("standard", "rmse_px") or 0.0
+        for each in rows
+        if (each.method, each.variant, each.entry.track) == ("small", "noisy", "given")
+        and not each.entry.is_blank
+    )
+    assert f"{pooled - against:+.1f}" in line
+
+
 def test_masks_are_withheld_where_a_test_says_so(made: tuple[Path, Recorder]) -> None:
     out, _ = made
     facts = {
         name: read_footer(out / f"answers/rope/{name}.parquet")["method"]
-        for name in ("again--none", "small--given", "small--given--blank")
+        for name in ("twice-0--none", "small--given", "small--given--blank")
     }
     assert [each["mask"] for each in facts.values()] == ["none", "given", "given"]
     assert "picture" not in facts["small--given"]
