@@ -106,7 +106,7 @@ class TimeCycleTask(Task[TimeCycleSettings]):
         write_json(run / RUN_FACTS, facts)
         from pliant.models.timecycle.report import write_timecycle_report
 
-        write_timecycle_report(run, matcher, self.stretches, history, guard, facts)
+        write_timecycle_report(run, history, guard, facts)
 
 
 def first_network(settings: TimeCycleSettings) -> TimeCycleNetwork:
