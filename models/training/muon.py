@@ -19,7 +19,6 @@ from pliant.models.training.precision import bfloat16_is_native
 
 _COEFFICIENTS: Final = (3.4445, -4.7750, 2.0315)
 _ITERATIONS: Final = 5
-_MOMENTUM: Final = 0.95
 _EPSILON: Final = 1e-7
 _LEAST_ROWS: Final = 16
 
@@ -50,24 +49,38 @@ def orthogonalised(gradient: torch.Tensor) -> torch.Tensor:
     return (x if wide else x.T).to(gradient.dtype)
 
 
-class Muon(torch.optim.AdamW):
+class Muon(torch.optim.Optimizer):
     """Muon for the groups that say `muon`, AdamW for the others.
 
     A convolution's weights (C_out, C_in, k, k) are the matrix (C_out, C_in k k); its step is
-    scaled by sqrt(max(1, rows / columns)), so that outputs change alike whatever the shape. A step
-    uses up the gradients of matrices.
+    scaled by sqrt(max(1, rows / columns)), so that outputs change alike whatever the shape.
 
     Args:
-        groups: Parameter groups with `lr`, `muon` (bool) and `weight_decay`, which matrices
-            do not have.
+        groups: Parameter groups with `lr`, `muon` (bool) and `weight_decay`.
         betas: AdamW's.
+        momentum: Muon's, of Nesterov's kind.
+        eps: AdamW's.
     """
 
     def __init__(
-        self, groups: Iterable[dict[str, Any]], *, betas: tuple[float, float] = (0.9, 0.999)
+        self,
+        groups: Iterable[dict[str, Any]],
+        *,
+        betas: tuple[float, float] = (0.9, 0.999),
+        momentum: float = 0.95,
+        eps: float = 1e-8,
     ) -> None:
-        # All at once: a GPU spends longer on starting kernels than in them.
-        super().__init__(groups, betas=betas, weight_decay=0.0, foreach=True)
+        super().__init__(
+            groups,
+            {
+                "lr": 1e-3,
+                "muon": False,
+                "weight_decay": 0.0,
+                "betas": betas,
+                "momentum": momentum,
+                "eps": eps,
+            },
+        )
 
     @overload
     def step(self, closure: None = None) -> None: ...
@@ -83,20 +96,46 @@ class Muon(torch.optim.AdamW):
             with torch.enable_grad():
                 loss = closure()
         for group in self.param_groups:
-            for parameter in group["params"] if group.get("muon") else ():
-                if parameter.grad is not None:
-                    self._muon(parameter, parameter.grad, group["lr"])
-                    parameter.grad = None  # AdamW leaves it alone
-        super().step()
+            parameters = [each for each in group["params"] if each.grad is not None]
+            if not parameters:
+                continue
+            torch._foreach_mul_(parameters, 1 - group["lr"] * group["weight_decay"])
+            if group["muon"]:
+                for parameter in parameters:
+                    self._muon(parameter, group)
+            else:
+                self._adam(parameters, group)
         return loss
 
-    def _muon(self, parameter: torch.Tensor, gradient: torch.Tensor, rate: float) -> None:
-        state = self.state[parameter]
+    def _muon(self, parameter: torch.Tensor, group: dict[str, Any]) -> None:
+        state, gradient = self.state[parameter], parameter.grad
+        assert gradient is not None
         if not state:
             state["mean"] = torch.zeros_like(parameter)
         mean = state["mean"]
-        mean.lerp_(gradient, 1 - _MOMENTUM)
-        ahead = gradient.lerp(mean, _MOMENTUM).flatten(1)  # Nesterov's
+        mean.lerp_(gradient, 1 - group["momentum"])
+        ahead = gradient.lerp(mean, group["momentum"]).flatten(1)
         rows, columns = ahead.shape
-        size = rate * max(1.0, rows / columns) ** 0.5
+        size = group["lr"] * max(1.0, rows / columns) ** 0.5
         parameter.add_(orthogonalised(ahead).view_as(parameter), alpha=-size)
+
+    def _adam(self, parameters: list[torch.Tensor], group: dict[str, Any]) -> None:
+        """Move all parameters at once: a GPU spends longer on starting kernels than in them."""
+        states = [self.state[each] for each in parameters]
+        for state, parameter in zip(states, parameters, strict=True):
+            if not state:
+                state["step"] = torch.zeros(())
+                state["mean"] = torch.zeros_like(parameter)
+                state["square"] = torch.zeros_like(parameter)
+            state["step"] += 1
+        gradients = [each.grad for each in parameters if each.grad is not None]
+        means, squares = ([state[name] for state in states] for name in ("mean", "square"))
+        first, second = group["betas"]
+        step = float(states[0]["step"])
+        torch._foreach_lerp_(means, gradients, 1 - first)
+        torch._foreach_mul_(squares, second)
+        torch._foreach_addcmul_(squares, gradients, gradients, 1 - second)
+        spreads = torch._foreach_sqrt(squares)
+        torch._foreach_div_(spreads, (1 - second**step) ** 0.5)
+        torch._foreach_add_(spreads, group["eps"])
+        torch._foreach_addcdiv_(parameters, means, spreads, -group["lr"] / (1 - first**step))
