@@ -82,7 +82,7 @@ def parse_size(text: str) -> int:
     """Return a size in bytes, of a text such as `500MB`.
 
     Raises:
-        CallError: It is no size.
+        CallError: The text says no size.
     """
     from pydantic import ByteSize, TypeAdapter, ValidationError
 
