@@ -10,14 +10,16 @@ import numpy.typing as npt
 
 from pliant.spec.errors import CallError
 
-InputKind = Literal["rgb", "grey", "depth"]
+InputKind = Literal["rgb", "grey", "depth", "rgbd", "silhouette"]
 
 IMAGE_CHANNELS: Final[dict[str, tuple[str, ...]]] = {
     "rgb": ("red", "green", "blue"),
     "grey": ("grey",),
     "depth": ("depth",),
+    "rgbd": ("red", "green", "blue", "depth"),
+    "silhouette": (),
 }
-"""The image channels of each kind of input, in order."""
+"""The image channels of each kind of input, in order; a silhouette is the masks alone."""
 
 MASK_CHANNELS: Final = ("mask", "objects")
 """The two channels of `masks`: the queried object, and all objects."""
@@ -34,7 +36,7 @@ class NetworkInput:
     """Which channels a network sees.
 
     Attributes:
-        kind: The image: `rgb`, `grey` or `depth`.
+        kind: The image: `rgb`, `grey`, `depth`, `rgbd` or `silhouette`.
         masks: Whether two mask channels follow. A network that sees only grey and masks works on
             materials that training never showed.
     """
@@ -50,6 +52,14 @@ class NetworkInput:
                 found=repr(self.kind),
                 required="one of " + ", ".join(IMAGE_CHANNELS),
             )
+        if not self.names:
+            raise CallError(
+                "a network that sees silhouettes needs the masks",
+                where="pairs.masks",
+                found=False,
+                required=True,
+                fix="Add --set pairs.masks=true",
+            )
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -64,12 +74,12 @@ class NetworkInput:
     @property
     def colour(self) -> bool:
         """Whether the input is computed from the colour image."""
-        return self.kind != "depth"
+        return self.kind in ("rgb", "grey", "rgbd")
 
     @property
     def depth(self) -> bool:
         """Whether the input is computed from the depth map."""
-        return self.kind == "depth"
+        return self.kind in ("depth", "rgbd")
 
     def image(
         self,
@@ -94,22 +104,27 @@ class NetworkInput:
             float32 (C, h, w).
 
         Raises:
-            CallError: The image that the kind needs is None.
+            CallError: The image that the kind needs is None, or there is neither image nor mask.
         """
+        planes = []
         if self.colour:
             if rgb is None:
                 raise CallError("this network needs a colour image, and there is none", where="rgb")
             values = rgb.astype(np.float32) * (4 / 255) - 2
             grey = self.kind == "grey"
-            planes = [(values @ _LUMA)[None] if grey else values.transpose(2, 0, 1)]
-        else:
+            planes.append((values @ _LUMA)[None] if grey else values.transpose(2, 0, 1))
+        if self.depth:
             if depth_m is None:
                 raise CallError(
                     "this network needs a depth map, and there is none", where="depth_m"
                 )
-            planes = [_depth_plane(depth_m)[None]]
+            planes.append(_depth_plane(depth_m)[None])
         if self.masks:
-            shape = planes[0].shape[-2:]
+            shape = next(
+                (each.shape[-2:] for each in (*planes, mask, objects) if each is not None), None
+            )
+            if shape is None:
+                raise CallError("this network sees masks alone, and there is none", where="mask")
             planes += [_mask_plane(given, shape)[None] for given in (mask, objects)]
         return np.concatenate(planes)
 

@@ -32,14 +32,13 @@ def render_page(template: str, *, package: str = REPORT_PACKAGE, **values: Any) 
     Returns:
         The page; HTML pages load nothing from elsewhere.
     """
-    return environment(package).get_template(template).render(**values)
+    return _environment(package).get_template(template).render(**values)
 
 
 @functools.cache
-def environment(package: str) -> jinja2.Environment:
-    """Return the templates of a package, over the base page and the style of the reports."""
+def _environment(package: str) -> jinja2.Environment:
     packages = dict.fromkeys((package, REPORT_PACKAGE))
-    made = jinja2.Environment(
+    environment = jinja2.Environment(
         loader=jinja2.ChoiceLoader([jinja2.PackageLoader(name, "templates") for name in packages]),
         autoescape=lambda name: name is not None and name.endswith(".html.j2"),
         undefined=jinja2.StrictUndefined,
@@ -48,10 +47,10 @@ def environment(package: str) -> jinja2.Environment:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    made.filters["data_uri"] = _data_uri
-    made.globals["chart_scripts"] = _chart_scripts
-    made.filters["fill"] = _fill
-    return made
+    environment.filters["data_uri"] = _data_uri
+    environment.globals["chart_scripts"] = _chart_scripts
+    environment.filters["fill"] = _fill
+    return environment
 
 
 @functools.cache

@@ -8,6 +8,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
+import jsonschema
+
 from pliant.evaluator.metrics.base import OVERALL
 from pliant.evaluator.metrics.causes import CAUSES
 from pliant.evaluator.protocols.protocol import read_protocol
@@ -22,7 +24,7 @@ from pliant.evaluator.scores import (
     REPORT_HTML,
     SCORES_JSON,
     Scores,
-    check_document,
+    scores_schema,
 )
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
@@ -49,7 +51,7 @@ def write_report(
     """
     folder = Path(out_dir)
     check_out_dir(folder)
-    check_document(scores.document)
+    jsonschema.validate(scores.document, scores_schema())
     dataset = Dataset.open(data) if isinstance(data, Path | str) else data
     page = render_report(scores, dataset)
     with staged(folder) as staging:

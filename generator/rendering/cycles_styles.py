@@ -24,7 +24,7 @@ from pliant.generator.rendering.blender_materials import (
 from pliant.generator.rendering.materials import materials, table_reflectance
 from pliant.generator.rendering.shadow import shadow_map
 from pliant.generator.rendering.sky import sky_maps
-from pliant.generator.rendering.srgb import encode_srgb
+from pliant.generator.rendering.srgb import encode_srgb, encode_where
 from pliant.generator.rendering.table import TableView
 from pliant.generator.scene.appearance import Appearance
 from pliant.generator.scene.camera import seen_window
@@ -215,5 +215,5 @@ class FastRenderer(CyclesRenderer):
             box += layer[..., :3]
             changed[top:bottom, left:right] |= alpha[..., 0] > 0
         out = self._table.encoded.copy()
-        out[changed] = encode_srgb(linear[changed])
+        encode_where(changed, linear, out)
         return out

@@ -22,14 +22,14 @@ from pliant.generator.rendering.materials import (
 )
 from pliant.generator.rendering.shadow import ShadowMap, shadow_map, sunlight
 from pliant.generator.rendering.sky import sky_maps, vertex_normals
-from pliant.generator.rendering.srgb import encode_channel, encode_srgb
+from pliant.generator.rendering.srgb import encode_channel, encode_where
 from pliant.generator.rendering.table import TableView
 from pliant.generator.scene.appearance import Appearance
 from pliant.generator.scene.camera import seen_window
 from pliant.generator.scene.scene_object import IntArray, Pose, SceneMesh, SceneObject
 from pliant.generator.truth.frame_truth import FrameTruth
 from pliant.generator.truth.rasteriser import Hits, Lens, rasterise_into
-from pliant.spec.arrays import FloatArray, Rgb
+from pliant.spec.arrays import BoolArray, FloatArray, Rgb
 from pliant.spec.camera import Camera
 
 SAMPLES: Final = 2
@@ -68,12 +68,13 @@ class RasterRenderer:
         shadow, sky = shadow_map(world, faces, light), sky_maps(world)
         open_front = sky.openness(world, normals) * self._materials.crevice
         open_back = sky.openness(world, -normals) if self._two_faced else open_front
-        linear, changed = self._table.under(shadow, sky)
-        out = self._table.encoded.copy()
-        out[changed] = encode_srgb(linear[changed])
         camera = self._camera
+        window = self._rasterise(world)
+        linear, changed = self._table.under(shadow, sky, _hidden(self._hits, window, camera.size))
+        out = self._table.encoded.copy()
+        encode_where(changed, linear, out)
         view = _View(
-            self._rasterise(world),
+            window,
             Lens.of(camera),
             camera.world_to_camera[:3, :3],
             camera.centre_m,
@@ -156,6 +157,18 @@ class _Surface(NamedTuple):
 
 
 @compiled
+def _hidden(hits: Hits, window: npt.NDArray[np.int64], size: tuple[int, int]) -> BoolArray:
+    """Return bool (H, W): pixels of a window whose samples all see the object."""
+    hidden = np.zeros((size[1], size[0]), np.bool_)
+    for row in range(window[2], window[3]):
+        for column in range(window[0], window[1]):
+            top, left = row * SAMPLES, column * SAMPLES
+            samples = hits.triangle[top : top + SAMPLES, left : left + SAMPLES]
+            hidden[row, column] = samples.min() >= 0
+    return hidden
+
+
+@compiled
 def _mixed(
     values: FloatArray, corners: tuple[int, int, int], weights: tuple[float, float, float]
 ) -> tuple[float, float, float]:
@@ -170,28 +183,21 @@ def _mixed(
 
 
 @compiled
-def _reflectance(
-    material: Materials,
-    triangle: int,
-    behind: bool,
-    corner: int,
-    place: tuple[float, float, float],
+def _woven(
+    image: npt.NDArray[np.float32], place: tuple[float, float, float]
 ) -> tuple[float, float, float]:
-    """Return the colour of a place on the object; the first corner has the vertices' colour."""
-    if material.surface[triangle] == WOVEN:
-        side = material.front.shape[0]
-        u = min(max(int(place[0] * side), 0), side - 1)
-        v = min(max(int(place[1] * side), 0), side - 1)
-        image = material.back if behind else material.front
-        return float(image[v, u, 0]), float(image[v, u, 1]), float(image[v, u, 2])
-    colour = material.colour
-    factor = 1.0
-    if material.surface[triangle] == FIBRES:
-        noise = value_noise(
-            place[0] * FIBRES_PER_M, place[1] * FIBRES_PER_M, place[2] * FIBRES_PER_M
-        )
-        factor = 1.0 + 2.0 * material.fibre_contrast * (noise - 0.5)
-    return colour[corner, 0] * factor, colour[corner, 1] * factor, colour[corner, 2] * factor
+    """Return the colour of a place on a cloth."""
+    side = image.shape[0]
+    u = min(max(int(place[0] * side), 0), side - 1)
+    v = min(max(int(place[1] * side), 0), side - 1)
+    return float(image[v, u, 0]), float(image[v, u, 1]), float(image[v, u, 2])
+
+
+@compiled
+def _mottling(place: tuple[float, float, float], contrast: float) -> float:
+    """Return the factor of a rope's colour at a place."""
+    noise = value_noise(place[0] * FIBRES_PER_M, place[1] * FIBRES_PER_M, place[2] * FIBRES_PER_M)
+    return 1.0 + 2.0 * contrast * (noise - 0.5)
 
 
 @compiled
@@ -265,49 +271,65 @@ def _shade(
         table: float32 (H, W, 3), the shadowed table, linear.
         out: uint8 (H, W, 3), written where the object is seen.
     """
-    lens, rotation, eye, sun_direction = view.lens, view.rotation, view.eye, light.sun_direction
+    # Each look into a tuple of arrays in the loop would count a reference.
+    window, lens, rotation, eye = view
+    triangle, depth_m, weights = hits
+    faces, normals, open_front, open_back = surface
+    kinds, colours, _, places, two_faced, front, back, contrast, specular = material
+    frame, sun_depth, coarse, texel_m, spread = shadow
+    sun_direction = light.sun_direction
     share = 1.0 / (SAMPLES * SAMPLES)
     total = np.empty(3)
-    for row in range(view.window[2], view.window[3]):
-        for column in range(view.window[0], view.window[1]):
+    for row in range(window[2], window[3]):
+        for column in range(window[0], window[1]):
             covered = 0
             total[:] = 0.0
             for sub in range(SAMPLES * SAMPLES):
                 j = row * SAMPLES + sub // SAMPLES
                 i = column * SAMPLES + sub % SAMPLES
-                t = hits.triangle[j, i]
+                t = triangle[j, i]
                 if t < 0:
                     continue
                 covered += 1
-                a, b, c = surface.faces[t, 0], surface.faces[t, 1], surface.faces[t, 2]
-                w1, w2 = hits.weights[j, i, 0], hits.weights[j, i, 1]
+                a, b, c = faces[t, 0], faces[t, 1], faces[t, 2]
+                w1, w2 = weights[j, i, 0], weights[j, i, 1]
                 w0 = 1.0 - w1 - w2
                 dx = ((i + 0.5) / SAMPLES - lens.cx) / lens.fx
                 dy = ((j + 0.5) / SAMPLES - lens.cy) / lens.fy
                 rx = rotation[0, 0] * dx + rotation[1, 0] * dy + rotation[2, 0]
                 ry = rotation[0, 1] * dx + rotation[1, 1] * dy + rotation[2, 1]
                 rz = rotation[0, 2] * dx + rotation[1, 2] * dy + rotation[2, 2]
-                depth = hits.depth_m[j, i]
+                depth = depth_m[j, i]
                 x, y, z = eye[0] + depth * rx, eye[1] + depth * ry, eye[2] + depth * rz
-                nx, ny, nz = _mixed(surface.normals, (a, b, c), (w0, w1, w2))
+                nx, ny, nz = _mixed(normals, (a, b, c), (w0, w1, w2))
                 length = math.sqrt(nx * nx + ny * ny + nz * nz) + 1e-12
                 nx, ny, nz = nx / length, ny / length, nz / length
-                behind = material.two_faced[t] == 1 and nx * rx + ny * ry + nz * rz > 0.0
+                behind = two_faced[t] == 1 and nx * rx + ny * ry + nz * rz > 0.0
                 if behind:
                     nx, ny, nz = -nx, -ny, -nz
-                seen_sky = surface.open_back if behind else surface.open_front
-                open_ = w0 * seen_sky[a] + w1 * seen_sky[b] + w2 * seen_sky[c]
-                place = _mixed(material.place, (a, b, c), (w0, w1, w2))
-                colour = _reflectance(material, t, behind, a, place)
+                    open_ = w0 * open_back[a] + w1 * open_back[b] + w2 * open_back[c]
+                else:
+                    open_ = w0 * open_front[a] + w1 * open_front[b] + w2 * open_front[c]
+                place = _mixed(places, (a, b, c), (w0, w1, w2))
+                if kinds[t] == WOVEN:
+                    colour = _woven(back, place) if behind else _woven(front, place)
+                else:  # the first corner has the vertices' colour
+                    factor = _mottling(place, contrast) if kinds[t] == FIBRES else 1.0
+                    colour = (
+                        colours[a, 0] * factor,
+                        colours[a, 1] * factor,
+                        colours[a, 2] * factor,
+                    )
                 lit = nx * sun_direction[0] + ny * sun_direction[1] + nz * sun_direction[2]
                 gloss = 0.0
                 if lit > 0.0:
-                    off = 2.0 * shadow.texel_m
-                    seen = sunlight(x + off * nx, y + off * ny, z + off * nz, i, j, shadow)
+                    off = 2.0 * texel_m
+                    x, y, z = x + off * nx, y + off * ny, z + off * nz
+                    seen = sunlight(x, y, z, i, j, frame, sun_depth, coarse, texel_m, spread)
                     lit *= seen
-                    if material.specular > 0.0 and seen > 0.0:
+                    if specular > 0.0 and seen > 0.0:
                         shine = _highlight((nx, ny, nz), (rx, ry, rz), sun_direction)
-                        gloss = 0.35 * material.specular * seen * shine
+                        gloss = 0.35 * specular * seen * shine
                 else:
                     lit = 0.0
                 _add_radiance(total, colour, lit, gloss, open_, nz, light)

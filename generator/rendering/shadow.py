@@ -40,14 +40,15 @@ def _disc(count: int) -> FloatArray:
     return np.stack([radius * np.cos(turn), radius * np.sin(turn)], axis=1)
 
 
-_DISC: Final = _disc(_TAPS)
-_TURNS: Final = np.stack(
-    [
-        np.cos(2 * np.pi * np.array([0, 8, 2, 10, 12, 4, 14, 6, 3, 11, 1, 9, 15, 7, 13, 5]) / 16),
-        np.sin(2 * np.pi * np.array([0, 8, 2, 10, 12, 4, 14, 6, 3, 11, 1, 9, 15, 7, 13, 5]) / 16),
-    ],
-    axis=1,
-)
+def _turned_discs() -> FloatArray:
+    """Return float64 (16, taps, 2): the disc turned by each angle of the pattern."""
+    order = np.array([0, 8, 2, 10, 12, 4, 14, 6, 3, 11, 1, 9, 15, 7, 13, 5])
+    c, s = np.cos(2 * np.pi * order / 16)[:, None], np.sin(2 * np.pi * order / 16)[:, None]
+    u, v = _disc(_TAPS).T
+    return np.stack([c * u - s * v, s * u + c * v], axis=-1)
+
+
+_DISCS: Final = _turned_discs()
 
 
 class ShadowMap(NamedTuple):
@@ -92,7 +93,8 @@ def shadow_map(world: FloatArray, faces: IntArray, light: Light) -> ShadowMap:
     columns, rows = (np.ceil((high - origin) / texel).astype(int) + 2).tolist()
     depth = np.full((rows, columns), _EMPTY, np.float32)
     seen[:, :2] = (seen[:, :2] - origin) / texel
-    _draw(seen, faces, depth)
+    for front in (True, False):  # a closed body's back is then behind what is drawn already
+        _draw(seen, faces, depth, front)
     frame = np.zeros((3, 4))
     frame[:2, :3], frame[:2, 3] = axes[:2] / texel, -origin / texel
     frame[2, :3] = axes[2]
@@ -101,26 +103,30 @@ def shadow_map(world: FloatArray, faces: IntArray, light: Light) -> ShadowMap:
 
 
 @compiled
-def _draw(points: FloatArray, faces: IntArray, depth: npt.NDArray[np.float32]) -> None:
+def _draw(points: FloatArray, faces: IntArray, depth: npt.NDArray[np.float32], front: bool) -> None:
+    """Draw the triangles that face one way; call it for both, in either order."""
     rows, columns = depth.shape
     for t in range(faces.shape[0]):
         a, b, c = faces[t, 0], faces[t, 1], faces[t, 2]
         x0, y0, z0 = points[a, 0], points[a, 1], points[a, 2]
         x1, y1, z1 = points[b, 0], points[b, 1], points[b, 2]
         x2, y2, z2 = points[c, 0], points[c, 1], points[c, 2]
+        area = (x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0)
+        if area == 0.0 or (area < 0.0) != front:
+            continue
         i0 = max(0, math.ceil(min(x0, x1, x2) - 0.5))
         i1 = min(columns - 1, math.floor(max(x0, x1, x2) - 0.5))
         j0 = max(0, math.ceil(min(y0, y1, y2) - 0.5))
         j1 = min(rows - 1, math.floor(max(y0, y1, y2) - 0.5))
         if i0 > i1 or j0 > j1:
             continue
-        area = (x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0)
-        if area == 0.0:
-            continue
         scale = 1.0 / area
+        nearest = np.float32(min(z0, z1, z2) - 1e-6)  # below it by more than rounding
         for j in range(j0, j1 + 1):
             py = j + 0.5
             for i in range(i0, i1 + 1):
+                if depth[j, i] <= nearest:
+                    continue
                 px = i + 0.5
                 w1 = ((px - x0) * (y2 - y0) - (x2 - x0) * (py - y0)) * scale
                 w2 = ((x1 - x0) * (py - y0) - (px - x0) * (y1 - y0)) * scale
@@ -153,7 +159,51 @@ def _coarse(depth: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
 
 
 @compiled
-def sunlight(x: float, y: float, z: float, column: int, row: int, shadow: ShadowMap) -> float:
+def may_shade(box: FloatArray, shadow: ShadowMap) -> bool:
+    """Return whether the object can take sunlight from a place in a box of the table, z = 0.
+
+    Args:
+        box: float64 (2, 2), lowest and highest x and y, world metres.
+        shadow: What the sun sees.
+    """
+    frame, coarse = shadow.frame, shadow.coarse
+    low, high = np.empty(2), np.empty(2)
+    for axis in range(2):
+        low[axis] = high[axis] = frame[axis, 3]
+        for c in range(2):
+            ends = frame[axis, c] * box[0, c], frame[axis, c] * box[1, c]
+            low[axis] += min(ends)
+            high[axis] += max(ends)
+        # As `sunlight` does beyond the edge; a texel more than rounding can move a place.
+        if low[axis] > shadow.depth.shape[1 - axis] + _MAX_RADIUS + 2.0:
+            return False
+        if high[axis] < -_MAX_RADIUS - 2.0:
+            return False
+    cells = np.empty((2, 2), np.int64)
+    for axis in range(2):
+        last = coarse.shape[1 - axis] - 1
+        cells[axis, 0] = min(max(int(low[axis] - 1.0) // _BLOCK, 0), last)
+        cells[axis, 1] = min(max(int(high[axis] + 1.0) // _BLOCK, 0), last)
+    for j in range(cells[1, 0], cells[1, 1] + 1):
+        for i in range(cells[0, 0], cells[0, 1] + 1):
+            if coarse[j, i] < _EMPTY:
+                return True
+    return False
+
+
+@compiled
+def sunlight(
+    x: float,
+    y: float,
+    z: float,
+    column: int,
+    row: int,
+    frame: FloatArray,
+    depth: npt.NDArray[np.float32],
+    coarse: npt.NDArray[np.float32],
+    texel_m: float,
+    spread: float,
+) -> float:
     """Return the share of the sun's disc that a place sees.
 
     Args:
@@ -162,9 +212,12 @@ def sunlight(x: float, y: float, z: float, column: int, row: int, shadow: Shadow
         z: Place.
         column: Pixel; it turns the taps.
         row: Pixel.
-        shadow: What the sun sees.
+        frame: Of the `ShadowMap`, and so the rest.
+        depth: Of it.
+        coarse: Of it.
+        texel_m: Of it.
+        spread: Of it.
     """
-    frame, depth, texel_m = shadow.frame, shadow.depth, shadow.texel_m
     rows, columns = depth.shape
     sx = frame[0, 0] * x + frame[0, 1] * y + frame[0, 2] * z + frame[0, 3]
     sy = frame[1, 0] * x + frame[1, 1] * y + frame[1, 2] * z + frame[1, 3]
@@ -173,33 +226,30 @@ def sunlight(x: float, y: float, z: float, column: int, row: int, shadow: Shadow
     if sx < -reach or sy < -reach or sx >= columns + reach or sy >= rows + reach:
         return 1.0
     away = frame[2, 0] * x + frame[2, 1] * y + frame[2, 2] * z - 0.5 * texel_m
-    ci = min(max(int(sx) // _BLOCK, 0), shadow.coarse.shape[1] - 1)
-    cj = min(max(int(sy) // _BLOCK, 0), shadow.coarse.shape[0] - 1)
-    nearest = shadow.coarse[cj, ci]
+    ci = min(max(int(sx) // _BLOCK, 0), coarse.shape[1] - 1)
+    cj = min(max(int(sy) // _BLOCK, 0), coarse.shape[0] - 1)
+    nearest = coarse[cj, ci]
     if nearest >= away:
         return 1.0
     turn = (row & 3) * 4 + (column & 3)
-    c, s = _TURNS[turn, 0], _TURNS[turn, 1]
-    search = min(max(shadow.spread * (away - nearest) / texel_m, 1.0), _MAX_RADIUS)
+    search = min(max(spread * (away - nearest) / texel_m, 1.0), _MAX_RADIUS)
     blockers = 0
     total = 0.0
     for k in range(_TAPS):
-        u, v = _DISC[k, 0], _DISC[k, 1]
-        i = math.floor(sx + search * (c * u - s * v))
-        j = math.floor(sy + search * (s * u + c * v))
+        i = math.floor(sx + search * _DISCS[turn, k, 0])
+        j = math.floor(sy + search * _DISCS[turn, k, 1])
         if 0 <= i < columns and 0 <= j < rows and depth[j, i] < away:
             blockers += 1
             total += depth[j, i]
     if blockers == 0:
         return 1.0
-    radius = min(max(shadow.spread * (away - total / blockers) / texel_m, 0.9), _MAX_RADIUS)
+    radius = min(max(spread * (away - total / blockers) / texel_m, 0.9), _MAX_RADIUS)
     if radius > 0.9 * search:
         return 1.0 - blockers / _TAPS
     lit = 0
     for k in range(_TAPS):
-        u, v = _DISC[k, 0], _DISC[k, 1]
-        i = math.floor(sx + radius * (c * u - s * v))
-        j = math.floor(sy + radius * (s * u + c * v))
+        i = math.floor(sx + radius * _DISCS[turn, k, 0])
+        j = math.floor(sy + radius * _DISCS[turn, k, 1])
         if not (0 <= i < columns and 0 <= j < rows and depth[j, i] < away):
             lit += 1
     return lit / _TAPS

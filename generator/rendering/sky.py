@@ -112,9 +112,9 @@ def _drop(
     world: FloatArray, centre: FloatArray, per_m: float, height: npt.NDArray[np.float32]
 ) -> None:
     half = 0.5 * _CELLS
-    for n in range(world.shape[0]):
-        x, y, z = world[n, 0] - centre[0], world[n, 1] - centre[1], world[n, 2] - centre[2]
-        for k in range(_DIRECTIONS):
+    for k in range(_DIRECTIONS):
+        for n in range(world.shape[0]):
+            x, y, z = world[n, 0] - centre[0], world[n, 1] - centre[1], world[n, 2] - centre[2]
             i = int((_AXES[k, 0, 0] * x + _AXES[k, 0, 1] * y + _AXES[k, 0, 2] * z) * per_m + half)
             j = int((_AXES[k, 1, 0] * x + _AXES[k, 1, 1] * y + _AXES[k, 1, 2] * z) * per_m + half)
             h = np.float32(_AXES[k, 2, 0] * x + _AXES[k, 2, 1] * y + _AXES[k, 2, 2] * z)
@@ -139,13 +139,17 @@ def _openness(points: FloatArray, normals: FloatArray, maps: SkyMaps) -> FloatAr
             if weight <= 0.0:
                 continue
             total += weight
-            u = (_AXES[k, 0, 0] * x + _AXES[k, 0, 1] * y + _AXES[k, 0, 2] * z) / cell + half - 0.5
-            v = (_AXES[k, 1, 0] * x + _AXES[k, 1, 1] * y + _AXES[k, 1, 2] * z) / cell + half - 0.5
-            h = _AXES[k, 2, 0] * x + _AXES[k, 2, 1] * y + _AXES[k, 2, 2] * z + 0.5 * cell
+            across = _AXES[k, 0, 0] * x + _AXES[k, 0, 1] * y + _AXES[k, 0, 2] * z
+            down = _AXES[k, 1, 0] * x + _AXES[k, 1, 1] * y + _AXES[k, 1, 2] * z
+            if max(abs(across), abs(down)) > half * cell:  # off the map, without a division
+                open_ += weight
+                continue
+            u, v = across / cell + half - 0.5, down / cell + half - 0.5
             i, j = math.floor(u), math.floor(v)
             if i < 0 or j < 0 or i >= _CELLS - 1 or j >= _CELLS - 1:
                 open_ += weight
                 continue
+            h = _AXES[k, 2, 0] * x + _AXES[k, 2, 1] * y + _AXES[k, 2, 2] * z + 0.5 * cell
             fu, fv = u - i, v - j
             seen = 0.0
             if height[k, j, i] <= h:

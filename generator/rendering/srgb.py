@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pliant.generator.compiled import compiled
+from pliant.spec.arrays import BoolArray
 
 _STEPS: Final = 4096
 
@@ -39,3 +40,21 @@ def encode_srgb(linear: npt.NDArray[np.floating[Any]]) -> npt.NDArray[np.uint8]:
     """
     steps = np.clip(linear * _STEPS, 0, _STEPS - 1).astype(np.int16)
     return _CURVE[steps]
+
+
+@compiled
+def encode_where(
+    mask: BoolArray, linear: npt.NDArray[np.floating[Any]], out: npt.NDArray[np.uint8]
+) -> None:
+    """Encode the pixels of a mask as `encode_srgb` does.
+
+    Args:
+        mask: bool (H, W).
+        linear: float (H, W, 3), linear light, 1 is white.
+        out: uint8 (H, W, 3), sRGB; written where the mask is true.
+    """
+    for j in range(mask.shape[0]):
+        for i in range(mask.shape[1]):
+            if mask[j, i]:
+                for k in range(3):
+                    out[j, i, k] = encode_channel(linear[j, i, k])

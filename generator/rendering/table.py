@@ -7,6 +7,7 @@ object takes away a share of each light. No renderer is needed for either.
 from __future__ import annotations
 
 import math
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -14,15 +15,18 @@ import numpy.typing as npt
 
 from pliant.generator.compiled import compiled
 from pliant.generator.rendering.materials import table_reflectance
-from pliant.generator.rendering.shadow import ShadowMap, sunlight
+from pliant.generator.rendering.shadow import ShadowMap, may_shade, sunlight
 from pliant.generator.rendering.sky import SkyMaps
 from pliant.generator.rendering.srgb import encode_srgb
 from pliant.generator.scene.appearance import Appearance
-from pliant.spec.arrays import FloatArray
+from pliant.spec.arrays import BoolArray, FloatArray
 from pliant.spec.camera import Camera
 
 _GRID_PX = 4
 # The sky's share is worked out every so many pixels and interpolated between.
+
+_TILE_PX = 16
+# Side of the tiles that are skipped where no light is missing: a multiple of `_GRID_PX`.
 
 
 class TableView:
@@ -48,6 +52,7 @@ class TableView:
         self._xy = xy.reshape(height, width, 2)
         self.linear = linear.reshape(height, width, 3).astype(np.float32)
         self.encoded = encode_srgb(self.linear)
+        self._boxes = _tile_boxes(self._xy)
         # Lattice points past the last row and column are there to interpolate up to the edge.
         grid_rows = np.arange(-(-height // _GRID_PX) + 1) * float(_GRID_PX)
         grid_columns = np.arange(-(-width // _GRID_PX) + 1) * float(_GRID_PX)
@@ -56,35 +61,38 @@ class TableView:
         self._up = np.broadcast_to([0.0, 0.0, 1.0], self._grid.shape).copy()
         self._grid_shape = len(grid_rows), len(grid_columns)
 
-    @property
+    @cached_property
     def reflected(self) -> FloatArray:
         """float64 (3,): mean radiance of the open table; it lights objects from below."""
         mean: FloatArray = self._reflectance.mean(axis=(0, 1)) * (self._sun + self._sky)
         return mean
 
     def under(
-        self, shadow: ShadowMap, sky: SkyMaps
-    ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.bool_]]:
+        self, shadow: ShadowMap, sky: SkyMaps, hidden: BoolArray | None = None
+    ) -> tuple[npt.NDArray[np.float32], BoolArray]:
         """Return the table with the object's shadows on it.
 
         Args:
             shadow: What the sun sees.
             sky: What the sky sees.
+            hidden: bool (H, W), pixels where the table is not seen, which stay as in `linear`.
 
         Returns:
             float32 (H, W, 3), linear light; bool (H, W), where it differs from `linear`.
         """
         linear = self.linear.copy()
         changed = np.zeros(linear.shape[:2], np.bool_)
+        if hidden is None:
+            hidden = changed.copy()
         grid = sky.openness(self._grid, self._up).reshape(self._grid_shape)
-        ground = _Ground(self._reflectance, self._xy, self._sun, self._sky, grid)
-        _shade(ground, shadow, linear, changed)
+        ground = _Ground(self._reflectance, self._xy, self._boxes, self._sun, self._sky, grid)
+        _shade(ground, shadow, hidden, linear, changed)
         return linear, changed
 
 
 def _on_table(
     camera: Camera, columns_px: FloatArray, rows_px: FloatArray
-) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
+) -> tuple[FloatArray, BoolArray]:
     """Return where the rays of a lattice of image positions meet the table, and whether they do."""
     u, v = np.meshgrid(columns_px, rows_px)
     K, eye = camera.K, camera.centre_m
@@ -102,11 +110,22 @@ def _on_table(
     return eye[:2] + reach[:, None] * rays[:, :2], seen
 
 
+def _tile_boxes(xy: FloatArray) -> FloatArray:
+    """Return float64 (rows, columns, 2, 2): lowest and highest x and y of each tile's places."""
+    down, across = (np.arange(0, side, _TILE_PX) for side in xy.shape[:2])
+    ends = [
+        each.reduceat(each.reduceat(xy, down, axis=0), across, axis=1)
+        for each in (np.minimum, np.maximum)
+    ]
+    return np.stack(ends, axis=2)
+
+
 class _Ground(NamedTuple):
     """The open table: reflectance and place per pixel, its light, and the sky's share on a grid."""
 
     reflectance: npt.NDArray[np.float32]
     xy: FloatArray
+    boxes: FloatArray
     sun: FloatArray
     sky: FloatArray
     grid: FloatArray
@@ -116,25 +135,41 @@ class _Ground(NamedTuple):
 def _shade(
     ground: _Ground,
     shadow: ShadowMap,
+    hidden: BoolArray,
     linear: npt.NDArray[np.float32],
-    changed: npt.NDArray[np.bool_],
+    changed: BoolArray,
 ) -> None:
-    grid, xy, sun, sky = ground.grid, ground.xy, ground.sun, ground.sky
+    """Shade tile by tile; many tiles of a small object's picture miss no light."""
+    # Each look into a tuple of arrays inside the loops would count a reference.
+    reflectance, xy, boxes, sun, sky, grid = ground
+    frame, depth, coarse, texel_m, spread = shadow
     height, width = changed.shape
-    for j in range(height):
-        gv = (j + 0.5) / _GRID_PX
-        gj = int(gv)
-        fv = gv - gj
-        for i in range(width):
-            gu = (i + 0.5) / _GRID_PX
-            gi = int(gu)
-            fu = gu - gi
-            open_ = (1.0 - fv) * ((1.0 - fu) * grid[gj, gi] + fu * grid[gj, gi + 1]) + fv * (
-                (1.0 - fu) * grid[gj + 1, gi] + fu * grid[gj + 1, gi + 1]
-            )
-            lit = sunlight(xy[j, i, 0], xy[j, i, 1], 0.0, i, j, shadow)
-            if lit < 1.0 or open_ < 0.999:
-                changed[j, i] = True
-                for k in range(3):
-                    light = lit * sun[k] + open_ * sky[k]
-                    linear[j, i, k] = ground.reflectance[j, i, k] * light
+    cells = _TILE_PX // _GRID_PX
+    for tj in range(boxes.shape[0]):
+        for ti in range(boxes.shape[1]):
+            shaded = may_shade(boxes[tj, ti], shadow)
+            around = grid[tj * cells : (tj + 1) * cells + 1, ti * cells : (ti + 1) * cells + 1]
+            if not shaded and around.min() == 1.0:
+                continue
+            for j in range(tj * _TILE_PX, min((tj + 1) * _TILE_PX, height)):
+                gv = (j + 0.5) / _GRID_PX
+                gj = int(gv)
+                fv = gv - gj
+                for i in range(ti * _TILE_PX, min((ti + 1) * _TILE_PX, width)):
+                    if hidden[j, i]:
+                        continue
+                    gu = (i + 0.5) / _GRID_PX
+                    gi = int(gu)
+                    fu = gu - gi
+                    open_ = (1.0 - fv) * ((1.0 - fu) * grid[gj, gi] + fu * grid[gj, gi + 1]) + (
+                        fv * ((1.0 - fu) * grid[gj + 1, gi] + fu * grid[gj + 1, gi + 1])
+                    )
+                    lit = 1.0
+                    if shaded:
+                        x, y = xy[j, i, 0], xy[j, i, 1]
+                        lit = sunlight(x, y, 0.0, i, j, frame, depth, coarse, texel_m, spread)
+                    if lit < 1.0 or open_ < 0.999:
+                        changed[j, i] = True
+                        for k in range(3):
+                            light = lit * sun[k] + open_ * sky[k]
+                            linear[j, i, k] = reflectance[j, i, k] * light

@@ -166,7 +166,10 @@ def rasterise_into(
         lens: Of the image of `hits`.
         hits: Written.
     """
-    height, width = hits.triangle.shape
+    # Each look into a tuple of arrays inside the loops would count a reference.
+    triangle, depth_m, weights = hits
+    height, width = triangle.shape
+    across = (np.arange(width) + 0.5 - lens.cx) / lens.fx
     for t in range(faces.shape[0]):
         corners = faces[t, 0], faces[t, 1], faces[t, 2]
         i0, i1, j0, j1 = covered_cells(points, uv, corners, 1.0, 0.5, (width, height))
@@ -182,7 +185,7 @@ def rasterise_into(
             r1 = n1y * dy + n1z
             r2 = n2y * dy + n2z
             for i in range(i0, i1 + 1):
-                dx = (i + 0.5 - lens.cx) / lens.fx
+                dx = across[i]
                 e0 = side * (n0x * dx + r0)
                 if e0 < 0.0:
                     continue
@@ -202,11 +205,11 @@ def rasterise_into(
                 if total == 0.0:
                     continue
                 z = side * det / total
-                if z < hits.depth_m[j, i] and z >= NEAR_M:
-                    hits.depth_m[j, i] = z
-                    hits.triangle[j, i] = t
-                    hits.weights[j, i, 0] = e1 / total
-                    hits.weights[j, i, 1] = e2 / total
+                if z < depth_m[j, i] and z >= NEAR_M:
+                    depth_m[j, i] = z
+                    triangle[j, i] = t
+                    weights[j, i, 0] = e1 / total
+                    weights[j, i, 1] = e2 / total
 
 
 @inlined

@@ -122,17 +122,19 @@ def _cast(
     weights: FloatArray,
 ) -> None:
     """Intersect every triangle with the rays whose cell its box in the image touches."""
-    columns = rays.size[0]
+    # Each look into a tuple of arrays inside the loops would count a reference.
+    direction, nearest, owns, starts, size = rays
+    columns = size[0]
     for t in range(faces.shape[0]):
         a, b, c = faces[t, 0], faces[t, 1], faces[t, 2]
-        i0, i1, j0, j1 = covered_cells(points, uv, (a, b, c), float(_CELL_PX), 1.0, rays.size)
+        i0, i1, j0, j1 = covered_cells(points, uv, (a, b, c), float(_CELL_PX), 1.0, size)
         if i0 > i1 or j0 > j1:
             continue
         ready = False
         n0x = n0y = n0z = n1x = n1y = n1z = n2x = n2y = n2z = det = side = 0.0
         for j in range(j0, j1 + 1):
-            for n in range(rays.starts[j * columns + i0], rays.starts[j * columns + i1 + 1]):
-                own, end = rays.own[n, 0], rays.own[n, 1]
+            for n in range(starts[j * columns + i0], starts[j * columns + i1 + 1]):
+                own, end = owns[n, 0], owns[n, 1]
                 if (own in (a, b, c)) and (end in (a, b, c)):
                     continue
                 if not ready:
@@ -141,7 +143,7 @@ def _cast(
                         points, (a, b, c)
                     )
                     side = 1.0 if det > 0.0 else -1.0
-                x, y = rays.direction[n, 0], rays.direction[n, 1]
+                x, y = direction[n, 0], direction[n, 1]
                 e0 = side * (n0x * x + n0y * y + n0z)
                 e1 = side * (n1x * x + n1y * y + n1z)
                 e2 = side * (n2x * x + n2y * y + n2z)
@@ -149,8 +151,8 @@ def _cast(
                 if e0 < 0.0 or e1 < 0.0 or e2 < 0.0 or total <= 0.0:
                     continue
                 z = side * det / total
-                if NEAR_M <= z < rays.nearest[n]:
-                    rays.nearest[n] = z
+                if NEAR_M <= z < nearest[n]:
+                    nearest[n] = z
                     triangle[n] = t
                     weights[n, 0] = e1 / total
                     weights[n, 1] = e2 / total

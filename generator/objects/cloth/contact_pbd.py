@@ -185,7 +185,8 @@ def list_pairs(positions: FloatArray, rest: FloatArray, layers: Layers, pairs: P
     # Half of the 27 cells about each mass, so that a pair is met once: what follows it in its
     # own column of cells, and four of the eight columns around.
     found = 0
-    room = pairs.first.shape[0]
+    firsts, seconds, targets_m, frictions = pairs
+    room = firsts.shape[0]
     for p in range(count):
         z = sorted_key[p] % cells[2]
         column = sorted_key[p] // cells[2]
@@ -212,10 +213,10 @@ def list_pairs(positions: FloatArray, rest: FloatArray, layers: Layers, pairs: P
                     for c in range(3):
                         square += (rest[i, c] - rest[j, c]) ** 2
                     apart = math.sqrt(square)
-                    pairs.first[found] = i
-                    pairs.second[found] = j
-                    pairs.target_m[found] = min(layers.distance_m, REST_SHARE * apart)
-                    pairs.friction[found] = layers.friction if apart > layers.layer_m else 0.0
+                    firsts[found] = i
+                    seconds[found] = j
+                    targets_m[found] = min(layers.distance_m, REST_SHARE * apart)
+                    frictions[found] = layers.friction if apart > layers.layer_m else 0.0
                 found += 1
     return found
 
@@ -237,14 +238,15 @@ def part_pairs(
         pairs: The list.
         count: Listed pairs.
     """
+    firsts, seconds, targets_m, frictions = pairs
     for q in range(count):
-        i = pairs.first[q]
-        j = pairs.second[q]
+        i = firsts[q]
+        j = seconds[q]
         dx = positions[i, 0] - positions[j, 0]
         dy = positions[i, 1] - positions[j, 1]
         dz = positions[i, 2] - positions[j, 2]
         square = dx * dx + dy * dy + dz * dz
-        target = pairs.target_m[q]
+        target = targets_m[q]
         if square >= target * target or square == 0.0:
             continue
         movable = free[i] + free[j]
@@ -263,7 +265,7 @@ def part_pairs(
         positions[j, 0] -= depth * nx * share_j
         positions[j, 1] -= depth * ny * share_j
         positions[j, 2] -= depth * nz * share_j
-        if pairs.friction[q] == 0.0:
+        if frictions[q] == 0.0:
             continue
         sx = (positions[i, 0] - previous[i, 0]) - (positions[j, 0] - previous[j, 0])
         sy = (positions[i, 1] - previous[i, 1]) - (positions[j, 1] - previous[j, 1])
@@ -275,7 +277,7 @@ def part_pairs(
         slip = math.sqrt(sx * sx + sy * sy + sz * sz)
         if slip == 0.0:
             continue
-        brake = min(1.0, pairs.friction[q] * depth / slip)
+        brake = min(1.0, frictions[q] * depth / slip)
         positions[i, 0] -= brake * sx * share_i
         positions[i, 1] -= brake * sy * share_i
         positions[i, 2] -= brake * sz * share_i

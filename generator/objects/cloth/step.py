@@ -60,12 +60,13 @@ def verlet_step(
     keep = 1.0 - motion.damping
     dt2 = motion.dt_s * motion.dt_s
     longest_m = motion.longest_m
+    gravity = motion.gravity  # in the loop, each look into the tuple would count a reference
     for i in range(positions.shape[0]):
         if free[i] > 0.0:
             square = 0.0
             for c in range(3):
                 x = positions[i, c]
-                acceleration = forces[i, c] / motion.mass_kg + motion.gravity[c]
+                acceleration = forces[i, c] / motion.mass_kg + gravity[c]
                 step = keep * (x - previous[i, c]) + acceleration * dt2
                 previous[i, c] = x
                 positions[i, c] = x + step

@@ -71,7 +71,7 @@ def test_a_shadow_falls_where_the_sun_says_and_is_half_at_its_edge() -> None:
     shadow = shadow_map(vertices, faces, HIGH_SUN)
 
     def lit(x: float) -> float:
-        places = [sunlight(x, 0.001 * k, 0.0, k, k // 4, shadow) for k in range(16)]
+        places = [sunlight(x, 0.001 * k, 0.0, k, k // 4, *shadow) for k in range(16)]
         return float(np.mean(places))
 
     assert lit(-0.15) == 0.0
