@@ -52,14 +52,6 @@ def _lucas_kanade(
     return found[:, 0], status[:, 0] > 0
 
 
-def _robust_local(
-    cv2: Any, a: ImageArray, b: ImageArray, xy: Float32Array
-) -> tuple[Float32Array, BoolArray]:
-    # Points are one row, (1, N, 2): as a column it returns memory that it never wrote.
-    found, status, _ = cv2.optflow.calcOpticalFlowSparseRLOF(a, b, xy[None], xy[None].copy())
-    return found.reshape(-1, 2), status.ravel() > 0
-
-
 def _inverse_search(
     cv2: Any, a: ImageArray, b: ImageArray, xy: Float32Array
 ) -> tuple[Float32Array, BoolArray]:
@@ -77,7 +69,6 @@ FLOWS: Final[
 ] = {
     "lk-chain": _lucas_kanade,
     "dis-chain": _inverse_search,
-    "rlof-chain": _robust_local,
 }
 """Name -> (cv2, image, next image, points (N, 2) in OpenCV's convention) -> where they are in the
 next image, float32 (N, 2), and which were followed, bool (N,)."""
@@ -95,7 +86,7 @@ class FlowChain:
         name: One of `FLOWS`.
 
     Raises:
-        MissingExtraError: OpenCV is not installed, or lacks the contributed module.
+        MissingExtraError: OpenCV is not installed.
     """
 
     def __init__(self, name: str) -> None:
@@ -104,8 +95,7 @@ class FlowChain:
         self._opencv()
 
     def _opencv(self) -> Any:
-        needed = "optflow" if self.name == "rlof-chain" else ""
-        return load_opencv(f"optical flow ({self.name})", needed)
+        return load_opencv(f"optical flow ({self.name})")
 
     def describe(self) -> Mapping[str, Any]:
         """Return name, settings and version for the submission's footer."""

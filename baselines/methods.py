@@ -53,16 +53,9 @@ METHODS: dict[str, Make] = {
         {
             "lk-chain": "Lucas-Kanade optical flow chained through the frames of an episode.",
             "dis-chain": "Dense inverse search (Kroeger et al., 2016), chained likewise.",
-            "rlof-chain": "Robust local optical flow (Senst et al., 2012), chained likewise.",
         },
     ),
-    **_named(
-        ClothOutline,
-        {
-            "cloth-homography": "Homography of the four corners of a cloth's mask.",
-            "cloth-tps": "Thin-plate spline through the outline of a cloth's mask.",
-        },
-    ),
+    "cloth-tps": ClothOutline,
     "rope-tracer": RopeTracer,
     "identity": Identity,
     "random": RandomInMask,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any, Final
 
 import numpy as np
@@ -120,17 +120,8 @@ def _four_corners(
     return rows if four else None
 
 
-def _homography(cv2: Any, source: FloatArray, target: FloatArray, uv_px: FloatArray) -> FloatArray:
-    """Carry places by the homography of the four corners."""
-    a, b = source[:, 0].astype(np.float32), target[:, 0].astype(np.float32)
-    matrix = cv2.getPerspectiveTransform(a, b)
-    moved: FloatArray = cv2.perspectiveTransform(uv_px[None], matrix)[0]
-    return moved
-
-
-def _thin_plate(cv2: Any, source: FloatArray, target: FloatArray, uv_px: FloatArray) -> FloatArray:
+def _thin_plate(source: FloatArray, target: FloatArray, uv_px: FloatArray) -> FloatArray:
     """Carry places by the thin-plate spline through the outline (Bookstein, PAMI 1989)."""
-    del cv2
     from scipy.interpolate import RBFInterpolator  # it takes half a second
 
     spline = RBFInterpolator(
@@ -140,28 +131,19 @@ def _thin_plate(cv2: Any, source: FloatArray, target: FloatArray, uv_px: FloatAr
     return moved
 
 
-WARPS: Final[dict[str, Callable[[Any, FloatArray, FloatArray, FloatArray], FloatArray]]] = {
-    "cloth-homography": _homography,
-    "cloth-tps": _thin_plate,
-}
-"""Name -> (cv2, sides in the source, sides in the target, places (N, 2)) -> places (N, 2)."""
-
-
 class ClothOutline:
-    """Carries places from one mask of a cloth to another by their outlines alone.
+    """Thin-plate spline through the outline of a cloth's mask.
 
     Where a mask is missing or has no four corners, the answer is the middle of the target.
-
-    Args:
-        name: One of `WARPS`.
 
     Raises:
         MissingExtraError: OpenCV is not installed.
     """
 
-    def __init__(self, name: str) -> None:
-        self.name = name
-        load_opencv(name)
+    name = "cloth-tps"
+
+    def __init__(self) -> None:
+        load_opencv(self.name)
         self._sides: LRUCache[FloatArray | None] = LRUCache(_KEPT_VIEWS)
 
     def describe(self) -> Mapping[str, Any]:
@@ -178,7 +160,7 @@ class ClothOutline:
         a, b = self._of(source), self._of(target)
         uv_b_px = np.tile(central_position(target), (len(uv_a_px), 1))  # (N, 2)
         if a is not None and b is not None and len(uv_a_px):
-            moved = WARPS[self.name](load_opencv(self.name), a, b, uv_a_px.astype(np.float64))
+            moved = _thin_plate(a, b, uv_a_px.astype(np.float64))
             finite = np.isfinite(moved).all(axis=1)
             uv_b_px[finite] = moved[finite].clip(0, target.rgb.shape[1::-1])
         return Answers(uv_b_px)

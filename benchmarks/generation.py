@@ -10,14 +10,12 @@ image are steadier than rates: take those on a machine that does other things.
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 from record import Value, main
 
@@ -26,7 +24,6 @@ from pliant.generator.runner.engine import STAGES, Failed, Finished, Rendered, S
 from pliant.generator.runner.engine_local import LocalEngine
 from pliant.generator.runner.plan import plan_tasks
 from pliant.generator.runner.run import sequence_maker
-from pliant.generator.seeding import SequenceTask
 
 STYLES = ("raster", "fast", "photo")
 FRAMES = {"raster": 150, "fast": 150, "photo": 50}
@@ -56,7 +53,6 @@ def measure(quick: bool) -> dict[str, Value]:
         record[f"images_per_s_cloth3_{style}"] = cloth.images_per_s
         record[f"cpu_s_per_image_cloth3_{style}"] = cloth.cpu_s_per_image
         record[f"bytes_per_frame_cloth3_{style}"] = cloth.bytes_per_frame
-    record |= apart(memory, "fast", 60 if quick else 1000)
     return record
 
 
@@ -96,7 +92,7 @@ def run(tier: str, style: str, frames: int, *, workers: int) -> Run:
     results: list[SequenceResult] = []
     with _folder() as root:
         ticks, done = [(time.perf_counter(), 0)], 0
-        for event in LocalEngine(workers).events(plan_tasks(config), _maker(config, root)):
+        for event in LocalEngine(workers).events(plan_tasks(config), sequence_maker(config, root)):
             if isinstance(event, Failed):
                 raise SystemExit(event.error)
             if isinstance(event, Rendered):
@@ -108,38 +104,14 @@ def run(tier: str, style: str, frames: int, *, workers: int) -> Run:
     return Run(results, ticks)
 
 
-def memory(style: str, frames: int) -> dict[str, Value]:
-    """Resident memory of a worker after a tenth of the frames of an episode, and after all."""
-    from pliant.generator.runner.sequence import SequenceMaker, resident_bytes
-
-    config = _config("rope", style, frames, 1, width=160, height=120)
-    seen: list[int] = []
-    with _folder() as root:
-        maker = SequenceMaker(config, root)
-        maker.make(SequenceTask("rope", "train", 0), lambda: seen.append(resident_bytes()))
-        maker.close()
-    tenth = seen[frames // 10 - 1]
-    return {
-        "memory_frames": frames,
-        "memory_mb_after_tenth": tenth / 1e6,
-        "memory_mb_after_all": seen[-1] / 1e6,
-        "memory_ratio": seen[-1] / tenth,
-    }
-
-
-def _config(tier: str, style: str, frames: int, sequences: int, **changes: Any) -> GenerateConfig:
+def _config(tier: str, style: str, frames: int, sequences: int) -> GenerateConfig:
     return GenerateConfig(
         tiers=(tier,),
         splits={"train": sequences},
         frames=max(frames, 2),
         episodes=True,
         style=style,
-        **changes,
     )
-
-
-def _maker(config: GenerateConfig, root: Path) -> Any:
-    return sequence_maker(config, root)
 
 
 @contextmanager
@@ -160,14 +132,6 @@ def _one_core() -> Iterator[None]:
 def _folder() -> Iterator[Path]:
     with tempfile.TemporaryDirectory(prefix="pliant-benchmark-") as folder:
         yield Path(folder)
-
-
-def apart(function: Any, *arguments: Any) -> dict[str, Value]:
-    """Call a function in a process of its own, so that one Blender's state marks no other."""
-    context = multiprocessing.get_context("spawn")
-    with context.Pool(1) as pool:
-        result: dict[str, Value] = pool.apply(function, arguments)
-    return result
 
 
 if __name__ == "__main__":

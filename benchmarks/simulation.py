@@ -3,9 +3,9 @@
     python benchmarks/simulation.py [--quick] [--json FILE]
 
 `cloth_ms_per_step_N`: a cloth of N x N points held by two corners, without self-contact;
-`…_self`: with it; `…_heap_self`: a cloth that falls in folds on a table.
+`…_self`: with it.
 `cloth_cpu_s_tier_N`: a finished cloth of a tier, refused tries and the calm phase included.
-`rope_frames_per_s`: a rope episode that a hand moves; `…_with_mesh` of each frame.
+`rope_frames_per_s`: a rope episode that a hand moves.
 """
 
 from __future__ import annotations
@@ -20,7 +20,6 @@ from pliant.generator.objects.cloth import ClothSettings, sample_cloth
 from pliant.generator.objects.cloth.contact_pbd import PairContact
 from pliant.generator.objects.cloth.grid import flat_positions
 from pliant.generator.objects.cloth.simulator import Sheet, Simulator
-from pliant.generator.objects.cloth.step import Table
 from pliant.generator.objects.rope import RopeSettings
 from pliant.generator.objects.rope.body import RopeBody
 from pliant.generator.objects.rope.episode import Episode
@@ -39,13 +38,10 @@ def measure(quick: bool) -> dict[str, Value]:
             figures[f"cloth_ms_per_step_{points}{suffix}"] = _best_ms_per_step(
                 lambda p=points, c=contact: _hanging(p, c), steps, repeats
             )
-        figures[f"cloth_ms_per_step_{points}_heap_self"] = _best_ms_per_step(
-            lambda p=points: _heap(p), steps // 2, 1 if quick else 3
-        )
     _cpu_s_per_cloth(1, 1)  # compiles
     for level in (1, 2, 3):
         figures[f"cloth_cpu_s_tier_{level}"] = _cpu_s_per_cloth(level, 2 if quick else 12)
-    return figures | _rope_rates(600 if quick else 3000)
+    return figures | {"rope_frames_per_s": _rope_frames_per_s(600 if quick else 3000)}
 
 
 def _best_ms_per_step(make: Callable[[], Simulator], steps: int, repeats: int) -> float:
@@ -69,18 +65,6 @@ def _hanging(points: int, contact: bool) -> Simulator:
     return simulator
 
 
-def _heap(points: int) -> Simulator:
-    """Return a standing cloth that has fallen for 0.4 s."""
-    flat = flat_positions(points, 1.0)
-    wobble = np.random.default_rng(0).uniform(-1e-3, 1e-3, len(flat))
-    standing = np.stack([flat[:, 0], 0.3 * flat[:, 1] + wobble, 0.95 * flat[:, 1]], axis=1)
-    sheet = Sheet(side=points)
-    colliders = (PairContact.of(sheet, sheet.spacing_m), Table(0.0, 0.5))
-    simulator = Simulator(sheet, standing, gravity=GRAVITY, colliders=colliders)
-    simulator.run(int(0.4 * simulator.sheet.steps_per_second))
-    return simulator
-
-
 def _cpu_s_per_cloth(level: int, cloths: int) -> float:
     scene_object = sample_cloth(
         ClothSettings(), RandomStreams(7, SequenceTask(f"cloth-{level}", "train", 0)), cloths
@@ -91,23 +75,13 @@ def _cpu_s_per_cloth(level: int, cloths: int) -> float:
     return (time.process_time() - begin) / cloths
 
 
-def _rope_rates(frames: int) -> dict[str, Value]:
-    def episode() -> Episode:
-        made = Episode(RopeBody(RopeSettings()), "loop", lambda: np.random.default_rng(1))
-        made.pose(5)  # compiles
-        return made
-
-    def rate(work: Callable[[int], object]) -> float:
-        start = time.process_time()
-        for frame in range(frames):
-            work(frame)
-        return frames / (time.process_time() - start)
-
-    moved, meshed = episode(), episode()
-    return {
-        "rope_frames_per_s": rate(lambda _: moved.step()),
-        "rope_frames_per_s_with_mesh": rate(lambda frame: meshed.pose(6 + frame)),
-    }
+def _rope_frames_per_s(frames: int) -> float:
+    episode = Episode(RopeBody(RopeSettings()), "loop", lambda: np.random.default_rng(1))
+    episode.pose(5)  # compiles
+    start = time.process_time()
+    for _ in range(frames):
+        episode.step()
+    return frames / (time.process_time() - start)
 
 
 if __name__ == "__main__":

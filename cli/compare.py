@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,8 +23,7 @@ if TYPE_CHECKING:
     "metrics",
     multiple=True,
     metavar="NAME",
-    help="An averaged metric of the protocol, or a part of the error by cause, such as flip_px2; "
-    "may be repeated. Default: those of its headline.",
+    help="An averaged metric of the protocol; may be repeated. Default: those of its headline.",
 )
 @path_option("--out", "FILE.html", "A page of the comparison; an earlier file is replaced.")
 @json_option
@@ -35,8 +34,7 @@ def command(
 
     Methods are compared sequence by sequence with a sign-flip test. A verdict needs an interval
     that excludes zero and at least 6 sequences; with fewer, only the order is shown. Each line
-    ends with the number of sequences that a verdict on this difference would need. The last lines
-    show the causes of each method's squared error, where the reports have them.
+    ends with the number of sequences that a verdict on this difference would need.
     """
     from pliant.evaluator.comparison import differences, method_names, ranks
     from pliant.evaluator.protocols.protocol import read_protocol
@@ -71,8 +69,6 @@ def command(
                 for (group, metric), places in standing.items()
             ],
         }
-        if (causes := _causes(scores, names)) is not None:
-            document["causes"] = causes
         echo_json(document)
         return 0
     _print_differences(scores, names, found, fewest)
@@ -81,8 +77,6 @@ def command(
             order = sorted(zip(places, names, strict=True))
             text = ", ".join(f"{place}. {name}" for place, name in order)
             echo(f"Ranks by {heading(metric, protocol).label}: {text}")
-    if (causes := _causes(scores, names)) is not None:
-        _print_causes(causes)
     if out is not None:
         echo(f"Comparison: {out}")
     return 0
@@ -144,33 +138,6 @@ def _with_values(
     return [
         name if values[name] is None else f"{name} {shown.written(values[name])}" for name in order
     ]
-
-
-def _causes(scores: Sequence[Scores], names: Sequence[str]) -> dict[str, Any] | None:
-    """Return each method's causes of errors over the split, or None where a report has none."""
-    if any("causes" not in each.document for each in scores):
-        return None
-    return {
-        name: each.document["causes"]["overall"] for name, each in zip(names, scores, strict=True)
-    }
-
-
-def _print_causes(causes: Mapping[str, Any]) -> None:
-    """Print the share of each cause in the squared error of each method."""
-    from pliant.evaluator.metrics.causes import CAUSES
-
-    echo("Share of the squared error by cause, in %")
-    widths = [max(len(name), 6) for name in causes]
-    titles = "  ".join(f"{name:>{width}}" for name, width in zip(causes, widths, strict=True))
-    echo(f"  {'':29}{titles}")
-    for cause in CAUSES:
-        shares = [found[cause.name]["squared_error_share"] for found in causes.values()]
-        if any(shares):
-            cells = (
-                f"{'–' if share is None else f'{100 * share:.1f}':>{width}}"
-                for share, width in zip(shares, widths, strict=True)
-            )
-            echo(f"  {cause.label:29}{'  '.join(cells)}")
 
 
 def _sequences(count: int, needed: int | None) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +11,6 @@ from pliant.cli.interrupts import terminated_like_interrupted
 from pliant.cli.options import PATH, json_option, out_option, path_option
 from pliant.cli.terminal import echo, echo_json, progress_bar
 from pliant.spec.errors import CallError
-
-_UNITS = {"": 1, "B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9}
 
 
 @click.command("publish")
@@ -85,11 +82,13 @@ def parse_size(text: str) -> int:
     """Return a size in bytes, of a text such as `500MB`.
 
     Raises:
-        CallError: It is not a size.
+        CallError: The text says no size.
     """
-    match = re.fullmatch(r"\s*([0-9]+(?:\.[0-9]+)?)\s*([KMG]?B|)\s*", text.upper())
-    if match is None:
+    from pydantic import ByteSize, TypeAdapter, ValidationError
+
+    try:
+        return TypeAdapter(ByteSize).validate_python(text)
+    except ValidationError as error:
         raise CallError(
             "the size cannot be read", where="--shard-size", found=text, required="such as 500MB"
-        )
-    return int(float(match[1]) * _UNITS[match[2]])
+        ) from error

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, Final
+from types import NoneType, UnionType
+from typing import Annotated, Any, Final, Literal, Union, get_args, get_origin
 
 from latex2mathml.converter import convert
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
+from pydantic_core import PydanticUndefined
 
 from pliant.benchmarks.suite.config import BenchmarkConfig
 from pliant.evaluator.protocols.protocol import PROTOCOL_NAMES, read_protocol
@@ -19,7 +21,8 @@ from pliant.evaluator.statistics.ratios import Figure
 from pliant.generator.config import GenerateConfig
 from pliant.models.don.settings import DonSettings
 from pliant.models.timecycle.settings import TimeCycleSettings
-from pliant.spec.configuration import json_schema
+from pliant.spec.configuration import Settings, settings_to_dict
+from pliant.spec.constraints import Bounds, OneOf, unit_of
 
 ROOT: Final = Path(__file__).resolve().parents[1]
 
@@ -40,6 +43,16 @@ SETTINGS: Final = {
     "pliant train don": DonSettings,
     "pliant train timecycle": TimeCycleSettings,
     "pliant benchmark": BenchmarkConfig,
+}
+
+_WORDS: Final = {
+    bool: "boolean",
+    int: "integer",
+    float: "number",
+    str: "text",
+    tuple: "list",
+    Path: "path",
+    NoneType: "none",
 }
 
 API: Final = {
@@ -125,44 +138,48 @@ def _configuration() -> str:
         "Nested fields are written with a dot.\n"
     ]
     for command, cls in SETTINGS.items():
-        schema = json_schema(cls)
-        rows = [
-            f"| `{name}` | {_kind(field)} | {_default(field)} | {_cell(field.get('description'))} |"
-            for name, field in _fields(schema, schema.get("$defs", {}))
-        ]
         parts += [f"## `{command}`\n", "| field | type | default | meaning |\n|---|---|---|---|"]
-        parts += ["\n".join(rows) + "\n"]
+        parts += ["\n".join(_rows(cls)) + "\n"]
     return "\n".join(parts)
 
 
-def _fields(
-    schema: Mapping[str, Any], classes: Mapping[str, Any], prefix: str = ""
-) -> Iterator[tuple[str, Mapping[str, Any]]]:
-    """Yield (dotted name, schema) of every setting that is not itself a group of settings."""
-    for name, field in schema.get("properties", {}).items():
-        options = [field, *field.get("anyOf", ()), *field.get("allOf", ())]
-        inner = next((each["$ref"] for each in options if "$ref" in each), None)
-        group = classes.get(inner.rpartition("/")[2], {}) if inner else {}
-        if "properties" in group:
-            yield from _fields(group, classes, f"{prefix}{name}.")
-        else:
-            yield prefix + name, {**group, **field}
+def _rows(cls: type[Settings], prefix: str = "") -> Iterator[str]:
+    """Yield a row of a table for every setting that is not itself a group of settings."""
+    attributes = (cls.__doc__ or "").partition("Attributes:")[2]
+    meaning = dict(re.findall(r"^ {8}(\w+): ((?:.|\n {9,})*)", attributes, re.MULTILINE))
+    for name, field in cls.model_fields.items():
+        if isinstance(field.annotation, type) and issubclass(field.annotation, Settings):
+            yield from _rows(field.annotation, f"{prefix}{name}.")
+            continue
+        kind = _kind(field.annotation, field.metadata)
+        unit = unit_of(name)
+        shown = f"{kind}, {unit}" if unit else kind
+        default = field.get_default(call_default_factory=True)
+        yield f"| `{prefix}{name}` | {shown} | {_default(default)} | {_cell(meaning.get(name))} |"
 
 
-def _kind(field: Mapping[str, Any]) -> str:
-    if "enum" in field:
-        return ", ".join(f"`{value}`" for value in field["enum"])
-    if "anyOf" in field:
-        return " or ".join(dict.fromkeys(_kind(each) for each in field["anyOf"]))
-    unit = f", {field['unit']}" if "unit" in field else ""
-    return f"{field.get('type', 'value')}{unit}"
+def _kind(hint: Any, metadata: Sequence[Any] = ()) -> str:
+    """Return a type in words, with the names or the bounds of its constraints."""
+    arguments = get_args(hint)
+    if get_origin(hint) is Annotated:
+        return _kind(arguments[0], arguments[1:])
+    if get_origin(hint) is Literal:
+        return ", ".join(f"`{value}`" for value in arguments)
+    if get_origin(hint) in (Union, UnionType):
+        return " or ".join(_kind(each) for each in arguments)
+    for constraint in metadata:
+        if isinstance(constraint, OneOf):
+            return ", ".join(f"`{name}`" for name in constraint.names)
+    base = get_origin(hint) or hint
+    word = next((word for kind, word in _WORDS.items() if issubclass(base, kind)), "mapping")
+    bounds = next((f" {each}" for each in metadata if isinstance(each, Bounds)), "")
+    return f"{word}{bounds}"
 
 
-def _default(field: Mapping[str, Any]) -> str:
-    if "default" not in field:
+def _default(value: Any) -> str:
+    if value is PydanticUndefined:
         return ""
-    value = field["default"]
-    return f"`{value}`" if value not in (None, "", [], {}) else "none"
+    return "none" if value in (None, "", (), {}) else f"`{settings_to_dict(value)}`"
 
 
 def _metrics() -> str:

@@ -10,7 +10,6 @@ import numpy as np
 import pyarrow as pa
 
 from pliant.evaluator.metrics.base import OVERALL
-from pliant.evaluator.metrics.causes import Causes, CausesSettings
 from pliant.evaluator.protocols.protocol import read_protocol
 from pliant.evaluator.scores import Scores
 from pliant.evaluator.statistics.crossing import Crossing
@@ -117,15 +116,14 @@ def differences(
 
     Args:
         reports: Comparable reports.
-        metrics: Names of averaged metrics, or of parts of the error by cause, such as `flip_px2`;
-            None takes the averaged ones of the headline.
+        metrics: Names of averaged metrics; None takes those of the headline.
 
     Raises:
         CallError: The reports are not comparable, or a metric is not an averaged one.
     """
     check_comparable(reports)
     protocol = read_protocol(str(reports[0].document["protocol"]))
-    known = protocol.ratios | _causes(reports)
+    known = protocol.ratios
     wanted = [m for m in protocol.headline if m in known] if metrics is None else list(metrics)
     for name in wanted:
         if name not in known:
@@ -158,14 +156,6 @@ def differences(
                             )
                         )  # fmt: skip
     return result
-
-
-def _causes(reports: Sequence[Scores]) -> dict[str, Ratio]:
-    """Return the parts of the error by cause, where all reports have them."""
-    if any("causes" not in report.document for report in reports):
-        return {}
-    found = Causes.figures(CausesSettings())
-    return {each.name: each for each in found if isinstance(each, Ratio)}
 
 
 def _verdict(ratio: Ratio, paired: PairedDifference, level: float) -> Verdict:

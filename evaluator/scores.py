@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import html
 import json
 from collections.abc import Mapping
@@ -10,10 +11,11 @@ from importlib import metadata, resources
 from pathlib import Path
 from typing import Any, Final
 
-import jsonschema
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+from jsonschema import Draft202012Validator
+from jsonschema.exceptions import ValidationError, best_match
 
 from pliant.evaluator.submission.queries import Queries
 from pliant.spec.arrays import FloatArray
@@ -178,7 +180,7 @@ def read_scores(folder: Path) -> Scores:
     path = folder / SCORES_JSON
     try:
         document = parse_json(path.read_bytes(), path)
-        jsonschema.validate(document, scores_schema())
+        check_document(document)
         if "files" not in document:
             raise _no_report(path, "no field `files`: it was written by an earlier version")
         files = document.pop("files")
@@ -191,7 +193,7 @@ def read_scores(folder: Path) -> Scores:
         raise _no_report(folder, f"{error.where or SCORES_JSON}: {error.message}") from error
     except (OSError, ValueError, pa.ArrowException) as error:
         raise _no_report(folder, error) from error
-    except jsonschema.ValidationError as error:
+    except ValidationError as error:
         raise _no_report(path, error.message) from error
     missing = [name for name in PAIR_COLUMNS if name not in table.column_names]
     if missing:
@@ -215,6 +217,25 @@ def _no_report(path: Path, reason: object) -> SubmissionError:
         found=" ".join(str(reason).split())[:200],
         fix=f"Give a folder that contains {SCORES_JSON} and {PER_PAIR_TABLE}.",
     )
+
+
+def check_document(document: Mapping[str, Any]) -> None:
+    """Compare the content of scores.json with its schema.
+
+    Args:
+        document: The content.
+
+    Raises:
+        ValidationError: The first and most telling difference.
+    """
+    error = best_match(_validator().iter_errors(document))
+    if error is not None:
+        raise error
+
+
+@functools.cache
+def _validator() -> Draft202012Validator:
+    return Draft202012Validator(scores_schema())
 
 
 def scores_schema() -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Augmentations: colour, noise, background, rotation, masks; the truth moves with the pixels.
+"""Augmentations: colour, noise, rotation, masks; the truth moves with the pixels.
 
 All geometry is one affine map of pixel coordinates, applied to the image by interpolation
 and to the points exactly.
@@ -9,20 +9,19 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Annotated, Any, Self
+from typing import Annotated, Any
 
 import numpy as np
 import numpy.typing as npt
 from PIL import Image
-from pydantic import model_validator
 
 from pliant.loaders.mask_damage import damaged, faulty
-from pliant.loaders.recolouring import noisy_depth, recolour, recolour_regions, replace_background
+from pliant.loaders.recolouring import noisy_depth, recolour, recolour_regions
 from pliant.loaders.views import TrainingFrame
 from pliant.spec.arrays import Mask
 from pliant.spec.calls import check_type
 from pliant.spec.configuration import Settings
-from pliant.spec.constraints import Bounds, Refused, Share
+from pliant.spec.constraints import Bounds, Share
 
 
 class AugmentSettings(Settings):
@@ -33,12 +32,11 @@ class AugmentSettings(Settings):
         scale: Relative size, log-uniform within 1/(1 + scale) to 1 + scale.
         margin: A moved object is made smaller where it must be to stay in the image, and laid
             anywhere in it, this share of the image's height (a rope's ball, a shadow) between
-            its points and the border; 1 lets it leave and turns about the image's centre.
+            its points and the border.
         colour: Gain, offset and gamma of each channel vary by about this share.
         noise: Standard deviation of pixel noise, uniform from 0 to this (of 255).
         depth_noise_m: Standard deviation of noise of the depth, uniform from 0 to this, metres;
             with it up to a twentieth of the pixels have no depth.
-        background: Probability that everything but the objects is replaced.
         recolour: Probability that the queried object, the other objects and the background each
             get other colours, so that a network learns no material.
         mask_faults: Probability that the masks given to the network are eroded, dilated or have
@@ -53,22 +51,15 @@ class AugmentSettings(Settings):
 
     rotate_deg: Annotated[float, Bounds(0, 180)] = 180.0
     scale: Share = 0.0
-    margin: Share = 0.06
+    margin: Annotated[float, Bounds(0, 0.5, below=True)] = 0.06
     colour: Share = 0.2
     noise: Annotated[float, Bounds(0, 128, "of 255")] = 4.0
     depth_noise_m: Annotated[float, Bounds(0, 0.1, "m")] = 0.0
-    background: Share = 0.0
     recolour: Share = 0.0
     mask_faults: Share = 0.0
     mask_damage: Share = 0.0
     mask_drop: Annotated[float, Bounds(0, 0.5)] = 0.0
     picture_drop: Share = 0.0
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        if 0.5 <= self.margin < 1:
-            raise Refused("0 to below 0.5, or 1 for none", "margin")
-        return self
 
 
 def check_augmentation(augmentation: object) -> None:
@@ -211,7 +202,7 @@ def draw_placement(
     angle = math.radians(rng.uniform(-settings.rotate_deg, settings.rotate_deg))
     factor = math.exp(rng.uniform(-1, 1) * math.log1p(settings.scale))
     seen = np.concatenate([view.uv_px[view.visible] for view in views])
-    if settings.margin == 1 or len(seen) == 0:
+    if len(seen) == 0:
         return rotation_about_centre((width, height), angle, factor)
     margin_px = settings.margin * height
     return placement_in_image(rng, seen, (width, height), angle, factor, margin_px)
@@ -231,8 +222,6 @@ def augment(
         settings: What may happen.
         affine: float64 (2, 3), the map that moves the frame (`draw_placement`), or None.
     """
-    if settings.background > 0 and rng.random() < settings.background:
-        view = replace(view, rgb=replace_background(rng, view.rgb, view.objects))
     if affine is not None:
         view = warp_view(view, affine)
     if settings.depth_noise_m > 0:

@@ -41,8 +41,7 @@ class ClipDataset(TorchDataset[dict[str, torch.Tensor]]):
         queries: Tracks in a clip Q.
         input: The channels of its images.
         seed: Seed of the draws.
-        augmentation: Random changes, the same for all frames of a clip, or None. Its
-            background setting does not apply: a backdrop that stays still is part of a clip.
+        augmentation: Random changes, the same for all frames of a clip, or None.
 
     Raises:
         CallError: No episode is long enough.

@@ -10,16 +10,14 @@ import numpy.typing as npt
 
 from pliant.spec.errors import CallError
 
-InputKind = Literal["rgb", "grey", "depth", "rgbd", "silhouette"]
+InputKind = Literal["rgb", "grey", "depth"]
 
 IMAGE_CHANNELS: Final[dict[str, tuple[str, ...]]] = {
     "rgb": ("red", "green", "blue"),
     "grey": ("grey",),
     "depth": ("depth",),
-    "rgbd": ("red", "green", "blue", "depth"),
-    "silhouette": (),
 }
-"""The image channels of each kind of input, in order; a silhouette is the masks alone."""
+"""The image channels of each kind of input, in order."""
 
 MASK_CHANNELS: Final = ("mask", "objects")
 """The two channels of `masks`: the queried object, and all objects."""
@@ -36,7 +34,7 @@ class NetworkInput:
     """Which channels a network sees.
 
     Attributes:
-        kind: The image: `rgb`, `grey`, `depth`, `rgbd` or `silhouette`.
+        kind: The image: `rgb`, `grey` or `depth`.
         masks: Whether two mask channels follow. A network that sees only grey and masks works on
             materials that training never showed.
     """
@@ -52,14 +50,6 @@ class NetworkInput:
                 found=repr(self.kind),
                 required="one of " + ", ".join(IMAGE_CHANNELS),
             )
-        if not self.names:
-            raise CallError(
-                "a network that sees silhouettes needs the masks",
-                where="pairs.masks",
-                found=False,
-                required=True,
-                fix="Add --set pairs.masks=true",
-            )
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -74,12 +64,12 @@ class NetworkInput:
     @property
     def colour(self) -> bool:
         """Whether the input is computed from the colour image."""
-        return self.kind in ("rgb", "grey", "rgbd")
+        return self.kind != "depth"
 
     @property
     def depth(self) -> bool:
         """Whether the input is computed from the depth map."""
-        return self.kind in ("depth", "rgbd")
+        return self.kind == "depth"
 
     def image(
         self,
@@ -104,27 +94,22 @@ class NetworkInput:
             float32 (C, h, w).
 
         Raises:
-            CallError: The image that the kind needs is None, or there is neither image nor mask.
+            CallError: The image that the kind needs is None.
         """
-        planes = []
         if self.colour:
             if rgb is None:
                 raise CallError("this network needs a colour image, and there is none", where="rgb")
             values = rgb.astype(np.float32) * (4 / 255) - 2
             grey = self.kind == "grey"
-            planes.append((values @ _LUMA)[None] if grey else values.transpose(2, 0, 1))
-        if self.depth:
+            planes = [(values @ _LUMA)[None] if grey else values.transpose(2, 0, 1)]
+        else:
             if depth_m is None:
                 raise CallError(
                     "this network needs a depth map, and there is none", where="depth_m"
                 )
-            planes.append(_depth_plane(depth_m)[None])
+            planes = [_depth_plane(depth_m)[None]]
         if self.masks:
-            shape = next(
-                (each.shape[-2:] for each in (*planes, mask, objects) if each is not None), None
-            )
-            if shape is None:
-                raise CallError("this network sees masks alone, and there is none", where="mask")
+            shape = planes[0].shape[-2:]
             planes += [_mask_plane(given, shape)[None] for given in (mask, objects)]
         return np.concatenate(planes)
 

@@ -28,10 +28,8 @@ from pliant.spec.calls import check_type, check_whole
 from pliant.spec.configuration import Settings
 from pliant.spec.constraints import Bounds, Count
 from pliant.spec.errors import CallError
-from pliant.spec.surface_search import SurfaceSearch, draw_surface_pixels
 
 Pairing = Literal["any", "sequence", "next"]
-MatchSource = Literal["points", "surface"]
 
 MIXING_STREAM: Final = 2
 """Random stream that chooses among datasets; 0 and 1 draw training and validation samples."""
@@ -44,15 +42,13 @@ class PairSettings(Settings):
         views: Frames in a sample, >= 2; every ordered pair of them is a training pair.
         queries: Material points in a sample, >= 1.
         pairing: `any` two frames of the tier, two of one `sequence`, or `next` to each other.
-        matches: From the tables' `points` (exact) or from the dense `surface` (any pixel).
-        input: The image that the network sees: `rgb`, `grey`, `depth`, `rgbd` or `silhouette`.
+        input: The image that the network sees: `rgb`, `grey` or `depth`.
         masks: Whether the masks of the queried object and of all objects are input channels too.
     """
 
     views: Annotated[int, Bounds(2)] = 2
     queries: Count = 48
     pairing: Pairing = "any"
-    matches: MatchSource = "points"
     input: InputKind = "rgb"
     masks: bool = False
 
@@ -76,10 +72,9 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
     * `uv_px` float32 (V, Q, 1 + S, 2): slot 0 is the point itself, the others its symmetry
       partners, in working pixels; 0 where unknown;
     * `visible` bool (V, Q, 1 + S);
-    * `material` float32 (Q, 1 + S, 2), where matches come from the points: their material
-      coordinates and those of their symmetry partners;
-    * `distance_m` float32 (Q, Q), where matches come from the points: how far they are from each
-      other on the material;
+    * `material` float32 (Q, 1 + S, 2): material coordinates of the points and of their symmetry
+      partners;
+    * `distance_m` float32 (Q, Q): how far the points are from each other on the material;
     * `orientation` float32 (V, Q, 3), where it was asked for: how the material is oriented,
       see `Orientation`; NaN where unknown;
     * `frames` int64 (V,), numbers in `store.frames`;
@@ -93,7 +88,7 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
         settings: What a sample holds.
         seed: Seed of the draws.
         augmentation: Random changes, or None.
-        orientation: Samples give the orientation; it needs matches from the points.
+        orientation: Samples give the orientation.
 
     Raises:
         CallError: The split has too few frames for the pairing.
@@ -119,13 +114,6 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
         check_whole("seed", seed)
         check_augmentation(augmentation)
         self.store, self.settings = store, settings or PairSettings()
-        if orientation and self.settings.matches != "points":
-            raise CallError(
-                "the orientation needs matches from the points",
-                where="orientation",
-                found=f"matches={self.settings.matches!r}",
-                fix='Use PairSettings(matches="points")',
-            )
         self.seed, self.augmentation = seed, augmentation
         self._orientation: Orientation | None = None
         if orientation:
@@ -148,26 +136,21 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
         frames = self._draw_frames(rng)
         views = [self.store.view(frame) for frame in frames]
         action = self._action_px(frames, views)
-        if self.settings.matches == "surface":
-            views = self._surface_matches(rng, frames, views)
         if self.augmentation is not None:
             views, factor = self._augmented(rng, views, self.augmentation)
             action = action * np.float32(factor)
-        extra = {}
-        if self.settings.matches == "points":  # last: augmentation lays an object by all of them
-            drawn = self._draw_points(rng, views)
-            if self._orientation is not None:
-                found = [self._orientation.of(view.uv_px, drawn) for view in views]
-                extra["orientation"] = torch.from_numpy(np.stack(found))
-            orbit = np.column_stack([drawn, self.store.partners[drawn]])  # (Q, 1 + S)
-            material = self.store.material[orbit].astype(np.float32)  # (Q, 1 + S, 2)
-            apart_m = self.store.tier.queried.distance_m(material[:, None, 0], material[None, :, 0])
-            extra["material"] = torch.from_numpy(material)
-            extra["distance_m"] = torch.from_numpy(apart_m)
-            views = [
-                replace(view, uv_px=view.uv_px[orbit.ravel()], visible=view.visible[orbit.ravel()])
-                for view in views
-            ]
+        drawn = self._draw_points(rng, views)  # last: augmentation lays an object by all of them
+        orbit = np.column_stack([drawn, self.store.partners[drawn]])  # (Q, 1 + S)
+        material = self.store.material[orbit].astype(np.float32)  # (Q, 1 + S, 2)
+        apart_m = self.store.tier.queried.distance_m(material[:, None, 0], material[None, :, 0])
+        extra = {"material": torch.from_numpy(material), "distance_m": torch.from_numpy(apart_m)}
+        if self._orientation is not None:
+            found = [self._orientation.of(view.uv_px, drawn) for view in views]
+            extra["orientation"] = torch.from_numpy(np.stack(found))
+        views = [
+            replace(view, uv_px=view.uv_px[orbit.ravel()], visible=view.visible[orbit.ravel()])
+            for view in views
+        ]
         return {**self._tensors(rng, frames, views, action), **extra}
 
     def _augmented(
@@ -218,25 +201,6 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
         if len(candidates) == 0:
             candidates = np.arange(self.store.points)
         return rng.choice(candidates, size=count, replace=len(candidates) < count)
-
-    def _surface_matches(
-        self, rng: np.random.Generator, frames: npt.NDArray[np.int64], views: list[TrainingFrame]
-    ) -> list[TrainingFrame]:
-        """Return the views with points drawn from the first one's surface, found in the others."""
-        tier, count = self.store.tier, self.settings.queries
-        refs = [self.store.frames[frame] for frame in frames]
-        surfaces = [ref.sequence.surface(ref.index) for ref in refs]
-        _, material = draw_surface_pixels(rng, surfaces[0], tier.queried_object, count)
-        orbit = tier.orbit(material).reshape(-1, 2)
-        scale = np.array(self.store.size) / np.array(self.store.full_size)
-        matched = []
-        for view, surface in zip(views, surfaces, strict=True):
-            uv, found = SurfaceSearch(tier.queried, surface).find(orbit)
-            missing = count * (1 + len(tier.symmetries)) - len(uv)
-            uv = np.concatenate([uv * scale, np.full((missing, 2), np.nan)])
-            found = np.concatenate([found, np.zeros(missing, dtype=np.bool_)])
-            matched.append(replace(view, uv_px=uv.astype(np.float32), visible=found))
-        return matched
 
     def _action_px(
         self, frames: npt.NDArray[np.int64], views: list[TrainingFrame]

@@ -1,4 +1,4 @@
-"""Other pixel values for a training frame: exposure, noise, backgrounds, materials by region."""
+"""Other pixel values for a training frame: exposure, noise, materials by region."""
 
 from __future__ import annotations
 
@@ -52,22 +52,6 @@ def noisy_depth(
     grain = rng.standard_normal(depth_m.shape, dtype=np.float32) * sigma
     lost = rng.random(depth_m.shape, dtype=np.float32) < rng.uniform(0, _MOST_MISSING)
     return np.where(lost, np.float32(np.inf), depth_m + grain)
-
-
-def replace_background(
-    rng: np.random.Generator, rgb: npt.NDArray[np.uint8], objects: npt.NDArray[np.bool_]
-) -> npt.NDArray[np.uint8]:
-    """Return the image with smooth random blotches in place of the background.
-
-    Args:
-        rng: Source of randomness.
-        rgb: uint8 (h, w, 3).
-        objects: bool (h, w), every object: a rope's ball, the only cue that tells one end from
-            the other, must stay.
-    """
-    mean = rng.uniform(0, 255, 3)
-    backdrop = np.clip(mean + rng.uniform(0, 0.6) * _blotches(rng, objects.shape), 0, 255)
-    return np.where(objects[..., None], rgb, backdrop.astype(np.uint8))
 
 
 def recolour_regions(

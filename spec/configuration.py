@@ -3,7 +3,7 @@
 A class of settings is a pydantic model, a subclass of `Settings`. Types, bounds and units are in
 its annotations (`spec/constraints.py`); a `model_validator` checks one field against another and
 raises `Refused`. Everything else follows from the class: reading, `--set`, messages with
-suggestions, the plain values that a dataset or a run stores, and a JSON Schema.
+suggestions, and the plain values that a dataset or a run stores.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from pliant.spec.errors import CallError
 from pliant.spec.io.yamlfiles import parse_yaml, read_yaml
 
 __all__ = [
-    "Settings", "SettingsError", "json_schema", "merged", "read_mapping", "read_settings",
+    "Settings", "SettingsError", "merged", "read_mapping", "read_settings",
     "settings_from", "settings_to_dict", "with_overrides",
 ]  # fmt: skip
 
@@ -67,7 +67,6 @@ class Settings(pydantic.BaseModel):
         extra="forbid",
         strict=True,
         allow_inf_nan=False,
-        json_schema_extra=lambda schema, cls: _document(cls.__doc__ or "", schema),
     )
 
     def replace(self, **changes: Any) -> Self:
@@ -216,12 +215,6 @@ def settings_to_dict(settings: Any) -> Any:
     return settings
 
 
-def json_schema(cls: type[Settings]) -> dict[str, Any]:
-    """Return the JSON Schema (draft 2020-12) of a class of settings, with units and texts."""
-    schema = cls.model_json_schema()
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
-
-
 def _values(settings: pydantic.BaseModel) -> dict[str, Any]:
     """Return the values of the fields; a model's own iterator gives cached properties too."""
     return {name: getattr(settings, name) for name in type(settings).model_fields}
@@ -306,16 +299,3 @@ def _default(cls: type[Settings], place: Sequence[Any]) -> Any:
     """Return the default of the field at a place, None where it has none."""
     field = getattr(_hint_at(cls, place[:-1]), "model_fields", {}).get(str(place[-1]))
     return None if field is None else settings_to_dict(field.get_default())
-
-
-def _document(text: str, schema: dict[str, Any]) -> None:
-    """Add the texts of a class's docstring and the units to its JSON Schema, in place."""
-    summary, _, attributes = text.partition("Attributes:")
-    schema["description"] = " ".join(summary.split())
-    described = dict(re.findall(r"^ {8}(\w+): ((?:.|\n {9,})*)", attributes, re.MULTILINE))
-    for name, field in schema.get("properties", {}).items():
-        field.pop("title", None)
-        if name in described:
-            field["description"] = " ".join(described[name].split())
-        if unit := unit_of(name):
-            field["unit"] = unit

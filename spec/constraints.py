@@ -1,7 +1,7 @@
 """What a setting may be: bounds with a unit, one of some names, ranges, weights.
 
 Each is metadata of an annotation in a class of settings (`spec/configuration.py`), such as
-`length_m: Annotated[float, Bounds(0.05, 20)]`. It checks the value and appears in the JSON Schema.
+`length_m: Annotated[float, Bounds(0.05, 20)]`. It checks the value.
 """
 
 from __future__ import annotations
@@ -48,22 +48,14 @@ def unit_of(name: str) -> str:
 
 
 class _Constraint:
-    """Checks a value after its type; subclasses say what is allowed and how JSON Schema says it."""
+    """Checks a value after its type; subclasses say what is allowed."""
 
     def check(self, value: Any) -> Any:
         """Return the value to store, or raise `Refused`."""
         raise NotImplementedError
 
-    def describe(self, schema: dict[str, Any]) -> None:
-        """Add the constraint to the JSON Schema of the value, in place."""
-
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
         return core_schema.no_info_after_validator_function(self.check, handler(source))
-
-    def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> Any:
-        described = handler(schema)
-        self.describe(described)
-        return described
 
 
 @dataclass(frozen=True)
@@ -112,18 +104,6 @@ class Bounds(_Constraint):
             text += ", even" if self.multiple_of == 2 else f", a multiple of {self.multiple_of}"
         return f"{text} {self.unit}".rstrip()
 
-    def describe(self, schema: dict[str, Any]) -> None:
-        """Add minimum, maximum and unit to the numbers of the schema."""
-        for number in _number_schemas(schema):
-            if self.low > -math.inf:
-                number["exclusiveMinimum" if self.above else "minimum"] = self.low
-            if self.high < math.inf:
-                number["exclusiveMaximum" if self.below else "maximum"] = self.high
-            if self.multiple_of > 1:
-                number["multipleOf"] = self.multiple_of
-        if self.unit:
-            schema["unit"] = self.unit
-
 
 @dataclass(frozen=True)
 class OneOf(_Constraint):
@@ -144,10 +124,6 @@ class OneOf(_Constraint):
         if value not in self.names:
             raise Refused("one of " + ", ".join(self.names), fix=did_you_mean(value, self.names))
         return value
-
-    def describe(self, schema: dict[str, Any]) -> None:
-        """Add the names."""
-        schema["enum"] = list(self.names)
 
 
 @dataclass(frozen=True)
@@ -176,11 +152,6 @@ class Weights(_Constraint):
             raise Refused("at least one weight above 0")
         return value
 
-    def describe(self, schema: dict[str, Any]) -> None:
-        """Add the names and the lowest weight."""
-        schema["propertyNames"] = {"enum": list(self.names)}
-        schema["additionalProperties"] = {"type": "number", "minimum": 0}
-
 
 @dataclass(frozen=True)
 class NotEmpty(_Constraint):
@@ -195,10 +166,6 @@ class NotEmpty(_Constraint):
         if not value:
             raise Refused("not empty")
         return value
-
-    def describe(self, schema: dict[str, Any]) -> None:
-        """Add the least length."""
-        schema["minLength" if schema.get("type") == "string" else "minItems"] = 1
 
 
 @dataclass(frozen=True)
@@ -256,12 +223,3 @@ def _numbers(value: Any) -> Iterator[float]:
             yield from _numbers(each)
     elif value is not None:
         yield value
-
-
-def _number_schemas(schema: dict[str, Any]) -> Iterator[dict[str, Any]]:
-    if schema.get("type") in ("number", "integer"):
-        yield schema
-    items, values = schema.get("items"), schema.get("additionalProperties")
-    for inner in (*schema.get("prefixItems", ()), *schema.get("anyOf", ()), items, values):
-        if isinstance(inner, dict):
-            yield from _number_schemas(inner)

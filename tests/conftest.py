@@ -13,10 +13,15 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from pliant.converters import tapvid
+from pliant.evaluator.submission import loading
+from pliant.spec.limits import run_limited
+
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from pliant.generator.config import GenerateConfig
+    from pliant.generator.runner.progress import Summary
     from pliant.generator.settings.cloth import ClothSettings
     from pliant.generator.settings.rope import RopeSettings
     from tests.browser import Browser
@@ -108,7 +113,7 @@ def rendered_dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def quick_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The run of `don-rope`, which comes with the package, answering without tracing."""
+    """The run of `don-rope`, which comes with the package: without tracing, on small pictures."""
     pytest.importorskip("torch")
     from pliant.models.shipped import FOLDER
 
@@ -119,11 +124,34 @@ def quick_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for slow, quick in (
         ("decode: trace", "decode: median"),
         ("crossings: true", "crossings: false"),
+        ("rectify: true", "rectify: false"),
+        ("width: 320", "width: 160"),
+        ("height: 240", "height: 120"),
     ):
         assert slow in text
         text = text.replace(slow, quick)
     config.write_text(text)
+    (run / "familiarity.json").unlink()  # what it is computed from is traced
     return run
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _no_child_process() -> Iterator[None]:
+    """Read submissions and tracks in this process, which saves each command half a second.
+
+    A test that asks for `child_process` keeps the child.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        for module in (loading, tapvid):
+            patch.setattr(module, "run_limited", lambda read, **_: read())
+        yield
+
+
+@pytest.fixture
+def child_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """For tests of what reads strangers' files in a child process, as users do."""
+    for module in (loading, tapvid):
+        monkeypatch.setattr(module, "run_limited", run_limited)
 
 
 @pytest.fixture(scope="session")
@@ -161,6 +189,12 @@ def _made_once(config: GenerateConfig, name: str, tmp_path_factory: pytest.TempP
 
     from pliant.generator.runner.run import generate
     from pliant.spec.errors import CallError
+    from tests.generator.runner.standin import InProcess
+
+    def make() -> Summary:
+        return generate(
+            config, out, workers=2, engine=InProcess() if config.style == "raster" else "local"
+        )
 
     base = tmp_path_factory.getbasetemp()
     if "PYTEST_XDIST_WORKER" in os.environ:
@@ -170,9 +204,9 @@ def _made_once(config: GenerateConfig, name: str, tmp_path_factory: pytest.TempP
     out = base / name
     with FileLock(base / f"{name}.lock"):
         try:
-            summary = generate(config, out, workers=2)
+            summary = make()
         except CallError:  # a cached set of other settings
             shutil.rmtree(out)
-            summary = generate(config, out, workers=2)
+            summary = make()
     assert not summary.failed, summary.failed[0].error
     return out

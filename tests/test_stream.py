@@ -22,6 +22,7 @@ from pliant.models.don.trainer import train_don
 from pliant.spec.configuration import settings_from
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, SpecError
+from tests.generator.runner.standin import InProcess
 
 torch = pytest.importorskip("torch", reason="streams need the extra 'train'")
 pytest.importorskip("numba", reason="streams need the extra 'generate'")
@@ -57,7 +58,7 @@ def config(request: pytest.FixtureRequest) -> GenerateConfig:
 @pytest.fixture(scope="module")
 def written(config: GenerateConfig, tmp_path_factory: pytest.TempPathFactory) -> Dataset:
     root = tmp_path_factory.mktemp("written") / "set"
-    generate(config, root)
+    generate(config, root, engine=InProcess())
     return Dataset.open(root)
 
 
@@ -119,7 +120,7 @@ def test_a_sequence_is_simulated_once(
 
 
 def test_training_from_a_config_gives_the_same_losses(tmp_path: Path) -> None:
-    generate(CONFIGS["configurations"], tmp_path / "set")
+    generate(CONFIGS["configurations"], tmp_path / "set", engine=InProcess())
     (tmp_path / "rope.yaml").write_text(
         "tiers: [rope]\nsplits: {train: 2, val: 1}\nframes: 2\nnoise: {}\n"
         "width: 160\nheight: 120\nstyle: raster\nseed: 5\n"

@@ -73,10 +73,6 @@ CALLS: dict[str, tuple[Call, str]] = {
         lambda ds, store: PairDataset(store, augmentation=True),
         r"AugmentSettings\(\.\.\.\) or None",
     ),
-    "PairDataset orientation": (
-        lambda ds, store: PairDataset(store, PairSettings(matches="surface"), orientation=True),
-        "needs matches from the points",
-    ),
     "PairDataset['a']": (lambda ds, store: PairDataset(store)["a"], "index: .*'a'"),
     "FrameStore('sample')": (
         lambda ds, store: FrameStore("sample", "rope", "train"),

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import numpy.typing as npt
-import pyarrow as pa
 
 from pliant.baselines.matcher import Heat
-from pliant.spec.arrays import FloatArray, Rgb
+from pliant.spec.arrays import Rgb
 from pliant.spec.errors import CallError
 
 if TYPE_CHECKING:
@@ -71,11 +70,6 @@ def heat_range(heat: Heat) -> tuple[float, float]:
     finite = heat.values[np.isfinite(heat.values)].astype(np.float64)
     low, high = float(np.quantile(finite, _LOWEST_SHOWN)), float(finite.max())
     return (max(low, high - _LOG_RANGE) if heat.label.startswith("log") else low), high
-
-
-def positions_px(table: pa.Table, u: str = "u_px", v: str = "v_px") -> FloatArray:
-    """Return two columns of a table as positions, float64 (N, 2)."""
-    return np.stack([table[u].to_numpy(), table[v].to_numpy()], axis=1).astype(np.float64)
 
 
 def check_ending(path: Path, allowed: Sequence[str]) -> None:

@@ -1,8 +1,8 @@
-"""Tracks of points as pictures: a strip of frames."""
+"""Tracks of material points through a sequence as one picture: a strip of frames."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -10,67 +10,77 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import numpy.typing as npt
 
+from pliant.evaluator.metrics.blocks import positions_px
+from pliant.evaluator.report.colours import material_colours
 from pliant.spec.arrays import FloatArray
 from pliant.spec.sequence import SequenceRecord
-from pliant.viewer.drawing import name_point, show
+from pliant.viewer.drawing import show
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+_POINTS: Final = 12
+_COLUMNS: Final = 4
+_WIDTH_IN: Final = 4.1
 _DPI: Final = 100
 _TITLE_IN: Final = 0.3
 _TRAIL: Final = 60
-_NAMED: Final = 12  # more points have colours alone
 
 
 @dataclass(frozen=True)
 class Tracks:
-    """Where points of a sequence are.
+    """Where N points of a sequence are in its T frames.
 
     Attributes:
-        sequence: The sequence.
-        places: Frame -> float64 (N, 2), pixels; NaN where nothing is known of a point.
-        seen: Frame -> bool (N,), False for a point that is not visible there.
-        colours: float64 (N, 3 or 4), 0 to 1.
-        titles: Frame -> text above its picture.
-        truth: Frame -> float64 (N, 2), where the points truly are, NaN where they are not visible,
-            or None where the places are not answers, or the truth is withheld.
-        names: Names of the points, or none.
-        trails: Whether the way of a point to its place is drawn.
+        uv_px: float64 (T, N, 2), pixels.
+        visible: bool (T, N).
+        colours: float64 (N, 3), 0 to 1.
     """
 
-    sequence: SequenceRecord
-    places: Mapping[int, FloatArray]
-    seen: Mapping[int, npt.NDArray[np.bool_]]
+    uv_px: FloatArray
+    visible: npt.NDArray[np.bool_]
     colours: FloatArray
-    titles: Mapping[int, str]
-    truth: Mapping[int, FloatArray] | None = None
-    names: Sequence[str] = ()
-    trails: bool = False
 
 
-def draw_tracks(
-    tracks: Tracks, frames: Sequence[int], out: Path, *, columns: int = 4, width_in: float = 4.1
-) -> None:
-    """Write frames as panels, row by row, with dots for the points.
+def true_tracks(sequence: SequenceRecord) -> Tracks:
+    """Return where points spread over the queried object are in every frame."""
+    tier, points = sequence.described, sequence.points()
+    of_object = np.asarray(points["object"].to_numpy()) == tier.queried_object
+    rows = np.flatnonzero(of_object & (np.asarray(points["kind"].to_pylist()) == "surface"))
+    m = positions_px(points, "m0", "m1")[rows]
+    if tier.kind == "rope":  # along one side
+        order = np.lexsort((np.abs(m[:, 1] - np.pi / 2), np.round(m[:, 0], 6)))
+        chosen = order[np.linspace(0, len(order) - 1, _POINTS).round().astype(int)]
+        colours = material_colours(m[chosen, 0], np.zeros(len(chosen)), tier)
+    else:
+        grid = np.stack(np.meshgrid([0.1, 0.37, 0.63, 0.9], [0.15, 0.5, 0.85]), -1).reshape(-1, 2)
+        chosen = np.argmin(((m[None] - grid[:, None]) ** 2).sum(-1), axis=1)
+        colours = material_colours(m[chosen, 0], m[chosen, 1], tier)
+    table = sequence.correspondences()
+    shape = (sequence.frames, len(points))
+    uv_px = positions_px(table, "u_px", "v_px").reshape(*shape, 2)[:, rows[chosen]]
+    visible = (np.asarray(table["visibility"].to_pylist()) == "visible").reshape(shape)
+    return Tracks(uv_px, visible[:, rows[chosen]], colours)
 
-    A dot is hollow where its point is not visible. A line leads from an answer to the truth.
+
+def draw_tracks(sequence: SequenceRecord, frames: Sequence[int], out: Path) -> None:
+    """Write frames as panels, row by row, with dots for the points, in episodes with their trails.
+
+    A dot is hollow where its point is not visible.
 
     Args:
-        tracks: The points.
+        sequence: The sequence.
         frames: The frames to show.
         out: The image to write.
-        columns: Panels per row at most.
-        width_in: Width of a panel, inches.
     """
     from matplotlib.figure import Figure
 
-    size = tracks.sequence.size
-    columns = min(len(frames), columns)
+    tracks, size = true_tracks(sequence), sequence.size
+    columns = min(len(frames), _COLUMNS)
     rows = -(-len(frames) // columns)
-    image_in = width_in * size[1] / size[0]
+    image_in = _WIDTH_IN * size[1] / size[0]
     tall = rows * (image_in + _TITLE_IN)
-    figure = Figure(figsize=(width_in * columns, tall), dpi=_DPI, facecolor="white")
+    figure = Figure(figsize=(_WIDTH_IN * columns, tall), dpi=_DPI, facecolor="white")
     figure.subplots_adjust(
         0.004, 0.005, 0.996, 1 - _TITLE_IN / tall, wspace=0.02, hspace=_TITLE_IN / image_in
     )
@@ -78,23 +88,17 @@ def draw_tracks(
     for unused in axes[len(frames) :]:
         unused.set_axis_off()
     for axis, frame in zip(axes, frames, strict=False):
-        show(axis, tracks.sequence.rgb(frame), tracks.titles[frame])
-        _draw_points(axis, tracks, frame)
+        show(axis, sequence.rgb(frame), f"{sequence.id}, frame {frame}")
+        _draw_points(axis, tracks, frame, trails=sequence.temporal)
     figure.savefig(out)
 
 
-def _draw_points(axis: Axes, tracks: Tracks, frame: int) -> None:
-    uv, seen = tracks.places[frame], tracks.seen[frame]
-    truth = None if tracks.truth is None else tracks.truth.get(frame)
-    way = range(max(0, frame - _TRAIL), frame + 1)
+def _draw_points(axis: Axes, tracks: Tracks, frame: int, *, trails: bool) -> None:
+    way = slice(max(0, frame - _TRAIL), frame + 1)
     for k, colour in enumerate(tracks.colours):
-        if tracks.trails:
-            trail = np.stack([tracks.places[at][k] for at in way])
+        if trails:
+            trail = tracks.uv_px[way, k]
             axis.plot(*trail.T, color="black", lw=2.2, alpha=0.5)
             axis.plot(*trail.T, color=colour, lw=1.3)
-        if truth is not None and seen[k]:
-            axis.plot(*np.stack([uv[k], truth[k]]).T, color="white", lw=1.2)
-        face, edge = (colour, "white") if seen[k] else ("none", colour)
-        axis.plot(*uv[k], "o", ms=6, mfc=face, mec=edge, mew=1.0)
-        if len(tracks.names) in range(1, _NAMED + 1) and np.isfinite(uv[k]).all():
-            name_point(axis, uv[k], tracks.names[k])
+        face, edge = (colour, "white") if tracks.visible[frame, k] else ("none", colour)
+        axis.plot(*tracks.uv_px[frame, k], "o", ms=6, mfc=face, mec=edge, mew=1.0)

@@ -16,24 +16,19 @@ positions: OpenCV drops ORB keypoints nearer than 31 px to the edge, and fails o
 few pixels."""
 
 
-def load_opencv(feature: str, contributed: str = "") -> Any:
+def load_opencv(feature: str) -> Any:
     """Return the `cv2` module.
 
     Args:
         feature: What needs it, for the message.
-        contributed: A contributed module that it must have, such as `xfeatures2d`.
 
     Raises:
-        MissingExtraError: OpenCV is not installed, or its wheel lacks the contributed module.
+        MissingExtraError: OpenCV is not installed.
     """
     try:
         import cv2
     except ImportError as error:
         raise MissingExtraError(feature, "classical") from error
-    if contributed and not hasattr(cv2, contributed):
-        raise MissingExtraError(
-            f"{feature} (OpenCV's contributed module {contributed})", "classical"
-        )
     return cv2
 
 

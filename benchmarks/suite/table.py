@@ -15,10 +15,8 @@ CLASSICAL = ("sift", "surf", "orb")
 _LABELS: Final = {
     "lk-chain": "LK chain",
     "dis-chain": "DIS chain",
-    "rlof-chain": "RLOF chain",
     "surf": "SURF (mahotas)",
     "cloth-tps": "Outline, thin plate",
-    "cloth-homography": "Outline, homography",
 }
 _NO_SCORES: Final[dict[str, Any]] = {"values": {}, "intervals": {}}
 

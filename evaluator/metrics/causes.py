@@ -15,7 +15,6 @@ import numpy.typing as npt
 from pliant.evaluator.metrics.base import Groups, Metric, Positive, ScoringContext, Summary
 from pliant.evaluator.metrics.blocks import Block
 from pliant.evaluator.metrics.surfaces import SurfaceFacts
-from pliant.evaluator.statistics.ratios import Figure, Ratio
 from pliant.spec.arrays import FloatArray
 from pliant.spec.configuration import Settings
 
@@ -89,20 +88,6 @@ class Causes(Metric[CausesSettings]):
 
     Settings = CausesSettings
     truth_columns = ("point", "alternatives")
-
-    @classmethod
-    def figures(cls, settings: CausesSettings) -> list[Figure]:
-        """Return what each cause adds to the mean squared error, px²."""
-        del settings
-        return [
-            Ratio(
-                f"{cause.name}_px2", "lower", "px²",
-                f"part of the mean squared error that is due to this cause: {cause.about}",
-                f"{cause.label}, mean squared error", f"cause_{cause.name}_px2", "causes_known",
-            )
-            for cause in CAUSES
-            if cause.name != _OUTSIDE_RMSE
-        ]  # fmt: skip
 
     def __init__(self, settings: CausesSettings, context: ScoringContext) -> None:
         super().__init__(settings, context)

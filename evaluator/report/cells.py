@@ -10,7 +10,7 @@ import numpy as np
 
 from pliant.evaluator.hidden_truth import SIGNIFICANT_DIGITS
 from pliant.evaluator.metrics.base import OVERALL
-from pliant.evaluator.metrics.causes import CAUSES, Causes, CausesSettings
+from pliant.evaluator.metrics.causes import CAUSES
 from pliant.evaluator.protocols.protocol import read_protocol
 from pliant.evaluator.scores import Scores
 from pliant.evaluator.statistics.ratios import Figure
@@ -42,15 +42,13 @@ class Heading:
         return "mm" if self.stored_unit == "m" else self.stored_unit
 
     def written(self, value: float | None) -> str:
-        """Return a value for people: px with two decimals, mm and px² with one, else three."""
+        """Return a value for people: px with two decimals, mm with one, else three."""
         if value is None:
             return "–"
         if self.rounded:
             return format_rounded(value * 1000 if self.stored_unit == "m" else value)
         if self.stored_unit == "m":
             return f"{value * 1000:.1f}"
-        if self.stored_unit == "px²":
-            return f"{value:.1f}"
         return f"{value:.2f}" if self.stored_unit == "px" else f"{value:.3f}"
 
     @property
@@ -98,15 +96,14 @@ def format_rounded(value: float) -> str:
 
 
 def heading(metric: str, protocol: str, *, rounded: bool = False) -> Heading:
-    """Return the heading of a metric under a protocol, or of a part of the error by cause.
+    """Return the heading of a metric under a protocol.
 
     Args:
         metric: Name of the metric.
         protocol: Name of the protocol.
         rounded: Whether its values are `public_scores`.
     """
-    causes = {each.name: each for each in Causes.figures(CausesSettings())}
-    unknown = causes.get(metric, Figure(metric, "neither", "", metric))
+    unknown = Figure(metric, "neither", "", metric)
     figure = read_protocol(protocol).figures.get(metric, unknown)
     return Heading(figure.title, figure.about, figure.unit, figure.better, rounded)
 

@@ -32,13 +32,14 @@ def render_page(template: str, *, package: str = REPORT_PACKAGE, **values: Any) 
     Returns:
         The page; HTML pages load nothing from elsewhere.
     """
-    return _environment(package).get_template(template).render(**values)
+    return environment(package).get_template(template).render(**values)
 
 
 @functools.cache
-def _environment(package: str) -> jinja2.Environment:
+def environment(package: str) -> jinja2.Environment:
+    """Return the templates of a package, over the base page and the style of the reports."""
     packages = dict.fromkeys((package, REPORT_PACKAGE))
-    environment = jinja2.Environment(
+    made = jinja2.Environment(
         loader=jinja2.ChoiceLoader([jinja2.PackageLoader(name, "templates") for name in packages]),
         autoescape=lambda name: name is not None and name.endswith(".html.j2"),
         undefined=jinja2.StrictUndefined,
@@ -47,10 +48,10 @@ def _environment(package: str) -> jinja2.Environment:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    environment.filters["data_uri"] = _data_uri
-    environment.globals["chart_scripts"] = _chart_scripts
-    environment.filters["fill"] = _fill
-    return environment
+    made.filters["data_uri"] = _data_uri
+    made.globals["chart_scripts"] = _chart_scripts
+    made.filters["fill"] = _fill
+    return made
 
 
 @functools.cache

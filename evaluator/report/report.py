@@ -8,8 +8,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
-import jsonschema
-
 from pliant.evaluator.metrics.base import OVERALL
 from pliant.evaluator.metrics.causes import CAUSES
 from pliant.evaluator.protocols.protocol import read_protocol
@@ -24,7 +22,7 @@ from pliant.evaluator.scores import (
     REPORT_HTML,
     SCORES_JSON,
     Scores,
-    scores_schema,
+    check_document,
 )
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
@@ -51,7 +49,7 @@ def write_report(
     """
     folder = Path(out_dir)
     check_out_dir(folder)
-    jsonschema.validate(scores.document, scores_schema())
+    check_document(scores.document)
     dataset = Dataset.open(data) if isinstance(data, Path | str) else data
     page = render_report(scores, dataset)
     with staged(folder) as staging:

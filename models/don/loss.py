@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import torch
 from torch.nn import functional
 
-from pliant.models.don.candidates import all_bins, object_and_background, widened
+from pliant.models.don.candidates import all_bins, object_and_background
 from pliant.models.don.settings import LossSettings
 from pliant.models.losses.contrastive import Hinge, contrastive_loss, draw_non_matches
 from pliant.models.losses.distributional import distributional_loss, log_probabilities
@@ -214,10 +214,9 @@ def _non_matches(
 def _competitors(
     seen: _Gathered, settings: LossSettings, generator: torch.Generator | None
 ) -> Candidates:
-    mask = widened(seen.mask, settings.mask_margin_px)
     if settings.background < 0 or settings.bin_px > 1:
-        return all_bins(seen.descriptors, mask, settings.bin_px)
-    return object_and_background(seen.descriptors, mask, settings.background, generator)
+        return all_bins(seen.descriptors, seen.mask, settings.bin_px)
+    return object_and_background(seen.descriptors, seen.mask, settings.background, generator)
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,10 @@
-"""A rope's mask that does not follow the contours in its picture, made again from both.
+"""A rope's mask that cannot be exact, made again from it and the picture.
 
 A segmenter's masks are ragged, have holes and lose ends, and may contain a second object. The
 masks that the network finds in the picture itself (`segmentation.py`) have none of these faults,
-but now and then miss a part, or the ball. So a given mask is kept as long as its contour is that
-of the picture, and otherwise corrected near it.
+but now and then miss a part, or the ball. So a given mask is corrected only where its own shape is
+not that of one rope, where it is of uneven width and its contour is not that of the picture, or
+where much of it is far from the one rope that the picture shows.
 """
 
 from __future__ import annotations
@@ -14,10 +15,13 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from pliant.baselines.tracing import MaskShape
 from pliant.spec.arrays import Mask
 
 _PICTURE_WIDTH: Final = 640  # the lengths below are pixels of a picture of this width
 _LIMIT_PX: Final = 0.95
+_UNEVEN_PX: Final = 0.65
+_FOREIGN_SHARE: Final = 0.15
 _FARTHEST_PX: Final = 4.0
 _REACH_PX: Final = 16.0
 _KEPT_PX: Final = 6.0
@@ -28,10 +32,12 @@ _BALL_RIM_PX: Final = 2.0
 def repaired(
     mask: Mask, objects: Mask | None, found: tuple[Mask, Mask | None]
 ) -> tuple[Mask, Mask | None] | None:
-    """Return corrected masks of a rope, or None for masks that follow the picture.
+    """Return corrected masks of a rope, or None for masks that are kept.
 
     Exact masks and those found in the picture have contours 0.4 to 0.9 px apart on average,
-    damaged ones 1.0 to 1.6 px (5th to 95th percentile of validation pictures 640 pixels wide).
+    damaged ones 1.0 to 1.6 px; the half-width of an exact mask is 0.0 to 0.6 px from its median on
+    average, that of a ragged one 0.9 to 1.4 px (5th to 95th percentile of training and validation
+    pictures 640 pixels wide).
 
     Args:
         mask: bool (H, W), the rope, as given; not empty.
@@ -44,13 +50,27 @@ def repaired(
     px = mask.shape[1] / _PICTURE_WIDTH
     shown = mask if objects is None else mask | objects
     seen = found[0] if found[1] is None else found[0] | found[1]
-    if _contour_distance(shown, seen, _FARTHEST_PX * px) < _LIMIT_PX * px:
+    ragged = _unevenness(mask) >= _UNEVEN_PX * px and (
+        _contour_distance(shown, seen, _FARTHEST_PX * px) >= _LIMIT_PX * px
+    )
+    known = _near(seen, _KEPT_PX * px)
+    foreign = (shown & ~known).sum() > _FOREIGN_SHARE * shown.sum() and (
+        not MaskShape.of(*found).several_ropes
+    )
+    if not (ragged or foreign or MaskShape.of(mask, objects).several_ropes):
         return None
-    rope = seen & _near(shown, _REACH_PX * px) | mask & _near(seen, _KEPT_PX * px)
+    rope = seen & _near(shown, _REACH_PX * px) | mask & known
     if objects is None:
         return rope, None
     ball = _near(~_near(mask | ~objects, _BALL_PX * px), _BALL_PX * px)
     return rope & ~_near(ball, _BALL_RIM_PX * px), rope | ball
+
+
+def _unevenness(mask: Mask) -> float:
+    """Return the mean deviation of a strip's half-width from its median, pixels."""
+    depth = _distance_to(~mask)
+    half = depth[mask & (depth >= cv2.dilate(depth, np.ones((3, 3))))]
+    return float(np.abs(half - np.median(half)).mean())
 
 
 def _contour_distance(first: Mask, second: Mask, most: float) -> float:

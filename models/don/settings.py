@@ -49,8 +49,6 @@ class LossSettings(Settings):
         learn_scale: Whether it is learned.
         background: Distributional: pixels off the object, drawn again each step, that compete
             in addition to all pixels on it; -1 for all pixels.
-        mask_margin_px: Distributional: pixels beyond the mask that count as on the object: the side
-            of a thin rope covers less than half of its pixels.
         bin_px: Distributional: side of the bins (means of descriptors) that compete, >= 1.
         chunk: Queries at a time (memory for time); 0 for all.
         margin: Contrastive: M.
@@ -62,17 +60,15 @@ class LossSettings(Settings):
         space_constant: Its constant.
         space_mu: (first, last) value of mu, growing geometrically.
         space_pairs: Between which pixels: those of a `disc` in the image, or the points of the
-            sample that are near on the material (`geodesic`; it needs matches from the points).
+            sample that are near on the material (`geodesic`).
         space_reach_m: Geodesic: largest distance on the material, metres.
         space_radius_px: Disc: its radius.
         space_pixels: Disc: how many of its pixels.
         time_weight: Weight of the Lipschitz condition in time, 0 for none; it needs pairs of
             one episode (`pairs.pairing` sequence or next).
         time_constant: Its constant.
-        orientation_weight: Weight of the orientation loss, 0 for none; it needs matches from the
-            points.
-        canonical_weight: Weight of the canonical head's cross-entropy, 0 for no head; it needs
-            matches from the points.
+        orientation_weight: Weight of the orientation loss, 0 for none.
+        canonical_weight: Weight of the canonical head's cross-entropy, 0 for no head.
         canonical_sigma_m: Width of its target on the material, at the end, metres.
         canonical_sigma_start_m: Width at the start; it shrinks as `sigma_start_px` does.
         foreground_weight: Weight of the masks that the network predicts, 0 for none: what it
@@ -87,7 +83,6 @@ class LossSettings(Settings):
     initial_scale: Positive = 1.0
     learn_scale: bool = True
     background: Annotated[int, Bounds(-1)] = 512
-    mask_margin_px: Natural = 0
     bin_px: Count = 1
     chunk: Natural = 0
     margin: Positive = 0.5
@@ -212,10 +207,6 @@ class DonSettings(RunSettings):
             )
         if self.answer.crossings and self.answer.decode != "trace":
             raise Refused("'trace' for answer.crossings", "answer.decode")
-        if self.answer.crossings and self.pairs.input == "silhouette":
-            raise Refused("a picture or depth for answer.crossings", "pairs.input")
-        if self.pairs.input == "silhouette" and self.augment.mask_drop > 0:
-            raise Refused("0 for pairs.input silhouette", "augment.mask_drop")
         if self.augment.picture_drop > 0 and not (
             self.pairs.network_input.colour and self.pairs.masks
         ):
@@ -223,13 +214,4 @@ class DonSettings(RunSettings):
                 "0 unless the network sees a colour or grey picture and masks",
                 "augment.picture_drop",
             )
-        need_points = [
-            f"loss.{name} above 0"
-            for name in ("orientation_weight", "canonical_weight")
-            if getattr(self.loss, name) > 0
-        ]
-        if self.loss.space_weight > 0 and self.loss.space_pairs == "geodesic":
-            need_points.append("loss.space_pairs geodesic")
-        if need_points and self.pairs.matches != "points":
-            raise Refused(f"'points' for {need_points[0]}", "pairs.matches")
         return self

@@ -171,7 +171,7 @@ class DonTask(Task[DonSettings]):
         facts["calibration"] = dict(calibration.figures or {})
         from pliant.models.don.report import write_run_report
 
-        write_run_report(run, matcher, self.validation_pairs, history, facts)
+        write_run_report(run, history, facts)
 
     def _frames(self, split: str, *, whole: bool) -> list[FrameStore]:
         """Return the frames of a split, the run's own first, then those of `also`.

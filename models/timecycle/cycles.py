@@ -18,23 +18,22 @@ from pliant.models.timecycle.placement import cell_grid, place
 from pliant.models.timecycle.settings import CycleLossSettings
 
 _FLOOR = 1e-4
+_GRID = 20  # points along a side on which two placements are compared
+_SPREAD_CELLS = 1.0  # of the place that counts as right in the self-cycle
 
 
-def grid_error(
-    placement: torch.Tensor, other: torch.Tensor, cells: int, points: int = 20
-) -> torch.Tensor:
+def grid_error(placement: torch.Tensor, other: torch.Tensor, cells: int) -> torch.Tensor:
     """Return the squared distance of two placements on an aligned grid (the paper's l_theta).
 
     Args:
         placement: float (B, 3).
         other: float (B, 3).
         cells: Cells along a patch's side n.
-        points: Grid points along a side.
 
     Returns:
         float (B,), mean over the grid, in squared sides of the patch.
     """
-    grid = cell_grid(cells, placement.device, points=points)
+    grid = cell_grid(cells, placement.device, points=_GRID)
     gap = place(placement, grid) - place(other, grid)
     return gap.square().sum(dim=2).mean(dim=1) / cells**2
 
@@ -64,7 +63,7 @@ def cycle_losses(
 
     def error(ends: torch.Tensor) -> torch.Tensor:
         starts = start.repeat(len(ends) // len(start), 1)
-        return grid_error(ends, starts, network.cells, settings.grid).mean()
+        return grid_error(ends, starts, network.cells).mean()
 
     last = frames.shape[1] - 1
     parts: dict[str, torch.Tensor] = {}
@@ -95,7 +94,7 @@ def cycle_losses(
         parts["similarity"] = -torch.stack(products).mean()
     if settings.self_cycle > 0:
         _, _, affinities = network.locate(patch, frames[:, last])
-        mass = _mass(affinities, start, network, settings)
+        mass = _mass(affinities, start, network)
         parts["self"] = -((mass + _FLOOR).log() * weight).sum(dim=1).mean()
     return parts
 
@@ -134,14 +133,9 @@ def _forward(
     return torch.cat(ends)
 
 
-def _mass(
-    affinities: torch.Tensor,
-    start: torch.Tensor,
-    network: TimeCycleNetwork,
-    settings: CycleLossSettings,
-) -> torch.Tensor:
+def _mass(affinities: torch.Tensor, start: torch.Tensor, network: TimeCycleNetwork) -> torch.Tensor:
     xy = place(start, cell_grid(network.cells, start.device))
-    return soft_inlier(affinities, xy, network.size[0], settings.self_cells)
+    return soft_inlier(affinities, xy, network.size[0], _SPREAD_CELLS)
 
 
 def _centre_distance(ends: torch.Tensor, start: torch.Tensor) -> torch.Tensor:

@@ -1,4 +1,4 @@
-"""Localisers: from affinities to a placement of the patch in the frame.
+"""The localiser: from affinities to a placement of the patch in the frame.
 
 The affine map of the paper has three free parameters, (dx, dy, angle), and a fixed scale: here
 the placement's centre and angle in cells.
@@ -8,10 +8,8 @@ from __future__ import annotations
 
 import torch
 from torch import nn
-from torch.nn import functional
 
 from pliant.models.timecycle.placement import cell_grid
-from pliant.models.timecycle.settings import LocaliserSettings
 
 _TINY = 1e-6
 
@@ -56,55 +54,3 @@ class MomentLocaliser(nn.Module):
             [cos * middle[:, 0] - sin * middle[:, 1], sin * middle[:, 0] + cos * middle[:, 1]], -1
         )
         return torch.cat([found - turned, angle[:, None]], dim=1)
-
-
-class ConvLocaliser(nn.Module):
-    """The paper's head: two convolutions over the patch's grid and a linear layer.
-
-    The cells of the frame are its input channels. It begins in the frame's centre, upright,
-    and must be warmed up before the encoder learns from it.
-
-    Args:
-        size: (w, h) of a frame, cells.
-        cells: Cells along a patch's side.
-        settings: Its widths and kernel.
-    """
-
-    def __init__(self, size: tuple[int, int], cells: int, settings: LocaliserSettings) -> None:
-        super().__init__()
-        self.size, self.cells = size, cells
-        first, second = settings.widths
-        kernel = min(settings.kernel, cells)
-        self.conv1 = nn.Conv2d(size[0] * size[1], first, kernel)
-        left = cells - kernel + 1
-        self.conv2 = nn.Conv2d(first, second, min(3, left))
-        left = left - min(3, left) + 1
-        self.linear = nn.Linear(second * left * left, 3)
-        nn.init.normal_(self.linear.weight, std=1e-3)
-        nn.init.zeros_(self.linear.bias)
-
-    def forward(self, affinities: torch.Tensor) -> torch.Tensor:
-        """Map affinities (B, n n, w h) to placements (B, 3)."""
-        width, height = self.size
-        # Rows of affinities sum to 1: times their number they have the spread that layers expect.
-        grid = affinities.transpose(1, 2).unflatten(2, (self.cells, self.cells))
-        x = functional.relu(self.conv1(grid * (width * height) ** 0.5))
-        x = functional.relu(self.conv2(x))
-        free = self.linear(x.flatten(1))
-        half = torch.tensor([width / 2, height / 2, 1.0], device=free.device)
-        centre = torch.tensor([width / 2, height / 2, 0.0], device=free.device)
-        placement: torch.Tensor = centre + half * free
-        return placement
-
-
-def build_localiser(size: tuple[int, int], cells: int, settings: LocaliserSettings) -> nn.Module:
-    """Return a localiser.
-
-    Args:
-        size: (w, h) of a frame, cells.
-        cells: Cells along a patch's side.
-        settings: Which one.
-    """
-    if settings.kind == "moments":
-        return MomentLocaliser(size, cells)
-    return ConvLocaliser(size, cells, settings)

@@ -8,7 +8,7 @@ from torch.nn import functional
 
 from pliant.models.networks.descriptor_network import build_network, sample_descriptors
 from pliant.models.timecycle.affinity import affinity
-from pliant.models.timecycle.localiser import build_localiser
+from pliant.models.timecycle.localiser import MomentLocaliser
 from pliant.models.timecycle.placement import cell_grid, place
 from pliant.models.timecycle.settings import TimeCycleSettings
 
@@ -28,7 +28,7 @@ class TimeCycleNetwork(nn.Module):
         self.temperature = settings.temperature
         seen = settings.clips.network_input
         self.encoder = build_network(settings.network, seen, learn_scale=False)
-        self.localiser = build_localiser(self.size, self.cells, settings.localiser)
+        self.localiser = MomentLocaliser(self.size, self.cells)
 
     def encode(self, images: torch.Tensor, stride: int | None = None) -> torch.Tensor:
         """Return unit descriptors of the cells of images.

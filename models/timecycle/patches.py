@@ -43,7 +43,7 @@ def interest(pictures: torch.Tensor, mask: torch.Tensor, choose: str, stride: in
     Args:
         pictures: float (B, T, C, H, W), a clip.
         mask: bool (B, T, H, W), the object.
-        choose: `mask`, `motion` or `anywhere`.
+        choose: `mask` or `motion`.
         stride: Pixels along a side of a cell.
 
     Returns:
@@ -51,7 +51,7 @@ def interest(pictures: torch.Tensor, mask: torch.Tensor, choose: str, stride: in
     """
     if choose == "mask":
         energy = functional.avg_pool2d(mask[:, -1:].float(), stride)
-    elif choose == "motion":
+    else:
         change = pictures.diff(dim=1).abs().mean(dim=(1, 2))[:, None]
         moved = _over_noise(functional.avg_pool2d(change, stride))
         grey = pictures[:, -1].mean(dim=1, keepdim=True)
@@ -59,8 +59,6 @@ def interest(pictures: torch.Tensor, mask: torch.Tensor, choose: str, stride: in
         square = functional.avg_pool2d(grey.square(), stride)
         contrast = _over_noise((square - mean.square()).clamp(min=0).sqrt())
         energy = (1 - _STILL_SHARE) * moved + _STILL_SHARE * contrast
-    else:
-        energy = functional.avg_pool2d(torch.ones_like(mask[:, -1:], dtype=torch.float), stride)
     energy = energy.flatten(1)
     total = energy.sum(dim=1, keepdim=True)
     return torch.where(total > 0, energy / total.clamp(min=1e-12), 1 / energy.shape[1])

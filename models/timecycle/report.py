@@ -1,4 +1,4 @@
-"""The report of a TimeCycle run: comparison with trivial answers, training curves, tracks."""
+"""The report of a TimeCycle run: comparison with trivial answers, training curves."""
 
 from __future__ import annotations
 
@@ -7,25 +7,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from pliant.evaluator.report.charts import Chart, Labels, line_chart
-from pliant.models.don.report import history_chart
 from pliant.models.timecycle.guard import Guard
-from pliant.models.timecycle.matcher import TimeCycleMatcher
-from pliant.models.timecycle.validation import Stretch, track_with
-from pliant.models.training.canvas import pictures_png, show_picture
-from pliant.models.training.run_page import Section, write_run_page
+from pliant.models.training.run_page import Section, history_chart, write_run_page
 
-_SHOWN = 3
 _PARTS = ("long", "skip", "similarity", "self")
 _LISTED = "val/rmse_px_"
 
 
 def write_timecycle_report(
     run: Path,
-    matcher: TimeCycleMatcher,
-    stretches: Sequence[Stretch],
     history: Sequence[Mapping[str, float]],
     guard: Guard,
     facts: Mapping[str, Any],
@@ -34,8 +26,6 @@ def write_timecycle_report(
 
     Args:
         run: The run's folder.
-        matcher: The trained matcher.
-        stretches: Validation stretches; the first few are shown.
         history: The logged values of the run.
         guard: The run compared with the trivial answers.
         facts: Label -> value, shown as a table.
@@ -74,13 +64,6 @@ def write_timecycle_report(
                 history_chart(history, errors, "Validation RMSE", "px"),
             ],
         ),
-        Section(
-            "Tracks",
-            "The first validation stretches: the first frame with its points, and the last one. "
-            "Dots are the answers, lines lead to the true positions; a point that is hidden in "
-            "the last frame has no dot.",
-            picture=tracks_png(matcher, stretches[:_SHOWN]),
-        ),
     ]
     rest = {name: value for name, value in facts.items() if name not in ("guard", "validation")}
     return write_run_page(run, rest, sections)
@@ -92,28 +75,3 @@ def time_chart(guard: Guard) -> Chart:
         name: (np.arange(1, len(values) + 1), values) for name, values in guard.curves.items()
     }
     return line_chart(series, Labels("RMSE over time", "frames since the query", "RMSE, px of 640"))
-
-
-def tracks_png(matcher: TimeCycleMatcher, stretches: Sequence[Stretch]) -> bytes:
-    """Return a picture of first and last frames with the points and their errors."""
-
-    def draw(_: Figure, axes: Any) -> None:
-        for (left, right), stretch in zip(axes, stretches, strict=True):
-            truth, seen = stretch.truth()
-            answer = list(track_with(matcher)(stretch))[-1]
-            for axis, frame in ((left, stretch.frames[0]), (right, stretch.frames[-1])):
-                image = stretch.store.view(frame).rgb
-                show_picture(axis, image, (image.shape[1], image.shape[0]))
-            order = truth[0, :, 0].argsort().argsort()  # colours go from left to right
-            dots: dict[str, Any] = {
-                "cmap": "turbo", "vmin": 0, "vmax": len(order) - 1, "s": 22,
-                "edgecolors": "white", "linewidths": 0.7,
-            }  # fmt: skip
-            left.scatter(*truth[0].T, c=order, **dots)
-            shown = seen[-1]
-            for a, b in zip(answer[shown], truth[-1][shown], strict=True):
-                right.plot([a[0], b[0]], [a[1], b[1]], color="white", lw=1)
-            right.scatter(*answer[shown].T, c=order[shown], **dots)
-            right.set_title(f"{len(stretch.frames) - 1} frames later")
-
-    return pictures_png(len(stretches), 2, (5, 3.9), draw)

@@ -11,7 +11,6 @@ from pliant.loaders.inputs import IMAGE_CHANNELS, NetworkInput
 from pliant.models.networks.descriptor_network import NetworkSettings
 from pliant.models.training.settings import (
     BatchSize,
-    Channels,
     RunSettings,
     ValidationSettings,
 )
@@ -21,27 +20,11 @@ from pliant.spec.constraints import (
     Count,
     Natural,
     NonNegative,
-    Positive,
     Refused,
     Share,
 )
 
 Stride = Literal[4, 8]
-
-
-class LocaliserSettings(Settings):
-    """What reads a place off the affinities between a patch and a frame.
-
-    Attributes:
-        kind: `moments`: the rigid motion that best fits where each cell of the patch is expected
-            (no weights); `conv`: the paper's convolutions and linear layer.
-        widths: Conv: channels of its two convolutions.
-        kernel: Conv: side of the first convolution, 3 (the paper) or 1 (cheap).
-    """
-
-    kind: Literal["moments", "conv"] = "moments"
-    widths: tuple[Channels, Channels] = (128, 64)
-    kernel: Literal[1, 3] = 3
 
 
 class ClipSettings(Settings):
@@ -53,8 +36,7 @@ class ClipSettings(Settings):
         step_max: At most; drawn for each clip.
         patches: Patches a clip.
         patch: Side of a patch as a share of the frame's shorter side.
-        choose: Where patches come from: the object's `mask` (truth), what moves (`motion`) or
-            `anywhere`.
+        choose: Where patches come from: the object's `mask` (truth), or what moves (`motion`).
         turn_deg: A patch is turned by up to this much before it is sought.
         recolour: Gain and offset of each of its channels vary by about this share.
         input: The image that the network sees: `rgb` or `grey`.
@@ -66,7 +48,7 @@ class ClipSettings(Settings):
     step_max: int = 6
     patches: Count = 2
     patch: Annotated[float, Bounds(0, 0.75, above=True)] = 1 / 3
-    choose: Literal["mask", "motion", "anywhere"] = "mask"
+    choose: Literal["mask", "motion"] = "mask"
     turn_deg: Annotated[float, Bounds(0, 180)] = 30.0
     recolour: Share = 0.1
     input: Literal["rgb", "grey"] = "rgb"
@@ -94,23 +76,17 @@ class CycleLossSettings(Settings):
 
     Attributes:
         temperature: Of the affinity's softmax; 0 takes the paper's D^-0.5.
-        grid: Points along a side of the grid on which the two placements of a cycle are compared.
-        self_cells: Spread of the place that counts as right in the self-cycle, cells.
         similarity: Weight of -<patch, what was found>.
         skip: Weight of cycles to a frame and straight back.
         long: Weight of cycles through every frame between.
         self_cycle: Weight of finding a changed patch in its own frame.
-        freeze: Share of the steps in which the encoder stays as it is (the localiser warms up).
     """
 
     temperature: NonNegative = 0.0
-    grid: Annotated[int, Bounds(2)] = 20
-    self_cells: Positive = 1.0
     similarity: NonNegative = 1.0
     skip: NonNegative = 0.1
     long: NonNegative = 0.02
     self_cycle: NonNegative = 1.0
-    freeze: Annotated[float, Bounds(0, 1, below=True)] = 0.0
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -190,7 +166,6 @@ class TimeCycleSettings(RunSettings):
             length. If it is long, their products follow their distances, which is what Dense
             Object Nets are trained with; 0 for none.
         stride: Pixels along a side of a cell in training; the cells' descriptors are means.
-        localiser: The localiser.
         losses: The losses of cycles.
         validation: How the run is watched.
         propagation: How the result answers.
@@ -207,16 +182,9 @@ class TimeCycleSettings(RunSettings):
     network: NetworkSettings = NetworkSettings()
     lift: NonNegative = 0.0
     stride: Stride = 8
-    localiser: LocaliserSettings = LocaliserSettings()
     losses: CycleLossSettings = CycleLossSettings()
     validation: TrackValidationSettings = TrackValidationSettings()
     propagation: PropagationSettings = PropagationSettings()
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        if self.losses.freeze and self.localiser.kind == "moments":
-            raise Refused("0 for localiser.kind moments, which has no weights", "losses.freeze")
-        return self
 
     @property
     def patch_cells(self) -> int:

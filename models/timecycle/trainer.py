@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import nullcontext
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -53,13 +52,10 @@ class TimeCycleTask(Task[TimeCycleSettings]):
     ) -> tuple[torch.Tensor, Mapping[str, torch.Tensor]]:
         """Return the loss of a batch and its named parts; see `Task`."""
         settings, images = self.settings, batch["image"]
-        frozen = nullcontext if progress >= settings.losses.freeze else torch.no_grad
-        with frozen():
-            frames = self.encode(images.flatten(0, 1)).unflatten(0, images.shape[:2])
+        frames = self.encode(images.flatten(0, 1)).unflatten(0, images.shape[:2])
         clips, cells = settings.clips, self.network.cells
         patches = draw_patches(images, batch["mask"], cells, clips, generator, settings.stride)
-        with frozen():
-            cut = self.encode(patches.images).flatten(2).transpose(1, 2)
+        cut = self.encode(patches.images).flatten(2).transpose(1, 2)
         parts = cycle_losses(
             self.network,
             frames[patches.clip],
@@ -110,7 +106,7 @@ class TimeCycleTask(Task[TimeCycleSettings]):
         write_json(run / RUN_FACTS, facts)
         from pliant.models.timecycle.report import write_timecycle_report
 
-        write_timecycle_report(run, matcher, self.stretches, history, guard, facts)
+        write_timecycle_report(run, history, guard, facts)
 
 
 def first_network(settings: TimeCycleSettings) -> TimeCycleNetwork:

@@ -1,4 +1,4 @@
-"""The page of a training run: its facts, and sections of text, tables, charts and pictures."""
+"""The page of a training run: its facts, and sections of text, tables and charts."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pliant.evaluator.report.charts import Chart
+from pliant.evaluator.report.charts import Chart, Labels, line_chart
 from pliant.evaluator.report.pages import render_page
 from pliant.evaluator.scores import REPORT_HTML
 from pliant.spec.io.writing import replacing
@@ -23,7 +23,6 @@ class Section:
         lead: A sentence before the text that stands out.
         table: Rows of cells, the first row is the heading.
         charts: Charts.
-        picture: PNG bytes, or None.
     """
 
     title: str
@@ -31,7 +30,6 @@ class Section:
     lead: str = ""
     table: Sequence[Sequence[str]] = ()
     charts: Sequence[Chart] = ()
-    picture: bytes | None = None
 
 
 def write_run_page(run: Path, facts: Mapping[str, Any], sections: Sequence[Section]) -> Path:
@@ -52,6 +50,25 @@ def write_run_page(run: Path, facts: Mapping[str, Any], sections: Sequence[Secti
     with replacing(path) as partial:
         partial.write_text(page, encoding="utf-8")
     return path
+
+
+def history_chart(
+    history: Sequence[Mapping[str, float]], keys: Mapping[str, str], title: str, unit: str = ""
+) -> Chart:
+    """Draw logged values over the training steps.
+
+    Args:
+        history: The logged values of a run.
+        keys: Label -> key in `history`; a key that a row lacks is skipped in it.
+        title: Heading.
+        unit: Label of the vertical axis.
+    """
+    series = {}
+    for label, key in keys.items():
+        rows = [(row["step"], row[key]) for row in history if key in row]
+        series[label] = ([step for step, _ in rows], [value for _, value in rows])
+    validated = any(key.startswith("val/") for key in keys.values())
+    return line_chart(series, Labels(title, "step", unit), from_zero=validated)
 
 
 def _flat(facts: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:

@@ -14,38 +14,27 @@ from typing import Any, Final
 
 import jinja2
 from markdown_it import MarkdownIt
+from rich.filesize import decimal
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from pliant.evaluator.report.cells import Heading
+from pliant.evaluator.report.pages import environment
 from pliant.service.audit import last_entry
 from pliant.service.challenge import Challenge
 from pliant.service.database import Database
 from pliant.service.models import Version
 from pliant.service.settings import Phase
 from pliant.service.web.throttle import Throttle
-from pliant.spec.text import shown
 
 _MOST_CACHED: Final = 64
 
 
-def environment() -> jinja2.Environment:
-    """Return the templates of the service, over the page base of the evaluator's reports."""
-    made = jinja2.Environment(
-        loader=jinja2.ChoiceLoader(
-            [
-                jinja2.PackageLoader("pliant.service", "templates"),
-                jinja2.PackageLoader("pliant.evaluator.report", "templates"),
-            ]
-        ),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        finalize=shown,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+def _templates() -> jinja2.Environment:
+    """Return the templates of the service."""
+    made = environment("pliant.service")
     made.filters["utc"] = utc
-    made.filters["bytes"] = _bytes
+    made.filters["bytes"] = decimal
     made.globals["heading"] = figure_heading
     return made
 
@@ -67,10 +56,6 @@ def figure_heading(figure: dict[str, Any]) -> Heading:
     return Heading(figure["label"], figure["about"], figure["unit"], figure["better"])
 
 
-def _bytes(count: int) -> str:
-    return f"{count / 1e6:,.1f} MB" if count >= 1e5 else f"{count / 1e3:,.1f} kB"
-
-
 @dataclass
 class Site:
     """What all requests share.
@@ -86,7 +71,7 @@ class Site:
     challenge: Challenge
     base_url: str = ""
     throttle: Throttle = field(default_factory=Throttle)
-    templates: jinja2.Environment = field(default_factory=environment)
+    templates: jinja2.Environment = field(default_factory=_templates)
     headers: dict[str, str] = field(init=False)
     _cached: dict[Any, tuple[int, Any]] = field(default_factory=dict)
 

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import importlib.util
 import pickle
-import sys
 from collections.abc import Callable
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -15,19 +12,10 @@ import pytest
 from pliant.baselines import METHODS, Frame, Pair, TrackMatcher
 from pliant.baselines.flow import FLOWS, FlowChain
 from pliant.spec.arrays import FloatArray
-from pliant.spec.errors import MissingExtraError
 
 pytest.importorskip("cv2")
 
-needs_contributed_opencv = pytest.mark.skipif(
-    importlib.util.find_spec("cv2") is None
-    or not hasattr(importlib.import_module("cv2"), "optflow"),
-    reason="needs opencv-contrib-python-headless",
-)
-CHAINS = [
-    pytest.param(name, marks=needs_contributed_opencv if name == "rlof-chain" else ())
-    for name in FLOWS
-]
+CHAINS = list(FLOWS)
 ViewOf = Callable[..., Frame]
 
 
@@ -94,9 +82,3 @@ def test_small_blank_and_unequal_images_are_answered(name: str) -> None:
 
 def test_chains_travel_to_another_process() -> None:
     assert pickle.loads(pickle.dumps(chain("lk-chain"))).describe() == chain("lk-chain").describe()
-
-
-def test_opencv_without_its_contributed_modules_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "cv2", SimpleNamespace(__version__="4"))
-    with pytest.raises(MissingExtraError, match=r"contributed module optflow.*'classical'"):
-        chain("rlof-chain")

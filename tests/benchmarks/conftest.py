@@ -9,7 +9,20 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
 
+import pytest
+
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _sequences_are_made_here() -> Iterator[None]:
+    """Make sets in this process: no process has to start for the few sequences of a test."""
+    run = pytest.importorskip("pliant.generator.runner.run")
+    from tests.generator.runner.standin import InProcess
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(run, "_open_engine", lambda *_: InProcess())
+        yield
 
 
 @contextmanager

@@ -31,7 +31,6 @@ INPUTS: dict[str, tuple[str, str]] = {
     "validate": ("DATA", "validate DATA --workers 1"),
     "info": ("DATA", "info DATA"),
     "view": ("DATA", "view DATA --out OUT.png"),
-    "view tracks": ("SUB", "view DATA --tracks SUB --out OUT.png"),
     "publish": ("DATA", "publish DATA --out OUT"),
     "convert": ("DATA", "convert DATA --to coco --out OUT"),
     "predict with a dataset": ("DATA", "predict identity --data DATA --out OUT"),

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import gc
 import io
 import json
+import resource
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -202,13 +205,23 @@ def test_held_out_truth_is_not_converted(sample: Dataset) -> None:
         chosen_sequences(sample, tier="cloth-9")
 
 
-def test_a_failed_conversion_leaves_nothing(
-    sample: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_a_full_disk_is_one_error(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def fail(*_: object, **__: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("pliant.converters.targets.tapvid.np.savez_compressed", fail)
-    with pytest.raises(CallError, match="No space left"):
-        written("tapvid", sample, tmp_path / "out")
+    """Also what the deletion of half-written files prints is one error and no traceback."""
+    ignored: list[Any] = []
+    monkeypatch.setattr(sys, "unraisablehook", ignored.append)
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0, hard))  # EFBIG
+    try:
+        code = run(["convert", "sample", "--to", "tapvid", "--out", str(tmp_path / "out")])
+        gc.collect()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    shown = capsys.readouterr()
+    assert code in (1, 2)
+    assert ignored == []
+    assert "Traceback" not in shown.out + shown.err
+    (error,) = [line for line in shown.err.splitlines() if line.startswith("Error: ")]
+    assert "File too large" in error
     assert list(tmp_path.iterdir()) == []

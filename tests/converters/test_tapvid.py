@@ -181,6 +181,7 @@ def test_what_is_large_once_unpacked_is_refused_before(
         tapvid.read_npz(path)
 
 
+@pytest.mark.usefixtures("child_process")
 def test_a_size_that_lies_ends_at_the_limit_of_memory(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

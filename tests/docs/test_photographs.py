@@ -86,8 +86,8 @@ def test_a_folder_of_photographs_becomes_a_scored_table(
     assert scores["counts"]["counted"] == scores["counts"]["queries"] - 5
     assert scores["dataset"]["image_size"] == [250, 240]
     assert "standing still" not in scores["notes"].get("controls", "")
-    with Image.open(tmp_path / "points.png") as figure:
-        assert figure.width > 1200
+    with Image.open(tmp_path / "pictures.png") as figure:
+        assert figure.width > 700
 
 
 def click_points(folder: Path) -> None:

@@ -19,7 +19,6 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from pliant.evaluator.submission import loading
 from pliant.spec.conventions import SPEC_VERSION
 from pliant.spec.dataset import Dataset
 from pliant.spec.io.exr import Surface, write_surface
@@ -278,18 +277,3 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Scene:
 def scene_maker() -> Callable[..., Scene]:
     """The function that makes other scenes."""
     return make_scene
-
-
-@pytest.fixture
-def child_process() -> None:
-    """For tests of commands that read a submission in a child process, as users do."""
-
-
-@pytest.fixture(autouse=True)
-def no_child_process(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Read submissions in this process, which saves each command a second.
-
-    A test that asks for `child_process` keeps the child.
-    """
-    if "child_process" not in request.fixturenames:
-        monkeypatch.setattr(loading, "run_limited", lambda read, **_: read())

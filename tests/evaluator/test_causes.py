@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,12 +11,9 @@ import numpy as np
 import pytest
 from PIL import Image, ImageFilter
 
-from pliant.cli.main import run
 from pliant.evaluator import evaluate, evaluate_answers, write_report
-from pliant.evaluator.comparison import differences
 from pliant.evaluator.scores import Scores, read_scores
 from pliant.spec.dataset import Dataset
-from pliant.spec.errors import CallError
 from pliant.spec.sequence import SequenceRecord
 
 NAMES = ("imprecision", "flip", "off_object", "layer", "across", "along", "missing", "hidden")
@@ -310,32 +305,3 @@ def test_scores_for_participants_have_no_causes(scene: Any, tmp_path: Path) -> N
     path = scene.submit(tmp_path / "s.parquet")
     assert "causes" in evaluate(path, scene.root).document
     assert "causes" not in evaluate(path, scene.root, hide_truth=True).document
-
-
-def test_compare_shows_and_tests_causes(
-    scene: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """One method is 0.6 px off, the other takes cloth points for their first partner."""
-    off = scene.true_px + np.array([0, 0.6])
-    flips = off.copy()
-    for row, alternatives in enumerate(scene.truth["alternatives"].to_pylist()):
-        if alternatives:
-            flips[row] = alternatives[0]["u"], alternatives[0]["v"]
-    for name, uv in (("near", off), ("mirrored", flips)):
-        path = scene.submit(tmp_path / "s.parquet", scene.table(uv), method={"name": name})
-        write_report(evaluate(path, scene.root), tmp_path / name)
-    folders = [str(tmp_path / "near"), str(tmp_path / "mirrored")]
-    assert run(["compare", *folders, "--metric", "flip_px2"]) == 0
-    text = capsys.readouterr().out
-    assert "Flip, mean squared error (px²), overall" in text
-    table = text[text.index("Share of the squared error by cause") :]
-    assert re.search(r"Imprecision +100\.0 +0\.0\n", table)
-    flip = float(re.search(r"Flip +0\.0 +([\d.]+)\n", table)[1])  # type: ignore[index]
-    assert 99 < flip <= 100
-    assert run(["compare", *folders, "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)["causes"]
-    assert found["mirrored"]["flip"]["squared_error_share"] == pytest.approx(flip / 100, abs=1e-3)
-    scored = read_scores(tmp_path / "near")
-    del scored.document["causes"]
-    with pytest.raises(CallError, match="flip_px2"):
-        differences([scored, scored], ["flip_px2"])

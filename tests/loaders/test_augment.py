@@ -103,16 +103,6 @@ def with_ball() -> TrainingFrame:
     return replace(view, mask=own)
 
 
-def test_background_changes_nothing_on_any_object() -> None:
-    """Neither on the queried one nor on a rope's ball, which tells the ends apart."""
-    view = with_ball()
-    settings = AugmentSettings(rotate_deg=0, colour=0, noise=0, background=1)
-    changed = augmented(np.random.default_rng(0), view, settings)
-    np.testing.assert_array_equal(changed.rgb[view.objects], view.rgb[view.objects])
-    assert (changed.rgb[~view.objects] != view.rgb[~view.objects]).any()
-    np.testing.assert_array_equal(changed.uv_px, view.uv_px)
-
-
 def test_colour_keeps_the_order_of_values_and_noise_has_its_size() -> None:
     rng = np.random.default_rng(3)
     ramp = np.repeat(np.arange(256, dtype=np.uint8)[None, :, None], 3, axis=2)
@@ -149,7 +139,7 @@ def test_depth_gets_noise_and_loses_pixels() -> None:
 
 def test_all_off_changes_nothing() -> None:
     view = blob_view(np.array([[50.0, 50.0]]))
-    settings = AugmentSettings(rotate_deg=0, scale=0, colour=0, noise=0, background=0)
+    settings = AugmentSettings(rotate_deg=0, scale=0, colour=0, noise=0)
     same = augmented(np.random.default_rng(0), view, settings)
     np.testing.assert_array_equal(same.rgb, view.rgb)
     np.testing.assert_array_equal(same.uv_px, view.uv_px)
@@ -191,13 +181,11 @@ def test_an_object_is_laid_anywhere_it_fits() -> None:
     np.testing.assert_allclose(high, [160 - 15, 120 - 10], atol=4)
 
 
-def test_augmentation_leaves_no_point_outside_unless_told() -> None:
+def test_augmentation_leaves_no_point_outside() -> None:
     line = blob_view(np.column_stack([np.linspace(10, 150, 9), np.full(9, 60.0)]))
-    for margin, inside in ((0.05, True), (1.0, False)):
-        settings = AugmentSettings(rotate_deg=180, scale=0.2, colour=0, noise=0, margin=margin)
-        rng = np.random.default_rng(4)
-        seen = [augmented(rng, line, settings).visible.all() for _ in range(20)]
-        assert all(seen) == inside
+    settings = AugmentSettings(rotate_deg=180, scale=0.2, colour=0, noise=0, margin=0.05)
+    rng = np.random.default_rng(4)
+    assert all(augmented(rng, line, settings).visible.all() for _ in range(20))
 
 
 def test_regions_get_colours_of_their_own() -> None:

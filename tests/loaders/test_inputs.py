@@ -13,9 +13,8 @@ DEPTH = np.array([[1.0, np.inf]], np.float32)
 def test_channels_of_each_kind() -> None:
     assert NetworkInput("rgb").image(RGB, None)[:, 0, 0].tolist() == pytest.approx([-2, 2, 2])
     assert NetworkInput("depth").image(None, DEPTH)[0, 0].tolist() == [0.0, 3.0]
-    assert NetworkInput("rgbd").image(RGB, DEPTH).shape == (4, 1, 2)
     with pytest.raises(CallError, match="needs a depth map"):
-        NetworkInput("rgbd").image(RGB, None)
+        NetworkInput("depth").image(RGB, None)
     with pytest.raises(CallError, match="needs a colour image"):
         NetworkInput("grey").image(None, DEPTH)
 
@@ -34,16 +33,6 @@ def test_masks_are_channels_and_a_missing_mask_is_zero() -> None:
     assert seen.image(RGB, None, mask, objects)[1:, 0].tolist() == [[1, -1], [1, 1]]
     assert seen.image(RGB, None, mask)[1:, 0].tolist() == [[1, -1], [0, 0]]
     assert seen.image(RGB, None).shape == (seen.channels, 1, 2)
-
-
-def test_a_silhouette_is_the_masks_alone() -> None:
-    seen = NetworkInput("silhouette", masks=True)
-    mask = np.array([[True, False]])
-    assert seen.image(RGB, DEPTH, mask).tolist() == [[[1, -1]], [[0, 0]]]
-    with pytest.raises(CallError, match="masks alone"):
-        seen.image(RGB, DEPTH)
-    with pytest.raises(CallError, match="needs the masks"):
-        NetworkInput("silhouette")
 
 
 def test_depth_channel_is_in_tenths_of_a_metre_behind_the_median() -> None:

@@ -1,23 +1,25 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from pliant.spec.dataset import Dataset
 from pliant.spec.io.exr import Surface
 from pliant.spec.model import MaterialCoordinate, MaterialObject, Symmetry, Tier
-from pliant.spec.surface_search import SurfaceSearch, draw_surface_pixels
+from pliant.spec.surface_search import SurfaceSearch
 from tests.loaders.sheet_dataset import sheet_map
 
 
 def test_matches_are_exact_to_a_fraction_of_a_pixel(sheet_dataset: Dataset) -> None:
     sheet = sheet_dataset.tiers["sheet"].queried
     a, b = sheet_dataset.sequences[0], sheet_dataset.sequences[1]
-    uv_a, material = draw_surface_pixels(np.random.default_rng(0), a.surface(0), 1, 400)
+    surface = a.surface(0)
+    rows, columns = (axis[::40] for axis in np.nonzero(surface.object_id == 1))
+    uv_a = np.stack([columns, rows], axis=1) + 0.5
+    material = np.stack([surface.m0[rows, columns], surface.m1[rows, columns]], axis=1)
     uv_b, found = SurfaceSearch(sheet, b.surface(0)).find(material)
     to_a = sheet_map(1000 * 0, 0, a.size, 0.0)
     to_b = sheet_map(1000 * 0 + 1, 0, b.size, 0.0)
-    # The drawn pixels' own material is exact, and so is the way to B: an affine map.
+    # The pixels' own material is exact, and so is the way to B: an affine map.
     np.testing.assert_allclose(material @ to_a[:, :2].T + to_a[:, 2], uv_a, atol=1e-4)
     truth = material @ to_b[:, :2].T + to_b[:, 2]
     np.testing.assert_allclose(uv_b[found], truth[found], atol=1e-3)
@@ -41,8 +43,6 @@ def test_an_unseen_object_gives_nothing() -> None:
         np.zeros((4, 4), np.float32),
         np.zeros((4, 4), np.uint32),
     )
-    uv, material = draw_surface_pixels(np.random.default_rng(0), empty, 1, 5)
-    assert uv.shape == material.shape == (0, 2)
     _, found = SurfaceSearch(SHEET, empty).find(np.array([[0.5, 0.5]]))
     assert found.tolist() == [False]
 
@@ -89,15 +89,3 @@ def test_a_fold_is_not_bridged() -> None:
     uv, found = SurfaceSearch(SHEET, surface).find(wanted)
     assert found.tolist() == [True, False, True]
     np.testing.assert_allclose(uv[[0, 2]], [[19.8, 5.5], [21.0, 6.01]], atol=0.02)
-
-
-@pytest.mark.parametrize("count", [3, 50])
-def test_pixels_are_drawn_without_replacement_while_there_are_enough(count: int) -> None:
-    object_id = np.zeros((5, 5), np.uint32)
-    object_id[1:3, 1:4] = 1
-    ones = np.ones((5, 5), np.float32)
-    uv, _ = draw_surface_pixels(
-        np.random.default_rng(0), Surface(ones, ones, ones, object_id), 1, count
-    )
-    assert len(uv) == count
-    assert len(np.unique(uv, axis=0)) == (3 if count == 3 else 6)

@@ -34,14 +34,7 @@ def test_wrong_settings_are_one_sentence(override: str, message: str) -> None:
     assert message in str(caught.value)
 
 
-def test_orientation_is_known_at_tabulated_points_alone() -> None:
-    with pytest.raises(CallError, match=r"pairs\.matches: .*required: 'points'"):
-        read_settings(DonSettings, None, ["loss.orientation_weight=0.2", "pairs.matches=surface"])
-
-
-def test_a_network_of_masks_alone_is_never_left_without_them() -> None:
-    with pytest.raises(CallError, match=r"augment\.mask_drop: .*required: 0"):
-        read_settings(DonSettings, None, ["pairs.input=silhouette", "augment.mask_drop=0.1"])
+def test_a_blank_picture_needs_a_picture_and_masks() -> None:
     for other in ("pairs.masks=false", "pairs.input=depth"):
         with pytest.raises(CallError, match=r"augment\.picture_drop: .*required: 0 unless"):
             read_settings(

@@ -27,6 +27,7 @@ from pliant.spec.io.jsonfiles import read_json
 from pliant.spec.secrets import read_secret_seed, write_secret_seed
 from pliant.spec.storage import layout
 from tests.conformance.base import relist
+from tests.generator.runner.standin import InProcess
 
 HELD_OUT = PublishSettings(hold_out=("test",), answers_are_public=True)
 CHUNKS = {b"IHDR", b"sRGB", b"IDAT", b"IEND"}
@@ -49,7 +50,7 @@ CONFIG = GenerateConfig(
 def secret(tmp_path_factory: pytest.TempPathFactory) -> Any:
     """A small set of a secret seed, and its halves: (whole, public, private)."""
     root = tmp_path_factory.mktemp("secret")
-    assert not generate(CONFIG, root / "whole", workers=1).failed
+    assert not generate(CONFIG, root / "whole", engine=InProcess()).failed
     facts = publish(root / "whole", root / "public", PublishSettings(hold_out=("test",)))
     assert not any("query pixels" in text or "seed" in text for text in facts.warnings)
     return root / "whole", root / "public", root / "public-private"
@@ -320,7 +321,7 @@ def test_nobody_can_generate_the_answers_again(secret: Any, tmp_path: Path) -> N
     write_secret_seed(tmp_path / "known", seed)
     configs = {"guess": CONFIG.replace(secret_seed=False, seed=0), "known": CONFIG}
     for name, config in configs.items():
-        assert not generate(config, tmp_path / name, workers=1).failed
+        assert not generate(config, tmp_path / name, engine=InProcess()).failed
         found = (tmp_path / name / "truth" / "test.parquet").read_bytes()
         assert (found == right) is (name == "known")
 

@@ -15,7 +15,6 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
-from pliant.baselines.descriptor_colours import descriptor_colours
 from pliant.baselines.matcher import Heat
 from pliant.evaluator.report.colours import depth_image, index_image, material_colours
 from pliant.spec.arrays import FloatArray, Rgb
@@ -23,6 +22,7 @@ from pliant.spec.frame import Frame
 from pliant.spec.queries import RecordedPair
 from pliant.spec.sequence import RecordedFrame
 from pliant.viewer.drawing import heat_range
+from pliant.viewer.explorer.descriptor_colours import descriptor_colours
 from pliant.viewer.explorer.live import LiveMethod
 from pliant.viewer.explorer.submissions import Method
 from pliant.viewer.explorer.truth import TruthFinder

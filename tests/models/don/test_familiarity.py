@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.familiarity import ball_in_mask, two_ropes
 from pliant.baselines.matcher import UNFAMILIAR
 from pliant.baselines.tracing import MaskShape, Nadir, Trace
 from pliant.loaders.frame_store import FrameStore
@@ -148,6 +147,22 @@ def of_ropes() -> Familiarity:
 def test_what_is_not_one_rope_is_strange(case: object, of_ropes: Familiarity) -> None:
     assert of_ropes.score(case()).max() < 0.01  # type: ignore[operator]
     assert of_ropes.score(statistics(traced(ONE_ROPE))).min() > 0.1
+
+
+def ball_in_mask(own: Frame, other: Frame) -> Frame:
+    """Return the frame with a mask that takes the ball for rope."""
+    del other
+    return own.replace(mask=own.objects, key=f"{own.key} ball in mask")
+
+
+def two_ropes(own: Frame, other: Frame) -> Frame:
+    """Return the frame with a mask that has the other frame's rope too, mirrored."""
+    assert own.mask is not None
+    assert own.objects is not None
+    assert other.objects is not None
+    further = other.objects[:, ::-1]
+    key = f"{own.key} and {other.key}"
+    return own.replace(mask=own.mask | further, objects=own.objects | further, key=key)
 
 
 @pytest.mark.long

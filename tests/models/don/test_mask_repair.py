@@ -20,6 +20,25 @@ def test_exact_masks_are_kept() -> None:
     assert repaired(rope | ball, None, found) is None
 
 
+def test_an_exact_mask_is_kept_where_the_picture_misleads() -> None:
+    rgb, rope, ball, _ = scene()
+    found = rope_masks(rgb, vague(rope, ball))
+    assert found is not None
+    found[0][:, : found[0].shape[1] // 2] = False
+    assert repaired(rope, rope | ball, (found[0], found[0] | ball)) is None
+
+
+def test_a_rope_cut_by_holes_is_made_whole() -> None:
+    rgb, rope, ball, _ = scene()
+    found = rope_masks(rgb, vague(rope, ball))
+    assert found is not None
+    cut = rope.copy()
+    cut[:, 300:312] = False  # a rope of even width, in two parts
+    corrected = repaired(cut, cut | ball, found)
+    assert corrected is not None
+    assert (corrected[0] & rope).sum() > 0.96 * rope.sum()
+
+
 def test_a_segmenters_masks_are_corrected() -> None:
     rgb, rope, ball, shadow = scene()
     found = rope_masks(rgb, vague(rope, ball | shadow))

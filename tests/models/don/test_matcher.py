@@ -14,7 +14,6 @@ import pytest
 import torch
 from torch import nn
 
-from pliant.baselines.descriptor_colours import descriptor_colours
 from pliant.baselines.matcher import HeatMatcher
 from pliant.baselines.tracing import Reframed
 from pliant.loaders.frame_store import FrameStore
@@ -35,6 +34,7 @@ from pliant.models.networks.descriptor_network import (
 )
 from pliant.spec.dataset import Dataset
 from pliant.spec.frame import Frame, Pair
+from pliant.viewer.explorer.descriptor_colours import descriptor_colours
 
 SIZE = (80, 60)
 GRID = torch.tensor([[u + 0.5, v + 0.5] for v in range(6) for u in range(10)])

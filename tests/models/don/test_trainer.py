@@ -169,10 +169,9 @@ def test_a_run_is_a_folder_that_answers(sheet_dataset: Dataset, tmp_path: Path) 
 @pytest.mark.parametrize(
     "options",
     [
-        ["loss.kind=contrastive", "network.name=resnet18", "pairs.input=rgbd"],
+        ["loss.kind=contrastive", "network.name=resnet18", "pairs.input=depth"],
         ["precision=bfloat16", "pairs.views=3", "loss.direction=reverse", "optimiser.average=0"],
-        ["pairs.input=silhouette", "pairs.masks=true"],
-        ["pairs.matches=surface", "cache=false", "network.normalise=true", "loss.space_weight=0.1"],
+        ["pairs.masks=true", "cache=false", "network.normalise=true", "loss.space_weight=0.1"],
     ],
 )
 def test_other_settings_train_too(

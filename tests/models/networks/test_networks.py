@@ -121,9 +121,9 @@ def test_colour_weights_serve_depth(tmp_path: Path) -> None:
     given = weights_of(ResNetFCN("resnet18", 3, 4))
     save_file(given, tmp_path / "w.safetensors")
     settings = NetworkSettings(name="resnet18", pretrained=str(tmp_path / "w.safetensors"))
-    four = resnet_of(build_network(settings, NetworkInput("rgbd"))).conv1.weight
-    torch.testing.assert_close(four[:, :3], given["conv1.weight"])
-    torch.testing.assert_close(four[:, 3], given["conv1.weight"].mean(dim=1))
+    depth = resnet_of(build_network(settings, NetworkInput("depth", masks=True))).conv1.weight
+    torch.testing.assert_close(depth[:, 0], given["conv1.weight"].mean(dim=1))
+    assert not depth[:, 1:].any()
 
 
 @pytest.mark.parametrize("content", [None, b"", b"junk" * 100])

@@ -10,9 +10,8 @@ import torch
 from pliant.models.networks.descriptor_network import sample_descriptors
 from pliant.models.timecycle.affinity import affinity, soft_inlier
 from pliant.models.timecycle.cycles import grid_error
-from pliant.models.timecycle.localiser import ConvLocaliser, MomentLocaliser
+from pliant.models.timecycle.localiser import MomentLocaliser
 from pliant.models.timecycle.placement import cell_grid, cut_patches, place
-from pliant.models.timecycle.settings import LocaliserSettings
 
 SIZE = (16, 12)
 CELLS = 4
@@ -85,44 +84,6 @@ def test_moments_find_a_shift_and_a_turn(placement: list[float]) -> None:
     corners = cell_grid(CELLS, torch.device("cpu"), points=2) * 2
     gap = (place(found, corners) - place(wanted, corners)).norm(dim=2)
     assert float(gap.max()) < QUARTER
-
-
-def test_the_convolutional_localiser_learns_shifts_and_turns() -> None:
-    """With descriptors fixed (the encoder frozen), as its warm-up does: to a quarter of a cell."""
-    torch.manual_seed(0)
-    size, cells = (8, 8), 3
-    settings = LocaliserSettings(kind="conv", widths=(48, 32), kernel=3)
-    localiser = ConvLocaliser(size, cells, settings)
-    begins = localiser(torch.full((1, 9, 64), 1 / 64))
-    assert begins[0, :2].tolist() == pytest.approx([4.0, 4.0], abs=0.05)  # the frame's centre
-    optimiser = torch.optim.Adam(localiser.parameters(), lr=3e-3)
-    grid = cell_grid(cells, torch.device("cpu"))
-    rate = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, 300)
-
-    def case(count: int) -> tuple[torch.Tensor, torch.Tensor]:
-        """Affinities as of descriptors that tell place perfectly: bilinear shares of the cells."""
-        wanted = torch.rand(count, 3) * torch.tensor([4.0, 4.0, 0.8]) + torch.tensor(
-            [2.0, 2.0, -0.4]
-        )
-        xy = place(wanted, grid)
-        line = torch.arange(8) + 0.5
-        u = (1 - (xy[..., :1] - line).abs()).clamp(min=0)
-        v = (1 - (xy[..., 1:] - line).abs()).clamp(min=0)
-        share = (v[..., :, None] * u[..., None, :]).flatten(2)
-        return share / share.sum(dim=2, keepdim=True), wanted
-
-    for _ in range(300):
-        affinities, wanted = case(32)
-        loss = grid_error(localiser(affinities), wanted, cells).mean()
-        optimiser.zero_grad()
-        loss.backward()
-        optimiser.step()
-        rate.step()
-    affinities, wanted = case(400)
-    corners = cell_grid(cells, torch.device("cpu"), points=2) * 2
-    with torch.no_grad():
-        gap = (place(localiser(affinities), corners) - place(wanted, corners)).norm(dim=2)
-    assert float(gap.square().mean().sqrt()) < QUARTER
 
 
 def test_patches_are_cut_in_pixels() -> None:

@@ -60,8 +60,8 @@ def no_report(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("no_report")
 def test_resumed_equals_uninterrupted(tiny_episode: Path, tmp_path: Path) -> None:
-    """Bit for bit: weights, running average, optimiser and history, across the warm-up."""
-    settings = tiny("localiser.kind=conv", "losses.freeze=0.5", "clips.choose=motion")
+    """Bit for bit: weights, running average, optimiser and history."""
+    settings = tiny("clips.choose=motion")
     dataset = Dataset.open(tiny_episode)
     whole, parts = tmp_path / "whole", tmp_path / "parts"
     train_timecycle(dataset, whole, settings)
@@ -81,27 +81,6 @@ def test_resumed_equals_uninterrupted(tiny_episode: Path, tmp_path: Path) -> Non
         for name in left:
             assert torch.equal(left[name], right[name]), name
     assert (whole / "best.safetensors").read_bytes() == (parts / "best.safetensors").read_bytes()
-
-
-@pytest.mark.usefixtures("no_report")
-def test_the_warm_up_leaves_the_encoder_as_it_was(tiny_episode: Path, tmp_path: Path) -> None:
-    settings = tiny("localiser.kind=conv", "losses.freeze=0.5", "optimiser.weight_decay=0")
-    run = tmp_path / "run"
-    states: list[dict[str, torch.Tensor]] = []
-    for stop in (1, 3, 6):
-        train_timecycle(
-            Dataset.open(tiny_episode), run, settings, stop_at=stop, resume=bool(states)
-        )
-        states.append(read_checkpoint(latest_checkpoint(run)).weights)  # type: ignore[arg-type]
-
-    def same(a: dict[str, torch.Tensor], b: dict[str, torch.Tensor], part: str) -> bool:
-        names = [name for name in a if name.startswith(part)]
-        assert names
-        return all(torch.equal(a[name], b[name]) for name in names)
-
-    assert same(states[0], states[1], "encoder")
-    assert not same(states[0], states[1], "localiser")
-    assert not same(states[1], states[2], "encoder")
 
 
 def test_a_run_is_a_folder_that_answers(tiny_episode: Path, tmp_path: Path) -> None:
@@ -135,13 +114,10 @@ def test_a_run_is_a_folder_that_answers(tiny_episode: Path, tmp_path: Path) -> N
         load_matcher(run)
 
 
-def test_the_shipped_recipes_can_be_read() -> None:
-    configs = files("pliant.models") / "configs"
-    for name in ("timecycle", "timecycle-paper"):
-        read_settings(TimeCycleSettings, Path(str(configs / f"{name}.yaml")))
-    paper = read_settings(TimeCycleSettings, Path(str(configs / "timecycle-paper.yaml")))
-    assert (paper.patch_cells, paper.temperature) == (10, 512**-0.5)
-    assert (paper.optimiser.learning_rate, paper.optimiser.beta1) == (2e-4, 0.5)
+def test_the_shipped_recipe_can_be_read() -> None:
+    recipe = files("pliant.models") / "configs" / "timecycle.yaml"
+    settings = read_settings(TimeCycleSettings, Path(str(recipe)))
+    assert (settings.patch_cells, settings.temperature) == (10, 32**-0.5)
 
 
 def stretches(root: Path) -> list[Stretch]:
