@@ -192,9 +192,7 @@ def _made_once(config: GenerateConfig, name: str, tmp_path_factory: pytest.TempP
     from tests.generator.runner.standin import InProcess
 
     def make() -> Summary:
-        return generate(
-            config, out, workers=2, engine=InProcess() if config.style == "raster" else "local"
-        )
+        return generate(config, out, engine=InProcess() if config.style == "raster" else "local")
 
     base = tmp_path_factory.getbasetemp()
     if "PYTEST_XDIST_WORKER" in os.environ:

@@ -10,8 +10,9 @@ from pliant.cli.generate import build_config
 from pliant.cli.main import run
 from pliant.generator.settings import NoiseSettings, RopeSettings
 from pliant.spec.errors import CallError
+from tests.generator.runner.standin import InProcess
 
-SMALL = ["--size", "64x48", "--style", "raster", "--splits", "test=2", "--workers", "2"]
+SMALL = ["--size", "64x48", "--style", "raster", "--splits", "test=2", "--workers", "1"]
 SMALL += ["--set", "rope.shapes={open: 1}"]
 
 
@@ -69,6 +70,13 @@ def test_without_blender_the_extra_is_named_and_nothing_is_written(tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.fixture
+def trials_here(monkeypatch):
+    """Make the trial sequences of a plan in this process."""
+    monkeypatch.setattr("pliant.generator.runner.estimate.LocalEngine", lambda _: InProcess())
+
+
+@pytest.mark.usefixtures("trials_here")
 def test_generate_resume_refuse_and_dry_run(tmp_path, capsys):
     out = str(tmp_path / "set")
     call = ["generate", "rope", "--out", out, *SMALL, "--json"]
@@ -94,6 +102,7 @@ def test_generate_resume_refuse_and_dry_run(tmp_path, capsys):
     assert run([*call, "--workers", "0"]) == 2
 
 
+@pytest.mark.usefixtures("trials_here")
 def test_a_plan_in_words(tmp_path, capsys):
     assert run(["generate", "rope", "--out", str(tmp_path / "s"), *SMALL, "--dry-run"]) == 0
     text = capsys.readouterr().out

@@ -8,7 +8,6 @@ import shlex
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -18,7 +17,7 @@ from pliant.baselines.controls import Identity
 from pliant.cli.main import run
 from pliant.viewer.annotate_app import annotate_application
 from pliant.viewer.annotation import Annotation, Suggester
-from tests.browser import CHROMIUM, DRIVER, chromium
+from tests.browser import Browser
 from tests.viewer.serving import served
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "photographs.md"
@@ -65,14 +64,12 @@ def commands() -> Iterator[list[str]]:
 
 def test_a_folder_of_photographs_becomes_a_scored_table(
     photographs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    capsys: pytest.CaptureFixture[str], browser: Browser,
 ) -> None:  # fmt: skip
-    if CHROMIUM is None or DRIVER is None:
-        pytest.skip("chromium and chromedriver are not installed")
     monkeypatch.chdir(tmp_path)
     annotate, *others = commands()
     assert annotate[:2] == ["annotate", "photos"]
-    click_points(photographs)
+    click_points(photographs, browser)
     assert [command[0] for command in others] == [
         "import", "validate", "view", "predict", "evaluate"
     ]  # fmt: skip
@@ -90,11 +87,11 @@ def test_a_folder_of_photographs_becomes_a_scored_table(
         assert figure.width > 700
 
 
-def click_points(folder: Path) -> None:
+def click_points(folder: Path, browser: Browser) -> None:
     """Mark the points of every picture in a browser; the end of the first one is hidden."""
     annotation = Annotation(folder, list(POINTS))
     application = partial(annotate_application, annotation, Suggester(annotation, Identity))
-    with served(application) as address, chromium() as browser:
+    with served(application) as address:
         browser.size(1300, 900)
         browser.open(address)
         browser.wait("document.body.dataset.ready")
@@ -109,7 +106,7 @@ def click_points(folder: Path) -> None:
         browser.wait(f"$('said').textContent.includes('{marks} marks saved')")
 
 
-def click(browser: Any, u: float, v: float) -> None:
+def click(browser: Browser, u: float, v: float) -> None:
     script = "const b = view.getBoundingClientRect(); return [b.left + left, b.top + top_, zoom]"
     x, y, zoom = browser.run(script)
     browser.click(x + u * zoom, y + v * zoom)
