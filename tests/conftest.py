@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import shutil
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -133,6 +134,24 @@ def quick_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     config.write_text(text)
     (run / "familiarity.json").unlink()  # what it is computed from is traced
     return run
+
+
+@pytest.fixture
+def quick_tracing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Take every step of reading a rope, with fewer and shorter paths: small, poor, quick."""
+    pytest.importorskip("scipy")
+    from pliant.baselines.tracing import hypotheses, walk
+    from pliant.baselines.tracing.settings import TRACING
+
+    few = replace(
+        TRACING,
+        walk_most_steps=80,
+        walk_straightness=(0.3, 1.3),
+        walk_inertia=(0.55,),
+        chain_samples=6,
+    )
+    for module in (walk, hypotheses):
+        monkeypatch.setattr(module, "TRACING", few)
 
 
 @pytest.fixture(scope="session", autouse=True)

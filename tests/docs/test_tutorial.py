@@ -37,6 +37,7 @@ def test_the_page_shows_the_example() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("quick_tracing")
 def test_the_tour(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -143,8 +143,20 @@ class Trial:
 MakeTrial = Callable[..., Trial]
 
 
+@pytest.fixture(scope="session")
+def plain_challenge(
+    service_halves: Halves, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Path, str]:
+    """A challenge without settings on SQLite, to be copied, and its host's token."""
+    root = tmp_path_factory.mktemp("plain") / "challenge"
+    halves = service_halves
+    return root, create_challenge(root, halves.public, halves.private, ["test"])
+
+
 @pytest.fixture
-def make_trial(service_halves: Halves, tmp_path: Path) -> Iterator[MakeTrial]:
+def make_trial(
+    service_halves: Halves, plain_challenge: tuple[Path, str], tmp_path: Path
+) -> Iterator[MakeTrial]:
     """A function that makes a challenge, with other settings or another database."""
     opened: list[Challenge] = []
 
@@ -153,9 +165,13 @@ def make_trial(service_halves: Halves, tmp_path: Path) -> Iterator[MakeTrial]:
         config.write_text(text)
         root = tmp_path / f"challenge{len(opened)}"
         halves = service_halves
-        host = create_challenge(
-            root, halves.public, halves.private, ["test"], config if text else None, url
-        )
+        if text or url:
+            host = create_challenge(
+                root, halves.public, halves.private, ["test"], config if text else None, url
+            )
+        else:
+            plain, host = plain_challenge
+            shutil.copytree(plain, root)
         challenge = Challenge.open(root, url)
         opened.append(challenge)
         with challenge.database.write() as session:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from pliant.baselines.tracing import RopeTracer, Trace, hypotheses, rope_traces, walk
+from pliant.baselines.tracing import RopeTracer, Trace, rope_traces
 from pliant.baselines.tracing.settings import TRACING
 from pliant.spec.ball import separate_ball
 from pliant.spec.frame import Frame, Pair
@@ -30,20 +28,6 @@ def check_traces(traces: list[Trace], mask: np.ndarray) -> None:
         assert (np.abs(trace.uv_px) <= 3 * max(mask.shape)).all()
 
 
-@pytest.fixture(autouse=True)
-def _few_readings(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Every step of reading is taken, on masks of at most 48 px with fewer and shorter paths."""
-    few = replace(
-        TRACING,
-        walk_most_steps=80,
-        walk_straightness=(0.3, 1.3),
-        walk_inertia=(0.55,),
-        chain_samples=6,
-    )
-    for module in (walk, hypotheses):
-        monkeypatch.setattr(module, "TRACING", few)
-
-
 def try_masks(seed: int, count: int) -> None:
     rng = np.random.default_rng(seed)
     tracer = RopeTracer()
@@ -61,11 +45,13 @@ def try_masks(seed: int, count: int) -> None:
         before = view
 
 
+@pytest.mark.usefixtures("quick_tracing")
 def test_tracers_answer_for_any_mask() -> None:
     try_masks(0, 30)
 
 
 @pytest.mark.long
+@pytest.mark.usefixtures("quick_tracing")
 @pytest.mark.parametrize("seed", range(100, 200))
 def test_tracers_answer_for_ten_thousand_masks(seed: int) -> None:
     try_masks(seed, 100)

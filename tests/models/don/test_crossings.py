@@ -96,7 +96,7 @@ def share_right(network: CrossingNetwork, store: PaintedStore) -> float:
 @pytest.fixture(scope="module")
 def stores() -> tuple[PaintedStore, PaintedStore]:
     """Ropes to learn from, and others."""
-    return PaintedStore(220, seed=1), PaintedStore(40, seed=2)
+    return PaintedStore(130, seed=1), PaintedStore(30, seed=2)
 
 
 @pytest.mark.parametrize("depth", [False, True])
