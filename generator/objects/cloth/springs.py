@@ -119,43 +119,46 @@ def add_spring_forces(
         springs: The springs.
         side: Masses along a side.
     """
-    grid = np.ascontiguousarray(positions.T).reshape(3, side, side)
-    pulls = np.zeros_like(grid)
-    for family in springs.families:
-        _add_family(grid, pulls, family)
-    forces += pulls.reshape(3, -1).T
+    _add_families(positions, forces, springs.families, side)
 
 
 @compiled
-def _add_family(positions: FloatArray, forces: FloatArray, family: Family) -> None:
-    """Add the forces of one family, row by row.
+def _add_families(
+    positions: FloatArray, forces: FloatArray, families: tuple[Family, ...], side: int
+) -> None:
+    """Add the forces of the families, one after another.
 
-    A row's forces are worked out first and then added to the masses at either end: loops
-    without a dependence from one spring to the next, which the compiler runs four at a time.
+    A family's forces are computed first and then added to the masses at either end: loops over
+    one-dimensional arrays without a dependence from one spring to the next, which the compiler runs
+    several at a time. What would join the end of a row to the next row gets no force.
     """
-    _, rows, columns = positions.shape
-    down, along = family.rows, family.columns
-    rest_m, stiffness = family.rest_m, family.stiffness
-    first = max(0, -along)
-    count = columns - abs(along)
-    pulls = np.empty((3, count))
-    for row in range(rows - down):
-        a = positions[:, row, first : first + count]
-        b = positions[:, row + down, first + along : first + along + count]
-        for j in range(count):
-            dx = b[0, j] - a[0, j]
-            dy = b[1, j] - a[1, j]
-            dz = b[2, j] - a[2, j]
+    at = np.ascontiguousarray(positions.T)
+    total, pulls = np.zeros_like(at), np.empty_like(at)
+    x, y, z = at[0], at[1], at[2]
+    pull_x, pull_y, pull_z = pulls[0], pulls[1], pulls[2]
+    for family in families:
+        along, rest_m, stiffness = family.columns, family.rest_m, family.stiffness
+        apart = family.rows * side + along
+        count = at.shape[1] - apart
+        other_x, other_y, other_z = x[apart:], y[apart:], z[apart:]
+        for n in range(count):
+            dx, dy, dz = other_x[n] - x[n], other_y[n] - y[n], other_z[n] - z[n]
             length = math.sqrt(dx * dx + dy * dy + dz * dz)
             # Two masses in one place: there is no direction to push them in.
             pull = stiffness * (length - rest_m) / length if length > 0.0 else 0.0
-            pulls[0, j] = pull * dx
-            pulls[1, j] = pull * dy
-            pulls[2, j] = pull * dz
+            pull_x[n], pull_y[n], pull_z[n] = pull * dx, pull * dy, pull * dz
+        for column in range(side - along if along > 0 else 0, side if along > 0 else -along):
+            pulls[:, column::side] = 0.0
         for c in range(3):
-            at = forces[c, row, first : first + count]
-            for j in range(count):
-                at[j] += pulls[c, j]
-            at = forces[c, row + down, first + along : first + along + count]
-            for j in range(count):
-                at[j] -= pulls[c, j]
+            pull_c, first, second = pulls[c], total[c], total[c, apart:]
+            if family.rows == 0:
+                for n in range(count):
+                    first[n] += pull_c[n]
+            for n in range(count):
+                second[n] -= pull_c[n]
+            if family.rows > 0:  # a mass first gets the force from the row before
+                for n in range(count):
+                    first[n] += pull_c[n]
+    for n in range(forces.shape[0]):
+        for c in range(3):
+            forces[n, c] += total[c, n]
