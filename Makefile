@@ -31,9 +31,11 @@ demo: venv
 docs: venv
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
-test: venv lint types unit
+test: venv lint
+	$(MAKE) -j 2 types unit
 
-test-all: venv lint types unit-all
+test-all: venv lint
+	$(MAKE) -j 2 types unit-all
 
 lint: venv
 	$(BIN)/ruff check .

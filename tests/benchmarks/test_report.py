@@ -16,6 +16,7 @@ from pliant.benchmarks.suite.work import Workspace
 from pliant.evaluator import read_scores
 from pliant.spec.errors import SpecError
 from pliant.spec.validation.validate import Report
+from tests.benchmarks.jobs_here import jobs_here
 
 TIERS = ("rope", "cloth-1")
 
@@ -64,7 +65,8 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
     folder = tmp_path_factory.mktemp("two")
     (folder / "two.yaml").write_text(CONFIG)
     config = read_config(folder / "two.yaml")
-    run_benchmark(config, folder / "out", workers=1, watcher=Silent())
+    with jobs_here():
+        run_benchmark(config, folder / "out", workers=1, watcher=Silent())
     return config, folder / "out", finished_rows(config, Workspace(folder / "out"))
 
 

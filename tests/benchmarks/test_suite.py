@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
-from concurrent.futures import Future
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 import yaml
 from click.testing import CliRunner
 
-from pliant.benchmarks.suite import jobs as suite_jobs
 from pliant.benchmarks.suite import run as suite_run
 from pliant.benchmarks.suite.checksums import compare_checksums, read_frozen, set_checksums
 from pliant.benchmarks.suite.config import BenchmarkConfig, read_config
@@ -27,6 +24,7 @@ from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, TrainingError
 from pliant.spec.io.parquet import read_footer
 from pliant.spec.io.reading import sha256_file
+from tests.benchmarks.jobs_here import jobs_here
 
 FOLDER = Path(__file__).parents[2] / "benchmarks"
 
@@ -139,24 +137,6 @@ def config_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-class InProcess:
-    """Runs the jobs in this process: the pool's own processes are tested by the other runs."""
-
-    def __init__(self, *_: object, initializer: Any, initargs: Any, **__: object) -> None:
-        initializer(*initargs)
-
-    def __enter__(self) -> InProcess:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        suite_jobs._NEWS.clear()
-
-    def submit(self, function: Callable[..., Any], *arguments: Any) -> Future[Any]:
-        done: Future[Any] = Future()
-        done.set_result(function(*arguments))
-        return done
-
-
 @pytest.fixture(scope="module", autouse=True)
 def _quick_shipped_model(quick_run: Path) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
@@ -167,18 +147,14 @@ def _quick_shipped_model(quick_run: Path) -> Iterator[None]:
 @pytest.fixture(scope="module")
 def made(config_file: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Recorder]:
     """A finished benchmark, which was interrupted once on its way."""
-    torch = pytest.importorskip("torch")
-    threads = torch.get_num_threads()
     out = tmp_path_factory.mktemp("made") / "out"
     config, watcher = read_config(config_file), Recorder()
     watcher.interrupt_at = "more-contrastive"
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(suite_jobs, "ProcessPoolExecutor", InProcess)
+    with jobs_here():
         with pytest.raises(KeyboardInterrupt):
             run_benchmark(config, out, workers=1, watcher=watcher)
         watcher.interrupt_at = None
         run_benchmark(config, out, resume=True, workers=1, watcher=watcher)
-    torch.set_num_threads(threads)
     return out, watcher
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from pliant.cli.main import run
+from tests.benchmarks.jobs_here import jobs_here
 
 pytestmark = [pytest.mark.blender, pytest.mark.slow]
 
@@ -23,7 +24,8 @@ def demo(out: Path) -> None:
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("demo") / "a"
-    demo(folder)
+    with jobs_here():
+        demo(folder)
     return folder
 
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import errno
 import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -14,13 +12,8 @@ from pliant.cli.main import run
 from pliant.spec.errors import CallError
 from pliant.spec.io.jsonfiles import write_json
 from pliant.spec.io.writing import replacing
+from tests.full_disk import full_disk
 
-LIMITED = (
-    "import resource, sys\n"
-    "from pliant.cli.main import run\n"
-    "resource.setrlimit(resource.RLIMIT_FSIZE, (400, 400))\n"  # longer files give EFBIG
-    "sys.exit(run(sys.argv[1:]))\n"
-)
 COMMANDS = {
     "submission": ["submission", "--data", "DATA", "--out", "OUT.parquet"],
     "predict": ["predict", "identity", "--data", "DATA", "--out", "OUT.parquet"],
@@ -58,19 +51,19 @@ def _files(folder: Path) -> dict[str, bytes]:
 
 @pytest.mark.parametrize("name", ["predict", "evaluate", "publish", "generate"])
 def test_a_full_disk_is_one_line_and_loses_nothing(
-    name: str, places: dict[str, str], tmp_path: Path
+    name: str, places: dict[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     arguments = [places.get(a, a.replace("OUT", str(tmp_path / "out"))) for a in COMMANDS[name]]
     again = name not in ("publish", "generate")  # these refuse or skip what is finished
     if again:
         assert run(arguments) == 0
     before = _files(tmp_path)
-    done = subprocess.run(
-        [sys.executable, "-c", LIMITED, *arguments], capture_output=True, text=True, timeout=600
-    )
-    assert done.returncode in (1, 2), done.stdout + done.stderr
-    assert "Traceback" not in done.stdout + done.stderr
-    assert "File too large" in done.stdout + done.stderr
+    with full_disk(400):
+        code = run(arguments)
+    shown = "".join(capsys.readouterr())
+    assert code in (1, 2), shown
+    assert "Traceback" not in shown
+    assert "File too large" in shown
     if again:
         assert _files(tmp_path) == before
     elif name == "publish":

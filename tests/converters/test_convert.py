@@ -5,7 +5,6 @@ from __future__ import annotations
 import gc
 import io
 import json
-import resource
 import sys
 from pathlib import Path
 from typing import Any
@@ -23,6 +22,7 @@ from pliant.converters.targets.lerobot import DEPTH, RGB, TRACKS
 from pliant.converters.targets.recording import Options, Recording
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
+from tests.full_disk import full_disk
 
 
 @pytest.fixture(scope="module")
@@ -211,13 +211,9 @@ def test_a_full_disk_is_one_error(
     """Also what the deletion of half-written files prints is one error and no traceback."""
     ignored: list[Any] = []
     monkeypatch.setattr(sys, "unraisablehook", ignored.append)
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (0, hard))  # EFBIG
-    try:
+    with full_disk(0):
         code = run(["convert", "sample", "--to", "tapvid", "--out", str(tmp_path / "out")])
         gc.collect()
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     shown = capsys.readouterr()
     assert code in (1, 2)
     assert ignored == []

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import errno
 import os
-import resource
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -18,20 +17,20 @@ from pliant.cli.main import run
 from pliant.models.training import checkpoint
 from pliant.spec.dataset import Dataset
 from tests.faults.trainings import DON, TIMECYCLE
+from tests.full_disk import full_disk
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
 
 Break = Callable[[pytest.MonkeyPatch], None]
 
 
-def full_disk(patch: pytest.MonkeyPatch) -> None:
-    """Let no file grow over 400 bytes from the first checkpoint on."""
+def no_room(patch: pytest.MonkeyPatch) -> None:
+    """Let no file of a checkpoint grow over 400 bytes."""
     save = checkpoint.save_checkpoint
 
     def limited(*arguments: Any) -> Path:
-        hard = resource.getrlimit(resource.RLIMIT_FSIZE)[1]
-        resource.setrlimit(resource.RLIMIT_FSIZE, (400, hard))
-        return save(*arguments)
+        with full_disk(400):
+            return save(*arguments)
 
     patch.setattr("pliant.models.training.loop.save_checkpoint", limited)
 
@@ -52,7 +51,7 @@ def broken_log(patch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("method", ["don", "timecycle"])
 @pytest.mark.parametrize(
-    ("damage", "message"), [(full_disk, "File too large"), (broken_log, "Input/output error")]
+    ("damage", "message"), [(no_room, "File too large"), (broken_log, "Input/output error")]
 )
 def test_one_error_and_no_traceback(
     method: str,
@@ -67,13 +66,9 @@ def test_one_error_and_no_traceback(
     data = sheet_dataset.root if method == "don" else tiny_episode
     values = DON if method == "don" else TIMECYCLE
     call = ["train", method, "--data", str(data), "--out", str(tmp_path / "run")]
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     capfd.readouterr()
-    try:
-        damage(monkeypatch)
-        code = run([*call, *(part for each in values for part in ("--set", each))])
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    damage(monkeypatch)
+    code = run([*call, *(part for each in values for part in ("--set", each))])
     shown = capfd.readouterr()
     assert code == 2, shown
     assert "Traceback" not in shown.out + shown.err
