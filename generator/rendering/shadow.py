@@ -93,8 +93,7 @@ def shadow_map(world: FloatArray, faces: IntArray, light: Light) -> ShadowMap:
     columns, rows = (np.ceil((high - origin) / texel).astype(int) + 2).tolist()
     depth = np.full((rows, columns), _EMPTY, np.float32)
     seen[:, :2] = (seen[:, :2] - origin) / texel
-    for front in (True, False):  # a closed body's back is then behind what is drawn already
-        _draw(seen, faces, depth, front)
+    _draw(seen, faces, depth)
     frame = np.zeros((3, 4))
     frame[:2, :3], frame[:2, 3] = axes[:2] / texel, -origin / texel
     frame[2, :3] = axes[2]
@@ -103,39 +102,35 @@ def shadow_map(world: FloatArray, faces: IntArray, light: Light) -> ShadowMap:
 
 
 @compiled
-def _draw(points: FloatArray, faces: IntArray, depth: npt.NDArray[np.float32], front: bool) -> None:
-    """Draw the triangles that face one way; call it for both, in either order."""
+def _draw(points: FloatArray, faces: IntArray, depth: npt.NDArray[np.float32]) -> None:
     rows, columns = depth.shape
+    centres = np.arange(columns) + 0.5
     for t in range(faces.shape[0]):
         a, b, c = faces[t, 0], faces[t, 1], faces[t, 2]
         x0, y0, z0 = points[a, 0], points[a, 1], points[a, 2]
         x1, y1, z1 = points[b, 0], points[b, 1], points[b, 2]
         x2, y2, z2 = points[c, 0], points[c, 1], points[c, 2]
-        area = (x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0)
-        if area == 0.0 or (area < 0.0) != front:
-            continue
         i0 = max(0, math.ceil(min(x0, x1, x2) - 0.5))
         i1 = min(columns - 1, math.floor(max(x0, x1, x2) - 0.5))
         j0 = max(0, math.ceil(min(y0, y1, y2) - 0.5))
         j1 = min(rows - 1, math.floor(max(y0, y1, y2) - 0.5))
         if i0 > i1 or j0 > j1:
             continue
+        area = (x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0)
+        if area == 0.0:
+            continue
         scale = 1.0 / area
-        nearest = np.float32(min(z0, z1, z2) - 1e-6)  # below it by more than rounding
+        px = centres[i0 : i1 + 1]
         for j in range(j0, j1 + 1):
             py = j + 0.5
-            for i in range(i0, i1 + 1):
-                if depth[j, i] <= nearest:
-                    continue
-                px = i + 0.5
-                w1 = ((px - x0) * (y2 - y0) - (x2 - x0) * (py - y0)) * scale
-                w2 = ((x1 - x0) * (py - y0) - (px - x0) * (y1 - y0)) * scale
+            line = depth[j, i0 : i1 + 1]
+            for k in range(i1 + 1 - i0):  # without a branch: several texels at a time
+                w1 = ((px[k] - x0) * (y2 - y0) - (x2 - x0) * (py - y0)) * scale
+                w2 = ((x1 - x0) * (py - y0) - (px[k] - x0) * (y1 - y0)) * scale
                 w0 = 1.0 - w1 - w2
-                if w0 < 0.0 or w1 < 0.0 or w2 < 0.0:
-                    continue
                 z = np.float32(w0 * z0 + w1 * z1 + w2 * z2)
-                if z < depth[j, i]:
-                    depth[j, i] = z
+                nearer = (w0 >= 0.0) & (w1 >= 0.0) & (w2 >= 0.0) & (z < line[k])
+                line[k] = z if nearer else line[k]
 
 
 @compiled
