@@ -13,6 +13,7 @@ from pliant.models import load_matcher
 from pliant.models.don.crossings import CROSSINGS
 from pliant.models.don.familiarity import FAMILIARITY
 from pliant.models.model_card import model_card
+from pliant.models.networks.mask_network import MASKS
 from pliant.models.shipped import CARD
 from pliant.models.training.checkpoint import BEST, Weights, read_weights_file, save_weights
 from pliant.models.training.run_folder import CALIBRATION, CONFIG, RUN_FACTS
@@ -44,7 +45,8 @@ def export_run(
 
     Returns:
         The model's folder: `config.yaml`, `best.safetensors` (float16), `run.json`, where the
-        run has them `calibration.json`, `crossings.safetensors` and `data.yaml`, and `CARD.md`.
+        run has them `calibration.json`, `crossings.safetensors`, `masks.safetensors` and
+        `data.yaml`, and `CARD.md`.
 
     Raises:
         CallError: The name cannot be used, the run is not a run or was trained on other data, a
@@ -115,7 +117,7 @@ def _write_files(
         if (run / kept).is_file():
             shutil.copyfile(run / kept, folder / kept)
     (folder / CONFIG).write_text(yaml_text(settings), encoding="utf-8")
-    for name in (BEST, CROSSINGS):
+    for name in (BEST, CROSSINGS, MASKS):
         if name == BEST or (run / name).is_file():
             save_weights(folder / name, halved(read_weights_file(run / name)))
             (folder / name).chmod(0o644)  # safetensors makes it the owner's alone

@@ -16,9 +16,11 @@ from typing import Any, Final, Self
 
 from pydantic import model_validator
 
+from pliant.models.don.mask_training import fit_masks
 from pliant.models.don.settings import DonSettings
 from pliant.models.don.trainer import DonTask, train_don
 from pliant.models.export import export_run
+from pliant.models.networks.mask_network import MASKS
 from pliant.models.training.checkpoint import (
     BEST,
     Weights,
@@ -28,15 +30,16 @@ from pliant.models.training.checkpoint import (
     save_weights,
 )
 from pliant.models.training.processes import joined_processes
-from pliant.models.training.run_folder import RUN_FACTS, read_run_json, write_settings
+from pliant.models.training.run_folder import CONFIG, RUN_FACTS, read_run_json, write_settings
 from pliant.spec.configuration import (
     Settings,
     merged,
     read_mapping,
+    read_settings,
     settings_from,
     with_overrides,
 )
-from pliant.spec.constraints import Refused, Share
+from pliant.spec.constraints import Count, Refused, Share
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
 
@@ -67,6 +70,18 @@ class Stage(Settings):
         return self
 
 
+class MaskStage(Settings):
+    """The training of a network that finds masks of ropes; see `mask_training.py`.
+
+    Attributes:
+        sets: Names of the sets whose training splits it sees.
+        steps: Steps.
+    """
+
+    sets: tuple[str, ...]
+    steps: Count
+
+
 class ModelRecipe(Settings):
     """How a model is made.
 
@@ -75,12 +90,14 @@ class ModelRecipe(Settings):
         sets: Name -> `pliant generate` config of a dataset of one tier.
         settings: Settings of the runs of all stages.
         stages: Name -> stage, in order; the last one is the model.
+        masks: How the network that finds masks is trained, for a model with one.
     """
 
     name: str
     sets: Mapping[str, Mapping[str, Any]]
     settings: Mapping[str, Any]
     stages: Mapping[str, Stage]
+    masks: MaskStage | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -124,6 +141,8 @@ def read_recipe(
         _check_known({each.start, *each.mean_of} - {""}, earlier, path, f"stages.{name}")
         _check_known(set(each.sets), set(recipe.sets), path, f"stages.{name}.sets")
         earlier.add(name)
+    if recipe.masks is not None:
+        _check_known(set(recipe.masks.sets), set(recipe.sets), path, "masks.sets")
     return recipe
 
 
@@ -169,8 +188,19 @@ def make_model(
             begun = latest_checkpoint(run) is not None
             train_don(dataset, run, settings, resume=begun)
     last = list(recipe.stages)[-1]
+    if recipe.masks is not None and not (out / "stages" / last / MASKS).is_file():
+        _train_masks(recipe.masks, out, out / "stages" / last)
     dataset = Dataset.open(out / "sets" / recipe.stages[last].sets[0])
     return export_run(out / "stages" / last, recipe.name, out / "models", dataset)
+
+
+def _train_masks(stage: MaskStage, out: Path, run: Path) -> None:
+    sets = [Dataset.open(out / "sets" / name) for name in stage.sets]
+    seed = read_settings(DonSettings, run / CONFIG).seed
+    network = fit_masks(
+        [frame for each in sets for frame in each.frames("train")], steps=stage.steps, seed=seed
+    )
+    save_weights(run / MASKS, network.state_dict())
 
 
 def _settings(recipe: ModelRecipe, stage: Stage, out: Path) -> DonSettings:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -17,8 +16,6 @@ from pliant.models.networks.crossing_network import (
     CrossingPatches,
     crossing_patches,
 )
-from pliant.models.training.checkpoint import read_weights_file
-from pliant.spec.errors import TrainingError
 from pliant.spec.frame import Frame
 
 CROSSINGS: Final = "crossings.safetensors"
@@ -92,26 +89,3 @@ def with_overlaps(
         )
         known.append(replace(trace, overlaps=overlaps))
     return known
-
-
-def load_crossing_network(path: Path, *, depth: bool) -> CrossingNetwork:
-    """Return the network of a run.
-
-    Args:
-        path: Its weights.
-        depth: Whether it looks at depth.
-
-    Raises:
-        TrainingError: The weights are missing or of something else.
-    """
-    network = CrossingNetwork(depth=depth)
-    weights = {name: value.float() for name, value in read_weights_file(path).items()}
-    try:
-        network.load_state_dict(weights)
-    except RuntimeError as error:
-        raise TrainingError(
-            "the weights are not of a network for crossings",
-            path=path,
-            found=str(error).splitlines()[-1].strip(),
-        ) from error
-    return network.eval()

@@ -13,6 +13,7 @@ from pliant.models.don.ball import FIRST_SHARE
 from pliant.models.don.mask_repair import repaired
 from pliant.models.don.segmentation import Foreground, rope_masks
 from pliant.models.networks.descriptor_network import DescriptorNetwork, NetworkOutput
+from pliant.models.networks.mask_network import MaskNetwork
 from pliant.spec.arrays import Mask
 from pliant.spec.frame import Frame
 from pliant.spec.io.resizing import resize_mask, resize_nearest, resize_rgb
@@ -61,6 +62,9 @@ class ViewDescriber:
         size: (w, h) of its input.
         rotations: 1, 2 or 4 quarter-turned copies.
         mirrored: Describe mirrored copies too.
+
+    Attributes:
+        masks: Finds ropes in pictures, or None: the descriptor network's foreground does.
     """
 
     def __init__(
@@ -72,6 +76,7 @@ class ViewDescriber:
         mirrored: bool,
     ) -> None:
         self.network, self.given, self.size, self.mirrored = network, given, size, mirrored
+        self.masks: MaskNetwork | None = None
         self.turns = range(0, 4, 4 // rotations)
         self._kept: LRUCache[DescribedView] = LRUCache(_KEPT_BYTES, _bytes_of, least=_LEAST_KEPT)
 
@@ -99,7 +104,10 @@ class ViewDescriber:
         if not self.segments or (view.mask is not None and not view.mask.any()):
             return view
         out = self._out(self.given.image(*self._resized(view)))
-        rope, objects = out.foreground[0].cpu().sigmoid().numpy()
+        if self.masks is None:
+            rope, objects = out.foreground[0].cpu().sigmoid().numpy()
+        else:
+            rope, objects = self.masks.found(view.rgb)
         first = self._first_share(out.descriptors[0].cpu()).numpy()
         found = rope_masks(view.rgb, Foreground(rope, objects, first))
         if found is not None and view.mask is not None:

@@ -5,13 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 
 from pliant.models.don.certainty import Calibration
-from pliant.models.don.crossings import CROSSINGS, load_crossing_network
+from pliant.models.don.crossings import CROSSINGS
 from pliant.models.don.familiarity import FAMILIARITY, Familiarity
 from pliant.models.don.matcher import DonMatcher
 from pliant.models.don.settings import DonSettings
 from pliant.models.networks.canonical import PREFIX, CanonicalHead
+from pliant.models.networks.crossing_network import CrossingNetwork
 from pliant.models.networks.descriptor_network import DescriptorNetwork, build_network
-from pliant.models.training.checkpoint import BEST, load_best, read_weights_file
+from pliant.models.networks.mask_network import MASKS, MaskNetwork
+from pliant.models.training.checkpoint import BEST, load_best, load_weights, read_weights_file
 from pliant.models.training.run_folder import CALIBRATION, CONFIG, RUN_FACTS, read_run_json
 from pliant.spec.configuration import read_settings
 from pliant.spec.errors import CallError, TrainingError
@@ -73,5 +75,10 @@ def load_matcher(run: Path | str) -> DonMatcher:
         matcher.familiarity = Familiarity.from_document(values, run / FAMILIARITY)
     if (run / CROSSINGS).is_file():
         depth = not settings.pairs.network_input.colour
-        matcher.reader.crossings = load_crossing_network(run / CROSSINGS, depth=depth)
+        matcher.reader.crossings = CrossingNetwork(depth=depth)
+        load_weights(matcher.reader.crossings, run / CROSSINGS)
+    if (run / MASKS).is_file():
+        masks = MaskNetwork()
+        load_weights(masks, run / MASKS)
+        matcher.reader.find_masks_with(masks)
     return matcher

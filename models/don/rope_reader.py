@@ -23,6 +23,7 @@ from pliant.models.don.square import other_quarter_turns, upright
 from pliant.models.don.tracing import TracedView, canonical_likelihood, enlarged
 from pliant.models.networks.crossing_network import CrossingNetwork
 from pliant.models.networks.descriptor_network import DescriptorNetwork
+from pliant.models.networks.mask_network import MaskNetwork
 from pliant.spec.arrays import Mask
 from pliant.spec.frame import Frame
 from pliant.spec.lru_cache import LRUCache
@@ -62,6 +63,10 @@ class RopeReader:
     def share(self, folder: Path) -> None:
         """Store traces in a folder, where copies in other processes find them."""
         self._readings = SharedCache(_KEPT_TRACES, folder)
+
+    def find_masks_with(self, network: MaskNetwork) -> None:
+        """Find ropes in pictures with a network of its own from now on."""
+        self._views.masks = network
 
     @property
     def finds_masks(self) -> bool:

@@ -1,6 +1,7 @@
 """Masks of a rope in an image that comes without: the network's foreground, sharpened by colour.
 
-The network knows about where the rope is, at its own size. Nearby, every pixel is compared with
+A network knows about where the rope is: the `MaskNetwork` of the run, or else the descriptor
+network, whose foreground is coarser. Nearby, every pixel is compared with
 the table around the rope, r = I / I_table in linear light: a shadow darkens all channels alike, so
 log r is then negative and has no chroma. What is not a shadow is divided by GrabCut (Rother et al.
 2004) in the chroma and the mean of log r. `ball.py` tells the ball from the rope.

@@ -77,6 +77,28 @@ def read_weights_file(path: Path) -> Weights:
         ) from error
 
 
+def load_weights(network: torch.nn.Module, path: Path) -> None:
+    """Load a network's weights and make it answer.
+
+    Args:
+        network: The network.
+        path: Its weights.
+
+    Raises:
+        TrainingError: The weights are missing, damaged or of another network.
+    """
+    weights = {name: value.float() for name, value in read_weights_file(path).items()}
+    try:
+        network.load_state_dict(weights)
+    except RuntimeError as error:
+        raise TrainingError(
+            "the weights do not fit the network of the run",
+            path=path,
+            found=str(error).splitlines()[-1].strip()[:200],  # the first only names the class
+        ) from error
+    network.eval()
+
+
 def load_best(network: torch.nn.Module, run: Path) -> None:
     """Give a network the weights that answer for a run.
 
@@ -91,15 +113,7 @@ def load_best(network: torch.nn.Module, run: Path) -> None:
         raise TrainingError(
             "the run has no validated weights yet", path=run, fix="Train it longer first."
         )
-    weights = read_weights_file(run / BEST)
-    try:
-        network.load_state_dict(weights)
-    except RuntimeError as error:
-        raise TrainingError(
-            "the weights do not fit the run's config",
-            path=run / BEST,
-            found=str(error).splitlines()[-1].strip()[:200],  # the first only names the class
-        ) from error
+    load_weights(network, run / BEST)
 
 
 def save_checkpoint(run: Path, state: TrainingState) -> Path:

@@ -14,9 +14,9 @@ from scipy.spatial import cKDTree
 from pliant.baselines.tracing import Nadir, Trace, self_crossings
 from pliant.loaders.views import TrainingFrame
 from pliant.models.don.crossing_training import fit_crossings
-from pliant.models.don.crossings import CROSSINGS, load_crossing_network, with_overlaps
+from pliant.models.don.crossings import CROSSINGS, with_overlaps
 from pliant.models.networks.crossing_network import CrossingNetwork, crossing_patches
-from pliant.models.training.checkpoint import save_weights
+from pliant.models.training.checkpoint import load_weights, save_weights
 from pliant.spec.errors import TrainingError
 from pliant.spec.frame import Frame
 
@@ -109,10 +109,11 @@ def test_a_network_learns_which_strand_is_on_top(
     assert network is not None
     assert share_right(network, unseen) > 0.9
     save_weights(tmp_path / CROSSINGS, network.state_dict())
-    loaded = load_crossing_network(tmp_path / CROSSINGS, depth=depth)
+    loaded = CrossingNetwork(depth=depth)
+    load_weights(loaded, tmp_path / CROSSINGS)
     assert share_right(loaded, unseen) == share_right(network, unseen)
-    with pytest.raises(TrainingError, match="not of a network for crossings"):
-        load_crossing_network(tmp_path / CROSSINGS, depth=not depth)
+    with pytest.raises(TrainingError, match="do not fit"):
+        load_weights(CrossingNetwork(depth=not depth), tmp_path / CROSSINGS)
 
 
 def test_too_few_crossings_train_nothing() -> None:
