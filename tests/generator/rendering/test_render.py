@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pliant.generator.rendering import open_renderer
-from pliant.generator.rendering.shadow import shadow_map, sunlight
+from pliant.generator.rendering.shadow import may_shade, shadow_map, sunlight
 from pliant.generator.rendering.sky import sky_maps
 from pliant.generator.rendering.srgb import encode_srgb
 from pliant.generator.rendering.table import TableView
@@ -82,6 +82,22 @@ def test_a_shadow_falls_where_the_sun_says_and_is_half_at_its_edge() -> None:
     # Light travels 0.25 m from the plate: the penumbra reaches tan(1.5 deg) 0.25 / 0.8 to a side.
     assert 0.5 < lit(-0.55 - 0.005) < 1.0
     assert 0.0 < lit(-0.55 + 0.005) < 0.5
+
+
+def test_no_place_in_a_box_that_is_skipped_misses_sunlight() -> None:
+    vertices, faces = _plate(0.2)
+    small = vertices * [0.2, 0.2, 1.0]  # two of them, across a gap
+    two = np.concatenate([small - [0.3, 0.3, 0.0], small + [0.3, 0.3, 0.0]])
+    shadow = shadow_map(two, np.concatenate([faces, faces + np.int32(4)]), HIGH_SUN)
+    rng = np.random.default_rng(0)
+    skipped = 0
+    for low in rng.uniform(-1.0, 0.8, (1000, 2)):
+        high = low + 0.2
+        places = [sunlight(x, y, 0.0, 0, 0, *shadow) for x, y in rng.uniform(low, high, (20, 2))]
+        if not may_shade(np.stack([low, high]), shadow):
+            skipped += 1
+            assert min(places) == 1.0
+    assert 500 < skipped < 950
 
 
 def test_the_sky_under_a_plate_is_dark_and_far_away_open() -> None:
