@@ -87,7 +87,8 @@ def test_a_shadow_falls_where_the_sun_says_and_is_half_at_its_edge() -> None:
 def test_no_place_in_a_box_that_is_skipped_misses_sunlight() -> None:
     vertices, faces = _plate(0.2)
     small = vertices * [0.2, 0.2, 1.0]  # two of them, across a gap
-    two = np.concatenate([small - [0.3, 0.3, 0.0], small + [0.3, 0.3, 0.0]])
+    away = np.array([0.3, 0.3, 0.0])
+    two = np.concatenate([small - away, small + away])
     shadow = shadow_map(two, np.concatenate([faces, faces + np.int32(4)]), HIGH_SUN)
     rng = np.random.default_rng(0)
     skipped = 0
