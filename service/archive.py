@@ -133,7 +133,8 @@ def restore_challenge(
         _verify_files(place)
         for name in (_SUMS, ".zenodo.json"):
             (place / name).unlink(missing_ok=True)
-        shutil.rmtree(place / "site", ignore_errors=True)
+        if (place / "site").is_dir():  # an archive has one, a backup has none
+            shutil.rmtree(place / "site")
         (place / "incoming").mkdir(exist_ok=True)
         _restore_keys(place / "keys", passphrase)
         database = database_of(place, database_url)

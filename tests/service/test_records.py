@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import stat
 import tarfile
 from pathlib import Path
+from typing import Any
 
 import pytest
 from alembic.autogenerate import compare_metadata
@@ -235,7 +237,7 @@ def test_a_folder_that_cannot_be_removed_does_not_get_into_a_backup(
 
 
 def test_archives_contain_no_open_key_and_are_checked(
-    make_trial: MakeTrial, tmp_path: Path
+    make_trial: MakeTrial, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     trial = scored(make_trial())
     file = tmp_path / "all.tar"
@@ -255,6 +257,19 @@ def test_archives_contain_no_open_key_and_are_checked(
     (tmp_path / "changed.tar").write_bytes(data[:at] + b"evil" + data[at + 4 :])
     with pytest.raises(SpecError, match="changed"):
         restore_challenge(tmp_path / "changed.tar", tmp_path / "changed", None, None)
+    unlink = os.unlink
+
+    def failing(path: Any, *more: Any, **named: Any) -> None:
+        if str(path).endswith("index.html") and not failed:
+            failed.append(path)
+            raise OSError(errno.EIO, "I/O error")
+        unlink(path, *more, **named)
+
+    failed: list[Any] = []
+    monkeypatch.setattr(os, "unlink", failing)
+    with pytest.raises(OSError, match="I/O error"):  # the pages of the archive would stay
+        restore_challenge(file, tmp_path / "half", b"secret", None)
+    assert not (tmp_path / "half").exists()
 
 
 def test_the_site_needs_no_service(make_trial: MakeTrial, tmp_path: Path) -> None:
