@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from pliant.baselines.conditions import segmented
+from pliant.baselines.tracing import MaskShape
 from pliant.models.don.mask_repair import repaired
 from pliant.models.don.segmentation import rope_masks
 from pliant.spec.arrays import Mask
 from pliant.spec.frame import Frame
-from tests.models.don.test_segmentation import overlap, scene, vague
+from tests.models.don.test_segmentation import HALF_PX, overlap, scene, vague
 
 
 def test_exact_masks_are_kept() -> None:
@@ -68,6 +69,20 @@ def test_a_second_rope_in_the_mask_goes() -> None:
     assert objects is not None
     assert not (objects & other).any()
     assert overlap(mask, rope) > 0.85
+
+
+def test_a_loop_that_the_picture_does_not_show_goes() -> None:
+    rgb, rope, ball, _ = scene()
+    found = rope_masks(rgb, vague(rope, ball))
+    assert found is not None
+    rows, columns = np.mgrid[: rope.shape[0], : rope.shape[1]]
+    row, column = np.argwhere(rope)[len(np.argwhere(rope)) // 2]
+    ring = np.abs(np.hypot(rows - row - 75, columns - column) - 75) <= HALF_PX
+    given = (rope | ring) & ~ball
+    assert not MaskShape.of(given, given | ball).several_ropes  # the shape alone does not tell
+    corrected = repaired(given, given | ball, found)
+    assert corrected is not None
+    assert overlap(corrected[0], rope) > 0.8
 
 
 def test_lengths_scale_with_the_picture() -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 import pytest
 import torch
@@ -14,14 +12,6 @@ from pliant.models.shipped import FOLDER
 from pliant.models.training.checkpoint import load_weights
 from pliant.spec.frame import Frame
 from tests.models.don.test_segmentation import HEIGHT, WIDTH, overlap, scene
-
-
-@pytest.fixture(autouse=True)
-def _one_thread() -> Iterator[None]:
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
 
 
 def painted() -> Frame:
