@@ -34,7 +34,7 @@ from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, SpecError
 from pliant.spec.io.jsonfiles import write_json
 from pliant.spec.io.reading import sha256_file
-from pliant.spec.io.staging import staged
+from pliant.spec.io.staging import discard, staged
 from pliant.spec.io.writing import abandoned, replacing
 from pliant.spec.storage.manifest import read_checksums, write_checksums
 
@@ -82,11 +82,11 @@ def write_archive(challenge: Challenge, out: Path, passphrase: bytes | None) -> 
     """
     scratch = out.resolve().with_name(f".{out.name}.{os.getpid()}.folder")
     for each in abandoned(scratch.parent, f".{out.name}.", ".folder"):
-        shutil.rmtree(each, ignore_errors=True)
+        discard(each)
     if out.exists():
         raise CallError("the file exists already", path=out)
     with ExitStack() as stack:
-        stack.callback(shutil.rmtree, scratch, ignore_errors=True)
+        stack.callback(discard, scratch)
         folder = scratch / "challenge"
         scratch.mkdir(0o700, parents=True)
         folder.mkdir()

@@ -8,7 +8,6 @@ folder is written under another name and renamed, so a checkpoint is there or it
 from __future__ import annotations
 
 import json
-import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,7 +18,7 @@ from safetensors import SafetensorError
 from safetensors.torch import load_file, save
 
 from pliant.spec.errors import TrainingError
-from pliant.spec.io.staging import staged
+from pliant.spec.io.staging import discard, staged
 from pliant.spec.io.writing import replacing
 
 CHECKPOINTS: Final = "checkpoints"
@@ -148,7 +147,7 @@ def remove_others(folder: Path) -> None:
     """Remove the other checkpoints of a run, which a killed process left."""
     for other in folder.parent.iterdir():
         if other != folder:
-            shutil.rmtree(other, ignore_errors=True)
+            discard(other)
 
 
 def latest_checkpoint(run: Path) -> Path | None:

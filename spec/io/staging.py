@@ -59,7 +59,7 @@ def staged(folder: Path) -> Iterator[Path]:
         if earlier.exists() and not folder.exists():
             earlier.rename(folder)
         for each in (made, earlier):
-            shutil.rmtree(each, ignore_errors=True)
+            discard(each)
 
 
 @contextmanager
@@ -77,8 +77,15 @@ def staged_both(folder: Path, other: Path) -> Iterator[tuple[Path, Path]]:
             yield one, two
     except BaseException:
         if not folder.exists():
-            shutil.rmtree(other, ignore_errors=True)
+            discard(other)
         raise
+
+
+def discard(folder: Path) -> None:
+    """Remove a folder with all that is in it; what cannot be removed at the second try stays."""
+    shutil.rmtree(folder, ignore_errors=True)
+    if folder.exists():
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 def is_left_alone(other: Path, folder: Path) -> bool:
@@ -106,6 +113,6 @@ def _tidy(folder: Path) -> None:
     for path in abandoned(folder.parent, f".{folder.name}.", ".earlier"):
         if not folder.exists():
             path.rename(folder)
-        shutil.rmtree(path, ignore_errors=True)
+        discard(path)
     for path in abandoned(folder.parent, f".{folder.name}.", ".partial"):
-        shutil.rmtree(path, ignore_errors=True)
+        discard(path)

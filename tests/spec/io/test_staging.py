@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 import subprocess
@@ -71,6 +72,27 @@ def test_an_error_inside_leaves_the_earlier_folder(tmp_path: Path) -> None:
         (place / "missing" / "file").write_text("")
     assert names(tmp_path) == ["out"]
     assert names(out) == ["first"]
+
+
+def test_an_error_while_the_earlier_folder_is_removed_leaves_nothing_of_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out, failed, unlink = tmp_path / "out", list[object](), os.unlink
+
+    def failing_once(path: str, *, dir_fd: int | None = None) -> None:
+        if not failed:
+            failed.append(path)
+            raise OSError(errno.EIO, "I/O error")
+        unlink(path, dir_fd=dir_fd)
+
+    with staged(out) as place:
+        (place / "a.txt").write_text("earlier")
+    monkeypatch.setattr(os, "unlink", failing_once)
+    with staged(out) as place:
+        (place / "a.txt").write_text("later")
+    assert failed == ["a.txt"]
+    assert os.listdir(tmp_path) == ["out"]
+    assert (out / "a.txt").read_text() == "later"
 
 
 def test_on_windows_no_process_is_ended_to_learn_whether_it_runs(
