@@ -1,7 +1,7 @@
 """Learns to find a rope and its ball in a picture, from the frames of training splits.
 
 Every sample is a part of a picture, turned, enlarged and mirrored at random. Object and background
-get new colours on their own; in a part of the samples the background is drawn anew (noise of
+get new colours on their own; in a part of the samples the background is drawn (noise of
 several sizes, stripes), with a soft shadow. So the shape and the edges of a rope have to tell it
 from the table, not the colours of a renderer.
 """
@@ -115,7 +115,7 @@ def _mixed(rgb: torch.Tensor) -> torch.Tensor:
 
 
 def _backgrounds(rgb: torch.Tensor, objects: torch.Tensor) -> torch.Tensor:
-    """Return backgrounds of noise and stripes, with a shadow beside the objects."""
+    """Return backgrounds of noise and stripes, with a shadow next to the objects."""
     count, _, height, width = rgb.shape
     drawn = torch.rand(count, 3, 1, 1).expand(count, 3, height, width)
     for side in (3, 9, 28, 80):
