@@ -207,11 +207,11 @@ def sunlight(
         z: Place.
         column: Pixel; it turns the taps.
         row: Pixel.
-        frame: Of the `ShadowMap`, and so the rest.
-        depth: Of it.
-        coarse: Of it.
-        texel_m: Of it.
-        spread: Of it.
+        frame: `ShadowMap.frame`.
+        depth: `ShadowMap.depth`.
+        coarse: `ShadowMap.coarse`.
+        texel_m: `ShadowMap.texel_m`.
+        spread: `ShadowMap.spread`.
     """
     rows, columns = depth.shape
     sx = frame[0, 0] * x + frame[0, 1] * y + frame[0, 2] * z + frame[0, 3]

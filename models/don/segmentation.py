@@ -1,10 +1,10 @@
 """Masks of a rope in an image that comes without: the network's foreground, sharpened by colour.
 
 A network knows about where the rope is: the `MaskNetwork` of the run, or else the descriptor
-network, whose foreground is coarser. Nearby, every pixel is compared with
-the table around the rope, r = I / I_table in linear light: a shadow darkens all channels alike, so
-log r is then negative and has no chroma. What is not a shadow is divided by GrabCut (Rother et al.
-2004) in the chroma and the mean of log r. `ball.py` tells the ball from the rope.
+network, whose foreground is coarser. Nearby, every pixel is compared with the table around the
+rope, r = I / I_table in linear light: a shadow darkens all channels alike, so log r is then
+negative and has no chroma. What is not a shadow is divided by GrabCut (Rother et al. 2004) in the
+chroma and the mean of log r. `ball.py` tells the ball from the rope.
 """
 
 from __future__ import annotations

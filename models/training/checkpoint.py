@@ -86,7 +86,7 @@ def load_weights(network: torch.nn.Module, path: Path) -> None:
     Raises:
         TrainingError: The weights are missing, damaged or of another network.
     """
-    weights = {name: value.float() for name, value in read_weights_file(path).items()}
+    weights = read_weights_file(path)
     try:
         network.load_state_dict(weights)
     except RuntimeError as error:
