@@ -4,24 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
-import pyarrow.compute as pc
 
 from pliant.benchmarks.suite.config import TRACKS, BenchmarkConfig
 from pliant.benchmarks.suite.table import CLASSICAL, Row
 from pliant.benchmarks.suite.work import Workspace
 from pliant.evaluator.controls import CONTROLS
-from pliant.evaluator.examples import Example
-from pliant.evaluator.metrics.causes import NO_CAUSE
-from pliant.evaluator.report.drawings import FramePictures, pair_svg
 from pliant.evaluator.scores import read_scores
 from pliant.spec.arrays import FloatArray
 from pliant.spec.dataset import Dataset
-from pliant.spec.io.parquet import read_table
-
-_QUERIES: Final = 16
+from pliant.viewer.explorer.pair_page import pair_section
 
 
 @dataclass(frozen=True)
@@ -30,16 +23,16 @@ class Opening:
 
     Attributes:
         verdict: The result, in one sentence.
-        definitions: SVG images that the pictures use.
-        pictures: (caption, SVG) of the network and of the local feature.
+        pair: The explorer of one pair, with the network and the local feature.
+        caption: Their errors on the pair.
         row: The network's row of the table.
         data: Folder of the dataset, relative to the benchmark's.
         bars: (method, RMSE in px, whether it is a control), the smallest first.
     """
 
     verdict: str
-    definitions: str
-    pictures: list[tuple[str, str]]
+    pair: str
+    caption: str
     row: Row
     data: str
     bars: list[tuple[str, float, bool]]
@@ -77,14 +70,15 @@ def opening(config: BenchmarkConfig, work: Workspace, rows: Sequence[Row]) -> Op
         return None
     _, pair, learned, rival, mine, theirs = best
     dataset = Dataset.open(work.set_path(learned.set))
-    frames = FramePictures(dataset, dataset.size)
-    pictures = [
-        (
-            f"{row.label}: RMSE {errors[pair]:.1f} px",
-            pair_svg(_example(work, dataset, row, pair), frames),
-        )
-        for row, errors in ((learned, mine), (rival, theirs))
-    ]
+    submissions = {
+        row.label: work.answers_path(row.set, row.entry.stored, "answers")
+        for row in (learned, rival)
+    }
+    explorer = pair_section(dataset, dataset.pairs("test")[pair], submissions)
+    caption = (
+        f"RMSE on this pair: {learned.label} {mine[pair]:.1f} px, "
+        f"{rival.label} {theirs[pair]:.1f} px"
+    )
     shown = [
         (row.label, value, row.method in CONTROLS)
         for row in rows
@@ -104,7 +98,7 @@ def opening(config: BenchmarkConfig, work: Workspace, rows: Sequence[Row]) -> Op
     control = next((bar for bar in bars if bar[2] and bar[0] not in oracle), None)
     verdict += f", the best control, {control[0]}, by {control[1]:.0f} px." if control else "."
     data = work.set_path(learned.set).relative_to(work.root).as_posix()
-    return Opening(verdict, frames.definitions(), pictures, learned, data, bars)
+    return Opening(verdict, explorer, caption, learned, data, bars)
 
 
 def _pair_rmse_px(work: Workspace, row: Row) -> FloatArray:
@@ -115,28 +109,3 @@ def _pair_rmse_px(work: Workspace, row: Row) -> FloatArray:
     mine = np.array(table["tier"].to_pylist()) == row.test if row.test in tiers else True
     rmse: FloatArray = np.sqrt(squared / np.where((counted > 0) & mine, counted, np.nan))
     return rmse
-
-
-def _example(work: Workspace, dataset: Dataset, row: Row, pair: int) -> Example:
-    """Return some visible queries of a pair, evenly along their order, with a method's answers."""
-    asked, true, given = (
-        table.filter(pc.equal(table["pair_id"], pair)).sort_by("query_id")
-        for table in (
-            dataset.queries("test"),
-            dataset.truth("test"),
-            read_table(work.answers_path(row.set, row.entry.stored, "answers"), "answers"),
-        )
-    )
-    visible = np.flatnonzero(np.array(true["visibility_b"].to_pylist()) == "visible")
-    pick = visible[np.unique(np.linspace(0, len(visible) - 1, _QUERIES).round().astype(int))]
-    query, truth, answer = (
-        np.stack([table[name].to_numpy()[pick] for name in names], axis=1).astype(np.float64)
-        for table, names in ((asked, ("u_a", "v_a")), (true, ("u_b", "v_b")), (given, ("u", "v")))
-    )
-    first = asked.slice(0, 1).to_pylist()[0]
-    return Example(
-        rank=1, of=1, tier=first["tier"], pair=pair, sequence_a=first["sequence_a"],
-        frame_a=first["frame_a"], sequence_b=first["sequence_b"], frame_b=first["frame_b"],
-        rmse_px=0.0, cause="", uv_a_px=query, true_px=truth, answer_px=answer,
-        causes=np.full(len(pick), NO_CAUSE, np.uint8),
-    )  # fmt: skip

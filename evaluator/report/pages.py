@@ -48,7 +48,7 @@ def environment(package: str) -> jinja2.Environment:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    made.filters["data_uri"] = _data_uri
+    made.filters["data_uri"] = data_uri
     made.globals["chart_scripts"] = _chart_scripts
     made.filters["fill"] = _fill
     return made
@@ -63,8 +63,9 @@ def _chart_scripts() -> Markup:
     return Markup("\n".join(f"<script>{text}</script>" for text in texts))
 
 
-def _data_uri(png: bytes) -> str:
-    return "data:image/png;base64," + base64.b64encode(png).decode()
+def data_uri(content: bytes, media_type: str = "image/png") -> str:
+    """Return a file as an address that contains it."""
+    return f"data:{media_type};base64,{base64.b64encode(content).decode()}"
 
 
 def _fill(text: str) -> str:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import math
 from collections.abc import Callable, Sequence
 from functools import wraps
 from pathlib import Path
@@ -18,14 +16,13 @@ from starlette.types import ASGIApp
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, PliantError
 from pliant.spec.queries import RecordedPair
-from pliant.viewer.explorer.answers import MethodAnswer
 from pliant.viewer.explorer.catalogue import catalogue
+from pliant.viewer.explorer.documents import answer_document, number
 from pliant.viewer.explorer.frames import FrameStore
 from pliant.viewer.explorer.layers import (
     FRAME_LAYERS,
     METHOD_LAYERS,
     frame_layer,
-    heat_png,
     method_layer,
     png,
 )
@@ -138,34 +135,7 @@ def _truth(explorer: Explorer, request: Request) -> Response:
 
 def _answer(explorer: Explorer, request: Request) -> Response:
     pair, method = explorer.pair(request, place=True), explorer.method(request)
-    answer = method.answer(pair)
-    if answer is None:
-        return JSONResponse(None)
-    true_px, point = answer.true_px, answer.point
-    if true_px is None and (truth := explorer.truth.find(pair.at(point.uv_a_px))) is not None:
-        true_px = truth.uv_b_px
-    error = None if true_px is None else float(np.linalg.norm(point.uv_b_px - true_px))
-    return JSONResponse(_document(answer, error))
-
-
-def _document(answer: MethodAnswer, error_px: float | None) -> dict[str, Any]:
-    """Return an answer as JSON values; the heat map is a PNG in base64."""
-    point = answer.point
-    heat = None if point.heat is None else base64.b64encode(heat_png(point.heat)).decode("ascii")
-    return {
-        "query": rounded(point.uv_a_px),
-        "place": rounded(point.uv_b_px),
-        "error_px": _number(error_px),
-        "visible": _number(point.visible),
-        "sigma_px": _number(point.sigma_px),
-        "confidence": _number(answer.confidence),
-        "confidence_is": answer.confidence_is,
-        "familiarity": _number(point.familiarity),
-        "material": answer.material,
-        "warnings": list(answer.warnings),
-        "heat": heat,
-        "ms": round(1000 * answer.seconds, 1),
-    }
+    return JSONResponse(answer_document(explorer.truth, method, pair))
 
 
 def _warm(explorer: Explorer, request: Request) -> Response:
@@ -199,7 +169,7 @@ def _error(explorer: Explorer, request: Request) -> Response:
     answers = np.full(queries.uv_a_px.shape, np.nan)
     answers[rows] = found
     values = (value for value in queries.rmse_px(answers) if value is not None)
-    return JSONResponse(_number(next(values, None)))
+    return JSONResponse(number(next(values, None)))
 
 
 def _scene(explorer: Explorer, request: Request) -> Response:
@@ -229,8 +199,3 @@ def _place(request: Request) -> Any:
     if not np.isfinite(uv).all():
         raise CallError("a place is two numbers", where="u, v", required="pixels of the source")
     return uv
-
-
-def _number(value: float | None) -> float | None:
-    """Return a number that JSON can say."""
-    return None if value is None or not math.isfinite(value) else round(value, 4)

@@ -4,7 +4,7 @@ import { get } from "./api.js";
 import * as browse from "./browse.js";
 import * as pictures from "./pictures.js";
 import * as readout from "./readout.js";
-import { onChange, read, set, state } from "./state.js";
+import { onChange, read, set, state, write } from "./state.js";
 
 const $ = id => document.getElementById(id);
 const KEYS = [
@@ -19,6 +19,7 @@ async function main() {
   data = await get("dataset");
   $("title").textContent = data.title;
   document.title = `${data.title} · Pliant`;
+  onChange(write);
   set(given());
   browse.start(data); pictures.start(data); readout.start(data);
   wire();

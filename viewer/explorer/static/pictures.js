@@ -21,6 +21,7 @@ export function start(catalogue) {
   data = catalogue;
   for (const side of sides) part(side, ".frame").style.aspectRatio = `${data.size[0]} / ${data.size[1]}`;
   for (const [layer, text] of LAYERS) {
+    if (data.layers && !data.layers.includes(layer)) continue;
     const button = document.createElement("button");
     button.textContent = text;
     button.dataset.layer = layer;
@@ -176,7 +177,8 @@ function drawTarget(pen, at) {
   found.answers.forEach((answer, k) => {
     if (!answer) return;
     const [x, y] = at(answer.place);
-    if (truth && data.methods[k].kind === "live") stroke(pen, colour(k), () => { pen.moveTo(...at(truth)); pen.lineTo(x, y); }, [4, 4]);
+    const asked = found.truth?.query; // a recorded answer may be to another point than the truth
+    if (truth && Math.hypot(answer.query[0] - asked[0], answer.query[1] - asked[1]) < 1) stroke(pen, colour(k), () => { pen.moveTo(...at(truth)); pen.lineTo(x, y); }, [4, 4]);
     stroke(pen, colour(k), () => { pen.moveTo(x, y - 8); pen.lineTo(x + 8, y); pen.lineTo(x, y + 8); pen.lineTo(x - 8, y); pen.closePath(); });
   });
   for (const place of found.truth?.partners ?? []) ring(pen, at(place), 8, TRUTH, [1.5, 4]);

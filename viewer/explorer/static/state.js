@@ -14,7 +14,6 @@ export function set(changes) {
   const changed = Object.keys(changes).filter(name => state[name] !== changes[name]);
   if (!changed.length) return;
   Object.assign(state, changes);
-  write();
   for (const listener of listeners) listener(new Set(changed));
 }
 
@@ -36,7 +35,7 @@ export function read(extra = {}) {
 }
 
 let due = 0;
-function write() {
+export function write() {
   clearTimeout(due);
   due = setTimeout(() => {
     const out = new URLSearchParams();
