@@ -91,12 +91,12 @@ def opening(config: BenchmarkConfig, work: Workspace, rows: Sequence[Row]) -> Op
     found = {label: value for label, value, _ in bars}
     place = f"{config.tests[learned.test].title}, {TRACKS[learned.entry.track]}"
     verdict = (
-        f"{place}: {learned.method} misses by {found[learned.label]:.0f} px (RMSE), "
+        f"{place}: {learned.method} is off by {found[learned.label]:.0f} px (RMSE); "
         f"the best local feature, {rival.label}, by {found[rival.label]:.0f} px"
     )
     oracle = {row.label for row in rows if row.method == "oracle"}
     control = next((bar for bar in bars if bar[2] and bar[0] not in oracle), None)
-    verdict += f", the best control, {control[0]}, by {control[1]:.0f} px." if control else "."
+    verdict += f"; the best control, {control[0]}, by {control[1]:.0f} px." if control else "."
     data = work.set_path(learned.set).relative_to(work.root).as_posix()
     return Opening(verdict, explorer, caption, learned, data, bars)
 

@@ -24,8 +24,9 @@ _MODULES: Final = ("api", "state", "pictures", "readout", "pair")
 _OTHER_CSS: Final = """
 .bar { justify-content: start; color: inherit; }
 #pictures { max-width: none; }
-#previous, #next, #swap, .range, :is(th, td):is(:nth-child(2), :nth-child(n + 6)) { display: none; }
-table { width: auto; }
+#previous, #next, #swap, .bar .range, tbody small { display: none; }
+:is(th, td):is(:nth-child(2), :nth-child(n + 6)) { display: none; }
+table { width: auto; } tbody th { white-space: normal; }
 """
 """Hides what needs a server, and the columns that recorded answers leave empty."""
 

@@ -5,7 +5,7 @@
   const config = {
     background: null, font: "system-ui, sans-serif", view: { stroke: null },
     axis: { ...ink, domainColor: "currentColor", tickColor: "currentColor", gridColor: "currentColor", gridOpacity: .12, titleFontWeight: "normal" },
-    legend: { ...ink, orient: "bottom", symbolType: "stroke", columns: 2, labelLimit: 240 },
+    legend: { ...ink, orient: "bottom", symbolType: "stroke", labelLimit: 240 },
     title: { color: "currentColor", anchor: "start" },
     rule: { color: "currentColor" }, tick: { color: "currentColor", thickness: 2 },
     range: { category: ["#3a86b8", "#c8553d", "#3d8b5f", "#8a5a9e", "#b8862b", "#7a8790", "#2b9aa8", "#a34a6b"] },
@@ -22,7 +22,8 @@
     tip.style.top = `${event.clientY + 18}px`;
   };
   for (const figure of document.querySelectorAll("[data-chart]")) {
-    const chart = { width: "container", height: 250, autosize: { type: "fit", contains: "padding" }, ...JSON.parse(figure.dataset.chart), config };
+    config.legend.columns = figure.clientWidth < 480 ? 1 : 2;
+    const chart = { width: "container", height: 190, autosize: { type: "fit-x", contains: "padding" }, ...JSON.parse(figure.dataset.chart), config };
     const program = vega.parse(vegaLite.compile(chart).spec, null, { ast: true });
     const view = new vega.View(program, { expr: vega.expressionInterpreter, renderer: "svg", container: figure, hover: true });
     view.tooltip(show).runAsync().then(() => { figure.dataset.drawn = "yes"; });

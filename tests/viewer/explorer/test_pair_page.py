@@ -35,7 +35,9 @@ def test_a_file_shows_truth_and_recorded_answers_at_the_pointer(
     browser.hover(left + (u + 1) * zoom, top + v * zoom)  # near the query: its answer
     browser.wait(f"{CELLS}[1].children[3].textContent === '5.0'")
     assert "<5 px off>" in browser.run(f"return {CELLS}[1].textContent")
-    x, y = explorer.queries.splits["test"].uv_b_px[3].tolist()
+    true_px = explorer.queries.splits["test"].uv_b_px
+    assert true_px is not None
+    x, y = true_px[3].tolist()
     shown = browser.run(f"return {CELLS}[0].children[2].textContent").split(", ")
     assert [float(each) for each in shown] == pytest.approx([x, y], abs=1.5)
     browser.hover(left + 1, top + 1)
