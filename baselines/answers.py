@@ -23,6 +23,11 @@ def checked_answers(found: object, count: int, method: str, where: str) -> Answe
 
     Raises:
         SubmissionError: Wrong shapes or values.
+
+    Examples:
+        >>> answers = pliant.baselines.answers.checked_answers([[3.5, 4.5]], 1, "mine", "pair 0")
+        >>> answers.uv_px.dtype.name
+        'float32'
     """
     answers = found if isinstance(found, Answers) else _of_positions(found, method, where)
     fields: dict[str, tuple[npt.NDArray[np.float32], tuple[int, ...]]] = {
@@ -71,7 +76,14 @@ def _of_positions(found: object, method: str, where: str) -> Answers:
 
 
 def joined(parts: Sequence[Answers], method: str) -> Answers:
-    """Join the answers of all pairs; an optional field must be there for all or for none."""
+    """Join the answers of all pairs; an optional field must be there for all or for none.
+
+    Examples:
+        >>> pairs = pliant.load("sample").pairs("val")
+        >>> parts = [pliant.baselines.Answers(pair.uv_a_px) for pair in pairs]
+        >>> len(pliant.baselines.answers.joined(parts, "mine").uv_px)
+        256
+    """
     found: dict[str, Any] = {"uv_px": np.zeros((0, 2), dtype=np.float32)}
     for name in ("uv_px", "visible", "sigma_px", "modes", "familiarity"):
         given = [value for part in parts if (value := getattr(part, name)) is not None]

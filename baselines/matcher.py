@@ -44,7 +44,18 @@ class Heat:
 
 
 class Matcher(Protocol):
-    """A method that finds query pixels of a source image in a target image."""
+    """A method that finds query pixels of a source image in a target image.
+
+    Examples:
+        >>> class Unmoved:
+        ...     name = "unmoved"
+        ...     def describe(self):
+        ...         return {"name": self.name}
+        ...     def answer(self, pair):
+        ...         return pliant.baselines.Answers(pair.uv_a_px)
+        >>> pliant.evaluate("sample", pliant.predict("sample", Unmoved())).overall["pck_8px"] < 0.5
+        True
+    """
 
     name: str
 
@@ -66,7 +77,12 @@ class Matcher(Protocol):
 
 @runtime_checkable
 class KeypointMatcher(Matcher, Protocol):
-    """A sparse method that also has keypoint matches of its own."""
+    """A sparse method that also has keypoint matches of its own.
+
+    Examples:
+        >>> isinstance(pliant.open_method("sift"), pliant.baselines.matcher.KeypointMatcher)
+        True
+    """
 
     def match(self, source: Frame, target: Frame) -> Matches:
         """Return the method's own matches between two images."""
@@ -75,7 +91,12 @@ class KeypointMatcher(Matcher, Protocol):
 
 @runtime_checkable
 class HeatMatcher(Matcher, Protocol):
-    """A method that can show where else it would have looked."""
+    """A method that can show where else it would have looked.
+
+    Examples:
+        >>> isinstance(pliant.open_method("sift"), pliant.baselines.matcher.HeatMatcher)
+        True
+    """
 
     def heat(self, source: Frame, target: Frame, uv_a_px: npt.NDArray[np.float32]) -> Heat:
         """Return the method's belief over the target for one query.
@@ -90,7 +111,12 @@ class HeatMatcher(Matcher, Protocol):
 
 @runtime_checkable
 class RemarkingMatcher(Matcher, Protocol):
-    """A method that can say what is wrong with two images before it is trusted."""
+    """A method that can say what is wrong with two images before it is trusted.
+
+    Examples:
+        >>> isinstance(pliant.open_method("rope-tracer"), pliant.baselines.matcher.RemarkingMatcher)
+        True
+    """
 
     def remarks(self, source: Frame, target: Frame) -> list[str]:
         """Return what a user should know of two images, as sentences; empty if nothing is wrong."""
@@ -102,6 +128,10 @@ class TrackMatcher(Matcher, Protocol):
     """A method that follows points through the frames of an episode.
 
     Pairs within one episode are answered by tracking, all others by `answer`.
+
+    Examples:
+        >>> isinstance(pliant.open_method("lk-chain"), pliant.baselines.matcher.TrackMatcher)
+        True
     """
 
     def track(self, views: Iterable[Frame], uv_px: npt.NDArray[np.float32]) -> Iterator[Answers]:
@@ -129,7 +159,12 @@ class SharingMatcher(Matcher, Protocol):
 
 @runtime_checkable
 class SplitMatcher(Protocol):
-    """A method that answers a whole split at once, without looking at images."""
+    """A method that answers a whole split at once, without looking at images.
+
+    Examples:
+        >>> isinstance(pliant.open_method("oracle"), pliant.baselines.matcher.SplitMatcher)
+        True
+    """
 
     name: str
 

@@ -30,6 +30,12 @@ def read_frame(
     Raises:
         CallError: A file is missing, the sizes differ, or the mask is black everywhere.
         PliantError: A file is not a picture that can be read.
+
+    Examples:
+        >>> from PIL import Image
+        >>> Image.new("RGB", (800, 600)).save("rope.png")
+        >>> pliant.baselines.views.read_frame("rope.png", max_side=400).size
+        (400, 300)
     """
     rgb = read_photo(picture)
     size = (rgb.shape[1], rgb.shape[0])

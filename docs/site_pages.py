@@ -57,24 +57,40 @@ _WORDS: Final = {
 
 API: Final = {
     "Load, predict, evaluate": (
-        "pliant.api.load",
-        "pliant.api.predict",
-        "pliant.api.evaluate",
-        "pliant.api.validate",
-        "pliant.api.open_method",
-        "pliant.api.stream",
-        "pliant.streaming.PairStream",
+        *("api.load", "api.predict", "api.evaluate", "api.validate", "api.open_method"),
+        *("api.stream", "streaming.PairStream"),
     ),
     "Datasets": (
-        "pliant.spec.dataset.Dataset",
-        "pliant.spec.sequence.RecordedFrame",
-        "pliant.spec.frame",
+        *("spec.dataset.Dataset", "spec.sequence.RecordedFrame"),
+        *("spec.frame.Frame", "spec.frame.Pair"),
     ),
-    "Methods": ("pliant.baselines.matcher", "pliant.baselines.views", "pliant.baselines.answers"),
-    "Scenes": ("pliant.scene", "pliant.scene.bodies", "pliant.scene.film"),
-    "Scores": ("pliant.evaluator.scores.Scores",),
-    "Training data": ("pliant.loaders.pairs", "pliant.loaders.clips"),
+    "Methods": (
+        *("baselines.matcher.Matcher", "baselines.matcher.KeypointMatcher"),
+        *("baselines.matcher.HeatMatcher", "baselines.matcher.RemarkingMatcher"),
+        *("baselines.matcher.TrackMatcher", "baselines.matcher.SplitMatcher"),
+        *("baselines.views.read_frame", "models.load_matcher"),
+        *("baselines.answers.checked_answers", "baselines.answers.joined"),
+    ),
+    "Scenes": (
+        *("scene.bodies.Rope", "scene.bodies.Cloth", "scene.film.camera"),
+        *("scene.film.Film", "scene.film.Shot", "scene.film.write"),
+    ),
+    "Scores": (
+        *("evaluator.submission.loading.check", "evaluator.submission.loading.inspect"),
+        *("evaluator.evaluate.evaluate", "evaluator.evaluate.evaluate_answers"),
+        *("evaluator.protocols.protocol.read_protocol", "evaluator.scores.read_scores"),
+        *("evaluator.scores.Scores", "evaluator.write_report"),
+    ),
+    "Training data": (
+        *(
+            "loaders.frame_store.FrameStore",
+            "loaders.order.StepOrder",
+            "loaders.pairs.PairSettings",
+        ),
+        *("loaders.pairs.PairDataset", "loaders.pairs.MixedPairs", "loaders.clips.ClipDataset"),
+    ),
 }
+"""Title -> names below `pliant`, each with an example that a test runs."""
 
 _LINK = re.compile(r"(!?)\[([^\[\]]*)\]\(([^)\s#]+)(#[^)\s]*)?\)")
 _CODE = re.compile(r"(^```.*?^```|`[^`\n]*`)", re.DOTALL | re.MULTILINE)
@@ -128,7 +144,7 @@ def _mathml(found: re.Match[str]) -> str:
 def _api() -> str:
     parts = ["# Python API\n"]
     for title, names in API.items():
-        parts += [f"## {title}\n", *(f"::: {name}\n" for name in names)]
+        parts += [f"## {title}\n", *(f"::: pliant.{name}\n" for name in names)]
     return "\n".join(parts)
 
 

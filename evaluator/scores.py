@@ -42,6 +42,13 @@ class Scores:
             empty for scores that were read back from files.
         hints: Sentences about likely mistakes in the coordinates. They are found with the truth,
             so they are in no file and on no page.
+
+    Examples:
+        >>> scores = pliant.evaluate("sample", pliant.predict("sample", "centroid"))
+        >>> list(scores.tiers), round(scores.overall["rmse_px"], 2)
+        (['rope'], 48.01)
+        >>> scores.to_arrow().column_names[:3]
+        ['group', 'metric', 'value']
     """
 
     document: dict[str, Any]

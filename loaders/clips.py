@@ -45,6 +45,13 @@ class ClipDataset(TorchDataset[dict[str, torch.Tensor]]):
 
     Raises:
         CallError: No episode is long enough.
+
+    Examples:
+        >>> episodes = {"tiers": ["rope"], "splits": {"train": 1}, "style": "raster", "width": 160}
+        >>> episodes |= {"height": 120, "episodes": True, "frames": 4}
+        >>> clips = pliant.loaders.ClipDataset(pliant.stream(episodes).samples.store, length=3)
+        >>> clips[0]["image"].shape[0]
+        3
     """
 
     def __init__(

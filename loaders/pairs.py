@@ -44,6 +44,12 @@ class PairSettings(Settings):
         pairing: `any` two frames of the tier, two of one `sequence`, or `next` to each other.
         input: The image that the network sees: `rgb`, `grey` or `depth`.
         masks: Whether the masks of the queried object and of all objects are input channels too.
+
+    Examples:
+        >>> settings = pliant.loaders.PairSettings(views=3, masks=True)
+        >>> store = pliant.loaders.FrameStore(pliant.load("sample"), "rope", "train", (80, 60))
+        >>> pliant.loaders.PairDataset(store, settings)[0]["image"].shape
+        torch.Size([3, 5, 60, 80])
     """
 
     views: Annotated[int, Bounds(2)] = 2

@@ -14,10 +14,6 @@ from pliant.loaders import PairDataset, StepOrder
 class PairStream(IterableDataset[dict[str, torch.Tensor]]):
     """Batches of a `PairDataset`, step after step; the order does not depend on the workers.
 
-        stream = pliant.stream("rope.yaml", steps=3000, cache="frames")
-        for batch in DataLoader(stream, batch_size=None, num_workers=2):
-            ...
-
     Each worker process opens its own renderer. With Blender's styles or a GPU give the loader
     `multiprocessing_context="spawn"`.
 
@@ -27,6 +23,13 @@ class PairStream(IterableDataset[dict[str, torch.Tensor]]):
 
     Attributes:
         samples: The samples.
+
+    Examples:
+        >>> from torch.utils.data import DataLoader
+        >>> rope = {"tiers": ["rope"], "splits": {"train": 2}, "style": "raster", "width": 160}
+        >>> stream = pliant.stream(rope | {"height": 120}, steps=2)
+        >>> [tuple(batch["image"].shape) for batch in DataLoader(stream, batch_size=None)]
+        [(8, 2, 3, 120, 160), (8, 2, 3, 120, 160)]
     """
 
     def __init__(self, samples: PairDataset, order: StepOrder) -> None:

@@ -25,6 +25,13 @@ class Frame:
             a frame that must not be cached.
         objects: bool (H, W), True where any object is visible (a rope's ball too), or None.
         camera: Intrinsics and pose, or None if not known.
+
+    Examples:
+        >>> frame = pliant.load("sample").frames("test")[0]
+        >>> frame.size, frame.rgb.shape, frame.mask.dtype.name
+        ((256, 192), (192, 256, 3), 'bool')
+        >>> frame.without_masks().mask is None
+        True
     """
 
     rgb: npt.NDArray[np.uint8]
@@ -60,6 +67,11 @@ class Pair:
         source: The frame that the queries are in.
         target: The frame to find them in.
         uv_a_px: float32 (N, 2), the query pixels, centre of the first pixel at (0.5, 0.5).
+
+    Examples:
+        >>> pair = pliant.load("sample").pairs("test")[0]
+        >>> len(pair), pair.uv_a_px.shape
+        (64, (64, 2))
     """
 
     source: Frame

@@ -211,6 +211,11 @@ class RecordedFrame(Frame):
     Args:
         sequence: The sequence it belongs to.
         index: Its number in the sequence, from 0.
+
+    Examples:
+        >>> frame = pliant.load("sample").frame("rope-test-000000", 1)
+        >>> frame.key, frame.surface.depth_m.shape
+        ('rope-test-000000/1', (192, 256))
     """
 
     def __init__(self, sequence: SequenceRecord, index: int) -> None:

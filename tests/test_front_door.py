@@ -46,35 +46,33 @@ def test_public_names_exist_and_others_do_not() -> None:
         pliant.lod  # noqa: B018
 
 
-EXAMPLES = {
-    "": [name for name in pliant.__all__ if name != "__version__"],
-    "scene": ["Rope", "Cloth", "camera", "Film", "write"],
-    "evaluator": [
-        *("check", "inspect", "evaluate", "evaluate_answers"),
-        *("read_protocol", "read_scores", "write_report"),
-    ],
-    "loaders": ["FrameStore", "PairDataset", "MixedPairs", "StepOrder"],
-    "models": ["load_matcher"],
-    "spec.dataset": ["Dataset"],
-}
-"""Package -> public names with an example."""
+API_PAGE = (
+    (DOCUMENT.parent / "site_pages.py").read_text().partition("API: Final")[2].partition("}")[0]
+)
+DOCUMENTED = re.findall(r'"((?:\w+\.)+\w+)"', API_PAGE)
+"""Names below `pliant` in the site's API reference."""
 
-NEEDS = {"scene": "bpy", "loaders": "torch", "models": "torch"}
+NEEDS = {"scene": "bpy", "loaders": "torch", "models": "torch", "streaming": "torch"}
 """Package -> module of the extra that it needs."""
 
 
-@pytest.mark.parametrize("where", [f"{k}.{n}".strip(".") for k, v in EXAMPLES.items() for n in v])
+@pytest.mark.parametrize("where", DOCUMENTED)
 def test_every_public_function_has_an_example_that_runs(
     where: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    package, _, name = where.rpartition(".")
-    pytest.importorskip("torch" if name == "stream" else NEEDS.get(package, "numpy"))
+    module, _, name = where.rpartition(".")
+    needed = NEEDS.get(where.partition(".")[0], "numpy")
+    pytest.importorskip("torch" if name == "stream" else needed)
     monkeypatch.chdir(tmp_path)
-    documented = getattr(importlib.import_module(f"pliant.{package}".strip(".")), name)
+    documented = getattr(importlib.import_module(f"pliant.{module}"), name)
     names = {"pliant": pliant, "Path": Path}
     (test,) = doctest.DocTestFinder(recurse=False).find(documented, name, globs=names)
     assert test.examples
     assert doctest.DocTestRunner().run(test).failed == 0
+
+
+def test_the_api_reference_has_every_function_of_the_front_door() -> None:
+    assert {f"api.{name}" for name in pliant.__all__[1:]} <= set(DOCUMENTED)
 
 
 def test_dataset_is_a_collection_of_sequences(ds: Dataset) -> None:

@@ -62,6 +62,12 @@ class Shot:
         camera: The camera.
         pose: The geometry.
         truth: As `pliant generate` writes it.
+
+    Examples:
+        >>> rope = pliant.scene.Rope([(-0.4, 0.0), (0.0, 0.15), (0.4, 0.0)])
+        >>> shot = pliant.scene.Film(rope, size=(160, 120)).shoot()
+        >>> shot.depth_m.shape, shot.uv_px.shape[1], shot.xyz_m.shape[1]
+        ((120, 160), 2, 3)
     """
 
     rgb: npt.NDArray[np.uint8]
