@@ -71,8 +71,8 @@ class Time(Metric[TimeSettings]):
 
 
 def elapsed_frames(context: ScoringContext) -> IntArray:
-    """Return the frames between source and target of each pair, int64 (P,); -1 where undefined."""
+    """Return the frames between source and target of each pair, int64 (P,); 0 where undefined."""
     queries = context.queries
     between = np.abs(queries.frame_b.astype(np.int64) - queries.frame_a.astype(np.int64))
     same = queries.sequence_a == queries.sequence_b
-    return np.where(same & queries.temporal(context.dataset), between, -1)
+    return between * (same & queries.temporal(context.dataset))

@@ -38,6 +38,30 @@ def test_first_mode_leaves_out_earlier_frames(tmp_path: Path) -> None:
     assert figure(first, "oa") != figure(strided, "oa")
 
 
+def test_the_error_over_time_by_hand(scene_maker: Any, tmp_path: Path) -> None:
+    """Five pairs 1, 2, 3, 1 and 2 frames apart, with errors of 0 to 4 px."""
+    scene = scene_maker(
+        tmp_path / "data", tiers=("cloth",), sequences=1, frames=4, temporal=True, images=False,
+        sources=2,
+    )  # fmt: skip
+    answers = scene.true_px + np.stack([scene.pair, np.zeros(scene.rows)], axis=1)
+    scores = evaluate_answers(scene.root, scene.split, answers, protocol="track")
+    curve = scores.document["curves"]["overall"]["rmse_over_time"]
+    assert curve["frames"] == [1, 2, 3]
+    assert curve["queries"] == [40, 40, 20]
+    expected = np.sqrt([(0 + 9) / 2, (1 + 16) / 2, 4])
+    assert curve["rmse_px"] == pytest.approx(expected.tolist(), abs=1e-5)
+    assert figure(scores, "rmse_px_after_1") == pytest.approx(expected[0], abs=1e-5)
+    assert scores.overall["rmse_px_after_5"] is None
+
+
+def test_pairs_of_configurations_have_no_time(scene: Any) -> None:
+    scores = evaluate_answers(scene.root, scene.split, scene.true_px, protocol="track")
+    assert scores.overall["rmse_px_after_1"] is None
+    assert "rmse_over_time" not in scores.document["curves"].get("overall", {})
+    assert scores.document["notes"]["rmse_over_time"] == "no pair is in one episode"
+
+
 def test_pairs_of_configurations_are_no_video(scene: Any) -> None:
     scores = evaluate_answers(scene.root, scene.split, scene.true_px, protocol="tapvid-first")
     assert scores.overall["aj"] is None
