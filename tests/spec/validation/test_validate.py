@@ -29,6 +29,7 @@ from tests.conformance.edits import (
     remove,
     write,
 )
+from tests.conformance.publications import pack
 
 Copy = Callable[[str], Path]
 
@@ -106,6 +107,20 @@ def test_sequences_of_a_tier_that_is_not_described(copy_of: Copy) -> None:
     root = copy_of("full")
     listed(change_json("dataset.json", lambda d: d.update(tiers=d["tiers"][:1])))(root)
     assert validate(root).counts == {"ROW_MISSING": 3, "TIER_UNKNOWN": 3}
+
+
+@pytest.mark.parametrize("change", [{"tier": "../../up"}, {"id": "../up"}])
+def test_a_packed_sequence_with_an_unsafe_name_is_left_packed(
+    copy_of: Copy, change: dict[str, str]
+) -> None:
+    root = copy_of("minimal")
+    pack(root)
+    for table in ("sequences.parquet", "index.parquet"):
+        known = {name: change[name] for name in change if table[0] == "s" or name == "id"}
+        change_rows(table, lambda rows, known=known: rows[0].update(known))(root)
+    report = validate(root)
+    assert not report.valid
+    assert report.sequences == len(pq.read_table(root / "index.parquet")) - 1
 
 
 def test_a_query_asks_a_frame_after_the_last(copy_of: Copy) -> None:

@@ -1,0 +1,79 @@
+"""A split is walked in blocks of whole pairs: their size changes no figure."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from pliant.evaluator import evaluate, scoring
+from pliant.evaluator.metrics import blocks, distribution
+from tests.evaluator.references import answers_of
+
+
+def same(one: Any, other: Any, place: str = "") -> None:
+    """Compare JSON documents; the last digits of sums depend on the order of their terms."""
+    if isinstance(one, dict):
+        assert one.keys() == other.keys(), place
+        for key in one:
+            same(one[key], other[key], f"{place}/{key}")
+    elif isinstance(one, list):
+        assert len(one) == len(other), place
+        for index, (a, b) in enumerate(zip(one, other, strict=True)):
+            same(a, b, f"{place}/{index}")
+    else:
+        assert one == (pytest.approx(other, rel=1e-12) if isinstance(other, float) else other)
+
+
+@pytest.mark.parametrize("kind", ["sigma", "holes"])
+def test_a_block_for_each_pair_gives_the_figures_of_one_block(
+    kind: str, scene: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = scene.submit(tmp_path / "s.parquet", answers_of(scene, 3, kind))
+    whole = evaluate(path, scene.root, allow_missing=True)
+    monkeypatch.setattr(scoring, "_PAIRS_WITH_IMAGES", 1)
+    split = evaluate(path, scene.root, allow_missing=True)
+    for name in ("overall", "tiers", "curves", "slices", "causes"):
+        same(split.document[name], whole.document[name], name)
+    assert split.per_pair.column_names == whole.per_pair.column_names
+    for name in whole.per_pair.column_names:
+        assert split.per_pair[name].to_pylist() == whole.per_pair[name].to_pylist(), name
+
+
+@pytest.mark.parametrize(
+    ("rows", "spans"),
+    [(1, [(0, 1), (1, 2), (2, 3)]), (5, [(0, 2), (2, 3)]), (9, [(0, 3)]), (8, [(0, 2), (2, 3)])],
+)
+def test_a_block_takes_whole_pairs_up_to_its_size(rows: int, spans: list[tuple[int, int]]) -> None:
+    starts = np.array([0, 2, 5, 9])
+    assert list(blocks._spans(starts, rows)) == spans
+
+
+def test_partners_of_several_chunks_follow_each_other() -> None:
+    def place(u: float, visibility: str) -> dict[str, Any]:
+        return {"u": u, "v": u + 0.5, "visibility": visibility}
+
+    rows = [[], [place(1, "visible"), place(2, "occluded")], [place(3, "visible")]]
+    column = pa.array(rows)
+    whole = pa.chunked_array([column.slice(0, 2), column.slice(2), column.slice(1)])
+    found = blocks._partners(whole)
+    np.testing.assert_array_equal(found.begin, [0, 0, 2, 3, 5, 6])
+    np.testing.assert_array_equal(found.uv_px[:, 0], [1, 2, 3, 1, 2, 3])
+    np.testing.assert_array_equal(found.uv_px[:, 1], found.uv_px[:, 0] + 0.5)
+    np.testing.assert_array_equal(found.visible, [True, False, True, True, False, True])
+
+
+def test_of_very_many_answers_every_kth_is_sorted(
+    scene: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = scene.submit(tmp_path / "s.parquet", answers_of(scene, 3, "sigma"))
+    whole = evaluate(path, scene.root).document
+    assert "ause" not in whole["notes"]
+    monkeypatch.setattr(distribution, "_MOST_SORTED", whole["counts"]["counted"] - 1)
+    part = evaluate(path, scene.root).document
+    assert part["notes"]["ause"] == "taken over every 2th answer of the largest groups"
+    assert part["overall"]["ause"] != whole["overall"]["ause"]
+    assert part["tiers"]["cloth"]["ause"] == whole["tiers"]["cloth"]["ause"]
