@@ -47,6 +47,7 @@ class Target:
 _OF_METRICS = (
     *(
         "against_reference",
+        "blocks",
         "causes",
         "differential",
         "matches",
@@ -54,6 +55,10 @@ _OF_METRICS = (
         "missing_answers",
     ),
     *("orbit", "protocols", "surface_lookup", "videos"),
+)
+_OF_VALIDATION = (
+    *("conformance", "consistent_mutations", "diagnosis", "precision", "rules", "validate"),
+    "visibility",
 )
 TARGETS = {
     "ledger": Target("service/ledger.py", ("tests/service/test_attempts.py",), "not postgresql"),
@@ -67,10 +72,7 @@ TARGETS = {
     ),
     "validation": Target(
         "spec/validation",
-        tuple(
-            f"tests/spec/validation/test_{name}.py"
-            for name in ("conformance", "consistent_mutations", "diagnosis", "rules", "validate")
-        ),
+        tuple(f"tests/spec/validation/test_{name}.py" for name in _OF_VALIDATION),
     ),
     "truth": Target(
         "generator/truth",
