@@ -28,7 +28,7 @@ import pytest
 import yaml
 
 from tests.mutation.mutants import Mutant, mutants_of
-from tests.mutation.runner import KILLED, TIMEOUT, Runner
+from tests.mutation.runner import HUNG, KILLED, SURVIVED, TIMEOUT, UNCOVERED, Runner
 
 ROOT = Path(__file__).resolve().parents[2]
 REASONS = Path(__file__).with_name("survivors.yaml")
@@ -127,7 +127,7 @@ def read_results(path: Path) -> dict[str, str]:
 
 def run(names: list[str], arguments: argparse.Namespace) -> None:
     """Run the mutants without a result of targets that have the same tests."""
-    again = ("survived", "uncovered") if arguments.survivors else (None,)
+    again = (SURVIVED, UNCOVERED, HUNG) if arguments.survivors else (None,)
     target_of: dict[str, str] = {}
     mutants = []
     for name in names:

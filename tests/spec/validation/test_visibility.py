@@ -39,11 +39,10 @@ U, V = np.meshgrid(np.arange(WIDTH) + 0.5, np.arange(HEIGHT) + 0.5)
 
 def image(**changes: Any) -> Surface:
     """Return what the sheet alone shows, with changed channels."""
-    channels = {"depth_m": 0 * U + 1, "m0": U, "m1": V, "object_id": 0 * U + SHEET} | changes
-    kinds = {"object_id": np.uint32}
-    return Surface(
-        **{name: np.asarray(c, kinds.get(name, np.float32)) for name, c in channels.items()}
-    )
+    channels = {"depth_m": 0 * U + 1, "m0": U, "m1": V} | changes
+    object_id = np.asarray(channels.pop("object_id", 0 * U + SHEET), np.uint32)
+    depth_m, m0, m1 = (np.asarray(channels[name], np.float32) for name in ("depth_m", "m0", "m1"))
+    return Surface(depth_m, m0, m1, object_id)
 
 
 def view(shown: Surface, points: list[dict[str, Any]], of: Tier = CLOTH) -> FrameView:
@@ -254,9 +253,8 @@ def test_a_point_no_farther_from_pixels_than_they_are_from_each_other(
     """It may be 0.25 m in front in any case, 1.5 m behind or away."""
     same = np.zeros((1, 3, 3), bool)
     same[0, 0, 1] = same[0, 2, 0] = True
-    values = [np.zeros((1, 3, 3)) for _ in range(2)]
-    for value, ends in zip(values, (lower, away), strict=True):
-        value[same] = ends
-    result = _on_slope(same, *values, np.array([0.25]), np.array([1.5]))
-    assert result.tolist() == [found]
-    assert not _on_slope(~(same | ~same), *values, np.array([0.25]), np.array([1.5])).any()
+    behind, beside = np.zeros((1, 3, 3)), np.zeros((1, 3, 3))
+    behind[same], beside[same] = lower, away
+    limits = np.array([0.25]), np.array([1.5])
+    assert _on_slope(same, behind, beside, *limits).tolist() == [found]
+    assert not _on_slope(np.zeros_like(same), behind, beside, *limits).any()
