@@ -55,6 +55,17 @@ def test_the_error_over_time_by_hand(scene_maker: Any, tmp_path: Path) -> None:
     assert scores.overall["rmse_px_after_5"] is None
 
 
+def test_the_jitter_of_one_clip_by_hand(scene_maker: Any, tmp_path: Path) -> None:
+    """Every point in frames 1, 2 and 3 of one source frame, with errors (0, 0), (3, 4), (3, 0)."""
+    scene = scene_maker(
+        tmp_path / "data", tiers=("cloth",), sequences=1, frames=4, temporal=True, images=False,
+        queries=165,
+    )  # fmt: skip
+    answers = scene.true_px + np.array([[0.0, 0], [3, 4], [3, 0]])[scene.pair]
+    scores = evaluate_answers(scene.root, scene.split, answers, protocol="track")
+    assert figure(scores, "jitter_px") == pytest.approx((5 + 4) / 2, abs=1e-5)
+
+
 def test_pairs_of_configurations_have_no_time(scene: Any) -> None:
     scores = evaluate_answers(scene.root, scene.split, scene.true_px, protocol="track")
     assert scores.overall["rmse_px_after_1"] is None
