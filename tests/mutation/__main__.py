@@ -57,8 +57,8 @@ _OF_METRICS = (
     *("orbit", "protocols", "surface_lookup", "videos"),
 )
 _OF_VALIDATION = (
-    *("colour", "conformance", "consistent_mutations", "diagnosis", "precision", "rules"),
-    *("validate", "visibility"),
+    *("colour", "conformance", "consistent_mutations", "diagnosis", "evidence", "precision"),
+    *("rules", "validate", "visibility"),
 )
 TARGETS = {
     "ledger": Target("service/ledger.py", ("tests/service/test_attempts.py",), "not postgresql"),
