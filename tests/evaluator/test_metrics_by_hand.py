@@ -233,6 +233,24 @@ def test_the_region_of_one_gaussian_is_a_disc() -> None:
         assert mixtures.in_regions(single(2.0), at, [0.5])[0, 0] == inside
 
 
+@pytest.mark.parametrize(("modes", "spokes"), [(2, 8), (8, 8), (16, 4), (64, 1), (100, 1)])
+def test_points_that_stand_for_a_gaussian(modes: int, spokes: int) -> None:
+    """Each ring is at the middle of the probability that it stands for, its points evenly round."""
+    edges = np.array([*np.arange(9) / 10, 0.85, 0.89, 0.92, 0.94, 0.96, 0.98, 1])
+    points, share = mixtures._sample_pattern(modes)
+    inside = 1 - np.exp(-(points**2).sum(axis=1).reshape(15, spokes) / 2)
+    np.testing.assert_allclose(inside, np.repeat((edges[1:] + edges[:-1])[:, None] / 2, spokes, 1))
+    rings = share.reshape(15, spokes)
+    np.testing.assert_allclose(rings, np.repeat(np.diff(edges)[:, None] / spokes, spokes, 1))
+    angle = np.arctan2(points[:, 1], points[:, 0]).reshape(15, spokes)
+    step = np.mod(np.diff(angle, axis=1), 2 * np.pi)
+    np.testing.assert_allclose(step, np.full((15, spokes - 1), 2 * np.pi / spokes))
+    turn = np.mod(np.diff(angle[:, 0]), 2 * np.pi)
+    golden = np.full(14, np.pi * (3 - math.sqrt(5)))
+    between = np.where(np.arange(14) % 2, 2 * np.pi - np.pi / 8, np.pi / 8)
+    np.testing.assert_allclose(turn, between if spokes == 8 else golden)
+
+
 def test_spread_of_two_modes() -> None:
     two = mixtures.Mixtures(
         np.zeros(2, np.int64),

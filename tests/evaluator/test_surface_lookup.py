@@ -44,6 +44,8 @@ def test_the_nearest_pixel_is_that_of_a_search_by_hand(search: int) -> None:
         on = rng.random((12, 17)) < share
         uv = np.round(rng.uniform(-2, 19, (80, 2)) * 4) / 4  # many ties
         row, column, found = surfaces.nearest_object_pixel(on, uv, search)
+        assert not row[~found].any()
+        assert not column[~found].any()
         for index, at in enumerate(uv):
             expected = nearest_by_hand(on, at, search)
             assert found[index] == (expected is not None)
