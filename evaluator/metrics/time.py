@@ -75,4 +75,4 @@ def elapsed_frames(context: ScoringContext) -> IntArray:
     queries = context.queries
     between = np.abs(queries.frame_b.astype(np.int64) - queries.frame_a.astype(np.int64))
     same = queries.sequence_a == queries.sequence_b
-    return between * (same & queries.temporal(context.dataset))
+    return np.where(same & queries.temporal(context.dataset), between, 0)

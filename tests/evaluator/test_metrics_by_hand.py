@@ -86,6 +86,20 @@ def test_tapvid_of_a_pair_without_visible_points() -> None:
     assert np.isnan(quiet.jaccard).all()
     loud = figures(~hidden, hidden)
     assert loud.jaccard[0, 0] == 0
+    for pairs in (quiet, loud):
+        assert pairs.columns([1])["tapvid_pair"] == 0
+        assert pairs.columns([1])["delta_1_pair"] == 0
+    assert quiet.columns([1])["jaccard_pair"] == 0
+    assert loud.columns([1])["jaccard_pair"] == 1
+    seen = np.array([True])
+    one = tapvid.tapvid_pairs(np.zeros(1), seen, seen, seen, np.array([0]), 1, [1])
+    assert {name: float(value[0]) for name, value in one.columns([1]).items()} == dict.fromkeys(
+        (
+            *("oa_pair", "tapvid_pair", "jaccard_pair", "delta_avg_pair", "aj_pair"),
+            *("delta_1_pair", "jaccard_1_pair"),
+        ),
+        1.0,
+    )
 
 
 def test_a_symmetry_is_chosen_once_for_a_pair() -> None:
