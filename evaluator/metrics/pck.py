@@ -41,7 +41,7 @@ class Pck(Metric[PckSettings]):
     def update(self, block: Block) -> None:
         """Take in one block."""
         self._count(block, block.reach_px, self.settings.thresholds_px, "px")
-        if self.settings.thresholds_box and block.box_px is not None:
+        if block.box_px is not None:
             self._count(block, block.reach_px / block.box_px, self.settings.thresholds_box, "box")
 
     def _count(
