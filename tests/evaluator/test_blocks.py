@@ -34,6 +34,7 @@ def test_a_block_for_each_pair_gives_the_figures_of_one_block(
 ) -> None:
     path = scene.submit(tmp_path / "s.parquet", answers_of(scene, 3, kind))
     whole = evaluate(path, scene.root, allow_missing=True)
+    assert not {"geodesic", "causes"} & set(whole.document["notes"])  # no pair is left out
     monkeypatch.setattr(scoring, "_PAIRS_WITH_IMAGES", 1)
     split = evaluate(path, scene.root, allow_missing=True)
     for name in ("overall", "tiers", "curves", "slices", "causes"):

@@ -124,3 +124,11 @@ def test_dense_truth_by_hand(axis: int) -> None:
     assert np.isnan(places[~found.visible]).all()
     empty = row_of(-1, -1)
     assert not dense_truth(source, empty, uv_a_px, queried, 0.5).visible.any()
+
+
+def test_what_a_pixel_spans(scene: Any) -> None:
+    """A cloth of 0.8 m by 0.5 m is 96 px by 60 px; turned, its pixels span as much."""
+    name = scene.queries["sequence_b"][0].as_py()
+    assert name.startswith("cloth")
+    found = surfaces.Surfaces(scene.dataset)._step_m(name, 1)
+    assert found == pytest.approx(0.8 / 96, rel=1e-4)

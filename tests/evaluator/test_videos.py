@@ -64,6 +64,13 @@ def test_the_jitter_of_one_clip_by_hand(scene_maker: Any, tmp_path: Path) -> Non
     answers = scene.true_px + np.array([[0.0, 0], [3, 4], [3, 0]])[scene.pair]
     scores = evaluate_answers(scene.root, scene.split, answers, protocol="track")
     assert figure(scores, "jitter_px") == pytest.approx((5 + 4) / 2, abs=1e-5)
+    kept = scene.pair < 2  # a missing answer is two diagonals of 200 px off
+    columns = {name: scene.queries[name].to_numpy()[kept] for name in ("pair_id", "query_id")}
+    columns |= dict(zip("uv", answers[kept].T, strict=True))
+    scores = evaluate_answers(
+        scene.root, scene.split, columns, protocol="track", allow_missing=True
+    )
+    assert figure(scores, "jitter_px") == pytest.approx((5 + 400) / 2, abs=1e-5)
 
 
 def test_pairs_of_configurations_have_no_time(scene: Any) -> None:

@@ -54,7 +54,7 @@ _OF_METRICS = (
         "metrics_by_hand",
         "missing_answers",
     ),
-    *("orbit", "protocols", "surface_lookup", "videos"),
+    *("one_block", "orbit", "protocols", "surface_lookup", "videos"),
 )
 _OF_VALIDATION = (
     *("colour", "conformance", "consistent_mutations", "diagnosis", "evidence", "precision"),
