@@ -98,14 +98,8 @@ def _scores(work: Workspace, row: Row) -> Scores:
 
 def _matches(work: Workspace, dataset: Dataset, row: Row, pair: QueryPair) -> tuple[str, str]:
     submission = work.answers_path(row.set, row.entry.stored, "matches")
-    best = best_matches(dataset, pair, submission)
-    if not best.drawn:
-        return f"{row.label}: no match on this pair", best.svg
-    caption = (
-        f"{row.label}: {best.right} of its {best.drawn} best matches within "
-        f"{best.radius_px:.0f} px (green)"
-    )
-    return caption, best.svg
+    words, svg = best_matches(dataset, pair, submission)
+    return f"{row.label}: {words}", svg
 
 
 def _png(image: Rgb) -> bytes:

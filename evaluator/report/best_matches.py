@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -24,26 +23,9 @@ RIGHT: Final = "#1b9e4b"
 WRONG: Final = "#d8352a"
 
 
-@dataclass(frozen=True)
-class BestMatches:
-    """The best matches of one pair.
-
-    Attributes:
-        svg: Both images with the matches as lines.
-        drawn: Number of matches drawn, at most the number asked for.
-        right: Number of them within `radius_px` of the truth.
-        radius_px: Largest error of a right match, px.
-    """
-
-    svg: str
-    drawn: int
-    right: int
-    radius_px: float
-
-
 def best_matches(
     dataset: Dataset, pair: QueryPair, submission: Path, count: int = 10
-) -> BestMatches:
+) -> tuple[str, str]:
     """Draw the matches of a pair that the method itself scores highest.
 
     Args:
@@ -53,8 +35,9 @@ def best_matches(
         count: How many matches at most.
 
     Returns:
-        The drawing; a match is right if the material point under its source keypoint is visible
-        in the target within a twentieth of the image's longer side of the match.
+        What is drawn, in words, and both images with the matches as lines (SVG). A match is right
+        if the material point under its source keypoint is visible in the target within a twentieth
+        of the image's longer side of the match.
 
     Raises:
         SpecError: The dataset has no surface images of the pair.
@@ -78,7 +61,10 @@ def best_matches(
         panel_svg(dataset, *_place(each), size) for each in (pair.source, pair.target)
     )
     svg = side_by_side(source, target, size, "best matches", over)
-    return BestMatches(svg, len(order), int(right.sum()), radius_px)
+    if not len(order):
+        return "no match on this pair", svg
+    words = f"{right.sum()} of its {len(order)} best matches within {radius_px:.0f} px (green)"
+    return words, svg
 
 
 def _is_right(

@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from pliant.evaluator.report.pages import data_uri
 from pliant.spec.dataset import Dataset
-from pliant.spec.queries import QueryPair, RecordedPair
+from pliant.spec.queries import QueryPair
 from pliant.viewer.explorer.documents import answer_document
 from pliant.viewer.explorer.frames import FrameStore
 from pliant.viewer.explorer.layers import ERROR_SCALE_PX, frame_layer, png
@@ -56,23 +56,20 @@ def pair_section(dataset: Dataset, pair: QueryPair, submissions: Mapping[str, Pa
             "layers": _LAYERS,
             "error_scale_px": ERROR_SCALE_PX,
         },
-        "layers": _layers(pair),
+        "layers": {
+            frame.key: {
+                name: data_uri(png(image))
+                for name in _LAYERS
+                if (image := frame_layer(frame, name)) is not None
+            }
+            for frame in (pair.source, pair.target)
+        },
         "queries": pair.uv_a_px.round(2).tolist(),
         "reach_px": REACH_PX,
         "truth": [None if each is None else each.as_document() for each in found],
         "answers": [[answer_document(truth, each, at) for at in places] for each in methods],
     }
     return _elements(json.dumps(document).replace("<", "\\u003c"))
-
-
-def _layers(pair: RecordedPair) -> dict[str, dict[str, str]]:
-    layers: dict[str, dict[str, str]] = {}
-    for frame in (pair.source, pair.target):
-        found = {name: frame_layer(frame, name) for name in _LAYERS}
-        layers[frame.key] = {
-            name: data_uri(png(image)) for name, image in found.items() if image is not None
-        }
-    return layers
 
 
 def _elements(document: str) -> str:

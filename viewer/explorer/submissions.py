@@ -7,36 +7,44 @@ from pathlib import Path
 import numpy as np
 
 from pliant.evaluator.scores import read_scores
+from pliant.evaluator.submission.answers import SplitAnswers
+from pliant.evaluator.submission.loading import load
+from pliant.evaluator.submission.problems import Problems
 from pliant.spec.arrays import FloatArray
 from pliant.spec.dataset import Dataset
-from pliant.spec.errors import CallError
+from pliant.spec.errors import CallError, SubmissionError
 from pliant.spec.io.reading import sha256_file
+from pliant.spec.limits import Limits
 from pliant.spec.queries import RecordedPair
 from pliant.viewer.explorer.answers import Kind, MethodAnswer, PairErrors
 from pliant.viewer.explorer.live import LiveMethod
 from pliant.viewer.explorer.recorded import RecordedQueries
 from pliant.viewer.explorer.truth import REACH_PX
 from pliant.viewer.photo_match import PointMatch
-from pliant.viewer.recorded_answers import RecordedAnswers, read_answers
 
 
 class RecordedMethod:
     """The answers of a submission: a pixel gets the answer to the nearest query of the pair.
 
     Args:
-        answers: The answers of one split.
+        name: The method's name.
+        split: The split whose queries it answers.
+        answers: Its answers in the order of the queries; missing ones are NaN.
         queries: The dataset's queries.
+
+    Attributes:
         errors: The RMSE of each pair, pixels.
     """
 
     kind: Kind = "recorded"
 
     def __init__(
-        self, answers: RecordedAnswers, queries: RecordedQueries, errors: list[float | None]
+        self, name: str, split: str, answers: SplitAnswers, queries: RecordedQueries
     ) -> None:
-        self.name, self._split = answers.method, answers.split
-        self.errors: PairErrors = {self._split: errors}
-        self._answers, self._queries = answers.rows, queries
+        self.name, self._split = name, split
+        found = queries.splits[split].rmse_px(answers.uv_px.astype(np.float64))
+        self.errors: PairErrors = {split: found}
+        self._answers, self._queries = answers, queries
 
     def answer(self, pair: RecordedPair) -> MethodAnswer | None:
         """Return the answer to the nearest query of the pair, or None."""
@@ -66,10 +74,35 @@ class RecordedMethod:
 
 
 def read_submission(path: Path, dataset: Dataset, queries: RecordedQueries) -> RecordedMethod:
-    """Return the recorded answers of a submission; see `read_answers`."""
-    found = read_answers(path, dataset)
-    errors = queries.splits[found.split].rmse_px(found.rows.uv_px.astype(np.float64))
-    return RecordedMethod(found, queries, errors)
+    """Read a submission in a child process with limits; missing rows are allowed.
+
+    Args:
+        path: The submission.
+        dataset: The dataset that it answers.
+        queries: The dataset's queries.
+
+    Raises:
+        SubmissionError: Something is wrong with it, or it answers other queries.
+        CallError: It contains keypoint matches, not answers.
+    """
+    problems = Problems(path)
+    loaded = load(path, dataset, problems, allow_missing=True, limits=Limits())
+    if loaded is None:
+        issues = problems.issues()
+        raise SubmissionError(
+            "the submission cannot be read",
+            path=path,
+            found=str(issues[0]) if issues else None,
+            fix=f"List all problems with: pliant check {path} --data DATA",
+            issues=issues,
+        )
+    if not isinstance(loaded.answers, SplitAnswers):
+        raise CallError(
+            "keypoint matches answer no queries", path=path, required="a submission of answers"
+        )
+    submission = loaded.submission
+    name = str(submission.footer["method"]["name"])
+    return RecordedMethod(name, submission.split, loaded.answers, queries)
 
 
 def read_report(folder: Path, dataset: Dataset, queries: RecordedQueries) -> RecordedMethod:
