@@ -8,8 +8,8 @@
     rope.pull(1.0, to=(0.2, 0.3, 0.1), each=film.shoot)  # a frame of the film per frame of time
     film.write("DATA")  # a valid dataset
 
-The world is in metres, x to the right, z up, the table at z = 0. `pliant generate` makes its datasets
-of the same objects, renderers, truth and writer. Needs the extra `generate`.
+The world is in metres, x to the right, z up, the table at z = 0. `pliant generate` makes its
+datasets of the same objects, renderers, truth and writer. Needs the extra `generate`.
 """
 
 from pliant.generator.scene.appearance import Appearance

@@ -151,7 +151,8 @@ class Rope:
             problem = "bends more tightly than the rope can", bend, f"radii of at least {least:g} m"
         elif (near := nearest_stretches(line, self.size_m, diameter)) < STATIC_RULE * diameter:
             least = STATIC_RULE * diameter
-            problem = "passes through itself", near, f"{least:g} m apart: give heights where it crosses"
+            apart = f"{least:g} m apart: give heights where it crosses"
+            problem = "passes through itself", near, apart
         if problem is not None:
             text, found, required = problem
             raise CallError(
@@ -229,7 +230,7 @@ class Cloth:
         self._handling.simulator.place(np.stack(np.broadcast_arrays(*shape(u, v)), axis=1))
 
     def settle(self, seconds: float | None = None, *, each: Each | None = None) -> None:
-        """Let it fall: for some time, or (None) until it is calm; `each` is called at 30 a second."""
+        """Let it fall, for some time or (None) until it is calm; `each` is called at 30 Hz."""
         if seconds is None:
             self._handling.calm()
             return
@@ -272,7 +273,9 @@ def _smooth(curve: npt.ArrayLike, radius_m: float) -> FloatArray:
         points = np.column_stack([points, np.full(len(points), radius_m)])
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
     if not np.isfinite(points).all() or not (steps > 0).all():
-        raise CallError("points of a curve are finite, and no two in a row are equal", where="curve")
+        raise CallError(
+            "points of a curve are finite, and no two in a row are equal", where="curve"
+        )
     at = np.concatenate([[0.0], np.cumsum(steps)])
     dense = np.linspace(0.0, at[-1], max(401, 20 * len(points)))
     return np.asarray(CubicSpline(at, points, bc_type="natural")(dense))

@@ -97,7 +97,7 @@ class Shot:
 
     @property
     def visible(self) -> npt.NDArray[np.bool_]:
-        """bool (P,), whether the camera sees them."""
+        """Whether the camera sees them, bool (P,)."""
         return np.asarray(self.truth.visibility) == "visible"
 
 
@@ -221,7 +221,9 @@ def write(films: Sequence[Film], out: Path | str, *, id: str = "own-scenes", **a
             ("episode", film.episode, first.episode),
         ):
             if mine != theirs:
-                raise CallError(f"films of one dataset have one {name}", found=mine, required=theirs)
+                raise CallError(
+                    f"films of one dataset have one {name}", found=mine, required=theirs
+                )
     splits = {name: sum(film.split == name for film in films) for name in ("train", "val", "test")}
     values = {
         "tiers": [first.body.tier],
