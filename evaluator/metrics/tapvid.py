@@ -60,6 +60,19 @@ class Tapvid(Metric[TapvidSettings]):
 
     def counts(self, block: Block) -> TapvidPairs:
         """Return what is counted in each pair of a block."""
+        error, predicted_visible, right = self.judged(block)
+        return tapvid_pairs(
+            error, block.counted, predicted_visible, right, block.pair, len(block.starts) - 1,
+            self.settings.thresholds, self.settings.comparison,
+        )  # fmt: skip
+
+    def judged(self, block: Block) -> tuple[FloatArray, BoolArray, BoolArray]:
+        """Judge each query of a block.
+
+        Returns:
+            Its distance in scaled pixels, float64 (N,), inf for a missing answer; whether it is
+            predicted visible, bool (N,), as a missing answer is; and whether that is right.
+        """
         settings = self.settings
         scale = np.array(settings.scale) / self.context.queries.size
         offset = (block.answer_px - block.true_px) * scale
@@ -74,10 +87,7 @@ class Tapvid(Metric[TapvidSettings]):
             error = np.where(block.missing, np.inf, error)
             predicted_visible |= block.missing  # a false positive at every threshold
             right &= ~block.missing
-        return tapvid_pairs(
-            error, block.counted, predicted_visible, right, block.pair, len(block.starts) - 1,
-            settings.thresholds, settings.comparison,
-        )  # fmt: skip
+        return error, predicted_visible, right
 
     def finish(self, groups: Groups, summary: Summary) -> None:
         """Say what was assumed."""

@@ -234,6 +234,29 @@ def reference_continuity(rows: list[dict[str, Any]]) -> dict[str, float | None]:
     return {"jump_rate": mean(jumps), "stretch_p95": stretch}
 
 
+def reference_redetected(rows: list[dict[str, Any]]) -> dict[str, float | None]:
+    def since(row: dict[str, Any]) -> int:
+        return int(row["frame_b"] - row["frame_a"])
+
+    tracks: dict[tuple[Any, ...], list[int]] = {}
+    for row in rows:
+        if row["sequence_a"] == row["sequence_b"] and not row["seen"]:
+            key = (row["sequence_a"], row["frame_a"], since(row) > 0, row["point"])
+            tracks.setdefault(key, []).append(abs(since(row)))
+    again = [
+        row
+        for row in rows
+        if row["sequence_a"] == row["sequence_b"]
+        and any(
+            hidden < abs(since(row))
+            for hidden in tracks.get(
+                (row["sequence_a"], row["frame_a"], since(row) > 0, row["point"]), []
+            )
+        )
+    ]
+    return {"aj_redetected": reference_tapvid(again)["aj"] if again else None}
+
+
 def reference_jitter(rows: list[dict[str, Any]]) -> dict[str, float | None]:
     errors: dict[tuple[Any, ...], Any] = {}
     for row in rows:

@@ -29,6 +29,7 @@ from tests.evaluator.references import (
     reference_distribution,
     reference_jitter,
     reference_localisation,
+    reference_redetected,
     reference_symmetry,
     reference_tapvid,
 )
@@ -98,6 +99,9 @@ def test_plain_python_gives_the_same_figures(
                 for metric, value in small.overall.items():
                     if not metric.endswith("_moving"):  # of tapvid alone: test_protocols.py
                         assert value == scores.overall[metric], (name, metric)
+            if scene.dataset.sequences[0].temporal:
+                tracks = evaluate(path, scene.root, protocol="track", allow_missing=kind == "holes")
+                assert_agrees(tracks.overall, reference_redetected(rows.of(None)), f"seed {seed}")
         shutil.rmtree(scene.root)
 
 

@@ -14,6 +14,7 @@ from pliant.evaluator.metrics import (
     jitter,
     mixtures,
     pck,
+    redetection,
     surfaces,
     symmetry,
     tapvid,
@@ -165,6 +166,15 @@ def test_a_steady_offset_has_no_jitter_and_a_hopping_one_has() -> None:
     hopping = np.array([[3.0, 4.0], [0, 0], [0, 0], [9, 9], [0, 0]])
     _, change = jitter.jitter_px(track, frame, hopping)
     np.testing.assert_array_equal(change, [5, 5])
+
+
+def test_points_hidden_before_are_those_that_a_hidden_one_of_their_track_precedes() -> None:
+    track = np.array([4, 4, 4, 4, 0, 0, 0])
+    frames = np.array([3, 1, 2, 5, 1, 2, 3])
+    hidden = np.array([False, False, True, True, True, False, False])
+    found = redetection.hidden_before(track, frames, hidden)
+    np.testing.assert_array_equal(found, [True, False, False, True, False, True, True])
+    assert not redetection.hidden_before(track, frames, np.zeros(7, bool)).any()
 
 
 LENGTH = MaterialCoordinate("s", 0.0, 1.0, 2.0)

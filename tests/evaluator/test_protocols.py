@@ -25,13 +25,14 @@ TINY = Path(__file__).parents[1] / "data" / "tiny-submission"
 # standard 1.2: figures of points with an equal partner (`orbit`); all others are those of 1.1.
 # tapvid, track 1.2: figures and slices of the points that move, and the error after 15 frames;
 # all others are those of 1.1.
+# track 1.4: points that were hidden before (`aj_redetected`); all other figures are those of 1.3.
 # The next minor version of every protocol: intervals resample both sequences of a pair, and those
 # of figures with a unit are symmetric in the logarithm. No figure changes.
 FROZEN: dict[str, str] = {
     "paper": "b02f2079a46f5c190cdbd4223552e9d5f76a3ba9987c541bb1a63a823df20464",
     "standard": "0e919a902fa83ed686fbe914660875753ec84570b37a4de4b97e46e04e4aa9c2",
     "tapvid": "c8ee8c33af139ea12853ec6b47a244f76182be166ef3684dd2543e1123612f0e",
-    "track": "5a05f6e29e5077cb9a19855430755d7b003e3816cde92d55a68a02d993d42380",
+    "track": "de153f0e45122b701a245ea84f1c4c362f1eb7372e6570efc8c88253505691f8",
     "tapvid-first": "ffc8e7466a9b102e5643fed0d80742f312b07d11f418bd5b4aecf2dcd76bd6b9",
     "tapvid-strided": "4385acabe4c2c7695606afa3988a17a0588f66d44db178548000a13a7a122f7d",
     "auc": "eec827344c0fc88c8ba2f8e84e5934baec2a8d4224150037138fbbfc1d34d9dc",
