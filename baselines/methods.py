@@ -24,7 +24,7 @@ def local_feature(name: str) -> LocalFeatureMatcher:
         name: `surf`, or a name of `features.opencv_features.RECIPES`.
 
     Raises:
-        MissingExtraError: OpenCV is not installed, or lacks the contributed modules.
+        MissingExtraError: OpenCV is not installed.
     """
     return LocalFeatureMatcher(MahotasSurf() if name == "surf" else OpencvFeatures(name))
 

@@ -119,7 +119,7 @@ def test_the_extras_are_those_of_the_package() -> None:
     declared = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     extras = declared["optional-dependencies"]
     assert set(EXTRAS) == set(extras) - {"docs", "dev", "all"}
-    names = {"cv2": "opencv-contrib-python-headless", "rerun": "rerun-sdk"}
+    names = {"cv2": "opencv-python-headless", "rerun": "rerun-sdk"}
     for extra, modules in EXTRAS.items():
         required = {re.split(r"[=<>;\[ ]", each)[0] for each in extras[extra]}
         assert {names.get(each, each.replace("_", "-")) for each in modules} <= required
