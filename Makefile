@@ -48,7 +48,7 @@ unit: venv
 	$(BIN)/pytest -n 2 --dist worksteal -m 'not long'
 
 unit-all: venv
-	$(BIN)/pytest -n 2 --dist worksteal --cov --cov-report=term --cov-report=json:build/coverage.json
+	$(BIN)/pytest -n 2 --dist worksteal -o timeout=1800 --cov --cov-report=term --cov-report=json:build/coverage.json
 
 pythons:
 	for version in 3.12 3.13; do \

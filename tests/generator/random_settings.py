@@ -54,8 +54,11 @@ def draw_config(rng: np.random.Generator, *styles: str) -> GenerateConfig:
         "queries": queries,
     }
     config = settings_from(GenerateConfig, base)
+    rope = changed(config.rope, rng)
+    if rope.loop_radius_m[0] < config.rope.loop_radius_m[0]:  # an end may not fit through these
+        rope = rope.replace(loop_radius_m=config.rope.loop_radius_m)
     sections: dict[str, Settings] = {
-        "rope": changed(config.rope, rng),
+        "rope": rope,
         "look": changed(config.look, rng, *LOOK_KEPT),
         "camera": changed(config.camera, rng),
     }
