@@ -117,7 +117,7 @@ class FlowChain:
         uv_px = np.array(uv_px, dtype=np.float32)
         returned = np.zeros(len(uv_px))  # px²
         for number, view in enumerate(frames, start=1):
-            moved_px, back_px = self._step(before, view.rgb, uv_px)
+            moved_px, back_px = self.step(before, view.rgb, uv_px)
             kept = back_px < RETURN_PX
             uv_px = np.where(kept[:, None], moved_px, uv_px)
             uv_px = uv_px.clip(0, view.rgb.shape[1::-1]).astype(np.float32)
@@ -126,10 +126,20 @@ class FlowChain:
             yield Answers(uv_px, kept.astype(np.float32), np.sqrt(variance).astype(np.float32))
             before = view.rgb
 
-    def _step(
+    def step(
         self, a: ImageArray, b: ImageArray, uv_px: Float32Array
     ) -> tuple[Float32Array, Float32Array]:
-        """Return where points are in the next image, and how far off they return (inf: lost)."""
+        """Carry points from one image to the next.
+
+        Args:
+            a: uint8 (H, W, 3).
+            b: The next image, of any size.
+            uv_px: float32 (N, 2), pixels of `a`.
+
+        Returns:
+            Where they are in `b`, float32 (N, 2), and how far from their start they end when
+            carried back, float32 (N,) in pixels of `a`; inf for a point that was not followed.
+        """
         if len(uv_px) == 0 or min(a.shape[:2] + b.shape[:2]) < SMALLEST_SIDE_PX:
             return uv_px, np.full(len(uv_px), np.inf, dtype=np.float32)
         cv2 = self._opencv()

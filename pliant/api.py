@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from pliant.spec.progress import Progress
 from pliant.spec.answers import Answers
 from pliant.spec.calls import PATH, check_type, check_whole
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
+from pliant.spec.progress import Progress
 
 if TYPE_CHECKING:
     import numpy as np
@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from pliant.evaluator.scores import Scores
     from pliant.generator.config import GenerateConfig
     from pliant.loaders import AugmentSettings, PairSettings
-    from pliant.streaming import PairStream
     from pliant.spec.validation.validate import Report
+    from pliant.streaming import PairStream
 
 _ANSWERS: Final = (
     "what predict returns, the path of a submission, a table, or positions (N, 2) in pixels"
@@ -39,10 +39,11 @@ def load(source: Dataset | Path | str) -> Dataset:
     """Open a dataset.
 
     Args:
-        source: An open dataset (returned as it is), its folder, a URL that fsspec knows (`s3://`, `https://`), or the id of a dataset
-            on the Hugging Face Hub (`USER/NAME`) where no such folder exists. `sample` is the
-            small dataset of ropes that the package contains. A YAML file of `pliant generate`
-            is a dataset without files: its frames are simulated when they are read.
+        source: An open dataset (returned as it is), its folder, a URL that fsspec knows (`s3://`,
+            `https://`), or the id of a dataset on the Hugging Face Hub (`USER/NAME`) where no such
+            folder exists. `sample` is the small dataset of ropes that the package contains. A YAML
+            file of `pliant generate` is a dataset without files: its frames are simulated when they
+            are read.
 
     Raises:
         SpecError: It is not a dataset, or its version cannot be read.
@@ -136,7 +137,8 @@ def open_method(method: str, **options: Any) -> Matcher | SplitMatcher:
     Args:
         method: A key of `pliant.baselines.METHODS`, the name of a shipped model, the name that an
             installed package gives in the entry-point group `pliant.matchers`, `vismatch:NAME`,
-            `path/to/my.py:Matcher`, `package.module:Matcher`, or the folder of a training run.
+            `fused:METHOD` (optical flow, corrected by that method), `path/to/my.py:Matcher`,
+            `package.module:Matcher`, or the folder of a training run.
         options: Keyword arguments of the method's class or function.
 
     Raises:
@@ -150,6 +152,8 @@ def open_method(method: str, **options: Any) -> Matcher | SplitMatcher:
     """
     from pliant.baselines import METHODS
     from pliant.baselines.adapters.vismatch import PREFIX, open_vismatch
+    from pliant.baselines.fused_tracker import PREFIX as FUSED
+    from pliant.baselines.fused_tracker import FusedTracker
     from pliant.baselines.plugins import is_reference, make, open_plugin, plugged_in
     from pliant.models import load_matcher
     from pliant.models.shipped import load_shipped, shipped_names
@@ -160,6 +164,9 @@ def open_method(method: str, **options: Any) -> Matcher | SplitMatcher:
         return made
     if method.startswith(PREFIX):
         made = make(partial(open_vismatch, method.removeprefix(PREFIX)), method, options)
+        return made
+    if method.startswith(FUSED):
+        made = make(partial(FusedTracker, open_method(method.removeprefix(FUSED))), method, options)
         return made
     shipped, plugged = shipped_names(), plugged_in()
     if method not in shipped and (method in plugged or is_reference(method)):
@@ -181,7 +188,8 @@ def open_method(method: str, **options: Any) -> Matcher | SplitMatcher:
     close = difflib.get_close_matches(method, names, n=1)
     raise CallError(
         f"there is no method {method!r}",
-        required=f"one of {', '.join(names)}, vismatch:NAME, the folder of a training run, or FILE.py:CLASS",
+        required=f"one of {', '.join(names)}, vismatch:NAME, fused:METHOD, the folder of a "
+        "training run, or FILE.py:CLASS",
         fix=f"Did you mean {close[0]}?" if close else None,
     )
 

@@ -12,6 +12,7 @@ from typing import Any, Final, Literal
 
 from pliant.baselines import METHODS
 from pliant.baselines.conditions import Masks
+from pliant.baselines.fused_tracker import PREFIX as FUSED
 from pliant.evaluator.protocols.protocol import read_protocol
 from pliant.generator.config import GenerateConfig
 from pliant.models.shipped import shipped_names
@@ -74,7 +75,8 @@ class Entry:
     @property
     def stored(self) -> str:
         """The name of its answers and scores."""
-        return f"{self.method}--{self.track}" + ("--blank" if self.is_blank else "")
+        method = self.method.replace(":", "-")  # no file name on Windows has a colon
+        return f"{method}--{self.track}" + ("--blank" if self.is_blank else "")
 
 
 class Test(Settings):
@@ -86,7 +88,8 @@ class Test(Settings):
         variants: Name of the variant (`clean`, `noisy` …) -> set whose test split is asked.
         methods: Methods without training, keys of `pliant.baselines.METHODS`.
         runs: Names of trainings.
-        shipped: Names of models that come with the package: the whole recipes, trained once.
+        shipped: Names of models that come with the package: the whole recipes, trained once; and
+            `fused:NAME`, optical flow that such a model corrects.
         protocols: Protocols to score by, the table's first; `matches` applies to the methods
             with keypoint matches.
         tracks: What methods are given; each track is a block of its own. In tracks with masks, a
@@ -314,7 +317,7 @@ def _check_references(config: BenchmarkConfig, path: Path) -> None:
         for name in test.methods:
             known(name, METHODS, f"tests.{key}.methods")
         for name in test.shipped:
-            known(name, shipped_names(), f"tests.{key}.shipped")
+            known(name.removeprefix(FUSED), shipped_names(), f"tests.{key}.shipped")
         shown = [name for each in test.protocols[:1] for name in read_protocol(each).figures]
         for name in test.figures:
             known(name, shown, f"tests.{key}.figures")

@@ -17,6 +17,8 @@ from typing import Any
 
 from pliant.baselines import METHODS, KeypointMatcher
 from pliant.baselines.conditions import shown
+from pliant.baselines.fused_tracker import PREFIX as FUSED
+from pliant.baselines.fused_tracker import FusedTracker
 from pliant.baselines.matcher import SplitMatcher
 from pliant.baselines.predict import predict
 from pliant.baselines.submission_file import Kind
@@ -141,6 +143,8 @@ def _answer(job: AnswerJob, meter: Meter, progress: Progress) -> dict[str, Any]:
 
         torch.set_num_threads(job.threads or torch.get_num_threads())
         matcher = load_matcher(job.run)
+        if job.entry.method.startswith(FUSED):
+            matcher = FusedTracker(matcher)
         matcher.name = job.entry.method
     if not isinstance(matcher, SplitMatcher):
         matcher = shown(matcher, job.entry.track, is_blank=job.entry.is_blank)

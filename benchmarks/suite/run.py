@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Protocol, get_args
 
+from pliant.baselines.fused_tracker import PREFIX as FUSED
 from pliant.baselines.submission_file import Kind
 from pliant.benchmarks.suite.checksums import Differences, compare_checksums
 from pliant.benchmarks.suite.config import BenchmarkConfig, Entry, Test, Training, digest
@@ -189,7 +190,7 @@ def _answer(config: BenchmarkConfig, work: Workspace, workers: int, watcher: Wat
 def _run_folder(work: Workspace, test: Test, method: str) -> Path | None:
     """Return the folder of what was trained, None for a method without training."""
     if method in test.shipped:
-        return FOLDER / method
+        return FOLDER / method.removeprefix(FUSED)
     return work.run_path(method) if method in test.runs else None
 
 
@@ -197,7 +198,8 @@ def _method_digest(config: BenchmarkConfig, test: Test, method: str) -> str:
     if method in test.runs:
         return run_digest(config, method)
     if method in test.shipped:
-        files = sorted(path for path in (FOLDER / method).iterdir() if path.name != CARD)
+        folder = FOLDER / method.removeprefix(FUSED)
+        files = sorted(path for path in folder.iterdir() if path.name != CARD)
         return digest([sha256_file(path) for path in files])
     return method
 

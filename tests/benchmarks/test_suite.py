@@ -87,6 +87,7 @@ tests:
     protocols: [standard]
     tracks: [none]
     runs: [twice]
+    shipped: ["fused:don-rope"]
   rope-seeds:
     title: Rope, two seeds
     tier: rope
@@ -254,6 +255,7 @@ TEST = {"title": "T", "tier": "rope", "variants": {"clean": "rope"}}
         ({"runs": {"a": {"label": "A", "set": "rope", "trainer": "x"}}}, "unknown value"),
         ({"tests": {"t": {**TEST, "tracks": ["masks"]}}}, "unknown value"),
         ({"tests": {"t": {**TEST, "paper_rmse_px": {"sfit": 1.0}}}}, "unknown name"),
+        ({"tests": {"t": {**TEST, "shipped": ["fused:sift"]}}}, "unknown name"),
         ({"sets": {"rope": {"tiers": ["rope"], "style": "oil"}}}, "style"),
         ({"sets": []}, "required: a mapping"),
         ({"tests": {"t": {"title": "T", "tier": "rope", "variants": {"a": "b"}}}}, "unknown name"),
@@ -311,7 +313,7 @@ def test_an_interrupted_benchmark_goes_on_and_repeats_nothing(
 ) -> None:
     _, watcher = made
     assert watcher.begun[:2] == [("generate", 2, 0), ("train", 4, 0)]
-    assert watcher.begun[2:] == [("generate", 2, 2), ("train", 4, 1), ("answer", 33, 0)]
+    assert watcher.begun[2:] == [("generate", 2, 2), ("train", 4, 1), ("answer", 34, 0)]
     assert sorted(watcher.done) == sorted(set(watcher.done))
     assert ("small", 4, 4) in watcher.steps
 
@@ -339,6 +341,9 @@ def test_table_and_page(config_file: Path, made: tuple[Path, Recorder], tmp_path
     shipped = rows["clean", "don-rope", "none", False]
     assert shipped["label"] == "don-rope, as shipped"
     assert shipped["train_cpu_s"] is None
+    (fused,) = (row for row in table["rows"] if row["method"] == "fused:don-rope")
+    assert fused["label"] == "fused:don-rope, as shipped"
+    assert (out / "answers" / "rope" / "fused-don-rope--none.parquet").is_file()
     assert rows["clean", "small", "none", False]["train_cpu_s"] > 0
     assert {row["method"] for row in rows.values() if "matches" in row["scores"]} == {"sift"}
     blank = rows["clean", "don-rope", "given", True]
