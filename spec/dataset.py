@@ -130,34 +130,36 @@ class Dataset:
         if storage.has(layout.INDEX_TABLE):
             files = PackedFiles(storage, table["id"].to_pylist())
         place = Path(root)
-        named = {tier for tier in tiers if is_name(tier)}  # once, not for 100,000 sequences
+        named = {name: tier for name, tier in tiers.items() if is_name(name)}
         sequences = []
         decoded = decoded_images()
-        for row in table.select(_LISTED).to_pylist():
-            if not (is_name(row["id"]) and (row["tier"] in named or is_name(row["tier"]))):
+        columns = (table[name].to_pylist() for name in _LISTED)
+        for name, tier, split, shape, frames, temporal in zip(*columns, strict=True):
+            described = named.get(tier)
+            if not is_name(name) or (described is None and not is_name(tier)):
                 raise SpecError(
                     "invalid name of a sequence or tier",
                     path=listing,
                     where="id, tier",
-                    found=f"{row['id']!r:.80}, {row['tier']!r:.80}",
+                    found=f"{name!r:.80}, {tier!r:.80}",
                 )
-            if row["tier"] not in tiers:
+            if described is None:
                 raise SpecError(
                     "a sequence names a tier that dataset.json does not describe",
                     path=listing,
-                    where=f"sequence {row['id']}, tier",
-                    found=f"{row['tier']!r:.80}",
+                    where=f"sequence {name}, tier",
+                    found=f"{tier!r:.80}",
                     required="one of " + ", ".join(tiers),
                 )
             sequences.append(
                 SequenceRecord(
-                    id=row["id"],
-                    tier=row["tier"],
-                    described=tiers[row["tier"]],
-                    split=row["split"],
-                    shape=row["shape"],
-                    frames=row["frames"],
-                    temporal=row["temporal"],
+                    id=name,
+                    tier=tier,
+                    described=described,
+                    split=split,
+                    shape=shape,
+                    frames=frames,
+                    temporal=temporal,
                     root=place,
                     size=size,
                     files=files,
