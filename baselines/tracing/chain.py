@@ -151,7 +151,5 @@ def _backward(
 
 
 def _draw(weight: FloatArray, rng: np.random.Generator) -> int:
-    possible = np.flatnonzero(weight)
-    total = np.cumsum(weight[possible])
-    number = int(np.searchsorted(total, rng.random() * total[-1]))
-    return int(possible[min(number, len(possible) - 1)])
+    total = np.cumsum(weight)  # equal to the one before where the weight is 0: never chosen
+    return int(np.searchsorted(total, rng.random() * total[-1]))

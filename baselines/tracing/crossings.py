@@ -57,17 +57,21 @@ def self_crossings(line_px: FloatArray, least_apart: int) -> list[Crossing]:
         least_apart: Passages fewer points apart are wobbles, no crossings.
     """
     start, step = line_px[:-1], np.diff(line_px, axis=0)
-    across = _cross(step[:, None], step[None])
-    gap = start[None] - start[:, None]
+    middle, reach = start + step / 2, np.linalg.norm(step, axis=1)
+    apart = np.add.outer(reach, reach)
+    near = np.abs(np.subtract.outer(middle[:, 0], middle[:, 0])) <= apart
+    near &= np.abs(np.subtract.outer(middle[:, 1], middle[:, 1])) <= apart
+    i, j = np.triu(near, least_apart + 1).nonzero()
+    across, gap = _cross(step[i], step[j]), start[j] - start[i]
     with np.errstate(divide="ignore", invalid="ignore"):
-        on_first = _cross(gap, step[None]) / across
-        on_second = _cross(gap, step[:, None]) / across
+        on_first, on_second = _cross(gap, step[j]) / across, _cross(gap, step[i]) / across
     met = (on_first >= 0) & (on_first < 1) & (on_second >= 0) & (on_second < 1)
     found = []
-    for i, j in np.argwhere(met):
-        if j - i > least_apart:
-            ways = step[[i, j]] / np.linalg.norm(step[[i, j]], axis=1, keepdims=True)
-            found.append(Crossing(int(i), int(j), start[i] + on_first[i, j] * step[i], ways))
+    for first, second, share in zip(i[met], j[met], on_first[met], strict=True):
+        ways = step[[first, second]]
+        ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+        place_px = start[first] + share * step[first]
+        found.append(Crossing(int(first), int(second), place_px, ways))
     return found
 
 

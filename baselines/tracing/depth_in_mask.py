@@ -90,37 +90,12 @@ def farthest_pixels(mask: Mask) -> list[tuple[int, int]]:
     Args:
         mask: bool (H, W), not empty; of several parts only the first one is looked at.
     """
+    box = ndimage.find_objects(mask.astype(np.uint8))[0]
+    mask = mask[box]
     row, column = np.argwhere(mask)[0]
     ends = [(int(row), int(column))]
     for _ in range(3):  # the first sweep only finds an end to sweep from
         steps = steps_along(mask, ends[-1])
         row, column = np.unravel_index(int(steps.argmax()), mask.shape)
         ends.append((int(row), int(column)))
-    return ends[2:]
-
-
-def sampled(values: FloatArray, uv_px: FloatArray) -> FloatArray:
-    """Return an image's values between its pixels, bilinearly; 0 outside.
-
-    Args:
-        values: float64 (H, W).
-        uv_px: float64 (..., 2), centre of the first pixel at (0.5, 0.5).
-
-    Returns:
-        float64 (...).
-    """
-    height, width = values.shape
-    place = uv_px - 0.5
-    corner = np.floor(place).astype(np.int64)
-    share = place - corner
-    total = np.zeros(uv_px.shape[:-1])
-    for dv in (0, 1):
-        for du in (0, 1):
-            u, v = corner[..., 0] + du, corner[..., 1] + dv
-            inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
-            weight = np.where(du, share[..., 0], 1 - share[..., 0])
-            weight = weight * np.where(dv, share[..., 1], 1 - share[..., 1])
-            total += (
-                np.where(inside, weight, 0) * values[v.clip(0, height - 1), u.clip(0, width - 1)]
-            )
-    return total
+    return [(row + box[0].start, column + box[1].start) for row, column in ends[2:]]

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from pliant.baselines.tracing import Nadir, RopeTracer, Trace, located, placed, rope_traces
-from pliant.baselines.tracing.depth_in_mask import depth_in_mask, sampled, steps_along
+from pliant.baselines.tracing.depth_in_mask import depth_in_mask, steps_along
+from pliant.baselines.tracing.walk import sampled
 from pliant.spec.frame import Frame, Pair
 
 SIZE = (320, 240)
@@ -70,8 +71,8 @@ def test_steps_follow_the_mask() -> None:
 
 def test_values_between_pixels() -> None:
     ramp = np.arange(12, dtype=float).reshape(3, 4)
-    at = np.array([[0.5, 0.5], [2.0, 1.0], [3.5, 2.5], [-3.0, 0.0]])
-    np.testing.assert_allclose(sampled(ramp, at), [0.0, 3.5, 11.0, 0.0])
+    at = np.array([[0.5, 0.5], [2.0, 1.0], [3.5, 2.5], [-3.1, 0.6], [4.2, 2.5], [1.0, 99.2]])
+    np.testing.assert_allclose(sampled(np.pad(ramp, 2), at), [0.0, 3.5, 11.0, 0.0, 3.3, 0.0])
 
 
 @pytest.mark.parametrize("curve", [wave(), wave(2.0, 60.0), loop()], ids=["wave", "tilted", "loop"])
