@@ -103,12 +103,16 @@ def answer_pairs(
     """
     pairs = dataset.pairs(split)
     tasks = _tasks(matcher, pairs, 1 if workers == 1 else PAIRS_PER_TASK)
-    if workers == 1:
-        worker = _Worker(pairs, matcher, kind, masks)
-        for task in tasks:
-            yield worker.run(task)
-        return
     with tempfile.TemporaryDirectory(prefix="pliant-predict-") as folder:
+        if isinstance(matcher, SharingMatcher):
+            copied = pickle.loads(_pickled(matcher))  # the caller's outlives the folder
+            copied.share(Path(folder))
+            matcher = copied
+        if workers == 1:
+            worker = _Worker(pairs, matcher, kind, masks)
+            for task in tasks:
+                yield worker.run(task)
+            return
         executor = ProcessPoolExecutor(
             workers,
             mp_context=multiprocessing.get_context("spawn"),
@@ -116,7 +120,7 @@ def answer_pairs(
             initargs=(
                 dataset.address,
                 split,
-                _pickled(matcher, Path(folder)),
+                _pickled(matcher),
                 kind,
                 masks,
                 workers,
@@ -128,20 +132,14 @@ def answer_pairs(
             executor.shutdown(cancel_futures=True)
 
 
-def _pickled(matcher: Matcher, folder: Path) -> bytes:
-    """Return a matcher whose copies share a folder, where it is a `SharingMatcher`."""
+def _pickled(matcher: Matcher) -> bytes:
     try:
-        pickled = pickle.dumps(matcher)
+        return pickle.dumps(matcher)
     except Exception as error:
         raise CallError(
             f"the method {matcher.name!r} cannot be sent to worker processes ({error})",
             fix="Use one worker",
         ) from error
-    if isinstance(matcher, SharingMatcher):
-        copy = pickle.loads(pickled)
-        copy.share(folder)
-        pickled = pickle.dumps(copy)
-    return pickled
 
 
 def _tasks(matcher: Matcher, pairs: Sequence[QueryPair], most: int) -> list[range]:

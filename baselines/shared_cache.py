@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import pickle  # only what copies of the cache wrote into a folder of their own
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
@@ -19,12 +20,13 @@ class SharedCache(LRUCache[Value]):
 
     Args:
         capacity: Number of values that are kept in memory.
-        folder: Where values are stored; whoever made the folder removes it.
+        folder: Where values are stored, made if missing; the caller removes it.
     """
 
     def __init__(self, capacity: int, folder: Path) -> None:
         super().__init__(capacity)
         self._folder = folder
+        folder.mkdir(exist_ok=True)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return SharedCache, (self._capacity, self._folder)
@@ -36,10 +38,10 @@ class SharedCache(LRUCache[Value]):
     def _stored(self, key: str, make: Callable[[], Value]) -> Value:
         path = self._folder / hashlib.sha256(key.encode()).hexdigest()
         if path.exists():
-            stored: Value = pickle.loads(path.read_bytes())
+            stored: Value = pickle.loads(zlib.decompress(path.read_bytes()))
             return stored
         value = make()
         unfinished = path.with_suffix(f".{os.getpid()}")
-        unfinished.write_bytes(pickle.dumps(value))
+        unfinished.write_bytes(zlib.compress(pickle.dumps(value), 1))
         unfinished.replace(path)
         return value

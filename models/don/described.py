@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 import torch
 
+from pliant.baselines.shared_cache import SharedCache
 from pliant.loaders.inputs import NetworkInput
 from pliant.models.don.ball import FIRST_SHARE
 from pliant.models.don.mask_repair import repaired
@@ -21,6 +23,8 @@ from pliant.spec.lru_cache import LRUCache
 
 _KEPT_BYTES = 256 * 2**20
 _LEAST_KEPT = 8
+_KEPT_MASKS = 64
+_PIXELS_AT_ONCE = 1024  # their probabilities over the anchors fit into the processor's cache
 
 
 @dataclass(frozen=True)
@@ -79,6 +83,11 @@ class ViewDescriber:
         self.masks: MaskNetwork | None = None
         self.turns = range(0, 4, 4 // rotations)
         self._kept: LRUCache[DescribedView] = LRUCache(_KEPT_BYTES, _bytes_of, least=_LEAST_KEPT)
+        self._found: LRUCache[tuple[Mask, Mask | None] | None] = LRUCache(_KEPT_MASKS)
+
+    def share(self, folder: Path) -> None:
+        """Store found masks in a folder, where copies in other processes find them."""
+        self._found = SharedCache(_KEPT_MASKS, folder)
 
     def described(self, view: Frame) -> DescribedView:
         """Return a view's descriptors; without a mask, with the one that the network predicts."""
@@ -103,6 +112,14 @@ class ViewDescriber:
         """
         if not self.segments or (view.mask is not None and not view.mask.any()):
             return view
+        found = self._found.get(view.key, lambda: self._find(view))
+        if found is None:
+            return view
+        key = f"{view.key}/segmented" if view.key else ""
+        return view.replace(mask=found[0], objects=found[1], key=key)
+
+    def _find(self, view: Frame) -> tuple[Mask, Mask | None] | None:
+        """Return the masks of `segmented`, or None for those that the view has."""
         out = self._out(self.given.image(*self._resized(view)))
         if self.masks is None:
             rope, objects = out.foreground[0].cpu().sigmoid().numpy()
@@ -112,10 +129,7 @@ class ViewDescriber:
         found = rope_masks(view.rgb, Foreground(rope, objects, first))
         if found is not None and view.mask is not None:
             found = repaired(view.mask, view.objects, found)
-        if found is None:
-            return view
-        key = f"{view.key}/segmented" if view.key else ""
-        return view.replace(mask=found[0], objects=found[1], key=key)
+        return found
 
     def _describe(self, view: Frame) -> DescribedView:
         rgb, depth_m = self._resized(view)
@@ -151,9 +165,10 @@ class ViewDescriber:
             return torch.ones(sparse.shape[1:])
         with torch.inference_mode():
             rows, scale = sparse.flatten(1).T, self.network.scale.cpu()
-            p = head.log_probabilities(rows, scale).exp()  # (h w / 4, A)
-            first = p[:, head.anchors[:, 0] < FIRST_SHARE].sum(dim=1)
-            return first.view(*sparse.shape[1:])
+            in_first = head.anchors[:, 0] < FIRST_SHARE
+            parts = rows.split(_PIXELS_AT_ONCE)
+            p = [head.log_probabilities(part, scale).exp()[:, in_first].sum(1) for part in parts]
+            return torch.cat(p).view(*sparse.shape[1:])
 
     def _out(self, image: npt.NDArray[np.float32]) -> NetworkOutput:
         """Return all that the network puts out for an image without masks."""

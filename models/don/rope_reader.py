@@ -61,8 +61,9 @@ class RopeReader:
         self._readings: LRUCache[tuple[list[Trace], MaskShape]] = LRUCache(_KEPT_TRACES)
 
     def share(self, folder: Path) -> None:
-        """Store traces in a folder, where copies in other processes find them."""
-        self._readings = SharedCache(_KEPT_TRACES, folder)
+        """Store traces and masks in a folder, where copies in other processes find them."""
+        self._readings = SharedCache(_KEPT_TRACES, folder / "traces")
+        self._views.share(folder / "masks")
 
     def find_masks_with(self, network: MaskNetwork) -> None:
         """Find ropes in pictures with a network of its own from now on."""

@@ -558,7 +558,7 @@ def test_copies_share_traces_through_a_folder(
     matcher.share(tmp_path)
     copy = pickle.loads(pickle.dumps(matcher))
     expected = matcher.answer(pairs[0])
-    assert len(list(tmp_path.iterdir())) == 2
+    assert len(list((tmp_path / "traces").iterdir())) == 2
 
     def refuse(*_: Any) -> Any:
         raise AssertionError("a picture was traced again")
