@@ -139,7 +139,7 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
 def _mathml(found: re.Match[str]) -> str:
     formula = convert(found[1] or found[2], display="block" if found[1] else "inline")
     text = " ".join(formula.split())
-    return f'<div style="overflow-x: auto">{text}</div>' if found[1] else text
+    return f'<div class="formula">{text}</div>' if found[1] else text
 
 
 def _api() -> str:
