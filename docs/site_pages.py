@@ -205,14 +205,14 @@ def _metrics() -> str:
         protocol = read_protocol(name)
         parts += [
             f"## Protocol `{name}`\n\n{protocol.summary}\n",
-            "| metric | unit | better | meaning |\n|---|---|---|---|",
+            "| metric | meaning | unit | better |\n|---|---|---|---|",
             "\n".join(_metric(each) for each in protocol.figures.values()) + "\n",
         ]
     return "\n".join(parts)
 
 
 def _metric(figure: Figure) -> str:
-    return f"| `{figure.name}` | {figure.unit} | {figure.better} | {_cell(figure.about)} |"
+    return f"| `{figure.name}` | {_cell(figure.about)} | {figure.unit} | {figure.better} |"
 
 
 def _cell(text: str | None) -> str:
