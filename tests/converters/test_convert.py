@@ -56,6 +56,15 @@ def test_points_of_a_recording(sample: Dataset, recording: Recording) -> None:
 
 def test_tapvid(sample: Dataset, recording: Recording, tmp_path: Path) -> None:
     out = written("tapvid", sample, tmp_path / "out")
+    with np.load(out / "rope-train-000000.npz") as arrays:
+        shapes = {name: (arrays[name].shape, arrays[name].dtype.name) for name in arrays}
+    points, frames, _ = recording.uv_px.transpose(1, 0, 2).shape
+    width, height = sample.size
+    assert shapes == {
+        "video": ((frames, height, width, 3), "uint8"),
+        "points": ((points, frames, 2), "float32"),
+        "occluded": ((points, frames), "bool"),
+    }
     clip = next(each for each in read_source(out).clips if each.name == "rope-train-000000")
     np.testing.assert_allclose(
         clip.uv_px[clip.visible], recording.uv_px.transpose(1, 0, 2)[recording.visible.T], atol=1e-4
