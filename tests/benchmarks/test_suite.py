@@ -370,7 +370,8 @@ def test_table_and_page(config_file: Path, made: tuple[Path, Recorder], tmp_path
 
 def test_report_shows_tables_and_pictures(written: tuple[str, str]) -> None:
     report = written[1]
-    assert report.count("data:image/png") == 3  # frames of every test
+    assert report.count("data:image/png") == 3 + 4  # frames of every test; two layers of a pair
+    assert 'id="kept"' in report
     assert "Scores: image alone" in report
     assert report.count('href="../scores/rope/sift--none/standard/report.html"') == 1
     assert report.count('class="control"') > 0
