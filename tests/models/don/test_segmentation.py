@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import pickle
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -138,3 +140,27 @@ def test_the_shipped_model_finds_masks_and_answers_without_them() -> None:
     assert max(gaps) < 6  # heat map and modes are of one distribution
     assert np.median(overlaps) > 0.7
     assert np.median(np.concatenate(errors)) < 25
+
+
+def test_masks_are_found_once_for_all_processes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    matcher = load_shipped("don-rope")
+    assert isinstance(matcher, DonMatcher)
+    matcher.share(tmp_path)
+    copy = pickle.loads(pickle.dumps(matcher))
+    picture = next(iter(Dataset.open(SAMPLE).pairs("test"))).source
+    view = Frame(picture.rgb, key="s/0")
+    mask = matcher.object_mask(view)
+    assert mask is not None
+
+    def refuse(*_: object) -> None:
+        raise AssertionError("the masks of a picture were found again")
+
+    monkeypatch.setattr("pliant.models.don.described.rope_masks", refuse)
+    for each in (matcher, copy):
+        again = each.object_mask(view)
+        assert again is not None
+        assert (again == mask).all()
+    with pytest.raises(AssertionError, match="found again"):
+        matcher.object_mask(Frame(picture.rgb, key="s/1"))
