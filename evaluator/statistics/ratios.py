@@ -98,5 +98,5 @@ class Ratio(Figure):
     def finish(self, above: FloatArray, below: FloatArray) -> FloatArray:
         """Return the metric from the two sums; NaN where nothing was counted."""
         with np.errstate(invalid="ignore", divide="ignore"):
-            value = np.where(below > 0, above / np.where(below > 0, below, 1), np.nan)
+            value = np.where(below > 0, above / below, np.nan)
             return np.sqrt(value) if self.root and not self.over_pairs else value

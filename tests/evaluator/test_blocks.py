@@ -32,8 +32,10 @@ def same(one: Any, other: Any, place: str = "") -> None:
 def test_a_block_for_each_pair_gives_the_figures_of_one_block(
     kind: str, scene: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    path = scene.submit(tmp_path / "s.parquet", answers_of(scene, 3, kind))
+    table = answers_of(scene, 3, kind)
+    path = scene.submit(tmp_path / "s.parquet", table)
     whole = evaluate(path, scene.root, allow_missing=True)
+    assert sum(whole.per_pair["answered"].to_pylist()) == table.num_rows
     assert not {"geodesic", "causes"} & set(whole.document["notes"])  # no pair is left out
     monkeypatch.setattr(scoring, "_PAIRS_WITH_IMAGES", 1)
     split = evaluate(path, scene.root, allow_missing=True)

@@ -262,6 +262,9 @@ def test_an_unclear_difference_needs_very_many_sequences_and_a_clear_one_six() -
     tiny = np.array([1.0, -1.0] * 4, np.float64) + 1e-9
     unclear = paired_difference(SHARE, (base, asked), (base + tiny, asked), crossed, 0.95)
     assert unclear.sequences_needed == 10**9
+    # Differences of 1 + 1.5 and 1 - 1.5: 8 (1.960 + 0.842)^2 1.5^2 / 7 + 1.960^2 / 2 = 22.1.
+    spread = paired_difference(SHARE, (base, asked), (base + [2.5, -0.5] * 4, asked), crossed, 0.95)
+    assert spread.sequences_needed == 23
 
 
 def test_subsets_of_thirteen_sequences_follow_the_first_twelve() -> None:

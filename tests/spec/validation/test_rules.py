@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from pathlib import Path
 from typing import Any
 
@@ -200,3 +201,20 @@ def test_a_picture_of_one_colour_is_blank() -> None:
         one = rgb.copy()
         one[4, 6, 1] -= np.uint8(step)
         assert is_blank(one) is blank
+
+
+def test_a_file_that_differs_from_its_checksum(tmp_path: Path) -> None:
+    (tmp_path / "a.png").write_bytes(b"abc")
+    for digest, size, message in (
+        (hashlib.sha256(b"abc").hexdigest(), 3, None),
+        (hashlib.sha256(b"abd").hexdigest(), 3, "found sha256 ba7816bf"),
+        (hashlib.sha256(b"abc").hexdigest(), 4, "found 3 bytes; sequence.json lists 4"),
+    ):
+        for check in (SequenceFiles.verified, SequenceFiles.contents):
+            files = SequenceFiles(tmp_path, "s", Findings(), {"a.png"})
+            files.hashes["a.png"] = (digest, size)
+            assert bool(check(files, "a.png")) is (message is None)
+            assert files.sound == (set() if message else {"a.png"})
+            found = [issue.message for issue in files.findings.listed()]
+            assert len(found) == (message is not None)
+            assert message is None or found[0].startswith(message)

@@ -175,6 +175,17 @@ def test_one_point_near_a_rope(nearest: float, point: dict[str, Any], code: str 
     assert codes(covered(nearest), [{"at": AT} | point]) == ({code: 1} if code else {})
 
 
+@pytest.mark.parametrize("apart", [16, 17])
+def test_what_hides_a_point_is_looked_for_on_all_sides(apart: int) -> None:
+    point = {"at": AT, "state": OCCLUDED, "depth": 0.98}
+    u, v = U - 0.5, V - 0.5
+    for on in (u == 30 + apart, u == 30 - apart, v == 25 + apart, v == 25 - apart):
+        shown = image(
+            object_id=np.where(on, ROPE, SHEET), m0=np.where(on, 7, U), m1=np.where(on, 0, V)
+        )
+        assert codes(shown, [point]) == ({} if apart == 16 else {"OCCLUDED_DISAGREES": 1})
+
+
 @pytest.mark.parametrize(("depth", "found"), [(0.9999, True), (0.9997, False)])
 def test_a_tilted_surface_is_interpolated_between_pixel_centres(depth: float, found: bool) -> None:
     """At (30.9, 25.2) the plane is at 1 + 0.4 * 0.004 - 0.3 * 0.006 = 0.9998 m."""
