@@ -229,7 +229,7 @@ def _report(
         for issue in issues:
             rank[issue.code] = rank.get(issue.code, -1) + 1
             ranked.append((rank[issue.code], order[issue.code], issue))
-        issues = [issue for _, _, issue in sorted(ranked, key=lambda item: item[:2])[:limit]]
+        issues = [issue for _, _, issue in sorted(ranked)[:limit]]
     return Report(
         root=root,
         quick=quick,

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
@@ -121,6 +122,15 @@ def test_a_packed_sequence_with_an_unsafe_name_is_left_packed(
     report = validate(root)
     assert not report.valid
     assert report.sequences == len(pq.read_table(root / "index.parquet")) - 1
+
+
+def test_an_index_with_a_row_without_an_id(copy_of: Copy) -> None:
+    root = copy_of("minimal")
+    pack(root)
+    nothing = pa.array([None], pa.string())
+    change_table("index.parquet", lambda table: table.set_column(0, "id", nothing))(root)
+    (issue,) = validate(root).issues
+    assert (issue.code, issue.path) == ("VALUE_NULL", "index.parquet")
 
 
 def test_a_query_asks_a_frame_after_the_last(copy_of: Copy) -> None:
