@@ -213,6 +213,13 @@ def test_a_flat_patch_is_measured_exactly() -> None:
     assert found.metres[0] == pytest.approx(np.linalg.norm(sides, axis=0))
 
 
+def test_metres_on_a_surface_that_recedes() -> None:
+    """Depth grows by 1/8 m from one column of pixels to the next: from 2 m at u = 30.5 px."""
+    [found] = measured(np.stack([A, B], axis=-1), 2 + A / 8, (0.5, 0.5))
+    along_u = ((31.5 - 23.5) * 2.125 - (30.5 - 23.5) * 2) / 100, (18 - 41.2) / 120 / 8, 1 / 8
+    assert found.metres[0] == pytest.approx([np.linalg.norm(along_u), 2.0625 / 120])
+
+
 def test_curvature_and_noise_of_a_patch() -> None:
     p, q, r, t = 0.03, 0.02, 0.01, 0.004
     curved = np.stack([A + p * A**2, B + q * B**2], axis=-1)

@@ -256,7 +256,7 @@ def test_frames_with_the_same_points_before_the_camera() -> None:
 def test_values_of_a_surface_image(channel: str, value: float, at: int, code: str | None) -> None:
     """Six pixels of the rope with 1 m depth, and six of the background."""
     on = np.arange(12).reshape(3, 4) < 6
-    channels = {
+    channels: dict[str, Any] = {
         "depth_m": np.where(on, 1, np.inf).astype(np.float32),
         "m0": np.where(on, 0.5, 0).astype(np.float32),
         "m1": np.where(on, 0.5, 0).astype(np.float32),
