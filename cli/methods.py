@@ -36,6 +36,8 @@ def _methods() -> Iterator[dict[str, Any]]:
     """Yield name, origin, first line of documentation, and what is missing, of each method."""
     from pliant.baselines import METHODS
     from pliant.baselines.adapters.vismatch import PREFIX, open_vismatch
+    from pliant.baselines.fused_tracker import PREFIX as FUSED
+    from pliant.baselines.fused_tracker import FusedTracker
     from pliant.baselines.plugins import plugged_in
     from pliant.models.shipped import shipped_names
 
@@ -45,6 +47,9 @@ def _methods() -> Iterator[dict[str, Any]]:
         lacking = not (is_installed("torch") and is_installed("safetensors"))
         about = "Trained model; its card is in the package."
         yield _row(name, "shipped model", about, install_command("train") if lacking else None)
+    about, lacking = inspect.getdoc(FusedTracker) or "", not is_installed("cv2")
+    missing = install_command("classical") if lacking else None
+    yield _row(f"{FUSED}METHOD", "built in", about, missing)
     found = is_installed("vismatch")
     about = inspect.getdoc(open_vismatch) or ""
     yield _row(f"{PREFIX}NAME", "package", about, None if found else "pip install vismatch")

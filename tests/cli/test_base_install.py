@@ -113,6 +113,7 @@ def test_methods_marks_what_is_missing(outcomes: dict[str, tuple[int, str, str]]
     assert missing["sift"] == missing["lk-chain"] == "pip install 'pliant[classical]'"
     assert missing["don-rope"] == "pip install 'pliant[train]'"
     assert missing["vismatch:NAME"] == "pip install vismatch"
+    assert missing["fused:METHOD"] == "pip install 'pliant[classical]'"
 
 
 def test_the_extras_are_those_of_the_package() -> None:
