@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from pliant.evaluator.metrics.surfaces import (
+from pliant.evaluator.metrics.surface_images import (
     ObjectSurface,
     nearest_object_pixel,
     pixel_steps_m,

@@ -19,7 +19,8 @@ from pliant.evaluator.metrics.base import (
 )
 from pliant.evaluator.metrics.blocks import VISIBLE, Block
 from pliant.evaluator.metrics.dense_truth import dense_truth
-from pliant.evaluator.metrics.surfaces import ObjectSurface, Surfaces, nearest_object_pixel
+from pliant.evaluator.metrics.surface_images import ObjectSurface, nearest_object_pixel
+from pliant.evaluator.metrics.surfaces import Surfaces
 from pliant.evaluator.submission.answers import SplitMatches
 from pliant.evaluator.submission.queries import Queries
 from pliant.spec.configuration import Settings

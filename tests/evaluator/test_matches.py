@@ -121,7 +121,8 @@ def test_coverage_stands_next_to_every_figure(
 def test_hidden_matter_has_no_partner(scene: Any, tmp_path: Path) -> None:
     """A target that shows half of the cloth leaves matches to the other half uncounted."""
     from pliant.evaluator.metrics.dense_truth import dense_truth
-    from pliant.evaluator.metrics.surfaces import ObjectSurface, Surfaces
+    from pliant.evaluator.metrics.surface_images import ObjectSurface
+    from pliant.evaluator.metrics.surfaces import Surfaces
 
     surfaces = Surfaces(scene.dataset)
     source = surfaces.frame("cloth-test-000000", 0)

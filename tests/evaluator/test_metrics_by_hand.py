@@ -15,7 +15,7 @@ from pliant.evaluator.metrics import (
     mixtures,
     pck,
     redetection,
-    surfaces,
+    surface_images,
     symmetry,
     tapvid,
 )
@@ -197,10 +197,10 @@ def test_the_object_is_looked_for_around_an_answer() -> None:
     on = np.zeros((4, 6), bool)
     on[1, 2] = True
     uv = np.array([[2.5, 1.5], [3.4, 1.5], [4.5, 1.5], [-1.0, 1.0], [2.5, 4.0], [1e6, -1e6]])
-    row, column, found = surfaces.nearest_object_pixel(on, uv, 1)
+    row, column, found = surface_images.nearest_object_pixel(on, uv, 1)
     np.testing.assert_array_equal(found, [True, True, False, False, False, False])
     assert (row[1], column[1]) == (1, 2)
-    _, _, exact = surfaces.nearest_object_pixel(on, uv, 0)
+    _, _, exact = surface_images.nearest_object_pixel(on, uv, 0)
     np.testing.assert_array_equal(exact, [True, False, False, False, False, False])
 
 
@@ -208,16 +208,16 @@ def test_distance_to_a_silhouette() -> None:
     on = np.zeros((9, 9), bool)
     on[2:7, 2:7] = True
     uv = np.array([[4.5, 4.5], [2.5, 4.5]])
-    found = surfaces.silhouette_distance_px(on, uv)
+    found = surface_images.silhouette_distance_px(on, uv)
     np.testing.assert_allclose(found, [3, 1])
-    assert np.isinf(surfaces.silhouette_distance_px(np.zeros((3, 3), bool), uv)).all()
-    filled = surfaces.silhouette_distance_px(np.ones((9, 9), bool), uv)
+    assert np.isinf(surface_images.silhouette_distance_px(np.zeros((3, 3), bool), uv)).all()
+    filled = surface_images.silhouette_distance_px(np.ones((9, 9), bool), uv)
     np.testing.assert_allclose(filled, [5, 3])
     # An object 10 pixels wide and 3 high in a wide image: exchanged axes give other distances.
     on = np.zeros((8, 20), bool)
     on[1:4, 9:19] = True
     uv = np.array([[12.5, 2.5], [12.5, 1.5], [12.5, 3.5], [9.5, 2.5], [18.5, 2.2]])
-    found = surfaces.silhouette_distance_px(on, uv)
+    found = surface_images.silhouette_distance_px(on, uv)
     np.testing.assert_allclose(found, [2, 1, 1, 1, np.hypot(1, 0.3)])
 
 

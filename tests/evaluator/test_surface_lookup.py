@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from pliant.evaluator import evaluate
-from pliant.evaluator.metrics import surfaces
+from pliant.evaluator.metrics import surface_images, surfaces
 from pliant.evaluator.metrics.dense_truth import dense_truth
-from pliant.evaluator.metrics.surfaces import ObjectSurface
+from pliant.evaluator.metrics.surface_images import ObjectSurface
 from pliant.spec.errors import CallError
 from pliant.spec.io.exr import read_surface
 from pliant.spec.model import MaterialCoordinate, MaterialObject
@@ -43,7 +43,7 @@ def test_the_nearest_pixel_is_that_of_a_search_by_hand(search: int) -> None:
     for share in (0.0, 0.03, 0.5):
         on = rng.random((12, 17)) < share
         uv = np.round(rng.uniform(-2, 19, (80, 2)) * 4) / 4  # many ties
-        row, column, found = surfaces.nearest_object_pixel(on, uv, search)
+        row, column, found = surface_images.nearest_object_pixel(on, uv, search)
         assert not row[~found].any()
         assert not column[~found].any()
         for index, at in enumerate(uv):
