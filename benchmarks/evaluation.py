@@ -206,13 +206,6 @@ def write_rows(
     write_table(path, pa.table(queries, schema=tables.QUERIES), "queries", footer)
     footer["queries_sha256"] = sha256_file(path)
     state = rng.choice(4, len(pair), p=[0.75, 0.2, 0.03, 0.02])
-    offsets = np.concatenate([[0], np.cumsum(tier_codes)]).astype(np.int32)
-    partner = uv_b[tier_codes > 0][:, ::-1]
-    partner_state = text(state[tier_codes > 0], list(VISIBILITY_STATES))
-    items = pa.StructArray.from_arrays(
-        [pa.array(np.ascontiguousarray(partner[:, axis])) for axis in (0, 1)] + [partner_state],
-        fields=list(tables.TRUTH.field("alternatives").type.value_type),
-    )
     truth = {
         "pair_id": pair,
         "query_id": query,
@@ -222,9 +215,7 @@ def write_rows(
         "v_b": uv_b[:, 1],
         "visibility_b": text(state, list(VISIBILITY_STATES)),
         "box_px": np.full(len(pair), 300, np.float32),
-        "alternatives": pa.ListArray.from_arrays(
-            pa.array(offsets), items, type=tables.TRUTH.field("alternatives").type
-        ),
+        "alternatives": _partners(uv_b, state, tier_codes),
     }
     write_table(
         layout.truth_path(root, "test"), pa.table(truth, schema=tables.TRUTH), "truth", footer
@@ -236,6 +227,22 @@ def write_rows(
     )
     footer["method"] = {"name": "noise"}
     write_table(root / "submission.parquet", answers, "answers", footer)
+
+
+def _partners(uv_b: Any, state: Any, has_one: Any) -> pa.ListArray:
+    """Return the partners of queries, (N, 2) and (N,): of those that have one, the axes swapped."""
+    from pliant.spec import tables
+    from pliant.spec.conventions import VISIBILITY_STATES
+
+    lists = tables.TRUTH.field("alternatives").type
+    partner = uv_b[has_one > 0][:, ::-1]
+    states = text(state[has_one > 0], list(VISIBILITY_STATES))
+    items = pa.StructArray.from_arrays(
+        [pa.array(np.ascontiguousarray(partner[:, axis])) for axis in (0, 1)] + [states],
+        fields=list(lists.value_type),
+    )
+    offsets = np.concatenate([[0], np.cumsum(has_one)]).astype(np.int32)
+    return pa.ListArray.from_arrays(pa.array(offsets), items, type=lists)
 
 
 def job(what: str, root: Path) -> dict[str, float]:

@@ -35,6 +35,8 @@ from pliant.spec.camera import Camera
 SAMPLES: Final = 2
 """Samples a side of a pixel."""
 
+_SHARE: Final = 1.0 / (SAMPLES * SAMPLES)
+
 SUN_BOUNCE: Final = 0.4
 """Share of the blocked sky from which sunlight comes back; chosen against long exposures."""
 
@@ -183,6 +185,18 @@ def _mixed(
 
 
 @compiled
+def _ray(i: int, j: int, lens: Lens, rotation: FloatArray) -> tuple[float, float, float]:
+    """Return the direction of a sample, in the world, per metre of depth."""
+    dx = ((i + 0.5) / SAMPLES - lens.cx) / lens.fx
+    dy = ((j + 0.5) / SAMPLES - lens.cy) / lens.fy
+    return (
+        rotation[0, 0] * dx + rotation[1, 0] * dy + rotation[2, 0],
+        rotation[0, 1] * dx + rotation[1, 1] * dy + rotation[2, 1],
+        rotation[0, 2] * dx + rotation[1, 2] * dy + rotation[2, 2],
+    )
+
+
+@compiled
 def _woven(
     image: npt.NDArray[np.float32], place: tuple[float, float, float]
 ) -> tuple[float, float, float]:
@@ -278,7 +292,6 @@ def _shade(
     kinds, colours, _, places, two_faced, front, back, contrast, specular = material
     frame, sun_depth, coarse, texel_m, spread = shadow
     sun_direction = light.sun_direction
-    share = 1.0 / (SAMPLES * SAMPLES)
     total = np.empty(3)
     for row in range(window[2], window[3]):
         for column in range(window[0], window[1]):
@@ -294,11 +307,7 @@ def _shade(
                 a, b, c = faces[t, 0], faces[t, 1], faces[t, 2]
                 w1, w2 = weights[j, i, 0], weights[j, i, 1]
                 w0 = 1.0 - w1 - w2
-                dx = ((i + 0.5) / SAMPLES - lens.cx) / lens.fx
-                dy = ((j + 0.5) / SAMPLES - lens.cy) / lens.fy
-                rx = rotation[0, 0] * dx + rotation[1, 0] * dy + rotation[2, 0]
-                ry = rotation[0, 1] * dx + rotation[1, 1] * dy + rotation[2, 1]
-                rz = rotation[0, 2] * dx + rotation[1, 2] * dy + rotation[2, 2]
+                rx, ry, rz = _ray(i, j, lens, rotation)
                 depth = depth_m[j, i]
                 x, y, z = eye[0] + depth * rx, eye[1] + depth * ry, eye[2] + depth * rz
                 nx, ny, nz = _mixed(normals, (a, b, c), (w0, w1, w2))
@@ -315,11 +324,8 @@ def _shade(
                     colour = _woven(back, place) if behind else _woven(front, place)
                 else:  # the first corner has the vertices' colour
                     factor = _mottling(place, contrast) if kinds[t] == FIBRES else 1.0
-                    colour = (
-                        colours[a, 0] * factor,
-                        colours[a, 1] * factor,
-                        colours[a, 2] * factor,
-                    )
+                    r, g, b_ = colours[a, 0], colours[a, 1], colours[a, 2]
+                    colour = r * factor, g * factor, b_ * factor
                 lit = nx * sun_direction[0] + ny * sun_direction[1] + nz * sun_direction[2]
                 gloss = 0.0
                 if lit > 0.0:
@@ -333,8 +339,7 @@ def _shade(
                 else:
                     lit = 0.0
                 _add_radiance(total, colour, lit, gloss, open_, nz, light)
-            if covered:
-                rest = SAMPLES * SAMPLES - covered
-                for k in range(3):
-                    value = share * (total[k] + rest * table[row, column, k])
-                    out[row, column, k] = encode_channel(value)
+            rest = SAMPLES * SAMPLES - covered
+            for k in range(3 if covered else 0):
+                value = _SHARE * (total[k] + rest * table[row, column, k])
+                out[row, column, k] = encode_channel(value)
