@@ -153,10 +153,10 @@ class FusedTracker:
     ) -> tuple[_Belief, BoolArray]:
         """Return the belief after a comparison, and for which points it counted, bool (N,).
 
-        Where the flow has followed a point, it lies at a mode of the matcher, if that is right;
-        otherwise it lies anywhere in the picture, as it does from a matcher that is wrong. A
-        matcher errs in whole stretches of an object, so how often it is right is found from the
-        points around (expectation maximisation), of which those count that the flow has followed.
+        Where the flow has followed a point, the point is at a mode of the matcher, if that is
+        right; otherwise it is anywhere in the picture, as it is if the matcher is wrong. A matcher
+        errs in whole stretches of an object, so how often it is right is found from the points
+        around (expectation maximisation), of which those count that the flow has followed.
         """
         trust, anywhere = self._trust, 1.0 / (size[0] * size[1])
         modes = _modes(found, trust.least_sigma_px)  # (N, K, 4): u, v, variance, weight
