@@ -77,7 +77,7 @@ def photo_size(path: Path | str) -> tuple[int, int]:
 
 
 def read_mask(path: Path | str, size: tuple[int, int]) -> npt.NDArray[np.bool_]:
-    """Read a mask: a picture that is black outside the object.
+    """Read a mask: a picture that is black outside the object, or an image of labels, 0 outside.
 
     Args:
         path: The file; a picture of an object on black is its own mask.
@@ -92,6 +92,8 @@ def read_mask(path: Path | str, size: tuple[int, int]) -> npt.NDArray[np.bool_]:
     """
     _check_size("mask", path, photo_size(path), size)
     mask: npt.NDArray[np.bool_] = (read_photo(path) > BLACK).any(axis=2)
+    if not mask.any():
+        mask = _labelled(Path(path))
     if not mask.any():
         raise CallError("the mask is black everywhere", path=path)
     return mask
@@ -183,6 +185,14 @@ def _unreadable(path: Path, error: Exception) -> PliantError:
     empty = path.stat().st_size == 0
     said = "the file is empty" if empty else str(error).split(" '")[0].split(" <")[0][:200]
     return PliantError(f"the picture cannot be read ({said})", path=path)
+
+
+def _labelled(path: Path) -> npt.NDArray[np.bool_]:
+    """Return where an image of one channel is not 0, bool (H, W): labels may be as small as 1."""
+    with _opened(path) as picture:
+        labels = np.asarray(ImageOps.exif_transpose(picture))
+        exact = len(picture.getbands()) == 1 and picture.format != "JPEG"
+    return labels != 0 if exact else np.zeros(labels.shape[:2], np.bool_)
 
 
 def _eight_bit(picture: Image.Image) -> npt.NDArray[np.uint8]:

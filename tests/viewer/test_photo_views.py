@@ -78,6 +78,20 @@ def test_masks(tmp_path: Path) -> None:
         read_frame(tmp_path / "picture.png", tmp_path / "black.png")
 
 
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.bool_])
+def test_masks_of_labels(dtype: Any, tmp_path: Path) -> None:
+    Image.new("RGB", (9, 6), "red").save(tmp_path / "picture.png")
+    labels = np.zeros((6, 9), dtype)
+    labels[2:4, 3] = (1, 2 if dtype != np.bool_ else 1)
+    Image.fromarray(labels).save(tmp_path / "labels.png")
+    view = read_frame(tmp_path / "picture.png", tmp_path / "labels.png")
+    assert view.mask is not None
+    assert np.argwhere(view.mask).tolist() == [[2, 3], [3, 3]]
+    Image.new("RGB", (9, 6), (2, 2, 2)).save(tmp_path / "dark.png")  # a picture, not labels
+    with pytest.raises(CallError, match="black everywhere"):
+        read_frame(tmp_path / "picture.png", tmp_path / "dark.png")
+
+
 def rope_on(colour: tuple[int, int, int], noise: int = 0) -> tuple[Any, Any, Any]:
     """Return a picture of a blue strand with a red disc at its end, and where both are."""
     rows, columns = np.mgrid[:120, :240]
