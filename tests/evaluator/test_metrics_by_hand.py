@@ -204,6 +204,15 @@ def test_the_object_is_looked_for_around_an_answer() -> None:
     np.testing.assert_array_equal(exact, [True, False, False, False, False, False])
 
 
+def test_pixels_of_equal_material_do_not_count_as_what_a_pixel_spans() -> None:
+    m0 = np.array([[0, 0, 0, 1, 1, 1, 4, 4]], np.float32)
+    surface = surface_images.ObjectSurface(m0 >= 0, m0, np.zeros_like(m0))
+    sheet = MaterialObject(1, "sheet", (LENGTH, LENGTH))  # 2 m per unit
+    assert surface_images.typical_step_m(surface, sheet) == 4  # of 2 and 6
+    flat = surface_images.ObjectSurface(m0 >= 0, np.zeros_like(m0), np.zeros_like(m0))
+    assert surface_images.typical_step_m(flat, sheet) == 0
+
+
 def test_distance_to_a_silhouette() -> None:
     on = np.zeros((9, 9), bool)
     on[2:7, 2:7] = True
