@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from pliant.evaluator.metrics import (
+    blocks,
     calibration,
     continuity,
+    dense_truth,
     errors,
     jitter,
     mixtures,
@@ -211,6 +213,20 @@ def test_pixels_of_equal_material_do_not_count_as_what_a_pixel_spans() -> None:
     assert surface_images.typical_step_m(surface, sheet) == 4  # of 2 and 6
     flat = surface_images.ObjectSurface(m0 >= 0, np.zeros_like(m0), np.zeros_like(m0))
     assert surface_images.typical_step_m(flat, sheet) == 0
+
+
+def test_an_error_is_capped_in_its_direction() -> None:
+    answer = np.array([[610.0, 810.0], [610, 810], [13, 14]])
+    true = np.full((3, 2), 10.0)
+    found = blocks._capped(answer, true, np.array([True, False, True]), 500.0)
+    np.testing.assert_allclose(found, [[310, 410], [610, 810], [13, 14]])
+
+
+def test_a_pixel_spans_its_widest_step_that_is_not_a_tear() -> None:
+    m0 = np.array([[0, 1, 2, 3, 6, 30]], np.float32)  # typically 1; a fold of 3, a tear of 24
+    surface = surface_images.ObjectSurface(m0 >= 0, m0, np.zeros_like(m0))
+    found = dense_truth._footprint_m(surface, MaterialObject(1, "sheet", (LENGTH, LENGTH)))
+    np.testing.assert_allclose(found, [[2, 2, 2, 6, 6, 2]])
 
 
 def test_distance_to_a_silhouette() -> None:
