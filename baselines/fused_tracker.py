@@ -164,16 +164,16 @@ class FusedTracker:
         apart = ((modes[..., :2] - belief.position_px[:, None]) ** 2).sum(axis=2)
         density = modes[..., 3] * np.exp(-apart / (2 * both)) / (2 * np.pi * both)
         agree = belief.followed * density.sum(axis=1)
-        slipped = (1 - belief.followed) * anywhere
+        explained = agree + (1 - belief.followed) * anywhere
+
+        def counting(right: FloatArray) -> FloatArray:
+            return np.asarray(right * explained / (right * explained + (1 - right) * anywhere))
+
         near = _near(uv_px, trust.around_px) * belief.followed
-        right = np.full(len(uv_px), trust.right)
+        counts = counting(np.full(len(uv_px), trust.right))
         for _ in range(_STEPS):
-            given = right * (agree + slipped)
-            counts = given / (given + (1 - right) * anywhere)
-            right = (near @ counts + trust.right) / (near.sum(axis=1) + 1)
-        given, wrong = right * (agree + slipped), (1 - right) * anywhere
-        counts, followed = given / (given + wrong), agree / (agree + slipped)
-        counted = counts > 0.5
+            counts = counting((near @ counts + trust.right) / (near.sum(axis=1) + 1))
+        followed, counted = agree / explained, counts > 0.5
         joined = counted & (followed > 0.5)
         rows, best = np.arange(len(uv_px)), density.argmax(axis=1)
         gain = belief.variance / both[rows, best]

@@ -190,16 +190,19 @@ def _answer(config: BenchmarkConfig, work: Workspace, workers: int, watcher: Wat
 def _run_folder(work: Workspace, test: Test, method: str) -> Path | None:
     """Return the folder of what was trained, None for a method without training."""
     if method in test.shipped:
-        return FOLDER / method.removeprefix(FUSED)
+        return _shipped_folder(method)
     return work.run_path(method) if method in test.runs else None
+
+
+def _shipped_folder(method: str) -> Path:
+    return FOLDER / method.removeprefix(FUSED)
 
 
 def _method_digest(config: BenchmarkConfig, test: Test, method: str) -> str:
     if method in test.runs:
         return run_digest(config, method)
     if method in test.shipped:
-        folder = FOLDER / method.removeprefix(FUSED)
-        files = sorted(path for path in folder.iterdir() if path.name != CARD)
+        files = sorted(path for path in _shipped_folder(method).iterdir() if path.name != CARD)
         return digest([sha256_file(path) for path in files])
     return method
 

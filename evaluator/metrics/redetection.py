@@ -25,9 +25,7 @@ class Redetection(Metric[TapvidSettings]):
 
     def __init__(self, settings: TapvidSettings, context: ScoringContext) -> None:
         super().__init__(settings, context)
-        queries = context.queries
-        same = queries.sequence_a == queries.sequence_b
-        self._episode = same & queries.temporal(context.dataset)
+        self._episode = context.queries.in_episode(context.dataset)
         self._tapvid = Tapvid(settings, context)
         self._gathered: list[list[npt.NDArray[Any]]] = []
 

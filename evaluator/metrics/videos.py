@@ -57,8 +57,7 @@ class Videos(Metric[VideosSettings]):
         queries = context.queries
         after = queries.frame_b.astype(np.int64) - queries.frame_a
         evaluated = after > 0 if settings.query_mode == "first" else after != 0
-        same = queries.sequence_a == queries.sequence_b
-        self._evaluated = evaluated & same & queries.temporal(context.dataset)
+        self._evaluated = evaluated & queries.in_episode(context.dataset)
 
     def update(self, block: Block) -> None:
         """Take in one block."""

@@ -79,6 +79,10 @@ class Queries:
         known = np.array([dataset.sequence(name).temporal for name in self.sequences], bool)
         return known[self.sequence_b]
 
+    def in_episode(self, dataset: Dataset) -> BoolArray:
+        """Return which pairs are of two frames of one episode, bool (P,)."""
+        return (self.sequence_a == self.sequence_b) & self.temporal(dataset)
+
     def key(self, row: int) -> tuple[int, int]:
         """Return (pair_id, query_id) of a row."""
         pair = int(np.searchsorted(self.starts, row, side="right")) - 1
