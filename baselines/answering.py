@@ -103,16 +103,16 @@ def answer_pairs(
     """
     pairs = dataset.pairs(split)
     tasks = _tasks(matcher, pairs, 1 if workers == 1 else PAIRS_PER_TASK)
+    if workers == 1:
+        worker = _Worker(pairs, matcher, kind, masks)
+        for task in tasks:
+            yield worker.run(task)
+        return
     with tempfile.TemporaryDirectory(prefix="pliant-predict-") as folder:
         if isinstance(matcher, SharingMatcher):
-            copied = pickle.loads(_pickled(matcher))  # the caller's outlives the folder
-            copied.share(Path(folder))
+            copied: SharingMatcher = pickle.loads(_pickled(matcher))
+            copied.share(Path(folder))  # the caller's outlives the folder
             matcher = copied
-        if workers == 1:
-            worker = _Worker(pairs, matcher, kind, masks)
-            for task in tasks:
-                yield worker.run(task)
-            return
         executor = ProcessPoolExecutor(
             workers,
             mp_context=multiprocessing.get_context("spawn"),

@@ -12,12 +12,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
 from pliant.baselines.flow import RETURN_PX, FlowChain
-from pliant.baselines.matcher import Matcher, SplitMatcher
+from pliant.baselines.matcher import Matcher, SharingMatcher, SplitMatcher
 from pliant.spec.answers import Answers
 from pliant.spec.arrays import BoolArray, Float32Array, FloatArray
 from pliant.spec.calls import check_whole
@@ -111,6 +112,11 @@ class FusedTracker:
             "every": self._every,
             **asdict(self._trust),
         }
+
+    def share(self, folder: Path) -> None:
+        """Let the matcher's copies in other processes share what it finds; see `SharingMatcher`."""
+        if isinstance(self._matcher, SharingMatcher):
+            self._matcher.share(folder)
 
     def answer(self, pair: Pair) -> Answers:
         """Answer query pixels by the matcher alone; see `Matcher`."""

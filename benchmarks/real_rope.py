@@ -199,6 +199,8 @@ def measure(
     folder: Path, methods: Sequence[str], masks: Path | None, threshold: int, quick: bool
 ) -> dict[str, Value]:
     """Return the figures of methods on a folder of pictures."""
+    if not folder.is_dir():
+        raise PliantError("no such folder", path=folder)
     files = sorted(p for p in folder.iterdir() if p.suffix.lower() in SUFFIXES)
     ropes = []
     for file in files:

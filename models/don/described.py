@@ -23,7 +23,7 @@ from pliant.spec.lru_cache import LRUCache
 
 _KEPT_BYTES = 256 * 2**20
 _LEAST_KEPT = 8
-_KEPT_MASKS = 64
+_KEPT_MASKS = 256
 _PIXELS_AT_ONCE = 1024  # their probabilities over the anchors fit into the processor's cache
 
 

@@ -202,6 +202,23 @@ def test_bad_calls_are_refused_before_any_work(cards: Dataset, tmp_path: Path) -
     assert list(tmp_path.iterdir()) == []
 
 
+class Sharing(Fixed):
+    """Counts how often it is asked to share; a copy counts for itself."""
+
+    shared = 0
+
+    def share(self, folder: Path) -> None:
+        self.shared += 1
+
+
+def test_one_process_shares_nothing_and_needs_no_pickle(cards: Dataset, tmp_path: Path) -> None:
+    matcher = Sharing(visible=lambda n: np.zeros(n, np.float32))
+    predict(cards, "test", matcher, tmp_path / "out.parquet")
+    assert matcher.shared == 0
+    with pytest.raises(CallError, match="cannot be sent to worker processes"):
+        predict(cards, "test", matcher, tmp_path / "out.parquet", workers=2)
+
+
 def test_broken_image_stops_and_leaves_the_old_file(cards_root: Path, tmp_path: Path) -> None:
     root = tmp_path / "cards"
     shutil.copytree(cards_root, root)
