@@ -23,7 +23,7 @@ def reliability_bins(confidence: FloatArray, happened: BoolArray, bins: int) -> 
     Returns:
         float64 (B, 3): predictions, sum of confidence, number that happened.
     """
-    index = np.clip(np.ceil(confidence * bins).astype(np.int64) - 1, 0, bins - 1)
+    index = np.maximum(np.ceil(confidence * bins).astype(np.int64) - 1, 0)
     return np.stack(
         [
             np.bincount(index, minlength=bins).astype(np.float64),

@@ -177,6 +177,10 @@ def test_points_hidden_before_are_those_that_a_hidden_one_of_their_track_precede
     found = redetection.hidden_before(track, frames, hidden)
     np.testing.assert_array_equal(found, [True, False, False, True, False, True, True])
     assert not redetection.hidden_before(track, frames, np.zeros(7, bool)).any()
+    found = redetection.hidden_before(
+        np.array([1, 1, 2]), np.array([1, 2, 3]), ~np.eye(3, dtype=bool)[1]
+    )
+    np.testing.assert_array_equal(found, [False, True, False])
 
 
 LENGTH = MaterialCoordinate("s", 0.0, 1.0, 2.0)
@@ -276,8 +280,8 @@ def test_probability_of_a_disc() -> None:
 
 
 def test_the_region_of_one_gaussian_is_a_disc() -> None:
-    radius = 2 * math.sqrt(-2 * math.log(0.5))
-    for factor, inside in ((0.999, True), (1.001, False)):
+    radius = float(2 * np.sqrt(-2 * np.log1p(-0.5)))
+    for factor, inside in ((0.999, True), (1, True), (1.001, False)):
         at = np.array([[radius * factor, 0.0]])
         assert mixtures.in_regions(single(2.0), at, [0.5])[0, 0] == inside
 

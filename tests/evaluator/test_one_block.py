@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -10,7 +11,13 @@ import pytest
 
 from pliant.evaluator.metrics.base import PairTable
 from pliant.evaluator.metrics.blocks import VISIBLE, Block, Partners
-from pliant.evaluator.metrics.causes import CAUSES, NO_CAUSE, Causes, CausesSettings
+from pliant.evaluator.metrics.causes import (
+    CAUSES,
+    NO_CAUSE,
+    Causes,
+    CausesSettings,
+    _nearest_partner_px,
+)
 from pliant.evaluator.metrics.continuity import Continuity, ContinuitySettings
 from pliant.evaluator.metrics.distribution import answered_mixtures
 from pliant.evaluator.metrics.surfaces import SurfaceFacts
@@ -46,7 +53,7 @@ CASES: list[tuple[float, tuple[float, float], str, dict[str, Any]]] = [
     (4.1, (0.01, 0), "along", {}),
     (5.0, (0.016, 0), "layer", {}),  # 16 px on the material, more than 3 times 5 px
     (5.0, (-0.016, 0), "layer", {}),
-    (5.0, (0.0149, 0), "along", {}),
+    (5.0, (0.015, 0), "along", {}),
     (32.0, (0.097, 0), "layer", {}),
     (32.1, (0.2, 0), "along", {}),
     (5.0, (0.001, 0.002), "across", {}),
@@ -115,6 +122,18 @@ def test_causes_of_errors(described: dict[str, Any], across: str) -> None:
         assert columns[f"cause_{cause.name}_answers"][0] == mine.sum()
         assert columns[f"cause_{cause.name}_px2"][0] == pytest.approx(squared[mine].sum())
     assert columns["causes_known"][0] == values["known"].sum()
+
+
+def test_the_nearest_of_several_partners() -> None:
+    """10 and 3 px away; none; one behind the camera, the other 5 px away."""
+    places = np.array([[10, 0], [0, 3], [np.nan, np.nan], [4, 3]], float)
+    seen = np.ones(4, bool)
+    given = block(
+        np.zeros((3, 2)), np.zeros((3, 2)), partners=Partners(np.array([0, 2, 2, 4]), places, seen)
+    )
+    assert _nearest_partner_px(given).tolist() == [3, np.inf, 5]
+    for none in (None, Partners(np.zeros(4, np.int64), places[:0], seen[:0])):
+        assert np.isinf(_nearest_partner_px(replace(given, partners=none))).all()
 
 
 def test_neighbours_torn_apart() -> None:

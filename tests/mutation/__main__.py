@@ -48,13 +48,17 @@ _OF_METRICS = (
     *(
         "against_reference",
         "blocks",
+        "blocks_by_hand",
         "causes",
         "differential",
+        "distributions_by_hand",
+        "episodes_by_hand",
+        "families_by_hand",
         "matches",
         "metrics_by_hand",
         "missing_answers",
     ),
-    *("one_block", "orbit", "protocols", "surface_lookup", "videos"),
+    *("one_block", "orbit", "protocols", "surface_lookup", "surfaces_by_hand", "videos"),
 )
 _OF_VALIDATION = (
     *("colour", "conformance", "consistent_mutations", "diagnosis", "evidence", "precision"),

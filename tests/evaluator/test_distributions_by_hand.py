@@ -1,0 +1,311 @@
+"""Figures of distributions and of equal partners, on splits made by hand."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pliant.evaluator.metrics import calibration, distribution, mixtures
+from pliant.evaluator.metrics.distribution import (
+    Distribution,
+    DistributionSettings,
+    equivalent_positions,
+)
+from pliant.evaluator.metrics.mixtures import Mixtures
+from pliant.evaluator.metrics.orbit import Orbit, OrbitSettings
+from tests.evaluator.hand_made import Split, off_by, split
+
+NAN = math.nan
+SETTINGS: dict[str, Any] = {
+    "sigma_floor_px": 1, "outlier_weight": 0.25, "ece_radius_px": 2, "ece_bins": 4,
+    "regions": (0.5,), "sparsification_steps": 2, "recall_radius_px": 4, "recall_min_weight": 0.2,
+}  # fmt: skip
+
+
+def two(weight: tuple[float, float] = (0.5, 0.5), apart_px: float = 100.0) -> Mixtures:
+    """Return one answer with two modes of 1 px at (0, 0) and right of it."""
+    uv_px = np.array([[0.0, 0], [apart_px, 0]])
+    return Mixtures(np.zeros(2, np.int64), uv_px, np.ones(2), np.array(weight), 1)
+
+
+def made_split(**more: Any) -> Split:
+    """Errors of 1, 2 and 3 px of tier x, of 5 px and a missing one of y; sigmas of 0.5 to 8 px."""
+    queries = split([3, 1, 2], tiers=["x", "y"], tier=[0, 0, 1])
+    answer_px = np.concatenate([off_by(1, 2, 9, 3, 5), [[NAN, NAN]]])
+    sigma = np.array([0.5, 2, 2, 8, 4, 0], np.float32)
+    return Split(
+        queries, answer_px, hidden=[2], cut=2, answers={"sigma_px": sigma}, **more
+    )  # fmt: skip
+
+
+def confidence(sigma: float) -> float:
+    """Return the probability of 2 px around the mean."""
+    return 1 - math.exp(-2 / sigma**2)
+
+
+def likelihood(error: float, sigma: float) -> float:
+    """Return the floored negative log likelihood, with a quarter of the weight on 1,200 px2."""
+    p = math.exp(-(error**2) / (2 * sigma**2)) / (2 * math.pi * sigma**2)
+    return -math.log(0.75 * p + 0.25 / 1200)
+
+
+def test_figures_of_distributions() -> None:
+    made = made_split()
+    found = made.found(Distribution(DistributionSettings(**SETTINGS), made.context))
+    assert made.column("distributions") == [2, 1, 2]
+    nll = [
+        likelihood(1, 1) + likelihood(2, 2), likelihood(3, 8), likelihood(5, 4) + math.log(4800),
+    ]  # fmt: skip
+    assert made.column("sum_nll") == pytest.approx(nll)
+    # Half of the probability is within 1.177 sigma.
+    assert made.column("in_region_50") == [2, 1, 0]
+    assert made.column("recalled") == made.column("recallable") == [0, 0, 0]
+    sure = [confidence(each) for each in (1, 2, 8, 4)]  # 0.86, 0.39, 0.03, 0.12
+    curve = found.curves["overall"]["reliability"]
+    assert curve["radius_px"] == 2
+    assert curve["count"] == [2, 1, 1]
+    assert curve["confidence"] == pytest.approx([(sure[2] + sure[3]) / 2, sure[1], sure[0]])
+    assert curve["frequency"] == [0, 1, 1]  # 2 px are within 2 px
+    gaps = [sure[2] + sure[3], 1 - sure[1], 1 - sure[0], 1]  # the last: certain and wrong
+    assert found.values["overall"]["ece"] == pytest.approx(sum(gaps) / 5)
+    assert found.values["x"]["ece"] == pytest.approx((sure[2] + gaps[1] + gaps[2]) / 3)
+    assert found.values["y"]["ece"] == pytest.approx((sure[3] + 1) / 2)
+    # Squared errors 1, 4, 9, 25 and 2500, the missing one with a sigma of 0: the last removed.
+    curve = found.curves["overall"]["sparsification"]
+    assert curve["removed"] == [0, 0.5]
+    whole = math.sqrt(2539 / 5)
+    half = math.sqrt((2500 + 1 + 4 / 2) / 2.5)
+    assert curve["rmse_px"] == pytest.approx([whole, half])
+    # The best order knows no missing answer: 0, 1, 4, 9, 25, of which 2.5 are left.
+    best = [math.sqrt(39 / 5), math.sqrt((0 + 1 + 4 / 2) / 2.5)]
+    assert curve["best_rmse_px"] == pytest.approx(best)
+    gap = [(whole - best[0]) / whole, (half - best[1]) / whole]
+    assert found.values["overall"]["ause"] == pytest.approx(sum(gap) / 2 / 2)
+    assert not found.notes
+
+
+def test_of_many_answers_a_part_is_sorted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(distribution, "_MOST_SORTED", 3)
+    monkeypatch.setattr(distribution, "_CHUNK_ROWS", 1)
+    made = made_split()
+    found = made.found(Distribution(DistributionSettings(**SETTINGS), made.context))
+    assert found.notes["ause"] == "taken over every 2th answer of the largest groups"
+    # Rows 0, 2 (hidden) and 4: sigma 1 and 4, squared errors 1 and 25.
+    curve = found.curves["overall"]["sparsification"]
+    assert curve["rmse_px"] == pytest.approx([math.sqrt(13), 1])
+    x = found.curves["x"]["sparsification"]  # three of tier x are not too many
+    assert x["rmse_px"][0] == pytest.approx(math.sqrt(14 / 3))
+    assert made.column("sum_nll")[0] == pytest.approx(likelihood(1, 1) + likelihood(2, 2))
+    monkeypatch.setattr(distribution, "_MOST_SORTED", 5)
+    assert not made.found(Distribution(DistributionSettings(**SETTINGS), made.context)).notes
+
+
+def test_a_tier_without_counted_answers_has_no_figures_of_distributions() -> None:
+    queries = split([1, 1], tiers=["x", "y"], tier=[0, 1])
+    made = Split(queries, off_by(1, 1), hidden=[1], answers={"sigma_px": np.ones(2)})
+    found = made.found(Distribution(DistributionSettings(**SETTINGS), made.context))
+    assert found.values["y"] == {"ece": None, "ause": None}
+    assert found.values["x"]["ause"] == 0
+    assert "sparsification" not in found.curves["y"]
+    assert found.curves["y"]["reliability"]["count"] == []
+    plain = Split(queries, off_by(1, 1))
+    metric = Distribution(DistributionSettings(**SETTINGS), plain.context)
+    assert metric.truth_columns == ()
+    found = plain.found(metric)
+    assert "distribution" in found.notes
+    assert not found.values
+    assert "distributions" not in plain.context.table.columns
+
+
+def test_modes_recall_the_visible_equivalent_positions() -> None:
+    """Modes at the truth and 20 px right of it; a light one; a hidden, and a missing answer."""
+    queries = split([4, 1])
+    answer_px = np.concatenate([off_by(0, 0, 0, 0), [[NAN, NAN]]])
+    modes = np.array([[10, 10, 1, 0.7], [30, 10, 1, 0.2], [10, 30, 1, 0.1]])
+    partners = [
+        [(30, 10, True), (10, 30, True)], [(30, 14, True), (10, 10, False)], [(30, 10, False)],
+        [], [(30, 10, True), (10, 30, True)],
+    ]  # fmt: skip
+    answers = {
+        "modes": modes, "mode_begin": np.zeros(5, np.int64),
+        "mode_count": np.array([3, 3, 3, 3, 0]),
+    }  # fmt: skip
+    made = Split(queries, answer_px, partners=partners, answers=answers)
+    made.found(Distribution(DistributionSettings(**SETTINGS), made.context))
+    # The first: two of three; the second: both, its hidden partner is not asked.
+    assert made.column("recallable") == [5, 3]
+    assert made.column("recalled") == [4, 0]
+
+
+def test_equivalent_positions_of_rows_with_several_partners() -> None:
+    partners = [[], [(1, 2, True)], [(3, 4, False), (5, 6, True)], [(7, 8, False)]]
+    block = Split(split([4]), off_by(0, 0, 0, 0), partners=partners).block(0, 1)
+    found = equivalent_positions(block, np.array([2, 0, 1, 3]))
+    assert found is not None
+    at_px, asked = found
+    np.testing.assert_array_equal(at_px[0], [[10, 10], [3, 4], [5, 6]])
+    np.testing.assert_array_equal(at_px[2, :2], [[10, 10], [1, 2]])
+    np.testing.assert_array_equal(
+        asked, [[True, False, True], [False] * 3, [True, True, False], [False] * 3]
+    )
+    assert equivalent_positions(block, np.array([0])) is None
+    bare = Split(split([1]), off_by(0), partners=[[]]).block(0, 1)
+    assert equivalent_positions(bare, np.array([0])) is None
+    assert equivalent_positions(Split(split([1]), off_by(0)).block(0, 1), np.array([0])) is None
+
+
+ORBIT = OrbitSettings(radius_px=4, sigma_floor_px=1)
+
+
+def test_answers_to_points_with_an_equal_partner() -> None:
+    """One case per row: at the point, at a partner, between, lost, discs that touch, …"""
+    partners: list[list[tuple[float, float, bool]]] = [
+        [(30, 10, True)],  # answered 4 px beside the point
+        [(30, 10, True)],  # answered 4 px beside the partner
+        [(30, 10, True)],  # answered 4.1 px beside the point
+        [(30, 10, True)],  # missing
+        [(18, 10, True)],  # the discs touch in one point
+        [(18.1, 10, True)],
+        [(30, 10, False)],  # no visible partner
+        [(30, 10, True), (12, 10, False)],  # a hidden partner may be near, answered there
+        [(30, 10, True)],  # hidden point
+        [(30, 10, True), (30, 18, True)],  # the discs of two partners touch
+        [(NAN, NAN, True)],  # behind the camera
+    ]
+    answer_px = off_by(-4, 24, -4.1, NAN, 0, 0, 0, 2, 0, 0, 0)
+    answer_px[3] = NAN
+    sigma = np.full(11, 0.5)
+    queries = split([1] * 11)
+    made = Split(queries, answer_px, hidden=[8], partners=partners, answers={"sigma_px": sigma})
+    found = made.found(Orbit(ORBIT, made.context))
+    assert not found.notes
+    assert made.column("orbit_points") == [1, 1, 1, 1, 0, 1, 0, 1, 0, 0, 0]
+    assert made.column("orbit_hits") == [1, 1, 0, 0, 0, 1, 0, 1, 0, 0, 0]
+    assert made.column("orbit_decided") == [1, 1, 0, 1, 0, 1, 0, 1, 0, 0, 0]
+    assert made.column("orbit_flips") == [0, 1, 0, 1, 0, 0, 0, 0, 0, 0, 0]
+    assert made.column("orbit_distributions") == [1, 1, 1, 1, 0, 1, 0, 1, 0, 0, 0]
+    # Of the disc of 4 px around a Gaussian of 1 px: all but exp(-8).
+    own, partner, least = (
+        made.column(f"orbit_{name}_mass") for name in ("own", "partner", "least")
+    )
+    assert own[5] == pytest.approx(1 - math.exp(-8))
+    assert own[3] == partner[3] == least[3] == 0
+    assert own[1] == pytest.approx(0, abs=1e-9)
+    assert partner[1] == own[0] == pytest.approx(0.4, abs=0.1)  # its centre is on the rim
+    assert partner[7] == least[7] == pytest.approx(0, abs=1e-9)
+    plain = Split(queries, answer_px, hidden=[8], partners=partners)
+    found = plain.found(Orbit(ORBIT, plain.context))
+    assert "neither" in found.notes["mass_4px"]
+    assert plain.column("orbit_points") == made.column("orbit_points")
+    assert plain.column("orbit_distributions") == [0] * 11
+
+
+def test_the_probability_at_several_partners() -> None:
+    """Weights 0.5, 0.3 and 0.2 at the point, at one partner and at none."""
+    modes = np.array([[10, 10, 0.1, 0.5], [30, 10, 0.1, 0.3], [30, 30, 0.1, 0.2]])
+    answers = {"modes": modes, "mode_begin": np.zeros(1, np.int64), "mode_count": np.array([3])}
+    partners = [[(30, 10, True), (10, 30, True), (30, 30, False)]]
+    made = Split(split([1]), off_by(0), partners=partners, answers=answers)
+    made.found(Orbit(ORBIT, made.context))
+    held = 1 - math.exp(-8)  # a sigma of 0.1 px is raised to 1 px
+    assert made.column("orbit_own_mass")[0] == pytest.approx(0.5 * held)
+    assert made.column("orbit_partner_mass")[0] == pytest.approx(0.15 * held)
+    assert made.column("orbit_least_mass")[0] == pytest.approx(0, abs=1e-9)
+
+
+def test_bins_of_confidence_take_their_upper_edge() -> None:
+    confidence = np.array([0.0, 0.25, 0.26, 0.5, 1.0])
+    happened = np.array([True, False, True, True, True])
+    table = calibration.reliability_bins(confidence, happened, 4)
+    np.testing.assert_allclose(table, [[2, 0.25, 1], [2, 0.76, 2], [0.0, 0, 0], [1.0, 1, 1]])
+    used, mean, frequency = calibration.reliability_curve(table)
+    np.testing.assert_array_equal(used, [0, 1, 3])
+    np.testing.assert_allclose(mean, [0.125, 0.38, 1])
+    np.testing.assert_allclose(frequency, [0.5, 1, 1])
+    assert calibration.expected_calibration_error(table) == pytest.approx((0.75 + 1.24) / 5)
+    assert math.isnan(calibration.expected_calibration_error(np.zeros((2, 3))))
+
+
+def test_the_area_between_two_sparsification_curves() -> None:
+    found = calibration.area_under_sparsification_error(
+        np.array([4.0, 4, 2, 2]), np.array([4.0, 2, 2, 1])
+    )
+    assert found == pytest.approx((0.25 + 0.25 + 0.125) / 4)  # gaps 0, 0.5, 0, 0.25
+    # Ties: two of four answers are equally uncertain, of squared errors 4 and 16.
+    squared, order_by = np.array([4.0, 1, 16, 0]), np.array([2.0, 1, 2, 3])
+    left = calibration.sparsification(squared, order_by, 4)
+    np.testing.assert_allclose(left, np.sqrt([21 / 4, 21 / 3, 11 / 2, 1]))
+
+
+def test_discs_beside_a_mode(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a Gaussian far wider than the disc, of one on its rim, in chunks of one disc."""
+    monkeypatch.setattr(mixtures, "_CHUNK_DISCS", 1)
+    three = Mixtures(
+        np.array([0, 1, 1]), np.array([[3.0, 0], [0, 0], [0, 1e6]]), np.array([2.0, 1, 1]),
+        np.array([1, 0.75, 0.25]), 2,
+    )  # fmt: skip
+    centre = np.array([[0.0, 0], [0, 1]])
+    found = mixtures.probability_within(three, centre, 3.0)
+    # By sums over a fine grid of the disc.
+    step = 0.01
+    u, v = np.meshgrid(*[np.arange(-3 + step / 2, 3, step)] * 2)
+    inside = u**2 + v**2 <= 9
+
+    def summed(offset: float, sigma: float) -> float:
+        density = np.exp(-((u - offset) ** 2 + v**2) / (2 * sigma**2)) / (2 * np.pi * sigma**2)
+        return float(density[inside].sum() * step**2)
+
+    expected = [summed(3, 2), 0.75 * summed(1, 1)]
+    np.testing.assert_allclose(found, expected, rtol=1e-3)
+
+
+def test_the_region_of_a_mixture_of_two_far_modes() -> None:
+    """Two equal modes: each region is two discs of the radius of one Gaussian."""
+    for level in (0.5, 0.9):
+        radius = math.sqrt(-2 * math.log(1 - level))
+        places = [radius * 0.9, radius * 1.1, 100 - radius * 0.9, 100 + radius * 1.1]
+        for u, inside in zip(places, [True, False, True, False], strict=True):
+            found = mixtures.in_regions(two(), np.array([[u, 0.0]]), [level])
+            assert found[0, 0] == inside, (level, u)
+    # Of a mode of weight 0.99 alone: half is within 1.19 sigma, and 0.9 without the other.
+    heavy = two((0.99, 0.01))
+    assert mixtures.in_regions(heavy, np.array([[0.0, 1.1]]), [0.5])[0, 0]
+    assert not mixtures.in_regions(heavy, np.array([[100.0, 0.0]]), [0.9])[0, 0]
+
+
+def test_regions_of_single_gaussians_among_mixtures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rows of one, two, one and three modes, in chunks of one row; the edge is inside."""
+    monkeypatch.setattr(mixtures, "_CHUNK_DENSITIES", 1)
+    rows = Mixtures(
+        np.array([0, 1, 1, 2, 3, 3, 3]),
+        np.array([[0.0, 0], [0, 0], [100, 0], [5, 5], [0, 0], [50, 0], [0, 50]]),
+        np.array([2.0, 1, 1, 1, 1, 1, 1]), np.array([1, 0.5, 0.5, 1, 0.4, 0.3, 0.3]), 4,
+    )  # fmt: skip
+    at = np.array([[2.3, 0], [100.5, 0], [5, 6.2], [0, 53.0]])
+    found = mixtures.in_regions(rows, at, [0.5, 0.95])
+    np.testing.assert_array_equal(found, [[True, True, False, False], [True, True, True, False]])
+    at = np.array([[2.4, 0], [3, 0], [5, 5], [0.5, 0]])
+    found = mixtures.in_regions(rows, at, [0.5, 0.99])
+    np.testing.assert_array_equal(found, [[False, False, True, True], [True, True, True, True]])
+
+
+def test_modes_of_just_enough_weight_and_distance_count() -> None:
+    at = np.array([[[0.0, 16.0], [100.0, -16.0], [100, 16.1]]])
+    found = mixtures.modes_near(two((0.95, 0.05)), at, 16, 0.05)
+    np.testing.assert_array_equal(found, [[True, True, False]])
+    assert mixtures.spread_px(two((0.75, 0.25), 8))[0] == pytest.approx(
+        math.sqrt((2 + 0.75 * 4 + 0.25 * 36) / 2)
+    )
+    doubled = two((1.5, 0.5), 8)  # weights that do not sum to 1
+    assert mixtures.spread_px(doubled)[0] == pytest.approx(math.sqrt((2 + 3 + 9) / 2))
+
+
+def test_the_density_at_a_share_of_the_mass() -> None:
+    """Two points of mass 0.5 at densities 8 and 2: the middle of their masses is at 0.25, 0.75."""
+    p, mass = np.array([[2.0, 8.0]]), np.array([[0.5, 0.5]])
+    found = [float(each[0]) for each in mixtures._densities_at(p, mass, (0.0, 0.25, 0.5, 0.75, 1))]
+    # Below the first middle its density, beyond the last by the same slope: 2 / 4 ** 0.5.
+    assert found == pytest.approx([8, 8, 4, 2, 1])

@@ -1,0 +1,252 @@
+"""Families of metrics on episodes made by hand: time, jitter, videos, points seen again; slices."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pliant.evaluator.metrics import slices
+from pliant.evaluator.metrics.base import NoSettings
+from pliant.evaluator.metrics.jitter import Jitter, _clips
+from pliant.evaluator.metrics.redetection import Redetection
+from pliant.evaluator.metrics.slices import Slices, SlicesSettings, _labels, _Tally
+from pliant.evaluator.metrics.tapvid import TapvidSettings
+from pliant.evaluator.metrics.time import Time, TimeSettings
+from pliant.evaluator.metrics.videos import Videos, VideosSettings
+from tests.evaluator.hand_made import Split, episodes, off_by, split
+
+NAN = math.nan
+
+
+def named(**temporal: bool) -> Any:
+    """Return a dataset of sequences that are episodes or not."""
+    return SimpleNamespace(
+        sequence=lambda name: SimpleNamespace(temporal=temporal[name], shape=None), tiers={}
+    )
+
+
+def test_the_error_by_the_frames_since_the_query() -> None:
+    """Forwards, backwards, at once, between two episodes, and in no episode."""
+    queries = split(
+        [2, 1, 1, 1, 1, 1], tiers=["x", "y"], tier=[0, 0, 0, 0, 1, 0], sequences=["s", "r", "q"],
+        sequence_a=[0, 0, 0, 0, 2, 1], sequence_b=[0, 0, 0, 1, 2, 1],
+        frame_a=[0, 3, 2, 0, 0, 0], frame_b=[1, 1, 2, 1, 1, 3],
+    )  # fmt: skip
+    dataset = named(s=True, r=True, q=False)
+    made = Split(queries, off_by(3, 9, 4, 1, 1, 1, 2), hidden=[1], cut=3, dataset=dataset)
+    found = made.found(Time(TimeSettings(frames=(1, 3)), made.context))
+    assert made.column("time_squared_px2") == [9, 16, 1, 1, 1, 4]
+    assert made.column("time_counted") == [1, 1, 1, 1, 1, 1]
+    assert made.column("time_squared_px2_1") == [9, 0, 0, 0, 0, 0]
+    assert made.column("time_counted_1") == [1, 0, 0, 0, 0, 0]
+    assert made.column("time_squared_px2_3") == [0, 0, 0, 0, 0, 4]
+    assert made.column("time_counted_3") == [0, 0, 0, 0, 0, 1]
+    curve = {"frames": [1, 2, 3], "rmse_px": [3, 4, 2], "queries": [1, 1, 1]}
+    assert found.curves == {"overall": {"rmse_over_time": curve}, "x": {"rmse_over_time": curve}}
+    assert not found.notes
+    pairs = split([1], frame_b=[0])
+    still = Split(pairs, off_by(1))
+    notes = still.found(Time(TimeSettings(frames=(1,)), still.context)).notes
+    assert notes["rmse_over_time"] == "no pair is in one episode"
+    near = Split(split([1, 2]), off_by(1, 3, 4))
+    found = near.found(Time(TimeSettings(frames=(1,)), near.context))
+    curve = found.curves["overall"]["rmse_over_time"]
+    assert curve["rmse_px"] == pytest.approx([math.sqrt(26 / 3)])
+    assert curve["queries"] == [3]
+
+
+def test_clips_have_one_source_frame_and_consecutive_target_frames() -> None:
+    queries = split(
+        [1] * 9, sequences=["s", "r", "q"], sequence_a=[0, 0, 0, 0, 0, 0, 1, 0, 0],
+        frame_a=[0, 0, 0, 1, 0, 0, 0, 0, 0], sequence_b=[1, 1, 1, 1, 2, 1, 1, 2, 0],
+        frame_b=[1, 2, 4, 3, 1, 5, 3, 2, 3],
+    )  # fmt: skip
+    dataset = named(s=True, r=True, q=False)
+    context = Split(queries, np.zeros((9, 2)), dataset=dataset).context
+    clip = _clips(context)
+    assert (clip >= 0).tolist() == [True, True, True, False, False, True, False, False, False]
+    assert len(set(clip[[0, 1, 2, 5]])) == 1
+
+
+def test_jitter_is_summed_in_the_later_pair() -> None:
+    """Point 7 hops by (3, 4), point 8 is hidden once, point 9 is not answered in frame 2."""
+    queries = split([3, 3, 3, 1], frame_b=[1, 2, 3, 9])
+    true_px = np.tile([20.0, 10], (10, 1))
+    answer_px = true_px.copy()
+    answer_px[[3, 6]] += [[3, 4], [3, 4]]
+    answer_px[5] = NAN
+    point = np.array([7, 8, 9, 7, 8, 9, 7, 8, 9, 7])
+    made = Split(queries, answer_px, true_px, hidden=[4], cut=2, point=point)
+    assert not made.found(Jitter(NoSettings(), made.context)).notes
+    # Frame 2: 5 px of point 7, and twice the diagonal of 50 px; frame 3: 0 and the same again.
+    assert made.column("sum_jitter_px") == [0, 105, 100, 0]
+    assert made.column("jitter_steps") == [0, 2, 2, 0]
+    lone = Split(split([1, 1], frame_b=[1, 3]), off_by(1, 2), point=np.array([7, 7]))
+    notes = lone.found(Jitter(NoSettings(), lone.context)).notes
+    assert notes["jitter_px"] == "no point is asked in consecutive frames of an episode"
+    assert "sum_jitter_px" not in lone.context.table.columns
+
+
+TAPVID = TapvidSettings(
+    thresholds=(1, 4), comparison="<", scale=(40, 30), visible_threshold=0.5,
+    visible_absent="all_visible",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(("mode", "evaluated"), [("first", [0, 1, 4]), ("strided", [0, 1, 3, 4])])
+def test_videos_sum_the_counts_of_their_evaluated_pairs(mode: Any, evaluated: list[int]) -> None:
+    """Two videos, one target frame before the query's, one at it, and a pair of two videos."""
+    queries = split(
+        [2, 1, 1, 1, 1, 1], sequences=["s", "r"], sequence_a=[0, 0, 0, 0, 1, 1],
+        sequence_b=[0, 0, 0, 0, 1, 0], frame_a=[0, 0, 2, 2, 0, 0], frame_b=[1, 2, 2, 1, 1, 1],
+    )  # fmt: skip
+    errors = np.array([0, 2, 5, 0, 9, 0, 0.0])
+    made = Split(queries, off_by(*errors), cut=3)
+    settings = VideosSettings(tapvid=TAPVID, query_mode=mode)
+    notes = made.found(Videos(settings, made.context)).notes
+    assert set(notes) == {"visible"}
+    assert made.column("video") == [1, 0, 0, 0, 1, 0]
+    of_first = [0, 2, 5, 9] if mode == "strided" else [0, 2, 5]
+    within = [sum(each < t for each in of_first) / len(of_first) for t in (1, 4)]
+    assert made.column("delta_1_pair") == pytest.approx([within[0], 0, 0, 0, 1, 0])
+    assert made.column("delta_4_pair") == pytest.approx([within[1], 0, 0, 0, 1, 0])
+    assert made.column("delta_avg_pair") == pytest.approx([sum(within) / 2, 0, 0, 0, 1, 0])
+    assert made.column("oa_pair") == [1, 0, 0, 0, 1, 0]
+    assert len(evaluated) == (4 if mode == "strided" else 3)
+    still = Split(split([1, 1], frame_b=[0, 0]), off_by(0, 0))
+    notes = still.found(Videos(settings, still.context)).notes
+    assert notes["videos"] == "no pair is evaluated: a video is an episode"
+    assert still.column("video") == [0, 0]
+
+
+def test_points_that_were_hidden_before() -> None:
+    """Point 7 is hidden in frame 2, point 8 in frame 4; point 7 of another source frame is not.
+
+    In frame 3 point 7 is within 1 px, in frame 4 within 4 px. Backwards there is another track.
+    """
+    queries = split(
+        [2, 2, 2, 2, 1, 1], frame_a=[1, 1, 1, 1, 2, 2], frame_b=[4, 2, 3, 5, 3, 1],
+        sequences=["s", "r"], sequence_b=[0, 0, 0, 1, 0, 0],
+    )  # fmt: skip
+    answer_px = off_by(2, 0, 0, 0, 0.5, 0, 0, 0, 0, 0)
+    point = np.array([7, 8, 7, 8, 7, 8, 7, 8, 7, 7])
+    made = Split(queries, answer_px, hidden=[1, 2], cut=2, point=point)
+    assert not made.found(Redetection(TAPVID, made.context)).notes
+    assert made.column("redetected_jaccard_pair") == [1, 0, 1, 0, 0, 0]
+    # Frame 4 within 4 px alone; frame 3 within both thresholds.
+    assert made.column("redetected_aj_pair") == [0.5, 0, 1, 0, 0, 0]
+    never = Split(queries, answer_px, cut=2, point=point)
+    notes = never.found(Redetection(TAPVID, never.context)).notes
+    assert notes["aj_redetected"] == "no point is asked after it was hidden"
+    assert never.column("redetected_jaccard_pair") == [0] * 6
+    apart = Split(queries, answer_px, point=point, dataset=episodes(temporal=False))
+    notes = apart.found(Redetection(TAPVID, apart.context)).notes
+    assert notes["aj_redetected"] == "no point is asked in an episode"
+
+
+def test_labels_of_slices() -> None:
+    assert _labels((), "px") == [""]
+    assert _labels((1,), "px") == ["below 1 px", "1 px and more"]
+    assert _labels((0.25, 0.5), "") == ["below 0.25", "0.25 to 0.5", "0.5 and more"]
+    tally = _Tally(["a", "b", "c"])
+    tally.add(np.array([0, 2, 0]), np.array([1.0, 3, 7]), np.array([True, True, False]))
+    tally.add(np.array([2]), np.array([4.0]), np.array([False]))
+    assert tally.rows(8) == [
+        {"slice": "a", "queries": 2, "rmse_px": 5, "mean_px": 4, "pck_8px": 0.5},
+        {
+            "slice": "c", "queries": 2, "rmse_px": pytest.approx(math.sqrt(12.5)),
+            "mean_px": 3.5, "pck_8px": 0.5,
+        },
+    ]  # fmt: skip
+
+
+def sliced(monkeypatch: pytest.MonkeyPatch, **more: Any) -> tuple[Split, Any]:
+    """Slice errors of 2, 3, 5 and 6 px, of an unknown one, and of one without a position.
+
+    The points moved by 4, 3, 0, 8, 4 and an unknown number of pixels.
+    """
+    monkeypatch.setattr(Slices, "_sequence_facts", lambda _: (["open", ""], np.array([0.5, NAN])))
+    queries = split(
+        [2, 1, 1, 2], tiers=["rope", "cloth"], tier=[0, 0, 1, 1], sequences=["s", "r"],
+        sequence_b=[0, 1, 0, 0],
+    )  # fmt: skip
+    true_px = np.full((6, 2), 10.0)
+    true_px[5] = NAN
+    answer_px = off_by(2, 3, 5, 6, 1, 1)
+    answer_px[4] = NAN
+    uv_a_px = np.array([[14, 10], [10, 13], [10, 10], [18, 10], [10, 14], [0, 0]], float)
+    known = np.array([True, True, True, False, True, False])
+    silhouette = np.array([3, 4, 8, NAN, 9, NAN])
+
+    def facts(block: Any, _: Any) -> Any:
+        return SimpleNamespace(known=known[block.rows], silhouette_px=silhouette[block.rows])
+
+    made = Split(
+        queries, answer_px, true_px, hidden=[5], cut=2, uv_a_px=uv_a_px,
+        surfaces=SimpleNamespace(facts=facts),
+    )  # fmt: skip
+    usual: dict[str, Any] = {
+        "displacement_px": (4,), "silhouette_px": (4, 8), "coverage": (0.5,), "within_px": 3,
+    }  # fmt: skip
+    return made, made.found(Slices(SlicesSettings(**usual | more), made.context))
+
+
+def test_slices(monkeypatch: pytest.MonkeyPatch) -> None:
+    made, found = sliced(monkeypatch, moving_px=4)
+    assert made.column("moving_counted") == [0, 0, 1, 0]  # 4 px are not more than 4 px
+    assert made.column("moving_within") == [0, 0, 0, 0]
+    assert made.column("moving_squared_px2") == [0, 0, 36, 0]
+    assert made.column("within_slice") == [2, 0, 0, 0]
+    assert made.column("slice_error_px") == [5, 5, 6, 50]
+    assert made.column("slice_squared_px2") == [13, 25, 36, 2500]
+    rows = {
+        name: [(row["slice"], row["queries"], row["mean_px"], row["pck_3px"]) for row in each]
+        for name, each in found.slices.items()
+    }
+    assert rows == {
+        "visibility in the target": [("visible", 5, 13.2, 0.4)],
+        "displacement": [
+            ("below 4 px", 2, 4, 0.5), ("4 px and more", 3, 58 / 3, pytest.approx(1 / 3)),
+        ],
+        "distance to the silhouette": [
+            ("below 4 px", 1, 2, 1), ("4 to 8 px", 1, 3, 1), ("8 px and more", 2, 27.5, 0),
+        ],
+        "shape": [
+            ("cloth open", 2, 28, 0), ("rope open", 2, 2.5, 1),
+        ],
+        "coverage of the cloth": [("0.5 and more", 4, 61 / 4, 0.5)],
+    }  # fmt: skip
+
+
+def test_slices_without_surfaces_and_moving_points(monkeypatch: pytest.MonkeyPatch) -> None:
+    made, found = sliced(monkeypatch, silhouette_px=(), moving_px=None)
+    assert "moving_counted" not in made.context.table.columns
+    assert "distance to the silhouette" not in found.slices
+    made, _ = sliced(monkeypatch, silhouette_px=(), moving_px=3)
+    assert made.column("moving_counted") == [1, 0, 1, 1]
+    assert made.column("moving_within") == [1, 0, 0, 0]
+    assert made.column("moving_squared_px2") == [4, 0, 36, 2500]
+
+
+def test_coverage_and_shapes_are_those_of_the_target_sequences(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    import pyarrow as pa
+
+    table = pa.table({"id": ["r", "s", "q"], "coverage": [0.4, None, 0.1]})
+    monkeypatch.setattr(slices, "read_table", lambda *_: table)
+    dataset = SimpleNamespace(
+        sequence=lambda name: SimpleNamespace(shape={"s": "knot"}.get(name)),
+        local=lambda name: Path(name),
+    )
+    given = Split(split([1], sequences=["s", "r", "t"]), off_by(1), dataset=dataset)
+    metric = Slices.__new__(Slices)
+    metric.context = given.context
+    shapes, coverage = metric._sequence_facts()
+    assert shapes == ["knot", "", ""]
+    np.testing.assert_array_equal(coverage, [NAN, 0.4, NAN])

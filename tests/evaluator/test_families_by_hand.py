@@ -1,0 +1,311 @@
+"""Families of metrics on a split made by hand: every column, curve and note."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from pliant.evaluator.metrics import continuity
+from pliant.evaluator.metrics.analysis import Analysis, AnalysisSettings
+from pliant.evaluator.metrics.auc import Auc, AucSettings
+from pliant.evaluator.metrics.base import NoSettings
+from pliant.evaluator.metrics.continuity import Continuity, ContinuitySettings
+from pliant.evaluator.metrics.geodesic import Geodesic, GeodesicSettings
+from pliant.evaluator.metrics.localisation import Localisation, LocalisationSettings
+from pliant.evaluator.metrics.pck import Pck, PckSettings
+from pliant.evaluator.metrics.symmetry import Symmetry
+from pliant.evaluator.metrics.tapvid import Tapvid, TapvidSettings
+from tests.evaluator.hand_made import Split, episodes, off_by, split
+
+NAN = math.nan
+LOST = [[NAN, NAN]]
+
+
+def test_errors_are_summed_by_pair_and_their_quantiles_found_by_tier() -> None:
+    queries = split([3, 1, 2], tiers=["x", "y"], tier=[0, 1, 0])
+    made = Split(queries, off_by(3, 4, 7, 2, 1, 9), hidden=[2], cut=2)
+    metric = Localisation(LocalisationSettings(quantiles=(0.25, 0.5)), made.context)
+    found = made.found(metric)
+    assert made.column("sum_squared_px2") == [25, 4, 82]
+    assert made.column("sum_error_px") == [7, 2, 10]
+    assert made.column("counted") == [2, 1, 2]
+    assert made.column("answered") == made.column("queries") == [3, 1, 2]
+    assert made.column("one") == [1, 1, 1]
+    assert found.values == {
+        "overall": {"p25_px": 2, "median_px": 3},  # of 1, 2, 3, 4, 9
+        "x": {"p25_px": 2.5, "median_px": 3.5},  # of 1, 3, 4, 9
+        "y": {"p25_px": 2, "median_px": 2},
+    }
+    none = made.found(Localisation(LocalisationSettings(quantiles=()), made.context))
+    assert not none.values
+    names = [each.name for each in Localisation.figures(metric.settings)]
+    assert names[3:5] == ["p25_px", "median_px"]
+    assert Localisation.figures(metric.settings)[4].about == "median error"
+
+
+def test_a_missing_answer_is_an_error_of_the_diagonal_and_not_answered() -> None:
+    made = Split(split([2, 2]), np.concatenate([LOST, off_by(3), LOST, off_by(4)]), hidden=[2])
+    metric = Localisation(LocalisationSettings(quantiles=(0.5,)), made.context)
+    assert made.found(metric).values["overall"] == {"median_px": 4}
+    assert made.column("sum_squared_px2") == [9 + 2500, 16]
+    assert made.column("answered") == [1, 1]
+    assert made.column("outside_image") == [0, 0]
+
+
+def test_the_border_belongs_to_the_image() -> None:
+    answers = [[0, 0], [40, 30], [-0.1, 5], [40.1, 5], [5, -0.1], [5, 30.1], [39, 31]]
+    made = Split(split([2, 1, 1, 1, 2]), answers, hidden=[6])
+    made.found(Localisation(LocalisationSettings(quantiles=()), made.context))
+    assert made.column("outside_image") == [0, 1, 1, 1, 2]
+
+
+def test_pck_by_pixels_and_by_boxes() -> None:
+    answers = np.concatenate([off_by(1, 2, 3, 2), LOST])
+    box = np.array([20.0, 20, 30, 10, 10])
+    made = Split(split([2, 3]), answers, hidden=[3], box_px=box)
+    settings = PckSettings(thresholds_px=(1, 2.5), thresholds_box=(0.1,), comparison="<=")
+    made.found(Pck(settings, made.context))
+    assert made.column("within_1px") == [1, 0]
+    assert made.column("within_2.5px") == [2, 0]
+    assert made.column("within_0.1box") == [2, 1]  # 1 / 20, 2 / 20, 3 / 30
+
+
+def test_auc_counts_pairs_that_have_a_visible_point() -> None:
+    queries = split([2, 1, 1, 2], tiers=["x", "y"], tier=[0, 0, 1, 1])
+    answers = np.concatenate([off_by(1, 3, 0, 1), LOST, off_by(1)])
+    made = Split(queries, answers, hidden=[2], cut=2)
+    found = made.found(Auc(AucSettings(thresholds_px=(4,)), made.context)).values
+    # Mean errors 2, none, 1, inf: recall rises to 1/3 at 1 and 2/3 at 2.
+    assert found["overall"]["auc_4px"] == pytest.approx((1 / 6 + 1 / 2 + 4 / 3) / 4)
+    # Errors 1, 1, 1, 3, inf.
+    assert found["overall"]["auc_4px_queries"] == pytest.approx((0.1 + 1.4 + 0.8) / 4)
+    assert found["x"] == {
+        "auc_4px": pytest.approx((1 + 2) / 4),
+        "auc_4px_queries": pytest.approx((1 / 4 + 3 / 2 + 1) / 4),
+    }
+    assert found["y"]["auc_4px"] == pytest.approx((1 / 4 + 3 / 2) / 4)
+    lone = Split(split([1]), off_by(0), hidden=[0])
+    settings = AucSettings(thresholds_px=(4,))
+    assert lone.found(Auc(settings, lone.context)).values["overall"]["auc_4px"] is None
+
+
+def analysed(bin_px: float) -> tuple[Split, Analysis]:
+    """Errors of 10 to 0.3 px, a hidden point in a tier of its own, a point beyond the diagonal."""
+    queries = split([4, 1, 2, 1], tiers=["x", "y", "z"], tier=[0, 1, 2, 0])
+    answers = off_by(0.3, 8, 9.9, 2, 5, 49.9, 130, 31)
+    made = Split(queries, answers, hidden=[4], cut=2)
+    settings = AnalysisSettings(bin_px=bin_px, normalise_by="image_diagonal", bins=5)
+    return made, Analysis(settings, made.context)
+
+
+def test_histograms_of_errors() -> None:
+    made, metric = analysed(0.5)
+    localisation = Localisation(LocalisationSettings(quantiles=()), made.context)
+    curves = made.found(metric, localisation).curves
+    assert set(curves) == {"overall", "x", "z"}
+    edges = [0.5, 1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48]
+    held = np.array([1, 1, 1, 2, 2, 2, 2, 4, 4, 4, 5, 5])
+    assert curves["overall"]["cdf"]["error_px"] == edges
+    assert curves["overall"]["cdf"]["share_below"] == pytest.approx((held / 7).tolist())
+    assert curves["x"]["cdf"]["share_below"] == pytest.approx((held / 5).tolist())
+    assert curves["z"]["cdf"]["share_below"] == [0.0] * 12
+    steps = curves["overall"]["error_px"]
+    assert steps["edges_px"] == np.arange(0, 52, 4).tolist()
+    assert steps["share"] == pytest.approx([2 / 7, 0, 2 / 7, 0, 0, 0, 0, 1 / 7, 0, 0, 0, 0])
+    assert steps["share_beyond"] == pytest.approx(2 / 7)
+    assert curves["x"]["error_px"]["share_beyond"] == 0
+    ten = [0, 0.2, 0.4, 0.6, 0.8, 1]
+    assert curves["overall"]["normalised_error"]["edges"] == pytest.approx(ten)
+    assert curves["overall"]["normalised_error"]["share"] == pytest.approx(
+        [4 / 7, 0, 0, 1 / 7, 2 / 7]
+    )
+    first = math.sqrt((0.3**2 + 8**2 + 9.9**2 + 2**2) / 4)
+    last = math.sqrt((49.9**2 + 130**2) / 2)  # beyond the diagonal: in the last bin
+    rmse = curves["overall"]["normalised_pair_rmse"]
+    assert rmse["edges"] == pytest.approx(ten)
+    assert rmse["share"] == pytest.approx([1 / 3, 0, 0, 1 / 3, 1 / 3])
+    assert curves["x"]["normalised_pair_rmse"]["share"] == [0.5, 0, 0, 0.5, 0]
+    assert curves["overall"]["pair_rmse_box_px"] == pytest.approx({
+        "p5": first + 0.1 * (31 - first), "p25": (first + 31) / 2, "p50": 31,
+        "p75": (31 + last) / 2, "p95": last - 0.1 * (last - 31),
+    })  # fmt: skip
+
+
+def test_histograms_in_wide_bins() -> None:
+    """Of 4 px: the last of 14 bins takes what is beyond 52 px; no more than 32 steps are given."""
+    made, metric = analysed(4)
+    localisation = Localisation(LocalisationSettings(quantiles=()), made.context)
+    curves = made.found(metric, localisation).curves["overall"]
+    assert curves["error_px"]["edges_px"] == np.arange(0, 56, 4).tolist()
+    expected = np.array([2, 0, 2, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]) / 7
+    assert curves["error_px"]["share"] == pytest.approx(expected.tolist())
+    assert curves["error_px"]["share_beyond"] == pytest.approx(1 / 7)
+    found = metric._l2(np.ones(50))
+    assert found["edges_px"] == np.arange(0, 132, 4).tolist()
+    assert found["share_beyond"] == pytest.approx(18 / 50)
+    coarse = metric._coarse(np.array([1, 1, 2, 1, 0, 0, 1, 0, 0, 0, 0, 0, 1, 3.0]), 5)
+    # Middles at 2, 6, 10, 14, 26, 50, 54: 10 px belongs to the second fifth.
+    assert coarse == pytest.approx(np.array([2, 3, 1, 0, 4]) / 10)
+
+
+CONTINUITY = ContinuitySettings(
+    queries_per_pair=8, max_distance_a_px=10, min_distance_a_px=1, max_true_stretch=2,
+    jump_stretch=4, jump_min_px=8, quantile=0.5,
+)  # fmt: skip
+
+
+def neighbours(a: float, truth: float, answer: float) -> tuple[float, float]:
+    """Return how often two queries `a` px apart are asked as neighbours, and how often torn."""
+    u_a, true_px, answer_px = (
+        np.array([[0, 0], [0, each]], float) for each in (a, truth, answer)
+    )  # fmt: skip
+    made = Split(split([2]), answer_px, true_px, uv_a_px=u_a)
+    made.found(Continuity(CONTINUITY, made.context))
+    return made.column("neighbours")[0], made.column("jumps")[0]
+
+
+@pytest.mark.parametrize(
+    ("a", "truth", "answer", "expected"),
+    [
+        (1.0, 2.0, 8.0, (2, 0)),  # on every edge
+        (0.999, 1, 1, (0, 0)),
+        (10.0, 20, 40, (2, 0)),
+        (10.001, 20, 40, (0, 0)),
+        (1.0, 2.001, 1, (0, 0)),
+        (1.0, 2.0, 8.001, (2, 2)),
+        (10.0, 0.0, 40.001, (2, 2)),
+    ],
+)
+def test_which_neighbours_are_asked_and_torn(
+    a: float, truth: float, answer: float, expected: tuple[int, int]
+) -> None:
+    assert neighbours(a, truth, answer) == expected
+
+
+def test_the_stretch_of_neighbours_by_tier() -> None:
+    uv_a_px = np.array([[0, 0], [2, 0], [5, 0], [0, 0], [0, 4], [7, 7], [1, 1], [1, 3]], float)
+    answer_px = np.array([[0, 0], [6, 0], [9, 0], [0, 0], [0, 4], [7, 7], [1, 1], [1, 2]], float)
+    answer_px[5] = NAN
+    queries = split([3, 3, 2], tiers=["x", "y", "z"], tier=[0, 1, 2])
+    made = Split(queries, answer_px, uv_a_px, hidden=[6], cut=2, uv_a_px=uv_a_px)
+    found = made.found(Continuity(CONTINUITY, made.context))
+    assert made.column("neighbours") == [3, 3, 0]
+    assert made.column("jumps") == [0, 1, 0]
+    # Stretches: 6 / 2, 6 / 2, 3 / 3; 1, 1 and 50 / sqrt(58) for the missing one.
+    assert found.values["x"]["stretch_p50"] == 3
+    assert found.values["y"]["stretch_p50"] == 1
+    assert found.values["z"]["stretch_p50"] is None
+    assert found.values["overall"]["stretch_p50"] == 2
+    without = Split(queries, answer_px, uv_a_px)
+    without.context.table.put("jumps", slice(0, 3), np.full(3, 7))
+    metric = Continuity(CONTINUITY, without.context)
+    metric.update(without.block(0, 3))
+    assert without.column("jumps") == [7, 7, 7]  # nothing was put without query pixels
+
+
+def test_neighbours_in_pairs_of_several_sizes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pairs of 3, 2, 1, 3 and 4 queries, of which the first 3 take part; in chunks of one pair."""
+    u = [0, 1, 3, 0, 9, 5, 4, 2, 0, 0, 8, 5, 0.1]
+    uv_px = np.array([[each, 2 * each] for each in u], float)
+    usable = np.ones(13, bool)
+    usable[8] = False
+    starts = np.array([0, 3, 5, 6, 9, 13])
+    for cells in (1 << 19, 1):
+        monkeypatch.setattr(continuity, "_CHUNK_CELLS", cells)
+        row, other = continuity.nearest_neighbours(uv_px, usable, starts, 3)
+        assert row.tolist() == [0, 1, 2, 3, 4, 6, 7, 9, 10, 11]
+        assert other.tolist() == [1, 0, 1, 4, 3, 7, 6, 11, 11, 10]
+    # Queries that differ in one coordinate alone; of two equally near ones the first.
+    cross = np.array([[0, 0], [0, 3], [2, 0], [-2, 0]], float)
+    row, other = continuity.nearest_neighbours(cross, np.ones(4, bool), np.array([0, 4]), 9)
+    assert other.tolist() == [2, 0, 0, 0]
+    at, to = np.array([0, 1]), np.array([1, 2])
+    assert continuity.distance_px(cross, at, to).tolist() == [3, math.sqrt(13)]
+
+
+TAPVID = TapvidSettings(
+    thresholds=(1, 4), comparison="<", scale=(20, 60), visible_threshold=0.5,
+    visible_absent="all_visible",
+)  # fmt: skip
+
+
+def test_tapvid_scales_positions_and_reads_what_is_predicted_visible() -> None:
+    """40x30 images scaled to 20x60: u by a half, v by two."""
+    answer_px = np.array([[16, 12], [10, 12], [12, 10], [NAN, NAN], [10, 10]])
+    said = np.array([0.5, 0.49, 0, 0, 0.6], np.float32)
+    made = Split(split([2, 3]), answer_px, hidden=[2, 4], answers={"visible": said})
+    metric = Tapvid(TAPVID, made.context)
+    error, predicted, right = metric.judged(made.block(0, 2))
+    np.testing.assert_array_equal(error, [5, 4, 1, np.inf, 0])
+    np.testing.assert_array_equal(predicted, [True, False, False, True, True])
+    np.testing.assert_array_equal(right, [True, False, True, False, False])
+    _, later, _ = metric.judged(made.block(1, 2))
+    np.testing.assert_array_equal(later, [False, True, True])
+    assert "visible" not in made.found(metric).notes
+    assert made.column("oa_pair") == pytest.approx([1 / 2, 1 / 3])
+    assert made.column("tapvid_pair") == [1, 1]
+    assert made.column("jaccard_pair") == [1, 1]
+    silent = Split(split([1]), off_by(2.0))
+    metric = Tapvid(TAPVID, silent.context)
+    assert metric.judged(silent.block(0, 1))[1].tolist() == [True]
+    assert "taken as predicted visible" in silent.found(metric).notes["visible"]
+    assert silent.column("delta_1_pair") == [0]  # 1 is not below 1
+    assert silent.column("delta_4_pair") == silent.column("jaccard_4_pair") == [1]
+    assert silent.column("delta_avg_pair") == silent.column("aj_pair") == [0.5]
+
+
+def test_geodesic_sums_and_what_is_left_out() -> None:
+    """Row 1 is off the object, row 3 missing, rows 4 and 5 have no surface image."""
+    known = np.array([True, True, True, True, False, False])
+    on_object = np.array([True, False, True, False, False, False])
+    metres = np.array([0.5, NAN, 2, 3, NAN, NAN])
+    answer_px = np.concatenate([off_by(1, 1, 1), LOST, LOST, off_by(1)])
+
+    def facts(block: object, _: object) -> object:
+        part = block.rows  # type: ignore[attr-defined]
+        return SimpleNamespace(
+            known=known[part], on_object=on_object[part], geodesic_m=metres[part]
+        )
+
+    made = Split(split([2, 2, 2]), answer_px, surfaces=SimpleNamespace(facts=facts))
+    notes = made.found(Geodesic(GeodesicSettings(search_px=1), made.context)).notes
+    assert made.column("geodesic_asked") == [2, 2, 0]
+    assert made.column("geodesic_points") == [1, 2, 0]
+    assert made.column("off_object") == [1, 1, 0]
+    assert made.column("sum_geodesic_m") == [0.5, 5, 0]
+    assert made.column("sum_squared_geodesic_m2") == [0.25, 13, 0]
+    assert notes["geodesic"].startswith("1 of 3 pairs have no surface image")
+    single = Split(split([1, 5]), answer_px, surfaces=SimpleNamespace(facts=facts))
+    assert not single.found(Geodesic(GeodesicSettings(search_px=1), single.context)).notes
+    known[0] = False
+    notes = single.found(Geodesic(GeodesicSettings(search_px=1), single.context)).notes
+    assert notes["geodesic"].startswith("1 of 2 pairs have no surface image")
+    hidden = Split(
+        split([2, 2, 2]), answer_px, hidden=[0, 4, 5], surfaces=SimpleNamespace(facts=facts)
+    )
+    assert not hidden.found(Geodesic(GeodesicSettings(search_px=1), hidden.context)).notes
+
+
+def test_symmetries_of_several_tiers() -> None:
+    """Tiers without symmetries, with two and with one; missing answers, one of a hidden point."""
+    queries = split([1, 2, 2, 1], tiers=["x", "y", "z"], tier=[0, 1, 2, 2])
+    true_px = np.array([[0, 0], [0, 0], [10, 0], [0, 0], [10, 0], [0, 0]], float)
+    answer_px = np.array([[3, 0], [10, 0], [0, 0], [9, 0], [NAN, NAN], [NAN, NAN]], float)
+    partners = [
+        [], [(10, 0, True), (0, 9, True)], [(0, 0, False), (10, 9, True)],
+        [(10, 0, True)], [(0, 0, True)], [(10, 0, True)],
+    ]  # fmt: skip
+    symmetric = SimpleNamespace(symmetries=("half-turn",))
+    dataset = episodes(x=SimpleNamespace(symmetries=()), y=symmetric, z=symmetric)
+    made = Split(queries, answer_px, true_px, hidden=[5], cut=2, dataset=dataset, partners=partners)
+    found = made.found(Symmetry(NoSettings(), made.context))
+    assert made.column("symmetric_squared_px2") == [9, 0, 81 + 2500, 0]
+    assert made.column("point_symmetric_squared_px2") == [9, 0 + 100, 1 + 2500, 0]
+    assert made.column("flipped_pairs") == [0, 1, 1, 0]
+    assert made.column("symmetric_pairs") == [0, 1, 1, 0]
+    assert made.column("flipped_points") == [0, 1, 2, 0]
+    assert made.column("symmetric_points") == [0, 2, 2, 0]
+    assert found.notes == {"flip_rate": "tiers without symmetries: x"}

@@ -1,0 +1,334 @@
+"""Surface images of a few pixels: what they say about answers, matches and workers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from concurrent.futures import Future
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from pliant.evaluator.metrics import dense_truth, surface_workers
+from pliant.evaluator.metrics.matches import Matches, MatchesSettings, match_blocks
+from pliant.evaluator.metrics.surface_images import (
+    ObjectSurface,
+    _box,
+    farthest_material_m,
+    nearest_object_pixel,
+    pixel_steps_m,
+    silhouette_distance_px,
+    typical_step_m,
+)
+from pliant.evaluator.metrics.surfaces import SurfaceFacts, Surfaces
+from pliant.evaluator.submission.answers import SplitMatches
+from pliant.spec.errors import SpecError
+from pliant.spec.model import MaterialCoordinate, MaterialObject
+from pliant.spec.storage import layout
+from tests.evaluator.hand_made import Split, split
+
+NAN = math.nan
+HALF = MaterialCoordinate("s", 0.0, 40.0, 0.5)  # half a metre per unit
+WIDE = MaterialCoordinate("s", 0.0, 40.0, 2.0)
+SHEET = MaterialObject(1, "sheet", (HALF, HALF))
+
+
+def surface(m0: Any, m1: Any = None) -> ObjectSurface:
+    """Return a surface from material coordinates; NaN is off the object."""
+    first = np.asarray(m0, np.float32)
+    second = np.zeros_like(first) if m1 is None else np.asarray(m1, np.float32)
+    return ObjectSurface(~np.isnan(first), np.nan_to_num(first), second)
+
+
+def test_what_neighbouring_pixels_span() -> None:
+    made = surface([[0, 1, NAN], [4, 7, 7], [NAN, 7, 9]], [[0, 0, 5], [0, 4, 4], [5, 8, 8]])
+    np.testing.assert_array_equal(
+        made.material(np.array([1, 2]), np.array([1, 2])), [[7, 4], [9, 8]]
+    )
+    across, down = pixel_steps_m(made, SHEET)
+    np.testing.assert_allclose(across, [[0.5, 0], [2.5, 0], [0.0, 1]])
+    np.testing.assert_allclose(down, [[2, math.sqrt(13), 0], [0, 2, math.sqrt(5)]])
+    # Of 0.5, 1, 2, 2, sqrt(5), 2.5, sqrt(13).
+    assert typical_step_m(made, SHEET) == 2
+
+
+def test_the_box_of_an_object() -> None:
+    on = np.zeros((5, 7), bool)
+    assert _box(on) == (slice(0, 0), slice(0, 0))
+    on[1, 5] = on[3, 2] = True
+    assert _box(on) == (slice(1, 4), slice(2, 6))
+    assert typical_step_m(ObjectSurface(on, on * 1.0, on * 1.0), SHEET) == 0
+
+
+def test_the_farthest_that_two_points_can_be_apart() -> None:
+    assert farthest_material_m(SHEET) == pytest.approx(20 * math.sqrt(2))
+    angle = MaterialCoordinate("theta", -3.0, 3.0, 2.0, 6.0)
+    shifted = MaterialCoordinate("s", 1.0, 5.0, 2.0)
+    assert farthest_material_m(MaterialObject(1, "rope", (shifted, angle))) == math.hypot(8, 6)
+
+
+def test_the_nearest_pixel_at_the_border_of_the_image() -> None:
+    on = np.ones((2, 3), bool)
+    uv_px = np.array([[0, 0], [2.99, 1.99], [3, 0], [0, 2], [-0.01, 0], [0, -0.01]])
+    row, column, found = nearest_object_pixel(on, uv_px, 0)
+    assert found.tolist() == [True, True, False, False, False, False]
+    assert row.tolist() == [0, 1, 0, 0, 0, 0]
+    assert column.tolist() == [0, 2, 0, 0, 0, 0]
+    on[:] = False
+    on[0, 0] = on[0, 2] = True
+    row, column, found = nearest_object_pixel(on, np.array([[1.5, 0.5], [1.6, 1.5]]), 1)
+    assert column.tolist() == [0, 2]  # of equally near ones the first
+    assert found.all()
+
+
+def test_the_silhouette_of_one_pixel() -> None:
+    on = np.zeros((5, 6), bool)
+    on[1, 3] = True
+    uv_px = np.array([[3.5, 1.5], [3.9, 1.5], [3.5, 1.1], [3.1, 1.5], [3.5, 1.9]])
+    np.testing.assert_allclose(silhouette_distance_px(on, uv_px), [1, 0.6, 0.6, 0.6, 0.6])
+
+
+class Dataset:
+    """Sequences `s`, `r` and `q` of the tier `t`, `z` of `w`; `r` has no points, `q` no images."""
+
+    root = Path("data")
+
+    def __init__(self) -> None:
+        self.read: list[str] = []
+        self.tiers = {"t": SimpleNamespace(queried=SHEET)}
+        self.material = {"m0": [0.0, 1, 2, 3], "m1": [0.0, 0, 0, 4]}
+
+    def sequence(self, name: str) -> Any:
+        def points() -> pa.Table:
+            self.read.append(name)
+            return pa.table(self.material)
+
+        return SimpleNamespace(
+            tier="w" if name == "z" else "t", dir=Path(name), points=points, size=(4, 3),
+            has=lambda file: name in "sz" or (name == "r" and "points" not in file),
+            file=lambda file: Path(name) / file, described=SimpleNamespace(queried_object=1),
+        )  # fmt: skip
+
+
+# Material 0, 1 and 2 in the middle row; 8 in a corner, which no pixel touches.
+SEEN = surface([[NAN, NAN, NAN, NAN, 8], [0, 1, 2, NAN, NAN], [NAN] * 5])
+
+
+def facts_of(
+    answer_px: Any, *, hidden: Any = (), point: Any = None, **options: Any
+) -> SurfaceFacts:
+    """Return what SEEN says of answers to the material point 1, which is at (1.5, 1.5)."""
+    count = len(answer_px)
+    made = Split(split([count]), answer_px, [[1.5, 1.5]] * count, hidden)
+    found: Any = Surfaces(Dataset(), **options)  # type: ignore[arg-type]
+    found.frame = lambda *_: SEEN
+    points = np.ones(count, np.int64) if point is None else np.array(point)
+    facts: SurfaceFacts = found.facts(made.block(0, 1, point=points), made.queries)
+    return facts
+
+
+# On the object; 0.9 px from it; 1 px; 1.01 px; outside the image; missing; of a hidden point.
+ANSWERS = [[2.5, 1.5], [0.5, 2.4], [3.5, 1.5], [3.51, 1.5], [2.5, 3.1], [NAN, NAN], [1.5, 1.5]]
+
+
+def test_what_surfaces_say_about_answers() -> None:
+    found = facts_of(ANSWERS, hidden=[6], search_px=0, reach_px=1.0, silhouettes=True)
+    assert found.known.tolist() == [True] * 6 + [False]
+    assert found.on_object.tolist() == [True] + [False] * 6
+    farthest = 20 * math.sqrt(2)
+    np.testing.assert_allclose(found.geodesic_m, [0.5, NAN, NAN, NAN, NAN, farthest, NAN])
+    np.testing.assert_allclose(found.silhouette_px, [1] * 6 + [NAN])
+    steps = [0.5, -0.5, 0.5, NAN, NAN, NAN, NAN]
+    np.testing.assert_allclose(found.steps_m[:, 0], steps)
+    np.testing.assert_allclose(found.steps_m[:, 1], np.array(steps) * 0)
+    np.testing.assert_allclose(found.pixel_m, [0.5] * 6 + [NAN])
+
+
+def test_what_is_not_wanted_is_not_looked_up() -> None:
+    found = facts_of(ANSWERS[:3], search_px=1)
+    assert found.on_object.tolist() == [True] * 3
+    np.testing.assert_allclose(found.geodesic_m, [0.5, 0.5, 0.5])
+    for values in (found.silhouette_px, found.steps_m, found.pixel_m):
+        assert np.isnan(values).all()
+    inside = facts_of(ANSWERS[:1], reach_px=1.0)
+    assert inside.steps_m.tolist() == [[0.5, 0]]
+    assert not facts_of(ANSWERS[:2], hidden=[0, 1]).known.any()
+    assert facts_of([[NAN, NAN]], point=[9]).known.tolist() == [True]
+
+
+def test_points_that_the_table_has_not() -> None:
+    on = [[1.5, 1.5], [1.5, 1.5]]
+    assert facts_of(on, point=[0, 3]).geodesic_m.tolist() == [0.5, math.hypot(1, 2)]
+    for points, found in (([0, 4], 4), ([-1, 2], 2)):
+        with pytest.raises(SpecError, match=f"found {found}; required: 0 to 3"):
+            facts_of(on, point=points)
+
+
+def test_each_target_frame_has_its_own_surface_and_object() -> None:
+    """Pairs in `s` of two tiers, in `r`, which has no points, and in `q`, which has no images."""
+    queries = split(
+        [1, 2, 1, 1, 1, 1], tiers=["t", "w"], tier=[0, 1, 0, 0, 0, 1],
+        sequences=["s", "r", "q", "z"], sequence_b=[0, 3, 1, 2, 0, 3], frame_b=[1, 1, 1, 1, 2, 1],
+    )  # fmt: skip
+    answer_px = [[0, 0], [0.5, 1.5], [2.5, 1.5], [2.5, 1.5], [2.5, 1.5], [0.5, 0.5], [2.5, 1.5]]
+    made = Split(queries, answer_px, [[1.5, 1.5]] * 7, point=np.ones(7, np.int64))
+    dataset = Dataset()
+    dataset.tiers["w"] = SimpleNamespace(queried=MaterialObject(1, "w", (WIDE, WIDE)))
+    found: Any = Surfaces(dataset)  # type: ignore[arg-type]
+    other = surface([[3.0, NAN]])
+    asked = []
+
+    def frame(name: str, number: int) -> ObjectSurface | None:
+        asked.append((name, number))
+        return {("q", 1): None, ("s", 2): other}.get((name, number), SEEN)
+
+    found.frame = frame
+    block = made.block(1, 6)
+    facts = found.facts(block, queries)
+    assert facts.known.tolist() == [True, True, False, False, True, True]
+    np.testing.assert_allclose(facts.geodesic_m, [2, 2, NAN, NAN, 1, 2])
+    assert asked == [("z", 1), ("r", 1), ("q", 1), ("s", 2)]
+    assert found.facts(block, queries) is facts
+    assert len(asked) == 4
+    kept = made.block(0, 1)
+    found.keep(kept, facts)
+    assert found.facts(kept, queries) is facts
+    nothing = found.facts(made.block(0, 1, point=None), queries)
+    assert not nothing.known.any()
+    assert np.isnan(nothing.geodesic_m).all()
+
+
+def test_points_are_read_once_per_tier() -> None:
+    dataset = Dataset()
+    found = Surfaces(dataset)  # type: ignore[arg-type]
+    assert found.point_material("r") is None
+    first = found.point_material("s")
+    assert first is not None
+    np.testing.assert_array_equal(first, [[0, 0], [1, 0], [2, 0], [3, 4]])
+    assert found.point_material("r") is found.point_material("s") is first
+    assert dataset.read == ["s"]
+    assert found.path("s", 1) == Path("s") / layout.depth_name(1)
+
+
+def test_a_copy_of_surfaces_for_another_process() -> None:
+    for wanted in (False, True):
+        make, arguments = Surfaces(Dataset(), 3, 2.5, silhouettes=wanted).__reduce__()  # type: ignore[arg-type]
+        copy = make(*arguments)
+        assert (copy._search_px, copy._reach_px, copy._silhouettes) == (3, 2.5, wanted)
+
+
+def test_a_surface_in_the_cache_is_read_only(scene: Any) -> None:
+    found = Surfaces(scene.dataset).frame("cloth-test-000000", 1)
+    assert found is not None
+    assert not found.m0.flags.writeable
+    assert found.on_object.sum() == pytest.approx(96 * 60, rel=0.02)
+
+
+def test_the_truth_of_dense_pixels(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Steps of 0.5 m, one of 4 m, eight times the typical one, and a fold of 4.5 m."""
+    monkeypatch.setattr(dense_truth, "_CHUNK_CELLS", 1)
+    target = surface([[NAN, 0, 1, 2, 3, 11, 20, NAN], [NAN] * 8])
+    footprint = dense_truth._footprint_m(target, SHEET)
+    np.testing.assert_allclose(footprint[0], [0, 0.5, 0.5, 0.5, 4, 4, 0.5, 0])
+    assert not footprint[1].any()
+    source = surface([[1.5, 7, 15, 15.5, 19, NAN], [NAN, 18.9, 0.1, 2.9, NAN, 20]])
+    uv_a_px = np.array([[u + 0.5, v + 0.5] for v in (0, 1) for u in range(6)])
+    found = dense_truth.dense_truth(source, target, uv_a_px, SHEET, 0.5)
+    on = [True] * 5 + [False, False] + [True] * 3 + [False, True]
+    assert found.on_object.tolist() == on
+    u = [2.5, 4.5, 5.5, NAN, NAN, NAN, NAN, NAN, 1.5, 4.5, NAN, 6.5]
+    np.testing.assert_array_equal(found.uv_b_px[:, 0], u)
+    assert found.visible.tolist() == (~np.isnan(u)).tolist()
+    assert (found.uv_b_px[found.visible, 1] == 0.5).all()
+
+
+def test_matches_by_hand() -> None:
+    """No match of pair 0; on the object and not; a target that hides material 2."""
+    queries = split(
+        [3, 3, 3], sequences=["s", "r"], sequence_a=[0, 0, 1], sequence_b=[0, 1, 0],
+        frame_a=[0, 4, 0], frame_b=[0, 5, 0],
+    )  # fmt: skip
+    found = SplitMatches(
+        np.array([0, 0, 3, 4]), np.array([[1.5, 1.5], [2.5, 1.5], [3.5, 0.5], [0.5, 1.5]]),
+        np.array([[1.2, 0.5], [2.5, 0.5], [1.5, 0.5], [0.5, 1.2]]),
+    )  # fmt: skip
+    half = surface([[0, 1, NAN], [NAN] * 3])
+    frames: Any = {("s", 4): SEEN, ("r", 5): half, ("r", 0): half, ("s", 0): SEEN}
+    made = Split(queries, np.zeros((9, 2)), surfaces=SimpleNamespace(
+        frame=lambda *place: frames[place], queried=lambda _: SHEET,
+        path=lambda name, frame: Path(name) / str(frame),
+    ))  # fmt: skip
+    first, second = match_blocks(found, made.context, 0.5)
+    assert (first.first_row, first.first_pair, first.starts.tolist()) == (0, 1, [0, 3])
+    assert (second.first_row, second.first_pair, second.starts.tolist()) == (3, 2, [0, 1])
+    assert first.state.tolist() == [0, 2, 2]
+    np.testing.assert_array_equal(first.true_px, [[1.5, 0.5], [NAN, NAN], [NAN, NAN]])
+    np.testing.assert_array_equal(first.answer_px, found.uv_b_px[:3])
+    assert first.source_on_object is not None
+    assert first.target_on_object is not None
+    assert first.source_on_object.tolist() == [True, True, False]
+    assert first.target_on_object.tolist() == [True, False, True]
+    assert (first.missing, first.missing_px) == (None, 50)
+    assert second.state.tolist() == [2]  # row 1 of `half` is empty
+    metric = Matches(MatchesSettings(visible_within_footprints=0.5), made.context)
+    for block in (first, second, made.block(0, 1)):
+        metric.update(block)
+    assert made.column("matches") == [0, 3, 1]
+    assert made.column("on_object") == [0, 2, 0]
+    assert made.column("target_on_object") == [0, 1, 0]
+    made.context.table.put("counted", slice(0, 3), np.array([0, 1, 2]))
+    metric.finish(None, None)  # type: ignore[arg-type]
+    assert made.column("matched") == [0, 1, 1]
+    frames["r", 5] = None
+    with pytest.raises(SpecError, match="one is missing") as caught:
+        list(match_blocks(found, made.context, 0.5))
+    assert "r/5" in str(caught.value)
+
+
+def test_worker_processes_look_up_a_few_blocks_ahead(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Blocks are read 2 per worker ahead, without what the workers do not need."""
+    begun, ended, read = [], [], []
+
+    class Executor:
+        def __init__(self, workers: int, *, initializer: Any, initargs: Any, **_: Any) -> None:
+            assert workers == 1
+            initializer(*initargs)
+
+        def submit(self, look_up: Callable[[Any], Any], block: Any) -> Future[Any]:
+            begun.append(block)
+            future: Future[Any] = Future()
+            future.set_result(look_up(block))
+            return future
+
+        def shutdown(self, **_: Any) -> None:
+            ended.append(True)
+
+    monkeypatch.setattr(surface_workers, "_process_surfaces", None)
+    monkeypatch.setattr(surface_workers, "ProcessPoolExecutor", Executor)
+    made = Split(split([1] * 5), np.zeros((5, 2)), box_px=np.ones(5), uv_a_px=np.ones((5, 2)))
+    with pytest.raises(RuntimeError, match="was not started"):
+        surface_workers._look_up_in_process(made.block(0, 1))
+    blocks = [made.block(pair, pair + 1) for pair in range(5)]
+    kept = {}
+    stand_in: Any = SimpleNamespace(
+        facts=lambda block, queries: (block.first_pair, queries is made.queries),
+        keep=lambda block, facts: kept.update({block.first_pair: facts}),
+    )
+
+    def given() -> Any:
+        for block in blocks:
+            read.append(block)
+            yield block
+
+    ahead = surface_workers.looked_up_ahead(given(), stand_in, made.queries, 1)
+    assert next(ahead) is blocks[0]
+    assert len(read) == 3
+    assert kept == {0: (0, True)}
+    assert begun[0].box_px is begun[0].uv_a_px is begun[0].partners is None
+    assert list(ahead) == blocks[1:]
+    assert kept == {pair: (pair, True) for pair in range(5)}
+    assert ended == [True]
