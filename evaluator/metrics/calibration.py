@@ -57,14 +57,10 @@ def sparsification(squared_error_px2: FloatArray, order_by: FloatArray, steps: i
     Returns:
         float64 (S,), RMSE of what remains, pixels.
     """
-    count = len(order_by)
-    order = np.argsort(order_by)
-    value, squared = order_by[order], squared_error_px2[order]
-    new = np.flatnonzero(np.diff(value, prepend=-np.inf) != 0)
-    ends = np.append(new[1:], count)
-    held = np.concatenate([[0.0], np.cumsum(np.add.reduceat(squared, new))])
-    rows = np.concatenate([[0], ends])
-    keep = count * (1 - np.arange(steps) / steps)
+    _, group, size = np.unique(order_by, return_inverse=True, return_counts=True)
+    held = np.concatenate([[0.0], np.cumsum(np.bincount(group, squared_error_px2))])
+    rows = np.concatenate([[0], np.cumsum(size)])
+    keep = len(order_by) * (1 - np.arange(steps) / steps)
     return np.sqrt(np.interp(keep, rows, held) / keep)
 
 

@@ -226,7 +226,7 @@ def _densities_at(p: FloatArray, mass: FloatArray, levels: Sequence[float]) -> I
             for index in (after - 1, after)
         )
         share = (level - low) / np.maximum(high - low, 1e-12)
-        yield np.exp(before + np.clip(share, 0, 2) * (behind - before))[:, 0]
+        yield np.exp(before + np.maximum(share, 0) * (behind - before))[:, 0]
 
 
 def spread_px(mixtures: Mixtures) -> FloatArray:

@@ -102,8 +102,7 @@ def nearest_object_pixel(
     """
     height, width = on_object.shape
     # Clipped before the conversion, which a huge finite number would not survive.
-    column = np.floor(np.clip(uv_px[:, 0], -1e6, 1e6)).astype(np.int64)
-    row = np.floor(np.clip(uv_px[:, 1], -1e6, 1e6)).astype(np.int64)
+    column, row = np.floor(np.clip(uv_px, -1, (width, height))).astype(np.int64).T
     found = (row >= 0) & (row < height) & (column >= 0) & (column < width)
     row[~found] = column[~found] = 0
     inside = np.flatnonzero(found)

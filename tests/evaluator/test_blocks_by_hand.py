@@ -178,8 +178,9 @@ def test_errors_of_visible_points_are_capped(tmp_path: Path) -> None:
     (block,) = read_blocks(queries, truth, SplitAnswers(ANSWERS, answered=5))
     np.testing.assert_array_equal(block.answer_px, ANSWERS)
     # A length that is the bound stays as it is, to the last bit.
-    answer = np.array([[10.1, 10.7]])
-    true = np.array([[3.3, 4.9]])
+    answer = np.array([[0.1, 0.7]])
+    true = np.array([[100.3, 4.9]])
+    assert (true + (answer - true) != answer).any()
     length = np.hypot(*(answer - true).T)[0]
     same = blocks._capped(answer, true, np.array([True]), length)
     assert (same == answer).all()

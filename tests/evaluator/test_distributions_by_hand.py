@@ -242,7 +242,15 @@ def test_the_area_between_two_sparsification_curves() -> None:
 
 def test_discs_beside_a_mode(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of a Gaussian far wider than the disc, of one on its rim, in chunks of one disc."""
-    monkeypatch.setattr(mixtures, "_CHUNK_DISCS", 1)
+    sizes = []
+    share = mixtures._disc_share
+
+    def noted(offset: Any, *more: Any) -> Any:
+        sizes.append(len(offset))
+        return share(offset, *more)
+
+    monkeypatch.setattr(mixtures, "_disc_share", noted)
+    monkeypatch.setattr(mixtures, "_CHUNK_DISCS", 2)
     three = Mixtures(
         np.array([0, 1, 1]), np.array([[3.0, 0], [0, 0], [0, 1e6]]), np.array([2.0, 1, 1]),
         np.array([1, 0.75, 0.25]), 2,
@@ -260,6 +268,10 @@ def test_discs_beside_a_mode(monkeypatch: pytest.MonkeyPatch) -> None:
 
     expected = [summed(3, 2), 0.75 * summed(1, 1)]
     np.testing.assert_allclose(found, expected, rtol=1e-3)
+    assert sizes == [2, 1]
+    # Rounding never gives more than 1.
+    beyond = mixtures.probability_within(two((0.5, 0.5 + 1e-9), 0), np.zeros((1, 2)), 50.0)
+    assert beyond.tolist() == [1]
 
 
 def test_the_region_of_a_mixture_of_two_far_modes() -> None:
@@ -277,19 +289,37 @@ def test_the_region_of_a_mixture_of_two_far_modes() -> None:
 
 
 def test_regions_of_single_gaussians_among_mixtures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Rows of one, two, one and three modes, in chunks of one row; the edge is inside."""
-    monkeypatch.setattr(mixtures, "_CHUNK_DENSITIES", 1)
+    """Rows of one, two, one, three and two modes, of which 120 points each stand for a mode."""
+    sizes = []
+    densities = mixtures._densities_at
+
+    def noted(p: Any, *more: Any) -> Any:
+        sizes.append(p.shape)
+        return densities(p, *more)
+
+    monkeypatch.setattr(mixtures, "_densities_at", noted)
     rows = Mixtures(
-        np.array([0, 1, 1, 2, 3, 3, 3]),
-        np.array([[0.0, 0], [0, 0], [100, 0], [5, 5], [0, 0], [50, 0], [0, 50]]),
-        np.array([2.0, 1, 1, 1, 1, 1, 1]), np.array([1, 0.5, 0.5, 1, 0.4, 0.3, 0.3]), 4,
+        np.array([0, 1, 1, 2, 3, 3, 3, 4, 4]),
+        np.array([[0.0, 0], [0, 0], [99, 0], [5, 5], [0, 0], [50, 0], [0, 50], [7, 0], [7, 90]]),
+        np.array([2.0, 1, 1, 1, 1, 1, 1, 1, 1]),
+        np.array([1, 0.5, 0.5, 1, 0.4, 0.3, 0.3, 0.5, 0.5]), 5,
     )  # fmt: skip
-    at = np.array([[2.3, 0], [100.5, 0], [5, 6.2], [0, 53.0]])
-    found = mixtures.in_regions(rows, at, [0.5, 0.95])
-    np.testing.assert_array_equal(found, [[True, True, False, False], [True, True, True, False]])
-    at = np.array([[2.4, 0], [3, 0], [5, 5], [0.5, 0]])
+    for cells, expected in (
+        (1 << 20, [(2, 240), (1, 360)]), (2 * 480, [(2, 240), (1, 360)]),
+        (2 * 480 - 1, [(1, 240), (1, 240), (1, 360)]), (1, [(1, 240), (1, 240), (1, 360)]),
+    ):  # fmt: skip
+        monkeypatch.setattr(mixtures, "_CHUNK_DENSITIES", cells)
+        at = np.array([[2.3, 0], [99.5, 0], [5, 6.2], [0, 53.0], [7, 91.5]])
+        found = mixtures.in_regions(rows, at, [0.5, 0.95])
+        assert found.tolist() == [
+            [True, True, False, False, False],
+            [True, True, True, False, True],
+        ]
+        assert sizes == expected
+        sizes.clear()
+    at = np.array([[2.4, 0], [3, 0], [5, 5], [0.5, 0], [7, 0]])
     found = mixtures.in_regions(rows, at, [0.5, 0.99])
-    np.testing.assert_array_equal(found, [[False, False, True, True], [True, True, True, True]])
+    assert found.tolist() == [[False, False, True, True, True], [True] * 5]
 
 
 def test_modes_of_just_enough_weight_and_distance_count() -> None:

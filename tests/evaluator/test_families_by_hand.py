@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -207,15 +208,27 @@ def test_the_stretch_of_neighbours_by_tier() -> None:
 
 
 def test_neighbours_in_pairs_of_several_sizes(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Pairs of 3, 2, 1, 3 and 4 queries, of which the first 3 take part; in chunks of one pair."""
+    """Pairs of 3, 2, 1, 3 and 4 queries, of which the first 3 take part; in chunks."""
     u = [0, 1, 3, 0, 9, 5, 4, 2, 0, 0, 8, 5, 0.1]
     uv_px = np.array([[each, 2 * each] for each in u], float)
     usable = np.ones(13, bool)
     usable[8] = False
     starts = np.array([0, 3, 5, 6, 9, 13])
-    for cells in (1 << 19, 1):
+    sizes = []
+    nearest = continuity._nearest_in_blocks
+
+    def noted(uv_px: Any, usable: Any, index: Any) -> Any:
+        sizes.append(index.shape)
+        return nearest(uv_px, usable, index)
+
+    monkeypatch.setattr(continuity, "_nearest_in_blocks", noted)
+    for cells, expected in (
+        (1 << 19, [(1, 2), (3, 3)]), (18, [(1, 2), (2, 3), (1, 3)]), (1, [(1, 2), *[(1, 3)] * 3]),
+    ):  # fmt: skip
         monkeypatch.setattr(continuity, "_CHUNK_CELLS", cells)
         row, other = continuity.nearest_neighbours(uv_px, usable, starts, 3)
+        assert sizes == expected
+        sizes.clear()
         assert row.tolist() == [0, 1, 2, 3, 4, 6, 7, 9, 10, 11]
         assert other.tolist() == [1, 0, 1, 4, 3, 7, 6, 11, 11, 10]
     # Queries that differ in one coordinate alone; of two equally near ones the first.

@@ -144,8 +144,9 @@ def test_neighbours_on_a_line() -> None:
 
 def test_no_neighbours_where_one_query_is_alone() -> None:
     uv = np.zeros((3, 2))
-    row, _ = continuity.nearest_neighbours(uv, np.ones(3, bool), np.array([0, 1, 2, 3]), 64)
+    row, other = continuity.nearest_neighbours(uv, np.ones(3, bool), np.array([0, 1, 2, 3]), 64)
     assert not len(row)
+    assert not len(other)
     alone, _ = continuity.nearest_neighbours(
         uv, np.array([True, False, False]), np.array([0, 3]), 64
     )

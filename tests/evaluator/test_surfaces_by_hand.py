@@ -230,14 +230,26 @@ def test_a_surface_in_the_cache_is_read_only(scene: Any) -> None:
 
 def test_the_truth_of_dense_pixels(monkeypatch: pytest.MonkeyPatch) -> None:
     """Steps of 0.5 m, one of 4 m, eight times the typical one, and a fold of 4.5 m."""
-    monkeypatch.setattr(dense_truth, "_CHUNK_CELLS", 1)
+    sizes = []
+
+    class Noted(MaterialObject):
+        def distance_m(self, first: Any, second: Any) -> Any:
+            sizes.append(np.broadcast_shapes(first.shape, second.shape)[:-1])
+            return super().distance_m(first, second)
+
     target = surface([[NAN, 0, 1, 2, 3, 11, 20, NAN], [NAN] * 8])
     footprint = dense_truth._footprint_m(target, SHEET)
     np.testing.assert_allclose(footprint[0], [0, 0.5, 0.5, 0.5, 4, 4, 0.5, 0])
     assert not footprint[1].any()
     source = surface([[1.5, 7, 15, 15.5, 19, NAN], [NAN, 18.9, 0.1, 2.9, NAN, 20]])
     uv_a_px = np.array([[u + 0.5, v + 0.5] for v in (0, 1) for u in range(6)])
-    found = dense_truth.dense_truth(source, target, uv_a_px, SHEET, 0.5)
+    for cells, most in ((1 << 21, 9), (6 * 4 + 5, 4), (1, 1)):
+        monkeypatch.setattr(dense_truth, "_CHUNK_CELLS", cells)
+        sheet = Noted(SHEET.id, SHEET.name, SHEET.material)
+        found = dense_truth.dense_truth(source, target, uv_a_px, sheet, 0.5)
+        expected = [(min(most, 9 - first), 6) for first in range(0, 9, most)]
+        assert [each for each in sizes if len(each) == 2 and each[1] == 6] == expected
+        sizes.clear()
     on = [True] * 5 + [False, False] + [True] * 3 + [False, True]
     assert found.on_object.tolist() == on
     u = [2.5, 4.5, 5.5, NAN, NAN, NAN, NAN, NAN, 1.5, 4.5, NAN, 6.5]

@@ -1,6 +1,6 @@
 """Mutation testing: `make mutants SAMPLE=100`.
 
-    python -m tests.mutation [--sample 100] [--seed 0] [--out build/mutation] [TARGET…]
+    python -m tests.mutation [--sample 100] [--seed 0] [--unseen SEED:SIZE] [TARGET…]
 
 One process; each mutant runs in a fork (see `runner.py`). OUT/TARGET.jsonl keeps the results, and
 mutants with a result there are not run again; `--survivors` runs only those that survived.
@@ -91,6 +91,10 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--sample", type=int, help="mutants per target (default: all)")
     parser.add_argument("--seed", type=int, default=0, help="of the sample (default: 0)")
+    parser.add_argument(
+        "--unseen", type=_sample, action="append", default=[], metavar="SEED:SIZE",
+        help="leave out the mutants of an earlier sample; may be repeated",
+    )  # fmt: skip
     parser.add_argument("--out", type=Path, default=ROOT / "build" / "mutation")
     parser.add_argument("--survivors", action="store_true", help="run only survivors, again")
     parser.add_argument("--cpu-seconds", type=float, default=20, help="tests per mutant")
@@ -111,7 +115,12 @@ def main() -> int:
     return 1 if open_questions else 0
 
 
-def chosen(name: str, sample: int | None, seed: int) -> tuple[list[Mutant], int]:
+def _sample(text: str) -> tuple[int, int]:
+    seed, size = text.split(":")
+    return int(seed), int(size)
+
+
+def chosen(name: str, arguments: argparse.Namespace) -> tuple[list[Mutant], int]:
     """Return a target's mutants in random order, as many as asked for, and how many there are.
 
     An edit of a function changes the places of its own mutants in that order, and no others.
@@ -119,8 +128,15 @@ def chosen(name: str, sample: int | None, seed: int) -> tuple[list[Mutant], int]
     source = ROOT / TARGETS[name].source
     files = sorted(source.rglob("*.py")) if source.is_dir() else [source]
     found = [mutant for file in files for mutant in mutants_of(file, ROOT)]
-    found.sort(key=lambda mutant: hashlib.sha256(f"{seed} {mutant.name}".encode()).digest())
-    return found[:sample], len(found)
+
+    def drawn(seed: int) -> list[Mutant]:
+        return sorted(
+            found, key=lambda each: hashlib.sha256(f"{seed} {each.name}".encode()).digest()
+        )
+
+    seen = {each.name for seed, size in arguments.unseen for each in drawn(seed)[:size]}
+    unseen = [each for each in drawn(arguments.seed) if each.name not in seen]
+    return unseen[: arguments.sample], len(found)
 
 
 def read_results(path: Path) -> dict[str, str]:
@@ -136,7 +152,7 @@ def run(names: list[str], arguments: argparse.Namespace) -> None:
     mutants = []
     for name in names:
         done = read_results(arguments.out / f"{name}.jsonl")
-        for mutant in chosen(name, arguments.sample, arguments.seed)[0]:
+        for mutant in chosen(name, arguments)[0]:
             if done.get(mutant.key) in again:
                 target_of[mutant.key] = name
                 mutants.append(mutant)
@@ -173,7 +189,7 @@ def _leave_uncompiled(modules: tuple[str, ...]) -> None:
 def summarise(name: str, arguments: argparse.Namespace) -> int:
     """Print a target's score; return how many survivors have no reason."""
     results = read_results(arguments.out / f"{name}.jsonl")
-    mutants, population = chosen(name, arguments.sample, arguments.seed)
+    mutants, population = chosen(name, arguments)
     mutants = [mutant for mutant in mutants if mutant.key in results]
     reasons = {
         (row["file"], row["function"], change): row["reason"]
