@@ -181,7 +181,9 @@ def _matching(
         seen.counts,
         _non_matches(seen, settings, generator),
         seen.targets,
-        Hinge(settings.margin, settings.guard_px, settings.squared, settings.hard_scaling),
+        Hinge(
+            settings.margin, settings.guard_at(progress), settings.squared, settings.hard_scaling
+        ),
         settings.chunk or None,
     )
 
@@ -201,14 +203,9 @@ def _non_matches(
     seen: _Gathered, settings: LossSettings, generator: torch.Generator | None
 ) -> NonMatches:
     queries = seen.sources.shape[1]
-    drawn = draw_non_matches(seen.mask, queries, settings.non_matches, generator)  # (N, q, K)
-    rows = seen.descriptors.flatten(2).transpose(1, 2)  # (N, h w, D)
-    index = drawn.flatten(1)[..., None].expand(-1, -1, rows.shape[-1])
-    width = seen.mask.shape[-1]
-    return NonMatches(
-        rows.gather(1, index).view(*drawn.shape, -1),
-        torch.stack([drawn % width, drawn // width], dim=-1) + 0.5,
-    )
+    uv = draw_non_matches(seen.mask, queries, settings.non_matches, generator)  # (N, q, K, 2)
+    there = sample_descriptors(seen.descriptors, uv.flatten(1, 2))
+    return NonMatches(there.unflatten(1, uv.shape[1:3]), uv)
 
 
 def _competitors(

@@ -101,16 +101,20 @@ def _sums(hinge: Hinge, *piece: torch.Tensor) -> torch.Tensor:
 def draw_non_matches(
     mask: torch.Tensor, queries: int, count: int, generator: torch.Generator | None = None
 ) -> torch.Tensor:
-    """Draw pixels to be non-matches: the first half on the object, the rest anywhere else.
+    """Draw places to be non-matches: the first half on the object, the rest anywhere else.
+
+    They are anywhere in their pixels, as matches are. Descriptors between pixels are means of
+    those of four pixels: if non-matches were at the pixels' centres, a network could tell them
+    from matches by this alone, with descriptors that vary from pixel to pixel.
 
     Args:
         mask: bool (N, h, w), the object.
         queries: Q.
-        count: K, pixels for each query.
+        count: K, places for each query.
         generator: Source of randomness, on the mask's device.
 
     Returns:
-        int64 (N, Q, K), flat pixel numbers row-major. An image with nothing on one side of the
+        float (N, Q, K, 2), (u, v) in pixels of the mask. An image with nothing on one side of the
         mask is drawn from as a whole.
     """
     flat = mask.flatten(1)
@@ -121,4 +125,7 @@ def draw_non_matches(
             usable.float(), queries * max(number, 1), replacement=True, generator=generator
         )
         picked.append(drawn.view(len(mask), queries, max(number, 1))[..., :number])
-    return torch.cat(picked, dim=-1)
+    pixel = torch.cat(picked, dim=-1)
+    width = mask.shape[-1]
+    corner = torch.stack([pixel % width, pixel // width], dim=-1)
+    return corner + torch.rand(corner.shape, generator=generator, device=mask.device)

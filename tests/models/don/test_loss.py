@@ -86,6 +86,14 @@ def test_gaussian_descriptors_reach_the_target_itself(batch: Batch) -> None:
     assert run(batch, truth, background=0) < 0.1
 
 
+def test_noise_does_not_tell_matches_from_non_matches(batch: Batch) -> None:
+    # Of distances, and with a margin that none reaches: 100 + match - non-match, on average.
+    noise = torch.randn(6, 64, 30, 40, generator=torch.Generator().manual_seed(1))
+    hinge = {"margin": 100.0, "squared": False, "hard_scaling": False, "guard_px": 3.0}
+    loss = run(batch, noise, kind="contrastive", non_matches=400, **hinge)
+    assert loss == pytest.approx(100, abs=0.35)  # 102 if they are at the pixels' centres
+
+
 def test_chunks_and_bins(batch: Batch) -> None:
     truth = material_map(batch, sharpness=0.7)
     whole = run(batch, truth, chunk=0)

@@ -121,12 +121,20 @@ def test_half_of_the_non_matches_lie_on_the_object() -> None:
     mask[0, 2:4, 3:6] = True
     mask[1, :, :2] = True
     drawn = draw_non_matches(mask, 4, 10, torch.Generator().manual_seed(0))
-    assert drawn.shape == (2, 4, 10)
-    on = mask.flatten(1).gather(1, drawn.flatten(1)).view(2, 4, 10)
+    assert drawn.shape == (2, 4, 10, 2)
+    u, v = drawn.long().unbind(-1)
+    on = mask[torch.arange(2)[:, None, None], v, u]
     assert on[..., :5].all()
     assert not on[..., 5:].any()
 
 
+def test_non_matches_are_anywhere_in_their_pixels() -> None:
+    mask = torch.ones(1, 8, 10, dtype=torch.bool)
+    drawn = draw_non_matches(mask, 100, 100, torch.Generator().manual_seed(0))
+    counts = torch.histc(drawn.frac(), bins=4, min=0, max=1)
+    assert counts.min() > 0.95 * counts.mean()
+
+
 def test_an_image_without_object_is_drawn_from_as_a_whole() -> None:
     mask = torch.zeros(1, 4, 4, dtype=torch.bool)
-    assert draw_non_matches(mask, 2, 4).shape == (1, 2, 4)
+    assert draw_non_matches(mask, 2, 4).shape == (1, 2, 4, 2)
