@@ -1,0 +1,465 @@
+"""What is in which folder, what sequence.json and the lists say of it: exactly these problems."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pliant.spec.io import limits
+from pliant.spec.io.reading import Blob
+from pliant.spec.storage.files import LocalFiles
+from pliant.spec.validation.findings import Findings
+from pliant.spec.validation.rules.context import Context
+from pliant.spec.validation.rules.files import (
+    SequenceFiles,
+    check_files,
+    is_safe,
+    list_sequence,
+    read_document,
+)
+from pliant.spec.validation.rules.listing import check_checksums, check_listing
+from pliant.spec.validation.rules.structure import check_root, list_folder
+from tests.conformance.base import TIERS
+from tests.dataset_files import listing_row, write_dataset
+
+Found = list[tuple[str, str, str]]
+
+
+def found(findings: Findings) -> Found:
+    """Return (code, path, where) of every problem; all of them are listed."""
+    assert findings.total == len(findings.issues)
+    return [(issue.code, issue.path, issue.where) for issue in findings.issues]
+
+
+def make(root: Path, *entries: str) -> Path:
+    """Make empty files, folders (`name/`), and links (`name -> target`)."""
+    for entry in entries:
+        name, _, target = entry.partition(" -> ")
+        path = root / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if target:
+            path.symlink_to(target)
+        elif name.endswith("/"):
+            path.mkdir(exist_ok=True)
+        else:
+            path.touch()
+    return root
+
+
+LOOSE = ("dataset.json", "sequences.parquet", "sequences/t/a/", "sequences/t/b/", "sequences/u/c/")
+PACKED = (
+    *("dataset.json", "sequences.parquet", "index.parquet", "frames/train-00000.parquet"),
+    *("folders/val-00001.parquet", "correspondences/test-00000.parquet"),
+)
+
+
+@pytest.mark.parametrize(
+    ("entries", "expected"),
+    [
+        (LOOSE, []),
+        (PACKED, []),
+        (LOOSE[:1] + LOOSE[2:], [("FILE_MISSING", "sequences.parquet")]),
+        (LOOSE[1:], [("FILE_MISSING", "dataset.json")]),
+        (LOOSE[:2], [("FILE_MISSING", "sequences")]),
+        ((*LOOSE[1:], "dataset.json -> x"), [("PATH_UNSAFE", "dataset.json")]),
+        ((*LOOSE[:2], "sequences -> x"), [("PATH_UNSAFE", "sequences")]),
+        ((*LOOSE, "x -> dataset.json", "y"), [("PATH_UNSAFE", "x"), ("FILE_EXTRA", "y")]),
+        ((*LOOSE, "README.md/"), [("FILE_EXTRA", "README.md")]),
+        ((*LOOSE, "pairs"), [("FILE_EXTRA", "pairs")]),
+        ((*LOOSE, "frames/x"), [("FILE_EXTRA", "frames")]),
+        ((*PACKED, "sequences/t/a/"), [("FILE_EXTRA", "sequences")]),
+        (
+            (*PACKED, "frames/x", "folders/train-0.parquet", "correspondences/test-00001.parquet/"),
+            [
+                ("FILE_EXTRA", "frames/x"),
+                ("FILE_EXTRA", "folders/train-0.parquet"),
+                ("FILE_EXTRA", "correspondences/test-00001.parquet"),
+            ],
+        ),
+        (
+            (*LOOSE, "queries/val.parquet", "queries/dev.parquet", "queries/val", "queries/a/"),
+            [("FILE_EXTRA", f"queries/{name}") for name in ("a", "dev.parquet", "val")],
+        ),
+        (
+            (*PACKED, "truth/train.parquet", "truth/test.csv", "truth/train.parquet.parquet"),
+            [("FILE_EXTRA", f"truth/{name}") for name in ("test.csv", "train.parquet.parquet")],
+        ),
+        ((*LOOSE, "sequences/x"), [("FILE_EXTRA", "sequences/x")]),
+        ((*LOOSE, "sequences/u/x"), [("FILE_EXTRA", "sequences/u/x")]),
+        ((*LOOSE, "sequences/u/x -> c"), [("PATH_UNSAFE", "sequences/u/x")]),
+        (
+            (
+                *(*LOOSE, "README.md", "LICENSE", "CITATION.cff", "croissant.json", "eval.yaml"),
+                *(".gitattributes", ".zenodo.json", ".pliant/x", ".cache/y", ".git/z", ".private/"),
+                *("SHA256SUMS", "manifest.json", "webdataset/x", "pictures/y", "pairs/z"),
+            ),
+            [],
+        ),
+    ],
+)
+def test_the_root(
+    entries: tuple[str, ...], expected: list[tuple[str, str]], tmp_path: Path
+) -> None:
+    findings = Findings()
+    tiers = check_root(make(tmp_path, *entries), findings)
+    assert found(findings) == [(*each, "") for each in expected]
+    loose = "sequences/t/a/" in entries and "index.parquet" not in entries
+    assert tiers == ({"t": {"a", "b"}, "u": {"c"}} if loose else {})
+
+
+def test_what_a_folder_lists(tmp_path: Path) -> None:
+    make(tmp_path, "a", "b/c", "d -> a", os.fsdecode(b"\xff -> a"))
+    os.mkfifo(tmp_path / "e")
+    findings = Findings()
+    assert list_folder(tmp_path, "in", findings) == ({"a"}, {"b"})
+    assert {(i.path, i.message.split("found ")[1]) for i in findings.issues} == {
+        ("in/d", "a link"), ("in/e", "a special file"), ("in/\\udcff", "a link"),
+    }  # fmt: skip
+    for shown, path in (("in", "in"), ("", ".")):
+        findings = Findings()
+        assert list_folder(tmp_path / "x", shown, findings) == (set(), set())
+        assert found(findings) == [("FILE_UNREADABLE", path, "")]
+
+
+def test_a_sequence_folder(tmp_path: Path) -> None:
+    make(tmp_path, "a", "rgb/0", "rgb/x/", "depth/1", "masks/2", "camera_depth/3", "other/4")
+    findings = Findings()
+    files = list_sequence(tmp_path, "s", findings)
+    assert files.present == {"a", "rgb/0", "depth/1", "masks/2", "camera_depth/3"}
+    assert found(findings) == [("FILE_EXTRA", "s/other", ""), ("FILE_EXTRA", "s/rgb/x", "")]
+
+
+@pytest.mark.parametrize(
+    ("name", "safe"),
+    [
+        *[("a", True), ("a/b", True), ("a..b", True), (".a", True), ("/a", False), ("..", False)],
+        *[("a/../b", False), ("a/./b", False), ("./a", False), ("a//b", False), ("a/", False)],
+        *[("a\\b", False), ("a\0b", False), ("", False), (".", False)],
+    ],
+)
+def test_a_path_stays_in_its_folder(name: str, safe: bool) -> None:
+    assert is_safe(name) is safe
+
+
+TABLES = ("points.parquet", "correspondences.parquet", "cameras.json")
+PICTURES = ("rgb/000000.png", "rgb/000001.png")
+DEPTHS = ("depth/000000.exr", "depth/000001.exr")
+WHOLE = (*TABLES, *PICTURES, *DEPTHS)
+MASKS = ("masks/000000.png", "masks/000001.png")
+CAMERA_DEPTHS = ("camera_depth/000000.exr", "camera_depth/000001.exr")
+
+
+def missing(*names: str) -> Found:
+    return [("FILE_MISSING", f"s/{name}", "") for name in names]
+
+
+UNLISTED = ("FILE_UNLISTED", "s/sequence.json", "files")
+
+
+@pytest.mark.parametrize(
+    ("present", "listed", "held_out", "expected"),
+    [
+        (WHOLE, WHOLE, False, []),
+        (WHOLE[1:], WHOLE, False, missing("points.parquet")),
+        (WHOLE[1:], WHOLE[1:], False, missing("points.parquet")),
+        (WHOLE, WHOLE[:-2], False, [UNLISTED] * 2),
+        (
+            WHOLE,
+            (*WHOLE, WHOLE[0], "a/../b", "c"),
+            False,
+            [
+                ("FILE_UNLISTED", "s/sequence.json", "files[7]"),
+                ("PATH_UNSAFE", "s/sequence.json", "files[8]"),
+                *missing("c"),
+            ],
+        ),
+        ((*WHOLE, "x"), (*WHOLE, "x"), False, [("FILE_EXTRA", "s/x", "")]),
+        (
+            (*WHOLE, *MASKS), (*WHOLE, *MASKS), False, [("FILE_EXTRA", f"s/{m}", "") for m in MASKS]
+        ),
+        (PICTURES, PICTURES, True, []),
+        ((*PICTURES, "cameras.json"), (*PICTURES, "cameras.json"), True, []),
+        ((*PICTURES, *MASKS, *CAMERA_DEPTHS), (*PICTURES, *MASKS, *CAMERA_DEPTHS), True, []),
+        (PICTURES[1:], PICTURES, True, missing(PICTURES[0])),
+        (
+            WHOLE, WHOLE, True,
+            [("HELD_OUT_LEAKS", f"s/{name}", "") for name in sorted({*WHOLE[:2], *DEPTHS})],
+        ),
+        ((*PICTURES, *MASKS), PICTURES, True, [UNLISTED] * 2),
+        ((*PICTURES, MASKS[1]), (*PICTURES, MASKS[1]), True, missing(MASKS[0])),
+        (
+            (*PICTURES, *MASKS, CAMERA_DEPTHS[0]), (*PICTURES, *MASKS), True,
+            [*missing(CAMERA_DEPTHS[1]), UNLISTED],
+        ),
+        (
+            (*PICTURES, "masks/000002.png"), (*PICTURES, "masks/000002.png"), True,
+            [("FILE_EXTRA", "s/masks/000002.png", "")],
+        ),
+    ],
+)  # fmt: skip
+def test_files_listed_and_present(
+    present: tuple[str, ...], listed: tuple[str, ...], held_out: bool, expected: Found
+) -> None:
+    findings = Findings()
+    files = SequenceFiles(Path(), "s", findings, {"sequence.json", *present})
+    entries = [{"path": name, "sha256": name, "bytes": len(name)} for name in listed]
+    check_files(files, {"frames": 2, "files": entries, "split": "test"}, held_out=held_out)
+    assert found(findings) == expected
+    assert files.hashes == {
+        name: (name, len(name)) for name in listed if name in {*present, *WHOLE} and is_safe(name)
+    }
+
+
+def test_a_link_is_not_called_missing_as_well() -> None:
+    findings = Findings()
+    findings.add("PATH_UNSAFE", "s/points.parquet", "", "a link")
+    files = SequenceFiles(Path(), "s", findings, {*WHOLE[1:]})
+    entries = [{"path": name, "sha256": "", "bytes": 0} for name in WHOLE]
+    check_files(files, {"frames": 2, "files": entries, "split": "test"}, held_out=False)
+    assert found(findings) == [("PATH_UNSAFE", "s/points.parquet", "")]
+
+
+def test_only_files_with_their_checksum_are_looked_into(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    digest = hashlib.sha256(b"1234567").hexdigest()
+    names = ("a.png", "a.parquet", "b.png")
+    for name in names:
+        (tmp_path / name).write_bytes(b"1234567")
+    findings = Findings()
+    files = SequenceFiles(tmp_path, "s", findings, {*names, "gone.png"})
+    assert files.contents("b.png") == tmp_path / "b.png"  # not listed, reported elsewhere
+    assert files.verified("b.png") is True
+    assert files.verified("nowhere") is False
+    files.hashes = {name: (digest, 7) for name in (*names, "gone.png")}
+    assert files.contents("a.png") == Blob(str(tmp_path / "a.png"), b"1234567")
+    assert files.sound == {"a.png"}
+    monkeypatch.setattr(limits, "MAX_TABLE_BYTES", 7)
+    monkeypatch.setattr(limits, "MAX_IMAGE_FILE_BYTES", 6)
+    assert files.verified("a.parquet") is True
+    assert files.verified("b.png") is False
+    assert files.contents("b.png") is None
+    assert files.verified("gone.png") is False
+    assert files.sound == {"a.png", "a.parquet"}
+    assert found(findings) == [
+        ("FILE_TOO_LARGE", "s/b.png", ""),
+        ("FILE_TOO_LARGE", "s/b.png", ""),
+        ("FILE_MISSING", "s/gone.png", ""),
+    ]
+
+    def fails(path: Path) -> str:
+        raise OSError("broken disk")
+
+    assert files._checked("a.parquet", fails) is False
+    assert found(findings)[-1] == ("FILE_UNREADABLE", "s/a.parquet", "")
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("{", [("FILE_UNREADABLE", "x", "")]),
+        ('{"spec_version": "2.0.0"}', [("SPEC_VERSION_UNSUPPORTED", "x", "spec_version")]),
+        ('{"spec_version": "1.0.0", "width": 3, "height": 2}', [("SCHEMA_INVALID", "x", "")]),
+        (
+            '{"spec_version": 1, "width": 3.5, "height": 2, "frames": []}',
+            [("SCHEMA_INVALID", "x", where) for where in ("frames", "spec_version", "width")],
+        ),
+        ('["spec_version"]', [("SCHEMA_INVALID", "x", "")]),
+    ],
+)
+def test_a_document_that_breaks_a_rule_is_not_used(
+    text: str, expected: Found, tmp_path: Path
+) -> None:
+    (tmp_path / "x.json").write_text(text)
+    findings = Findings()
+    assert read_document(tmp_path / "x.json", "cameras", findings.at("x")) is None
+    assert sorted(found(findings)) == sorted(expected)
+
+
+FOLDERS = {"rope": {"a", "b"}}
+
+
+def listed(root: Path, *rows: dict[str, Any], folders: dict[str, set[str]]) -> tuple[Any, Found]:
+    """Write sequences.parquet and check it; return the ids that are used, and the problems."""
+    tiers = [TIERS["rope"], TIERS["rope-bare"]]
+    write_dataset(root, "d", rows, tiers, (64, 48))
+    findings = Findings()
+    used = check_listing(context(root), folders, findings)
+    return used, found(findings)
+
+
+def context(root: Path, **changes: Any) -> Context:
+    facts: dict[str, Any] = {
+        "root": root, "files": LocalFiles(root), "quick": False, "width": 64, "height": 48,
+        "tiers": {"rope": None, "rope-bare": None}, "splits": ("train", "test"),
+        "held_out": frozenset(), "id": "d", "version": "1.0.0",
+    }  # fmt: skip
+    return Context(**facts | changes)
+
+
+def row(name: str, **changes: Any) -> dict[str, Any]:
+    return listing_row(name, "rope", "train", 3) | changes
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ({}, None),
+        ({"tier": "cable"}, ("TIER_UNKNOWN", "tier")),
+        ({"split": "val"}, ("SPLIT_UNKNOWN", "split")),
+        ({"frames": 1}, None),
+        ({"frames": 0}, ("VALUE_OUT_OF_RANGE", "frames")),
+        ({"frames": 100_000}, None),
+        ({"frames": 100_001}, ("VALUE_OUT_OF_RANGE", "frames")),
+        ({"seed": 0}, None),
+        ({"seed": -1}, ("VALUE_OUT_OF_RANGE", "seed")),
+        ({"style": "my-style.2"}, None),
+        ({"style": "my style"}, ("VALUE_OUT_OF_RANGE", "style")),
+        ({"coverage": 0.0}, None),
+        ({"coverage": 7.5}, None),
+        ({"coverage": -0.01}, ("VALUE_OUT_OF_RANGE", "coverage")),
+        ({"coverage": float("inf")}, ("VALUE_NOT_FINITE", "coverage")),
+        ({"self_occluded": 0.0}, None),
+        ({"self_occluded": 1.0}, None),
+        ({"self_occluded": 1.01}, ("VALUE_OUT_OF_RANGE", "self_occluded")),
+        ({"self_occluded": -0.01}, ("VALUE_OUT_OF_RANGE", "self_occluded")),
+        ({"self_occluded": float("nan")}, ("VALUE_NOT_FINITE", "self_occluded")),
+        # What follows a missing value is still checked.
+        ({"coverage": None, "self_occluded": 1.01}, ("VALUE_OUT_OF_RANGE", "self_occluded")),
+    ],
+)
+def test_a_row_of_the_list(
+    change: dict[str, Any], expected: tuple[str, str] | None, tmp_path: Path
+) -> None:
+    folders = {"rope": {"a"}} if "tier" in change else FOLDERS
+    used, problems = listed(tmp_path, row("a"), row("b", **change), folders=folders)
+    assert set(used) == {"a", "b"}
+    assert used["b"]["split"] == change.get("split", "train")
+    table = "sequences.parquet"
+    assert problems == ([] if expected is None else [(expected[0], table, f"row 1, {expected[1]}")])
+
+
+def test_sequences_and_folders_are_the_same(tmp_path: Path) -> None:
+    rows = (
+        row("../up"), row("a"), row("a"), row("a", split="test"), row("b", tier="rope-bare"),
+        row("c"), row("d"),
+    )  # fmt: skip
+    folders = {"rope": {"a", "b", "d"}, "other": {"e", "f"}}
+    used, problems = listed(tmp_path, *rows, folders=folders)
+    assert set(used) == {"a", "b", "c", "d"}
+    table = "sequences.parquet"
+    assert problems == [
+        ("PATH_UNSAFE", table, "row 0"),
+        ("ROW_DUPLICATE", table, "row 2"),
+        ("SPLIT_SHARED", table, "row 3"),
+        ("FILE_MISSING", "sequences/rope/c", ""),
+        ("FILE_MISSING", "sequences/rope-bare/b", ""),
+        *[("ROW_MISSING", table, "")] * 3,  # other/e, other/f, rope/b
+    ]
+
+
+def test_a_list_that_cannot_be_used(tmp_path: Path) -> None:
+    (tmp_path / "sequences.parquet").write_bytes(b"x")
+    findings = Findings()
+    assert check_listing(context(tmp_path), FOLDERS, findings) == {}
+    assert found(findings) == [("FILE_UNREADABLE", "sequences.parquet", "")]
+
+
+def test_the_footer_names_this_dataset(tmp_path: Path) -> None:
+    write_dataset(tmp_path, "d", [row("a")], [TIERS["rope"]], (64, 48))
+    for name, version, wrong in (("d", "1.0.0", 0), ("e", "1.0.0", 1), ("d", "1.0.1", 1)):
+        findings = Findings()
+        check_listing(context(tmp_path, id=name, version=version), {"rope": {"a"}}, findings)
+        expected = [("IDENTITY_DIFFERS", "sequences.parquet", "footer dataset")] * wrong
+        assert found(findings) == expected
+
+
+def manifest(root: Path, **changes: Any) -> None:
+    """Write SHA256SUMS over all files there, and the manifest."""
+    names = sorted(p.relative_to(root).as_posix() for p in root.rglob("*") if p.is_file())
+    lines = [f"{hashlib.sha256((root / n).read_bytes()).hexdigest()}  {n}\n" for n in names]
+    (root / "SHA256SUMS").write_text("".join(lines))
+    document: dict[str, Any] = {
+        "spec_version": "1.0.0", "dataset": {"id": "d", "version": "1.0.0"}, "half": "public",
+        "held_out": ["test", "val"], "other_sha256": None, "tools": {},
+        "checksums_sha256": hashlib.sha256((root / "SHA256SUMS").read_bytes()).hexdigest(),
+    }  # fmt: skip
+    (root / "manifest.json").write_text(json.dumps(document | changes))
+
+
+M = "manifest.json"
+
+
+@pytest.mark.parametrize(
+    ("changes", "after", "expected"),
+    [
+        ({}, lambda root: None, []),
+        ({"dataset": {"id": "e", "version": "1.0.0"}}, None, ("IDENTITY_DIFFERS", M, 0)),
+        ({"dataset": {"id": "d", "version": "1.0.1"}}, None, ("IDENTITY_DIFFERS", M, 0)),
+        ({"half": "private"}, None, ("IDENTITY_DIFFERS", M, 0)),
+        ({"held_out": ["val", "test"]}, None, None),
+        ({"held_out": ["test"]}, None, ("IDENTITY_DIFFERS", M, 1)),
+        ({"checksums_sha256": "0" * 64}, None, ("CHECKSUM_DIFFERS", "SHA256SUMS", 2)),
+        ({"half": None}, None, ("SCHEMA_INVALID", M, 3)),
+        ({}, lambda root: (root / M).unlink(), None),
+        ({}, lambda root: (root / "SHA256SUMS").unlink(), ("FILE_MISSING", "SHA256SUMS", 2)),
+        ({}, lambda root: (root / "a").write_text("other"), ("CHECKSUM_DIFFERS", "a", 2)),
+        ({}, lambda root: (root / "a").unlink(), ("FILE_MISSING", "a", 2)),
+        ({}, lambda root: (root / "z").touch(), ("FILE_UNLISTED", "SHA256SUMS", 2)),
+        ({}, lambda root: make(root, ".gitattributes", ".pliant/x", ".git/a/b"), None),
+        ({}, lambda root: make(root, "y -> a", "folder/"), None),
+        ({}, lambda root: (root / "SHA256SUMS").write_text("x"), None),
+    ],
+)
+def test_what_a_publication_lists(
+    changes: dict[str, Any], after: Callable[[Path], Any] | None, expected: Any, tmp_path: Path
+) -> None:
+    """Files a, b/c and d; both problems of the last two are found after that of the first."""
+    for name in ("a", "b/c", "d"):
+        make(tmp_path, name)
+        (tmp_path / name).write_text(name)
+    manifest(tmp_path, **changes)
+    if after is not None:
+        after(tmp_path)
+    where = ("dataset, half", "held_out", "", "half")
+    found_ = _checked(tmp_path)
+    if (tmp_path / "SHA256SUMS").exists() and (tmp_path / "SHA256SUMS").read_text() == "x":
+        assert found_ == [
+            ("FILE_UNREADABLE", "SHA256SUMS", "line 1"),
+            ("CHECKSUM_DIFFERS", "SHA256SUMS", ""),
+        ]
+    else:
+        assert found_ == ([(*expected[:2], where[expected[2]])] if expected else [])
+
+
+def _checked(root: Path) -> Found:
+    findings = Findings()
+    check_checksums(context(root, held_out=frozenset({"val", "test"})), findings)
+    return found(findings)
+
+
+def test_each_file_of_a_publication_is_compared(tmp_path: Path) -> None:
+    make(tmp_path, "a", "b", "c", "d")
+    manifest(tmp_path)
+    (tmp_path / "a").unlink()
+    (tmp_path / "b").unlink()
+    (tmp_path / "c").write_text("other")
+    (tmp_path / "d").write_text("other")
+    make(tmp_path, "e", "f")
+    assert _checked(tmp_path) == [
+        *[("FILE_UNLISTED", "SHA256SUMS", "")] * 2,
+        ("FILE_MISSING", "a", ""), ("FILE_MISSING", "b", ""),
+        ("CHECKSUM_DIFFERS", "c", ""), ("CHECKSUM_DIFFERS", "d", ""),
+    ]  # fmt: skip
+    shutil.copy(tmp_path / "SHA256SUMS", tmp_path / "copy")
+    for name in ("SHA256SUMS", "manifest.json"):
+        (tmp_path / name).unlink()
+        (tmp_path / name).symlink_to("copy")
+    assert _checked(tmp_path) == []  # links are reported elsewhere, and not followed
