@@ -160,21 +160,14 @@ def _borders(luma: FloatArray) -> float:
 
 def _high_frequencies(luma: FloatArray) -> FloatArray:
     """Return the root mean square of the high frequencies of each block with texture, (N,)."""
+    from scipy.fft import dctn
+
     height, width = (side // BLOCK * BLOCK for side in luma.shape)
     blocks = luma[:height, :width].reshape(height // BLOCK, BLOCK, width // BLOCK, BLOCK)
     blocks = blocks.transpose(0, 2, 1, 3).reshape(-1, BLOCK, BLOCK)
     blocks = blocks[blocks.std(axis=(1, 2)) > TEXTURE]
-    values: FloatArray = _COSINES @ blocks @ _COSINES.T
+    values = dctn(blocks, axes=(1, 2), norm="ortho")
     return np.sqrt((values[:, _IS_HIGH] ** 2).mean(axis=1))
 
 
-def _cosines() -> FloatArray:
-    """Return the orthonormal discrete cosine transform of length 8."""
-    rows, columns = np.indices((BLOCK, BLOCK))
-    matrix = np.cos(np.pi * (2 * columns + 1) * rows / (2 * BLOCK)) * np.sqrt(2 / BLOCK)
-    matrix[0] /= np.sqrt(2)
-    return np.asarray(matrix, np.float64)
-
-
-_COSINES: Final = _cosines()
 _IS_HIGH: Final[npt.NDArray[Any]] = np.add.outer(np.arange(BLOCK), np.arange(BLOCK)) >= HIGH
