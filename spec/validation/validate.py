@@ -221,15 +221,13 @@ def _report(
     root: Path, quick: bool, findings: Findings, limit: int, sequences: int, frames: int
 ) -> Report:
     order = {code: index for index, code in enumerate(findings.counts)}
-    issues = findings.listed()
-    if len(issues) > limit:
-        # Keep some of every code: the first of each, then the second of each …
-        rank: dict[str, int] = {}
-        ranked = []
-        for issue in issues:
-            rank[issue.code] = rank.get(issue.code, -1) + 1
-            ranked.append((rank[issue.code], order[issue.code], issue))
-        issues = [issue for _, _, issue in sorted(ranked)[:limit]]
+    # Keep some of every code: the first of each, then the second of each …
+    rank: dict[str, int] = {}
+    ranked = []
+    for issue in findings.listed():
+        rank[issue.code] = rank.get(issue.code, -1) + 1
+        ranked.append((rank[issue.code], order[issue.code], issue))
+    issues = [issue for _, _, issue in sorted(ranked)[:limit]]
     return Report(
         root=root,
         quick=quick,

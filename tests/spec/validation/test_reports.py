@@ -1,0 +1,360 @@
+"""From problems to a report: counts, limits, order, causes; frames and points of all sequences."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pliant.spec.camera import Camera
+from pliant.spec.errors import CallError
+from pliant.spec.io.reading import FileRefusedError
+from pliant.spec.validation.findings import Findings
+from pliant.spec.validation.rules.correspondences import FrameRows
+from pliant.spec.validation.rules.result import (
+    SequenceResult,
+    compare_frames,
+    digest_of,
+    shape_key,
+)
+from pliant.spec.validation.validate import Report, _crashed, validate
+from tests.conformance.edits import (
+    ROPE_TEST,
+    ROPE_TRAIN,
+    change_json,
+    change_rows,
+    listed,
+    write,
+)
+from tests.conformance.publications import pack
+
+Copy = Callable[[str], Path]
+
+
+def words(findings: Findings) -> list[tuple[str, str, str, str]]:
+    return [(i.code, i.path, i.where, i.message) for i in findings.listed()]
+
+
+def some(code: str, path: str, count: int, most: int = 20) -> Findings:
+    findings = Findings(listed_per_code=most)
+    for number in range(count):
+        findings.add(code, path, str(number), "x")
+    return findings
+
+
+def test_as_many_problems_of_a_code_are_listed_as_asked_for() -> None:
+    findings = some("FILE_EXTRA", "a", 4, most=3)
+    assert [issue.where for issue in findings.issues] == ["0", "1", "2"]
+    bad = np.array([False, True, True, False, True, True])
+    findings.add_rows("VALUE_NULL", "b", bad[:4], lambda i: (f"row {i}", "x"))
+    findings.add_rows("VALUE_NULL", "b", bad, lambda i: (f"row {i}", "y"))
+    findings.add_rows("VALUE_NULL", "b", bad, lambda i: (f"row {i}", "z"))
+    findings.add_rows("ROW_ORDER", "b", ~bad & bad, lambda i: ("", ""))
+    assert [issue.where for issue in findings.issues[3:]] == ["row 1", "row 2", "row 1"]
+    assert findings.counts == {"FILE_EXTRA": 4, "VALUE_NULL": 10}
+    assert findings.total == 14
+    other = some("VALUE_NULL", "c", 1)
+    for number in range(2):
+        other.add("ROW_ORDER", "c", str(number), "x")
+    findings.merge(other)
+    assert [issue.where for issue in findings.issues[6:]] == ["0", "1"]
+    assert findings.counts == {"FILE_EXTRA": 4, "VALUE_NULL": 11, "ROW_ORDER": 2}
+
+
+def test_parts_are_merged_up_to_the_limit() -> None:
+    findings = some("FILE_EXTRA", "a", 18)
+    findings.merge(some("FILE_EXTRA", "b", 5))
+    assert [issue.path for issue in findings.issues] == ["a"] * 18 + ["b"] * 2
+    findings.merge(some("FILE_EXTRA", "c", 1))
+    assert len(findings.issues) == 20
+    assert findings.counts == {"FILE_EXTRA": 24}
+    # Of a part that counted more than it lists, those that it lists are taken.
+    findings = some("FILE_EXTRA", "a", 1, most=5)
+    findings.merge(some("FILE_EXTRA", "b", 9, most=2))
+    assert [issue.path for issue in findings.issues] == ["a", "b", "b"]
+    assert findings.counts == {"FILE_EXTRA": 10}
+
+
+def test_a_cause_stands_for_all_rows_of_a_file() -> None:
+    findings = some("DEPTH_DISAGREES", "a", 1234)
+    findings.add("ROW_ORDER", "a", "", "x")
+    findings.diagnose("DEPTH_DISAGREES", "a", "are too deep")
+    findings.diagnose("OFFSET_DISAGREES", "a", "all is shifted")
+    assert words(findings) == [
+        ("DEPTH_DISAGREES", "a", "", "all 1,234 rows are too deep"),
+        ("OFFSET_DISAGREES", "a", "", "all is shifted"),
+        ("ROW_ORDER", "a", "", "x"),
+    ]
+    assert findings.counts == {"DEPTH_DISAGREES": 1234, "ROW_ORDER": 1, "OFFSET_DISAGREES": 1}
+    for path in "bc":
+        other = some("DEPTH_DISAGREES", path, 10)
+        other.diagnose("DEPTH_DISAGREES", path, "are too deep")
+        findings.merge(other)
+    assert words(findings)[0] == (
+        "DEPTH_DISAGREES", "a", "and 2 more files", "all 1,254 rows are too deep",
+    )  # fmt: skip
+    assert findings.total == 1256
+
+
+def test_the_refusal_of_a_file_is_one_sentence() -> None:
+    findings = Findings()
+    problems = findings.at("a")
+    error = FileRefusedError("FILE_UNREADABLE", "is broken", where="line 3", found=0, required="")
+    with problems.refusals():
+        raise error
+    error = FileRefusedError("FILE_TOO_LARGE", "is large", fix="Cut it.")
+    problems.refuse(error)
+    assert words(findings) == [
+        ("FILE_UNREADABLE", "a", "line 3", "is broken; found 0; required: "),
+        ("FILE_TOO_LARGE", "a", "", "is large. Cut it."),
+    ]
+    assert (problems.total, problems.counts) == (2, {"FILE_UNREADABLE": 1, "FILE_TOO_LARGE": 1})
+
+
+def spoil(root: Path) -> None:
+    """Three codes: 2 extra files, 3 wrong seeds, 4 rows of points without order."""
+    for name in ("y", "x"):
+        write(name, b"")(root)
+    change_rows("sequences.parquet", lambda rows: [r | {"seed": -1} for r in rows[:3]] + rows[3:])(
+        root
+    )
+    for folder in (ROPE_TRAIN, ROPE_TEST):
+        change_rows(f"{folder}/points.parquet", lambda rows: [rows[1], rows[0], *rows[2:]])(root)
+    listed()(root)
+
+
+def test_a_report_keeps_some_problems_of_every_code(copy_of: Copy) -> None:
+    root = copy_of("full")
+    spoil(root)
+    counts = {"FILE_EXTRA": 2, "IDENTITY_DIFFERS": 3, "ROW_ORDER": 4, "VALUE_OUT_OF_RANGE": 3}
+    steps: list[tuple[int, int]] = []
+    for limit, listed_ in ((200, (2, 3, 4, 3)), (12, (2, 3, 4, 3)), (11, (2, 3, 3, 3)),
+                           (9, (2, 2, 2, 3)), (4, (1, 1, 1, 1)), (3, (1, 1, 0, 1))):  # fmt: skip
+        report = validate(
+            root, quick=True, limit=limit, progress=lambda done, of: steps.append((done, of))
+        )
+        assert report.counts == counts
+        assert list(report.counts) == sorted(counts)
+        found = [issue.code for issue in report.issues]
+        assert tuple(found.count(code) for code in counts) == listed_, limit
+        places = [(issue.path, issue.where, issue.code) for issue in report.issues]
+        assert places == sorted(places)
+        assert (report.errors, report.total, report.valid) == (12, 12, False)
+        assert (report.sequences, report.frames) == (5, 8)
+    assert steps[:5] == [(k, 5) for k in range(1, 6)]
+    assert [issue.path for issue in report.issues]== [
+        "sequences.parquet", f"{ROPE_TEST}/sequence.json", "x",
+    ]  # fmt: skip
+    document = report.as_dict()
+    issues = document.pop("issues")
+    assert document == {
+        "dataset": str(root), "spec_version": "1.0.0", "quick": True, "valid": False,
+        "sequences": 5, "frames": 8, "total": 12, "listed": 3, "counts": counts,
+    }  # fmt: skip
+    assert [each["code"] for each in issues] == [issue.code for issue in report.issues]
+
+
+def test_warnings_leave_a_dataset_valid(copy_of: Copy) -> None:
+    root = copy_of("minimal")
+    change_json("dataset.json", lambda d: d.update(spec_version="1.9.0"))(root)
+    report = validate(root, quick=True)
+    assert report.counts == {"SPEC_VERSION_NEWER": 1}
+    assert (report.errors, report.total, report.valid) == (0, 1, True)
+    write("junk", b"")(root)
+    report = validate(root, quick=True)
+    assert (report.errors, report.total, report.valid) == (1, 2, False)
+
+
+def codes(report: Report) -> list[tuple[str, str]]:
+    assert len(report.issues) == report.total
+    return [(issue.code, issue.path) for issue in report.issues]
+
+
+def test_a_dataset_that_cannot_be_understood(copy_of: Copy) -> None:
+    root = copy_of("minimal")
+    broken = change_json("dataset.json", lambda d: d.update(tiers=d["tiers"] * 2))
+    broken(root)
+    report = validate(root, quick=True)
+    assert codes(report) == [("TIER_INVALID", "dataset.json")]
+    assert (report.sequences, report.frames) == (0, 0)
+    (root / "dataset.json").rename(root / "x")
+    (root / "dataset.json").symlink_to("x")
+    assert codes(validate(root, quick=True)) == [
+        ("PATH_UNSAFE", "dataset.json"), ("FILE_EXTRA", "x"),
+    ]  # fmt: skip
+    for workers, limit in ((0, 1), (1, 0), (-1, 1)):
+        with pytest.raises(CallError, match="at least 1"):
+            validate(root, workers=workers, limit=limit)
+    assert validate(root, quick=True, workers=1, limit=1).total == 2
+
+
+def test_points_of_a_tier_are_the_same_in_every_sequence(copy_of: Copy) -> None:
+    root = copy_of("full")
+    table = "points.parquet"
+    listed(change_rows(f"{ROPE_TRAIN}/{table}", lambda rows: rows[80].update(m0=0.955)))(root)
+    assert codes(validate(root, quick=True)) == [("POINTS_DIFFER", f"{ROPE_TRAIN}/{table}")]
+    # Of the sequence after one without sound points the points are the first.
+    listed(change_rows(f"{ROPE_TEST}/{table}", lambda rows: rows[80].update(m0=7.0)))(root)
+    found = codes(validate(root, quick=True))
+    assert ("VALUE_OUT_OF_RANGE", f"{ROPE_TEST}/{table}") in found
+    assert "POINTS_DIFFER" not in [code for code, _ in found]
+
+
+def test_a_row_of_another_tier_is_not_that_of_the_folder(copy_of: Copy) -> None:
+    """It is not compared with the sequence.json, whose seed is another."""
+    root = copy_of("full")
+    change = change_rows("sequences.parquet", lambda rows: rows[0].update(tier="cloth-1", seed=99))
+    change(root)
+    assert codes(validate(root, quick=True)) == [
+        ("ROW_MISSING", "sequences.parquet"),
+        ("FILE_MISSING", "sequences/cloth-1/rope-train-000000"),
+    ]
+
+
+def test_queries_that_are_there_or_that_are_linked(copy_of: Copy) -> None:
+    root = copy_of("full")
+    change_rows("queries/test.parquet", lambda rows: rows[0].update(u_a=1.5))(root)
+    (root / "truth/test.parquet").unlink()
+    expected = [("QUERY_NOT_VISIBLE", "queries/test.parquet")]
+    assert codes(validate(root, quick=True)) == expected
+    (root / "queries/test.parquet").rename(root / "queries/val.parquet")
+    found = {code for code, _ in codes(validate(root, quick=True))}
+    assert found == {"SPLIT_UNKNOWN", "IDENTITY_DIFFERS", "QUERY_INVALID"}
+    (root / "queries/val.parquet").rename(root / "README.md")
+    (root / "truth/test.parquet").symlink_to("nowhere")
+    found = {path for _, path in codes(validate(root, quick=True))}
+    assert found == {"truth/test.parquet", "queries/test.parquet"}
+
+
+def test_a_packed_dataset_by_its_index(copy_of: Copy) -> None:
+    root = copy_of("full")
+    pack(root)
+    report = validate(root, quick=True)
+    assert codes(report) == []
+    assert (report.sequences, report.frames) == (5, 8)
+    index = (root / "index.parquet").read_bytes()
+    (root / "index.parquet").write_bytes(b"x")
+    report = validate(root, quick=True)
+    assert codes(report) == [("FILE_UNREADABLE", "index.parquet")]
+    assert (report.sequences, report.frames) == (0, 0)
+    (root / "index.parquet").write_bytes(index)
+
+    def change(rows: list[dict[str, Any]]) -> None:
+        rows[0]["files"][1]["path"] = rows[0]["files"][0]["path"]
+
+    change_rows("index.parquet", change)(root)
+    assert ("INDEX_INVALID", "index.parquet") in codes(validate(root, quick=True))
+
+
+@pytest.mark.parametrize(
+    ("path", "code", "where"),
+    [
+        ("a/b/c", "PATH_UNSAFE", "{}, a/b/c"),
+        ("../c", "PATH_UNSAFE", "{}, ../c"),
+        ("notes", "FILE_EXTRA", ""),
+    ],
+)
+def test_a_packed_file_of_another_name(path: str, code: str, where: str, copy_of: Copy) -> None:
+    root = copy_of("minimal")
+    pack(root)
+    name = "cloth-1-train-000000"
+
+    def change(rows: list[dict[str, Any]]) -> None:
+        rows[0]["files"].append(rows[0]["files"][0] | {"path": path})
+
+    change_rows("index.parquet", change)(root)
+    (issue,) = validate(root, quick=True).issues
+    in_folder = f"sequences/cloth-1/{name}/{path}"
+    expected = (code, in_folder if code == "FILE_EXTRA" else "index.parquet", where.format(name))
+    assert (issue.code, issue.path, issue.where) == expected
+
+
+def test_a_killed_process_is_a_problem_of_its_sequence() -> None:
+    result = _crashed("rope", "a")
+    assert (result.id, result.tier, result.split) == ("a", "rope", None)
+    ((code, path, where, _),) = words(result.findings)
+    assert (code, path, where) == ("FILE_UNREADABLE", "sequences/rope/a", "")
+
+
+def result(name: str, split: str = "train", temporal: bool = False, **keys: Any) -> SequenceResult:
+    found = SequenceResult(name, name[0], split, 9, temporal=temporal)
+    for kind, values in keys.items():
+        setattr(found.keys, kind, values)
+    return found
+
+
+def compared(*sequences: SequenceResult) -> list[tuple[str, str, str, str]]:
+    findings = Findings()
+    compare_frames(list(sequences), findings)
+    return words(findings)
+
+
+def test_frames_of_two_splits_and_frames_that_repeat() -> None:
+    table = "sequences.parquet"
+    assert compared(result("a", pictures={0: 5, 1: 6}), result("b", pictures={0: 7, 1: 0})) == []
+    ((code, path, where, text),) = compared(
+        result("a", pictures={0: 5, 1: 6, 3: 0, 4: 0}),
+        result("b", "test", pictures={3: 0}, depths={2: 8}),
+        result("c", "val"),
+        result("d", depths={1: 8}),
+    )
+    assert (code, path, where) == ("SPLIT_SHARED", table, "test, train")
+    assert text.startswith("1 pairs of frames have the same depth and surface pixels: b frame 2")
+    ((_, _, first, text), (_, _, second, other)) = compared(
+        result("a", pictures={0: 5, 1: 6}, depths={4: 8}),
+        result("b", "test", pictures={2: 6, 5: 6}, depths={2: 8}),
+        result("c", "val", pictures={3: 5}),
+    )
+    assert (first, second) == ("train, test", "train, val")
+    assert text == (
+        "2 pairs of frames have the same colour pixels; 1 pairs of frames have the same depth and "
+        "surface pixels: a frame 1 and b frame 2"
+    )
+    assert other.endswith(": a frame 0 and c frame 3")
+    ((code, path, where, text),) = compared(result("a", pictures={0: 5, 1: 5, 2: 5}))
+    assert (code, path, where) == ("FRAME_REPEATED", table, "")
+    assert text.startswith("2 pairs of frames of one split have the same colour pixels, such as a")
+    assert compared(result("a", temporal=True, pictures={0: 5, 1: 5})) == []
+    episodes = [result(name, temporal=True, pictures={0: 5}) for name in "ab"]
+    assert [each[0] for each in compared(*episodes)] == ["FRAME_REPEATED"]
+
+
+@pytest.mark.parametrize(("apart", "same"), [(0.9e-6, True), (1.1e-6, False), (-0.9e-6, True)])
+@pytest.mark.parametrize("axis", range(6))
+def test_shapes_agree_to_a_micrometre(apart: float, same: bool, axis: int) -> None:
+    shape = np.array([0.0, 0.1, 1.0, 0.2, 0.2, 0.2])
+    other = shape + apart * (np.arange(6) == axis)
+    # Frames between the two in the order of the first number, which do not differ in it.
+    between = {k: shape + 0.01 * k * (np.arange(6) == 1) for k in range(2, 9)}
+    found = compared(result("a1", shapes={0: shape, **between}), result("a2", shapes={1: other}))
+    expected = ["1 pairs of frames of one split have the same point positions before the camera"]
+    assert [text.split(",")[0] for _, _, _, text in found] == (expected if same else [])
+    assert compared(result("a", shapes={0: shape}), result("b", shapes={1: other})) == []
+    assert compared(result("a", shapes={0: shape})) == []
+
+
+def test_what_identifies_a_frame() -> None:
+    pixels = np.arange(24, dtype=np.uint8).reshape(2, 4, 3)
+    first = int.from_bytes(hashlib.sha256(pixels[:, ::2].tobytes()).digest()[:8], "little")
+    assert digest_of(pixels[:, ::2]) == first // 2
+    rng = np.random.default_rng(0)
+    pose = np.array([[0.0, -1, 0, 1], [1, 0, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1]])
+    camera = Camera(np.eye(3), pose, (64, 48))
+    for count, step in ((511, 1), (512, 2), (1024, 3)):
+        xyz = rng.normal(0, 1, (count, 3))
+        number = np.arange(count, dtype=np.int32)
+        rows = FrameRows(0, number, xyz[:, :2], xyz[:, 2], number, xyz)
+        some = xyz[::step] @ pose[:3, :3].T + [1, 2, 3]
+        expected = np.concatenate([some.mean(axis=0), some.std(axis=0)])
+        np.testing.assert_allclose(shape_key(camera, rows), expected)
+
+
+def test_a_document_of_the_report_is_json(copy_of: Copy) -> None:
+    document = validate(copy_of("minimal"), quick=True).as_dict()
+    assert json.loads(json.dumps(document)) == document
+    assert (document["valid"], document["frames"], document["issues"]) == (True, 1, [])
