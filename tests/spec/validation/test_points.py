@@ -1,0 +1,415 @@
+"""Tables of points, their footers and columns, tiers and cameras: each rule broken alone."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from copy import deepcopy
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from pliant.spec.model import Tier
+from pliant.spec.storage.files import LocalFiles
+from pliant.spec.tables import POINTS
+from pliant.spec.validation.findings import Findings
+from pliant.spec.validation.rules.cameras import check_cameras
+from pliant.spec.validation.rules.context import Context
+from pliant.spec.validation.rules.points import PointSet, check_points, material_inside
+from pliant.spec.validation.rules.tables import check_table
+from pliant.spec.validation.rules.tiers import check_tiers
+from tests.dataset_files import coordinate, tier
+
+Rows = list[dict[str, Any]]
+Found = list[tuple[str, str]]
+
+TUBE = [coordinate("s", 0, 2, 0.1), coordinate("theta", -2, 2, 0.1, 4)]
+BOX = [coordinate("u", 1, 3, 0.1), coordinate("v", 0, 1, 0.1)]
+SYMMETRIES = [
+    ("turn", [[1, 0], [0, 1]], [0, 2]),
+    ("reverse", [[-1, 0], [0, -1]], [2, 0]),
+    ("both", [[-1, 0], [0, -1]], [2, 2]),
+]
+DOCUMENT = tier("t", "rope", {"tube": TUBE, "box": BOX}, SYMMETRIES)
+TIER = Tier.from_document(DOCUMENT)
+
+# Points 0 to 3 are an orbit of the surface, 4 and 5 are on the centre line, 6 is on the box.
+_WHERE = [(0.5, 0.3), (0.5, -1.7), (1.5, -0.3), (1.5, 1.7), (0.25, 1.0), (1.75, 0.5), (1.5, 0.5)]
+_PARTNERS = [[1, 2, 3], [0, 3, 2], [3, 0, 1], [2, 1, 0], [4, 5, 5], [5, 4, 4], [6, 6, 6]]
+ROWS: Rows = [
+    {
+        "point": k, "object": 2 if k == 6 else 1,
+        "kind": "centreline" if k in (4, 5) else "surface", "m0": m0, "m1": m1, "partners": partners,
+    }
+    for k, ((m0, m1), partners) in enumerate(zip(_WHERE, _PARTNERS, strict=True))
+]  # fmt: skip
+FOOTER = {"spec_version": "1.0.0", "table": "points"}
+
+
+def write(path: Path, rows: Rows, footer: Any = FOOTER, **options: Any) -> Path:
+    table = pa.Table.from_pylist(rows, schema=POINTS)
+    text = footer if isinstance(footer, str) else json.dumps(footer)
+    pq.write_table(
+        table.replace_schema_metadata({"pliant": text}), path / "points.parquet", **options
+    )
+    return path / "points.parquet"
+
+
+def found(findings: Findings) -> Found:
+    assert findings.total == len(findings.issues)
+    return [(issue.code, issue.where) for issue in findings.issues]
+
+
+def changed(*changes: tuple[int, dict[str, Any]]) -> Rows:
+    rows = deepcopy(ROWS)
+    for index, change in changes:
+        rows[index].update(change)
+    return rows
+
+
+RANGE = "VALUE_OUT_OF_RANGE"
+
+
+@pytest.mark.parametrize(
+    ("rows", "expected"),
+    [
+        (ROWS, []),
+        (changed((6, {"m0": 1.0})), []),
+        (changed((6, {"m0": 3.0 + 1.9e-5})), []),  # 1e-5 of a range of 2
+        (changed((6, {"m0": 3.0 + 2.1e-5})), [(RANGE, "row 6, m0, m1")]),
+        (changed((6, {"m0": 1.0 - 2.1e-5})), [(RANGE, "row 6, m0, m1")]),
+        (changed((6, {"m1": -0.9e-5})), []),
+        (changed((6, {"m1": -1.1e-5})), [(RANGE, "row 6, m0, m1")]),
+        (changed((6, {"m1": np.nan})), [("VALUE_NOT_FINITE", "row 6, m1")]),
+        (changed((6, {"m0": np.inf, "object": 3})),
+         [(RANGE, "row 6, object"), ("VALUE_NOT_FINITE", "row 6, m0")]),
+        (changed((6, {"object": 0})), [(RANGE, "row 6, object")]),
+        (changed((6, {"kind": "axis"})), [(RANGE, "row 6, kind")]),
+        (changed((0, {"point": 1})), [("ROW_ORDER", "row 0, point")]),
+        ([*ROWS[:6], ROWS[6] | {"point": 7}], [("ROW_ORDER", "row 6, point")]),
+        (changed((0, {"partners": [1, 2]})), [(RANGE, "row 0, partners")]),
+        (changed((6, {"partners": [6, 6, 6, 6]})), [(RANGE, "row 6, partners")]),
+        (changed((6, {"partners": [6, 6, 7]})), [(RANGE, "row 6, partners")]),
+        (changed((0, {"partners": [-1, 2, 3]})), [(RANGE, "row 0, partners")]),
+        ([], [("ROW_MISSING", "")]),
+    ],
+)  # fmt: skip
+def test_a_row(rows: Rows, expected: Found, tmp_path: Path) -> None:
+    findings = Findings()
+    points = check_points(write(tmp_path, rows), TIER, findings.at("x"))
+    assert found(findings) == expected
+    assert (points is None) is bool(expected)
+
+
+@pytest.mark.parametrize(
+    ("rows", "expected"),
+    [
+        # The tube's range is 2 along s and 4 around: a partner may be off by 2e-5 and 4e-5.
+        (changed((1, {"m0": 0.5 + 1.9e-5})), []),
+        (changed((1, {"m0": 0.5 + 2.1e-5})), [(0, 0), (1, 0), (1, 1), (1, 2), (2, 2), (3, 1)]),
+        (changed((1, {"m1": -1.7 + 3.8e-5})), []),
+        # Around the tube 1.7 and -2.3 are one place; around the box there is no period.
+        (changed((3, {"m1": -2.0}), (0, {"m1": 0.0}), (1, {"m1": -2.0}), (2, {"m1": 0.0})), []),
+        # On the centre line only s counts.
+        (changed((4, {"m1": -0.9})), []),
+        (changed((4, {"m0": 0.26})), [(4, 1), (4, 2), (5, 1), (5, 2)]),
+        (changed((0, {"partners": [0, 2, 3]})), [(0, 0)]),
+        (changed((0, {"partners": [1, 2, 6]})), [(0, 2)]),
+        (changed((6, {"partners": [6, 0, 6]})), [(6, 1)]),
+        (changed((4, {"m0": 1.0}), (5, {"m0": 1.0}), (4, {"partners": [5, 5, 5]})), []),
+    ],
+)
+def test_partners(rows: Rows, expected: list[tuple[int, int]], tmp_path: Path) -> None:
+    findings = Findings()
+    points = check_points(write(tmp_path, rows), TIER, findings.at("x"))
+    assert points is not None
+    where = {("PARTNER_DISAGREES", f"row {row}, partners[{n}]") for row, n in expected}
+    assert set(found(findings)) == where
+
+
+def test_a_partner_is_of_the_same_object_and_kind(tmp_path: Path) -> None:
+    """A point in the middle of the tube is its own image, on the surface and on the line."""
+    middle = {"m0": 1.0, "m1": 0.0}
+    line = {"kind": "centreline"}
+    base = changed((0, middle | {"partners": [1, 0, 1]}), (1, {"m0": 1.0, "m1": 2.0} | {
+        "partners": [0, 1, 0]}), (2, middle | line | {"partners": [2, 2, 2]}), (3, middle | line | {
+        "partners": [3, 2, 2]}))  # fmt: skip
+    for change, expected in (
+        ((3, {}), []),
+        ((0, {"partners": [1, 2, 1]}), ["row 0, partners[1]"]),
+        ((3, {"partners": [3, 0, 2]}), ["row 3, partners[1]"]),
+        ((6, {"partners": [6, 6, 0]}), ["row 6, partners[2]"]),
+    ):
+        rows = deepcopy(base)
+        rows[change[0]].update(change[1])
+        findings = Findings()
+        check_points(write(tmp_path, rows), TIER, findings.at("x"))
+        assert [where for _, where in found(findings)] == expected
+
+
+def test_what_identifies_a_table_of_points(tmp_path: Path) -> None:
+    def read(rows: Rows, **options: Any) -> PointSet:
+        points = check_points(write(tmp_path, rows, **options), TIER, Findings().at("x"))
+        assert points is not None
+        return points
+
+    first = read(ROWS)
+    assert len(first) == 7
+    assert first.object_id.tolist() == [1] * 6 + [2]
+    assert first.centreline.tolist() == [False] * 4 + [True] * 2 + [False]
+    np.testing.assert_allclose(first.material, _WHERE, rtol=1e-6)
+    assert first.partners.tolist() == _PARTNERS
+    same = [ROWS, [*ROWS[:6], ROWS[6] | {"partners": (6, 6, 6)}]]
+    assert {read(rows).digest for rows in same} == {first.digest}
+    others = [
+        changed((6, {name: value}))
+        for name, value in (("m0", 1.25), ("m1", 0.25), ("kind", "centreline"))
+    ]
+    others.append(changed((4, {"object": 2, "m0": 1.25, "partners": [4, 4, 4]})))
+    others.append(changed((0, {"partners": [1, 2, 1]})))
+    digests = {read(rows).digest for rows in others} | {first.digest}
+    assert len(digests) == 6
+
+
+def test_which_material_is_inside_its_object() -> None:
+    material = np.array([[0.5, 0], [2.5, 0], [2.5, 0.5], [0.5, 0.5], [0.5, 1.9], [1.0, 0.5]])
+    object_id = np.array([1, 1, 2, 2, 1, 3])
+    assert material_inside(material, object_id, TIER).tolist() == [
+        True, False, True, False, True, False,
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("footer", "expected"),
+    [
+        (FOOTER, []),
+        (FOOTER | {"spec_version": "1.7.3", "later": 1}, None),
+        (FOOTER | {"spec_version": "2.0.0"}, [("SPEC_VERSION_UNSUPPORTED", "spec_version")]),
+        (FOOTER | {"spec_version": 1}, [("FOOTER_INVALID", "footer spec_version")]),
+        (FOOTER | {"table": "truth"}, [("FOOTER_INVALID", "footer table")]),
+        ("[]", [("FOOTER_INVALID", "")]),
+        ({"table": "truth"}, [("FOOTER_INVALID", "footer"), ("FOOTER_INVALID", "footer table")]),
+    ],
+)
+def test_a_footer(footer: Any, expected: Found | None, tmp_path: Path) -> None:
+    """A column more is an error, unless the footer says that a later version wrote it."""
+    path = write(tmp_path, ROWS, footer)
+    findings = Findings()
+    table = check_table(path, "points", findings.at("x"), max_rows=7)
+    assert table is not None
+    assert found(findings) == (expected or [])
+    assert dict(table.footer) == (footer if not expected else {})
+    assert table.whole
+    assert table.rows == 7
+    more = pq.read_table(path).append_column("b", pa.array([0] * 7)).append_column(
+        "a", pa.array([0] * 7))  # fmt: skip
+    pq.write_table(more, path)
+    findings = Findings()
+    check_table(path, "points", findings.at("x"), max_rows=7)
+    extra = [("COLUMN_EXTRA", "a"), ("COLUMN_EXTRA", "b")]
+    assert found(findings) == ([] if expected is None else expected + extra)
+
+
+def test_columns(tmp_path: Path) -> None:
+    path = write(tmp_path, ROWS)
+    table = pq.read_table(path)
+    changed_ = table.drop_columns(["m1"]).set_column(
+        1, "object", table.column("object").cast(pa.int64())
+    )
+    pq.write_table(changed_, path)
+    findings = Findings()
+    opened = check_table(path, "points", findings.at("x"), max_rows=7)
+    assert opened is not None
+    assert not opened.whole
+    assert opened.columns == {"point", "kind", "m0", "partners"}
+    assert found(findings) == [("COLUMN_TYPE", "object"), ("COLUMN_MISSING", "m1")]
+    findings = Findings()
+    assert check_points(path, TIER, findings.at("x")) is None
+    assert check_table(path, "points", findings.at("x"), max_rows=6) is None
+    assert found(findings)[-1] == ("FILE_TOO_LARGE", "")
+
+
+def test_batches_carry_the_number_of_their_first_row(tmp_path: Path) -> None:
+    path = write(tmp_path, ROWS, row_group_size=3)
+    opened = check_table(path, "points", Findings().at("x"), max_rows=7)
+    assert opened is not None
+    parts = [(start, batch.to_pydict()) for start, batch in opened.batches(["m0"])]
+    assert [start for start, _ in parts] == [0, 3, 6]
+    assert [value for _, part in parts for value in part["m0"]] == [m0 for m0, _ in _WHERE]
+
+
+Change = Callable[[dict[str, Any]], Any]
+
+
+def matrix(number: int, value: Any, offset: Any = None) -> Change:
+    def change(document: dict[str, Any]) -> None:
+        document["symmetries"][number].update(
+            {"matrix": value} | ({} if offset is None else {"offset": offset})
+        )
+
+    return change
+
+
+def material(which: int, **values: Any) -> Change:
+    return lambda document: document["objects"][0]["material"][which].update(values)
+
+
+ONE = [[1, 0], [0, 1]]
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        (lambda d: None, []),
+        (lambda d: d["objects"][1].update(id=1), [("TIER_INVALID", "tiers[1]")]),
+        (lambda d: d.update(queried_object=3), [("TIER_INVALID", "tiers[1]")]),
+        (lambda d: d.update(queried_object=2), [("SYMMETRY_INVALID", f"tiers[1].symmetries[{k}]")
+                                                for k in range(3)]),
+        (material(0, min=2), [("TIER_INVALID", "tiers[1]")]),
+        (material(0, min=3), [("TIER_INVALID", "tiers[1]")]),
+        (material(1, period=4 / (1 + 0.9e-6)), []),
+        (material(1, period=4 / (1 + 1.1e-6)), [("TIER_INVALID", "tiers[1]")]),
+        # Each of the three coordinates that are wrong, in both objects.
+        (lambda d: [c.update(max=-9) for o in d["objects"] for c in o["material"][:2]],
+         [("TIER_INVALID", "tiers[1]")] * 4),
+        (lambda d: d["symmetries"][2].update(name="turn"),
+         [("SYMMETRY_INVALID", "tiers[1].symmetries[2]")]),
+        (matrix(1, ONE, [0, 0]), [("SYMMETRY_INVALID", "tiers[1].symmetries[1]")]),
+        (matrix(2, ONE, [0, 2]), [("SYMMETRY_INVALID", "tiers[1].symmetries[2]")]),
+        (matrix(2, ONE, [0, -2]), [("SYMMETRY_INVALID", "tiers[1].symmetries[2]")]),
+        (lambda d: d["symmetries"].pop(), [("SYMMETRY_INVALID", f"tiers[1].symmetries[{k}]")
+                                          for k in range(2)]),
+        (lambda d: d["symmetries"].clear(), []),
+        # A corner may be off by 1e-6 of the range along s.
+        (matrix(1, [[-1, 0], [0, -1]], [2 + 1.9e-6, 0]), []),
+        (matrix(1, [[-1, 0], [0, -1]], [2 + 2.1e-6, 0]),
+         [("SYMMETRY_INVALID", "tiers[1].symmetries[1]")]),
+        (matrix(1, [[-1, 0.9e-6], [0, -1]]), []),
+        (matrix(1, [[-1, 1.1e-6], [0, -1]]), [("SYMMETRY_INVALID", "tiers[1].symmetries[1]")]),
+        (matrix(1, [[-1, 0], [0, -1 - 0.9e-6]]), []),
+        (matrix(1, [[-1, 0], [0, -1 - 1.1e-6]]), [("SYMMETRY_INVALID", "tiers[1].symmetries[1]")]),
+        (matrix(1, [[-1, 0], [0, -3]]), [("SYMMETRY_INVALID", "tiers[1].symmetries[1]")]),
+        (matrix(1, [[-1, 0], [0, 0]]), [("SYMMETRY_INVALID", "tiers[1].symmetries[1]")]),
+    ],
+)  # fmt: skip
+def test_tiers(change: Change, expected: Found) -> None:
+    document = deepcopy(DOCUMENT)
+    change(document)
+    other = deepcopy(DOCUMENT) | {"name": "other"}
+    findings = Findings()
+    check_tiers([Tier.from_document(d) for d in (other, document)], findings.at("dataset.json"))
+    assert sorted(found(findings)) == sorted(expected)
+
+
+def test_maps_are_the_same_to_a_hundred_thousandth_of_the_range() -> None:
+    """A range of 2 along s, 4 around: a second turn may differ by 2e-5 or 4e-5."""
+    for off, again in ((0.9, True), (1.1, False)):
+        for matrix_, offset in (
+            ([[1, 0], [0, 1]], [0, 2 + off * 4e-5]),
+            ([[-1, 0], [0, 1]], [2, 2 + off * 4e-5]),
+        ):
+            maps = [("first", matrix_, [offset[0], 2]), ("second", matrix_, offset)]
+            findings = Findings()
+            document = tier("t", "rope", {"tube": TUBE}, maps)
+            check_tiers([Tier.from_document(document)], findings.at("dataset.json"))
+            twice = [i.where for i in findings.issues if "listed twice" in i.message]
+            assert twice == (["tiers[0].symmetries[1]"] if again else [])
+
+
+def test_two_closed_coordinates() -> None:
+    """A torus of periods 4 and 2 may be turned twice round one way for once the other."""
+    torus = [coordinate("a", 0, 4, 0.1, 4), coordinate("b", 0, 2, 0.1, 2)]
+    for matrix_, good in (
+        ([[1, 0], [0, -1]], True),
+        ([[1, 2], [0, 1]], False),  # of infinite order, no group; still a bijection
+        ([[0, 2], [0.5, 0]], True),
+        ([[0, 1], [1, 0]], False),
+        ([[2, 0], [0, 1]], False),
+    ):
+        document = tier("t", "rope", {"torus": torus}, [("map", matrix_, [0, 0])])
+        findings = Findings()
+        check_tiers([Tier.from_document(document)], findings.at("dataset.json"))
+        assert (findings.counts == {}) is good, matrix_
+        bijection = [i for i in findings.issues if "bijection" in i.message]
+        assert bool(bijection) is (matrix_ in ([[0, 1], [1, 0]], [[2, 0], [0, 1]]))
+
+
+def test_names_of_tiers() -> None:
+    tiers = [Tier.from_document(DOCUMENT | {"name": name}) for name in "babcb"]
+    findings = Findings()
+    check_tiers(tiers, findings.at("dataset.json"))
+    assert [(i.where, i.message[-3:]) for i in findings.issues] == [("tiers", "'b'")]
+
+
+CONTEXT = Context(
+    Path(), LocalFiles(Path()), False, 64, 48, {}, ("train",), frozenset(), "d", "1.0.0"
+)
+
+
+def turned(angle: float) -> list[list[float]]:
+    c, s = np.cos(angle), np.sin(angle)
+    return [[c, -s, 0, 1], [s, c, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1]]
+
+
+def put(frame: int, name: str, row: int, column: int, value: float) -> Change:
+    return lambda document: document["frames"][frame][name][row].__setitem__(column, value)
+
+
+K, POSE = "K", "world_to_camera"
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        (lambda d: None, []),
+        (lambda d: d.update(width=65), [("IDENTITY_DIFFERS", "width, height")]),
+        (lambda d: d.update(height=49), [("IDENTITY_DIFFERS", "width, height")]),
+        (lambda d: d["frames"].pop(), [("CAMERA_INVALID", "frames")]),
+        (lambda d: d["frames"].reverse(), [("CAMERA_INVALID", "frames")]),
+        (lambda d: d["frames"][0].update(frame=1), [("CAMERA_INVALID", "frames")]),
+        *[
+            (put(1, K, row, column, value), [("CAMERA_INVALID", "frames[1].K")])
+            for row, column, value in (
+                (0, 1, 1), (1, 0, 1), (2, 0, 1), (2, 1, 1), (2, 2, 2), (2, 2, 0), (0, 0, 0),
+                (1, 1, 0), (0, 0, -1), (1, 1, -1),
+            )
+        ],
+        (put(1, K, 0, 0, 1e-9), []),
+        (put(1, K, 1, 1, 1e-9), []),
+        (put(1, K, 0, 2, -5), []),
+        *[
+            (put(0, POSE, 3, column, 2), [("CAMERA_INVALID", "frames[0].world_to_camera")])
+            for column in range(4)
+        ],
+        (put(0, POSE, 2, 2, -1), [("CAMERA_INVALID", "frames[0].world_to_camera")]),
+        (put(0, POSE, 2, 2, 1 + 0.49e-6), []),
+        (put(0, POSE, 2, 2, 1 + 0.51e-6), [("CAMERA_INVALID", "frames[0].world_to_camera")]),
+        (put(0, POSE, 2, 2, 1 - 0.51e-6), [("CAMERA_INVALID", "frames[0].world_to_camera")]),
+        (put(0, POSE, 2, 0, 1.1e-6), [("CAMERA_INVALID", "frames[0].world_to_camera")]),
+        (put(0, POSE, 0, 0, 1e300), [("CAMERA_INVALID", "frames[0].world_to_camera")]),
+        (put(0, POSE, 0, 3, 1e300), []),
+    ],
+)  # fmt: skip
+def test_cameras(change: Change, expected: Found) -> None:
+    document: dict[str, Any] = {
+        "width": 64,
+        "height": 48,
+        "frames": [
+            {"frame": k, K: [[80, 0, 30], [0, 90, 20], [0, 0, 1]], POSE: turned(0.3 + k)}
+            for k in range(2)
+        ],
+    }
+    change(document)
+    findings = Findings()
+    cameras = check_cameras(CONTEXT, document, 2, findings.at("x"))
+    assert found(findings) == expected
+    assert (cameras is None) is bool(expected)
+    if cameras is not None:
+        assert [each.size for each in cameras] == [(64, 48)] * 2
+        for number, each in enumerate(cameras):
+            np.testing.assert_array_equal(each.K, document["frames"][number][K])
+            np.testing.assert_array_equal(each.world_to_camera, document["frames"][number][POSE])
