@@ -61,8 +61,9 @@ _OF_METRICS = (
     *("one_block", "orbit", "protocols", "surface_lookup", "surfaces_by_hand", "videos"),
 )
 _OF_VALIDATION = (
-    *("colour", "conformance", "consistent_mutations", "diagnosis", "evidence", "precision"),
-    *("rules", "validate", "visibility"),
+    *("agreement", "alignment", "colour", "conformance", "consistent_mutations"),
+    *("correspondences", "diagnosis", "evidence", "folders", "points", "precision", "queries"),
+    *("reports", "rules", "sequences", "validate", "visibility", "windows"),
 )
 TARGETS = {
     "ledger": Target("service/ledger.py", ("tests/service/test_attempts.py",), "not postgresql"),

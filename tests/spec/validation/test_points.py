@@ -42,8 +42,8 @@ _WHERE = [(0.5, 0.3), (0.5, -1.7), (1.5, -0.3), (1.5, 1.7), (0.25, 1.0), (1.75, 
 _PARTNERS = [[1, 2, 3], [0, 3, 2], [3, 0, 1], [2, 1, 0], [4, 5, 5], [5, 4, 4], [6, 6, 6]]
 ROWS: Rows = [
     {
-        "point": k, "object": 2 if k == 6 else 1,
-        "kind": "centreline" if k in (4, 5) else "surface", "m0": m0, "m1": m1, "partners": partners,
+        "point": k, "object": 2 if k == 6 else 1, "m0": m0, "m1": m1, "partners": partners,
+        "kind": "centreline" if k in (4, 5) else "surface",
     }
     for k, ((m0, m1), partners) in enumerate(zip(_WHERE, _PARTNERS, strict=True))
 ]  # fmt: skip
