@@ -258,6 +258,28 @@ def test_a_jump_along_either_axis(axis: int, which: int, times: float, left: int
     assert len(Alignment([patch(material, FLAT, MIDDLE)]).frames()) == left
 
 
+def test_a_flat_patch_is_measured_exactly() -> None:
+    """The material is that of a place (0.11, -0.23) px away; the plane recedes along both axes."""
+    inside, shift = np.array([0.3, 0.6]), np.array([0.11, -0.23])
+    material = (np.stack([A, B], axis=-1) - inside - shift) @ J.T
+    tilted = 1 / (0.5 + 0.01 * (A - 0.3) - 0.02 * (B - 0.6))
+    found = measure(patch(material, tilted, inside))
+    assert found.offset_px[0] == pytest.approx(shift)
+    assert found.shown_m[0] == pytest.approx(2.0)
+    slope = (np.array([30.8, 18.1]) - [23.5, 41.2]) / [100, 120]
+    assert found.ray[0] == pytest.approx(np.sqrt(1 + (slope**2).sum()))
+    for bound in (found.error_px, found.bend_px, found.noise_px):
+        assert bound[0] == pytest.approx(0, abs=1e-12)
+
+
+@pytest.mark.parametrize(("angle", "left"), [(0.0205, 1), (0.0195, 0)])
+def test_material_needs_two_directions(angle: float, left: int) -> None:
+    """The sine of the angle between the directions in which they change is at least 0.02."""
+    second = np.cos(angle) * (A + B) + np.sin(angle) * (A - B)
+    material = np.stack([3 * (A + B), 0.5 * second], axis=-1)
+    assert len(Alignment([patch(material, FLAT, MIDDLE)]).frames()) == left
+
+
 def test_frames_are_measured_apart_and_joined_in_order() -> None:
     """Of three frames the second one cannot be measured: its material has one direction."""
     flat = mapped(0 * A, 0 * A)

@@ -231,7 +231,7 @@ def test_more_rows_than_allowed_are_not_counted(
     for most, codes in ((6, set()), (5, {"FILE_TOO_LARGE"})):
         rows, findings = table(tmp_path, ALL)
         monkeypatch.setattr(limits, "MAX_CORRESPONDENCE_ROWS", most)
-        assert check_keys(rows, 3, 2) is not codes
+        assert check_keys(rows, 3, 2) is (not codes)
         assert set(findings.counts) == codes
         monkeypatch.undo()
 

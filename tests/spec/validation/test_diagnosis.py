@@ -1,4 +1,4 @@
-"""One cause for many wrong rows or images, made by hand, and the limits where there is none."""
+"""One cause for many wrong rows, made by hand, and the limits where there is none."""
 
 from __future__ import annotations
 
@@ -10,13 +10,17 @@ import pytest
 
 from pliant.spec.arrays import FloatArray
 from pliant.spec.camera import Camera
-from pliant.spec.model import Tier
 from pliant.spec.validation.findings import Findings
-from pliant.spec.validation.rules.agreement import check_agreement
-from pliant.spec.validation.rules.alignment import Alignment, Measured, Sample
 from pliant.spec.validation.rules.correspondences import FrameRows
-from pliant.spec.validation.rules.diagnosis import RowSample, diagnose_rows
-from tests.conformance.base import TIERS
+from pliant.spec.validation.rules.diagnosis import (
+    RowSample,
+    _Compared,
+    _depth_cause,
+    _most,
+    _near,
+    _pixel_cause,
+    diagnose_rows,
+)
 
 WIDTH, HEIGHT = SIZE = (160, 120)
 FRAMES, POINTS = 24, 40
@@ -129,6 +133,7 @@ OTHER_CAMERAS: dict[str, Callable[[int], Camera]] = {
         CAMERAS[k], world_to_camera=TURN @ CAMERAS[k].world_to_camera
     ),
     "fit the camera of another frame: shifted by one frame": lambda k: CAMERAS[(k + 1) % FRAMES],
+    "fit the camera of another frame: shifted by one frame ": lambda k: CAMERAS[k - 1],
     "fit the camera of frame 3: another frame's camera": lambda k: CAMERAS[3],
 }
 
@@ -137,7 +142,7 @@ OTHER_CAMERAS: dict[str, Callable[[int], Camera]] = {
 def test_another_camera(cause: str) -> None:
     used = [OTHER_CAMERAS[cause](frame) for frame in range(FRAMES)]
     rows = np.stack([camera.project(xyz) for camera, xyz in zip(used, XYZ, strict=True)])
-    both = {(code, cause) for code in ("REPROJECTION_DISAGREES", "DEPTH_DISAGREES")}
+    both = {(code, cause.strip()) for code in ("REPROJECTION_DISAGREES", "DEPTH_DISAGREES")}
     assert set(diagnosed(rows, XYZ)) == both
 
 
@@ -173,236 +178,144 @@ def test_a_cause_is_looked_for_only_where_nearly_all_rows_are_wrong() -> None:
     assert diagnosed(rows, XYZ, wrong=0.85) == {}
 
 
-A, B = np.meshgrid(np.arange(-1.0, 3), np.arange(-1.0, 3))  # u and v from the inner cell's corner
-CELL, FOCAL, CENTRE = np.array([30, 17]), np.array([100.0, 120.0]), np.array([23.5, 41.2])
+def test_few_cameras_are_not_shifted() -> None:
+    """Of two frames the other one's camera is named; one frame has no other."""
+    rows = np.stack([CAMERAS[1].project(xyz) for xyz in XYZ[:2]])
+    assert diagnosed(rows[:1], XYZ[:1], cameras=CAMERAS[:1]) == {}
+    found = diagnosed(rows, XYZ[:2], cameras=CAMERAS[:2])
+    assert {cause for _, cause in found} == {"fit the camera of frame 1: another frame's camera"}
 
 
-def measured(
-    material: FloatArray, depth: FloatArray, inside: tuple[float, float]
-) -> list[Measured]:
-    """Measure a point, if it can be, at a place of its cell, 0 to 1; (4, 4, 2), (4, 4) around."""
-    K = np.array([[FOCAL[0], 0, CENTRE[0]], [0, FOCAL[1], CENTRE[1]], [0, 0, 1]])
-    sample = Sample(
-        frame=np.array([5]),
-        uv_px=(CELL + 0.5 + inside)[None],
-        depth_m=np.array([2.0]),
-        queried=np.array([True]),
-        K=K[None],
-        cell=CELL[None],
-        material=material[None],
-        shown_m=depth[None].astype(np.float32),
-    )
-    return Alignment([sample]).frames()
+def test_rows_and_frames_are_sampled() -> None:
+    """At most 64 rows of a frame, the first and the last among them, and 64 frames."""
+    sample = RowSample()
+    for frame in range(70):
+        count = 1000 if frame == 0 else 5
+        number = np.arange(count, dtype=np.int32)
+        xyz = np.repeat(number[:, None], 3, axis=1).astype(float)
+        sample.add(FrameRows(frame, number, xyz[:, :2], xyz[:, 0], number, xyz))
+    assert sample.checked == 1000 + 69 * 5
+    assert [rows.frame for rows in sample.rows] == list(range(64))
+    first, second = (rows.point for rows in sample.rows[:2])
+    assert (len(first), first[0], first[-1]) == (64, 0, 999)
+    assert set(np.diff(first)) <= {15, 16}
+    assert second.tolist() == [0, 1, 2, 3, 4]
 
 
-def test_a_flat_patch_is_measured_exactly() -> None:
-    J = np.array([[0.02, 0.005], [-0.01, 0.04]])
-    inside, shift = np.array([0.3, 0.6]), np.array([0.11, -0.23])
-    away = np.stack([A, B], axis=-1) - inside - shift
-    slope = (CELL + 0.5 + inside - CENTRE) / FOCAL
-    tilted = 1 / (0.5 + 0.01 * (A - 0.3) - 0.02 * (B - 0.6))
-    [found] = measured(away @ J.T, tilted, (0.3, 0.6))
-    assert found.offset_px[0] == pytest.approx(shift)
-    assert found.shown_m[0] == pytest.approx(2.0, rel=1e-6)
-    assert found.ray[0] == pytest.approx(np.sqrt(1 + (slope**2).sum()))
-    assert found.footprint_m[0] == pytest.approx(2 / 100)
-    for bound in (found.error_px, found.bend_px, found.noise_px):
-        assert bound[0] == pytest.approx(0, abs=1e-12)
-    [found] = measured(away @ J.T, np.full((4, 4), 2.0), (0.3, 0.6))
-    sides = np.linalg.inv(J) * (2 / FOCAL)[:, None]  # metres in the image plane for one unit
-    assert found.metres[0] == pytest.approx(np.linalg.norm(sides, axis=0))
+def test_what_nearly_all_rows_are() -> None:
+    for good, of, most in ((4, 4, True), (3, 3, False), (19, 20, True), (18, 20, False)):
+        assert _most(np.arange(of) < good) is most
+    zero = np.zeros((4, 2))
+    for far, gap, near in ((0, 0.0199, True), (0, 0.0201, False), (1e4, 0.1199, True),
+                           (-1e4, 0.1199, True), (1e4, 0.1201, False)):  # fmt: skip
+        predicted = zero + np.array([0, far])
+        for axis in ((gap, 0), (0, -gap)):
+            assert _near(predicted + axis, predicted) is near, (far, gap)
+    assert _near(zero + 0.0009, zero, 1e-3)
+    assert not _near(zero + 0.0011, zero, 1e-3)
 
 
-def test_metres_on_a_surface_that_recedes() -> None:
-    """Depth grows by 1/8 m from one column of pixels to the next: from 2 m at u = 30.5 px."""
-    [found] = measured(np.stack([A, B], axis=-1), 2 + A / 8, (0.5, 0.5))
-    along_u = ((31.5 - 23.5) * 2.125 - (30.5 - 23.5) * 2) / 100, (18 - 41.2) / 120 / 8, 1 / 8
-    assert found.metres[0] == pytest.approx([np.linalg.norm(along_u), 2.0625 / 120])
+def compared(uv: FloatArray, depth: FloatArray) -> _Compared:
+    """Four rows far apart in the image, at other depths."""
+    return _Compared(uv, depth, RIGHT_UV, RIGHT_Z, np.full(4, 1.3))
 
 
-def test_curvature_and_noise_of_a_patch() -> None:
-    p, q, r, t = 0.03, 0.02, 0.01, 0.004
-    curved = np.stack([A + p * A**2, B + q * B**2], axis=-1)
-    [found] = measured(curved, 2 + r * A**2 - r * B**2, (0.5, 0.5))
-    expected = ((1 + q) * 2 * p + (1 + p) * 2 * q) / (8 * (1 + p) * (1 + q))
-    assert found.bend_px[0] == pytest.approx(expected)
-    assert found.error_px[0] == pytest.approx(expected)
-    assert found.bend_depth[0] == pytest.approx(4 * r / 8 / 0.02, rel=1e-4)
-    # The third differences of t u^3 are 6 t along u and 0 along v: their median is 3 t.
-    noisy = np.stack([A + t * A**3, B], axis=-1)
-    [found] = measured(noisy, 2 + t * B**3, (0.5, 0.5))
-    size = 3 * t / (0.6745 * np.sqrt(20))
-    assert found.noise_px[0] == pytest.approx(size / (1 + t))
-    assert found.noise_depth[0] == pytest.approx(size / 0.02, rel=1e-3)
-    [found] = measured(noisy[..., ::-1], 2 + t * B**3, (0.5, 0.5))
-    assert found.noise_px[0] == pytest.approx(size / (1 + t))
+RIGHT_UV = np.array([[10.0, 100], [150, 20], [80, 7], [35, 64]])
+RIGHT_Z = np.array([1.0, 2, 3, 5])
+SIGNS = np.array([[1, -1], [-1, 1], [1, 1], [-1, -1]])
 
 
-@pytest.mark.parametrize(("jump", "left"), [(9.9, 1), (10.1, 0)])
-def test_a_jump_is_no_surface(jump: float, left: int) -> None:
-    """A step six times the usual ones along u and v together; here it is one more in a corner."""
-    torn = np.stack([A, B], axis=-1)
-    torn[0, 0] -= jump / 2
-    assert len(measured(torn, np.full((4, 4), 2.0), (0.5, 0.5))) == left
+@pytest.mark.parametrize(
+    ("uv", "cause"),
+    [
+        (RIGHT_UV - 0.5 + 0.0199 * SIGNS, "differ by (-0.50, -0.50) px: OpenCV convention?"),
+        (RIGHT_UV + np.array([-0.519, -0.481]), "differ by (-0.52, -0.48) px: OpenCV convention?"),
+        (RIGHT_UV + np.array([-0.521, -0.5]), "differ by (-0.52, -0.50) px"),
+        (RIGHT_UV + np.array([-0.5, 0.5]), "differ by (-0.50, +0.50) px: half a pixel too much?"),
+        (RIGHT_UV + np.array([0.5, 0]), "differ by (+0.50, +0.00) px"),
+        (RIGHT_UV / SIZE + 0.0009, "are in [0, 1]: divided by the image size; multiply by it"),
+        (RIGHT_UV / SIZE + 0.0012 * SIGNS, None),
+        (2 * RIGHT_UV / SIZE - 1.0009, "are in [-1, 1]: normalised device coordinates"),
+        (2 * RIGHT_UV / SIZE - 1 + 0.0012 * SIGNS, None),
+        (RIGHT_UV + 1.0 * SIGNS, "are rounded to pixels: positions are never rounded"),
+        (RIGHT_UV + 0.5 * SIGNS, "are rounded to pixels: positions are never rounded"),
+        (RIGHT_UV + 1.5 * SIGNS, None),
+        (RIGHT_UV + 1.00004 * SIGNS, "are rounded to pixels: positions are never rounded"),
+        (RIGHT_UV + 1.00006 * SIGNS, None),
+        (RIGHT_UV * 1.0009, None),
+        (RIGHT_UV * 1.0011, "are 1.001 times the projection: images of another size?"),
+        (RIGHT_UV * 0.9, "are 0.9 times the projection: images of another size?"),
+        (RIGHT_UV * [0.9, 0.8], None),
+    ],
+)
+def test_limits_of_a_cause_of_positions(uv: FloatArray, cause: str | None) -> None:
+    assert _pixel_cause(compared(uv, RIGHT_Z), SIZE) == cause
 
 
-@pytest.mark.parametrize(("angle", "left"), [(0.025, 1), (0.015, 0)])
-def test_material_needs_two_directions(angle: float, left: int) -> None:
-    flat = np.stack([A + B, np.cos(angle) * (A + B) + np.sin(angle) * (A - B)], axis=-1)
-    assert len(measured(flat, np.full((4, 4), 2.0), (0.5, 0.5))) == left
+OFF = np.array([1, -1, 1, -1])
 
 
-class Fixed(Alignment):
-    """Points already measured."""
+@pytest.mark.parametrize(
+    ("depth", "cause"),
+    [
+        (1000 * RIGHT_Z * (1 + 0.99e-4 * OFF), "have depth_m 1000 times too large: millimetres"),
+        (-RIGHT_Z * (1 + 0.99e-4 * OFF), "have a negative depth_m: the camera looks along -z "
+                                         "(OpenGL)?"),
+        (-RIGHT_Z * (1 + 1.01e-4 * OFF), None),
+        (RIGHT_Z * 1.3, "have the length of the ray as depth_m; required: planar z"),
+        (RIGHT_Z * 1.00011, "have a depth_m of 1 times the camera-space z"),
+        (RIGHT_Z + 0.001, "have a depth_m that differs by +0.0010 m"),
+        (RIGHT_Z - 0.5 + 0.4e-4 * OFF, "have a depth_m that differs by -0.5000 m"),
+        (RIGHT_Z - 0.5 + 3e-4 * OFF, None),
+    ],
+)  # fmt: skip
+def test_limits_of_a_cause_of_depths(depth: FloatArray, cause: str | None) -> None:
+    assert _depth_cause(compared(RIGHT_UV, depth)) == cause
 
-    def __init__(self, *parts: Measured) -> None:
-        super().__init__()
-        self.parts = list(parts)
 
-    def frames(self) -> list[Measured]:
-        return self.parts
+def test_each_code_is_explained_by_itself() -> None:
+    """Positions are all wrong, depths for a half: these stay, and so do other codes."""
+    findings, sample = Findings(), RowSample()
+    problems = findings.at("table")
+    rows = right_rows() + np.array([0.5, 0.5, 0.15])
+    for frame, (projected, placed) in enumerate(zip(rows, XYZ, strict=True)):
+        number = np.arange(POINTS, dtype=np.int32)
+        part = FrameRows(frame, number, projected[:, :2], projected[:, 2], 0 * number, placed)
+        sample.add(part)
+        for code, share in (("REPROJECTION_DISAGREES", 1), ("DEPTH_DISAGREES", 0.5)):
+            problems.add_rows(code, number < share * POINTS, lambda index: (str(index), "wrong"))
+    problems.add("OUT_OF_FRAME_DISAGREES", "", "x")
+    diagnose_rows(sample, CAMERAS, SIZE, problems)
+    assert [code for code, _ in findings.diagnoses] == ["REPROJECTION_DISAGREES"]
+    assert findings.counts == {
+        "REPROJECTION_DISAGREES": FRAMES * POINTS, "DEPTH_DISAGREES": FRAMES * POINTS // 2,
+        "OUT_OF_FRAME_DISAGREES": 1,
+    }  # fmt: skip
 
 
-def points(count: int = 40, frame: int = 0, **changes: FloatArray | float) -> Measured:
-    """Points in order, about 1.5 m away, with small errors of all kinds."""
-    rng = np.random.default_rng(frame)
-    small = {name: np.full(count, 0.01) for name in ("error_px", "bend_px", "noise_px")}
-    depth = rng.uniform(1, 2, count)
-    found = Measured(
-        frame=np.full(count, frame),
-        offset_px=rng.uniform(-0.02, 0.02, (count, 2)),
-        depth_m=depth,
-        shown_m=depth.copy(),
-        ray=rng.uniform(1.02, 1.2, count),
-        footprint_m=depth / 100,
-        bend_depth=np.full(count, 0.01),
-        noise_depth=np.full(count, 0.01),
-        metres=np.tile([0.5, 0.5], (count, 1)),
-        **small,
-    )
-    changed = {
-        name: np.broadcast_to(value, getattr(found, name).shape) for name, value in changes.items()
+def test_a_camera_explains_what_is_out_of_the_frame_too() -> None:
+    findings, sample = Findings(), RowSample()
+    problems = findings.at("table")
+    for frame, placed in enumerate(XYZ):
+        number = np.arange(POINTS, dtype=np.int32)
+        uvz = CAMERAS[frame].project(placed / 1000)
+        # Within 0.04 px and 1e-4 of the depth of what that explanation says.
+        uvz = uvz + np.array([0.039, -0.039, 0.9e-4 * 1.2])
+        sample.add(FrameRows(frame, number, uvz[:, :2], uvz[:, 2], 0 * number, placed))
+        problems.add_rows("REPROJECTION_DISAGREES", number >= 0, lambda index: ("", "wrong"))
+    problems.add("OUT_OF_FRAME_DISAGREES", "", "x")
+    diagnose_rows(sample, CAMERAS, SIZE, problems)
+    assert [code for code, _ in findings.diagnoses] == [
+        "REPROJECTION_DISAGREES", "OUT_OF_FRAME_DISAGREES",
+    ]  # fmt: skip
+    assert {cause for _, cause in findings.diagnoses} == {
+        "have a world position 1000 times too large: millimetres"
     }
-    return replace(found, **changed)
 
 
-CLOTH = Tier.from_document(TIERS["cloth-1"])
-
-
-def agreement(*parts: Measured) -> dict[str, str]:
-    """Return code -> the message of its first issue."""
-    findings = Findings()
-    other_depth = check_agreement(CLOTH, Fixed(*parts), Fixed(), findings.at("table"))
-    assert other_depth is ("DEPTH_IMAGE_DISAGREES" in findings.counts)
-    return {issue.code: issue.message for issue in reversed(findings.listed())}
-
-
-def test_points_in_order_have_no_issue() -> None:
-    assert agreement(points()) == {}
-    assert agreement(points(11, offset_px=2.0)) == {}
-    assert set(agreement(points(12, offset_px=2.0))) == {"OFFSET_DISAGREES"}
-
-
-@pytest.mark.parametrize(
-    ("offset", "says"),
-    [
-        (
-            (-0.5, -0.5),
-            "(+0.5, +0.5) px from where the surface layer shows the points' material: pixel",
-        ),
-        ((0.0, 0.5), "pixel centres at whole numbers"),
-        ((1.0, -2.0), "shifted by whole pixels"),
-        ((0.3, 0.0), "shifted, or of another camera"),
-        ((0.12, 0.0), "shifted, or of another camera"),
-    ],
-)
-def test_a_shift_is_named(offset: tuple[float, float], says: str) -> None:
-    whole = points(offset_px=np.array(offset) + points().offset_px / 10)
-    assert says in agreement(whole)["OFFSET_DISAGREES"]
-    one = agreement(
-        *(points(frame=frame) for frame in range(4)), replace(whole, frame=0 * whole.frame + 7)
-    )
-    assert says in one["OFFSET_DISAGREES"]
-
-
-def test_a_shift_of_a_twelfth_of_a_pixel_is_left_alone() -> None:
-    assert agreement(points(offset_px=np.array([0.09, -0.09]))) == {}
-
-
-@pytest.mark.parametrize(
-    ("size", "error", "found"), [(0.13, 0.01, True), (0.1, 0.01, False), (0.13, 0.05, False)]
-)
-def test_scattered_positions(size: float, error: float, found: bool) -> None:
-    offset = size * np.tile([[1, 1], [1, -1], [-1, 1], [-1, -1]], (10, 1))
-    assert ("OFFSET_SCATTERS" in agreement(points(offset_px=offset, error_px=error))) is found
-
-
-@pytest.mark.parametrize(
-    ("noise", "bend", "found"), [(0.13, 0.01, True), (0.11, 0.01, False), (0.13, 0.02, False)]
-)
-def test_noisy_material(noise: float, bend: float, found: bool) -> None:
-    issues = agreement(points(noise_px=noise, bend_px=bend))
-    assert set(issues) == ({"SURFACE_NOISY"} if found else set())
-
-
-DEPTH = points().depth_m
-DEPTH_IMAGES: dict[str, FloatArray] = {
-    "are 1000 times depth_m: millimetres?": 1000 * DEPTH,
-    "are 100 times depth_m: centimetres?": 96 * DEPTH,
-    "are 0.001 times depth_m: kilometres?": 0.00104 * DEPTH,
-    "have the length of the ray; required: planar z": DEPTH * points().ray,
-    "they differ by about +50.0 mm": DEPTH + 0.05,
-    "they are about 1.2 times depth_m": 1.2 * DEPTH,
-    "they are about 0.93 times depth_m": 0.93 * DEPTH,
-    "of another frame or another camera?": DEPTH + np.tile([0.1, 0.3], 20),
-}
-
-
-@pytest.mark.parametrize("says", DEPTH_IMAGES)
-def test_other_depths_are_named(says: str) -> None:
-    issues = agreement(points(shown_m=DEPTH_IMAGES[says]))
-    assert set(issues) == {"DEPTH_IMAGE_DISAGREES"}
-    assert issues["DEPTH_IMAGE_DISAGREES"].endswith(says)
-
-
-@pytest.mark.parametrize(("footprints", "found"), [(0.19, True), (0.16, False)])
-def test_the_limit_of_a_depth_that_differs(footprints: float, found: bool) -> None:
-    """0.15 footprints and 2.2 times what the interpolation explains."""
-    shown = DEPTH * (1 + footprints / 100)
-    assert ("DEPTH_IMAGE_DISAGREES" in agreement(points(shown_m=shown))) is found
-
-
-@pytest.mark.parametrize(
-    ("scatter", "noise", "bend", "found"),
-    [
-        (0.07, 0.01, 0.01, True),
-        (0.06, 0.01, 0.01, False),
-        (0.07, 0.01, 0.03, False),
-        (0, 0.15, 0.01, True),
-        (0, 0.13, 0.01, False),
-        (0, 0.15, 0.02, False),
-    ],
-)
-def test_noisy_depth(scatter: float, noise: float, bend: float, found: bool) -> None:
-    """Twice the scatter, or the noise, over 0.1 and what curvature explains."""
-    shown = DEPTH * (1 + scatter / 100 * np.tile([1, -1], 20))
-    issues = agreement(points(shown_m=shown, noise_depth=noise, bend_depth=bend))
-    assert set(issues) == ({"DEPTH_IMAGE_SCATTERS"} if found else set())
-
-
-@pytest.mark.parametrize(
-    ("metres", "says"),
-    [
-        ((0.5 * 2.9, 0.5 / 2.9), ""),
-        ((0.5 * 3.1, 0.5), "of u is 0.5, the images show 0.5"),
-        ((0.5, 0.5 / 3.5), "of v is 0.5, the images show 0.05"),
-        ((5.0, 500.0), "of u is 0.5, the images show 5; of v is 0.5, the images show 500"),
-    ],
-)
-def test_metres_of_the_material(metres: tuple[float, float], says: str) -> None:
-    found = points(metres=np.array(metres))
-    assert says in agreement(found).get("SCALE_DISAGREES", "")
-    assert bool(agreement(found)) == bool(says)
-    few = found.metres.copy()
-    few[11:] = np.nan
-    assert agreement(replace(found, metres=few)) == {}
+def test_rows_behind_the_camera_have_no_cause() -> None:
+    behind = [replace(c, world_to_camera=np.diag([1, 1, -1, 1.0]) @ c.world_to_camera)
+              for c in CAMERAS]  # fmt: skip
+    rows = right_rows() + np.array([3, 5, 0.15])
+    assert diagnosed(rows, XYZ, cameras=behind) == {}
+    diagnose_rows(RowSample(), CAMERAS, SIZE, Findings().at("table"))
