@@ -161,7 +161,7 @@ class Silhouette:
             else:
                 strip = rgb[rows[:, None] + steps, columns[:, None]]
             contrast = np.abs(np.diff(strip.astype(np.int16), axis=1)).sum(2).astype(np.float64)
-            block = (rows // side) * 2**16 + columns // side
+            block = rows // side * self.seen.shape[1] + columns // side
             found.append(Edges(contrast, ~self.seen[rows, columns], block))
         return found[0], found[1]
 
@@ -227,14 +227,12 @@ class _Alternative:
     def of(cls, own: Sequence[Edges], other: Sequence[Edges]) -> _Alternative:
         gains = []
         for mine, theirs in zip(own, other, strict=True):
-            scales = (
-                [max(float(e.contrast[:, _AWAY].mean()), 1.0) for e in (mine, theirs)]
-                if len(mine.contrast)
-                else [1.0, 1.0]
-            )
-            gains.append(
-                theirs.contrast[:, REACH] / scales[1] - mine.contrast[:, REACH] / scales[0]
-            )
+            if len(mine.contrast):
+                first, second = (
+                    e.contrast[:, REACH] / max(float(e.contrast[:, _AWAY].mean()), 1.0)
+                    for e in (mine, theirs)
+                )
+                gains.append(second - first)
         return cls(
             recognised(profile(other)),
             np.concatenate(gains),

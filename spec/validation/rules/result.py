@@ -17,6 +17,10 @@ from pliant.spec.validation.rules.correspondences import FrameRows
 
 SAME_M: Final = 1e-6
 
+MAX_NEIGHBOURS: Final = 64
+"""So many shapes are compared with each, next to it in the order of their first numbers: a bound
+on the work where very many have the same one."""
+
 SHAPE_POINTS: Final = 512
 """About so many points, spread over the table, stand for the shape."""
 
@@ -149,7 +153,7 @@ def _same_shapes(sequences: list[SequenceResult]) -> set[tuple[int, int, int, in
         step = 1
         while step < len(order):
             near = shapes[step:, 0] - shapes[:-step, 0] <= SAME_M
-            if not near.any() or step > 64:
+            if not near.any() or step > MAX_NEIGHBOURS:
                 break
             same = np.abs(shapes[step:] - shapes[:-step]).max(axis=1) <= SAME_M
             for row in np.flatnonzero(same):

@@ -154,6 +154,124 @@ def test_the_gain_of_another_explanation() -> None:
     assert found.ratio == (63 + 1) / (30 + 1)
 
 
+def test_an_axis_without_places_gains_nothing() -> None:
+    few, none = edges(20, 0), edges(0, 0, count=0)
+    found = _Alternative.of([few, none], [edges(40, 0), none])
+    np.testing.assert_allclose(found.gain, [2.0] * 24)
+    np.testing.assert_array_equal(found.block, np.arange(24))
+
+
+def test_places_of_a_block_count_once() -> None:
+    """Blocks are a twelfth of the shorter side, 4 to 8 pixels; each has its own number."""
+    for height, width, side in ((40, 90, 4), (60, 80, 5), (84, 100, 7), (200, 210, 8)):
+        seen = np.zeros((height, width), np.bool_)
+        seen[10:30, 10:30] = True
+        rgb = np.zeros((height, width, 3), np.uint8)
+        for each, places in zip(
+            Silhouette.of(seen).edges(rgb), (Silhouette.of(seen).across, Silhouette.of(seen).down),
+            strict=True,
+        ):  # fmt: skip
+            pairs = {(r // side, c // side): b for r, c, b in zip(*places, each.block, strict=True)}
+            assert len(set(each.block.tolist())) == len(set(pairs.values())) == len(pairs)
+
+
+def test_frames_in_a_row_may_be_exchanged() -> None:
+    """Explanations are tried of pictures that are not clearly right, of neighbours in time."""
+    right, hidden = picture(box(), 3), picture(np.zeros((HEIGHT, WIDTH), np.bool_), 3)
+    colours = Colours()
+    for frame in (0, 1, 2):
+        colours.add(frame, right, box())
+    assert (len(colours.own), colours.others) == (3, {})
+    for frame in (3, 5, 6):
+        colours.add(frame, hidden, box())
+    assert len(colours.own) == 6
+    tried = {name: len(found) for name, found in colours.others.items()}
+    assert tried == {
+        "the pictures are upside down": 3, "the pictures are mirrored": 3,
+        "the pictures are turned by 180 degrees": 3,
+        "a silhouette is that of the picture of the frame before": 2,
+        "a silhouette is that of the picture of the frame after": 2,
+    }  # fmt: skip
+    colours.add(7, right, np.zeros((HEIGHT, WIDTH), np.bool_))  # nothing to be seen
+    assert len(colours.own) == 6
+    colours.add(8, right, box())
+    assert len(colours.others["a silhouette is that of the picture of the frame after"]) == 2
+
+
+@pytest.mark.parametrize(
+    ("found", "expected"),
+    [
+        (((2, 0.9e-4), (0, 1.0)), (True, "(+2, +0) px")),
+        (((2, 1.1e-4), (-3, 0.9e-2)), (False, "(+2, -3) px")),
+        (((2, 1.1e-2), (1, 0.9e-2)), (False, "(+0, +1) px")),
+        (((2, 1.1e-2), (1, 1.1e-2)), None),
+    ],
+)
+def test_how_certain_a_shift_is(
+    found: tuple[tuple[int, float], tuple[int, float]],
+    expected: tuple[bool, str] | None,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    along = iter(found)
+    monkeypatch.setattr("pliant.spec.validation.rules.colour.shift_of", lambda _: next(along))
+    colours = Colours()
+    colours.add(0, picture(box(), 3), box())
+    explanation = colours.explain()
+    assert (explanation is None) is (expected is None)
+    if explanation is not None and expected is not None:
+        assert explanation[0] is expected[0]
+        assert f"are seen {expected[1]} (u, v) from" in explanation[1]
+
+
+def unclear(ratio: float) -> tuple[Edges, Edges]:
+    """Return a picture with this contrast ratio: (20 x + 1) over (20 + 1) is the ratio."""
+    middle = (ratio * 21 - 1) / 2
+    return edges(middle, 10), edges(middle, 10)
+
+
+@pytest.mark.parametrize(
+    ("own", "ratio", "gain", "found"),
+    [
+        ((1.0,), 1.51, np.ones(30), True),
+        ((1.0,), 1.49, np.ones(30), False),
+        ((1.2,), 1.81, np.ones(30), True),
+        ((1.2,), 1.79, np.ones(30), False),
+        ((1.2, 2.0, 2.0), 1.81, np.ones(30), True),  # of the pictures that are not recognised
+        ((1.31,), 9.0, np.ones(30), None),
+        ((1.29, 1.31, 1.31), 9.0, np.ones(30), True),
+        ((1.29, 1.31, 1.31), 1.0, np.ones(30), None),
+        ((1.29, 1.31), 1.0, np.ones(30), False),
+        ((1.0,), 9.0, -np.ones(30), False),
+    ],
+)
+def test_another_explanation_fits_clearly_better(
+    own: tuple[float, ...], ratio: float, gain: npt.NDArray[np.float64], found: bool | None
+) -> None:
+    other = _Alternative(ratio, gain, np.arange(30))
+    colours = Colours([unclear(each) for each in own], {"other pictures": [other]})
+    explanation = colours.explain()
+    assert (None if explanation is None else explanation[0]) is found
+    if explanation is not None:
+        start = "other pictures (contrast ratio" if found else "in "
+        assert explanation[1].startswith(start)
+
+
+@pytest.mark.parametrize(("chance", "found"), [(1.9e-5, True), (2.1e-5, False)])
+def test_another_explanation_is_no_chance(
+    chance: float, found: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One in ten thousand, for five explanations."""
+    monkeypatch.setattr("pliant.spec.validation.rules.colour.probability", lambda *_: chance)
+    first = _Alternative(1.0, np.ones(4), np.arange(4))
+    other = _Alternative(9.0, np.ones(4), np.arange(4))
+    colours = Colours(
+        [unclear(1.0)], {"turned": [first], "of another frame": [first, other, other]}
+    )
+    explanation = colours.explain()
+    assert explanation is not None
+    assert explanation[0] is found
+
+
 def explained(*frames: tuple[npt.NDArray[np.bool_], Picture]) -> tuple[bool, str] | None:
     colours = Colours()
     for frame, (seen, rgb) in enumerate(frames):
