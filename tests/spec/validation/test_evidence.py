@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -18,8 +19,9 @@ from pliant.spec.validation.rules.correspondences import FrameRows
 from pliant.spec.validation.rules.episodes import unordered
 from pliant.spec.validation.rules.evidence import Evidence
 from pliant.spec.validation.rules.files import SequenceFiles
-from pliant.spec.validation.rules.surfaces import ShownSurface
+from pliant.spec.validation.rules.surfaces import ShownSurface, _check_values
 from tests.conformance.base import TIERS
+from tests.dataset_files import coordinate, tier
 
 RASTER: dict[str, Any] = {"noise": None, "style": "raster", "temporal": False}
 SIZE = (64, 48)
@@ -190,3 +192,182 @@ def test_pairs_of_frames_spread_over_a_long_sequence_are_measured(
     assert measured == [0, 1, 7, 18, 19, 24, 25, 30, 31, 36, 37]
     assert others == [13]
     assert len(fitting) == 39
+
+
+def moved_points(step: float, frames: int = 2) -> list[FrameRows]:
+    return [rows(frame, step * frame) for frame in range(frames)]
+
+
+def test_steps_at_their_limits() -> None:
+    """The radius of two points 1 m from their middle is 1 m."""
+    assert order(0, 0.5999) is None
+    assert order(0, 0.6001) is not None
+    assert order(0, 0.0999, 0, 0.0999) is None
+    assert order(0, 0.1001, 0, 0.1001) is not None
+    # Steps 0.2, 0.2 - x, 0.2 are 0.75 of the others, x, x, x + 0.2, for x = 0.45 / 3.25.
+    assert order(0, 0.2, 0.138, 0.338) is not None
+    assert order(0, 0.2, 0.139, 0.339) is None
+    # Points of a frame that is left out have no neighbour there.
+    assert unordered([rows(k, at) for k, at in ((0, 0), (1, 0.2), (3, 0), (4, 0.2))]) is not None
+    still = [replace(each, xyz_m=0 * each.xyz_m) for each in moved_points(0, 4)]
+    assert unordered(still) is None
+
+
+def test_a_step_is_the_root_mean_square_of_its_points() -> None:
+    """One of four points moves by 1 m, the others do not: a step of half a metre."""
+    first = rows(0, 0, 4)
+    xyz = first.xyz_m.copy()
+    xyz[0, 1] += 1.0
+    second = replace(first, frame=1, xyz_m=xyz)
+    radius = np.sqrt((1.0 + xyz.var(axis=0).sum()) / 2)
+    assert unordered([first, second]) is None
+    far = replace(first, frame=1, xyz_m=first.xyz_m + (xyz - first.xyz_m) * 1.6)
+    radius = np.sqrt((1.0 + far.xyz_m.var(axis=0).sum()) / 2)
+    assert f"move by {0.8 / radius:.2f} of" in str(unordered([first, far]))
+
+
+CAMERA = Camera(np.array([[100.0, 0, 32], [0, 100, 24], [0, 0, 1]]), np.eye(4), SIZE)
+
+
+def test_rows_are_kept_for_their_cause_and_their_shape() -> None:
+    evidence = Evidence(2)
+    evidence.add_rows(CAMERA, rows(1, 3))
+    assert evidence.rows.checked == 2
+    assert evidence.keys.shapes[1].tolist() == [3, 0, 0, 1, 0, 0]
+
+
+@pytest.mark.parametrize(("count", "left"), [(1, True), (2, False)])
+def test_what_follows_from_wrong_depth_images(
+    count: int, left: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """More than one problem of the visibility becomes one that says so."""
+    for wrong in (True, False):
+        findings = Findings()
+        for code in ("VISIBLE_DISAGREES", "OCCLUDED_DISAGREES"):
+            for _ in range(count if code == "VISIBLE_DISAGREES" else 1):
+                findings.add(code, "s/correspondences.parquet", "", "x")
+        monkeypatch.setattr(
+            "pliant.spec.validation.rules.evidence.check_agreement", lambda *_, w=wrong: w
+        )
+        found = conclude(Evidence(2), [CAMERA] * 2, findings)
+        follows = f"all {count} rows follow from DEPTH_IMAGE_DISAGREES"
+        expected = "x" if left or not wrong else follows
+        assert found == {"VISIBLE_DISAGREES": expected, "OCCLUDED_DISAGREES": "x"}
+        assert conclude(Evidence(2), None) == {}
+
+
+def test_repeated_pictures_are_counted_and_explain_a_doubt(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    evidence = Evidence(5)
+    evidence.keys.pictures = {0: 5, 1: 6, 2: 5, 3: 6, 4: 7}
+    evidence.keys.shapes = {frame: np.array([0, 0, 2, 0.1, 0.1, 0.1 * frame]) for frame in range(5)}
+    cameras = [CAMERA] * 5
+    found = conclude(evidence, cameras)
+    assert found["COLOUR_DISAGREES"].startswith(
+        "2 pictures repeat that of an earlier frame, here 0, though"
+    )
+    for certain, messages in ((False, 1), (True, 2)):
+        monkeypatch.setattr(evidence.colours, "explain", lambda c=certain: (c, "shifted"))
+        findings = Findings()
+        conclude(evidence, cameras, findings)
+        assert [issue.code for issue in findings.listed()] == ["COLOUR_DISAGREES"] * messages
+        assert findings.issues[0].where == "frame 2"
+    evidence.keys.pictures = {0: 5, 1: 6}
+    monkeypatch.setattr(evidence.colours, "explain", lambda: (False, "shifted"))
+    assert conclude(evidence, cameras) == {"COLOUR_DOUBTFUL": "shifted"}
+
+
+def test_depth_decides_how_far_a_move_is_seen() -> None:
+    """At 1 mm or in the camera's plane any move is one; the smaller focal length counts."""
+    for depth, focal, moved, wrong in (
+        (2.0, 100.0, 0.0401, True), (2.0, 100.0, 0.0399, False), (4.0, 100.0, 0.0799, False),
+        (2.0, 50.0, 0.0799, False), (2.0, 50.0, 0.0801, True), (0.0, 100.0, 1e-7, True),
+        (0.0, 100.0, 1e-9, False),
+    ):  # fmt: skip
+        K = np.array([[focal, 0, 32], [0, 100, 24], [0, 0, 1]])
+        evidence = Evidence(2)
+        evidence.keys.pictures = {0: 5, 1: 5}
+        shape = np.array([0, 0, depth, 0.1, 0.1, 0.1])
+        evidence.keys.shapes = {0: shape, 1: shape - [moved, 0, 0, 0, 0, 0]}
+        found = conclude(evidence, [Camera(K, np.eye(4), SIZE)] * 2)
+        assert ("COLOUR_DISAGREES" in found) is wrong, (depth, focal, moved)
+
+
+ROPE_TIER = Tier.from_document(TIERS["rope"])
+
+
+def box(*pixels: tuple[int, int]) -> float:
+    object_id = np.zeros((10, 20), np.uint32)
+    for row, column in pixels:
+        object_id[row, column] = 1
+    object_id[5, 19] = 2
+    empty = np.zeros((10, 20), np.float32)
+    return ShownSurface.of(Surface(empty, empty, empty, object_id)).box_px(1)
+
+
+def test_the_longer_side_of_the_box() -> None:
+    assert box() == 0
+    assert box((3, 4)) == 1
+    assert box((3, 4), (3, 9)) == 6
+    assert box((1, 4), (8, 9)) == 8
+    assert box((9, 0), (0, 2), (4, 17)) == 18
+
+
+@pytest.mark.parametrize(
+    ("changes", "problems"),
+    [
+        ({}, {}),
+        ({"m0": {(0, 0): 1.00001}}, {}),
+        ({"m0": {(0, 0): 1.00002}}, {"SURFACE_INVALID": "row 0, column 0"}),
+        ({"m1": {(0, 1): 1.00002}}, {}),  # of the rope it may be up to pi
+        ({"m1": {(1, 1): 1.0001}}, {"SURFACE_INVALID": "row 1, column 1"}),
+        ({"m1": {(1, 1): -1.0001}}, {"SURFACE_INVALID": "row 1, column 1"}),
+        ({"m0": {(2, 0): 1e-30}}, {"SURFACE_INVALID": "row 2, column 0"}),
+        ({"m1": {(2, 3): -1e-30}}, {"SURFACE_INVALID": "row 2, column 3"}),
+        ({"object_id": {(1, 2): 3}}, {"SURFACE_INVALID": "row 1, column 2"}),
+        ({"depth_m": {(2, 1): -1.0}}, {"DEPTH_INVALID": "row 2, column 1"}),
+        ({"depth_m": {(0, 1): np.nan, (1, 3): 0.0}}, {"DEPTH_INVALID": "row 0, column 1"}),
+        ({"object_id": {(2, 2): 1}}, {"DEPTH_INVALID": "row 2, column 2"}),
+        ({"object_id": {(0, 0): 0}, "m0": {(0, 0): 0}, "m1": {(0, 0): 0}},
+         {"DEPTH_INVALID": "row 0, column 0"}),
+        ({"object_id": dict.fromkeys([(0, k) for k in range(4)] + [(1, k) for k in range(4)], 9)},
+         {"SURFACE_INVALID": "row 0, column 0"}),
+    ],
+)  # fmt: skip
+def test_pixels_of_two_objects(
+    changes: dict[str, dict[tuple[int, int], float]], problems: dict[str, str]
+) -> None:
+    """A row of the rope, one of the ball, one of the background."""
+    on = np.array([[1] * 4, [2] * 4, [0] * 4])
+    channels: dict[str, Any] = {
+        "depth_m": np.where(on > 0, 1, np.inf).astype(np.float32),
+        "m0": np.where(on > 0, 0.5, 0).astype(np.float32),
+        "m1": np.where(on > 0, 0.5, 0).astype(np.float32),
+        "object_id": on.astype(np.uint32),
+    }
+    for name, values in changes.items():
+        for at, value in values.items():
+            channels[name][at] = value
+    findings = Findings()
+    _check_values(ShownSurface.of(Surface(**channels)), ROPE_TIER, findings.at("depth"))
+    assert {issue.code: issue.where for issue in findings.issues} == problems
+    assert findings.total == len(problems)
+
+
+def test_pixels_of_one_object_whose_range_does_not_contain_0() -> None:
+    """The zeros of the background are not its material."""
+    material = [coordinate("u", 1, 2, 0.1), coordinate("v", 1, 2, 0.1)]
+    described = Tier.from_document(tier("t", "cloth", {"sheet": material}))
+    for ids in (np.ones((2, 2)), np.array([[1, 1], [0, 0]]), np.zeros((2, 2))):
+        seen = ids > 0
+        m = np.where(seen, 1.5, 0).astype(np.float32)
+        depth = np.where(seen, 1, np.inf).astype(np.float32)
+        for value, wrong in ((1.5, False), (0.9, True), (2.1, True)):
+            changed = np.where(seen & (np.arange(4).reshape(2, 2) == 1), value, m)
+            for channels in ((np.float32(changed), m), (m, np.float32(changed))):
+                findings = Findings()
+                surface = Surface(depth, *channels, ids.astype(np.uint32))
+                _check_values(ShownSurface.of(surface), described, findings.at("depth"))
+                expected = {"SURFACE_INVALID": 1} if wrong and seen.any() else {}
+                assert findings.counts == expected
