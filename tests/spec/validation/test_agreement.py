@@ -157,7 +157,7 @@ def test_depth_that_scatters(size: float, error: float, bend: float, wrong: bool
 
 
 def test_few_points_say_nothing() -> None:
-    noisy = {"noise_px": 9.0, "noise_depth": 9.0}
+    noisy: dict[str, Any] = {"noise_px": 9.0, "noise_depth": 9.0}
     assert found(points(11, offset_px=2.0, **noisy)) == set()
     assert found(points(6, offset_px=2.0), points(5, offset_px=2.0)) == set()
     assert found(points(6, offset_px=2.0), points(6, offset_px=2.0)) == {"OFFSET_DISAGREES"}
@@ -235,7 +235,7 @@ def test_the_cause_of_a_shift(offset: tuple[float, float], says: str) -> None:
 def differing(shown: FloatArray) -> str:
     """Return what is said about depth images that show other depths, at four points of each."""
     columns = {"depth_m": D, "shown_m": shown, "ray": RAY, "footprint_m": D / 100}
-    many = {name: np.tile(value, 4) for name, value in columns.items()}
+    many: dict[str, Any] = {name: np.tile(value, 4) for name, value in columns.items()}
     ((_, _, message),) = issues(points(48, **many))
     return message
 

@@ -41,8 +41,8 @@ TIER = Tier.from_document(
     )
 )
 U, V = np.meshgrid(np.arange(WIDTH) + 0.5, np.arange(HEIGHT) + 0.5)
-M0, M1 = np.float32(U / 10), np.float32((V / 2) % 8)
-DEPTH = np.float32(1 + U / 100 + V / 1000)
+M0, M1 = (U / 10).astype(np.float32), ((V / 2) % 8).astype(np.float32)
+DEPTH = (1 + U / 100 + V / 1000).astype(np.float32)
 
 
 def view(at: Any, object_id: Any = TUBE, **changes: Any) -> FrameView:
@@ -63,7 +63,7 @@ def view(at: Any, object_id: Any = TUBE, **changes: Any) -> FrameView:
     rows = FrameRows(
         7, point, np.array(at, np.float64), 2 + k / 8, values["state"], np.zeros((count, 3))
     )
-    shown = Surface(DEPTH, M0, M1, np.uint32(np.broadcast_to(object_id, DEPTH.shape)))
+    shown = Surface(DEPTH, M0, M1, np.broadcast_to(np.array(object_id, np.uint32), DEPTH.shape))
     K = np.array([[100.0, 0, 20], [0, 120, 25], [0, 0, 1]])
     camera = Camera(K, np.eye(4), (WIDTH, HEIGHT))
     return FrameView(TIER, camera, points, rows, values["good"], ShownSurface.of(shown))
@@ -152,7 +152,7 @@ def test_a_sequence_has_enough_samples_after_a_while() -> None:
     assert joined([]) is None
 
 
-def patch(material: FloatArray, depth: FloatArray, inside: FloatArray, **changes: Any) -> Sample:
+def patch(material: FloatArray, depth: Any, inside: FloatArray, **changes: Any) -> Sample:
     """Return a point's 4x4 pixels, at a place of the inner cell (0 to 1)."""
     K = np.array([[100.0, 0, 23.5], [0, 120, 41.2], [0, 0, 1]])
     cell = np.array([[30, 17]])
@@ -165,6 +165,8 @@ def patch(material: FloatArray, depth: FloatArray, inside: FloatArray, **changes
 
 
 A, B = np.meshgrid(np.arange(-1.0, 3), np.arange(-1.0, 3))
+FLAT, NOTHING = np.full((4, 4), 2.0), np.zeros((4, 4))
+MIDDLE = np.array([0.5, 0.5])
 J = np.array([[0.8, 0.3], [-0.2, 1.1]])
 """Change of the material (rows) along u and v (columns)."""
 
@@ -180,18 +182,14 @@ def measure(sample: Sample) -> Measured:
     return found
 
 
-MIDDLE = np.array([0.5, 0.5])
-FLAT = np.full((4, 4), 2.0)
-
-
 @pytest.mark.parametrize(
     ("first", "second"),
     [
         # Second differences 2 p along u and 2 q along v, of either coordinate.
         (0.03 * A * (A - 1), 0.02 * B * (B - 1)),
         (0.01 * B * (B - 1), 0.04 * B * (B - 1)),
-        (0.05 * A * (A - 1) + 0.02 * B * (B - 1), 0 * A),
-        (0 * A, 0.05 * A * (A - 1) - 0.02 * B * (B - 1)),
+        (0.05 * A * (A - 1) + 0.02 * B * (B - 1), NOTHING),
+        (NOTHING, 0.05 * A * (A - 1) - 0.02 * B * (B - 1)),
     ],
 )
 def test_bounds_of_the_interpolation(first: FloatArray, second: FloatArray) -> None:
@@ -231,18 +229,18 @@ def test_metres_of_a_tilted_surface() -> None:
     along_u = (corner[0, 1] - corner[0, 0]) * 0.4 + (corner[1, 1] - corner[1, 0]) * 0.6
     along_v = (corner[1, 0] - corner[0, 0]) * 0.7 + (corner[1, 1] - corner[0, 1]) * 0.3
     sides = np.stack([along_u, along_v], axis=1) @ np.linalg.inv(J)
-    found = measure(patch(mapped(0 * A, 0 * A), depth, inside))
+    found = measure(patch(mapped(NOTHING, NOTHING), depth, inside))
     assert found.metres[0] == pytest.approx(np.linalg.norm(sides, axis=0))
     assert found.footprint_m[0] == 2 / 100
-    other = measure(patch(mapped(0 * A, 0 * A), depth, inside, queried=np.array([False])))
+    other = measure(patch(mapped(NOTHING, NOTHING), depth, inside, queried=np.array([False])))
     assert np.isnan(other.metres).all()
 
 
 def test_bend_and_noise_of_depth_are_in_footprints() -> None:
     """A pixel is 2 cm wide at 2 m."""
-    found = measure(patch(mapped(0 * A, 0 * A), 2 + 0.01 * A**2 - 0.03 * B**2, MIDDLE))
+    found = measure(patch(mapped(NOTHING, NOTHING), 2 + 0.01 * A**2 - 0.03 * B**2, MIDDLE))
     assert found.bend_depth[0] == pytest.approx((0.02 + 0.06) / 8 / 0.02)
-    found = measure(patch(mapped(0 * A, 0 * A), 2 + 0.01 * A**3, MIDDLE))
+    found = measure(patch(mapped(NOTHING, NOTHING), 2 + 0.01 * A**3, MIDDLE))
     assert found.noise_depth[0] == pytest.approx(0.03 / (0.6745 * np.sqrt(20)) / 0.02)
 
 
@@ -251,7 +249,7 @@ def test_bend_and_noise_of_depth_are_in_footprints() -> None:
 @pytest.mark.parametrize(("times", "left"), [(5.9, 1), (6.1, 0)])
 def test_a_jump_along_either_axis(axis: int, which: int, times: float, left: int) -> None:
     """The material of one coordinate is torn between the last two columns or rows."""
-    material = mapped(0 * A, 0 * A)
+    material = mapped(NOTHING, NOTHING)
     step = J[which, axis] * np.sign(J[which, axis])
     torn = (times * np.abs(J[which]).sum() - step) * np.sign(J[which, axis])
     material[..., which] += torn * ((B if axis else A) == 2)
@@ -282,11 +280,11 @@ def test_material_needs_two_directions(angle: float, left: int) -> None:
 
 def test_frames_are_measured_apart_and_joined_in_order() -> None:
     """Of three frames the second one cannot be measured: its material has one direction."""
-    flat = mapped(0 * A, 0 * A)
+    flat = mapped(NOTHING, NOTHING)
     parts = [
         patch(material, depth, MIDDLE, frame=np.array([number]))
         for number, material, depth in (
-            (2, flat, FLAT), (3, 0 * flat, FLAT), (9, flat, FLAT + 1),
+            (2, flat, FLAT), (3, np.zeros_like(flat), FLAT), (9, flat, FLAT + 1),
         )
     ]  # fmt: skip
     found = Alignment(parts).frames()

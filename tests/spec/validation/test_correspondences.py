@@ -168,7 +168,7 @@ Keys = Sequence[tuple[int, int]]
 
 
 def table(
-    path: Path, keys: Keys, row_group_size: int = 100, **columns: Sequence[Any]
+    path: Path, keys: Keys, row_group_size: int = 100, **columns: Any
 ) -> tuple[CheckedTable, Findings]:
     """Write rows whose numbers all differ, and open them."""
     count = len(keys)

@@ -364,10 +364,12 @@ def test_pixels_of_one_object_whose_range_does_not_contain_0() -> None:
         m = np.where(seen, 1.5, 0).astype(np.float32)
         depth = np.where(seen, 1, np.inf).astype(np.float32)
         for value, wrong in ((1.5, False), (0.9, True), (2.1, True)):
-            changed = np.where(seen & (np.arange(4).reshape(2, 2) == 1), value, m)
-            for channels in ((np.float32(changed), m), (m, np.float32(changed))):
+            changed = np.where(seen & (np.arange(4).reshape(2, 2) == 1), value, m).astype(
+                np.float32
+            )
+            for m0, m1 in ((changed, m), (m, changed)):
                 findings = Findings()
-                surface = Surface(depth, *channels, ids.astype(np.uint32))
+                surface = Surface(depth, m0, m1, ids.astype(np.uint32))
                 _check_values(ShownSurface.of(surface), described, findings.at("depth"))
                 expected = {"SURFACE_INVALID": 1} if wrong and seen.any() else {}
                 assert findings.counts == expected

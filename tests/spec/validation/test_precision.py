@@ -142,11 +142,11 @@ def test_a_depth_in_steps_that_float32_can_tell() -> None:
         (496.0, "whole millimetres"),
         (501.0, None),
     ):
-        values = np.float32(depth + steps * (10 if depth > 99 else 1) - 0.3)
-        found = _coarse(values, "Z")
+        values = depth + steps * (10 if depth > 99 else 1) - 0.3
+        found = _coarse(values.astype(np.float32), "Z")
         assert (says in str(found)) if says else found is None, depth
-    off = np.float32(np.round(COMPUTED, 3) + 1e-6 * (np.arange(3000) == 7))
-    assert _coarse(off, "Z") is None
+    off = np.round(COMPUTED, 3) + 1e-6 * (np.arange(3000) == 7)
+    assert _coarse(off.astype(np.float32), "Z") is None
 
 
 @pytest.mark.parametrize(("off", "found"), [(0.019, True), (0.021, False), (-0.019, True)])

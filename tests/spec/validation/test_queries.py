@@ -42,7 +42,12 @@ def root(tmp_path: Path) -> Path:
 
 def known(root: Path, **changes: Any) -> dict[str, SequenceResult]:
     """Return what the rules of sequences say about them; the boxes are those of the truth."""
-    boxes = {ROPE: [np.nan, 45], BARE.format(0): [np.nan], BARE.format(1): [63], SHEET: [0, 48]}
+    boxes: dict[str, list[float]] = {
+        ROPE: [np.nan, 45],
+        BARE.format(0): [np.nan],
+        BARE.format(1): [63],
+        SHEET: [0, 48],
+    }
     found = {}
     for name, box in boxes.items():
         result = SequenceResult(name, name.split("-test-")[0], "test", len(box))

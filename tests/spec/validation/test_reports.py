@@ -105,10 +105,8 @@ def test_the_refusal_of_a_file_is_one_sentence() -> None:
     findings = Findings()
     problems = findings.at("a")
     error = FileRefusedError("FILE_UNREADABLE", "is broken", where="line 3", found=0, required="")
-    with problems.refusals():
-        raise error
-    error = FileRefusedError("FILE_TOO_LARGE", "is large", fix="Cut it.")
     problems.refuse(error)
+    problems.refuse(FileRefusedError("FILE_TOO_LARGE", "is large", fix="Cut it."))
     assert words(findings) == [
         ("FILE_UNREADABLE", "a", "line 3", "is broken; found 0; required: "),
         ("FILE_TOO_LARGE", "a", "", "is large. Cut it."),

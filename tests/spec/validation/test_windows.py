@@ -144,7 +144,9 @@ def test_what_a_window_holds() -> None:
     assert found.point_depth_m.tolist() == [2, 4]
     first, second = np.s_[23:28, 28:33], np.s_[18:23, 32:37]
     np.testing.assert_array_equal(found.object_id, [ids[first], ids[second]])
-    np.testing.assert_array_equal(found.depth_m, np.float32([depth[first], depth[second]]))
+    np.testing.assert_array_equal(
+        found.depth_m, np.array([depth[first], depth[second]], np.float32)
+    )
     np.testing.assert_array_equal(found.near_m, found.depth_m[:, 1:4, 1:4])
     np.testing.assert_array_equal(found.near_id, found.object_id[:, 1:4, 1:4])
     expected = [np.hypot(dx, dy) / 100 for dy in (-0.5, 0.5, 1.5) for dx in (-0.5, 0.5, 1.5)]
@@ -170,7 +172,7 @@ def behind(z: npt.NDArray[Any], inside: tuple[float, float], *, smooth: bool = T
     for _ in range(40):
         middle = (low + high) / 2
         found = _is_behind(
-            np.float32(z)[None], np.array([inside]), np.array([middle]), np.array([smooth])
+            z[None].astype(np.float32), np.array([inside]), np.array([middle]), np.array([smooth])
         )
         low, high = (low, middle) if found[0] else (middle, high)
     return high
