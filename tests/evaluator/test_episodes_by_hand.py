@@ -129,7 +129,8 @@ def test_videos_sum_the_counts_of_their_evaluated_pairs(mode: Any, evaluated: li
 def test_points_that_were_hidden_before() -> None:
     """Point 7 is hidden in frame 2, point 8 in frame 4; point 7 of another source frame is not.
 
-    In frame 3 point 7 is within 1 px, in frame 4 within 4 px. Backwards there is another track.
+    In frame 3 point 7 is within 1 px, in frame 4 within 4 px. From frame 2 backwards it is hidden,
+    which is another track than forwards.
     """
     queries = split(
         [2, 2, 2, 2, 1, 1], frame_a=[1, 1, 1, 1, 2, 2], frame_b=[4, 2, 3, 5, 3, 1],
@@ -137,7 +138,7 @@ def test_points_that_were_hidden_before() -> None:
     )  # fmt: skip
     answer_px = off_by(2, 0, 0, 0, 0.5, 0, 0, 0, 0, 0)
     point = np.array([7, 8, 7, 8, 7, 8, 7, 8, 7, 7])
-    made = Split(queries, answer_px, hidden=[1, 2], cut=2, point=point)
+    made = Split(queries, answer_px, hidden=[1, 2, 9], cut=2, point=point)
     assert not made.found(Redetection(TAPVID, made.context)).notes
     assert made.column("redetected_jaccard_pair") == [1, 0, 1, 0, 0, 0]
     # Frame 4 within 4 px alone; frame 3 within both thresholds.

@@ -307,7 +307,7 @@ def test_worker_processes_look_up_a_few_blocks_ahead(monkeypatch: pytest.MonkeyP
 
     class Executor:
         def __init__(self, workers: int, *, initializer: Any, initargs: Any, **_: Any) -> None:
-            assert workers == 1
+            assert workers == 2
             initializer(*initargs)
 
         def submit(self, look_up: Callable[[Any], Any], block: Any) -> Future[Any]:
@@ -321,10 +321,10 @@ def test_worker_processes_look_up_a_few_blocks_ahead(monkeypatch: pytest.MonkeyP
 
     monkeypatch.setattr(surface_workers, "_process_surfaces", None)
     monkeypatch.setattr(surface_workers, "ProcessPoolExecutor", Executor)
-    made = Split(split([1] * 5), np.zeros((5, 2)), box_px=np.ones(5), uv_a_px=np.ones((5, 2)))
+    made = Split(split([1] * 7), np.zeros((7, 2)), box_px=np.ones(7), uv_a_px=np.ones((7, 2)))
     with pytest.raises(RuntimeError, match="was not started"):
         surface_workers._look_up_in_process(made.block(0, 1))
-    blocks = [made.block(pair, pair + 1) for pair in range(5)]
+    blocks = [made.block(pair, pair + 1) for pair in range(7)]
     kept = {}
     stand_in: Any = SimpleNamespace(
         facts=lambda block, queries: (block.first_pair, queries is made.queries),
@@ -336,11 +336,11 @@ def test_worker_processes_look_up_a_few_blocks_ahead(monkeypatch: pytest.MonkeyP
             read.append(block)
             yield block
 
-    ahead = surface_workers.looked_up_ahead(given(), stand_in, made.queries, 1)
+    ahead = surface_workers.looked_up_ahead(given(), stand_in, made.queries, 2)
     assert next(ahead) is blocks[0]
-    assert len(read) == 3
+    assert len(read) == 5
     assert kept == {0: (0, True)}
     assert begun[0].box_px is begun[0].uv_a_px is begun[0].partners is None
     assert list(ahead) == blocks[1:]
-    assert kept == {pair: (pair, True) for pair in range(5)}
+    assert kept == {pair: (pair, True) for pair in range(7)}
     assert ended == [True]
