@@ -288,6 +288,24 @@ def test_the_region_of_a_mixture_of_two_far_modes() -> None:
     assert not mixtures.in_regions(heavy, np.array([[100.0, 0.0]]), [0.9])[0, 0]
 
 
+@pytest.mark.parametrize(("level", "heights"), [(0.7, (0.06, 0.54)), (0.9, (0.02, 0.18))])
+def test_the_region_of_modes_of_different_width(level: float, heights: tuple[float, float]) -> None:
+    """Modes of 1 and 3 px, half of the probability each, too far apart to touch.
+
+    A disc up to the share q of a mode's greatest density holds 1 - q of the mode. The wider one is
+    nine times lower: q and 9 q, with (1 - q) / 2 + (1 - 9 q) / 2 the level.
+    """
+    modes = Mixtures(
+        np.zeros(2, np.int64), np.array([[0.0, 0], [0, 200]]), np.array([1.0, 3]),
+        np.array([0.5, 0.5]), 1,
+    )  # fmt: skip
+    for v, sigma, height in zip((0, 200), (1, 3), heights, strict=True):
+        radius = sigma * math.sqrt(-2 * math.log(height))
+        for factor, inside in ((0.95, True), (1.05, False)):
+            at = np.array([[radius * factor, v]])
+            assert mixtures.in_regions(modes, at, [level])[0, 0] == inside
+
+
 def test_regions_of_single_gaussians_among_mixtures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Rows of one, two, one, three and two modes, of which 120 points each stand for a mode."""
     sizes = []
