@@ -139,16 +139,15 @@ def _sample(view: FrameView) -> Sample | None:
     """Return some visible surface points with 4x4 pixels of their own object, None without any."""
     rows, image = view.rows, view.surface.image
     width = view.size[0]
-    cell = np.floor(np.clip(rows.uv_px - 0.5, -8.0, 2.0**20)).astype(np.int64)
+    cell = np.floor(rows.uv_px - 0.5)
     inner = np.all((cell >= 1) & (cell < np.array(view.size) - 2), axis=1)
     seen = view.good & inner & (rows.state == VISIBLE) & ~view.points.centreline[rows.point]
     chosen = np.flatnonzero(seen)
     if chosen.size > SAMPLES_PER_FRAME:
         chosen = chosen[np.linspace(0, chosen.size - 1, SAMPLES_PER_FRAME).astype(np.int64)]
     own = view.own(chosen)
-    index = (cell[chosen, 1] * width + cell[chosen, 0])[:, None, None] + (
-        _AROUND[:, None] * width + _AROUND
-    )
+    u, v = cell[chosen].astype(np.int64).T
+    index = (v * width + u)[:, None, None] + (_AROUND[:, None] * width + _AROUND)
     same = np.all(image.object_id.ravel().take(index) == own[:, None, None], axis=(1, 2))
     chosen, own, index = chosen[same], own[same], index[same]
     if not chosen.size:
@@ -164,7 +163,7 @@ def _sample(view: FrameView) -> Sample | None:
         depth_m=rows.depth_m[chosen],
         queried=own == view.tier.queried_object,
         K=np.broadcast_to(view.camera.K, (chosen.size, 3, 3)),
-        cell=cell[chosen],
+        cell=cell[chosen].astype(np.int64),
         material=gap,
         shown_m=image.depth_m.ravel().take(index),
     )

@@ -169,13 +169,11 @@ class Silhouette:
 def _spread(
     edge: npt.NDArray[np.bool_], rows: tuple[int, int], columns: tuple[int, int]
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    if rows[1] <= rows[0] or columns[1] <= columns[0]:
-        return np.zeros(0, np.int64), np.zeros(0, np.int64)
     inner = edge[rows[0] : rows[1], columns[0] : columns[1]]
     place = np.flatnonzero(inner)
     if place.size > EDGES:
         place = place[np.linspace(0, place.size - 1, EDGES).astype(np.int64)]
-    i, j = np.divmod(place, max(1, inner.shape[1]))
+    i, j = np.divmod(place, inner.shape[1])
     return i + rows[0], j + columns[0]
 
 
@@ -315,7 +313,5 @@ class Colours:
 
 def is_blank(rgb: Rgb) -> bool:
     """Return whether a picture is one colour, up to two steps of each channel."""
-    some = rgb[:: max(1, rgb.shape[0] // 16), :: max(1, rgb.shape[1] // 16)].astype(np.int16)
-    if np.abs(some - some[0, 0]).max() > 2:
-        return False  # a few pixels are enough to see that it is not
-    return bool(np.ptp(rgb.reshape(-1, 3), axis=0).max() <= 2)
+    few = rgb[::16, ::16]  # usually enough to see that it is not
+    return all(np.ptp(part.reshape(-1, 3), axis=0).max() <= 2 for part in (few, rgb))

@@ -69,16 +69,15 @@ def check_visibility(view: FrameView, problems: FileProblems) -> bool:
         True if the frame's points are those that the image shows, as far as it can be said.
     """
     rows = view.rows
-    # A point behind the camera may carry any number: clipped, for the cast to be defined.
-    pixel = np.floor(np.clip(rows.uv_px, -8.0, 2.0**20)).astype(np.int64)
+    pixel = np.floor(rows.uv_px)  # of a point behind the camera this may be any number
     inner = np.all((pixel >= 2) & (pixel < np.array(view.size) - 2), axis=1)
     chosen = np.flatnonzero(view.good & inner & (rows.state != OUT_OF_FRAME))
     missed = [np.zeros((0, 2), np.int64)]
     for low in range(0, chosen.size, _CHUNK):
         part = chosen[low : low + _CHUNK]
-        doubtful = part[_in_doubt(view, part, pixel[part])]
+        doubtful = part[_in_doubt(view, part, pixel[part].astype(np.int64))]
         if doubtful.size:
-            windows = Windows.around(view, doubtful, pixel[doubtful])
+            windows = Windows.around(view, doubtful, pixel[doubtful].astype(np.int64))
             missed.append(_check_visible(windows, problems))
             _report_hidden(windows, problems)
     places = np.concatenate(missed)

@@ -282,7 +282,7 @@ def test_depth_decides_how_far_a_move_is_seen() -> None:
     """At 1 mm or in the camera's plane any move is one; the smaller focal length counts."""
     for depth, focal, moved, wrong in (
         (2.0, 100.0, 0.0401, True), (2.0, 100.0, 0.0399, False), (4.0, 100.0, 0.0799, False),
-        (2.0, 50.0, 0.0799, False), (2.0, 50.0, 0.0801, True), (0.0, 100.0, 1e-7, True),
+        (2.0, 50.0, 0.0799, False), (2.0, 50.0, 0.0801, True), (0.0, 100.0, 3e-8, True),
         (0.0, 100.0, 1e-9, False),
     ):  # fmt: skip
         K = np.array([[focal, 0, 32], [0, 100, 24], [0, 0, 1]])

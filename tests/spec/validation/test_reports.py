@@ -131,8 +131,7 @@ def test_a_report_keeps_some_problems_of_every_code(copy_of: Copy) -> None:
     spoil(root)
     counts = {"FILE_EXTRA": 2, "IDENTITY_DIFFERS": 3, "ROW_ORDER": 4, "VALUE_OUT_OF_RANGE": 3}
     steps: list[tuple[int, int]] = []
-    for limit, listed_ in ((200, (2, 3, 4, 3)), (12, (2, 3, 4, 3)), (11, (2, 3, 3, 3)),
-                           (9, (2, 2, 2, 3)), (4, (1, 1, 1, 1)), (3, (1, 1, 0, 1))):  # fmt: skip
+    for limit, listed_ in ((12, (2, 3, 4, 3)), (9, (2, 2, 2, 3)), (3, (1, 1, 0, 1))):
         report = validate(
             root, quick=True, limit=limit, progress=lambda done, of: steps.append((done, of))
         )
