@@ -13,6 +13,9 @@ from pliant.spec.validation.findings import FileProblems
 
 _TOLERANCE = 1e-6
 
+_PROBES = np.array([[0.1, 0.2], [0.4, 0.3], [0.3, 0.9]])
+"""Three places in general position, as shares of the range."""
+
 
 def check_tiers(tiers: Sequence[Tier], problems: FileProblems) -> None:
     """Check the tiers of a dataset.json that satisfies its schema.
@@ -61,7 +64,7 @@ def _symmetry_problems(tier: Tier) -> list[tuple[int, str]]:
     queried = tier.queried
     names = [each.name for each in tier.symmetries]
     low, span = (np.array([getattr(c, n) for c in queried.material]) for n in ("min", "span"))
-    probes = low + span * np.array([[0.1, 0.2], [0.4, 0.3], [0.3, 0.9]])
+    probes = low + span * _PROBES
     group = np.array([probes, *(each.apply(probes) for each in tier.symmetries)])
 
     def known(places: FloatArray, maps: FloatArray) -> bool:

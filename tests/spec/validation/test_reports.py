@@ -26,6 +26,7 @@ from pliant.spec.validation.validate import Report, _crashed, validate
 from tests.conformance.edits import (
     ROPE_TEST,
     ROPE_TRAIN,
+    change_footer,
     change_json,
     change_rows,
     listed,
@@ -269,6 +270,26 @@ def test_a_packed_file_of_another_name(path: str, code: str, where: str, copy_of
     in_folder = f"sequences/cloth-1/{name}/{path}"
     expected = (code, in_folder if code == "FILE_EXTRA" else "index.parquet", where.format(name))
     assert (issue.code, issue.path, issue.where) == expected
+
+
+def test_a_place_in_a_shard_that_is_not_there(copy_of: Copy) -> None:
+    root = copy_of("minimal")
+    pack(root)
+
+    def change(rows: list[dict[str, Any]]) -> None:
+        for each in rows[0]["files"][:2]:
+            each["offset"] = 2**40
+
+    change_rows("index.parquet", change)(root)
+    report = validate(root, quick=True)
+    assert codes(report) == [("INDEX_INVALID", "index.parquet")] * 2
+    assert all(issue.where.startswith("cloth-1-train-000000, ") for issue in report.issues)
+    change_footer("index.parquet", lambda footer: footer["dataset"].update(id="other"))(root)
+    assert ("IDENTITY_DIFFERS", "index.parquet") in codes(validate(root, quick=True))
+    (root / "sequences.parquet").unlink()
+    assert set(codes(validate(root, quick=True))) == {
+        ("FILE_MISSING", "sequences.parquet"), ("IDENTITY_DIFFERS", "index.parquet"),
+    }  # fmt: skip
 
 
 def test_a_killed_process_is_a_problem_of_its_sequence() -> None:

@@ -279,6 +279,18 @@ def test_the_precision_of_two_frames_is_looked_at(root: Path) -> None:
     assert problems == [("PRECISION_LOST", f"depth/{frame:06d}.exr", "Z") for frame in range(2)]
 
 
+def behind_the_camera(channels: dict[str, Any]) -> None:
+    channels["Z"][channels["surface.object"] == 1] *= -1
+
+
+def test_an_image_that_breaks_a_rule_is_not_compared(root: Path) -> None:
+    result = checked(root, change_exr(f"{FOLDER}/depth/000000.exr", behind_the_camera))
+    assert [(code, path) for code, path, _ in found(result)] == [
+        ("DEPTH_INVALID", "depth/000000.exr")
+    ]
+    assert np.isnan(result.boxes_px).tolist() == [True, False]
+
+
 def test_without_cameras_images_are_still_checked(root: Path) -> None:
     (root / FOLDER / "cameras.json").unlink()
     (root / FOLDER / "rgb/000001.png").write_bytes(b"x")

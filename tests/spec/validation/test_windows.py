@@ -254,6 +254,66 @@ def test_a_rope_too_thin_to_be_seen_may_hide_anything_else() -> None:
     ]
 
 
+def bent(slope: float, along: Any) -> Surface:
+    """Return a sheet with a fold under AT: second differences of twice its slope."""
+    return image(depth_m=1 + slope * np.abs(along - (30.5 if along is U else 25.5)))
+
+
+def with_rope_at(u: int, v: int, *, of: Surface) -> Surface:
+    """Return an image in which one pixel more is of the rope, 10 cm nearer than the sheet."""
+    here = (u + 0.5 == U) & (v + 0.5 == V)
+    return image(
+        object_id=np.where(here, ROPE, of.object_id), depth_m=np.where(here, 0.9, of.depth_m),
+        m0=np.where(here, 7, of.m0), m1=np.where(here, 0, of.m1),
+    )  # fmt: skip
+
+
+SELF: dict[str, Any] = {"state": SELF_OCCLUDED}
+OTHER: dict[str, Any] = {"state": OCCLUDED}
+FAR_ROPE: dict[str, Any] = {"object": ROPE, "material": (20, 0)}
+
+
+@pytest.mark.parametrize(
+    ("shown", "point", "wrong"),
+    [
+        # Nearer than all that its pixels show, by more than three footprints.
+        (ON_ROPE, SELF | {"depth": 0.870}, True),
+        (ON_ROPE, SELF | {"depth": 0.876}, False),
+        (ON_ROPE, SELF | {"depth": 0.95}, True),  # behind another object than its own
+        (ON_ROPE, OTHER | {"depth": 0.5}, False),
+        (ON_ROPE, OTHER | FAR_ROPE | {"depth": 0.5}, True),
+        (image(), OTHER | {"depth": 0.5}, True),
+        (with_rope_at(46, 25, of=image()), OTHER | {"depth": 0.5}, False),
+        (with_rope_at(47, 25, of=image()), OTHER | {"depth": 0.5}, True),
+        (with_rope_at(30, 41, of=image()), SELF | FAR_ROPE | {"depth": 0.5}, False),
+        (with_rope_at(30, 42, of=image()), SELF | FAR_ROPE | {"depth": 0.5}, True),
+        # In front of the background: what hides it is nearby.
+        (EMPTY, SELF, True),
+        (EMPTY, OTHER, True),
+        (with_rope_at(46, 25, of=EMPTY), OTHER, False),
+        (with_rope_at(46, 25, of=EMPTY), SELF, True),
+        (with_rope_at(46, 25, of=EMPTY), SELF | FAR_ROPE, False),
+        (with_rope_at(46, 25, of=EMPTY), OTHER | FAR_ROPE, True),
+        # A rope of 12 cm is thinner than two pixels from 6 m on.
+        (image(), SELF | FAR_ROPE | {"depth": 5.9}, True),
+        (image(), SELF | FAR_ROPE | {"depth": 6.1}, False),
+        # Another object among the 5x5 pixels may hide it; beyond it does not lie behind its own.
+        (with_rope_at(32, 27, of=image()), OTHER | {"depth": 1.06}, False),
+        (with_rope_at(33, 27, of=image()), OTHER | {"depth": 1.06}, True),
+        (with_rope_at(28, 23, of=image()), OTHER | {"depth": 1.06}, False),
+        # What is seen is not hidden, unless it is in a fold of more than a footprint.
+        (bent(0.00504, U), SELF | {"depth": 1.01}, True),
+        (bent(0.00510, U), SELF | {"depth": 1.01}, False),
+        (bent(0.00504, V), SELF | {"depth": 1.01}, True),
+        (bent(0.00510, V), SELF | {"depth": 1.01}, False),
+        (image(depth_m=1 + 0.5 * (U > 32)), SELF | {"depth": 1.01}, False),  # not smooth
+        (image(depth_m=1 + 0.5 * (U > 33)), SELF | {"depth": 1.01}, True),
+    ],
+)
+def test_what_hides_a_point(shown: Surface, point: dict[str, Any], wrong: bool) -> None:
+    assert codes(shown, [{"at": AT} | point]) == ({"OCCLUDED_DISAGREES": 1} if wrong else {})
+
+
 def checked(
     points: list[dict[str, Any]], good: list[bool] | None = None
 ) -> tuple[bool, list[tuple[str, str]]]:
