@@ -98,7 +98,7 @@ def check_keys(table: CheckedTable, frames: int, points: int) -> bool:
             f"{limits.MAX_CORRESPONDENCE_ROWS} rows",
         )
         return False
-    seen = np.zeros(frames * points, np.uint8)
+    seen = np.zeros(frames * points, np.bool_)
     grouped = ordered = True
     last_frame, last_key = -1, -1
     for start, batch in table.batches(["frame", "point"]):
@@ -115,7 +115,7 @@ def check_keys(table: CheckedTable, frames: int, points: int) -> bool:
         )
         key = (frame * points + point)[known]
         unique, counts = np.unique(key, return_counts=True)
-        twice = unique[(counts > 1) | (seen[unique] > 0)]
+        twice = unique[(counts > 1) | seen[unique]]
         problems.add_rows(
             "ROW_DUPLICATE",
             np.ones(len(twice), np.bool_),
@@ -124,17 +124,16 @@ def check_keys(table: CheckedTable, frames: int, points: int) -> bool:
                 "this point has more than one row",
             ),
         )
-        seen[unique] = 1
+        seen[unique] = True
         steps = np.diff(np.concatenate([[last_key], key]))
         ordered &= bool(np.all(steps > 0))
         frame_steps = np.diff(np.concatenate([[last_frame], frame[known]]))
         grouped &= bool(np.all(frame_steps >= 0))
         if len(key):
             last_key, last_frame = int(key[-1]), int(frame[known][-1])
-    missing = seen == 0
     problems.add_rows(
         "ROW_MISSING",
-        missing,
+        ~seen,
         lambda i: (f"frame {i // points}, point {i % points}", "this point has no row"),
     )
     if not ordered and not problems.counts.get("ROW_DUPLICATE"):

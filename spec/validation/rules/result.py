@@ -150,14 +150,12 @@ def _same_shapes(sequences: list[SequenceResult]) -> set[tuple[int, int, int, in
         shapes = np.array([sequences[index].keys.shapes[frame] for index, frame in places])
         order = np.argsort(shapes[:, 0], kind="stable")
         shapes = shapes[order]
-        step = 1
-        while step < len(order):
+        for step in range(1, min(len(order), MAX_NEIGHBOURS + 1)):
             near = shapes[step:, 0] - shapes[:-step, 0] <= SAME_M
-            if not near.any() or step > MAX_NEIGHBOURS:
+            if not near.any():
                 break
             same = np.abs(shapes[step:] - shapes[:-step]).max(axis=1) <= SAME_M
             for row in np.flatnonzero(same):
                 pair = sorted((places[order[row]], places[order[row + step]]))
                 found.add((*pair[0], *pair[1]))
-            step += 1
     return found
