@@ -181,9 +181,7 @@ def _matching(
         seen.counts,
         _non_matches(seen, settings, generator),
         seen.targets,
-        Hinge(
-            settings.margin, settings.guard_at(progress), settings.squared, settings.hard_scaling
-        ),
+        Hinge(settings.margin, settings.guard_px, settings.squared, settings.hard_scaling),
         settings.chunk or None,
     )
 

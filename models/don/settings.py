@@ -53,9 +53,7 @@ class LossSettings(Settings):
         chunk: Queries at a time (memory for time); 0 for all.
         margin: Contrastive: M.
         non_matches: Contrastive: pixels a query, half on the object.
-        guard_px: Contrastive: no non-match is this near to a match, at the end.
-        guard_start_px: The same at the start, 0 for `guard_px` throughout; it shrinks as
-            `sigma_start_px` does, so that far points are told apart first.
+        guard_px: Contrastive: no non-match is this near to a match.
         squared: Contrastive: distances of matches and hinges are squared.
         hard_scaling: Contrastive: divide by the non-matches inside the margin.
         space_weight: Weight of the Lipschitz condition in space, 0 for none.
@@ -90,7 +88,6 @@ class LossSettings(Settings):
     margin: Positive = 0.5
     non_matches: Annotated[int, Bounds(2)] = 150
     guard_px: NonNegative = 2.0
-    guard_start_px: NonNegative = 0.0
     squared: bool = True
     hard_scaling: bool = True
     space_weight: NonNegative = 0.0
@@ -123,18 +120,6 @@ class LossSettings(Settings):
             progress: Share of the training done, 0 to 1.
         """
         return shrinking(self.sigma_start_px or self.sigma_px, self.sigma_px, progress)
-
-    def guard_at(self, progress: float) -> float:
-        """Return the radius of the guard at a share of the training, px.
-
-        Args:
-            progress: Share of the training done, 0 to 1.
-        """
-        return (
-            shrinking(self.guard_start_px, self.guard_px, progress)
-            if self.guard_start_px
-            else (self.guard_px)
-        )
 
 
 class PairValidationSettings(ValidationSettings):
