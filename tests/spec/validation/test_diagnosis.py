@@ -293,18 +293,27 @@ def test_each_code_is_explained_by_itself() -> None:
     }  # fmt: skip
 
 
-def test_a_camera_explains_what_is_out_of_the_frame_too() -> None:
+@pytest.mark.parametrize(
+    ("moved", "deeper", "found"),
+    [(0.039, 1.39e-4, True), (0.041, 0, False), (-0.039, -1.39e-4, True), (0, 1.42e-4, False)],
+)
+def test_a_camera_explains_what_is_out_of_the_frame_too(
+    moved: float, deeper: float, found: bool
+) -> None:
+    """Within 0.04 px, 2e-5 m and 1e-4 of the depth, 1.2 m, of what the explanation says."""
     findings, sample = Findings(), RowSample()
     problems = findings.at("table")
     for frame, placed in enumerate(XYZ):
         number = np.arange(POINTS, dtype=np.int32)
         uvz = CAMERAS[frame].project(placed / 1000)
-        # Within 0.04 px and 1e-4 of the depth of what that explanation says.
-        uvz = uvz + np.array([0.039, -0.039, 0.9e-4 * 1.2])
+        uvz = uvz + np.array([moved, -moved, deeper])
         sample.add(FrameRows(frame, number, uvz[:, :2], uvz[:, 2], 0 * number, placed))
         problems.add_rows("REPROJECTION_DISAGREES", number >= 0, lambda index: ("", "wrong"))
     problems.add("OUT_OF_FRAME_DISAGREES", "", "x")
     diagnose_rows(sample, CAMERAS, SIZE, problems)
+    if not found:
+        assert findings.diagnoses == {}
+        return
     assert [code for code, _ in findings.diagnoses] == [
         "REPROJECTION_DISAGREES", "OUT_OF_FRAME_DISAGREES",
     ]  # fmt: skip

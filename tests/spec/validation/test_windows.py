@@ -254,9 +254,9 @@ def test_a_rope_too_thin_to_be_seen_may_hide_anything_else() -> None:
     ]
 
 
-def bent(slope: float, along: Any) -> Surface:
+def bent(slope: float, along: Any, where: Any = 1) -> Surface:
     """Return a sheet with a fold under AT: second differences of twice its slope."""
-    return image(depth_m=1 + slope * np.abs(along - (30.5 if along is U else 25.5)))
+    return image(depth_m=1 + slope * np.abs(along - (30.5 if along is U else 25.5)) * where)
 
 
 def with_rope_at(u: int, v: int, *, of: Surface) -> Surface:
@@ -267,6 +267,14 @@ def with_rope_at(u: int, v: int, *, of: Surface) -> Surface:
         m0=np.where(here, 7, of.m0), m1=np.where(here, 0, of.m1),
     )  # fmt: skip
 
+
+EDGE = image(
+    object_id=SHEET * (U < 32),
+    depth_m=np.where(U < 32, 1, np.inf),
+    m0=U * (U < 32),
+    m1=V * (U < 32),
+)
+"""The sheet ends two pixels to the right of AT."""
 
 SELF: dict[str, Any] = {"state": SELF_OCCLUDED}
 OTHER: dict[str, Any] = {"state": OCCLUDED}
@@ -301,11 +309,17 @@ FAR_ROPE: dict[str, Any] = {"object": ROPE, "material": (20, 0)}
         (with_rope_at(32, 27, of=image()), OTHER | {"depth": 1.06}, False),
         (with_rope_at(33, 27, of=image()), OTHER | {"depth": 1.06}, True),
         (with_rope_at(28, 23, of=image()), OTHER | {"depth": 1.06}, False),
+        (EDGE, OTHER | {"depth": 1.06}, True),
+        (with_rope_at(46, 25, of=EDGE), OTHER | {"depth": 1.06}, False),
         # What is seen is not hidden, unless it is in a fold of more than a footprint.
         (bent(0.00504, U), SELF | {"depth": 1.01}, True),
         (bent(0.00510, U), SELF | {"depth": 1.01}, False),
         (bent(0.00504, V), SELF | {"depth": 1.01}, True),
         (bent(0.00510, V), SELF | {"depth": 1.01}, False),
+        (bent(0.00510, U, (V == 25.5)), SELF | {"depth": 1.01}, False),  # in its own row alone
+        (bent(0.00510, V, (U == 30.5)), SELF | {"depth": 1.01}, False),
+        (bent(0.00510, U, (V == 26.5)), SELF | {"depth": 1.01}, True),
+        (bent(0.00510, V, (U == 31.5)), SELF | {"depth": 1.01}, True),
         (image(depth_m=1 + 0.5 * (U > 32)), SELF | {"depth": 1.01}, False),  # not smooth
         (image(depth_m=1 + 0.5 * (U > 33)), SELF | {"depth": 1.01}, True),
     ],
