@@ -135,7 +135,7 @@ def in_regions(mixtures: Mixtures, true_px: FloatArray, levels: Sequence[float])
 
     For one Gaussian that is the disc of radius sigma sqrt(-2 log(1 - level)), exactly. For a
     mixture the density on its border is estimated from points in every mode, 15 radii in 8
-    directions (fewer directions above 8 modes), to about one per cent of probability.
+    directions (fewer directions above 8 modes), to one to three per cent of probability.
 
     Args:
         mixtures: N distributions.
