@@ -37,7 +37,7 @@ class Targets:
 
 @dataclass(frozen=True)
 class NonMatches:
-    """K pixels per query that are not its match.
+    """K places per query that are not its match.
 
     Attributes:
         descriptors: float (N, Q, K, D).

@@ -163,9 +163,9 @@ ORBIT = OrbitSettings(radius_px=4, sigma_floor_px=1)
 def test_answers_to_points_with_an_equal_partner() -> None:
     """One case per row: at the point, at a partner, between, lost, discs that touch, …"""
     partners: list[list[tuple[float, float, bool]]] = [
-        [(30, 10, True)],  # answered 4 px beside the point
-        [(30, 10, True)],  # answered 4 px beside the partner
-        [(30, 10, True)],  # answered 4.1 px beside the point
+        [(30, 10, True)],  # the answer is 4 px from the point
+        [(30, 10, True)],  # the answer is 4 px from the symmetric point
+        [(30, 10, True)],  # the answer is 4.1 px from the point
         [(30, 10, True)],  # missing
         [(18, 10, True)],  # the discs touch in one point
         [(18.1, 10, True)],

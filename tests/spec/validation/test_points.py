@@ -112,7 +112,7 @@ def test_a_row(rows: Rows, expected: Found, tmp_path: Path) -> None:
         (changed((1, {"m0": 0.5 + 1.9e-5})), []),
         (changed((1, {"m0": 0.5 + 2.1e-5})), [(0, 0), (1, 0), (1, 1), (1, 2), (2, 2), (3, 1)]),
         (changed((1, {"m1": -1.7 + 3.8e-5})), []),
-        # Around the tube 1.7 and -2.3 are one place; around the box there is no period.
+        # The tube's coordinate has a period of 4, so 1.7 and -2.3 are equal; the box's has none.
         (changed((3, {"m1": -2.0}), (0, {"m1": 0.0}), (1, {"m1": -2.0}), (2, {"m1": 0.0})), []),
         # On the centre line only s counts.
         (changed((4, {"m1": -0.9})), []),
