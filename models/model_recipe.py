@@ -113,7 +113,8 @@ def read_recipe(
 
     Args:
         path: The file.
-        overrides: `dotted.key=value` texts that change the runs of all stages.
+        overrides: `dotted.key=value` texts that change the runs of all stages; `steps` also that
+            of the network that finds masks.
         sequences: Sequences of every split at most, for a trial.
 
     Raises:
@@ -130,6 +131,9 @@ def read_recipe(
         values["sets"][name] = made
     for _, stage in _mappings(values, "stages"):
         stage["settings"] = with_overrides(stage.get("settings") or {}, overrides)
+    if isinstance(masks := values.get("masks"), dict):
+        steps = [text for text in overrides if text.partition("=")[0].strip() == "steps"]
+        values["masks"] = with_overrides(masks, steps)
     recipe = settings_from(ModelRecipe, values, path=path)
     for name, config in recipe.sets.items():
         tiers = config.get("tiers")
@@ -197,9 +201,7 @@ def make_model(
 def _train_masks(stage: MaskStage, out: Path, run: Path) -> None:
     sets = [Dataset.open(out / "sets" / name) for name in stage.sets]
     seed = read_settings(DonSettings, run / CONFIG).seed
-    network = fit_masks(
-        [frame for each in sets for frame in each.frames("train")], steps=stage.steps, seed=seed
-    )
+    network = fit_masks([each.frames("train") for each in sets], steps=stage.steps, seed=seed)
     save_weights(run / MASKS, network.state_dict())
 
 

@@ -15,7 +15,7 @@ EXAMPLES = Path(__file__).parents[1] / "examples"
 SAYS = {
     "01_first_scene": ("points are seen in both", "dataset"),
     "02_own_rope": ("2 sequences, 0 problems",),
-    "03_own_camera_path": ("hidden: 0% at first", "median difference"),
+    "03_own_camera_path": ("hidden points: 0% at first", "median difference"),
     "04_score_a_method": ("RMSE 48.0 px", "rope-tracer"),
     "05_sparse_matches": ("the matches themselves",),
     "06_a_tracker": ("Lucas-Kanade", "identity"),

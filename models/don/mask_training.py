@@ -28,11 +28,12 @@ _BLURRED: Final = 0.3
 _MOST_NOISE: Final = 0.1
 
 
-def fit_masks(frames: Sequence[Frame], *, steps: int, seed: int) -> MaskNetwork:
+def fit_masks(sets: Sequence[Sequence[Frame]], *, steps: int, seed: int) -> MaskNetwork:
     """Train a network that finds masks.
 
     Args:
-        frames: Pictures of ropes with masks, those of training splits.
+        sets: Pictures of ropes with masks, those of training splits. A sample is of a set drawn at
+            random, so that a few pictures of another renderer count as much as many of one.
         steps: Steps of 6 samples; 1,500 take 13 minutes on one core.
         seed: Seed of all draws.
     """
@@ -43,7 +44,8 @@ def fit_masks(frames: Sequence[Frame], *, steps: int, seed: int) -> MaskNetwork:
         optimiser = torch.optim.AdamW(network.parameters(), lr=_RATE, weight_decay=0.02)
         schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, _RATE, total_steps=steps)
         for _ in range(steps):
-            chosen = [frames[k] for k in rng.integers(0, len(frames), _BATCH)]
+            drawn = [sets[k] for k in rng.integers(0, len(sets), _BATCH)]
+            chosen = [frames[rng.integers(len(frames))] for frames in drawn]
             samples = torch.stack([_sample(frame, rng) for frame in chosen])
             truth = samples[:, 3:]
             logits = network(_coloured(samples[:, :3], truth[:, 1:]))

@@ -32,7 +32,17 @@ def test_every_shipped_model_has_a_recipe() -> None:
         recipe = read_recipe(RECIPES / f"{name}.yaml")
         assert recipe.name == name
         for config in recipe.sets.values():
-            assert settings_from(GenerateConfig, config).counts["val"] >= 60
+            settings_from(GenerateConfig, config)
+        for each in {name for stage in recipe.stages.values() for name in stage.sets}:
+            assert recipe.sets[each]["splits"]["val"] >= 60
+
+
+def test_steps_of_a_trial_are_those_of_the_mask_network_too() -> None:
+    recipe = read_recipe(RECIPES / "don-rope.yaml", ["steps=7", "batch=2"])
+    assert recipe.masks is not None
+    assert recipe.masks.steps == 7
+    assert recipe.stages["coarse"].settings["steps"] == 7
+    assert read_recipe(RECIPES / "don-rope.yaml").masks.steps > 1000  # type: ignore[union-attr]
 
 
 def small(name: str, out: Path) -> list[str]:

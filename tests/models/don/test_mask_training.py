@@ -67,10 +67,10 @@ def test_other_colours_leave_objects_where_they_are() -> None:
 @pytest.mark.long
 def test_a_short_training_finds_a_rope() -> None:
     frame = painted()
-    network = fit_masks([frame], steps=80, seed=0)
-    again = fit_masks([frame], steps=2, seed=0)
+    network = fit_masks([[frame]], steps=80, seed=0)
+    again = fit_masks([[frame]], steps=2, seed=0)
     torch.testing.assert_close(
-        again.state_dict(), fit_masks([frame], steps=2, seed=0).state_dict(), rtol=0, atol=0
+        again.state_dict(), fit_masks([[frame]], steps=2, seed=0).state_dict(), rtol=0, atol=0
     )
     p = network.found(frame.rgb)
     assert frame.mask is not None
