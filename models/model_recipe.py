@@ -131,9 +131,9 @@ def read_recipe(
         values["sets"][name] = made
     for _, stage in _mappings(values, "stages"):
         stage["settings"] = with_overrides(stage.get("settings") or {}, overrides)
-    if isinstance(masks := values.get("masks"), dict):
-        steps = [text for text in overrides if text.partition("=")[0].strip() == "steps"]
-        values["masks"] = with_overrides(masks, steps)
+    changed = with_overrides({}, overrides)
+    if "steps" in changed and isinstance(masks := values.get("masks"), dict):
+        values["masks"] = {**masks, "steps": changed["steps"]}
     recipe = settings_from(ModelRecipe, values, path=path)
     for name, config in recipe.sets.items():
         tiers = config.get("tiers")

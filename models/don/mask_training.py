@@ -34,7 +34,7 @@ def fit_masks(sets: Sequence[Sequence[Frame]], *, steps: int, seed: int) -> Mask
     Args:
         sets: Pictures of ropes with masks, those of training splits. A sample is of a set drawn at
             random, so that a few pictures of another renderer count as much as many of one.
-        steps: Steps of 6 samples; 1,500 take 13 minutes on one core.
+        steps: Steps of 6 samples; 1,500 take 13 to 25 minutes on one core.
         seed: Seed of all draws.
     """
     rng = np.random.default_rng(seed)

@@ -31,10 +31,14 @@ def test_every_shipped_model_has_a_recipe() -> None:
     for name in NAMES:
         recipe = read_recipe(RECIPES / f"{name}.yaml")
         assert recipe.name == name
-        for config in recipe.sets.values():
-            settings_from(GenerateConfig, config)
-        for each in {name for stage in recipe.stages.values() for name in stage.sets}:
-            assert recipe.sets[each]["splits"]["val"] >= 60
+        counts = {
+            each: settings_from(GenerateConfig, config).counts
+            for each, config in recipe.sets.items()
+        }
+        for stage in recipe.stages.values():
+            assert all(counts[each]["val"] >= 60 for each in stage.sets)
+        if recipe.masks is not None:
+            assert all(counts[each]["train"] >= 60 for each in recipe.masks.sets)
 
 
 def test_steps_of_a_trial_are_those_of_the_mask_network_too() -> None:
