@@ -4,7 +4,8 @@ A network knows about where the rope is: the `MaskNetwork` of the run, or else t
 network, whose foreground is coarser. Nearby, every pixel is compared with the table around the
 rope, r = I / I_table in linear light: a shadow darkens all channels alike, so log r is then
 negative and has no chroma. What is not a shadow is divided by GrabCut (Rother et al. 2004) in the
-chroma and the mean of log r. `ball.py` tells the ball from the rope.
+chroma and the mean of log r; where the network is sure, whatever the colour. `ball.py` tells the
+ball from the rope.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from pliant.models.don.ball import ball_in
 from pliant.spec.arrays import FloatArray, Mask
 
 _WORKING_WIDTH: Final = 320
-_CERTAIN, _POSSIBLE = 0.45, 0.12  # foreground probabilities of the network
+_SURE, _CERTAIN, _POSSIBLE = 0.95, 0.45, 0.12  # foreground probabilities of the network
 _MARGIN_PX: Final = 4
 _TABLE_PX: Final = 12.0
 _DARKEST: Final = -2.5
@@ -68,7 +69,7 @@ def rope_masks(rgb: npt.NDArray[np.uint8], seen: Foreground) -> tuple[Mask, Mask
     if not (p > _CERTAIN).any() or near.all():
         return None
     small = np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
-    objects = _large_parts(_cut(small, p > _CERTAIN, near))
+    objects = _large_parts(_cut(small, p, near))
     if objects.sum() < _LEAST_PIXELS:
         return None
     ball = ball_in(objects, p_rope, first)
@@ -80,7 +81,7 @@ def rope_masks(rgb: npt.NDArray[np.uint8], seen: Foreground) -> tuple[Mask, Mask
     return enlarged(objects & ~ball), enlarged(objects | ball) if ball.any() else None
 
 
-def _cut(rgb: npt.NDArray[np.uint8], certain: Mask, near: Mask) -> Mask:
+def _cut(rgb: npt.NDArray[np.uint8], p: FloatArray, near: Mask) -> Mask:
     """Return the pixels that GrabCut gives to the foreground."""
     log_ratio = _log_ratio_to_table(rgb, ~near)
     light = log_ratio.mean(axis=-1)
@@ -94,9 +95,10 @@ def _cut(rgb: npt.NDArray[np.uint8], certain: Mask, near: Mask) -> Mask:
     stands_out = (chroma > max(_CHROMA, 3 * usual_chroma)) | (light > max(_LIGHT, 2 * usual_light))
     labels = np.full(near.shape, cv2.GC_BGD, dtype=np.uint8)
     labels[near] = cv2.GC_PR_BGD
-    labels[certain | (near & stands_out)] = cv2.GC_PR_FGD
+    labels[(p > _CERTAIN) | (near & stands_out)] = cv2.GC_PR_FGD
     labels[shadow] = cv2.GC_BGD
-    if not (labels == cv2.GC_PR_FGD).any():
+    labels[p > _SURE] = cv2.GC_FGD  # a strand with the table's colour would count as a shadow
+    if not np.isin(labels, (cv2.GC_FGD, cv2.GC_PR_FGD)).any():
         return np.zeros_like(near)
     features = [tint[..., 0] * 80 + 128, tint[..., 2] * 80 + 128, light * 40 + 80]
     image = np.stack(features, axis=-1).clip(0, 255).astype(np.uint8)

@@ -77,6 +77,16 @@ def test_the_rope_is_cut_from_its_shadow_and_its_ball() -> None:
     assert (objects & shadow).sum() < 0.05 * shadow.sum()
 
 
+def test_a_rope_like_the_table_is_kept_where_the_network_is_sure() -> None:
+    rgb, rope, _, _ = scene()
+    part = rope & (np.arange(WIDTH) > WIDTH // 2)
+    rgb[part] = rgb[10, 10] // 2
+    seen = rope.reshape(HEIGHT // 4, 4, WIDTH // 4, 4).mean(axis=(1, 3)).astype(np.float32)
+    found = rope_masks(rgb, Foreground(seen, seen, np.full_like(seen, 0.5)))
+    assert found is not None
+    assert (found[0] & part).sum() > 0.6 * part.sum()
+
+
 def test_a_ball_like_the_table_is_not_ruled_out_where_no_end_is_known() -> None:
     rgb, rope, ball, _ = scene()
     rgb[ball] = rgb[10, 10]
