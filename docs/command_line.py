@@ -14,7 +14,7 @@ from pliant.cli.main import SECTIONS, cli
 
 PAGE: Final = "reference/cli.md"
 
-_INTRODUCTION: Final = r"""# Command line
+_INTRODUCTION: Final = """# Command line
 
 Exit codes: 0 success, 1 invalid data, 2 invalid command line. `pliant COMMAND --help` prints the
 text of this page.
@@ -25,7 +25,7 @@ Tab completion of commands and options: add one line to the shell's start-up fil
 |---|---|---|
 | bash | `~/.bashrc` | `eval "$(_PLIANT_COMPLETE=bash_source pliant)"` |
 | zsh | `~/.zshrc` | `eval "$(_PLIANT_COMPLETE=zsh_source pliant)"` |
-| fish | `~/.config/fish/config.fish` | `_PLIANT_COMPLETE=fish_source pliant \| source` |
+| fish | `~/.config/fish/config.fish` | `_PLIANT_COMPLETE=fish_source pliant | source` |
 """
 
 
@@ -59,7 +59,7 @@ def _command(command: click.Command, parent: click.Context, level: int) -> Itera
         each for each in command.params if isinstance(each, click.Option) and not each.hidden
     ]
     if options:
-        yield "| option | value | meaning | default |\n|---|---|---|---|"
+        yield "| option | meaning | default |\n|---|---|---|"
         yield "\n".join(_option(option, context) for option in options) + "\n"
     if isinstance(command, click.Group):
         for name in command.list_commands(context):
@@ -69,12 +69,13 @@ def _command(command: click.Command, parent: click.Context, level: int) -> Itera
 
 
 def _option(option: click.Option, context: click.Context) -> str:
-    names = ", ".join(f"`{name}`" for name in option.opts)
+    *others, last = option.opts
+    value = "" if option.is_flag else " " + option.make_metavar(context).replace("|", " | ")
+    names = ", ".join(f"`{name}`" for name in (*others, f"{last}{value}"))
     if option.secondary_opts:
         names += f" / `{option.secondary_opts[0]}`"
-    value = "" if option.is_flag else f"`{option.make_metavar(context)}`".replace("|", "\\|")
     text = " ".join((option.help or "").split()).replace("|", "\\|").replace("<", "&lt;")
-    return f"| {names} | {value} | {text} | {_default(option, context)} |"
+    return f"| {names} | {text} | {_default(option, context)} |"
 
 
 def _default(option: click.Option, context: click.Context) -> str:

@@ -139,7 +139,8 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
 def _mathml(found: re.Match[str]) -> str:
     formula = convert(found[1] or found[2], display="block" if found[1] else "inline")
     text = " ".join(formula.split())
-    return f'<div class="formula">{text}</div>' if found[1] else text
+    # Without a span, a formula at the start of a line would be a block of its own.
+    return f'<div class="formula">{text}</div>' if found[1] else f"<span>{text}</span>"
 
 
 def _api() -> str:
@@ -155,7 +156,7 @@ def _configuration() -> str:
         "Nested fields are written with a dot.\n"
     ]
     for command, cls in SETTINGS.items():
-        parts += [f"## `{command}`\n", "| field | type | default | meaning |\n|---|---|---|---|"]
+        parts += [f"## `{command}`\n", "| field | meaning | type | default |\n|---|---|---|---|"]
         parts += ["\n".join(_rows(cls)) + "\n"]
     return "\n".join(parts)
 
@@ -172,7 +173,7 @@ def _rows(cls: type[Settings], prefix: str = "") -> Iterator[str]:
         unit = unit_of(name)
         shown = f"{kind}, {unit}" if unit else kind
         default = field.get_default(call_default_factory=True)
-        yield f"| `{prefix}{name}` | {shown} | {_default(default)} | {_cell(meaning.get(name))} |"
+        yield f"| `{prefix}{name}` | {_cell(meaning.get(name))} | {shown} | {_default(default)} |"
 
 
 def _kind(hint: Any, metadata: Sequence[Any] = ()) -> str:

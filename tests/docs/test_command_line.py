@@ -52,7 +52,7 @@ def test_every_command_has_its_heading_and_no_other(parts: dict[str, str]) -> No
 def test_every_option_has_its_real_default(path: str, parts: dict[str, str]) -> None:
     text = parts[path]
     assert not re.search("Sentinel|UNSET|None", text)
-    rows = re.findall(r"^\| `(--[\w-]+)`.* \| ([^|]*) \|$", text, re.MULTILINE)
+    rows = re.findall(r"^\| `(--[\w-]+)[ `].* \| ([^|]*) \|$", text, re.MULTILINE)
     params = ALL[path].params
     options = [each for each in params if isinstance(each, click.Option) and not each.hidden]
     assert [name for name, _ in rows] == [max(each.opts, key=len) for each in options]
