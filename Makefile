@@ -15,6 +15,9 @@ OUT ?= demo
 SECONDS ?= 60
 SAMPLE ?= 100
 
+# Compiled modules are kept: the tests start hundreds of processes, which then import faster.
+export PYTHONDONTWRITEBYTECODE :=
+
 .PHONY: demo docs test test-all pythons fuzz mutants lint types unit unit-all venv clean
 
 venv: $(VENV)/.installed
