@@ -1,4 +1,4 @@
-"""The jobs of a benchmark in the test's own process."""
+"""The jobs of a benchmark, and its sets, in the test's own process."""
 
 from __future__ import annotations
 
@@ -10,6 +10,11 @@ from typing import Any
 import pytest
 
 from pliant.benchmarks.suite import jobs as suite_jobs
+from pliant.benchmarks.suite import run as suite_run
+from pliant.generator.config import GenerateConfig
+from pliant.generator.runner.progress import Summary
+from pliant.generator.runner.run import generate
+from tests.generator.runner import standin
 
 
 class InProcess:
@@ -30,6 +35,12 @@ class InProcess:
         return done
 
 
+def generate_here(config: GenerateConfig, *arguments: Any, **options: Any) -> Summary:
+    """Make a set here; Blender gets a process of its own."""
+    engine: Any = standin.InProcess() if config.style == "raster" else "local"
+    return generate(config, *arguments, **options, engine=engine)
+
+
 @contextmanager
 def jobs_here() -> Iterator[None]:
     """Run the jobs here, one after another, and leave the number of threads as it was."""
@@ -37,5 +48,6 @@ def jobs_here() -> Iterator[None]:
     threads = torch.get_num_threads()
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(suite_jobs, "ProcessPoolExecutor", InProcess)
+        patch.setattr(suite_run, "generate", generate_here)
         yield
     torch.set_num_threads(threads)

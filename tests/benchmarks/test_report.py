@@ -127,7 +127,7 @@ def test_a_set_that_violates_the_specification_stops_the_run(
         return found
 
     monkeypatch.setitem(run_benchmark.__globals__, "validate", damaged)
-    with pytest.raises(SpecError, match="violates the specification"):
+    with jobs_here(), pytest.raises(SpecError, match="violates the specification"):
         run_benchmark(config, tmp_path / "out", workers=1, until="generate", watcher=Silent())
 
 

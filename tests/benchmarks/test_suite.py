@@ -24,7 +24,7 @@ from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, TrainingError
 from pliant.spec.io.parquet import read_footer
 from pliant.spec.io.reading import sha256_file
-from tests.benchmarks.jobs_here import jobs_here
+from tests.benchmarks.jobs_here import generate_here, jobs_here
 
 FOLDER = Path(__file__).parents[2] / "benchmarks"
 
@@ -227,7 +227,7 @@ def test_variants_of_one_camera_ask_the_same_queries() -> None:
     ("name", "variant"),
     [
         ("pliant-v3-mini", "rope"),
-        ("pliant-v3-mini", "cloth-3"),
+        pytest.param("pliant-v3-mini", "cloth-3", marks=pytest.mark.long),
         pytest.param("pliant-v3-mini", "towel", marks=pytest.mark.long),
     ],
 )
@@ -300,7 +300,8 @@ def test_some_blocks_alone_with_what_they_need(config_file: Path, tmp_path: Path
     path.write_text(yaml.safe_dump(values, sort_keys=False))
     called = ["benchmark", str(path), "--test", "free", "--workers", "1"]
     called += ["--page", str(tmp_path / "free.md")]
-    assert run([*called, "--out", str(tmp_path / "out")]) == 0
+    with jobs_here():
+        assert run([*called, "--out", str(tmp_path / "out")]) == 0
     assert (tmp_path / "free.md").read_text() == (tmp_path / "out" / "results.md").read_text()
     assert [each.name for each in (tmp_path / "out" / "sets").iterdir()] == ["rope-noisy"]
     page = (tmp_path / "out" / "results.md").read_text()
@@ -483,7 +484,8 @@ def test_the_same_config_gives_the_same_queries(
     config = read_config(config_file)
     noisy = {"rope-noisy": config.sets["rope-noisy"]}
     one = config.replace(sets=noisy, runs={}, tests={}, comparisons=())
-    run_benchmark(one, tmp_path / "again", workers=1, until="generate", watcher=Recorder())
+    with jobs_here():
+        run_benchmark(one, tmp_path / "again", workers=1, until="generate", watcher=Recorder())
     again = set_checksums(tmp_path / "again" / "sets" / "rope-noisy")
     assert again == set_checksums(out / "sets" / "rope-noisy")
 
@@ -511,7 +513,10 @@ def test_folders_that_cannot_be_taken(
         make(config.replace(runs=changed), out, resume=True)
 
 
-def test_a_failed_training_is_told_and_the_rest_is_kept(config_file: Path, tmp_path: Path) -> None:
+def test_a_failed_training_is_told_and_the_rest_is_kept(
+    config_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(suite_run, "generate", generate_here)
     config = read_config(config_file)
     wrong = config.runs["small"].replace(settings={**config.runs["small"].settings, "tier": "x"})
     few = {"rope": config.sets["rope"].replace(splits={"train": 1, "test": 2})}

@@ -8,10 +8,20 @@ from pathlib import Path
 
 import pytest
 
+from pliant.benchmarks.suite import config
 from pliant.cli.main import run
+from pliant.service.challenge import is_challenge
 from tests.benchmarks.jobs_here import jobs_here
 
-pytestmark = [pytest.mark.blender, pytest.mark.slow]
+pytestmark = pytest.mark.slow
+
+FEW = [
+    *(f"sets.{name}.style=raster" for name in ("rope", "cloth")),
+    "sets.cloth.cloth={points_a_side: 33, tracked_a_side: 17}",
+    *(f"tests.{name}.methods=[sift, oracle]" for name in ("rope", "cloth-1", "cloth-3")),
+    *(f"tests.{name}.shipped=[]" for name in ("rope", "cloth-1", "cloth-3")),
+]
+"""What makes the demo quick: neither Blender nor a network, and coarse cloths."""
 
 COMPARED = {".json", ".parquet", ".exr", ".png"}
 
@@ -29,6 +39,24 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+def test_with_few_methods(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every stage of the demo, from the sets to the page and the challenge."""
+    read = config.read_config
+    monkeypatch.setattr(config, "read_config", lambda path, given: read(path, [*given, *FEW]))
+    out = tmp_path / "demo"
+    with jobs_here():
+        demo(out)
+    for name, tiers in (("rope", {"rope"}), ("cloth", {"cloth-1", "cloth-3"})):
+        for method in ("sift", "oracle"):
+            path = out / "scores" / name / f"{method}--given" / "standard" / "scores.json"
+            scores = json.loads(path.read_text())["tiers"]
+            assert set(scores) == tiers
+            assert all((found["rmse_px"] == 0) == (method == "oracle") for found in scores.values())
+    page = (out / "report" / "index.html").read_text()
+    assert all(words in page for words in ("SIFT", "Cloth 3", "best matches"))
+    assert is_challenge(out / "challenge")
+
+
 def files(root: Path) -> dict[str, bytes]:
     """Everything except the logs and the notes of what each stage cost."""
     return {
@@ -40,6 +68,7 @@ def files(root: Path) -> dict[str, bytes]:
     }
 
 
+@pytest.mark.blender
 @pytest.mark.long
 def test_twice_gives_the_same_bytes(made: Path, tmp_path: Path) -> None:
     demo(tmp_path / "again")
@@ -50,6 +79,8 @@ def test_twice_gives_the_same_bytes(made: Path, tmp_path: Path) -> None:
     assert any(name.endswith("scores.json") for name in first)
 
 
+@pytest.mark.blender
+@pytest.mark.long
 def test_oracle_is_perfect_and_the_others_are_plausible(made: Path) -> None:
     methods = ("sift", "surf", "orb", "identity", "random", "centroid", "oracle")
     tiers = {"rope": {"rope"}, "cloth": {"cloth-1", "cloth-3"}}
@@ -67,6 +98,8 @@ def test_oracle_is_perfect_and_the_others_are_plausible(made: Path) -> None:
                 assert least_px < values["rmse_px"] < 200  # the diagonal of 160 x 120
 
 
+@pytest.mark.blender
+@pytest.mark.long
 def test_page_shows_table_frames_and_matches(made: Path) -> None:
     page = (made / "report" / "index.html").read_text()
     shown = ("SIFT", "SURF", "ORB", "mahotas", "Cloth 3", "best matches", "don-rope", "don-cloth")
