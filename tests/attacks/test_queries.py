@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import shutil
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -30,12 +32,19 @@ SMALL: dict[str, Any] = {
     "seed": 2_718_281_828_459_045,
 }
 SETS = {
-    "configurations": GenerateConfig(
-        tiers=("rope", "cloth-1"),
+    "ropes": GenerateConfig(
+        tiers=("rope",),
+        splits={"test": 10},
+        queries=QuerySettings(queries_per_pair=32),
+        id="ropes",
+        **SMALL,
+    ),
+    "cloths": GenerateConfig(
+        tiers=("cloth-1",),
         splits={"test": 10},
         cloth=ClothSettings(points_a_side=33, tracked_a_side=33),
         queries=QuerySettings(queries_per_pair=32),
-        id="configurations",
+        id="cloths",
         **SMALL,
     ),
     "episodes": GenerateConfig(
@@ -48,47 +57,49 @@ SETS = {
         **SMALL,
     ),
 }
-CASES = [
-    ("configurations", "rope"),
-    ("configurations", "cloth-1"),
-    ("episodes", "rope"),
-    ("tracks", "rope"),
-]
+LONG = [pytest.param(name, marks=pytest.mark.long) for name in ("cloths", "episodes", "tracks")]
+
+Half = Callable[[str], tuple[Queries, Answers]]
 
 
 @pytest.fixture(scope="module")
-def published(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Path, Path]]:
-    """Each set as (public half, whole); `tracks` asks the episodes' points from frame 0 on."""
+def half(tmp_path_factory: pytest.TempPathFactory) -> Half:
+    """A function: name of a set -> its public queries and its answers; a set is made when asked.
+
+    `tracks` asks the episodes' points from frame 0 on.
+    """
     root = tmp_path_factory.mktemp("attacked")
-    made = {}
-    for name, config in SETS.items():
-        assert not generate(config, root / name, engine=InProcess()).failed
-        made[name] = config
-    tracks = SETS["episodes"].replace(queries=QuerySettings(queries_per_pair=32, kind="track"))
-    shutil.copytree(root / "episodes", root / "tracks")
-    write_dataset_files(tracks, plan_tasks(tracks), root / "tracks")
-    halves = {}
-    for name in (*made, "tracks"):
+
+    def make(name: str) -> Path:
+        whole = root / name
+        if whole.exists():
+            return whole
+        if name != "tracks":
+            assert not generate(SETS[name], whole, engine=InProcess()).failed
+            return whole
+        tracks = SETS["episodes"].replace(queries=QuerySettings(queries_per_pair=32, kind="track"))
+        shutil.copytree(make("episodes"), whole)
+        write_dataset_files(tracks, plan_tasks(tracks), whole)
+        return whole
+
+    @functools.cache
+    def read(name: str) -> tuple[Queries, Answers]:
+        whole = make(name)
         settings = PublishSettings(hold_out=("test",), answers_are_public=True)
-        facts = publish(root / name, root / f"{name}-public", settings)
+        facts = publish(whole, root / f"{name}-public", settings)
         assert not any("query pixels" in text for text in facts.warnings)
-        halves[name] = facts.public, root / name
-    return halves
+        ((tier, queries),) = read_queries(facts.public, "test").items()
+        return queries, read_answers(whole, "test", tier)
+
+    return read
 
 
-def half(published: dict[str, tuple[Path, Path]], name: str, tier: str) -> tuple[Queries, Answers]:
-    public, whole = published[name]
-    return read_queries(public, "test")[tier], read_answers(whole, "test", tier)
-
-
-@pytest.mark.parametrize(("name", "tier"), CASES)
+@pytest.mark.parametrize("name", ["ropes", *LONG])
 @pytest.mark.parametrize(
     "seed", [0, *(pytest.param(each, marks=pytest.mark.long) for each in (1, 2))]
 )
-def test_no_attack_beats_its_null(
-    published: dict[str, tuple[Path, Path]], name: str, tier: str, seed: int
-) -> None:
-    queries, answers = half(published, name, tier)
+def test_no_attack_beats_its_null(half: Half, name: str, seed: int) -> None:
+    queries, answers = half(name)
     assert len(queries.pair) > 500
     leaks = [each for each in attack_everything(queries, answers, seed=seed) if each.leaks]
     assert leaks == []
@@ -96,13 +107,15 @@ def test_no_attack_beats_its_null(
 
 def leaks_of(queries: Queries, answers: Answers) -> set[str]:
     return {
-        each.attack.split(" (")[0] for each in attack_everything(queries, answers) if each.leaks
+        each.attack.split(" (")[0]
+        for each in attack_everything(queries, answers, draws=12)
+        if each.leaks
     }
 
 
-@pytest.mark.parametrize("tier", ["rope", "cloth-1"])
-def test_sorted_rows_are_noticed(published: dict[str, tuple[Path, Path]], tier: str) -> None:
-    queries, answers = half(published, "configurations", tier)
+@pytest.mark.parametrize("name", ["ropes", LONG[0]])
+def test_sorted_rows_are_noticed(half: Half, name: str) -> None:
+    queries, answers = half(name)
     order = np.lexsort((answers.point, queries.pair))
     shown = {}
     for frame in queries.shown:
@@ -117,25 +130,25 @@ def test_sorted_rows_are_noticed(published: dict[str, tuple[Path, Path]], tier: 
     )
     found = leaks_of(told, true)
     assert {"rank, one axis", "columns of a row and its answer"} <= found
-    assert tier == "rope" or "rank, two axes" in found
+    assert name == "ropes" or "rank, two axes" in found
 
 
-def test_answers_among_the_query_pixels_are_noticed(
-    published: dict[str, tuple[Path, Path]],
-) -> None:
+@pytest.mark.parametrize("name", ["ropes", LONG[2]])
+def test_answers_among_the_query_pixels_are_noticed(half: Half, name: str) -> None:
     """The target frame asks the very points that it is asked about."""
-    queries, answers = half(published, "tracks", "rope")
+    queries, answers = half(name)
     shown = {}
     for frame in np.unique(queries.target):
         rows = np.flatnonzero((queries.target == frame) & answers.visible)
         shown[int(frame)] = np.random.default_rng(0).permutation(answers.uv_px[rows])
     found = leaks_of(replace(queries, shown=shown), answers)
-    assert {"assignment", "answers among query pixels"} <= found
+    assert "answers among query pixels" in found
+    assert name == "ropes" or "assignment" in found  # frames of an episode are almost similar
 
 
-def test_points_left_out_are_noticed(published: dict[str, tuple[Path, Path]]) -> None:
+def test_points_left_out_are_noticed(half: Half) -> None:
     """Each pair leaves out the points that its target does not show."""
-    queries, answers = half(published, "configurations", "rope")
+    queries, answers = half("ropes")
     keep = answers.visible
     told = replace(
         queries,

@@ -96,6 +96,7 @@ def test_oracle_refuses_the_truth_of_other_queries(cards_root: Path, tmp_path: P
         predict(Dataset.open(root), "test", Oracle(), tmp_path / "oracle.parquet")
 
 
+@pytest.mark.usefixtures("quick_tracing")
 @pytest.mark.parametrize("name", sorted(METHODS))
 def test_every_method_answers_every_query(name: str, cards: Dataset, tmp_path: Path) -> None:
     out = tmp_path / "out.parquet"

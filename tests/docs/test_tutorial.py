@@ -18,6 +18,7 @@ PAGE = (ROOT / "docs" / "tutorial.md").read_text()
 EXAMPLE = ROOT / "docs" / "examples" / "nearest_colour.py"
 
 SMALLER = {
+    "pliant generate rope": "pliant generate rope --style raster --workers 1",
     "train=24,val=4,test=4": "train=2,val=1,test=2",
     "--frames 3": "--frames 2",
     "320x240": "160x120",

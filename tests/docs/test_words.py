@@ -72,9 +72,11 @@ def test_the_list_finds_what_it_bans(text: str, count: int) -> None:
 
 def test_no_banned_word() -> None:
     listed = words()
+    anyone = re.compile("|".join(listed).replace(" ", r"\s+"), re.IGNORECASE)
     problems = [
         f"{file}:{line + before}: {excerpt!r}; write: {replacement}"
         for file, line, text in texts()
+        if anyone.search(text)
         for pattern, replacement in listed.items()
         for before, excerpt in hits(pattern, text)
     ]

@@ -14,7 +14,7 @@ from tests.service.conftest import MakeTrial
 schemathesis = pytest.importorskip("schemathesis")
 
 
-@pytest.mark.parametrize("examples", [3, pytest.param(150, marks=pytest.mark.long)])
+@pytest.mark.parametrize("examples", [2, pytest.param(150, marks=pytest.mark.long)])
 def test_no_request_is_answered_with_500(
     make_trial: MakeTrial, examples: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:

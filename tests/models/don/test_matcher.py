@@ -287,6 +287,7 @@ def test_weights_sum_to_one_and_sigmas_are_positive() -> None:
     assert (modes[..., 2][used] >= 0.3).all()
 
 
+@pytest.mark.usefixtures("few_tried")
 def test_calibration_makes_an_overconfident_matcher_honest(pairs: list[ValidationPair]) -> None:
     """Noise makes the errors larger than the sharp softmax believes."""
 
@@ -311,6 +312,7 @@ def test_calibration_makes_an_overconfident_matcher_honest(pairs: list[Validatio
     assert matcher.answer(pairs[0]).modes is None
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("few_tried")
 def test_rectified_views_have_a_calibration_of_their_own(
     sheet_dataset: Dataset, monkeypatch: pytest.MonkeyPatch
@@ -383,6 +385,7 @@ def test_views_without_masks_have_a_calibration_of_their_own(
     assert np.median(given) < 5 < 9 <= np.median(found)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("few_tried")
 def test_ropes_whose_ends_look_alike_have_a_calibration_of_their_own(
     sheet_dataset: Dataset, monkeypatch: pytest.MonkeyPatch
@@ -462,6 +465,7 @@ def test_doubt_is_the_log_of_the_spread() -> None:
     assert np.isfinite(mean_doubt(single, grid[:1]))
 
 
+@pytest.mark.usefixtures("few_tried")
 def test_visible_is_learned_from_the_distance(pairs: list[ValidationPair]) -> None:
     """Half the truths are declared hidden, and their colour is made to be nowhere."""
     changed = []
@@ -533,7 +537,8 @@ def test_a_narrow_mask_leaves_out_points_that_a_margin_of_one_pixel_holds() -> N
     assert torch.equal(widened(mask, 0), mask)
 
 
-@pytest.mark.parametrize("decode", ["median", "soft"])
+@pytest.mark.usefixtures("few_tried")
+@pytest.mark.parametrize("decode", ["median", pytest.param("soft", marks=pytest.mark.long)])
 def test_a_contrastive_network_is_sharpened_before_it_answers(
     pairs: list[ValidationPair], decode: str
 ) -> None:

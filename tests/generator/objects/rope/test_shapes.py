@@ -20,7 +20,7 @@ from tests.generator.objects.rope.rope_checks import (
     signed_crossings,
 )
 
-EACH = 25
+EACH = 10
 SHAPES: dict[str, dict[str, Any]] = {
     "open": {},
     "loop": {},
