@@ -24,7 +24,13 @@ SAYS = {
     "09_serve_a_challenge": ("Submission 1: scored", "1,Ada's team"),
     "10_score_photographs": ("identity", "sift"),
 }
-SLOW = {"03_own_camera_path", "07_train_a_small_don", "09_serve_a_challenge"}
+SLOW = {
+    "04_score_a_method",
+    "06_a_tracker",
+    "03_own_camera_path",
+    "07_train_a_small_don",
+    "09_serve_a_challenge",
+}
 
 
 @pytest.mark.parametrize(

@@ -50,7 +50,7 @@ CONFIGS = {
 AUGMENTED = settings_from(AugmentSettings, {"rotate_deg": 20})
 
 
-@pytest.fixture(scope="module", params=CONFIGS)
+@pytest.fixture(scope="module")
 def config(request: pytest.FixtureRequest) -> GenerateConfig:
     return CONFIGS[request.param]
 
@@ -62,6 +62,7 @@ def written(config: GenerateConfig, tmp_path_factory: pytest.TempPathFactory) ->
     return Dataset.open(root)
 
 
+@pytest.mark.parametrize("config", CONFIGS, indirect=True)
 def test_frames_equal_the_written_ones(config: GenerateConfig, written: Dataset) -> None:
     simulated = SimulatedDataset.of(config)
     assert json.loads(json.dumps(simulated.info)) == written.info
@@ -81,7 +82,18 @@ def test_frames_equal_the_written_ones(config: GenerateConfig, written: Dataset)
             np.testing.assert_array_equal(frame.camera.K, other.camera.K)
 
 
-@pytest.mark.parametrize("workers", [0, 2])
+@pytest.mark.parametrize(
+    ("config", "workers"),
+    [
+        ("configurations", 0),
+        ("configurations", 2),
+        ("episodes", 0),
+        ("cloths", 0),
+        pytest.param("episodes", 2, marks=pytest.mark.long),
+        pytest.param("cloths", 2, marks=pytest.mark.long),
+    ],
+    indirect=["config"],
+)
 def test_batches_equal_those_of_the_written_set(
     config: GenerateConfig, written: Dataset, workers: int, tmp_path: Path
 ) -> None:
@@ -119,6 +131,8 @@ def test_a_sequence_is_simulated_once(
     assert sorted(made) == ["rope-train-000000", "rope-train-000001"]
 
 
+@pytest.mark.long
+@pytest.mark.usefixtures("quick_tracing")
 def test_training_from_a_config_gives_the_same_losses(tmp_path: Path) -> None:
     generate(CONFIGS["configurations"], tmp_path / "set", engine=InProcess())
     (tmp_path / "rope.yaml").write_text(

@@ -29,8 +29,8 @@ def method(name: str) -> LocalFeatureMatcher:
 @pytest.mark.parametrize(
     "motion",
     [
-        {"centre": (127.3, 95.4)},
-        {"angle_deg": 40, "centre": (121.7, 98.2)},
+        pytest.param({"centre": (127.3, 95.4)}, marks=pytest.mark.long),
+        pytest.param({"angle_deg": 40, "centre": (121.7, 98.2)}, marks=pytest.mark.long),
         {"angle_deg": -115, "scale": 1.05, "centre": (117.4, 101.8)},
     ],
     ids=["slide", "turn", "turn and grow"],

@@ -331,6 +331,7 @@ packages = ["their_matchers"]
 """
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_package_with_an_entry_point_is_predicted_and_scored(
     tiny_dataset: Path, tmp_path: Path
@@ -357,7 +358,6 @@ def test_package_with_an_entry_point_is_predicted_and_scored(
         *("--no-deps", "--no-build-isolation", project),
     )
     program = (python, "-c", "from pliant.cli.main import main; main()")
-    assert "their-shift" in shell(*program, "methods")
     assert "Plug-in their_matchers.shift:Shift of their-matchers 2.5" in shell(*program, "methods")
     arguments = ("--data", tiny_dataset, "--out", "out.parquet", "--set", "du=7", "--set", "dv=7")
     said = json.loads(shell(*program, "predict", "their-shift", *arguments, "--json"))

@@ -92,7 +92,7 @@ def test_the_footer_has_the_familiarity(cards: Dataset, tmp_path: Path) -> None:
     assert facts == {"median": 0.5, "share_below_0.02": 0.05}
 
 
-@pytest.mark.parametrize("method", ["sift", "random"])
+@pytest.mark.parametrize("method", [pytest.param("sift", marks=pytest.mark.long), "random"])
 def test_workers_change_no_byte(cards: Dataset, tmp_path: Path, method: str) -> None:
     files = [tmp_path / f"{workers}.parquet" for workers in (1, 2)]
     progress: list[tuple[int, int]] = []

@@ -30,7 +30,7 @@ class Method:
 
 
 @pytest.mark.parametrize("when", PLUG_INS)
-@pytest.mark.parametrize("workers", ["1", "2"])
+@pytest.mark.parametrize("workers", ["1", pytest.param("2", marks=pytest.mark.long)])
 def test_a_plug_in_that_exits_is_an_error(
     when: str, workers: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:

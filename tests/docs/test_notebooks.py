@@ -26,6 +26,7 @@ def executed(name: str, folder: Path) -> str:
     return "".join(each.get("text", "") for each in outputs)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 def test_quickstart(tmp_path: Path) -> None:

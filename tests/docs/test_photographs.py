@@ -62,6 +62,7 @@ def commands() -> Iterator[list[str]]:
         yield shlex.split(line)[1:]
 
 
+@pytest.mark.long
 def test_a_folder_of_photographs_becomes_a_scored_table(
     photographs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str], browser: Browser,

@@ -73,7 +73,9 @@ def report(pages: Path) -> Path:
 
 
 @pytest.mark.parametrize("name", PAGES)
-@pytest.mark.parametrize(("width", "dark"), [(1200, False), (400, True)])
+@pytest.mark.parametrize(
+    ("width", "dark"), [pytest.param(1200, False, marks=pytest.mark.long), (400, True)]
+)
 def test_a_page_fits_reports_no_error_and_asks_for_nothing(
     browser: Browser, pages: Path, name: str, width: int, dark: bool
 ) -> None:

@@ -45,7 +45,7 @@ sys.exit(run(arguments))
 """
 
 
-@pytest.mark.parametrize("place", ["reading", "writing"])
+@pytest.mark.parametrize("place", [pytest.param("reading", marks=pytest.mark.long), "writing"])
 def test_a_terminated_evaluation_leaves_nothing(place: str, scene: Any, tmp_path: Path) -> None:
     submission = scene.submit(tmp_path / "s.parquet")
     (tmp_path / "temporary").mkdir()

@@ -6,12 +6,16 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from pliant.loaders import FrameStore
 from pliant.spec.dataset import Dataset
 
 PROGRAM = """
 import resource, sys
 from pathlib import Path
+import pytest
+
 from pliant.loaders import FrameStore
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import PliantError
@@ -26,6 +30,7 @@ except PliantError as error:
 """
 
 
+@pytest.mark.long
 def test_too_little_room_is_one_line(tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-c", PROGRAM, str(tmp_path)], capture_output=True, text=True, check=False

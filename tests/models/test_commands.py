@@ -25,6 +25,7 @@ def settings(*more: str) -> list[str]:
     return [part for value in (*SMALL, *more) for part in ("--set", value)]
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("quick_tracing")
 def test_train_predict_and_check(
     tiny_dataset: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]

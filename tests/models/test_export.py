@@ -290,7 +290,13 @@ def test_names_are_listed_without_torch(models: Path, tiny_dataset: Path, tmp_pa
     assert (done.returncode, "pip install 'pliant[train]'" in done.stderr) == (2, True), done.stderr
 
 
-@pytest.mark.parametrize("name", shipped_names())
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=() if name == "don-towel" else pytest.mark.long)
+        for name in shipped_names()
+    ],
+)
 def test_models_of_the_package_answer(name: str, tmp_path: Path) -> None:
     """On three test shapes that `data.yaml`, the config of the training set, generates again.
 

@@ -183,7 +183,7 @@ def make_trial(
         challenge.database.engine.dispose()
 
 
-@pytest.fixture(params=["sqlite", "postgresql"])
+@pytest.fixture(params=["sqlite", pytest.param("postgresql", marks=pytest.mark.long)])
 def trial(request: pytest.FixtureRequest, make_trial: MakeTrial) -> Trial:
     """A challenge on each kind of database."""
     url = None

@@ -47,6 +47,7 @@ def client_of(trial: Trial) -> TestClient:
     return TestClient(app, raise_server_exceptions=True, follow_redirects=False)
 
 
+@pytest.mark.long
 def test_a_real_file_is_scored_and_a_bad_one_refused(
     make_trial: MakeTrial, service_halves: Halves
 ) -> None:

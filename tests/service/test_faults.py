@@ -86,7 +86,7 @@ class Sender(threading.Thread):
 @pytest.mark.parametrize(
     ("kind", "kills"),
     [
-        ("sqlite", 2),
+        pytest.param("sqlite", 2, marks=pytest.mark.long),
         pytest.param("sqlite", 100, marks=pytest.mark.long),
         pytest.param("postgresql", 100, marks=pytest.mark.long),
     ],

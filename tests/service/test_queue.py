@@ -155,7 +155,11 @@ def crash() -> Result:
 
 @pytest.mark.parametrize(
     ("what", "told"),
-    [(hang, "too long"), (take_memory, "too much memory"), (crash, "The host sees why")],
+    [
+        (hang, "too long"),
+        pytest.param(take_memory, "too much memory", marks=pytest.mark.long),
+        pytest.param(crash, "The host sees why", marks=pytest.mark.long),
+    ],
 )
 def test_a_scorer_that_misbehaves_costs_no_attempt(
     make_trial: MakeTrial, what: object, told: str

@@ -48,11 +48,19 @@ def test_arrow_table_crosses_whole() -> None:
     ("function", "limits", "reason", "words"),
     [
         (partial(child.take_memory, 8 * 2**30), Limits(), "memory", "at most 4.3 GB"),
-        (partial(child.take_memory_in_arrow, 8 * 2**30), Limits(), "memory", "at most 4.3 GB"),
+        pytest.param(
+            partial(child.take_memory_in_arrow, 8 * 2**30),
+            Limits(),
+            "memory",
+            "at most 4.3 GB",
+            marks=pytest.mark.long,
+        ),
         (child.loop, Limits(cpu_s=1), "time", "1 s of CPU time"),
         (partial(child.sleep, 600), Limits(wall_s=1.5), "time", "at most 1.5 s"),
         (child.crash, Limits(), "crash", "SIGSEGV"),
-        (partial(child.leave, 0), Limits(), "crash", "SystemExit(0)"),
+        pytest.param(
+            partial(child.leave, 0), Limits(), "crash", "SystemExit(0)", marks=pytest.mark.long
+        ),
         (partial(child.write, Path("large"), 10**6), Limits(file_bytes=10**5), "size", "100.0 kB"),
     ],
 )

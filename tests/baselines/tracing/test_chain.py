@@ -25,7 +25,14 @@ def place_likelihood(curve: np.ndarray, sharpness: float = 20.0) -> Likelihood:
     return likelihood
 
 
-@pytest.mark.parametrize("curve", [wave(), wave(2.0, 60.0), loop()], ids=["wave", "tilted", "loop"])
+@pytest.mark.parametrize(
+    "curve",
+    [
+        pytest.param(wave(), id="wave"),
+        pytest.param(wave(2.0, 60.0), id="tilted", marks=pytest.mark.long),
+        pytest.param(loop(), id="loop", marks=pytest.mark.long),
+    ],
+)
 def test_sampled_paths_follow_the_rope(curve: np.ndarray) -> None:
     mask, _ = painted(curve, ball=False)
     pixels = np.argwhere(mask)

@@ -55,7 +55,9 @@ def drawn(tilt_deg: float) -> Frame:
     return Frame(rgb, mask, key=f"tilt-{tilt_deg}", objects=objects)
 
 
-@pytest.mark.parametrize("tilt_deg", [28, 40, 48])
+@pytest.mark.parametrize(
+    "tilt_deg", [40, *(pytest.param(each, marks=pytest.mark.long) for each in (28, 48))]
+)
 def test_the_tilt_is_read_off_the_widths(tilt_deg: float) -> None:
     mask = drawn(tilt_deg).mask
     assert mask is not None
@@ -64,7 +66,7 @@ def test_the_tilt_is_read_off_the_widths(tilt_deg: float) -> None:
     assert np.degrees(np.arctan(found)) == pytest.approx(tilt_deg, abs=6)
 
 
-@pytest.mark.parametrize("tilt_deg", [0, 6])
+@pytest.mark.parametrize("tilt_deg", [pytest.param(0, marks=pytest.mark.long), 6])
 def test_a_view_from_above_stays_as_it_is(tilt_deg: float) -> None:
     view = drawn(tilt_deg)
     seen = rectified(view)

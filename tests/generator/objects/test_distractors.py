@@ -83,7 +83,7 @@ def test_their_masks_are_separate(pair: tuple[Dataset, Dataset]) -> None:
         np.testing.assert_array_equal(frame.objects, (ids == 1) | (ids == 2))
 
 
-@pytest.mark.parametrize("tier", ["rope", "cloth-1"])
+@pytest.mark.parametrize("tier", ["rope", pytest.param("cloth-1", marks=pytest.mark.long)])
 def test_no_distractor_is_inside_the_object(tier: str) -> None:
     """Each is above every vertex of the object that is below its own vertices."""
     kinds = {"rope": 1.0, "cable": 1.0, "cloth": 1.0}

@@ -27,6 +27,7 @@ def cluster(local_ray):
     ray.shutdown()
 
 
+@pytest.mark.long
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::ResourceWarning")  # Ray leaves its log files open
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")

@@ -33,6 +33,7 @@ def test_a_forecast_by_hand() -> None:
     assert forecast.left() == pytest.approx((0.0, 0.0))
 
 
+@pytest.mark.long
 def test_trials_and_runs_forecast_what_a_run_takes(standin, tmp_path) -> None:
     config = standin.small_config(frames=8, splits={"train": 6})
     plan = plan_run(config, tmp_path / "set")

@@ -14,6 +14,8 @@ import sys
 import time
 from pathlib import Path
 
+import pytest
+
 KILLS = int(os.environ.get("PLIANT_KILLS", "2"))
 SCRIPT = Path(__file__).with_name("standin.py")
 
@@ -43,6 +45,7 @@ def sequences(out: Path) -> int:
     return len(list((out / "sequences").glob("*/rope-*")))  # others are unfinished
 
 
+@pytest.mark.long
 def test_killed_at_random_moments(digests, uninterrupted, tmp_path):
     out = tmp_path / "set"
     moments = random.Random(KILLS)
@@ -68,6 +71,7 @@ def test_killed_at_random_moments(digests, uninterrupted, tmp_path):
     assert not list((out / "sequences" / "rope").glob(".*"))
 
 
+@pytest.mark.long
 def test_interrupted_in_a_terminal(digests, uninterrupted, tmp_path):
     out = tmp_path / "set"
     run = start(out)

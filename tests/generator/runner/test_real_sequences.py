@@ -29,7 +29,11 @@ def config(style, count):
 
 
 @pytest.mark.parametrize(
-    "style", ["raster", pytest.param("fast", marks=[pytest.mark.blender, pytest.mark.long])]
+    "style",
+    [
+        pytest.param("raster", marks=pytest.mark.long),
+        pytest.param("fast", marks=[pytest.mark.blender, pytest.mark.long]),
+    ],
 )
 def test_grown_by_workers_equals_made_at_once_in_one_process(style, standin, digests, tmp_path):
     if style == "fast":

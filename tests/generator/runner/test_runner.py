@@ -129,7 +129,7 @@ def test_a_set_that_is_moved_meanwhile_goes_on_where_it_is(
     assert digests(moved) == uninterrupted
 
 
-@pytest.mark.parametrize("fault", ["raise", "segfault"])
+@pytest.mark.parametrize("fault", ["raise", pytest.param("segfault", marks=pytest.mark.long)])
 def test_failures_are_counted_named_and_made_up_later(
     fault, make, digests, uninterrupted, tmp_path
 ):

@@ -99,6 +99,7 @@ def stores() -> tuple[PaintedStore, PaintedStore]:
     return PaintedStore(130, seed=1), PaintedStore(30, seed=2)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("depth", [False, True])
 def test_a_network_learns_which_strand_is_on_top(
     depth: bool, stores: tuple[PaintedStore, PaintedStore], tmp_path: Path

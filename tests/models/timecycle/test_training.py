@@ -58,6 +58,7 @@ def no_report(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(report, "write_timecycle_report", lambda *_: None)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("no_report")
 def test_resumed_equals_uninterrupted(tiny_episode: Path, tmp_path: Path) -> None:
     """Bit for bit: weights, running average, optimiser and history."""

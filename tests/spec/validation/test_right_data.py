@@ -56,6 +56,7 @@ def found_in(out: Path, count: int, changes: dict[str, Any]) -> tuple[int, list[
     return report.sequences, errors, warnings
 
 
+@pytest.mark.long
 def test_ropes_with_dark_outlines_are_not_refused(tmp_path: Path) -> None:
     """In the last of these one-frame ropes a line inside it has more contrast than its outline."""
     count, errors, warnings = found_in(tmp_path / "set", 12, ROPES)

@@ -114,6 +114,7 @@ def test_a_heat_map_is_opaque_at_its_peak_and_clear_elsewhere() -> None:
     assert alpha[25, 25] < 100
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("quick_tracing")
 def test_the_shipped_network_shows_all_it_has(tiny_dataset: Path) -> None:
     pytest.importorskip("torch")

@@ -217,8 +217,15 @@ def test_every_layer_can_be_seen(page: Page) -> None:
     assert page.browser.run("return !document.getElementById('legend').hidden")
 
 
-@pytest.mark.parametrize("tab", ["compare", "scene"])
-@pytest.mark.parametrize("dark", [False, True])
+@pytest.mark.parametrize(
+    ("tab", "dark"),
+    [
+        ("compare", False),
+        ("scene", True),
+        pytest.param("compare", True, marks=pytest.mark.long),
+        pytest.param("scene", False, marks=pytest.mark.long),
+    ],
+)
 def test_the_page_fits_a_phone(page: Page, tab: str, dark: bool) -> None:
     page.open(f"#tab={tab}", width=400, dark=dark)
     page.browser.run("localStorage.clear()")

@@ -37,8 +37,17 @@ def count_intersections(pose: Pose, scene_object: SceneObject) -> int:
     return independent_intersections.count_intersections(pose.vertices["cloth"], faces)
 
 
-@pytest.mark.parametrize("level", [1, 2, 3])
-@pytest.mark.parametrize("speed_m_s", [0.6, 3.0])
+@pytest.mark.parametrize(
+    ("level", "speed_m_s"),
+    [
+        (1, 3.0),
+        (2, 0.6),
+        (3, 0.6),
+        pytest.param(1, 0.6, marks=pytest.mark.long),
+        pytest.param(2, 3.0, marks=pytest.mark.long),
+        pytest.param(3, 3.0, marks=pytest.mark.long),
+    ],
+)
 def test_a_tier_keeps_its_word(level: int, speed_m_s: float) -> None:
     settings = ClothSettings(points_a_side=33, hand_speed_m_s=speed_m_s)
     scene_object = sample(f"cloth-{level}", settings)
@@ -175,7 +184,7 @@ def test_alternate_sequences_show_either_side() -> None:
     flat = sample("cloth-1").parts[0]
     assert not shows_underside(flat.rest, flat.faces)
     assert shows_underside(flat.rest * [1, -1, 1], flat.faces)
-    for index in range(4):
+    for index in range(2):
         scene_object = sample("cloth-2", settings, index=index, seed=3)
         pose = scene_object.pose(0)
         found = shows_underside(pose.vertices["cloth"], scene_object.parts[0].faces)

@@ -48,7 +48,7 @@ def digest(scene_object: SceneObject, frames: list[int]) -> str:
     return out.hexdigest()
 
 
-@pytest.mark.parametrize("shape", ["open", "knot"])
+@pytest.mark.parametrize("shape", [pytest.param("open", marks=pytest.mark.long), "knot"])
 def test_the_rules_hold_through_an_episode(shape: str) -> None:
     episode = Episode(RopeBody(SETTINGS), shape, lambda: np.random.default_rng(8))
     spacing = SETTINGS.length_m / (SETTINGS.particles - 1)
