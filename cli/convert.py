@@ -1,4 +1,4 @@
-"""`pliant convert`: write a dataset in the form of another tool."""
+"""`pliant convert`: write a dataset in the format of another tool."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ TARGET_NAMES: Final = ["rerun", "lerobot", "coco", "tapvid", "webdataset", "glb"
 
 @click.command("convert")
 @click.argument("data", metavar="DATA", type=PATH)
-@click.option("--to", type=click.Choice(TARGET_NAMES), required=True, help="The form to write.")
+@click.option("--to", type=click.Choice(TARGET_NAMES), required=True, help="Format to write.")
 @out_option("FOLDER", "A new folder.")
 @click.option("--split", help="Only this split; default: every one whose truth is there.")
 @click.option("--tier", help="Only this tier.")
@@ -43,7 +43,7 @@ def command(
     as_json: bool,
     **which: Any,
 ) -> None:
-    """Write the dataset DATA in the form of another tool; says first what that cannot hold."""
+    """Write the dataset DATA in the format of another tool; lists first what it cannot store."""
     from pliant.converters.convert import TARGETS, chosen_sequences, convert
     from pliant.converters.targets.recording import Options
     from pliant.spec.dataset import Dataset

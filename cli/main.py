@@ -20,7 +20,7 @@ SECTIONS: Final[dict[str, dict[str, tuple[str, str]]]] = {
         "demo": ("pliant.cli.demo", "Generate and score a small benchmark, with a report."),
         "generate": ("pliant.cli.generate", "Render datasets; run again to resume."),
         "import": ("pliant.cli.import_data", "Import images and point annotations of other tools."),
-        "convert": ("pliant.cli.convert", "Write a dataset in the form of another tool."),
+        "convert": ("pliant.cli.convert", "Write a dataset in the format of another tool."),
         "validate": ("pliant.cli.validate", "Check a dataset against the specification."),
         "info": ("pliant.cli.info", "Show a summary of a dataset."),
     },

@@ -1,7 +1,7 @@
 """Imports data made by other tools, and converts datasets into their forms.
 
 `marks_csv`, `annotation_tools` (COCO, LabelMe) and `knots` (the paper's) read points annotated in
-tracks; `writer` writes them as a dataset. `convert` writes a dataset in the form of another tool.
+tracks; `writer` writes them as a dataset. `convert` writes a dataset in the format of another tool.
 """
 
 from pliant.converters.canvas import PictureOptions

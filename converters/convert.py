@@ -1,4 +1,4 @@
-"""Writes a dataset in the form of another tool, and says what that form cannot hold."""
+"""Writes a dataset in the format of another tool, and lists what it cannot store."""
 
 from __future__ import annotations
 
@@ -142,7 +142,7 @@ def convert(
     options: Options,
     progress: Progress | None = None,
 ) -> Converted:
-    """Write sequences in the form of another tool.
+    """Write sequences in the format of another tool.
 
     Args:
         sequences: What to convert, as `chosen_sequences` returns it.

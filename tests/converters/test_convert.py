@@ -22,6 +22,8 @@ from pliant.converters.targets.lerobot import DEPTH, RGB, TRACKS
 from pliant.converters.targets.recording import Options, Recording
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
+from pliant.spec.io.limits import MAX_IMAGE_FILE_BYTES
+from pliant.spec.io.reading import read_bytes
 from tests.full_disk import full_disk
 
 
@@ -109,7 +111,9 @@ def test_webdataset(sample: Dataset, recording: Recording, tmp_path: Path) -> No
     points = first["points.npz"]
     points = points if isinstance(points, dict) else np.load(io.BytesIO(points))
     assert (points["uv_px"] == recording.uv_px[0]).all()
-    assert first["depth.exr"][:4] == b"\x76\x2f\x31\x01"
+    assert first["depth.exr"] == read_bytes(
+        frame.sequence.file("depth/000000.exr"), MAX_IMAGE_FILE_BYTES
+    )
 
 
 def test_rerun(sample: Dataset, recording: Recording, tmp_path: Path) -> None:
