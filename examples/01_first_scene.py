@@ -22,9 +22,7 @@ after = film.shoot()
 # Row i of both is the same material point: this is the correspondence, in pixels.
 both = before.visible & after.visible
 moved = after.uv_px[both] - before.uv_px[both]
-print(
-    f"{both.sum()} points are seen in both pictures; they moved {abs(moved).max():.0f} px at most"
-)
+print(f"{both.sum()} points are seen in both pictures; the largest move: {abs(moved).max():.0f} px")
 Image.fromarray(before.rgb).save(out / "before.png")
 Image.fromarray(after.rgb).save(out / "after.png")
 print(film.write(out / "dataset"))  # everything: pictures, depth, points, cameras
