@@ -150,7 +150,7 @@ class TrackMatcher(Matcher, Protocol):
 
 @runtime_checkable
 class SharingMatcher(Matcher, Protocol):
-    """A method whose copies in other processes share what is costly to find out about a picture."""
+    """A method whose copies in other processes share expensive results for a picture."""
 
     def share(self, folder: Path) -> None:
         """Store it in a folder from now on, which exists as long as the copies answer."""

@@ -168,7 +168,7 @@ def make_model(
     out: Path,
     generate: Callable[[Mapping[str, Any], Path], object],
 ) -> Path:
-    """Make a model, or continue; what is finished is not made again.
+    """Make a model, or continue; finished stages are skipped.
 
     Args:
         recipe: How.

@@ -1,8 +1,8 @@
-"""How a long run tells how far it is."""
+"""Progress callbacks of long runs."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
 Progress = Callable[[int, int], None]
-"""Called with what is done and with all there is to do."""
+"""Called with (done, total)."""

@@ -98,7 +98,7 @@ def slant(mask: Mask, nadir: Nadir) -> float | None:
 def small_tilt(
     places_px: FloatArray, normals: FloatArray, widths_px: FloatArray, nadir: Nadir, copies: float
 ) -> FloatArray:
-    """Return the camera's tilt, drawn towards 0 by as much as the widths leave it open.
+    """Return the camera's tilt, estimated from widths with a Gaussian prior at 0.
 
     Args:
         places_px: float64 (N, 2), places on the middle of a rope.

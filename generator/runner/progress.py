@@ -65,7 +65,7 @@ class Forecast:
         return cls(workers, left)
 
     def finish(self, tier: str, result: SequenceResult) -> None:
-        """Count a finished sequence of the run: measure it, and leave it out of what is left."""
+        """Count a finished sequence: record its cost and remove it from the remaining ones."""
         self.measure(tier, result)
         self.frames_left[tier] -= result.frames
 
@@ -78,7 +78,7 @@ class Forecast:
             cost.bytes += result.bytes
 
     def left(self) -> Left | None:
-        """Return what is left, None while a tier with missing sequences has none measured."""
+        """Return remaining time and size; None until each unfinished tier has been measured."""
         waiting = {tier: frames for tier, frames in self.frames_left.items() if frames > 0}
         if waiting.keys() - self._costs.keys():
             return None

@@ -298,7 +298,7 @@ def _logged(run: RunFolder) -> Iterator[Path]:
 
 
 class _LogFile(logging.FileHandler):
-    """A log file whose own failure, such as a full disk, does not hide what is reported."""
+    """A log file whose own write errors, such as a full disk, are ignored."""
 
     def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802
         """Drop the record: its traceback on stderr would bury the error of the run."""

@@ -1,4 +1,4 @@
-"""Pictures as they are answered in, and ropes as a network and the tracer read them together."""
+"""Encoded pictures, and traces of ropes chosen by a network."""
 
 from __future__ import annotations
 

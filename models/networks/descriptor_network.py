@@ -28,7 +28,7 @@ FOREGROUND_CHANNELS: Final = 2
 
 
 class NetworkSettings(Settings):
-    """Which network, and what it puts out.
+    """The network's architecture and outputs.
 
     Attributes:
         name: `unet`, `resnet18`, `resnet34` or `resnet50`.

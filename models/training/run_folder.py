@@ -1,4 +1,4 @@
-"""A run's folder: made for a new run, checked for one that goes on; what it says of itself."""
+"""A run's folder: create it, check it before a run resumes, read and write its facts."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ TENSORBOARD: Final = "tensorboard"
 LOCK: Final = ".lock"
 
 RESUMABLE: Final = ("threads", "workers", "cache", "cache_dir", "checkpoint_every")
-"""Settings that may differ when a run goes on: they change no step."""
+"""Settings that may differ when a run resumes, because they change no training step."""
 
 
 def with_tier(tier: str, dataset: Dataset) -> str:

@@ -17,7 +17,7 @@ Precision = Literal["auto", "float32", "bfloat16"]
 
 
 class OptimiserSettings(Settings):
-    """The optimiser and how its learning rate goes.
+    """The optimiser and its learning rate schedule.
 
     Attributes:
         kind: `adamw`, or `muon` for the layers' weights (`models/training/muon.py`) and AdamW

@@ -63,7 +63,7 @@ def abandoned(folder: Path, before: str, after: str) -> list[Path]:
 
 
 def _runs(process: int) -> bool:
-    """Return whether there is a process of this number; where nothing tells, there is."""
+    """Return whether a process with this id exists; True where it cannot be found out."""
     if sys.platform == "win32":  # where `os.kill` ends a process instead of asking for it
         return True
     try:

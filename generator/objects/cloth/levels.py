@@ -1,4 +1,4 @@
-"""The three levels: what is done to a flat cloth until it covers as little as it should.
+"""The three levels: the actions on a flat cloth until its coverage is in the level's range.
 
 The actions follow gym-cloth (Seita et al. 2019): short pulls at the rim for level 1, a
 standing cloth that falls and is pulled over itself for level 2, a lift near the middle for
