@@ -315,8 +315,10 @@ def measure(quick: bool) -> dict[str, Value]:
     rows = 2_000_000 if quick else 10_000_000
     with tempfile.TemporaryDirectory(prefix="pliant-bench-") as folder:
         write_dataset(Path(folder), rows)
+        size = sum(path.stat().st_size for path in Path(folder).rglob("*.parquet"))
         found = compare(Path(folder), ["read", "paper", "standard"], 3)
     result: dict[str, Value] = {"rows": rows, "reading_cpu_s": found["read"]["cpu_s"]}
+    result["bytes_per_row"] = size / rows
     for name, suffix in (("paper", ""), ("standard", "_standard")):
         result |= {
             f"ratio_to_reading{suffix}": found[name]["cpu_s"] / found["read"]["cpu_s"],
