@@ -28,6 +28,7 @@ class SequenceResult:
         stage_cpu_s: Stage -> CPU seconds of the thread that did it, for `STAGES`. A renderer's
             own threads are not seen here: subtract the other stages from `cpu_s`.
         memory_bytes: Resident memory of the worker afterwards.
+        setup_cpu_s: Part of `cpu_s` that does not grow with the number of frames.
         warm: Whether this worker had made a sequence of the tier before.
     """
 
@@ -38,6 +39,7 @@ class SequenceResult:
     cpu_s: float
     stage_cpu_s: dict[str, float] = field(default_factory=dict)
     memory_bytes: int = 0
+    setup_cpu_s: float = 0.0
     warm: bool = False
 
 

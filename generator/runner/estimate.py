@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import tempfile
-from dataclasses import dataclass
+import time
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
 from pliant.generator.config import GenerateConfig
-from pliant.generator.runner.engine import Failed, Finished, OpenMaker
+from pliant.generator.runner.engine import Failed, Finished, OpenMaker, SequenceResult
 from pliant.generator.runner.engine_local import LocalEngine
 from pliant.generator.runner.plan import Plan
 from pliant.generator.runner.progress import Forecast
@@ -19,7 +20,7 @@ from pliant.spec.extras import require_packages
 
 TRIAL_FRAMES: Final = 6
 
-TRIAL_ROUNDS: Final = 2
+TRIAL_ROUNDS: Final = 3
 """Sequences of each tier that a worker makes: the first also loads code."""
 
 
@@ -71,13 +72,40 @@ def estimate_run(
     with tempfile.TemporaryDirectory(prefix="pliant-trial-") as folder:
         root = Path(folder)
         maker = open_maker or sequence_maker(short, root)
+        started, start_s = time.monotonic(), None
+        written: dict[str, list[float]] = {tier: [] for tier in forecast.frames_left}
         for event in LocalEngine(workers).events(trials, maker):
             if isinstance(event, Failed):
                 raise GenerationError(
                     "the trial sequence failed", where=event.task.id, found=event.error
                 )
             if isinstance(event, Finished):
-                forecast.measure(event.task.tier, event.result)
+                if start_s is None:  # of the workers, without their first sequence
+                    start_s = time.monotonic() - started - event.result.seconds
+                written[event.task.tier].append(event.result.bytes / event.result.frames)
+                forecast.measure(event.task.tier, at_length(event.result, config.frames))
     left = forecast.left()
     assert left is not None  # every tier that is missing was tried
-    return Estimate(left.seconds, round(left.bytes), len(missing) * (2 * config.frames + 4))
+    assert start_s is not None
+    size = sum(
+        sum(written[tier]) / len(written[tier]) * frames
+        for tier, frames in forecast.frames_left.items()
+    )
+    files = len(missing) * (2 * config.frames + 4)
+    return Estimate(start_s + left.seconds, round(size), files)
+
+
+def at_length(result: SequenceResult, frames: int) -> SequenceResult:
+    """Return how long a sequence would take with another number of frames; not its size.
+
+    Args:
+        result: What it took.
+        frames: The number of frames.
+    """
+    growth = frames / result.frames
+    setup = result.setup_cpu_s / result.cpu_s if result.cpu_s else 0.0
+    return replace(
+        result,
+        frames=frames,
+        seconds=result.seconds * (setup + (1 - setup) * growth),
+    )

@@ -1,9 +1,12 @@
 from __future__ import annotations
 
+import time
+from dataclasses import replace
+
 import pytest
 
 from pliant.generator.runner.engine import SequenceResult
-from pliant.generator.runner.estimate import estimate_run
+from pliant.generator.runner.estimate import at_length, estimate_run
 from pliant.generator.runner.plan import plan_run
 from pliant.generator.runner.progress import Forecast
 from pliant.generator.runner.run import generate
@@ -33,12 +36,20 @@ def test_a_forecast_by_hand() -> None:
     assert forecast.left() == pytest.approx((0.0, 0.0))
 
 
+def test_a_trial_counts_its_setup_once() -> None:
+    trial = replace(result(4.0, 1000, warm=True), seconds=8.0, setup_cpu_s=2.0)
+    longer = at_length(trial, 30)  # 4 s of setup and 4 s of 10 frames on the clock
+    assert (longer.frames, longer.seconds) == (30, 16.0)
+
+
 @pytest.mark.long
 def test_trials_and_runs_forecast_what_a_run_takes(standin, tmp_path) -> None:
     config = standin.small_config(frames=8, splits={"train": 6})
     plan = plan_run(config, tmp_path / "set")
     maker = standin.maker(config, tmp_path / "trial", frame_s=0.05)
+    started = time.monotonic()
     estimate = estimate_run(config, plan, 2, maker)
+    trial_s = time.monotonic() - started  # contains the start of the workers
     forecasts = []
 
     def show(state) -> None:
@@ -49,11 +60,12 @@ def test_trials_and_runs_forecast_what_a_run_takes(standin, tmp_path) -> None:
     here = standin.InProcess()
     summary = generate(config, out, workers=2, engine=here, open_maker=maker, progress=show)
     sleeping_s = 6 * 8 * 0.05 / 2
-    assert sleeping_s <= estimate.seconds < 5 * sleeping_s  # encoding and syncing come on top
+    # Encoding and syncing come on top.
+    assert sleeping_s <= estimate.seconds < 5 * sleeping_s + trial_s
     assert estimate.bytes == pytest.approx(summary.bytes, rel=0.05)
     assert forecasts[0] == (0, None)
     first = next(left for _, left in forecasts if left is not None)
-    assert 0.8 * sleeping_s * 5 / 6 <= first.seconds < 5 * sleeping_s
+    assert 0.8 * sleeping_s * 5 / 6 <= first.seconds < 2 * summary.seconds
     last = forecasts[-1][1]
     assert last is not None
     assert last.seconds == 0
