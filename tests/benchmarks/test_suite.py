@@ -309,6 +309,7 @@ def test_some_blocks_alone_with_what_they_need(config_file: Path, tmp_path: Path
     assert "| Identity |" in page
 
 
+@pytest.mark.long
 def test_an_interrupted_benchmark_goes_on_and_repeats_nothing(
     made: tuple[Path, Recorder],
 ) -> None:

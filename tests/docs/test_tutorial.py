@@ -37,7 +37,7 @@ def test_the_page_shows_the_example() -> None:
     assert not re.search(r"(import|from) pliant", program)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.usefixtures("quick_tracing")
 def test_the_tour(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

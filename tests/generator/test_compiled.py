@@ -61,6 +61,7 @@ def run(room: Path, **environment: str) -> tuple[float, int]:
     return float(result), int(hits)
 
 
+@pytest.mark.long
 def test_an_edited_callee_or_constant_in_another_file_gives_the_new_result(shop: Path) -> None:
     assert run(shop) == (21, 0)
     assert run(shop) == (21, 1)  # and what did not change is not compiled again

@@ -29,6 +29,7 @@ torch = pytest.importorskip("torch")
 
 DIM, SIDE = 4, 20
 RNG = np.random.default_rng(5)
+BEGINNING = RNG.bit_generator.state
 SPREAD = np.array([1.0, 3.0, 0.5, 2.0])
 
 
@@ -49,8 +50,16 @@ def asked(
     return Asked(source, target, query, RNG.gamma(3.0, distance / 3, 20))
 
 
+@pytest.fixture(autouse=True)
+def draws_of_its_own() -> None:
+    """What a test draws does not depend on which tests ran before it in the process."""
+    RNG.bit_generator.state = BEGINNING
+    RNG.random(1000)
+
+
 @pytest.fixture(scope="module")
 def fitted() -> Familiarity:
+    RNG.bit_generator.state = BEGINNING
     validation = [asked(picture(), picture()) for _ in range(100)]
     usual = UsualDescriptors.of(validation)
     return fit_familiarity(np.concatenate(list(map(usual.statistics, validation))), usual)

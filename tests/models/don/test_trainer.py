@@ -46,6 +46,7 @@ def tiny(*overrides: str) -> DonSettings:
     return read_settings(DonSettings, None, [*TINY, *overrides])
 
 
+@pytest.mark.long
 def test_overfits_four_pairs(sheet_dataset: Dataset, tmp_path: Path) -> None:
     """Four frames, any two of them a pair: to be found to a fraction of a pixel."""
     settings = tiny(
