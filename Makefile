@@ -53,10 +53,10 @@ types: venv
 	$(BIN)/mypy
 
 unit: venv
-	$(BIN)/pytest -n 2 --dist worksteal -o tmp_path_retention_policy=failed -m 'not long'
+	$(BIN)/pytest -n 2 --dist worksteal -m 'not long'
 
 unit-all: venv
-	$(BIN)/pytest -n 2 --dist worksteal -o tmp_path_retention_policy=failed -o timeout=1800 --cov --cov-report=term --cov-report=json:build/coverage.json
+	$(BIN)/pytest -n 2 --dist worksteal -o timeout=1800 --cov --cov-report=term --cov-report=json:build/coverage.json
 
 pythons:
 	for version in 3.12 3.13; do \

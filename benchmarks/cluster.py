@@ -44,7 +44,7 @@ def measure(quick: bool) -> dict[str, Value]:
     with two_nodes():
         for _ in range(1 if quick else 3):
             for name, engine in engines.items():
-                *costs, finish_s = made(config, engine)
+                *costs, finish_ms = made(config, engine)
                 found[name].append(tuple(costs))
     record: dict[str, Value] = {"images": len(plan_tasks(config)) * config.frames}
     medians = {name: np.median(each, axis=0) for name, each in found.items()}
@@ -53,7 +53,7 @@ def measure(quick: bool) -> dict[str, Value]:
         record[f"driver_ms_per_sequence_{name}"] = driver_ms
     ratio = medians["ray"] / medians["local"]
     record |= {"cpu_ratio_ray": ratio[0], "rate_ratio_ray": ratio[1]}
-    return record | {"finish_ms_per_sequence": finish_s}
+    return record | {"finish_ms_per_sequence": finish_ms}
 
 
 @contextmanager

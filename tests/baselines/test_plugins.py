@@ -358,7 +358,9 @@ def test_package_with_an_entry_point_is_predicted_and_scored(
         *("--no-deps", "--no-build-isolation", project),
     )
     program = (python, "-c", "from pliant.cli.main import main; main()")
-    assert "Plug-in their_matchers.shift:Shift of their-matchers 2.5" in shell(*program, "methods")
+    listed = shell(*program, "methods")
+    assert "their-shift" in listed
+    assert "Plug-in their_matchers.shift:Shift of their-matchers 2.5" in listed
     arguments = ("--data", tiny_dataset, "--out", "out.parquet", "--set", "du=7", "--set", "dv=7")
     said = json.loads(shell(*program, "predict", "their-shift", *arguments, "--json"))
     assert said["method"]["name"] == "their-shift"

@@ -54,7 +54,7 @@ def asked(
 def draws_of_its_own() -> None:
     """What a test draws does not depend on which tests ran before it in the process."""
     RNG.bit_generator.state = BEGINNING
-    RNG.random(1000)
+    RNG.random(1000)  # not the draws that `fitted` has seen
 
 
 @pytest.fixture(scope="module")

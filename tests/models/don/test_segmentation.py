@@ -130,7 +130,7 @@ def test_the_shipped_model_finds_masks_and_answers_without_them() -> None:
     assert isinstance(matcher, DonMatcher)
     store = FrameStore(sample, "rope", "test", sample.size)
     overlaps, errors, gaps = [], [], []
-    for pair in draw_validation_pairs(store, pairs=1, queries=40, seed=1):
+    for pair in draw_validation_pairs(store, pairs=2, queries=40, seed=1):
         source, target = (Frame(view.rgb, key=view.key) for view in (pair.source, pair.target))
         views = ViewDescriber(matcher.network, matcher.input, matcher.size, 1, False)
         mask = views.segmented(target).mask
