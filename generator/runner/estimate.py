@@ -73,7 +73,6 @@ def estimate_run(
         root = Path(folder)
         maker = open_maker or sequence_maker(short, root)
         started, start_s = time.monotonic(), None
-        written: dict[str, list[float]] = {tier: [] for tier in forecast.frames_left}
         for event in LocalEngine(workers).events(trials, maker):
             if isinstance(event, Failed):
                 raise GenerationError(
@@ -82,21 +81,16 @@ def estimate_run(
             if isinstance(event, Finished):
                 if start_s is None:  # of the workers, without their first sequence
                     start_s = time.monotonic() - started - event.result.seconds
-                written[event.task.tier].append(event.result.bytes / event.result.frames)
                 forecast.measure(event.task.tier, at_length(event.result, config.frames))
     left = forecast.left()
     assert left is not None  # every tier that is missing was tried
     assert start_s is not None
-    size = sum(
-        sum(written[tier]) / len(written[tier]) * frames
-        for tier, frames in forecast.frames_left.items()
-    )
     files = len(missing) * (2 * config.frames + 4)
-    return Estimate(start_s + left.seconds, round(size), files)
+    return Estimate(start_s + left.seconds, round(left.bytes), files)
 
 
 def at_length(result: SequenceResult, frames: int) -> SequenceResult:
-    """Return how long a sequence would take with another number of frames; not its size.
+    """Return what a sequence would take with another number of frames.
 
     Args:
         result: What it took.
@@ -107,5 +101,6 @@ def at_length(result: SequenceResult, frames: int) -> SequenceResult:
     return replace(
         result,
         frames=frames,
+        bytes=round(result.bytes * growth),
         seconds=result.seconds * (setup + (1 - setup) * growth),
     )

@@ -27,19 +27,21 @@ class Left(NamedTuple):
 
 @dataclass
 class _Cost:
-    """Sums over the measured sequences of a tier."""
+    """Sums over the measured sequences of a tier; `timed_frames` took the `seconds`."""
 
     frames: int = 0
-    seconds: float = 0.0
     bytes: int = 0
+    timed_frames: int = 0
+    seconds: float = 0.0
 
 
 @dataclass
 class Forecast:
     """Cost of an image, tier by tier; nothing is forecast for a tier before it is measured.
 
-    A worker's first sequence of a tier also loads or compiles code and is not measured. Sequences
-    are timed while the other workers work, so the figures contain what they take from each other.
+    A worker's first sequence of a tier also loads or compiles code: its size counts, its time does
+    not. Sequences are timed while the other workers work, so the figures contain what they take
+    from each other.
 
     Attributes:
         workers: Sequences in work at a time.
@@ -70,28 +72,30 @@ class Forecast:
         self.frames_left[tier] -= result.frames
 
     def measure(self, tier: str, result: SequenceResult) -> None:
-        """Take what a sequence cost, unless it is its worker's first of the tier."""
+        """Add the size of a sequence, and its time unless it is its worker's first of the tier."""
+        cost = self._costs.setdefault(tier, _Cost())
+        cost.frames += result.frames
+        cost.bytes += result.bytes
         if result.warm:
-            cost = self._costs.setdefault(tier, _Cost())
-            cost.frames += result.frames
+            cost.timed_frames += result.frames
             cost.seconds += result.seconds
-            cost.bytes += result.bytes
 
     def left(self) -> Left | None:
-        """Return remaining time and size; None until each unfinished tier has been measured."""
+        """Return remaining time and size; None until each unfinished tier has been timed."""
+        per_image = self.per_image()
         waiting = {tier: frames for tier, frames in self.frames_left.items() if frames > 0}
-        if waiting.keys() - self._costs.keys():
+        if waiting.keys() - per_image.keys():
             return None
-        shares = [(self._costs[tier], frames) for tier, frames in waiting.items()]
-        seconds = sum(cost.seconds / cost.frames * frames for cost, frames in shares)
-        size = sum(cost.bytes / cost.frames * frames for cost, frames in shares)
+        seconds = sum(per_image[tier][0] * frames for tier, frames in waiting.items())
+        size = sum(per_image[tier][1] * frames for tier, frames in waiting.items())
         return Left(seconds / self.workers, size)
 
     def per_image(self) -> dict[str, tuple[float, float]]:
-        """Return tier -> (seconds of a worker, bytes) per image, for the measured tiers."""
+        """Return tier -> (seconds of a worker, bytes) per image, for the timed tiers."""
         return {
-            tier: (cost.seconds / cost.frames, cost.bytes / cost.frames)
+            tier: (cost.seconds / cost.timed_frames, cost.bytes / cost.frames)
             for tier, cost in self._costs.items()
+            if cost.timed_frames
         }
 
 

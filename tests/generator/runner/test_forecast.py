@@ -21,15 +21,15 @@ def test_a_forecast_by_hand() -> None:
     missing = [SequenceTask(tier, "test", k) for tier in ("rope", "cloth-1") for k in range(4)]
     forecast = Forecast.of(missing, frames=10, workers=2)
     for tier in ("rope", "cloth-1"):
-        forecast.finish(tier, result(50.0, 4000, warm=False))  # loads code: not measured
+        forecast.finish(tier, result(50.0, 4000, warm=False))  # loads code: only its size counts
     forecast.finish("rope", result(1.0, 1000, warm=True))
     assert forecast.left() is None  # nothing is known of the cloths
     forecast.finish("rope", result(3.0, 3000, warm=True))
     forecast.finish("cloth-1", result(70.0, 4000, warm=True))
-    # 1 rope of 2 s and 2000 bytes, 2 cloths of 70 s and 4000 bytes, two at a time.
-    assert forecast.left() == pytest.approx((71.0, 10_000))
+    # 1 rope of 2 s and 8000 / 3 bytes, 2 cloths of 70 s and 4000 bytes, two at a time.
+    assert forecast.left() == pytest.approx((71.0, 8000 / 3 + 8000))
     assert forecast.per_image() == {
-        "rope": pytest.approx((0.2, 200)), "cloth-1": pytest.approx((7.0, 400)),
+        "rope": pytest.approx((0.2, 800 / 3)), "cloth-1": pytest.approx((7.0, 400)),
     }  # fmt: skip
     for tier in ("cloth-1", "cloth-1", "rope"):
         forecast.finish(tier, result(60.0, 4000, warm=True))
@@ -39,7 +39,7 @@ def test_a_forecast_by_hand() -> None:
 def test_a_trial_counts_its_setup_once() -> None:
     trial = replace(result(4.0, 1000, warm=True), seconds=8.0, setup_cpu_s=2.0)
     longer = at_length(trial, 30)  # 4 s of setup and 4 s of 10 frames on the clock
-    assert (longer.frames, longer.seconds) == (30, 16.0)
+    assert (longer.frames, longer.seconds, longer.bytes) == (30, 16.0, 3000)
 
 
 @pytest.mark.long
