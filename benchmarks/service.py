@@ -1,13 +1,11 @@
 """The evaluation service under load, on 127.0.0.1, with SQLite.
 
 50 participants send 10,000-row files at once to a challenge that has 10,000 scored submissions
-(`--quick`: 10, 1,000 and 1,000). `submit_p95_ms` is of the whole request with all participants at
-once, `submit_alone_p95_ms` of one after another. `leaderboard_p95_ms` is of requests of which
-every third comes after a change, so the page is made again; `leaderboard_made_ms` is the median of
-making it. `scoring_ratio` is the rate of two workers over that of two processes that run bare
-`pliant evaluate --hide-truth` on the same files, one interpreter per file in both cases, and
-`web_mb` the resident memory of the web process at the end. Times depend on what else runs on the
-machine; `…_cpu_ms` and `scoring_cpu_ratio` are the same in CPU time, which hardly does.
+(`--quick`: 10, 1,000 and 1,000). `submit_p95_ms` is of the whole request, and `web_mb` the resident
+memory of the web process afterwards. `leaderboard_made_cpu_ms` is the median of making the page.
+`scoring_cpu_ratio` is the CPU time of two processes that run bare `pliant evaluate --hide-truth`
+over that of two workers, per file, with one interpreter per file in both cases. Times on the clock
+depend on what else runs on the machine; CPU times hardly do.
 """
 
 from __future__ import annotations
@@ -22,12 +20,11 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import psutil
-import pyarrow.parquet as pq
 from record import Value, main
 from sqlalchemy import func, insert, select
 
@@ -43,6 +40,7 @@ from pliant.service.leaderboard import leaderboard
 from pliant.service.models import Job, Score, Submission, Version
 from pliant.service.teams import invite
 from pliant.spec.dataset import Dataset
+from pliant.spec.errors import CallError
 
 CORES = 2
 PLIANT = [sys.executable, "-c", "from pliant.cli.main import main; main()"]
@@ -82,53 +80,38 @@ def _measure(place: Path, size: Size) -> Mapping[str, Value]:
         made = [invite(session, f"team {n}", actor="host") for n in range(size.participants)]
         teams, tokens = [team.id for team, _ in made], [token for _, token in made]
     _store(challenge, teams, size.stored)
-    source = place / "identity.parquet"
-    predict(Dataset.open(public), "test", METHODS["identity"](), source)
-    files = [_variant(source, n) for n in range(2 * size.participants)]
+    files = []
+    dataset = Dataset.open(public)
+    for number in range(size.participants):
+        files.append(place / f"{number}.parquet")
+        predict(dataset, "test", METHODS["random"](seed=number), files[-1])
     port = 18437
     address = f"http://127.0.0.1:{port}"
     command = [*PLIANT, "serve", str(root), "--port", str(port), "--workers", "0"]
     with open(place / "log", "wb") as log:
         server = subprocess.Popen(command, stdout=log, stderr=log)
     try:
-        _wait(lambda: Client(address, tokens[0])._call("challenge"))
+        _wait(lambda: _answers(address, tokens[0]))
+        start = threading.Barrier(size.participants)
+        web = psutil.Process(server.pid)
+        before = _cpu_s(web)
         with ThreadPoolExecutor(size.participants) as pool:
-            start = threading.Barrier(size.participants)
-            web = psutil.Process(server.pid)
-            before = _cpu_s(web)
-            together = list(
-                pool.map(
-                    lambda n: _timed_send(address, tokens[n], files[n], start),
-                    range(size.participants),
-                )
-            )
+            sent = list(pool.map(lambda *one: _timed_send(address, start, *one), tokens, files))
         submit_cpu_s = _cpu_s(web) - before
-        alone, pages = [], []
-        for number in range(size.participants):
-            file = files[size.participants + number]
-            alone.append(_timed_send(address, tokens[number], file))
-            pages += [_timed_get(address + "/") for _ in range(3)]
         web_mb = web.memory_info().rss / 1e6
-        making, making_cpu = _making(challenge)
-        rate, rate_cpu = _service_rate(challenge, root, size.scored)
+        scoring_cpu_s = _service_cpu_s(challenge, root, size.scored)
     finally:
         server.terminate()
         server.wait()
-    bare, bare_cpu = _bare_rate(files[: size.scored], public, private)
     return {
         "participants": size.participants,
         "rows": size.rows,
         "stored": size.stored,
-        "submit_p95_ms": _p95(together),
-        "submit_alone_p95_ms": _p95(alone),
-        "leaderboard_p95_ms": _p95(pages),
-        "leaderboard_made_ms": making,
+        "submit_p95_ms": statistics.quantiles(sent, n=20)[-1],
         "submit_cpu_ms": submit_cpu_s / size.participants * 1000,
-        "leaderboard_made_cpu_ms": making_cpu,
-        "files_per_s_service": rate,
-        "files_per_s_bare": bare,
-        "scoring_ratio": rate / bare,
-        "scoring_cpu_ratio": bare_cpu / rate_cpu,
+        "leaderboard_made_cpu_ms": _making_cpu_ms(challenge),
+        "scoring_cpu_s": scoring_cpu_s,
+        "scoring_cpu_ratio": _bare_cpu_s(files[: size.scored], public, private) / scoring_cpu_s,
         "web_mb": web_mb,
     }
 
@@ -192,65 +175,46 @@ def _store(challenge: Challenge, teams: list[int], count: int) -> None:
         session.execute(insert(Score), scores)
 
 
-def _variant(source: Path, number: int) -> Path:
-    """Write the same answers with another method's name, so that the file is another one."""
-    table = pq.read_table(source)
-    metadata = dict(table.schema.metadata)
-    footer = json.loads(metadata[b"pliant"])
-    footer["method"]["name"] = f"method-{number}"
-    metadata[b"pliant"] = json.dumps(footer).encode()
-    path = source.with_name(f"{number}.parquet")
-    pq.write_table(table.replace_schema_metadata(metadata), path)
-    return path
+def _answers(address: str, token: str) -> bool:
+    """Return whether the service answers."""
+    with suppress(CallError):
+        return bool(Client(address, token)._call("challenge"))
+    return False
 
 
-def _timed_send(
-    address: str, token: str, file: Path, start: threading.Barrier | None = None
-) -> float:
+def _timed_send(address: str, start: threading.Barrier, token: str, file: Path) -> float:
+    """Send a file when all are ready; return the milliseconds."""
     client = Client(address, token)
-    if start is not None:
-        start.wait()
+    start.wait()
     begun = time.perf_counter()
     client.send(file)
     return (time.perf_counter() - begun) * 1000
 
 
-def _timed_get(address: str) -> float:
-    import urllib.request
-
-    begun = time.perf_counter()
-    with urllib.request.urlopen(address) as answer:
-        answer.read()
-    return (time.perf_counter() - begun) * 1000
-
-
-def _making(challenge: Challenge) -> tuple[float, float]:
-    times, cpu = [], []
+def _making_cpu_ms(challenge: Challenge) -> float:
+    spent = []
     with challenge.database.read() as session:
         version = session.scalars(select(Version)).one()
         for _ in range(9):
-            begun, used = time.perf_counter(), time.process_time()
+            used = time.process_time()
             leaderboard(session, version, "best")
-            times.append((time.perf_counter() - begun) * 1000)
-            cpu.append((time.process_time() - used) * 1000)
-    return statistics.median(times), statistics.median(cpu)
+            spent.append((time.process_time() - used) * 1000)
+    return statistics.median(spent)
 
 
-def _service_rate(challenge: Challenge, root: Path, count: int) -> tuple[float, float]:
-    """Return files per second and CPU seconds per file of two workers, without their start."""
+def _service_cpu_s(challenge: Challenge, root: Path, count: int) -> float:
+    """Return the CPU seconds per file of two workers, without their start."""
     workers = [subprocess.Popen([*PLIANT, "challenge", "work", str(root)]) for _ in range(CORES)]
     try:
-        _wait(lambda: _done(challenge) >= CORES or _fail())
-        first, begun = _done(challenge), time.perf_counter()
+        _wait(lambda: _done(challenge) >= CORES)
+        first = _done(challenge)
         used = sum(_cpu_s(psutil.Process(each.pid)) for each in workers)
-        _wait(lambda: _done(challenge) >= first + count or _fail())
-        scored = _done(challenge) - first
+        _wait(lambda: _done(challenge) >= first + count)
         used = sum(_cpu_s(psutil.Process(each.pid)) for each in workers) - used
-        return scored / (time.perf_counter() - begun), used / scored
+        return used / (_done(challenge) - first)
     finally:
         for worker in workers:
             worker.terminate()
-        for worker in workers:
             worker.wait()
 
 
@@ -265,7 +229,8 @@ def _cpu_s(process: psutil.Process) -> float:
     return sum(process.cpu_times()[:4])
 
 
-def _bare_rate(files: list[Path], public: Path, private: Path) -> tuple[float, float]:
+def _bare_cpu_s(files: list[Path], public: Path, private: Path) -> float:
+    """Return the CPU seconds per file of processes that evaluate it, two at a time."""
     code = (
         "import sys; from pliant.evaluator import evaluate; "
         "evaluate(sys.argv[1], sys.argv[2], truth=sys.argv[3], hide_truth=True)"
@@ -274,31 +239,18 @@ def _bare_rate(files: list[Path], public: Path, private: Path) -> tuple[float, f
     def bare(file: Path) -> None:
         subprocess.run([sys.executable, "-c", code, file, public, private], check=True)
 
-    begun, used = time.perf_counter(), _cpu_s(psutil.Process())
+    used = _cpu_s(psutil.Process())
     with ThreadPoolExecutor(CORES) as pool:
         list(pool.map(bare, files))
-    used = _cpu_s(psutil.Process()) - used
-    return len(files) / (time.perf_counter() - begun), used / len(files)
+    return (_cpu_s(psutil.Process()) - used) / len(files)
 
 
-def _wait(ready: Callable[[], Any], seconds: float = 900) -> None:
+def _wait(ready: Callable[[], bool], seconds: float = 900) -> None:
     end = time.monotonic() + seconds
-    while True:
-        try:
-            ready()
-            return
-        except Exception:
-            if time.monotonic() > end:
-                raise
-            time.sleep(0.05)
-
-
-def _fail() -> None:
-    raise TimeoutError("not ready")
-
-
-def _p95(values: list[float]) -> float:
-    return statistics.quantiles(values, n=20)[-1]
+    while not ready():
+        if time.monotonic() > end:
+            raise TimeoutError("not ready")
+        time.sleep(0.05)
 
 
 if __name__ == "__main__":
