@@ -17,14 +17,13 @@ import statistics
 import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from record import Value, main
+from record import Value, cpu_s, main
 
 QUERIES_PER_PAIR, QUERIES_WITH_SURFACES = 200, 98
 FRAMES, POINTS = 21, 5000
@@ -247,18 +246,13 @@ def _partners(uv_b: Any, state: Any, has_one: Any) -> pa.ListArray:
 
 def job(what: str, root: Path) -> dict[str, float]:
     """Do one thing in this process; return its CPU seconds and the peak memory."""
+    from pliant.evaluator import evaluate
+
     submission, truth = root / "submission.parquet", root / "truth" / "test.parquet"
     if what == "read":
-        start = time.process_time()
-        tables = [pq.read_table(submission), pq.read_table(truth)]
-        used = time.process_time() - start
-        del tables
+        used = cpu_s(lambda: [pq.read_table(submission), pq.read_table(truth)])
     else:
-        from pliant.evaluator import evaluate
-
-        start = time.process_time()
-        evaluate(submission, root, protocol=what)
-        used = time.process_time() - start
+        used = cpu_s(lambda: evaluate(submission, root, protocol=what))
     return {"cpu_s": used, "peak_gib": peak_gib()}
 
 
@@ -293,39 +287,35 @@ def compare(root: Path, jobs: list[str], rounds: int) -> dict[str, dict[str, flo
     }
 
 
-def measure_surfaces(quick: bool) -> dict[str, Value]:
-    """Measure 51,000 pairs with surface images, or 5,100 (quick)."""
-    pairs = 5_100 if quick else 51_000
-    with tempfile.TemporaryDirectory(prefix="pliant-bench-") as folder:
-        write_dataset_with_surfaces(Path(folder), pairs)
-        found = compare(Path(folder), ["read", "paper", "standard"], 3 if quick else 1)
-    result: dict[str, Value] = {"pairs_surfaces": pairs}
-    for name in ("paper", "standard"):
-        result |= {
-            f"cpu_s_surfaces_{name}": found[name]["cpu_s"],
-            f"ms_per_pair_surfaces_{name}": 1e3 * found[name]["cpu_s"] / pairs,
-            f"ratio_to_reading_surfaces_{name}": found[name]["cpu_s"] / found["read"]["cpu_s"],
-            f"peak_gib_surfaces_{name}": found[name]["peak_gib"],
-        }
-    return result
-
-
 def measure(quick: bool) -> dict[str, Value]:
-    """Measure at 2 million rows (quick), or at 10 million."""
-    rows = 2_000_000 if quick else 10_000_000
+    """Measure 2 million rows (quick), or 10 million; 5,100 pairs with surfaces, or 51,000."""
+    rows, pairs = (2_000_000, 5_100) if quick else (10_000_000, 51_000)
+    jobs = ["read", "paper", "standard"]
     with tempfile.TemporaryDirectory(prefix="pliant-bench-") as folder:
         write_dataset(Path(folder), rows)
         size = sum(path.stat().st_size for path in Path(folder).rglob("*.parquet"))
-        found = compare(Path(folder), ["read", "paper", "standard"], 3)
-    result: dict[str, Value] = {"rows": rows, "reading_cpu_s": found["read"]["cpu_s"]}
-    result["bytes_per_row"] = size / rows
+        plain = compare(Path(folder), jobs, 3)
+    with tempfile.TemporaryDirectory(prefix="pliant-bench-") as folder:
+        write_dataset_with_surfaces(Path(folder), pairs)
+        surfaces = compare(Path(folder), jobs, 3 if quick else 1)
+    result: dict[str, Value] = {
+        "rows": rows,
+        "bytes_per_row": size / rows,
+        "reading_cpu_s": plain["read"]["cpu_s"],
+        "pairs_surfaces": pairs,
+    }
     for name, suffix in (("paper", ""), ("standard", "_standard")):
+        found, slow = plain[name], surfaces[name]
         result |= {
-            f"ratio_to_reading{suffix}": found[name]["cpu_s"] / found["read"]["cpu_s"],
-            f"peak_gib{suffix}": found[name]["peak_gib"],
-            f"rows_per_s{suffix}": rows / found[name]["cpu_s"],
+            f"ratio_to_reading{suffix}": found["cpu_s"] / plain["read"]["cpu_s"],
+            f"peak_gib{suffix}": found["peak_gib"],
+            f"rows_per_s{suffix}": rows / found["cpu_s"],
+            f"cpu_s_surfaces_{name}": slow["cpu_s"],
+            f"ms_per_pair_surfaces_{name}": 1e3 * slow["cpu_s"] / pairs,
+            f"ratio_to_reading_surfaces_{name}": slow["cpu_s"] / surfaces["read"]["cpu_s"],
+            f"peak_gib_surfaces_{name}": slow["peak_gib"],
         }
-    return result | measure_surfaces(quick)
+    return result
 
 
 if __name__ == "__main__":

@@ -10,11 +10,9 @@ from __future__ import annotations
 
 import statistics
 import tempfile
-import time
-from collections.abc import Callable
 from pathlib import Path
 
-from record import Value, main
+from record import Value, cpu_s, main
 
 from pliant.generator.config import GenerateConfig
 from pliant.generator.runner.run import generate
@@ -22,13 +20,6 @@ from pliant.loaders import AugmentSettings, FrameStore, PairDataset
 from pliant.spec.dataset import Dataset
 
 TRAINING_SIZE = (160, 120)
-
-
-def cpu_s(work: Callable[[], object]) -> float:
-    """Return the CPU seconds of a call."""
-    started = time.process_time()
-    work()
-    return time.process_time() - started
 
 
 def measure(quick: bool) -> dict[str, Value]:

@@ -6,6 +6,7 @@ import argparse
 import json
 import platform
 import subprocess
+import time
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
@@ -33,6 +34,13 @@ def machine() -> dict[str, Value]:
         "commit": commit or "unknown",
         "measured": datetime.now(UTC).strftime("%Y-%m-%d"),
     }
+
+
+def cpu_s(work: Callable[[], object]) -> float:
+    """Return the CPU seconds of a call, those of all threads of this process."""
+    started = time.process_time()
+    work()
+    return time.process_time() - started
 
 
 def main(

@@ -10,11 +10,10 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 
 import numpy as np
-from record import Value, main
+from record import Value, cpu_s, main
 
 from pliant.generator.objects.cloth import ClothSettings, sample_cloth
 from pliant.generator.objects.cloth.contact_pbd import PairContact
@@ -46,14 +45,12 @@ def measure(quick: bool) -> dict[str, Value]:
 
 def _best_ms_per_step(make: Callable[[], Simulator], steps: int, repeats: int) -> float:
     """Return the least CPU time of several runs: what other processes disturb least."""
-    best = float("inf")
+    spent = []
     for _ in range(repeats):
         simulator = make()
         simulator.run(5)  # compiles, and fills the caches
-        begin = time.process_time()
-        simulator.run(steps)
-        best = min(best, (time.process_time() - begin) / steps * 1e3)
-    return best
+        spent.append(cpu_s(lambda: simulator.run(steps)))  # noqa: B023
+    return min(spent) / steps * 1e3
 
 
 def _hanging(points: int, contact: bool) -> Simulator:
@@ -69,19 +66,13 @@ def _cpu_s_per_cloth(level: int, cloths: int) -> float:
     scene_object = sample_cloth(
         ClothSettings(), RandomStreams(7, SequenceTask(f"cloth-{level}", "train", 0)), cloths
     )
-    begin = time.process_time()
-    for frame in range(cloths):
-        scene_object.pose(frame)
-    return (time.process_time() - begin) / cloths
+    return cpu_s(lambda: [scene_object.pose(frame) for frame in range(cloths)]) / cloths
 
 
 def _rope_frames_per_s(frames: int) -> float:
     episode = Episode(RopeBody(RopeSettings()), "loop", lambda: np.random.default_rng(1))
     episode.pose(5)  # compiles
-    start = time.process_time()
-    for _ in range(frames):
-        episode.step()
-    return frames / (time.process_time() - start)
+    return frames / cpu_s(lambda: [episode.step() for _ in range(frames)])
 
 
 if __name__ == "__main__":

@@ -10,12 +10,9 @@ reprojection_error_max_px  table's position (float32) through the camera file, a
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
-
 import numpy as np
 from cycles_passes import PassRenderer, compare_with_cycles
-from record import Value, main
+from record import Value, cpu_s, main
 
 from pliant.generator.objects.cloth import ClothSettings, sample_cloth
 from pliant.generator.objects.rope import RopeSettings, sample_rope
@@ -39,16 +36,6 @@ def cloth(index: int) -> SceneObject:
     )
 
 
-def cpu_ms(work: Callable[[], object], repeats: int) -> float:
-    """Return the median CPU ms of a call."""
-    spent = []
-    for _ in range(repeats):
-        started = time.process_time()
-        work()
-        spent.append(1e3 * (time.process_time() - started))
-    return float(np.median(spent))
-
-
 def measure(quick: bool) -> dict[str, Value]:
     renderer = PassRenderer(SIZE)
     pixels = frames = mismatches = depth_errors = 0
@@ -63,7 +50,11 @@ def measure(quick: bool) -> dict[str, Value]:
                 rng = np.random.default_rng([index, view])
                 camera = sample_camera(rng, scene_object, CameraSettings(), SIZE, [pose])
                 truth = frame_truth(scene_object, pose, camera)
-                raster_ms.append(cpu_ms(lambda: frame_truth(scene_object, pose, camera), 5))  # noqa: B023
+                raster_s = [
+                    cpu_s(lambda: frame_truth(scene_object, pose, camera))  # noqa: B023
+                    for _ in range(5)
+                ]
+                raster_ms.append(1e3 * float(np.median(raster_s)))
                 found = compare_with_cycles(renderer, scene_object, truth, camera)
                 cycles_ms.append(1e3 * found.cycles_cpu_s)
                 mismatches += found.id_mismatch_px
