@@ -42,7 +42,8 @@ method_options = click.option(
     multiple=True,
     metavar="KEY=VALUE",
     callback=_parsed,
-    help="Option of the method's constructor, the value in YAML, such as seed=3.",
+    help="Option of the method, the value in YAML, such as seed=3; of a trained model, how it "
+    "answers, such as blank_square=any.",
 )
 """`--set KEY=VALUE`: keyword arguments for `open_method`."""
 

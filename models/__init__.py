@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from pliant.models.don.matcher import DonMatcher
@@ -12,14 +12,16 @@ if TYPE_CHECKING:
 __all__ = ["load_matcher"]
 
 
-def load_matcher(run: Path | str) -> DonMatcher | TimeCycleMatcher:
+def load_matcher(run: Path | str, **options: Any) -> DonMatcher | TimeCycleMatcher:
     """Return the matcher of a training run, of whatever kind its config says.
 
     Args:
         run: The run's folder.
+        options: How it answers, instead of what the run's config says: fields of `answer` for Dense
+            Object Nets, such as `blank_square="any"`, and of `propagation` for TimeCycle.
 
     Raises:
-        CallError: It is not a run's folder.
+        CallError: It is not a run's folder, or has no such option.
         MissingExtraError: torch is not installed.
         TrainingError: The run has no validated weights yet, or is damaged.
 
@@ -37,8 +39,8 @@ def load_matcher(run: Path | str) -> DonMatcher | TimeCycleMatcher:
     except ImportError as error:
         raise MissingExtraError("answering with a trained network", "train") from error
     if _kind(Path(run) / CONFIG) == "timecycle":
-        return load_timecycle(Path(run))
-    return load_don(run)
+        return load_timecycle(Path(run), **options)
+    return load_don(run, **options)
 
 
 def _kind(config: Path) -> str:

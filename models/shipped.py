@@ -7,7 +7,7 @@ makes it). Listing the names needs no torch.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from pliant.spec.errors import CallError
 
@@ -31,15 +31,18 @@ def shipped_names(folder: Path | None = None) -> tuple[str, ...]:
     return tuple(sorted(path.parent.name for path in (folder or FOLDER).glob(f"*/{CARD}")))
 
 
-def load_shipped(name: str, folder: Path | None = None) -> DonMatcher | TimeCycleMatcher:
+def load_shipped(
+    name: str, folder: Path | None = None, **options: Any
+) -> DonMatcher | TimeCycleMatcher:
     """Return the matcher of a shipped model; it bears the model's name.
 
     Args:
         name: One of `shipped_names`.
         folder: Their folder; None is `FOLDER`.
+        options: How it answers; see `load_matcher`.
 
     Raises:
-        CallError: The model is not found.
+        CallError: The model is not found, or has no such option.
         MissingExtraError: torch is not installed.
         TrainingError: Its folder is damaged.
     """
@@ -48,6 +51,6 @@ def load_shipped(name: str, folder: Path | None = None) -> DonMatcher | TimeCycl
     names = shipped_names(folder)
     if name not in names:
         raise CallError(f"no model {name!r} is shipped", required=", ".join(names) or None)
-    matcher = load_matcher((folder or FOLDER) / name)
+    matcher = load_matcher((folder or FOLDER) / name, **options)
     matcher.name = name
     return matcher

@@ -139,7 +139,8 @@ def open_method(method: str, **options: Any) -> Matcher | SplitMatcher:
             installed package gives in the entry-point group `pliant.matchers`, `vismatch:NAME`,
             `fused:METHOD` (optical flow, corrected by that method), `path/to/my.py:Matcher`,
             `package.module:Matcher`, or the folder of a training run.
-        options: Keyword arguments of the method's class or function.
+        options: Keyword arguments of the method's class or function; of a trained model, how it
+            answers: see `load_matcher`.
 
     Raises:
         CallError: It is none of them, both a shipped model and a run of that name, or a method
@@ -171,19 +172,15 @@ def open_method(method: str, **options: Any) -> Matcher | SplitMatcher:
     shipped, plugged = shipped_names(), plugged_in()
     if method not in shipped and (method in plugged or is_reference(method)):
         return open_plugin(method, options)
-    if options and (method in shipped or Path(method).is_dir()):
-        raise CallError(
-            "a trained model takes no options", where=method, found=", ".join(sorted(options))
-        )
     if method in shipped:
         if (Path(method) / "config.yaml").is_file():
             raise CallError(
                 f"{method!r} is a shipped model, and a training run here",
                 fix=f"Write ./{method} for the run, or call from another folder for the model.",
             )
-        return load_shipped(method)
+        return load_shipped(method, **options)
     if method.strip() and Path(method).is_dir():
-        return load_matcher(Path(method))
+        return load_matcher(Path(method), **options)
     names = (*METHODS, *shipped, *plugged)
     close = difflib.get_close_matches(method, names, n=1)
     raise CallError(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from pliant.models.don.certainty import Calibration
 from pliant.models.don.crossings import CROSSINGS
@@ -41,21 +42,24 @@ def don_network(settings: DonSettings, canonical: CanonicalHead | None) -> Descr
     )
 
 
-def load_matcher(run: Path | str) -> DonMatcher:
+def load_matcher(run: Path | str, **options: Any) -> DonMatcher:
     """Return the matcher of a finished (or running) training run.
 
     Args:
         run: The run's folder.
+        options: Fields of `AnswerSettings`, instead of those of the run's config.
 
     Raises:
-        CallError: It is not a run's folder.
+        CallError: It is not a run's folder, or has no such option.
         TrainingError: The run has no validated weights yet, or a file of it is damaged.
     """
     run = Path(run)
     if not (run / CONFIG).is_file():
         raise CallError("this is not a training run", path=run, required=f"a folder with {CONFIG}")
     settings = read_settings(DonSettings, run / CONFIG)
-    settings = settings.replace(network=settings.network.replace(pretrained=""))
+    settings = settings.replace(
+        network=settings.network.replace(pretrained=""), answer=settings.answer.replace(**options)
+    )
     canonical = None
     if settings.loss.canonical_weight > 0:
         anchors = read_weights_file(run / BEST)[PREFIX + "anchors"]
@@ -73,7 +77,7 @@ def load_matcher(run: Path | str) -> DonMatcher:
     matcher = DonMatcher(network, settings, calibration, read_run_json(run / RUN_FACTS))
     if values := read_run_json(run / FAMILIARITY):
         matcher.familiarity = Familiarity.from_document(values, run / FAMILIARITY)
-    if (run / CROSSINGS).is_file():
+    if settings.answer.crossings and (run / CROSSINGS).is_file():
         depth = not settings.pairs.network_input.colour
         matcher.reader.crossings = CrossingNetwork(depth=depth)
         load_weights(matcher.reader.crossings, run / CROSSINGS)

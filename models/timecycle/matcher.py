@@ -159,17 +159,19 @@ class TimeCycleMatcher:
         return np.array([view.rgb.shape[1], view.rgb.shape[0]]) / cells
 
 
-def load_timecycle(run: Path) -> TimeCycleMatcher:
+def load_timecycle(run: Path, **options: Any) -> TimeCycleMatcher:
     """Return the matcher of a TimeCycle run.
 
     Args:
         run: The run's folder.
+        options: Fields of `PropagationSettings`, instead of those of the run's config.
 
     Raises:
-        CallError: Its config is damaged.
+        CallError: Its config is damaged, or it has no such option.
         TrainingError: The run has no validated weights yet, or they do not fit.
     """
     settings = read_settings(TimeCycleSettings, run / CONFIG)
+    settings = settings.replace(propagation=settings.propagation.replace(**options))
     network = TimeCycleNetwork(settings.replace(network=settings.network.replace(pretrained="")))
     load_best(network, run)
     return TimeCycleMatcher(network, settings, read_run_json(run / RUN_FACTS))

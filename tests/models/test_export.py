@@ -322,6 +322,20 @@ def test_models_of_the_package_answer(name: str, tmp_path: Path) -> None:
     assert figure(scores, "ece") < 0.2
 
 
+def test_a_trained_model_takes_its_answer_settings_as_options() -> None:
+    """The footer of a submission says them; a setting that does not exist is named."""
+    turned = load_shipped("don-cloth", blank_square="any")
+    assert turned.describe()["answer"]["blank_square"] == "any"
+    assert load_shipped("don-cloth").describe()["answer"]["blank_square"] == "upright"
+    flat = load_shipped("don-rope", crossings=False)
+    assert isinstance(flat, DonMatcher)
+    assert flat.reader.crossings is None
+    with pytest.raises(CallError, match="blank_sqare: unknown setting"):
+        load_shipped("don-cloth", blank_sqare="any")
+    with pytest.raises(CallError, match=r"answer\.crossings"):
+        load_shipped("don-cloth", crossings=True)
+
+
 def test_a_rope_and_a_cloth_are_shipped() -> None:
     """README, help texts and pages call them by these names."""
     assert {"don-rope", "don-cloth"} <= set(shipped_names())
