@@ -107,9 +107,19 @@ class Bar:
         self._task: TaskID | None = None
         self._begun = time.monotonic()
         self._seen: deque[tuple[float, int]] = deque(maxlen=_RATE_CALLS)
-        self._total, self._facts = 0, ""
+        self._pause_s = self._all_pauses_s = 0.0
+        self._total, self._pauses_left, self._facts = 0, 0, ""
 
-    def __call__(self, done: int, total: int, *, title: str = "", facts: str = "") -> None:
+    def __call__(
+        self,
+        done: int,
+        total: int,
+        *,
+        title: str = "",
+        facts: str = "",
+        paused: bool = False,
+        pauses_left: int = 0,
+    ) -> None:
         """Move the bar, which appears at the first call.
 
         Args:
@@ -117,9 +127,18 @@ class Bar:
             total: Units in all.
             title: What is being done now; empty keeps the bar's title.
             facts: Text after the bar.
+            paused: Whether work that is not counted, such as a validation, was done since the last
+                call. Its time is not part of the rate.
+            pauses_left: How often it will be done; each time takes what the last one took.
         """
-        self._seen.append((time.monotonic(), done))
-        self._total, self._facts = total, facts
+        now = time.monotonic() - self._all_pauses_s
+        if paused and (rate := self._rate()):
+            last, before = self._seen[-1]
+            self._pause_s = max(0.0, now - last - (done - before) / rate)
+            self._all_pauses_s += self._pause_s
+            now -= self._pause_s
+        self._seen.append((now, done))
+        self._total, self._pauses_left, self._facts = total, pauses_left, facts
         if self._task is None:
             self._task = self._progress.add_task("", total=total, facts="")
         self._progress.update(
@@ -137,18 +156,24 @@ class Bar:
         done = f"{self._seen[-1][1]:,} of {self._total:,} {self._unit}"
         return f"{self._title}: {done}, {self._rate_and_facts()}".rstrip(", ")
 
-    def _rate_and_facts(self) -> str:
-        """Return the rate since the first of the last calls, the time left by it, and the facts.
+    def _rate(self) -> float | None:
+        """Return the units per second since the first of the last calls.
 
         The first call is where measuring begins, so the time of preparations does not count.
         """
+        if not self._seen:
+            return None
         (begun, first), (now, done) = self._seen[0], self._seen[-1]
+        return (done - first) / (now - begun) if done > first and now > begun else None
+
+    def _rate_and_facts(self) -> str:
+        """Return the rate, the time left by it, and the facts."""
         texts = []
-        if done > first and now > begun:
-            rate = (done - first) / (now - begun)
-            shown = f"{rate:.2g} {self._unit}/s"
-            left = f"{duration((self._total - done) / rate)} left" if done < self._total else ""
-            texts = [shown, left]
+        if rate := self._rate():
+            texts = [f"{rate:.2g} {self._unit}/s"]
+            if (units := self._total - self._seen[-1][1]) > 0:
+                left_s = units / rate + self._pauses_left * self._pause_s
+                texts.append(f"{duration(left_s)} left")
         return ", ".join(text for text in (*texts, self._facts) if text)
 
     def print(self, text: str) -> None:

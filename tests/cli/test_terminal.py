@@ -39,6 +39,18 @@ def test_the_time_left_is_that_of_the_measured_rate(clock: list[float]) -> None:
     assert "left" not in bar.line()
 
 
+def test_validations_count_by_what_the_last_one_took(clock: list[float]) -> None:
+    """Of 100 steps of 2 s each 20th, and the last, ends with a validation of 30 s."""
+    bar = Bar("Training", "steps", rich_progress(hidden=True))
+    for step in range(1, 100):
+        validated = step % 20 == 0
+        clock[0] += 32 if validated else 2
+        bar(step, 100, paused=validated, pauses_left=5 - step // 20)
+        left_s = 2 * (100 - step) + 30 * (5 - step // 20)
+        if step >= 20:
+            assert bar.line().endswith(f"0.5 steps/s, {duration(left_s)} left")
+
+
 def test_a_resumed_run_counts_what_it_did_itself(clock: list[float]) -> None:
     bar = Bar("Training", "steps", rich_progress(hidden=True))
     for step in (1001, 1002, 1003):
