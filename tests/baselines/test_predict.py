@@ -166,15 +166,6 @@ def test_answers_that_are_none_are_refused(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_template_lacks_only_the_answers(cards: Dataset, tmp_path: Path) -> None:
-    out = tmp_path / "template.parquet"
-    write_template(cards, "test", out)
-    table = read_table(out, "answers")
-    assert table.column("pair_id").equals(cards.queries("test").column("pair_id"))
-    assert np.isnan(table.column("u").to_numpy()).all()
-    assert read_footer(out)["queries_sha256"] == cards.queries_sha256("test")
-
-
 def test_only_a_submission_is_replaced(cards: Dataset, tmp_path: Path) -> None:
     out = tmp_path / "out.parquet"
     out.write_text("my notes")

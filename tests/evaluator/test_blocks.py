@@ -10,7 +10,7 @@ import pyarrow as pa
 import pytest
 
 from pliant.evaluator import evaluate, scoring
-from pliant.evaluator.metrics import blocks, distribution
+from pliant.evaluator.metrics import blocks
 from tests.evaluator.references import answers_of
 
 
@@ -67,16 +67,3 @@ def test_partners_of_several_chunks_follow_each_other() -> None:
     np.testing.assert_array_equal(found.uv_px[:, 0], [1, 2, 3, 1, 2, 3])
     np.testing.assert_array_equal(found.uv_px[:, 1], found.uv_px[:, 0] + 0.5)
     np.testing.assert_array_equal(found.visible, [True, False, True, True, False, True])
-
-
-def test_of_very_many_answers_every_kth_is_sorted(
-    scene: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = scene.submit(tmp_path / "s.parquet", answers_of(scene, 3, "sigma"))
-    whole = evaluate(path, scene.root).document
-    assert "ause" not in whole["notes"]
-    monkeypatch.setattr(distribution, "_MOST_SORTED", whole["counts"]["counted"] - 1)
-    part = evaluate(path, scene.root).document
-    assert part["notes"]["ause"] == "taken over every 2th answer of the largest groups"
-    assert part["overall"]["ause"] != whole["overall"]["ause"]
-    assert part["tiers"]["cloth"]["ause"] == whole["tiers"]["cloth"]["ause"]

@@ -9,20 +9,14 @@ import pytest
 
 from pliant.evaluator.metrics import (
     blocks,
-    calibration,
-    continuity,
-    dense_truth,
     errors,
     jitter,
     mixtures,
     pck,
-    redetection,
     surface_images,
-    symmetry,
     tapvid,
 )
 from pliant.evaluator.metrics.errors import exact_quantiles
-from pliant.spec.model import MaterialCoordinate, MaterialObject
 
 
 def test_errors_of_known_triangles() -> None:
@@ -43,30 +37,6 @@ def test_a_distance_on_the_threshold_is_within_only_for_less_or_equal(
     distance = np.array([0.5, 1.0, 2.0, np.inf])
     found = pck.threshold_level(distance, [1, 2], comparison)
     np.testing.assert_array_equal(found, level)
-
-
-def test_pck_counts_are_cumulative() -> None:
-    level = np.array([0, 1, 2, 0])
-    found = pck.within_by_pair(level, np.array([0, 0, 0, 1]), pairs=2, thresholds=2)
-    np.testing.assert_array_equal(found, [[1, 2], [1, 1]])
-
-
-def test_tapvid_of_four_points() -> None:
-    # visible and right; visible but said hidden; visible but far; hidden but said visible.
-    found = tapvid.tapvid_pairs(
-        scaled_error=np.array([0.5, 0.5, 3.0, 0.1]),
-        visible=np.array([True, True, True, False]),
-        predicted_visible=np.array([True, False, True, True]),
-        right=np.array([True, False, True, False]),
-        pair=np.zeros(4, np.int64),
-        pairs=1,
-        thresholds=[1, 4],
-    )
-    assert found.occlusion_accuracy[0] == 0.5
-    np.testing.assert_allclose(found.points_within[0], [2 / 3, 1])
-    # At 1: one true positive; false positives are the far one and the hidden one: 1 / (3 + 2).
-    # At 4: two true positives, one false positive: 2 / (3 + 1).
-    np.testing.assert_allclose(found.jaccard[0], [1 / 5, 2 / 4])
 
 
 def test_tapvid_of_a_pair_without_visible_points() -> None:
@@ -105,133 +75,11 @@ def test_tapvid_of_a_pair_without_visible_points() -> None:
     )
 
 
-def test_a_symmetry_is_chosen_once_for_a_pair() -> None:
-    # Both answers sit on the partners, 10 px away from the points.
-    truth = np.array([[0.0, 0.0], [10.0, 0.0]])
-    partners = truth[::-1][:, None]
-    answers = truth[::-1].copy()
-    own = errors.squared_error_px2(answers, truth)
-    everything = np.ones(2, bool)
-    seen = np.ones((2, 1), bool)
-    starts = np.array([0])
-    flipped = symmetry.symmetric_errors(answers, own, partners, seen, everything, starts)
-    assert flipped.pair_squared_px2[0] == 0
-    assert flipped.pair_flipped[0]
-    assert flipped.point_flipped.all()
-    # One answer right, one flipped: no single labelling explains both, each point alone does.
-    answers = np.array([[0.0, 0.0], [0.0, 0.0]])
-    own = errors.squared_error_px2(answers, truth)
-    mixed = symmetry.symmetric_errors(answers, own, partners, seen, everything, starts)
-    assert mixed.pair_squared_px2[0] == 100
-    assert not mixed.pair_flipped[0]
-    np.testing.assert_array_equal(mixed.point_flipped, [False, True])
-    assert mixed.point_squared_px2.sum() == 0
-    # A partner that cannot be seen excuses no single point.
-    hidden = symmetry.symmetric_errors(answers, own, partners, ~seen, everything, starts)
-    assert not hidden.point_flipped.any()
-    assert hidden.point_squared_px2.sum() == 100
-
-
-def test_neighbours_on_a_line() -> None:
-    uv = np.array([[0.0, 0], [1, 0], [3, 0], [10, 0], [100, 0], [101, 0]])
-    usable = np.array([True, True, True, False, True, True])
-    row, other = continuity.nearest_neighbours(uv, usable, np.array([0, 4, 6]), 64)
-    np.testing.assert_array_equal(row, [0, 1, 2, 4, 5])
-    np.testing.assert_array_equal(other, [1, 0, 1, 5, 4])
-    first_two, _ = continuity.nearest_neighbours(uv, usable, np.array([0, 4, 6]), 2)
-    np.testing.assert_array_equal(first_two, [0, 1, 4, 5])
-
-
-def test_no_neighbours_where_one_query_is_alone() -> None:
-    uv = np.zeros((3, 2))
-    row, other = continuity.nearest_neighbours(uv, np.ones(3, bool), np.array([0, 1, 2, 3]), 64)
-    assert not len(row)
-    assert not len(other)
-    alone, _ = continuity.nearest_neighbours(
-        uv, np.array([True, False, False]), np.array([0, 3]), 64
-    )
-    assert not len(alone)
-
-
-def test_a_jump_is_longer_than_the_stretch_and_than_the_least() -> None:
-    a = np.array([1.0, 1.0, 10.0, 10.0])
-    b = np.array([7.9, 8.1, 40.0, 40.1])
-    np.testing.assert_array_equal(continuity.is_jump(a, b, 4, 8), [False, True, False, True])
-
-
-def test_a_steady_offset_has_no_jitter_and_a_hopping_one_has() -> None:
-    track = np.array([0, 0, 0, 1, 1])
-    frame = np.array([2, 1, 3, 1, 3])  # track 1 skips a frame
-    steady = np.tile([3.0, 4.0], (5, 1))
-    row, change = jitter.jitter_px(track, frame, steady)
-    np.testing.assert_array_equal(np.sort(row), [0, 2])
-    np.testing.assert_array_equal(change, [0, 0])
-    hopping = np.array([[3.0, 4.0], [0, 0], [0, 0], [9, 9], [0, 0]])
-    _, change = jitter.jitter_px(track, frame, hopping)
-    np.testing.assert_array_equal(change, [5, 5])
-
-
-def test_points_hidden_before_are_those_that_a_hidden_one_of_their_track_precedes() -> None:
-    track = np.array([4, 4, 4, 4, 0, 0, 0])
-    frames = np.array([3, 1, 2, 5, 1, 2, 3])
-    hidden = np.array([False, False, True, True, True, False, False])
-    found = redetection.hidden_before(track, frames, hidden)
-    np.testing.assert_array_equal(found, [True, False, False, True, False, True, True])
-    assert not redetection.hidden_before(track, frames, np.zeros(7, bool)).any()
-    found = redetection.hidden_before(
-        np.array([1, 1, 2]), np.array([1, 2, 3]), ~np.eye(3, dtype=bool)[1]
-    )
-    np.testing.assert_array_equal(found, [False, True, False])
-
-
-LENGTH = MaterialCoordinate("s", 0.0, 1.0, 2.0)
-ROPE = MaterialObject(
-    1, "rope", (LENGTH, MaterialCoordinate("theta", -math.pi, math.pi, 1.0, 2 * math.pi))
-)
-
-
-def test_distance_on_the_material_closes_upon_itself() -> None:
-    near = ROPE.distance_m(np.array([[0.0, 3.0]]), np.array([[0.0, -3.0]]))
-    assert near[0] == pytest.approx(2 * math.pi - 6)
-    along = ROPE.distance_m(np.array([[0.5, 0.0]]), np.array([[0.0, 0.0]]))
-    assert along[0] == 1
-    sheet = MaterialObject(1, "sheet", (LENGTH, LENGTH))
-    whole = sheet.distance_m(np.array([[1.0, 4.0]]), np.array([[2.5, 0.0]]))
-    assert whole[0] == pytest.approx(math.hypot(3, 8))
-
-
-def test_the_object_is_looked_for_around_an_answer() -> None:
-    on = np.zeros((4, 6), bool)
-    on[1, 2] = True
-    uv = np.array([[2.5, 1.5], [3.4, 1.5], [4.5, 1.5], [-1.0, 1.0], [2.5, 4.0], [1e6, -1e6]])
-    row, column, found = surface_images.nearest_object_pixel(on, uv, 1)
-    np.testing.assert_array_equal(found, [True, True, False, False, False, False])
-    assert (row[1], column[1]) == (1, 2)
-    _, _, exact = surface_images.nearest_object_pixel(on, uv, 0)
-    np.testing.assert_array_equal(exact, [True, False, False, False, False, False])
-
-
-def test_pixels_of_equal_material_do_not_count_as_what_a_pixel_spans() -> None:
-    m0 = np.array([[0, 0, 0, 1, 1, 1, 4, 4]], np.float32)
-    surface = surface_images.ObjectSurface(m0 >= 0, m0, np.zeros_like(m0))
-    sheet = MaterialObject(1, "sheet", (LENGTH, LENGTH))  # 2 m per unit
-    assert surface_images.typical_step_m(surface, sheet) == 4  # of 2 and 6
-    flat = surface_images.ObjectSurface(m0 >= 0, np.zeros_like(m0), np.zeros_like(m0))
-    assert surface_images.typical_step_m(flat, sheet) == 0
-
-
 def test_an_error_is_capped_in_its_direction() -> None:
     answer = np.array([[610.0, 810.0], [610, 810], [13, 14]])
     true = np.full((3, 2), 10.0)
     found = blocks._capped(answer, true, np.array([True, False, True]), 500.0)
     np.testing.assert_allclose(found, [[310, 410], [610, 810], [13, 14]])
-
-
-def test_a_pixel_spans_its_widest_step_that_is_not_a_tear() -> None:
-    m0 = np.array([[0, 1, 2, 3, 6, 30]], np.float32)  # typically 1; a fold of 3, a tear of 24
-    surface = surface_images.ObjectSurface(m0 >= 0, m0, np.zeros_like(m0))
-    found = dense_truth._footprint_m(surface, MaterialObject(1, "sheet", (LENGTH, LENGTH)))
-    np.testing.assert_allclose(found, [[2, 2, 2, 6, 6, 2]])
 
 
 def test_distance_to_a_silhouette() -> None:
@@ -255,16 +103,6 @@ def single(sigma: float, uv: tuple[float, float] = (0.0, 0.0)) -> mixtures.Mixtu
     return mixtures.Mixtures(
         np.zeros(1, np.int64), np.array([uv]), np.array([sigma]), np.ones(1), 1
     )
-
-
-def test_density_and_likelihood_of_one_gaussian() -> None:
-    at = np.array([[3.0, 4.0]])
-    expected = math.exp(-25 / 8) / (8 * math.pi)
-    assert mixtures.density(single(2.0), at)[0] == pytest.approx(expected, rel=1e-12)
-    floored = mixtures.negative_log_likelihood(
-        single(0.5), np.array([[1e5, 0.0]]), outlier_weight=0.001, area_px2=1000.0
-    )
-    assert floored[0] == pytest.approx(math.log(1e6))
 
 
 def test_probability_of_a_disc() -> None:
@@ -303,52 +141,6 @@ def test_points_that_stand_for_a_gaussian(modes: int, spokes: int) -> None:
     golden = np.full(14, np.pi * (3 - math.sqrt(5)))
     between = np.where(np.arange(14) % 2, 2 * np.pi - np.pi / 8, np.pi / 8)
     np.testing.assert_allclose(turn, between if spokes == 8 else golden)
-
-
-def test_spread_of_two_modes() -> None:
-    two = mixtures.Mixtures(
-        np.zeros(2, np.int64),
-        np.array([[-3.0, 0], [3.0, 0]]),
-        np.array([1.0, 1.0]),
-        np.array([0.5, 0.5]),
-        1,
-    )
-    assert mixtures.spread_px(two)[0] == pytest.approx(math.sqrt((2 + 9) / 2))
-    assert mixtures.spread_px(single(7.0))[0] == pytest.approx(7)
-
-
-def test_modes_near_positions() -> None:
-    two = mixtures.Mixtures(
-        np.zeros(2, np.int64),
-        np.array([[0.0, 0], [100.0, 0]]),
-        np.ones(2),
-        np.array([0.97, 0.03]),
-        1,
-    )
-    at = np.array([[[0.0, 16.0], [0.0, 16.1], [100.0, 0.0]]])
-    found = mixtures.modes_near(two, at, 16, 0.05)
-    np.testing.assert_array_equal(found, [[True, False, False]])
-
-
-def test_calibration_error_of_two_bins() -> None:
-    confidence = np.array([0.0, 0.1, 0.9, 1.0])
-    happened = np.array([False, True, True, True])
-    table = calibration.reliability_bins(confidence, happened, 2)
-    np.testing.assert_allclose(table, [[2, 0.1, 1], [2, 1.9, 2]])
-    assert calibration.expected_calibration_error(table) == pytest.approx((0.9 + 0.1) / 4)
-    edge = calibration.reliability_bins(np.array([0.5]), np.array([True]), 2)
-    assert edge[0, 0] == 1
-
-
-def test_sparsification_removes_the_worst_first() -> None:
-    squared = np.array([1.0, 4.0, 9.0, 16.0])
-    best = calibration.sparsification(squared, squared, 4)
-    np.testing.assert_allclose(best, np.sqrt([30 / 4, 14 / 3, 5 / 2, 1]))
-    blind = calibration.sparsification(squared, np.ones(4), 4)
-    np.testing.assert_allclose(blind, np.full(4, math.sqrt(7.5)))
-    assert calibration.area_under_sparsification_error(best, best) == 0
-    assert calibration.area_under_sparsification_error(blind, best) > 0.2
-    assert calibration.area_under_sparsification_error(np.zeros(4), np.zeros(4)) == 0
 
 
 def test_quantiles_are_numpys() -> None:

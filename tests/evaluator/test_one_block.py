@@ -18,7 +18,6 @@ from pliant.evaluator.metrics.causes import (
     CausesSettings,
     _nearest_partner_px,
 )
-from pliant.evaluator.metrics.continuity import Continuity, ContinuitySettings
 from pliant.evaluator.metrics.distribution import answered_mixtures
 from pliant.evaluator.metrics.surfaces import SurfaceFacts
 from pliant.evaluator.submission.answers import SplitAnswers
@@ -134,34 +133,6 @@ def test_the_nearest_of_several_partners() -> None:
     assert _nearest_partner_px(given).tolist() == [3, np.inf, 5]
     for none in (None, Partners(np.zeros(4, np.int64), places[:0], seen[:0])):
         assert np.isinf(_nearest_partner_px(replace(given, partners=none))).all()
-
-
-def test_neighbours_torn_apart() -> None:
-    """Queries 1, 1, 10 and 10.5 px apart: two answers are 8.5 px apart, and one is missing."""
-    u = np.array([0.0, 1, 20, 21, 40, 50, 70, 80.5])
-    uv_px = np.stack([u, 0 * u], axis=1)
-    answer_px = uv_px.copy()
-    answer_px[3, 0] = 28.5
-    settings = ContinuitySettings(
-        queries_per_pair=64, max_distance_a_px=10, min_distance_a_px=0.5, max_true_stretch=2,
-        jump_stretch=4, jump_min_px=8, quantile=0.5,
-    )  # fmt: skip
-    for missing, jumps, first in ((None, 2, 1.0), (np.arange(8) == 0, 4, 800.0)):
-        answer_px[0] = 0 if missing is None else np.nan
-        given = context(8)
-        continuity = Continuity(settings, given)
-        continuity.update(block(uv_px, answer_px, missing=missing, uv_a_px=uv_px))
-        assert given.table.columns["neighbours"][0] == 6
-        assert given.table.columns["jumps"][0] == jumps
-        stretch = continuity._stretch
-        np.testing.assert_array_equal(stretch[BEFORE:8], [first, first, 8.5, 8.5, 1, 1])
-        assert np.isnan(stretch[[0, 1, 8, 9]]).all()
-    # Of points that the truth tears apart nothing is asked.
-    true_px = uv_px.copy()
-    true_px[3, 0] = 22.1
-    given = context(8)
-    Continuity(settings, given).update(block(true_px, uv_px, uv_a_px=uv_px))
-    assert given.table.columns["neighbours"][0] == 4
 
 
 def test_distributions_of_some_answers() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from pathlib import Path
 from typing import Any
 
@@ -51,19 +50,6 @@ def test_interval_excludes_zero_exactly_where_scipy_rejects(count: int) -> None:
         assert (found.low > 0 or found.high < 0) == (reference.pvalue <= 0.05)
         rejected += reference.pvalue <= 0.05
     assert 5 < rejected < 145
-
-
-def test_interval_ends_are_means_of_subsets() -> None:
-    first = (np.zeros(6), np.ones(6))
-    second = (np.array([3.0, 1.0, 4.0, 1.5, 9.0, 2.0]), np.ones(6))
-    found = paired_difference(MEAN, first, second, episodes(6), 0.95)
-    # Two of 64 sign patterns: the ends are the extreme means, those of single sequences.
-    assert (found.low, found.value, found.high) == pytest.approx((1.0, 20.5 / 6, 9.0))
-    found = paired_difference(MEAN, first, second, episodes(6), 0.80)  # a tail of 6 patterns
-    means = sorted(
-        np.mean(subset) for k in range(1, 7) for subset in itertools.combinations(second[0], k)
-    )
-    assert (found.low, found.high) == pytest.approx((means[5], means[-6]))
 
 
 def test_level_holds_for_few_and_for_many_sequences() -> None:

@@ -10,11 +10,8 @@ import pytest
 
 from pliant.evaluator import evaluate
 from pliant.evaluator.metrics import surface_images, surfaces
-from pliant.evaluator.metrics.dense_truth import dense_truth
-from pliant.evaluator.metrics.surface_images import ObjectSurface
 from pliant.spec.errors import CallError
 from pliant.spec.io.exr import read_surface
-from pliant.spec.model import MaterialCoordinate, MaterialObject
 
 
 def nearest_by_hand(on: np.ndarray, uv: np.ndarray, search: int) -> tuple[int, int] | None:
@@ -98,32 +95,6 @@ def test_worker_processes_change_no_byte(scene: Any, tmp_path: Path) -> None:
 def test_the_number_of_workers_is_checked(scene: Any, tmp_path: Path) -> None:
     with pytest.raises(CallError, match="workers"):
         evaluate(tmp_path / "s.parquet", scene.root, workers=0)
-
-
-@pytest.mark.parametrize("axis", [0, 1])
-def test_dense_truth_by_hand(axis: int) -> None:
-    """Pixels in a row span 1 m, two of them 7 m; the 9 m between the last two is a fold."""
-    length = MaterialCoordinate("s", 0.0, 100.0, 1.0)
-    queried = MaterialObject(1, "sheet", (length, length))
-
-    def row_of(*material: float) -> ObjectSurface:
-        m0 = np.expand_dims(np.array(material, np.float32), axis)
-        return ObjectSurface(m0 >= 0, np.maximum(m0, 0), np.zeros_like(m0))
-
-    target = row_of(0, 1, 2, 3, 10, 19, -1)
-    source = row_of(0.375, 6.5, -1, 19.5, 19.625, 15, 0.75)
-    uv_a_px = np.stack([np.arange(7) + 0.5, np.full(7, 0.5)], axis=1)
-    uv_a_px = uv_a_px if axis == 0 else uv_a_px[:, ::-1]
-    found = dense_truth(source, target, uv_a_px, queried, 0.5)
-    np.testing.assert_array_equal(found.on_object, [True, True, False, True, True, True, True])
-    np.testing.assert_array_equal(found.visible, [True, True, False, True, False, False, True])
-    places = found.uv_b_px if axis == 0 else found.uv_b_px[:, ::-1]
-    np.testing.assert_array_equal(
-        places[found.visible], [[0.5, 0.5], [3.5, 0.5], [5.5, 0.5], [1.5, 0.5]]
-    )
-    assert np.isnan(places[~found.visible]).all()
-    empty = row_of(-1, -1)
-    assert not dense_truth(source, empty, uv_a_px, queried, 0.5).visible.any()
 
 
 def test_what_a_pixel_spans(scene: Any) -> None:

@@ -19,7 +19,6 @@ from pliant.evaluator.metrics.surface_images import (
     ObjectSurface,
     _box,
     farthest_material_m,
-    nearest_object_pixel,
     pixel_steps_m,
     silhouette_distance_px,
     typical_step_m,
@@ -69,20 +68,6 @@ def test_the_farthest_that_two_points_can_be_apart() -> None:
     angle = MaterialCoordinate("theta", -3.0, 3.0, 2.0, 6.0)
     shifted = MaterialCoordinate("s", 1.0, 5.0, 2.0)
     assert farthest_material_m(MaterialObject(1, "rope", (shifted, angle))) == math.hypot(8, 6)
-
-
-def test_the_nearest_pixel_at_the_border_of_the_image() -> None:
-    on = np.ones((2, 3), bool)
-    uv_px = np.array([[0, 0], [2.99, 1.99], [3, 0], [0, 2], [-0.01, 0], [0, -0.01]])
-    row, column, found = nearest_object_pixel(on, uv_px, 0)
-    assert found.tolist() == [True, True, False, False, False, False]
-    assert row.tolist() == [0, 1, 0, 0, 0, 0]
-    assert column.tolist() == [0, 2, 0, 0, 0, 0]
-    on[:] = False
-    on[0, 0] = on[0, 2] = True
-    row, column, found = nearest_object_pixel(on, np.array([[1.5, 0.5], [1.6, 1.5]]), 1)
-    assert column.tolist() == [0, 2]  # of equally near ones the first
-    assert found.all()
 
 
 def test_the_silhouette_of_one_pixel() -> None:

@@ -11,15 +11,12 @@ import pytest
 from scipy.stats import ttest_1samp
 
 from pliant.spec.conventions import VISIBILITY_STATES
-from pliant.spec.io.exr import Surface
 from pliant.spec.model import MaterialCoordinate, MaterialObject, Tier
 from pliant.spec.validation.findings import Findings
 from pliant.spec.validation.rules.answers import Tracks, compare_answers
 from pliant.spec.validation.rules.colour import MIN_BLOCKS, is_blank, probability
 from pliant.spec.validation.rules.evidence import Evidence
 from pliant.spec.validation.rules.files import SequenceFiles
-from pliant.spec.validation.rules.result import SequenceResult, _same_shapes
-from pliant.spec.validation.rules.surfaces import ShownSurface, _check_values
 from pliant.spec.validation.rules.tiers import check_tiers
 from tests.conformance.base import DIHEDRAL, TIERS
 
@@ -123,21 +120,6 @@ def test_the_square_has_eight_symmetries() -> None:
         assert findings.total == 0
 
 
-def test_findings_count_all_and_keep_the_first() -> None:
-    findings = Findings(listed_per_code=3)
-    bad = np.array([True, False, True, True, True])
-    findings.add_rows("VALUE_NULL", "a", bad, lambda i: (f"row {i}", "x"))
-    findings.add("VALUE_NULL", "b", "", "x")
-    other = Findings(listed_per_code=3)
-    other.add("FILE_EXTRA", "c", "", "x")
-    other.add("VALUE_NULL", "c", "", "x")
-    findings.merge(other)
-    assert findings.counts == {"VALUE_NULL": 6, "FILE_EXTRA": 1}
-    assert findings.total == 7
-    assert [issue.where for issue in findings.issues] == ["row 0", "row 2", "row 3", ""]
-    assert [issue.code for issue in findings.issues][-1] == "FILE_EXTRA"
-
-
 def test_blank_pictures_are_reported_beside_a_doubtful_outline(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -221,53 +203,3 @@ def test_a_file_that_differs_from_its_checksum(tmp_path: Path) -> None:
             found = [issue.message for issue in files.findings.listed()]
             assert len(found) == (message is not None)
             assert message is None or found[0].startswith(message)
-
-
-def test_frames_with_the_same_points_before_the_camera() -> None:
-    """Two of three shapes with one first number are equal: they are not neighbours in its order."""
-    first, second = SequenceResult("a", "rope"), SequenceResult("b", "rope")
-    shape = np.array([0.5, 0, 1, 0.1, 0.1, 0.1])
-    near = np.array([0, 0, 0, 0, 0, 9e-7])
-    first.keys.shapes = {0: shape, 1: shape + np.array([0, 0.2, 0, 0, 0, 0])}
-    second.keys.shapes = {4: shape + near, 5: shape + 3.5 * near}
-    assert _same_shapes([first, second]) == {(0, 0, 1, 4)}
-    second.tier = "rope-bare"
-    assert _same_shapes([first, second]) == set()
-
-
-@pytest.mark.parametrize(
-    ("channel", "value", "at", "code"),
-    [
-        ("depth_m", 0.0, 0, "DEPTH_INVALID"),
-        ("depth_m", -1.0, 0, "DEPTH_INVALID"),
-        ("depth_m", np.nan, 0, "DEPTH_INVALID"),
-        ("depth_m", np.inf, 0, "DEPTH_INVALID"),
-        ("depth_m", 1.0, 11, "DEPTH_INVALID"),
-        ("depth_m", -np.inf, 11, "DEPTH_INVALID"),
-        ("depth_m", 1e-9, 0, None),
-        ("m0", 1.1, 0, "SURFACE_INVALID"),
-        ("m1", np.nan, 0, "SURFACE_INVALID"),
-        ("m1", 0.5, 11, "SURFACE_INVALID"),
-        ("m0", -0.0, 11, None),
-        ("m0", 1.0, 0, None),
-        ("object_id", 3, 0, "SURFACE_INVALID"),
-    ],
-)
-def test_values_of_a_surface_image(channel: str, value: float, at: int, code: str | None) -> None:
-    """Six pixels of the rope with 1 m depth, and six of the background."""
-    on = np.arange(12).reshape(3, 4) < 6
-    channels: dict[str, Any] = {
-        "depth_m": np.where(on, 1, np.inf).astype(np.float32),
-        "m0": np.where(on, 0.5, 0).astype(np.float32),
-        "m1": np.where(on, 0.5, 0).astype(np.float32),
-        "object_id": on.astype(np.uint32),
-    }
-    channels[channel].ravel()[at] = value
-    findings = Findings()
-    shown = ShownSurface.of(Surface(**channels))
-    _check_values(shown, Tier.from_document(TIERS["rope"]), findings.at("depth"))
-    assert findings.counts == ({code: 1} if code else {})
-    if code:
-        (issue,) = findings.listed()
-        assert issue.where == f"row {at // 4}, column {at % 4}"
-        assert issue.message.endswith("(1 pixels)")
