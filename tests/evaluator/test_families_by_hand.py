@@ -235,6 +235,10 @@ def test_neighbours_in_pairs_of_several_sizes(monkeypatch: pytest.MonkeyPatch) -
     cross = np.array([[0, 0], [0, 3], [2, 0], [-2, 0]], float)
     row, other = continuity.nearest_neighbours(cross, np.ones(4, bool), np.array([0, 4]), 9)
     assert other.tolist() == [2, 0, 0, 0]
+    # One that takes no part is nobody's neighbour, wherever it is.
+    line, partly = np.array([[0, 0], [1, 0], [10, 0]], float), np.array([True, True, False])
+    row, other = continuity.nearest_neighbours(line, partly, np.array([0, 3]), 9)
+    assert (row.tolist(), other.tolist()) == ([0, 1], [1, 0])
     at, to = np.array([0, 1]), np.array([1, 2])
     assert continuity.distance_px(cross, at, to).tolist() == [3, math.sqrt(13)]
 

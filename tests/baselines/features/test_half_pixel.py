@@ -8,7 +8,6 @@ two equal shifts cancel, until one picture is turned by 180 degrees and they add
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,15 +16,15 @@ import pytest
 
 from pliant.baselines import METHODS, Frame
 from pliant.baselines.features.local_features import LocalFeatures
-from pliant.baselines.features.opencv_features import OpencvFeatures
+from pliant.baselines.features.opencv_features import Orb, Sift
 from pliant.baselines.features.orientation import intensity_centroid_deg
 from pliant.baselines.features.surf import MahotasSurf
 from pliant.spec.arrays import FloatArray
 from pliant.spec.frame import Pair
 
 FEATURES: dict[str, Callable[[], LocalFeatures]] = {
-    "sift": partial(OpencvFeatures, "sift"),
-    "orb": partial(OpencvFeatures, "orb"),
+    "sift": Sift,
+    "orb": Orb,
     "surf": MahotasSurf,
 }
 
