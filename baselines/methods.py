@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from typing import Final
 
 from pliant.baselines.controls import Identity, MaskCentroid, Oracle, RandomInMask
 from pliant.baselines.features.local_features import LocalFeatureMatcher
-from pliant.baselines.features.opencv_features import OpencvFeatures
+from pliant.baselines.features.opencv_features import Orb, Sift
 from pliant.baselines.features.surf import MahotasSurf
 from pliant.baselines.flow import FlowChain
 from pliant.baselines.matcher import Matcher, SplitMatcher
@@ -17,16 +18,19 @@ from pliant.baselines.tracing import RopeTracer
 Make = Callable[[], Matcher | SplitMatcher]
 
 
+_FEATURES: Final = {"sift": Sift, "surf": MahotasSurf, "orb": Orb}
+
+
 def local_feature(name: str) -> LocalFeatureMatcher:
     """Return the method of a local feature.
 
     Args:
-        name: `surf`, or a name of `features.opencv_features.RECIPES`.
+        name: `sift`, `surf` or `orb`.
 
     Raises:
-        MissingExtraError: OpenCV is not installed.
+        MissingExtraError: Its library is not installed.
     """
-    return LocalFeatureMatcher(MahotasSurf() if name == "surf" else OpencvFeatures(name))
+    return LocalFeatureMatcher(_FEATURES[name]())
 
 
 def _named(make: Callable[[str], Matcher], about: dict[str, str]) -> dict[str, Make]:

@@ -92,17 +92,3 @@ def described(detector: Any, image: npt.NDArray[np.uint8], keypoints: list[Any])
     ordered = np.empty_like(descriptors)
     ordered[rows] = descriptors
     return ordered
-
-
-def positions(keypoints: list[Any], shape: tuple[int, ...]) -> npt.NDArray[np.float32]:
-    """Return the positions of OpenCV keypoints in Pliant's convention.
-
-    Args:
-        keypoints: Keypoints found in an image that was not padded.
-        shape: The image's (H, W), which only ORB needs.
-
-    Returns:
-        float32 (N, 2).
-    """
-    xy = np.array([keypoint.pt for keypoint in keypoints], dtype=np.float64).reshape(-1, 2)
-    return (xy + HALF_PIXEL).astype(np.float32)

@@ -1,17 +1,11 @@
-"""The local features of OpenCV, one recipe each.
-
-SIFT (Lowe, IJCV 2004) and ORB (Rublee and others, ICCV 2011).
-"""
+"""The local features of OpenCV: SIFT (Lowe, IJCV 2004) and ORB (Rublee and others, ICCV 2011)."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import Mapping
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
 from pliant.baselines.features.local_features import Keypoints
 from pliant.baselines.features.nearest import Descriptors, Metric
@@ -21,127 +15,66 @@ from pliant.baselines.features.opencv import (
     keypoints_at,
     load_opencv,
     padded,
-    positions,
 )
 from pliant.baselines.features.orientation import dominant_gradient_deg, intensity_centroid_deg
 from pliant.baselines.pixels import HALF_PIXEL
-from pliant.spec.arrays import Float32Array, ImageArray
+from pliant.spec.arrays import Float32Array, FloatArray, ImageArray
 
 SIFT_LAYER: Final = 1
-"""Layer of SIFT's octave in which given pixels are described: the first with keypoints."""
+"""Layer of SIFT's first octave in which given pixels are described: the first with keypoints."""
+
+SIFT_SCALE_PX: Final = float(1.6 * 2 ** (SIFT_LAYER / 3))
+"""Scale at which given pixels are described."""
 
 MAX_ORB_KEYPOINTS: Final = 2000
 ORB_PATCH_PX: Final = 31
 ORB_PYRAMID_FACTOR: Final = 1.2
 
 
-@dataclass(frozen=True)
-class Recipe:
-    """How OpenCV runs one local feature.
-
-    Attributes:
-        describer: OpenCV `Feature2D` that computes the descriptors.
-        metric: Distance between descriptors.
-        size_px: Size of a keypoint at a given pixel, in the convention of `describer`.
-        facts: Settings for the submission's footer.
-        orientation: (image, positions (N, 2)) -> degrees (N,) at given pixels.
-        octave: OpenCV's packed octave field of a keypoint at a given pixel.
-        positions: (keypoints, (H, W)) -> float32 (N, 2), in Pliant's pixel convention.
-    """
-
-    describer: Any
-    metric: Metric
-    size_px: float
-    facts: Mapping[str, Any]
-    orientation: Callable[[ImageArray, Float32Array], npt.NDArray[np.float64]]
-    octave: int = 0
-    positions: Callable[[list[Any], tuple[int, ...]], Float32Array] = positions
-
-
-def _sift(cv2: Any, octave: int = 0) -> Recipe:
-    """SIFT: a fixed scale and the dominant gradient direction at given pixels."""
-    scale_px = float(1.6 * 2 ** (octave + SIFT_LAYER / 3))
-    return Recipe(
-        # The default pyramid, doubled by plain resizing, puts keypoints 0.25 px too far to the
-        # right and down; the precise one does not.
-        describer=cv2.SIFT_create(enable_precise_upscale=True),
-        metric="euclidean",
-        size_px=2 * scale_px,
-        facts={"query_scale_px": round(scale_px, 3), "query_orientation": "dominant gradient"},
-        octave=octave | SIFT_LAYER << 8,
-        orientation=partial(dominant_gradient_deg, cv2, scale_px=scale_px),
-    )
-
-
-def _orb(cv2: Any) -> Recipe:
-    """ORB: full resolution and the intensity centroid of the patch at given pixels."""
-    return Recipe(
-        describer=cv2.ORB_create(
-            nfeatures=MAX_ORB_KEYPOINTS, scaleFactor=ORB_PYRAMID_FACTOR, patchSize=ORB_PATCH_PX
-        ),
-        metric="hamming",
-        size_px=ORB_PATCH_PX,
-        facts={
-            "max_keypoints": MAX_ORB_KEYPOINTS,
-            "query_patch_px": ORB_PATCH_PX,
-            "query_orientation": "intensity centroid",
-        },
-        orientation=partial(intensity_centroid_deg, radius_px=ORB_PATCH_PX // 2),
-        positions=_orb_positions,
-    )
-
-
-def _orb_positions(keypoints: list[Any], shape: tuple[int, ...]) -> Float32Array:
-    """Return where ORB's keypoints are.
-
-    A keypoint of level l is a whole pixel i of an image shrunk by 1.2^l, and OpenCV reports
-    i·1.2^l. Its centre is at (i + 0.5)·f in Pliant's convention, with f the true ratio of the two
-    images' sides, which are whole pixels too. On level 7 this is 1.8 px and more from what OpenCV
-    reports.
-    """
-    xy = np.array([keypoint.pt for keypoint in keypoints])  # (N, 2)
-    nominal = ORB_PYRAMID_FACTOR ** np.array([[keypoint.octave] for keypoint in keypoints])
-    side = np.array(shape[::-1])
-    factor = side / np.rint(side / nominal)  # (N, 2)
-    return ((np.rint(xy / nominal) + HALF_PIXEL) * factor).astype(np.float32)
-
-
-RECIPES: Final[dict[str, Callable[..., Recipe]]] = {
-    "sift": _sift,
-    "orb": _orb,
-}
-"""Name -> recipe, from the `cv2` module."""
-
-
 class OpencvFeatures:
     """A local feature of OpenCV, at its own keypoints or at given pixels.
 
-    Args:
-        name: One of `RECIPES`.
-        settings: Arguments of the recipe (SIFT: `octave` in which given pixels are described).
+    Attributes:
+        name: Name of the method.
+        metric: Distance between descriptors.
+        size_px: Size of a keypoint at a given pixel, in OpenCV's convention.
+        octave: OpenCV's packed octave field of a keypoint at a given pixel.
+        settings: Settings for the submission's footer.
 
     Raises:
         MissingExtraError: OpenCV is not installed.
     """
 
-    def __init__(self, name: str, **settings: Any) -> None:
-        self.name = name
-        self._settings = settings
-        self._cv2 = load_opencv(name.upper())
-        self._recipe = RECIPES[name](self._cv2, **settings)
-        self.metric: Metric = self._recipe.metric
+    name: str
+    metric: Metric
+    size_px: float
+    octave: int = 0
+    settings: Mapping[str, Any]
+
+    def __init__(self) -> None:
+        self._cv2 = load_opencv(self.name.upper())
+        self._describer = self._make()
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # OpenCV's objects cannot be sent to another process
-        return partial(OpencvFeatures, self.name, **self._settings), ()
+        return type(self), ()  # OpenCV's objects cannot be sent to another process
+
+    def _make(self) -> Any:
+        """Return OpenCV's `Feature2D`."""
+        raise NotImplementedError
+
+    def _orientation_deg(self, image: ImageArray, uv_px: Float32Array) -> FloatArray:
+        """Return the orientation at given positions, degrees (N,)."""
+        raise NotImplementedError
+
+    def _positions(self, keypoints: list[Any], shape: tuple[int, ...]) -> Float32Array:
+        """Return where keypoints of an image (H, W) are, float32 (N, 2)."""
+        xy = np.array([keypoint.pt for keypoint in keypoints], dtype=np.float64)
+        return (xy + HALF_PIXEL).astype(np.float32)
 
     def facts(self) -> Mapping[str, Any]:
         """Return settings and versions for the submission's footer."""
-        return {
-            "implementation": "opencv",
-            "version": str(self._cv2.__version__),
-            **self._recipe.facts,
-        }
+        version = str(self._cv2.__version__)
+        return {"implementation": "opencv", "version": version, **self.settings}
 
     def detect(self, grey: ImageArray) -> Keypoints:
         """Find and describe the image's own keypoints.
@@ -149,11 +82,10 @@ class OpencvFeatures:
         Args:
             grey: uint8 (H, W).
         """
-        recipe = self._recipe
-        keypoints, descriptors = recipe.describer.detectAndCompute(grey, None)
+        keypoints, descriptors = self._describer.detectAndCompute(grey, None)
         if not keypoints:
-            return Keypoints(np.zeros((0, 2), np.float32), described(recipe.describer, grey, []))
-        return Keypoints(recipe.positions(keypoints, grey.shape), descriptors)
+            return Keypoints(np.zeros((0, 2), np.float32), described(self._describer, grey, []))
+        return Keypoints(self._positions(keypoints, grey.shape), descriptors)
 
     def describe_at(self, grey: ImageArray, uv_px: Float32Array) -> Descriptors:
         """Describe the patches around given positions; ORB rounds them to whole pixels.
@@ -165,10 +97,66 @@ class OpencvFeatures:
         Returns:
             float32 (N, D), or uint8 (N, D) of packed bits.
         """
-        recipe, image = self._recipe, padded(grey)
-        angle_deg = recipe.orientation(image, uv_px + PADDING_PX)
+        image = padded(grey)
+        angle_deg = self._orientation_deg(image, uv_px + PADDING_PX)
         keypoints = keypoints_at(
-            self._cv2, uv_px, angle_deg, size_px=recipe.size_px, octave=recipe.octave
+            self._cv2, uv_px, angle_deg, size_px=self.size_px, octave=self.octave
         )
-        found = described(recipe.describer, image, keypoints)
+        found = described(self._describer, image, keypoints)
         return found.astype(np.uint8, copy=False) if self.metric == "hamming" else found
+
+
+class Sift(OpencvFeatures):
+    """SIFT: a fixed scale and the dominant gradient direction at given pixels."""
+
+    name = "sift"
+    metric: Metric = "euclidean"
+    size_px = 2 * SIFT_SCALE_PX
+    octave = SIFT_LAYER << 8
+    settings: Mapping[str, Any] = {
+        "query_scale_px": round(SIFT_SCALE_PX, 3),
+        "query_orientation": "dominant gradient",
+    }
+
+    def _make(self) -> Any:
+        # The default pyramid, doubled by plain resizing, puts keypoints 0.25 px too far to the
+        # right and down; the precise one does not.
+        return self._cv2.SIFT_create(enable_precise_upscale=True)
+
+    def _orientation_deg(self, image: ImageArray, uv_px: Float32Array) -> FloatArray:
+        return dominant_gradient_deg(self._cv2, image, uv_px, SIFT_SCALE_PX)
+
+
+class Orb(OpencvFeatures):
+    """ORB: full resolution and the intensity centroid of the patch at given pixels."""
+
+    name = "orb"
+    metric: Metric = "hamming"
+    size_px = ORB_PATCH_PX
+    settings: Mapping[str, Any] = {
+        "max_keypoints": MAX_ORB_KEYPOINTS,
+        "query_patch_px": ORB_PATCH_PX,
+        "query_orientation": "intensity centroid",
+    }
+
+    def _make(self) -> Any:
+        return self._cv2.ORB_create(
+            nfeatures=MAX_ORB_KEYPOINTS, scaleFactor=ORB_PYRAMID_FACTOR, patchSize=ORB_PATCH_PX
+        )
+
+    def _orientation_deg(self, image: ImageArray, uv_px: Float32Array) -> FloatArray:
+        return intensity_centroid_deg(image, uv_px, ORB_PATCH_PX // 2)
+
+    def _positions(self, keypoints: list[Any], shape: tuple[int, ...]) -> Float32Array:
+        """Return where ORB's keypoints are.
+
+        A keypoint of level l is a whole pixel i of an image shrunk by 1.2^l, and OpenCV reports
+        i·1.2^l. Its centre is at (i + 0.5)·f in Pliant's convention, with f the true ratio of the
+        two images' sides, which are whole pixels too. On level 7 this is 1.8 px and more from what
+        OpenCV reports.
+        """
+        xy = np.array([keypoint.pt for keypoint in keypoints])  # (N, 2)
+        nominal = ORB_PYRAMID_FACTOR ** np.array([[keypoint.octave] for keypoint in keypoints])
+        side = np.array(shape[::-1])
+        factor = side / np.rint(side / nominal)  # (N, 2)
+        return ((np.rint(xy / nominal) + HALF_PIXEL) * factor).astype(np.float32)

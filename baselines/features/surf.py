@@ -7,7 +7,7 @@ Two faults of mahotas 1.4 are corrected here. It centres a descriptor 1 px up an
 its point, and at scales that are not whole it samples the cells unevenly. Its descriptors are
 therefore taken 1 px further and at the nearest whole scale: of the matches of a picture with
 itself turned by 180 degrees, 96 % are then right, and 42 % as it comes
-(`benchmarks/half_pixel.py`).
+(`tests/baselines/features/test_half_pixel.py` measures the offsets).
 """
 
 from __future__ import annotations
@@ -40,15 +40,14 @@ _Y, _X, _SCALE, _POINT_COLUMNS = 0, 1, 2, 5  # of mahotas' points: y, x, scale, 
 class MahotasSurf:
     """SURF of mahotas, 64 numbers a descriptor.
 
-    Args:
-        query_scale_px: Scale at which given pixels are described, a whole number.
+    Raises:
+        MissingExtraError: mahotas is not installed.
     """
 
     name = "surf"
     metric: Metric = "euclidean"
 
-    def __init__(self, query_scale_px: float = SURF_SCALE_PX) -> None:
-        self._query_scale_px = query_scale_px
+    def __init__(self) -> None:
         try:
             import mahotas
             from mahotas.features import surf
@@ -58,7 +57,7 @@ class MahotasSurf:
         self._surf: Any = surf
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return MahotasSurf, (self._query_scale_px,)
+        return MahotasSurf, ()
 
     def facts(self) -> Mapping[str, Any]:
         """Return settings and versions for the submission's footer."""
@@ -69,7 +68,7 @@ class MahotasSurf:
             "octaves": MAHOTAS_OCTAVES,
             "scales": MAHOTAS_SCALES,
             "max_points": MAHOTAS_MAX_POINTS,
-            "query_scale_px": self._query_scale_px,
+            "query_scale_px": SURF_SCALE_PX,
             "query_orientation": "the method's own",
         }
 
@@ -104,7 +103,7 @@ class MahotasSurf:
         """
         points = np.ones((len(uv_px), _POINT_COLUMNS))
         points[:, [_X, _Y]] = uv_px.astype(np.float64) - HALF_PIXEL
-        points[:, _SCALE] = self._query_scale_px
+        points[:, _SCALE] = SURF_SCALE_PX
         return self._described(grey, points)
 
     def _described(
