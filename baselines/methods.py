@@ -7,7 +7,7 @@ from functools import partial
 from typing import Final
 
 from pliant.baselines.controls import Identity, MaskCentroid, Oracle, RandomInMask
-from pliant.baselines.features.local_features import LocalFeatureMatcher
+from pliant.baselines.features.local_features import LocalFeatureMatcher, LocalFeatures
 from pliant.baselines.features.opencv_features import Orb, Sift
 from pliant.baselines.features.surf import MahotasSurf
 from pliant.baselines.flow import FlowChain
@@ -18,7 +18,11 @@ from pliant.baselines.tracing import RopeTracer
 Make = Callable[[], Matcher | SplitMatcher]
 
 
-_FEATURES: Final = {"sift": Sift, "surf": MahotasSurf, "orb": Orb}
+_FEATURES: Final[dict[str, Callable[[], LocalFeatures]]] = {
+    "sift": Sift,
+    "surf": MahotasSurf,
+    "orb": Orb,
+}
 
 
 def local_feature(name: str) -> LocalFeatureMatcher:

@@ -13,6 +13,7 @@ from pliant.evaluator.metrics import (
     jitter,
     mixtures,
     pck,
+    redetection,
     surface_images,
     tapvid,
 )
@@ -177,3 +178,16 @@ def test_a_region_ends_between_two_points_of_known_density() -> None:
     mass = mass[:, [3, 1, 2, 0]]  # 0.2 at 2, 0.4 at 8, 0.1 at 1, 0.3 at 4
     found = [float(each[0]) for each in mixtures._densities_at(p, mass, (0.2, 0.5, 0.8))]
     assert found == pytest.approx([8, 8 * 2 ** -(0.3 / 0.35), 2])
+
+
+def test_points_hidden_before_are_those_that_a_hidden_one_of_their_track_precedes() -> None:
+    track = np.array([4, 4, 4, 4, 0, 0, 0])
+    frames = np.array([3, 1, 2, 5, 1, 2, 3])
+    hidden = np.array([False, False, True, True, True, False, False])
+    found = redetection.hidden_before(track, frames, hidden)
+    np.testing.assert_array_equal(found, [True, False, False, True, False, True, True])
+    assert not redetection.hidden_before(track, frames, np.zeros(7, bool)).any()
+    found = redetection.hidden_before(
+        np.array([1, 1, 2]), np.array([1, 2, 3]), ~np.eye(3, dtype=bool)[1]
+    )
+    np.testing.assert_array_equal(found, [False, True, False])
