@@ -165,8 +165,8 @@ def test_quantiles_are_numpys() -> None:
 
 
 def test_jitter_is_the_change_between_neighbours_in_time() -> None:
-    """Rows out of order; the error hops by 1, 2 and 3 px on one track, and a frame is missing."""
-    track, frame = np.array([0, 0, 0, 0, 1, 1, 1]), np.array([3, 0, 2, 1, 4, 0, 5])
+    """Rows out of order; the error hops by 1, 2 and 3 px on one track; then another track."""
+    track, frame = np.array([0, 0, 0, 0, 1, 1, 1]), np.array([3, 0, 2, 1, 4, 9, 5])
     error = np.array([[6, 0], [0, 0], [3, 0], [1, 0], [5, 0], [9, 0], [5, 4]], float)
     row, change = jitter.jitter_px(track, frame, error)
     assert dict(zip(row.tolist(), change.tolist(), strict=True)) == {3: 1, 2: 2, 0: 3, 6: 4}
