@@ -45,14 +45,6 @@ def test_true_matches_are_right_to_a_pixel(scene: Any, tmp_path: Path) -> None:
     assert figure(scores, "partner_visible_rate") > 0.95
 
 
-def test_an_offset_is_measured(scene: Any, tmp_path: Path) -> None:
-    pair, uv_a, uv_b = true_matches(scene)
-    table = matches_table(pair, uv_a, uv_b + np.array([30.0, 40.0]))
-    scores = evaluate(scene.submit(tmp_path / "m.parquet", table, kind="matches"), scene.root)
-    assert scores.overall["rmse_px"] == pytest.approx(50, abs=0.7)
-    assert scores.overall["pck_32px"] == 0
-
-
 def test_rates_count_what_does_not_enter_the_error(scene: Any, tmp_path: Path) -> None:
     pair, uv_a, uv_b = true_matches(scene)
     first = pair == 0
