@@ -52,7 +52,11 @@ class Frame:
         return Frame(**{name: getattr(self, name) for name in kept}, **changes)
 
     def without_masks(self) -> Frame:
-        """Return the frame as a method sees it that is given no masks."""
+        """Return the frame as a method sees it that is given no masks.
+
+        It keeps its key, by which methods cache what they found: show one method frames with masks
+        or frames without, not both.
+        """
         return self.replace(mask=None, objects=None)
 
     def __repr__(self) -> str:
