@@ -40,6 +40,24 @@ def test_a_distance_on_the_threshold_is_within_only_for_less_or_equal(
     np.testing.assert_array_equal(found, level)
 
 
+def test_tapvid_of_four_points() -> None:
+    # visible and right; visible but said hidden; visible but far; hidden but said visible.
+    found = tapvid.tapvid_pairs(
+        scaled_error=np.array([0.5, 0.5, 3.0, 0.1]),
+        visible=np.array([True, True, True, False]),
+        predicted_visible=np.array([True, False, True, True]),
+        right=np.array([True, False, True, False]),
+        pair=np.zeros(4, np.int64),
+        pairs=1,
+        thresholds=[1, 4],
+    )
+    assert found.occlusion_accuracy[0] == 0.5
+    np.testing.assert_allclose(found.points_within[0], [2 / 3, 1])
+    # At 1: one true positive; false positives are the far one and the hidden one: 1 / (3 + 2).
+    # At 4: two true positives, one false positive: 2 / (3 + 1).
+    np.testing.assert_allclose(found.jaccard[0], [1 / 5, 2 / 4])
+
+
 def test_tapvid_of_a_pair_without_visible_points() -> None:
     hidden = np.array([False])
 
