@@ -130,6 +130,7 @@ CASES: list[tuple[Edit, Found]] = [
     (asked(at(range(5), frame_a=2)), queries("QUERY_INVALID", "pair 0")),
     (asked(at(range(5), frame_a=-1)), queries("QUERY_INVALID", "pair 0")),
     (asked(at(range(5), frame_a=2, frame_b=-1)), queries("QUERY_INVALID", "pair 0", "pair 0")),
+    (asked(at(range(5), frame_b=2)), queries("QUERY_INVALID", "pair 0")),  # after the last
     (asked(at(range(5), frame_b=0)), queries("QUERY_INVALID", "pair 0")),
     *[
         (asked(at(row, **{name: value})), queries("QUERY_INVALID", "pair 1"))

@@ -110,27 +110,6 @@ def test_an_index_with_a_row_without_an_id(copy_of: Copy) -> None:
     assert (issue.code, issue.path) == ("VALUE_NULL", "index.parquet")
 
 
-def test_a_query_asks_a_frame_after_the_last(copy_of: Copy) -> None:
-    root = copy_of("full")
-
-    def change(rows: list[dict[str, Any]]) -> None:
-        for row in rows:
-            if row["pair_id"] == 0:
-                row["frame_b"] = 2  # of two
-
-    listed(change_rows("queries/test.parquet", change))(root)
-    assert validate(root).counts["QUERY_INVALID"] == 1
-
-
-def test_a_row_names_the_point_after_the_last(copy_of: Copy) -> None:
-    root = copy_of("full")
-    change = change_rows(
-        f"{ROPE_TRAIN}/correspondences.parquet", lambda rows: rows[92].update(point=93)
-    )
-    listed(change)(root)
-    assert validate(root).counts == {"ROW_MISSING": 1, "ROW_UNKNOWN": 1}
-
-
 def test_wrong_calls(tmp_path: Path) -> None:
     with pytest.raises(CallError, match="folder not found"):
         validate(tmp_path / "nowhere")
@@ -175,18 +154,6 @@ def test_frames_far_apart_in_the_file_are_still_compared(copy_of: Copy) -> None:
 
     listed(change_rows(f"{ROPE_TRAIN}/correspondences.parquet", change))(root)
     assert validate(root).counts == {"ROW_ORDER": 1, "REPROJECTION_DISAGREES": 1}
-
-
-def test_small_row_groups_are_read_frame_by_frame(copy_of: Copy) -> None:
-    """Frames that straddle row groups and batches are put together again."""
-    root = copy_of("full")
-    path = root / ROPE_TRAIN / "correspondences.parquet"
-    table = pq.read_table(path)
-    pq.write_table(table, path, row_group_size=7)
-    listed()(root)
-    assert validate(root).counts == {}
-    listed(change_table(f"{ROPE_TRAIN}/correspondences.parquet", lambda t: t.slice(0, 150)))(root)
-    assert validate(root).counts["ROW_MISSING"] == 2 * 93 - 150
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="measures this process's own peak")
