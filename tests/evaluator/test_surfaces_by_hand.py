@@ -53,6 +53,7 @@ def test_what_neighbouring_pixels_span() -> None:
     np.testing.assert_allclose(down, [[2, math.sqrt(13), 0], [0, 2, math.sqrt(5)]])
     # Of 0.5, 1, 2, 2, sqrt(5), 2.5, sqrt(13).
     assert typical_step_m(made, SHEET) == 2
+    assert typical_step_m(surface([[0, 8, 8, 8]]), SHEET) == 4  # equal ones do not count
 
 
 def test_the_box_of_an_object() -> None:
@@ -226,6 +227,8 @@ def test_the_truth_of_dense_pixels(monkeypatch: pytest.MonkeyPatch) -> None:
     footprint = dense_truth._footprint_m(target, SHEET)
     np.testing.assert_allclose(footprint[0], [0, 0.5, 0.5, 0.5, 4, 4, 0.5, 0])
     assert not footprint[1].any()
+    upright = ObjectSurface(target.on_object.T, target.m0.T, target.m1.T)
+    np.testing.assert_array_equal(dense_truth._footprint_m(upright, SHEET), footprint.T)
     source = surface([[1.5, 7, 15, 15.5, 19, NAN], [NAN, 18.9, 0.1, 2.9, NAN, 20]])
     uv_a_px = np.array([[u + 0.5, v + 0.5] for v in (0, 1) for u in range(6)])
     for cells, most in ((1 << 21, 9), (6 * 4 + 5, 4), (1, 1)):
@@ -241,6 +244,8 @@ def test_the_truth_of_dense_pixels(monkeypatch: pytest.MonkeyPatch) -> None:
     np.testing.assert_array_equal(found.uv_b_px[:, 0], u)
     assert found.visible.tolist() == (~np.isnan(u)).tolist()
     assert (found.uv_b_px[found.visible, 1] == 0.5).all()
+    nowhere = dense_truth.dense_truth(source, surface([[NAN]]), uv_a_px, SHEET, 0.5)
+    assert not nowhere.visible.any()
 
 
 def test_matches_by_hand() -> None:
