@@ -336,11 +336,6 @@ def test_a_trained_model_takes_its_answer_settings_as_options() -> None:
         load_shipped("don-cloth", crossings=True)
 
 
-def test_a_rope_and_a_cloth_are_shipped() -> None:
-    """README, help texts and pages call them by these names."""
-    assert {"don-rope", "don-cloth"} <= set(shipped_names())
-
-
 def test_further_data_and_first_weights_are_named_without_paths(
     trained: Path, tiny_dataset: Path, tmp_path: Path
 ) -> None:

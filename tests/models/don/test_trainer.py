@@ -13,13 +13,14 @@ from pliant.models import load_matcher
 from pliant.models.don.matcher import DonMatcher
 from pliant.models.don.settings import DonSettings
 from pliant.models.don.trainer import train_don
-from pliant.models.training.checkpoint import latest_checkpoint, read_checkpoint, read_weights_file
+from pliant.models.training.checkpoint import latest_checkpoint, read_weights_file
 from pliant.models.training.optimiser import learning_rate
 from pliant.models.training.run_folder import open_run
 from pliant.models.training.settings import OptimiserSettings
 from pliant.spec.configuration import read_settings, settings_to_dict
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, TrainingError
+from tests.models.same_runs import assert_same_runs, last_checkpoint
 
 # The import of TensorBoard's protocol buffers warns of its own future.
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
@@ -72,21 +73,9 @@ def test_resumed_equals_uninterrupted(sheet_dataset: Dataset, tmp_path: Path) ->
     settings = tiny("optimiser.kind=muon")
     train_don(sheet_dataset, whole, settings)
     train_don(sheet_dataset, parts, settings, stop_at=3)
-    assert read_checkpoint(latest_checkpoint(parts)).step == 3  # type: ignore[arg-type]
+    assert last_checkpoint(parts).step == 3
     train_don(sheet_dataset, parts, settings, resume=True)
-    a, b = (read_checkpoint(latest_checkpoint(run)) for run in (whole, parts))  # type: ignore[arg-type]
-    assert a.step == b.step == 6
-    assert a.history == b.history
-    assert (a.best, a.waited) == (b.best, b.waited)
-    for left, right in (
-        (a.weights, b.weights),
-        (a.average, b.average),
-        *zip(a.optimiser["state"].values(), b.optimiser["state"].values(), strict=True),
-    ):
-        assert left.keys() == right.keys()
-        for name in left:
-            assert torch.equal(left[name], right[name]), name
-    assert (whole / "best.safetensors").read_bytes() == (parts / "best.safetensors").read_bytes()
+    assert_same_runs(whole, parts, steps=6)
     for name in ("calibration.json", "familiarity.json"):
         assert (whole / name).read_text() == (parts / name).read_text()
     matcher = load_matcher(whole)
@@ -130,7 +119,7 @@ def test_which_weights_answer(
     monkeypatch.setattr("pliant.models.don.trainer.validate", worse_and_worse)
     run = tmp_path / "run"
     train_don(sheet_dataset, run, tiny(f"validation.keep={keep}"))
-    last = read_checkpoint(latest_checkpoint(run)).average  # type: ignore[arg-type]
+    last = last_checkpoint(run).average
     answering = read_weights_file(run / "best.safetensors")
     same = [torch.equal(answering[name], last[name]) for name in last]
     assert all(same) if keep == "last" else not all(same)

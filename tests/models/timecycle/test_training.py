@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 
 from pliant.loaders.frame_store import FrameStore
 from pliant.models import load_matcher
@@ -26,10 +25,10 @@ from pliant.models.timecycle.validation import (
     track_centroid,
     track_identity,
 )
-from pliant.models.training.checkpoint import latest_checkpoint, read_checkpoint
 from pliant.spec.configuration import read_settings, settings_to_dict
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, TrainingError
+from tests.models.same_runs import assert_same_runs, last_checkpoint
 
 # The import of TensorBoard's protocol buffers warns of its own future.
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
@@ -67,21 +66,9 @@ def test_resumed_equals_uninterrupted(tiny_episode: Path, tmp_path: Path) -> Non
     whole, parts = tmp_path / "whole", tmp_path / "parts"
     train_timecycle(dataset, whole, settings)
     train_timecycle(dataset, parts, settings, stop_at=2)
-    assert read_checkpoint(latest_checkpoint(parts)).step == 2  # type: ignore[arg-type]
+    assert last_checkpoint(parts).step == 2
     train_timecycle(dataset, parts, settings, resume=True)
-    a, b = (read_checkpoint(latest_checkpoint(run)) for run in (whole, parts))  # type: ignore[arg-type]
-    assert a.step == b.step == 6
-    assert a.history == b.history
-    assert a.optimiser["state"].keys() == b.optimiser["state"].keys()
-    for left, right in (
-        (a.weights, b.weights),
-        (a.average, b.average),
-        *zip(a.optimiser["state"].values(), b.optimiser["state"].values(), strict=True),
-    ):
-        assert left.keys() == right.keys()
-        for name in left:
-            assert torch.equal(left[name], right[name]), name
-    assert (whole / "best.safetensors").read_bytes() == (parts / "best.safetensors").read_bytes()
+    assert_same_runs(whole, parts, steps=6)
 
 
 def test_a_run_is_a_folder_that_answers(tiny_episode: Path, tmp_path: Path) -> None:
@@ -100,7 +87,7 @@ def test_a_run_is_a_folder_that_answers(tiny_episode: Path, tmp_path: Path) -> N
     stored = settings_to_dict(read_settings(TimeCycleSettings, run / "config.yaml"))
     assert stored == settings_to_dict(tiny("tier=rope"))
     assert stored["kind"] == "timecycle"
-    history = read_checkpoint(latest_checkpoint(run)).history  # type: ignore[arg-type]
+    history = last_checkpoint(run).history
     for name in ("long", "skip", "similarity", "self"):
         assert all(np.isfinite(row[name]) for row in history if "loss" in row)
     matcher = load_matcher(run)
