@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 __all__ = ["load_matcher"]
 
 
-def load_matcher(run: Path | str, **options: Any) -> DonMatcher | TimeCycleMatcher:
+def load_matcher(run: Path | str, /, **options: Any) -> DonMatcher | TimeCycleMatcher:
     """Return the matcher of a training run, of whatever kind its config says.
 
     Args:

@@ -32,7 +32,7 @@ def shipped_names(folder: Path | None = None) -> tuple[str, ...]:
 
 
 def load_shipped(
-    name: str, folder: Path | None = None, **options: Any
+    name: str, folder: Path | None = None, /, **options: Any
 ) -> DonMatcher | TimeCycleMatcher:
     """Return the matcher of a shipped model; it bears the model's name.
 

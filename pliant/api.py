@@ -131,7 +131,7 @@ def stream(
     return PairStream(samples, StepOrder(batch, start, steps))
 
 
-def open_method(method: str, **options: Any) -> Matcher | SplitMatcher:
+def open_method(method: str, /, **options: Any) -> Matcher | SplitMatcher:
     """Return a method by its name.
 
     Args:

@@ -42,7 +42,7 @@ def don_network(settings: DonSettings, canonical: CanonicalHead | None) -> Descr
     )
 
 
-def load_matcher(run: Path | str, **options: Any) -> DonMatcher:
+def load_matcher(run: Path | str, /, **options: Any) -> DonMatcher:
     """Return the matcher of a finished (or running) training run.
 
     Args:

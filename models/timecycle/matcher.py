@@ -159,7 +159,7 @@ class TimeCycleMatcher:
         return np.array([view.rgb.shape[1], view.rgb.shape[0]]) / cells
 
 
-def load_timecycle(run: Path, **options: Any) -> TimeCycleMatcher:
+def load_timecycle(run: Path, /, **options: Any) -> TimeCycleMatcher:
     """Return the matcher of a TimeCycle run.
 
     Args:

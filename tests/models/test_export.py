@@ -12,6 +12,7 @@ import pytest
 import torch
 import yaml
 
+import pliant
 from pliant.baselines.predict import predict
 from pliant.cli.main import run
 from pliant.evaluator import evaluate, write_report
@@ -334,6 +335,15 @@ def test_a_trained_model_takes_its_answer_settings_as_options() -> None:
         load_shipped("don-cloth", blank_sqare="any")
     with pytest.raises(CallError, match=r"answer\.crossings"):
         load_shipped("don-cloth", crossings=True)
+
+
+@pytest.mark.parametrize("parameter", ["name", "folder", "run", "method"])
+def test_no_option_is_taken_for_a_parameter(parameter: str) -> None:
+    """Options come from `--set`, with any name."""
+    with pytest.raises(CallError, match=f"{parameter}: unknown setting"):
+        pliant.open_method("don-cloth", **{parameter: "x"})
+    with pytest.raises(CallError, match=f"unexpected keyword argument '{parameter}'"):
+        pliant.open_method("identity", **{parameter: "x"})
 
 
 def test_further_data_and_first_weights_are_named_without_paths(
