@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 
 from pliant.evaluator.metrics.blocks import Block
+from pliant.evaluator.metrics.errors import endpoint_error_px
 from pliant.spec.arrays import FloatArray
 
 CONTROLS: Final = {
@@ -50,25 +51,25 @@ class Controls:
         """Add the rows of a block whose point is visible in the target."""
         if block.uv_a_px is None:
             return
-        chosen = np.flatnonzero(block.counted)
-        pair = block.pair[chosen]
-        true = block.true_px[chosen]
-        count = np.bincount(pair, minlength=len(block.starts) - 1)
-        total = np.stack([np.bincount(pair, axis, len(count)) for axis in true.T], axis=1)
-        kept = np.arange(0, len(pair), self._step)
-        of_pair, at = pair[kept], true[kept]
+        counted = block.counted
+        count = block.sum_by_pair(counted).astype(np.int64)
+        axes = [block.sum_by_pair(np.where(counted, axis, 0.0)) for axis in block.true_px.T]
+        total = np.stack(axes, axis=1)
+        chosen = np.flatnonzero(counted)
+        kept = np.arange(0, len(chosen), self._step)
+        of_pair, at = block.pair[chosen[kept]], block.true_px[chosen[kept]]
         size = count[of_pair]
         first = (np.cumsum(count) - count)[of_pair]
         other = first + (kept - first + np.maximum(size // 2, 1)) % size
         answers = {
             "identity": block.uv_a_px[chosen[kept]],
             "centroid": (total[of_pair] - at) / np.maximum(size - 1, 1)[:, None],
-            "random": true[other],
+            "random": block.true_px[chosen[other]],
         }
         own = block.error_px[chosen[kept]]
         self._errors["method"].append(own)
         for name, answer in answers.items():
-            error = np.hypot(*(answer - at).T)
+            error = endpoint_error_px(answer, at)
             if name != "identity":  # a pair's only point has no others
                 error = np.where(size > 1, error, own)
             self._errors[name].append(error)

@@ -41,6 +41,12 @@ class Partners:
     uv_px: FloatArray
     visible: BoolArray
 
+    @property
+    def any_visible(self) -> BoolArray:
+        """Bool (N,), queries with a visible partner."""
+        before = np.concatenate([np.zeros(1, np.int64), np.cumsum(self.visible)])[self.begin]
+        return before[1:] > before[:-1]
+
 
 @dataclass(frozen=True, eq=False)
 class Block:
@@ -185,7 +191,9 @@ def read_blocks(
 
 def positions_px(table: pa.Table, u: str, v: str) -> FloatArray:
     """Return two columns as positions, float64 (N, 2), pixels."""
-    return np.stack([table[name].to_numpy() for name in (u, v)], axis=1).astype(np.float64)
+    uv_px = np.empty((len(table), 2))
+    uv_px[:, 0], uv_px[:, 1] = table[u].to_numpy(), table[v].to_numpy()
+    return uv_px
 
 
 def _check_keys(table: pa.Table, truth: Path, pair: int, row: int, starts: IntArray) -> None:

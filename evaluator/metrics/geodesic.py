@@ -32,6 +32,8 @@ class Geodesic(Metric[GeodesicSettings]):
     def update(self, block: Block) -> None:
         """Take in one block."""
         facts = self.context.surfaces.facts(block, self.context.queries)
+        if not facts.known.any():
+            return
         points = facts.on_object
         if block.missing is not None:
             points = points | (facts.known & block.missing)

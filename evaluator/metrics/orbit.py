@@ -7,12 +7,15 @@ and its visible partners, of queries whose discs do not overlap.
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 
 from pliant.evaluator.metrics import mixtures
 from pliant.evaluator.metrics.base import Groups, Metric, Positive, Summary
 from pliant.evaluator.metrics.blocks import Block
 from pliant.evaluator.metrics.distribution import answered_mixtures, equivalent_positions
+from pliant.evaluator.metrics.errors import lengths
 from pliant.spec.arrays import BoolArray, FloatArray, IntArray
 from pliant.spec.configuration import Settings
 
@@ -37,24 +40,28 @@ class Orbit(Metric[OrbitSettings]):
 
     def update(self, block: Block) -> None:
         """Take in one block."""
-        size = len(block.pair)
-        names = ("hits", "flips", "points", "decided")
-        masses = ("own_mass", "partner_mass", "least_mass", "distributions")
-        rows = {f"orbit_{name}": np.zeros(size) for name in (*names, *masses)}
-        chosen = np.flatnonzero(block.counted)
+        if block.partners is None:
+            return
+        chosen = np.flatnonzero(block.counted & block.partners.any_visible)
         positions = equivalent_positions(block, chosen)
-        if positions is not None:
-            at_px, exists = positions
-            asked = self._apart(at_px, exists)
-            self._add(block, chosen[asked], at_px[asked], exists[asked], rows)
+        if positions is None:
+            return
+        at_px, exists = positions
+        asked = self._apart(at_px, exists)
+        names = ["hits", "flips", "points", "decided"]
+        if self.context.answers.has_distribution:
+            names += ["own_mass", "partner_mass", "least_mass", "distributions"]
+        rows = {f"orbit_{name}": np.zeros(len(block.state)) for name in names}
+        self._add(block, chosen[asked], at_px[asked], exists[asked], rows)
         self.add_sums(block, **rows)
 
     def _apart(self, at_px: FloatArray, exists: BoolArray) -> BoolArray:
-        """Return which points have a visible partner and discs that do not overlap, bool (n,)."""
-        gap = _length_px(at_px[:, :, None] - at_px[:, None])  # (n, S + 1, S + 1)
-        both = exists[:, :, None] & exists[:, None] & ~np.eye(exists.shape[1], dtype=bool)
-        overlapping = both & ~(gap > 2 * self.settings.radius_px)
-        return exists[:, 0] & ~overlapping.any(axis=(1, 2))
+        """Return which points have discs that do not overlap, bool (n,)."""
+        apart = np.ones(len(at_px), bool)
+        for one, other in itertools.combinations(range(at_px.shape[1]), 2):
+            far = lengths(at_px[:, one] - at_px[:, other]) > 2 * self.settings.radius_px
+            apart &= far | ~(exists[:, one] & exists[:, other])
+        return apart
 
     def _add(
         self,
@@ -67,13 +74,17 @@ class Orbit(Metric[OrbitSettings]):
         """Take in some rows of a block; a missing answer is a flip without probability."""
         answers, radius = self.context.answers, self.settings.radius_px
         lost = np.zeros(len(chosen), bool) if block.missing is None else block.missing[chosen]
-        gap = _length_px(block.answer_px[chosen][:, None] - at_px)  # (n, S + 1)
-        gap = np.where(exists & ~lost[:, None], gap, np.inf)
-        hit = gap.min(axis=1) <= radius
+        answer_px = block.answer_px[chosen]
+        own, *others = (
+            np.where(exists[:, slot] & ~lost, lengths(answer_px - at_px[:, slot]), np.inf)
+            for slot in range(at_px.shape[1])
+        )
+        nearest = np.minimum.reduce(others)
+        hit = np.minimum(own, nearest) <= radius
         rows["orbit_points"][chosen] = 1
         rows["orbit_hits"][chosen] = hit
         rows["orbit_decided"][chosen] = hit | lost
-        rows["orbit_flips"][chosen] = (hit & (gap.argmin(axis=1) > 0)) | lost
+        rows["orbit_flips"][chosen] = (hit & (nearest < own)) | lost
         if not answers.has_distribution:
             return
         rows["orbit_distributions"][chosen] = 1
@@ -98,9 +109,3 @@ class Orbit(Metric[OrbitSettings]):
         if not self.context.answers.has_distribution:
             at = f"{self.settings.radius_px:g}px"
             summary.notes[f"mass_{at}"] = "the submission has neither `sigma` nor `modes`"
-
-
-def _length_px(offset_px: FloatArray) -> FloatArray:
-    """Return the lengths of offsets (..., 2); for two numbers faster than NumPy's norm."""
-    squared = offset_px * offset_px
-    return np.asarray(np.sqrt(squared[..., 0] + squared[..., 1]))

@@ -49,6 +49,7 @@ class _Tally:
 
     def add(self, index: IntArray, error_px: FloatArray, within: BoolArray) -> None:
         """Add queries, each to the bin `index`."""
+        index = index.astype(np.intp, copy=False)
         for column, weights in enumerate((None, error_px, error_px**2, within)):
             self.sums[:, column] += np.bincount(index, weights, len(self.labels))
 
@@ -84,7 +85,8 @@ class Slices(Metric[SlicesSettings]):
         """Take in one block."""
         within = block.reach_px <= self.settings.within_px
         finite = np.isfinite(block.error_px)  # a hidden point may have no position
-        self._state.add(block.state[finite], block.error_px[finite], within[finite])
+        kept = slice(None) if finite.all() else finite
+        self._state.add(block.state[kept], block.error_px[kept], within[kept])
         counted = block.counted
         self.add_sums(
             block,

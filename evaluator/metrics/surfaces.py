@@ -147,8 +147,8 @@ class Surfaces:
             of_frame.setdefault(place, []).append(index)
         for (sequence, frame), members in of_frame.items():
             name = queries.sequences[sequence]
-            surface = self.frame(name, frame)
-            material = None if surface is None else self.point_material(name)
+            material = self.point_material(name)
+            surface = None if material is None else self.frame(name, frame)
             if surface is None or material is None:
                 continue
             rows = np.concatenate([np.arange(*block.starts[each : each + 2]) for each in members])

@@ -8,7 +8,7 @@ import numpy as np
 
 from pliant.evaluator.metrics.base import Groups, Metric, NoSettings, Summary
 from pliant.evaluator.metrics.blocks import Block
-from pliant.evaluator.metrics.errors import sum_by_pair
+from pliant.evaluator.metrics.errors import squared_error_px2, sum_by_pair
 from pliant.spec.arrays import BoolArray, FloatArray, IntArray, RealArray
 
 
@@ -34,13 +34,17 @@ class Symmetry(Metric[NoSettings]):
         symmetries = np.diff(partners.begin)[block.starts[:-1]]
         for count in np.unique(symmetries[symmetries > 0]).tolist():
             chosen = np.flatnonzero(symmetries == count)
-            rows = np.flatnonzero((symmetries == count)[block.pair])
             size = np.diff(block.starts)[chosen]
             begin = np.cumsum(size) - size
-            index = partners.begin[rows, None] + np.arange(count)
+            rows, of_rows = slice(None), slice(None)
+            if len(chosen) < pairs:
+                rows = np.repeat(symmetries == count, np.diff(block.starts))
+                of_rows = np.repeat(rows, np.diff(partners.begin))
+            shape = (int(size.sum()), count)
             found = symmetric_errors(
-                block.answer_px[rows], block.squared_px2[rows], partners.uv_px[index],
-                partners.visible[index], block.counted[rows], begin,
+                block.answer_px[rows], block.squared_px2[rows],
+                partners.uv_px[of_rows].reshape(*shape, 2),
+                partners.visible[of_rows].reshape(shape), block.counted[rows], begin,
             )  # fmt: skip
             pair_squared[chosen] = found.pair_squared_px2
             point_squared[chosen] = sum_by_pair(found.point_squared_px2, begin)
@@ -105,18 +109,19 @@ def symmetric_errors(
     Returns:
         The forgiven errors; rows that are not counted hold 0 and False.
     """
-    offset = predicted_px[:, None, :].astype(np.float64) - partner_px  # (N, S, 2)
-    partner = np.einsum("nsk,nsk->ns", offset, offset)
-    partner[~np.isfinite(partner)] = np.inf  # behind the camera: nowhere in the image plane
-    squared = np.concatenate([own_squared_px2[:, None], partner], axis=1)  # (N, S + 1)
-    squared[~counted] = 0.0
-    sums = np.add.reduceat(squared, starts, axis=0)  # (P, S + 1)
-    best = sums.min(axis=1)
-    nearest = np.where(partner_visible, squared[:, 1:], np.inf).min(axis=1, initial=np.inf)
-    flipped = counted & (nearest < squared[:, 0])
+    own = np.where(counted, own_squared_px2, 0.0)
+    first = best = sum_by_pair(own, starts)
+    nearest = np.full(len(own), np.inf)
+    for slot in range(partner_px.shape[1]):
+        squared = squared_error_px2(predicted_px, partner_px[:, slot])
+        squared[~np.isfinite(squared)] = np.inf  # behind the camera: nowhere in the image plane
+        squared[~counted] = 0.0
+        best = np.minimum(best, sum_by_pair(squared, starts))
+        nearest = np.where(partner_visible[:, slot], np.minimum(nearest, squared), nearest)
+    flipped = counted & (nearest < own)
     return SymmetricErrors(
         pair_squared_px2=best,
-        pair_flipped=best < sums[:, 0],
-        point_squared_px2=np.where(flipped, nearest, squared[:, 0]),
+        pair_flipped=best < first,
+        point_squared_px2=np.where(flipped, nearest, own),
         point_flipped=flipped,
     )

@@ -16,6 +16,7 @@ import numpy as np
 
 from pliant.evaluator.metrics.base import Groups, Metric, Positive, Positives, Summary
 from pliant.evaluator.metrics.blocks import Block
+from pliant.evaluator.metrics.errors import lengths
 from pliant.evaluator.metrics.figures import listed_figures
 from pliant.evaluator.metrics.pck import threshold_level
 from pliant.evaluator.statistics.ratios import Figure
@@ -75,8 +76,7 @@ class Tapvid(Metric[TapvidSettings]):
         """
         settings = self.settings
         scale = np.array(settings.scale) / self.context.queries.size
-        offset = (block.answer_px - block.true_px) * scale
-        error = np.hypot(offset[:, 0], offset[:, 1])
+        error = lengths((block.answer_px - block.true_px) * scale)
         predicted = self.context.answers.visible
         if predicted is None:
             predicted_visible = np.ones(len(error), bool)

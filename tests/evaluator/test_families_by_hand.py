@@ -298,6 +298,7 @@ def test_geodesic_sums_and_what_is_left_out() -> None:
     single = Split(split([1, 5]), answer_px, surfaces=SimpleNamespace(facts=facts))
     assert not single.found(Geodesic(GeodesicSettings(search_px=1), single.context)).notes
     known[0] = False
+    single = Split(split([1, 5]), answer_px, surfaces=SimpleNamespace(facts=facts))
     notes = single.found(Geodesic(GeodesicSettings(search_px=1), single.context)).notes
     assert notes["geodesic"].startswith("1 of 2 pairs have no surface image")
     hidden = Split(

@@ -95,7 +95,7 @@ class Dataset:
 
         return SimpleNamespace(
             tier="w" if name == "z" else "t", dir=Path(name), points=points, size=(4, 3),
-            has=lambda file: name in "sz" or (name == "r" and "points" not in file),
+            has=lambda file: name in "sz" or name == ("q" if "points" in file else "r"),
             file=lambda file: Path(name) / file, described=SimpleNamespace(queried_object=1),
         )  # fmt: skip
 
@@ -177,9 +177,9 @@ def test_each_target_frame_has_its_own_surface_and_object() -> None:
     facts = found.facts(block, queries)
     assert facts.known.tolist() == [True, True, False, False, True, True]
     np.testing.assert_allclose(facts.geodesic_m, [2, 2, NAN, NAN, 1, 2])
-    assert asked == [("z", 1), ("r", 1), ("q", 1), ("s", 2)]
+    assert asked == [("z", 1), ("q", 1), ("s", 2)]
     assert found.facts(block, queries) is facts
-    assert len(asked) == 4
+    assert len(asked) == 3
     kept = made.block(0, 1)
     found.keep(kept, facts)
     assert found.facts(kept, queries) is facts
