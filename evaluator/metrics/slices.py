@@ -13,7 +13,7 @@ import pyarrow as pa
 from pliant.evaluator.metrics.base import Groups, Metric, Positive, ScoringContext, Summary
 from pliant.evaluator.metrics.blocks import Block
 from pliant.evaluator.metrics.errors import endpoint_error_px
-from pliant.spec.arrays import BoolArray, FloatArray, IntArray
+from pliant.spec.arrays import BoolArray, FloatArray, IntArray, StateArray
 from pliant.spec.configuration import Settings
 from pliant.spec.conventions import VISIBILITY_STATES
 from pliant.spec.io.parquet import read_table
@@ -47,11 +47,11 @@ class _Tally:
         self.labels = labels
         self.sums = np.zeros((len(labels), 4))
 
-    def add(self, index: IntArray, error_px: FloatArray, within: BoolArray) -> None:
+    def add(self, index: IntArray | StateArray, error_px: FloatArray, within: BoolArray) -> None:
         """Add queries, each to the bin `index`."""
-        index = index.astype(np.intp, copy=False)
+        bins = index.astype(np.intp, copy=False)
         for column, weights in enumerate((None, error_px, error_px**2, within)):
-            self.sums[:, column] += np.bincount(index, weights, len(self.labels))
+            self.sums[:, column] += np.bincount(bins, weights, len(self.labels))
 
     def rows(self, within_px: float) -> list[dict[str, Any]]:
         """Return the bins that are not empty."""
