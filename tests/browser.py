@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from selenium import webdriver
-from selenium.common.exceptions import JavascriptException
+from selenium.common.exceptions import JavascriptException, WebDriverException
 from selenium.webdriver.common.actions.action_builder import ActionBuilder
 from selenium.webdriver.common.actions.pointer_input import PointerInput
 from selenium.webdriver.common.by import By
@@ -52,7 +52,9 @@ class Browser:
         """Press what leads to another page, and wait for that page; needs no scripts."""
         page = self.driver.find_element(By.TAG_NAME, "html")
         self.driver.find_element(By.CSS_SELECTOR, selector).click()
-        WebDriverWait(self.driver, seconds, 0.05).until(staleness_of(page), f"no page: {selector}")
+        # While a page goes, the driver may fail to find its node in another way than as stale.
+        waiting = WebDriverWait(self.driver, seconds, 0.05, [WebDriverException])
+        waiting.until(staleness_of(page), f"no page: {selector}")
 
     def click(self, x: float, y: float) -> None:
         """Press and release the mouse at a place of the window, CSS pixels."""
