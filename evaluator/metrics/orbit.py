@@ -15,7 +15,7 @@ from pliant.evaluator.metrics import mixtures
 from pliant.evaluator.metrics.base import Groups, Metric, Positive, Summary
 from pliant.evaluator.metrics.blocks import Block
 from pliant.evaluator.metrics.distribution import answered_mixtures, equivalent_positions
-from pliant.evaluator.metrics.errors import lengths
+from pliant.evaluator.metrics.errors import endpoint_error_px
 from pliant.spec.arrays import BoolArray, FloatArray, IntArray
 from pliant.spec.configuration import Settings
 
@@ -59,8 +59,8 @@ class Orbit(Metric[OrbitSettings]):
         """Return which points have discs that do not overlap, bool (n,)."""
         apart = np.ones(len(at_px), bool)
         for one, other in itertools.combinations(range(at_px.shape[1]), 2):
-            far = lengths(at_px[:, one] - at_px[:, other]) > 2 * self.settings.radius_px
-            apart &= far | ~(exists[:, one] & exists[:, other])
+            gap = endpoint_error_px(at_px[:, one], at_px[:, other])
+            apart &= (gap > 2 * self.settings.radius_px) | ~(exists[:, one] & exists[:, other])
         return apart
 
     def _add(
@@ -76,8 +76,8 @@ class Orbit(Metric[OrbitSettings]):
         lost = np.zeros(len(chosen), bool) if block.missing is None else block.missing[chosen]
         answer_px = block.answer_px[chosen]
         own, *others = (
-            np.where(exists[:, slot] & ~lost, lengths(answer_px - at_px[:, slot]), np.inf)
-            for slot in range(at_px.shape[1])
+            np.where(seen & ~lost, endpoint_error_px(answer_px, place_px), np.inf)
+            for seen, place_px in zip(exists.T, at_px.swapaxes(0, 1), strict=True)
         )
         nearest = np.minimum.reduce(others)
         hit = np.minimum(own, nearest) <= radius

@@ -36,11 +36,8 @@ class Symmetry(Metric[NoSettings]):
             chosen = np.flatnonzero(symmetries == count)
             size = np.diff(block.starts)[chosen]
             begin = np.cumsum(size) - size
-            rows: slice | BoolArray = slice(None)
-            of_rows: slice | BoolArray = slice(None)
-            if len(chosen) < pairs:
-                rows = np.repeat(symmetries == count, np.diff(block.starts))
-                of_rows = np.repeat(rows, np.diff(partners.begin))
+            rows = np.repeat(symmetries == count, np.diff(block.starts))
+            of_rows = np.repeat(rows, np.diff(partners.begin))
             shape = (int(size.sum()), count)
             found = symmetric_errors(
                 block.answer_px[rows], block.squared_px2[rows],

@@ -16,7 +16,6 @@ import numpy as np
 
 from pliant.evaluator.metrics.base import Groups, Metric, Positive, Positives, Summary
 from pliant.evaluator.metrics.blocks import Block
-from pliant.evaluator.metrics.errors import lengths
 from pliant.evaluator.metrics.figures import listed_figures
 from pliant.evaluator.metrics.pck import threshold_level
 from pliant.evaluator.statistics.ratios import Figure
@@ -76,7 +75,8 @@ class Tapvid(Metric[TapvidSettings]):
         """
         settings = self.settings
         scale = np.array(settings.scale) / self.context.queries.size
-        error = lengths((block.answer_px - block.true_px) * scale)
+        offset = (block.answer_px - block.true_px) * scale
+        error = np.sqrt(offset[:, 0] ** 2 + offset[:, 1] ** 2)
         predicted = self.context.answers.visible
         if predicted is None:
             predicted_visible = np.ones(len(error), bool)
