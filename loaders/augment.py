@@ -22,6 +22,7 @@ from pliant.spec.arrays import Mask
 from pliant.spec.calls import check_type
 from pliant.spec.configuration import Settings
 from pliant.spec.constraints import Bounds, Share
+from pliant.spec.model import Symmetry
 
 
 class AugmentSettings(Settings):
@@ -47,6 +48,9 @@ class AugmentSettings(Settings):
             object's alone.
         picture_drop: Probability that the picture given to the network is one grey. A frame whose
             masks are dropped keeps its picture.
+        symmetric: Probability that a square cloth whose sides look alike is turned by a random
+            number of quarter turns and perhaps mirrored, and its material points renamed, so that
+            it is upright again: another shape of a cloth from the same frame.
     """
 
     rotate_deg: Annotated[float, Bounds(0, 180)] = 180.0
@@ -60,6 +64,7 @@ class AugmentSettings(Settings):
     mask_damage: Share = 0.0
     mask_drop: Annotated[float, Bounds(0, 0.5)] = 0.0
     picture_drop: Share = 0.0
+    symmetric: Share = 0.0
 
 
 def check_augmentation(augmentation: object) -> None:
@@ -102,6 +107,7 @@ def placement_in_image(
     angle_rad: float,
     scale: float,
     margin_px: float,
+    first: npt.NDArray[np.float64] | None = None,
 ) -> npt.NDArray[np.float64]:
     """Return a map that turns points about their middle and lays them anywhere in the image.
 
@@ -115,12 +121,15 @@ def placement_in_image(
         angle_rad: Positive turns u towards v.
         scale: Relative size wanted; smaller where the points do not fit.
         margin_px: What stays free between the points and the border.
+        first: float64 (2, 2), an orthogonal map before the turn, or None.
 
     Returns:
         float64 (2, 3): new (u, v) = M (u, v, 1).
     """
     cos, sin = math.cos(angle_rad), math.sin(angle_rad)
     turn = np.array([[cos, -sin], [sin, cos]])
+    if first is not None:
+        turn = turn @ first
     turned = points_px.astype(np.float64) @ turn.T
     low, high = turned.min(axis=0), turned.max(axis=0)
     free = np.array(size) - 2 * margin_px
@@ -183,8 +192,38 @@ def _inverse(affine: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     return np.column_stack([linear, -linear @ affine[:, 2]])
 
 
+def symmetry_in_image(symmetry: Symmetry) -> npt.NDArray[np.float64]:
+    """Return how an upright cloth moves in the image where a symmetry moves its material.
+
+    Upright is with the first material coordinate to the right and the second one up, as
+    generated cloths are.
+
+    Args:
+        symmetry: One of the square's.
+
+    Returns:
+        float64 (2, 2), orthogonal, for directions (u, v) in the image.
+    """
+    up = np.diag([1.0, -1.0])
+    return up @ np.array(symmetry.matrix, float) @ up
+
+
+def renamed(view: TrainingFrame, partners: npt.NDArray[np.integer[Any]]) -> TrainingFrame:
+    """Return a frame in which each surface point has the name of its partner.
+
+    Args:
+        view: The frame.
+        partners: int (P,), a permutation: the new row of each point.
+    """
+    rows = np.argsort(partners)
+    return replace(view, uv_px=view.uv_px[rows], visible=view.visible[rows])
+
+
 def draw_placement(
-    rng: np.random.Generator, views: Sequence[TrainingFrame], settings: AugmentSettings
+    rng: np.random.Generator,
+    views: Sequence[TrainingFrame],
+    settings: AugmentSettings,
+    first: npt.NDArray[np.float64] | None = None,
 ) -> npt.NDArray[np.float64] | None:
     """Draw one map of pixel coordinates for all of some frames.
 
@@ -192,11 +231,12 @@ def draw_placement(
         rng: Source of randomness.
         views: The frames; what any of them shows of the object stays in the image.
         settings: What may happen.
+        first: float64 (2, 2), an orthogonal map before any other, or None.
 
     Returns:
         float64 (2, 3), new (u, v) = M (u, v, 1); None where nothing is to move.
     """
-    if settings.rotate_deg == 0 and settings.scale == 0:
+    if settings.rotate_deg == 0 and settings.scale == 0 and first is None:
         return None
     height, width = views[0].mask.shape
     angle = math.radians(rng.uniform(-settings.rotate_deg, settings.rotate_deg))
@@ -205,7 +245,7 @@ def draw_placement(
     if len(seen) == 0:
         return rotation_about_centre((width, height), angle, factor)
     margin_px = settings.margin * height
-    return placement_in_image(rng, seen, (width, height), angle, factor, margin_px)
+    return placement_in_image(rng, seen, (width, height), angle, factor, margin_px, first)
 
 
 def augment(

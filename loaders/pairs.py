@@ -18,6 +18,8 @@ from pliant.loaders.augment import (
     draw_placement,
     given_masks,
     given_picture,
+    renamed,
+    symmetry_in_image,
 )
 from pliant.loaders.frame_store import FrameStore, check_store
 from pliant.loaders.inputs import InputKind, NetworkInput
@@ -28,6 +30,7 @@ from pliant.spec.calls import check_type, check_whole
 from pliant.spec.configuration import Settings
 from pliant.spec.constraints import Bounds, Count
 from pliant.spec.errors import CallError
+from pliant.spec.model import SQUARE_MIRRORS, SQUARE_ROTATIONS
 
 Pairing = Literal["any", "sequence", "next"]
 
@@ -121,6 +124,8 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
         check_augmentation(augmentation)
         self.store, self.settings = store, settings or PairSettings()
         self.seed, self.augmentation = seed, augmentation
+        self._symmetries = store.tier.symmetries
+        self._square = set(self._symmetries) == {*SQUARE_ROTATIONS, *SQUARE_MIRRORS}
         self._orientation: Orientation | None = None
         if orientation:
             self._orientation = Orientation(store.tier.queried, store.material)
@@ -167,18 +172,41 @@ class PairDataset(TorchDataset[dict[str, torch.Tensor]]):
         Frames of one sequence are moved together: were each turned on its own, a point at rest
         would seem to move, and the truth would violate the temporal Lipschitz condition.
         """
-        if self.settings.pairing == "any":
-            placements = [draw_placement(rng, [view], settings) for view in views]
-            factor = 1.0
-        else:
-            shared = draw_placement(rng, views, settings)
+        alike = self.settings.pairing != "any"
+        moves = (
+            [self._symmetry(rng, settings)] * len(views)
+            if alike
+            else [self._symmetry(rng, settings) for _ in views]
+        )
+        firsts = [
+            None if move is None else symmetry_in_image(self._symmetries[move]) for move in moves
+        ]
+        factor = 1.0
+        if alike:
+            shared = draw_placement(rng, views, settings, firsts[0])
             placements = [shared] * len(views)
-            factor = 1.0 if shared is None else float(np.linalg.det(shared[:, :2])) ** 0.5
+            factor = 1.0 if shared is None else abs(float(np.linalg.det(shared[:, :2]))) ** 0.5
+        else:
+            placements = [
+                draw_placement(rng, [view], settings, first)
+                for view, first in zip(views, firsts, strict=True)
+            ]
         changed = [
             augment(rng, view, settings, affine)
             for view, affine in zip(views, placements, strict=True)
         ]
-        return changed, factor
+        partners = self.store.partners
+        return [
+            view if move is None else renamed(view, partners[:, move])
+            for view, move in zip(changed, moves, strict=True)
+        ], factor
+
+    def _symmetry(self, rng: np.random.Generator, settings: AugmentSettings) -> int | None:
+        """Draw a symmetry of a square cloth by its number; None leaves a view as it is."""
+        if settings.symmetric == 0 or not self._square or rng.random() >= settings.symmetric:
+            return None
+        drawn = int(rng.integers(1 + len(self._symmetries)))
+        return drawn - 1 if drawn else None
 
     def _frames_by_sequence(self) -> list[npt.NDArray[np.int64]]:
         if self.settings.pairing == "any":
