@@ -12,13 +12,16 @@ from pliant.loaders.augment import (
     draw_placement,
     given_masks,
     placement_in_image,
+    renamed,
     rotation_about_centre,
+    symmetry_in_image,
     warp_view,
 )
 from pliant.loaders.recolouring import noisy_depth, recolour, recolour_regions
 from pliant.loaders.views import TrainingFrame
 from pliant.spec.configuration import settings_from
 from pliant.spec.errors import CallError
+from pliant.spec.model import SQUARE_MIRRORS, SQUARE_ROTATIONS, Symmetry
 
 SIZE = (160, 120)
 
@@ -241,3 +244,35 @@ def test_masks_are_dropped_as_often_as_asked() -> None:
     alone = sum(mask is not None and objects is None for mask, objects in drawn)
     assert none == pytest.approx(100, abs=30)
     assert alone == pytest.approx(100, abs=30)
+
+
+@pytest.mark.parametrize("symmetry", [*SQUARE_ROTATIONS, *SQUARE_MIRRORS], ids=lambda s: s.name)
+def test_an_upright_cloth_stays_upright_under_its_symmetries(symmetry: Symmetry) -> None:
+    """The blob moves to the material point that the symmetry names; u still runs right, v up."""
+    side = np.linspace(0, 1, 11)
+    material = np.stack(np.meshgrid(side, side, indexing="ij"), axis=-1).reshape(-1, 2)
+    upright = np.array([50.0, 90.0]) + material * [60.0, -60.0]
+    blob = np.flatnonzero(np.isclose(material, [0.2, 0.3]).all(axis=1))
+    view = replace(
+        blob_view(upright[blob]), uv_px=upright.astype(np.float32), visible=np.ones(121, bool)
+    )
+    goal = symmetry.apply(material)
+    partners = np.array([np.linalg.norm(material - each, axis=1).argmin() for each in goal])
+
+    still = AugmentSettings(rotate_deg=0, scale=0)
+    first = symmetry_in_image(symmetry)
+    affine = draw_placement(np.random.default_rng(4), [view], still, first)
+    assert affine is not None
+    moved = renamed(warp_view(view, affine), partners)
+
+    named = material[np.linalg.norm(moved.uv_px - centre_of(moved.rgb), axis=1).argmin()]
+    np.testing.assert_allclose(named, symmetry.apply(np.array([0.2, 0.3])), atol=1e-9)
+    rows = np.column_stack([material, np.ones(121)])
+    slope = np.linalg.lstsq(rows, moved.uv_px, rcond=None)[0][:2]
+    np.testing.assert_allclose(slope, np.diag([slope[0, 0], slope[1, 1]]), atol=1e-3)
+    assert slope[0, 0] > 0 > slope[1, 1]
+
+
+def centre_of(rgb: np.ndarray) -> np.ndarray:
+    v, u = np.unravel_index(rgb[..., 0].argmax(), rgb.shape[:2])
+    return np.array([u + 0.5, v + 0.5])

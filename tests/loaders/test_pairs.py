@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import gc
 import tracemalloc
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -306,3 +307,25 @@ def test_the_truth_moves_by_no_more_than_the_action(
             both = visible[a] & visible[b]
             moved = (uv[a] - uv[b]).norm(dim=-1)[both]
             assert float(moved.max()) <= float(sample["action_px"][a, b]) * (1 + 1e-4) + 1e-3
+
+
+def test_symmetric_copies_of_cloths_stay_upright(rendered_dataset: Path) -> None:
+    """A cloth whose sides look alike gives other shapes, with u to the right and v up in each."""
+    store = FrameStore(Dataset.open(rendered_dataset), "cloth-1", "train", (160, 120))
+    still = AugmentSettings(rotate_deg=0, scale=0, colour=0, noise=0, symmetric=1)
+    pairs = PairDataset(store, PairSettings(queries=200, masks=True), augmentation=still)
+    shapes: dict[int, set[bytes]] = {}
+    for index in range(20):
+        sample = pairs[index]
+        for view, frame in enumerate(sample["frames"].tolist()):
+            visible = sample["visible"][view, :, 0]
+            uv = sample["uv_px"][view, visible, 0]
+            column, row = uv.floor().long().T
+            assert sample["mask"][view][row, column].float().mean() > 0.8
+            rows = torch.column_stack([sample["material"][visible, 0], torch.ones(len(uv))])
+            slope = torch.linalg.lstsq(rows, uv).solution[:2]
+            assert slope[0, 0] > abs(slope[0, 1])
+            assert -slope[1, 1] > abs(slope[1, 0])
+            shown = sample["mask"][view].numpy()
+            shapes.setdefault(frame, set()).add(np.packbits(shown.any(axis=0)).tobytes())
+    assert max(map(len, shapes.values())) >= 3
