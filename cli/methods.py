@@ -40,16 +40,21 @@ def _methods() -> Iterator[dict[str, Any]]:
     from pliant.baselines.fused_tracker import FusedTracker
     from pliant.baselines.plugins import plugged_in
     from pliant.models.shipped import shipped_names
+    from pliant.models.timecycle import CARRIED
 
+    train = None
+    if not (is_installed("torch") and is_installed("safetensors")):
+        train = install_command("train")
     for name, make in METHODS.items():
         yield _row(name, "built in", inspect.getdoc(make) or "", _missing(make))
     for name in shipped_names():
-        lacking = not (is_installed("torch") and is_installed("safetensors"))
         about = "Trained model; its card is in the package."
-        yield _row(name, "shipped model", about, install_command("train") if lacking else None)
+        yield _row(name, "shipped model", about, train)
     about, lacking = inspect.getdoc(FusedTracker) or "", not is_installed("cv2")
     missing = install_command("classical") if lacking else None
     yield _row(f"{FUSED}METHOD", "built in", about, missing)
+    about = "Points carried by the descriptors of Dense Object Nets."
+    yield _row(f"{CARRIED}MODEL", "built in", about, missing or train)
     found = is_installed("vismatch")
     about = inspect.getdoc(open_vismatch) or ""
     yield _row(f"{PREFIX}NAME", "package", about, None if found else "pip install vismatch")

@@ -137,7 +137,8 @@ def open_method(method: str, /, **options: Any) -> Matcher | SplitMatcher:
     Args:
         method: A key of `pliant.baselines.METHODS`, the name of a shipped model, the name that an
             installed package gives in the entry-point group `pliant.matchers`, `vismatch:NAME`,
-            `fused:METHOD` (optical flow, corrected by that method), `path/to/my.py:Matcher`,
+            `fused:METHOD` (optical flow, corrected by that method), `carried:MODEL` (points
+            carried by the descriptors of Dense Object Nets), `path/to/my.py:Matcher`,
             `package.module:Matcher`, or the folder of a training run.
         options: Keyword arguments of the method's class or function; of a trained model, how it
             answers: see `load_matcher`.
@@ -158,6 +159,7 @@ def open_method(method: str, /, **options: Any) -> Matcher | SplitMatcher:
     from pliant.baselines.plugins import is_reference, make, open_plugin, plugged_in
     from pliant.models import load_matcher
     from pliant.models.shipped import load_shipped, shipped_names
+    from pliant.models.timecycle import CARRIED
 
     check_type("method", method, str, required="the name of a method")
     if method in METHODS:
@@ -168,6 +170,9 @@ def open_method(method: str, /, **options: Any) -> Matcher | SplitMatcher:
         return made
     if method.startswith(FUSED):
         made = make(partial(FusedTracker, open_method(method.removeprefix(FUSED))), method, options)
+        return made
+    if method.startswith(CARRIED):
+        made = make(partial(_carried, method.removeprefix(CARRIED)), method, options)
         return made
     shipped, plugged = shipped_names(), plugged_in()
     if method not in shipped and (method in plugged or is_reference(method)):
@@ -185,10 +190,29 @@ def open_method(method: str, /, **options: Any) -> Matcher | SplitMatcher:
     close = difflib.get_close_matches(method, names, n=1)
     raise CallError(
         f"there is no method {method!r}",
-        required=f"one of {', '.join(names)}, vismatch:NAME, fused:METHOD, the folder of a "
-        "training run, or FILE.py:CLASS",
+        required=f"one of {', '.join(names)}, vismatch:NAME, fused:METHOD, carried:MODEL, the "
+        "folder of a training run, or FILE.py:CLASS",
         fix=f"Did you mean {close[0]}?" if close else None,
     )
+
+
+def _carried(model: str, /, **options: Any) -> Matcher:
+    """Return the tracker that carries points by the descriptors of a trained network.
+
+    Raises:
+        CallError: The method is not a Dense Object Net, or there is no such option.
+    """
+    matcher = open_method(model)
+    from pliant.models.don.matcher import DonMatcher
+    from pliant.models.timecycle.carried import CarriedPoints
+
+    if not isinstance(matcher, DonMatcher):
+        raise CallError(
+            "this method has no descriptors to carry points by",
+            found=repr(model),
+            required="a shipped model, or the folder of a run of Dense Object Nets",
+        )
+    return CarriedPoints(matcher, **options)
 
 
 def predict(

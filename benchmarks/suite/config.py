@@ -16,6 +16,7 @@ from pliant.baselines.fused_tracker import PREFIX as FUSED
 from pliant.evaluator.protocols.protocol import read_protocol
 from pliant.generator.config import GenerateConfig
 from pliant.models.shipped import shipped_names
+from pliant.models.timecycle import CARRIED
 from pliant.spec.configuration import Settings, merged, read_mapping, settings_from, with_overrides
 from pliant.spec.constraints import Count, did_you_mean
 from pliant.spec.errors import CallError
@@ -268,6 +269,11 @@ def _with_seeds(config: BenchmarkConfig) -> BenchmarkConfig:
     return expanded.replace(tests=tests)
 
 
+def model_of(method: str) -> str:
+    """Return the shipped model of a method: itself, or what a tracker puts its prefix before."""
+    return method.removeprefix(FUSED).removeprefix(CARRIED)
+
+
 def digest(*parts: Any) -> str:
     """Return a SHA-256 of JSON values, the same for the same values."""
     text = json.dumps(parts, sort_keys=True, default=str)
@@ -317,7 +323,7 @@ def _check_references(config: BenchmarkConfig, path: Path) -> None:
         for name in test.methods:
             known(name, METHODS, f"tests.{key}.methods")
         for name in test.shipped:
-            known(name.removeprefix(FUSED), shipped_names(), f"tests.{key}.shipped")
+            known(model_of(name), shipped_names(), f"tests.{key}.shipped")
         shown = [name for each in test.protocols[:1] for name in read_protocol(each).figures]
         for name in test.figures:
             known(name, shown, f"tests.{key}.figures")

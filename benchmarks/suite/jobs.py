@@ -140,11 +140,15 @@ def _answer(job: AnswerJob, meter: Meter, progress: Progress) -> dict[str, Any]:
         import torch
 
         from pliant.models import load_matcher
+        from pliant.models.timecycle import CARRIED
+        from pliant.models.timecycle.carried import CarriedPoints
 
         torch.set_num_threads(job.threads or torch.get_num_threads())
         matcher = load_matcher(job.run)
         if job.entry.method.startswith(FUSED):
             matcher = FusedTracker(matcher)
+        elif job.entry.method.startswith(CARRIED):
+            matcher = CarriedPoints(matcher)
         matcher.name = job.entry.method
     if not isinstance(matcher, SplitMatcher):
         matcher = shown(matcher, job.entry.track, is_blank=job.entry.is_blank)

@@ -6,10 +6,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Protocol, get_args
 
-from pliant.baselines.fused_tracker import PREFIX as FUSED
 from pliant.baselines.submission_file import Kind
 from pliant.benchmarks.suite.checksums import Differences, compare_checksums
-from pliant.benchmarks.suite.config import BenchmarkConfig, Entry, Test, Training, digest
+from pliant.benchmarks.suite.config import BenchmarkConfig, Entry, Test, Training, digest, model_of
 from pliant.benchmarks.suite.jobs import AnswerJob, Job, Outcome, TrainingJob, run_all
 from pliant.benchmarks.suite.work import Workspace
 from pliant.evaluator import read_protocol
@@ -195,7 +194,7 @@ def _run_folder(work: Workspace, test: Test, method: str) -> Path | None:
 
 
 def _shipped_folder(method: str) -> Path:
-    return FOLDER / method.removeprefix(FUSED)
+    return FOLDER / model_of(method)
 
 
 def _method_digest(config: BenchmarkConfig, test: Test, method: str) -> str:

@@ -184,6 +184,10 @@ class DonMatcher:
         position = self.decoded(found, in_view.view)
         return _Decided(from_view, in_view, found, calibration, position)
 
+    def segmented(self, view: Frame) -> Frame:
+        """Return a view with masks found in its picture, where it has none or they are bad."""
+        return self._views.segmented(view)
+
     def object_mask(self, view: Frame) -> npt.NDArray[np.bool_] | None:
         """Return where a view shows the object, bool (H, W), or None where it is not found."""
         return self._views.segmented(view).mask if self.reader.finds_masks else view.mask

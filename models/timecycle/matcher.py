@@ -86,22 +86,44 @@ class TimeCycleMatcher:
         propagator = self._propagator(source, uv_a_px, anywhere)
         with torch.inference_mode():
             found = propagator.step(self._encode(target), self._searched(target))
-        return Answers(self._pixels(found, target))
+        return Answers(self.pixels(found, target))
 
     def track(self, views: Iterable[Frame], uv_px: Float32Array) -> Iterator[Answers]:
         """Carry points through consecutive frames; see `TrackMatcher`."""
         frames = iter(views)
         first = next(frames)
-        propagator = self._propagator(first, uv_px, self.settings.propagation)
+        propagator = self.propagator(first, uv_px)
         for view in frames:
-            with torch.inference_mode():
-                found = propagator.step(self._encode(view), self._searched(view))
-            yield Answers(self._pixels(found, view))
+            yield Answers(self.carry(propagator, view))
+
+    def propagator(self, first: Frame, uv_px: Float32Array) -> Propagator:
+        """Return what carries points of a frame.
+
+        Args:
+            first: The frame.
+            uv_px: float32 (N, 2), where they are in it.
+        """
+        return self._propagator(first, uv_px, self.settings.propagation)
+
+    def carry(
+        self, propagator: Propagator, view: Frame, expected: torch.Tensor | None = None
+    ) -> Float32Array:
+        """Return where points are in the next frame, float32 (N, 2), pixels.
+
+        Args:
+            propagator: Carries them.
+            view: The frame.
+            expected: float (N + S, 2), where they and their support are expected, cells; None
+                where they were last.
+        """
+        with torch.inference_mode():
+            found = propagator.step(self._encode(view), self._searched(view), expected)
+        return self.pixels(found, view)
 
     def heat(self, source: Frame, target: Frame, uv_a_px: Float32Array) -> Heat:
         """Return the affinity of one query over the target's cells; see `HeatMatcher`."""
         settings = self.settings.propagation
-        propagator = self._propagator(source, np.asarray(uv_a_px)[None], settings)
+        propagator = self._propagator(source, uv_a_px[None], settings)
         with torch.inference_mode():
             searched = self._searched(target)
             cells = propagator.scores(self._encode(target), searched)[0].numpy()
@@ -114,12 +136,10 @@ class TimeCycleMatcher:
     def _propagator(
         self, source: Frame, uv_px: Float32Array, settings: PropagationSettings
     ) -> Propagator:
-        scale = self._scale(source)
-        xy = torch.as_tensor(np.asarray(uv_px, dtype=np.float64) / scale, dtype=torch.float32)
         with torch.inference_mode():
             return Propagator(
                 self._encode(source),
-                xy,
+                self.cells(uv_px, source),
                 settings,
                 self.settings.temperature,
                 self._searched(source),
@@ -150,7 +170,12 @@ class TimeCycleMatcher:
         touched = mask.reshape(height, self.stride, width, self.stride).any(axis=(1, 3))
         return touched if touched.any() else None
 
-    def _pixels(self, xy: torch.Tensor, view: Frame) -> Float32Array:
+    def cells(self, uv_px: Float32Array, view: Frame) -> torch.Tensor:
+        """Return pixels of a view in cells, float32 (N, 2)."""
+        return torch.as_tensor(uv_px.astype(np.float64) / self._scale(view), dtype=torch.float32)
+
+    def pixels(self, xy: torch.Tensor, view: Frame) -> Float32Array:
+        """Return cells in pixels of a view, float32 (N, 2)."""
         return (xy.double().numpy() * self._scale(view)).astype(np.float32)
 
     def _scale(self, view: Frame) -> npt.NDArray[np.float64]:

@@ -59,12 +59,19 @@ class Propagator:
         self._context.append(self._look)
         self._offset = xy - self._read(self.first, self._look, xy, None)
 
-    def step(self, frame: torch.Tensor, searched: BoolArray | None = None) -> torch.Tensor:
+    def step(
+        self,
+        frame: torch.Tensor,
+        searched: BoolArray | None = None,
+        expected: torch.Tensor | None = None,
+    ) -> torch.Tensor:
         """Take in the next frame.
 
         Args:
             frame: float (D, h, w), its unit descriptors.
             searched: bool (h, w), the cells where points may be, or None for all.
+            expected: float (N + S, 2), where the points and the support points are expected,
+                cells; None where they were last.
 
         Returns:
             float (N, 2), where the points are in it, cells.
@@ -79,7 +86,8 @@ class Propagator:
         if searched is not None and searched.any():
             wide = torch.from_numpy(searched)[None, None].float()
             allowed = functional.interpolate(wide, refined.shape[-2:], mode="nearest")[0, 0] > 0
-        found = self._read(refined, look, self.xy, allowed) + self._offset
+        near = self.xy if expected is None else expected
+        found = self._read(refined, look, near, allowed) + self._offset
         if len(found) > self._asked:
             found = self._smoothed(found)
         height, width = frame.shape[-2:]
