@@ -87,13 +87,16 @@ class CarriedPoints:
 
     def track(self, views: Iterable[Frame], uv_px: Float32Array) -> Iterator[Answers]:
         """Carry points through consecutive frames; see `TrackMatcher`."""
-        frames = (self._matcher.segmented(view) for view in views)
+        frames = map(self._with_mask, views)
         first = before = next(frames)
         points = self._reader.propagator(first, uv_px)
         for view in frames:
             expected = self._expected(points, before, view)
             yield Answers(self._reader.carry(points, view, expected))
             before = view
+
+    def _with_mask(self, view: Frame) -> Frame:
+        return view if view.mask is not None else self._matcher.segmented(view)
 
     def _expected(self, points: Propagator, before: Frame, view: Frame) -> torch.Tensor | None:
         """Return where the flow takes the carried points and their support, cells (N, 2)."""
