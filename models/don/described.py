@@ -118,6 +118,21 @@ class ViewDescriber:
         key = f"{view.key}/segmented" if view.key else ""
         return view.replace(mask=found[0], objects=found[1], key=key)
 
+    def foreground(self, view: Frame) -> Frame:
+        """Return a view without masks with the network's own foreground as its masks.
+
+        The view stays as it is for a network that predicts none or sees no picture.
+        """
+        if view.mask is not None or not self.segments:
+            return view
+        found = self.described(view)
+        mask, objects = (
+            None if each is None else resize_nearest(each, view.size)
+            for each in (found.mask, found.objects)
+        )
+        key = f"{view.key}/segmented" if view.key else ""
+        return view.replace(mask=mask, objects=objects, key=key)
+
     def _find(self, view: Frame) -> tuple[Mask, Mask | None] | None:
         """Return the masks of `segmented`, or None for those that the view has."""
         out = self._out(self.given.image(*self._resized(view)))

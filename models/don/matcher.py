@@ -185,8 +185,10 @@ class DonMatcher:
         return _Decided(from_view, in_view, found, calibration, position)
 
     def segmented(self, view: Frame) -> Frame:
-        """Return a view with masks found in its picture, where it has none or they are bad."""
-        return self._views.segmented(view)
+        """Return a view without masks with those that are found in its picture, if any."""
+        if self.reader.finds_masks:
+            return self._views.segmented(view)
+        return self._views.foreground(view)
 
     def object_mask(self, view: Frame) -> npt.NDArray[np.bool_] | None:
         """Return where a view shows the object, bool (H, W), or None where it is not found."""

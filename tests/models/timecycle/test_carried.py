@@ -11,6 +11,7 @@ import pliant
 from pliant.baselines import Pair, TrackMatcher
 from pliant.baselines.matcher import SplitMatcher
 from pliant.loaders.views import surface_points
+from pliant.models.don.matcher import DonMatcher
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError
 
@@ -49,6 +50,20 @@ def test_pairs_are_answered_as_by_the_network(tiny_episode: Path) -> None:
         assert not isinstance(matcher, SplitMatcher)
         found.append(matcher.answer(pair).uv_px)
     np.testing.assert_array_equal(found[0], found[1])
+
+
+def test_a_cloth_without_masks_is_found_by_its_own_network(rendered_dataset: Path) -> None:
+    dataset = Dataset.open(rendered_dataset)
+    sequence = next(each for each in dataset.sequences if each.tier == "cloth-1")
+    matcher = pliant.open_method("don-cloth")
+    assert isinstance(matcher, DonMatcher)
+    for number in range(3):
+        frame = sequence[number]
+        assert frame.mask is not None
+        found = matcher.segmented(frame.without_masks()).mask
+        assert found is not None
+        assert (found & frame.mask).sum() > 0.8 * (found | frame.mask).sum()
+        assert matcher.segmented(frame) is frame
 
 
 def test_only_networks_with_descriptors_carry_points() -> None:
