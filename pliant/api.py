@@ -200,7 +200,7 @@ def _carried(model: str, /, **options: Any) -> Matcher:
     """Return the tracker that carries points by the descriptors of a trained network.
 
     Raises:
-        CallError: The method is not a Dense Object Net, or there is no such option.
+        CallError: The method is not a Dense Object Net, or an option is unknown.
     """
     matcher = open_method(model)
     from pliant.models.don.matcher import DonMatcher

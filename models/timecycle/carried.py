@@ -51,7 +51,7 @@ class CarriedPoints:
         options: Fields of `PropagationSettings`, instead of those of `READ`.
 
     Raises:
-        CallError: There is no such option, or the network sees depth alone.
+        CallError: An option is unknown, or the network's input is the depth map.
         MissingExtraError: OpenCV is not installed.
     """
 
