@@ -123,7 +123,7 @@ class TimeCycleMatcher:
     def heat(self, source: Frame, target: Frame, uv_a_px: Float32Array) -> Heat:
         """Return the affinity of one query over the target's cells; see `HeatMatcher`."""
         settings = self.settings.propagation
-        propagator = self._propagator(source, uv_a_px[None], settings)
+        propagator = self._propagator(source, np.asarray(uv_a_px)[None], settings)
         with torch.inference_mode():
             searched = self._searched(target)
             cells = propagator.scores(self._encode(target), searched)[0].numpy()
@@ -172,7 +172,8 @@ class TimeCycleMatcher:
 
     def cells(self, uv_px: Float32Array, view: Frame) -> torch.Tensor:
         """Return pixels of a view in cells, float32 (N, 2)."""
-        return torch.as_tensor(uv_px.astype(np.float64) / self._scale(view), dtype=torch.float32)
+        scaled = np.asarray(uv_px, dtype=np.float64) / self._scale(view)
+        return torch.as_tensor(scaled, dtype=torch.float32)
 
     def pixels(self, xy: torch.Tensor, view: Frame) -> Float32Array:
         """Return cells in pixels of a view, float32 (N, 2)."""
