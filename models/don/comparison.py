@@ -42,6 +42,7 @@ def compare(
     target: Frame,
     uv_a_px: npt.NDArray[np.float32],
     sharpness: float,
+    every_px: int = 1,
 ) -> Comparison:
     """Compare the queries' descriptors with those of the target's candidates, in all copies.
 
@@ -52,12 +53,16 @@ def compare(
         target: The image to find them in.
         uv_a_px: float32 (N, 2), in pixels of the source.
         sharpness: Factor of the log probabilities.
+        every_px: Only the pixels of every so many rows and columns compete.
     """
     a, b = views.described(source), views.described(target)
     width, height = views.size
     scale_a = views.pixel_scale(source)
     query_uv = torch.as_tensor(np.asarray(uv_a_px, dtype=np.float64) / scale_a, dtype=torch.float32)
     chosen = _searched(b.mask, views.size, settings)
+    if every_px > 1:
+        kept = (chosen % width % every_px == 0) & (chosen // width % every_px == 0)
+        chosen = chosen[kept] if kept.any() else chosen
     uv = pixel_grid(height, width, 1, torch.device("cpu"))[chosen]
     total = torch.zeros(len(query_uv), len(uv))
     distance = torch.zeros(len(query_uv))

@@ -20,6 +20,7 @@ from pliant.models.don.described import ViewDescriber
 from pliant.models.don.familiarity import Familiarity, fit_familiarity
 from pliant.models.don.rope_reader import RopeReader
 from pliant.models.don.settings import DonSettings
+from pliant.models.don.sides import GRID_EVERY_PX, grid_of, side_of
 from pliant.models.don.strangeness import Asked, UsualDescriptors, traced_statistics
 from pliant.models.don.tracing import TracedPlaces, TracedView, traced_places
 from pliant.models.networks.descriptor_network import DescriptorNetwork
@@ -39,7 +40,7 @@ class Search(Comparison):
     Attributes:
         traced: Where a rope's traces carry the queries, or None. They are weighed into `log_p`.
         deciding: float (N, M), what the answers are read from: `log_p`, or one way along a rope
-            where `log_p` is the mean of both.
+            where `log_p` is the mean of both, or one side of a blank cloth.
     """
 
     traced: TracedPlaces | None
@@ -249,7 +250,7 @@ class DonMatcher:
         if self.settings.decode != "trace":
             log_p = self._every_way(compared.log_p, source, target, uv_a_px)
             found = compared.uv_px, compared.distance, compared.query
-            return Search(log_p, *found, None, compared.log_p)
+            return Search(log_p, *found, None, self._on_one_side(compared, source, target, uv_a_px))
         traced = traced_places(self._traced(source), self._traced(target), self._scale, uv_a_px)
         log_p, deciding, uv = compared.log_p, compared.log_p, compared.uv_px
         if traced is not None:
@@ -257,6 +258,33 @@ class DonMatcher:
             deciding = traced.weighed_in(log_p, candidates_px)
             log_p = traced.either_way(deciding, log_p, candidates_px)
         return Search(log_p, uv, compared.distance, compared.query, traced, deciding)
+
+    def _on_one_side(
+        self,
+        compared: Comparison,
+        source: Reframed,
+        target: Reframed,
+        uv_a_px: npt.NDArray[np.float32],
+    ) -> torch.Tensor:
+        """Return log p of queries on the side of a blank square that most of the pair agrees on.
+
+        Args:
+            compared: The queries.
+            source: The image they are in.
+            target: The image to find them in.
+            uv_a_px: float32 (N, 2), in pixels of the source's view.
+        """
+        log_p, shown = compared.log_p, self._views.described(source.view).mask
+        if self.settings.blank_square == "no" or shown is None:
+            return log_p
+        points, scale = grid_of(shown), self._views.pixel_scale(source.view)
+        of_grid = self.compare(
+            source.view, target.view, (points * scale).astype(np.float32), every_px=GRID_EVERY_PX
+        )
+        side = side_of(points, of_grid.log_p, of_grid.uv_px, self.size[0])
+        if side is None:
+            return log_p
+        return (log_p + side.log_weight(uv_a_px / scale, compared.uv_px)).log_softmax(dim=1)
 
     def _every_way(
         self,
@@ -279,15 +307,23 @@ class DonMatcher:
             ways.append(self.compare(way.view, target.view, way.forward(original)).log_p)
         return torch.stack(ways).logsumexp(dim=0) - np.log(len(ways)) if len(ways) > 1 else log_p
 
-    def compare(self, source: Frame, target: Frame, uv_a_px: npt.NDArray[np.float32]) -> Comparison:
+    def compare(
+        self,
+        source: Frame,
+        target: Frame,
+        uv_a_px: npt.NDArray[np.float32],
+        every_px: int = 1,
+    ) -> Comparison:
         """Compare the queries' descriptors with those of the target's candidates.
 
         Args:
             source: The image the queries are in.
             target: The image to find them in.
             uv_a_px: float32 (N, 2), in pixels of the source.
+            every_px: Only the pixels of every so many rows and columns compete.
         """
-        return compare(self._views, self.settings, source, target, uv_a_px, self.sharpness)
+        views, sharpness = self._views, self.sharpness
+        return compare(views, self.settings, source, target, uv_a_px, sharpness, every_px)
 
     @property
     def _scale(self) -> torch.Tensor:
