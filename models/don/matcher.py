@@ -40,7 +40,7 @@ class Search(Comparison):
     Attributes:
         traced: Where a rope's traces carry the queries, or None. They are weighed into `log_p`.
         deciding: float (N, M), what the answers are read from: `log_p`, or one way along a rope
-            where `log_p` is the mean of both, or one side of a blank cloth.
+            where `log_p` is the mean of both, or one side of a cloth.
     """
 
     traced: TracedPlaces | None
@@ -266,7 +266,7 @@ class DonMatcher:
         target: Reframed,
         uv_a_px: npt.NDArray[np.float32],
     ) -> torch.Tensor:
-        """Return log p of queries on the side of a blank square that most of the pair agrees on.
+        """Return log p of queries on the side of a cloth that most of the pair agrees on.
 
         Args:
             compared: The queries.
@@ -275,7 +275,7 @@ class DonMatcher:
             uv_a_px: float32 (N, 2), in pixels of the source's view.
         """
         log_p, shown = compared.log_p, self._views.described(source.view).mask
-        if self.settings.blank_square == "no" or shown is None:
+        if not self.settings.one_side or shown is None:
             return log_p
         points, scale = grid_of(shown), self._views.pixel_scale(source.view)
         of_grid = self.compare(

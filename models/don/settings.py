@@ -158,6 +158,8 @@ class AnswerSettings(Settings):
         blank_square: Whether the object is a blank square, whose sides look alike. `upright`: how
             it is placed in the picture says which side is which, unless it is turned by more than
             training shows. `any`: nothing does. An answer then has the four places as modes.
+        one_side: Answer all points of a cloth on the side that most of the pair agrees on, see
+            `models/don/sides.py`.
         crossings: With `trace`: find out which strand is on top where a rope crosses itself, by a
             small network trained at the end of the run (`models/don/crossing_training.py`).
         distribution: `modes` or `none`: what the answers say of their certainty.
@@ -171,6 +173,7 @@ class AnswerSettings(Settings):
     rectify: bool = False
     fill: Annotated[Range, Bounds(0, 1, above=True)] = (0.54, 0.74)
     blank_square: Literal["no", "upright", "any"] = "no"
+    one_side: bool = False
     crossings: bool = False
     distribution: Literal["modes", "none"] = "modes"
 

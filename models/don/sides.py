@@ -1,6 +1,6 @@
-"""Which side of a blank cloth a pair shows: decided once for the pair, not point by point.
+"""Which side of a cloth a pair shows: decided once for the pair, not point by point.
 
-The network's p for a point of a blank cloth often has a mode on each of two sides that look alike.
+The network's p for a point of a cloth often has a mode on each of two sides that look alike.
 Points answered one by one then end on both sides of one cloth. Here a regular grid of points of the
 source, whatever is asked, is mapped to the target by the one smooth map that most of their p agrees
 with: an affine map found by consensus (RANSAC, Fischler and Bolles 1981), then affine maps that

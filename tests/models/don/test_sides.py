@@ -1,4 +1,4 @@
-"""A network that is torn between two sides of a blank cloth answers all points of a pair on one."""
+"""A network that is torn between two sides of a cloth answers all points of a pair on one."""
 
 from __future__ import annotations
 
@@ -102,12 +102,12 @@ def patches(seed: int) -> Frame:
     return Frame(rgb, CLOTH, key=f"patches {seed}")
 
 
-def matcher(blank: bool) -> DonMatcher:
+def matcher(one_side: bool) -> DonMatcher:
     network = build_network(
         NetworkSettings(widths=(8, 32), descriptor_dim=3), NetworkInput(), initial_scale=20.0
     )
     network.backbone = Undecided()
-    answer = AnswerSettings(blank_square="upright" if blank else "no")
+    answer = AnswerSettings(one_side=one_side)
     return DonMatcher(network, DonSettings(width=SIZE[0], height=SIZE[1], answer=answer))
 
 
@@ -119,8 +119,8 @@ def test_a_torn_network_answers_a_pair_on_one_side() -> None:
     def on_own_half(found: FloatArray) -> float:
         return float(np.mean((found[:, 0] < 120) == (asked[:, 0] < 120)))
 
-    assert 0.2 < on_own_half(matcher(blank=False).answer(pair).uv_px) < 0.8
-    deciding = matcher(blank=True)
+    assert 0.2 < on_own_half(matcher(one_side=False).answer(pair).uv_px) < 0.8
+    deciding = matcher(one_side=True)
     answered = deciding.answer(pair).uv_px
     assert on_own_half(answered) in (0.0, 1.0)
     alone = [deciding.answer(Pair(pair.source, pair.target, at[None])).uv_px[0] for at in asked[:3]]

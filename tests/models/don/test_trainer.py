@@ -148,6 +148,7 @@ def test_a_run_is_a_folder_that_answers(sheet_dataset: Dataset, tmp_path: Path) 
         "distribution": "modes",
         "fill": [0.54, 0.74],
         "blank_square": "no",
+        "one_side": False,
     }
     json.dumps(described)
     assert facts["validation"]["rmse_px"] > 0
