@@ -37,6 +37,7 @@ def model_card(
         package="pliant.models",
         name=name,
         kind=str(settings.get("kind", "don")),
+        tiers=_tiers(str(facts["tier"]), settings.get("also", ())),
         settings={"threads": 0, "precision": "", "validation": {}, **settings},
         answer={"decode": "", "search": "", **settings.get("answer", {})},
         facts={"network": "", **facts},
@@ -52,6 +53,13 @@ def model_card(
         heading=heading,
         score_cell=score_cell,
     )
+
+
+def _tiers(first: str, also: Sequence[str]) -> str:
+    """Return the tiers of a training and of its other sets, `DATA#TIER` each, as a phrase."""
+    others = (each.partition("#")[2] or first for each in also)
+    *most, last = (f"`{tier}`" for tier in sorted({first, *others}))
+    return f"tiers {', '.join(most)} and {last}" if most else f"tier {last}"
 
 
 def _inline(values: Mapping[str, Any]) -> str:

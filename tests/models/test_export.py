@@ -367,4 +367,29 @@ def test_further_data_and_first_weights_are_named_without_paths(
         in card
     )
     assert f"The weights started from those of `{trained.name}`." in card
+    assert "Trained on tier `rope`." in card
     load_matcher(folder)
+
+
+@pytest.mark.parametrize(
+    ("also", "phrase"),
+    [
+        ([], "tier `cloth-3`"),
+        (["a", "b#cloth-1"], "tiers `cloth-1` and `cloth-3`"),
+        (["a#cloth-2", "#cloth-1", "c#cloth-2"], "tiers `cloth-1`, `cloth-2` and `cloth-3`"),
+    ],
+)
+def test_card_names_all_tiers(also: list[str], phrase: str) -> None:
+    size = {"width": 640, "height": 480}
+    dataset = {"id": "d", "version": "1.0.0", "title": "D", "image_size": size}
+    facts = {"tier": "cloth-3", "split": "train", "steps": 3, "processes": 1, "seed": 0, "device": "cpu"}
+    card = model_card(
+        name="m",
+        settings={"width": 80, "height": 60, "batch": 1, "network": {}, "also": also},
+        facts=facts,
+        dataset={**dataset, "provenance": {"generator": "pliant"}},
+        parameters=5,
+        training_s=None,
+    )
+    assert f"Trained on {phrase}." in card
+    assert f"It knows the objects of {phrase} and no other" in " ".join(card.split())
