@@ -382,11 +382,11 @@ def test_further_data_and_first_weights_are_named_without_paths(
 def test_card_names_all_tiers(also: list[str], phrase: str) -> None:
     size = {"width": 640, "height": 480}
     dataset = {"id": "d", "version": "1.0.0", "title": "D", "image_size": size}
-    facts = {"tier": "cloth-3", "split": "train", "steps": 3, "processes": 1, "seed": 0, "device": "cpu"}
+    facts = {"tier": "cloth-3", "split": "train", "steps": 3, "processes": 1, "seed": 0}
     card = model_card(
         name="m",
         settings={"width": 80, "height": 60, "batch": 1, "network": {}, "also": also},
-        facts=facts,
+        facts={**facts, "device": "cpu"},
         dataset={**dataset, "provenance": {"generator": "pliant"}},
         parameters=5,
         training_s=None,
