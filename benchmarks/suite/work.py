@@ -151,8 +151,14 @@ class Workspace:
         finished: bool,
         facts: Mapping[str, Any] | None = None,
     ) -> None:
-        """Note that a stage ended, or how far it came; costs add up over attempts."""
-        total = self.cost(stage) + cost
+        """Note that a stage ended, or how far it came.
+
+        Costs add up over interrupted attempts at the same; a stage that is made again from other
+        things costs what that took.
+        """
+        before = self._read(stage)
+        goes_on = before is not None and not before["finished"] and before["digest"] == digest
+        total = self.cost(stage) + cost if goes_on else cost
         note = {"digest": digest, "finished": finished, **asdict(total), **machine()}
         write_json(self._note(stage), {**note, "facts": dict(facts or {})})
 

@@ -542,3 +542,7 @@ def test_costs_add_up_over_attempts(tmp_path: Path) -> None:
     assert work.finished("run/x") is None
     work.record("run/x", "d", Cost(1.0, 1.5), finished=True)
     assert work.cost("run/x") == Cost(3.0, 4.5)
+    work.record("run/x", "e", Cost(1.0, 1.0), finished=False)  # made again from other things
+    work.record("run/x", "f", Cost(2.0, 2.0), finished=False)
+    work.record("run/x", "f", Cost(2.0, 2.0), finished=True)
+    assert work.cost("run/x") == Cost(4.0, 4.0)
