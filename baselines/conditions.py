@@ -200,7 +200,7 @@ class Shown:
         def changed() -> Frame:
             return functools.reduce(lambda seen, step: step(seen), self._steps, frame)
 
-        return self._frames.get(frame.key, changed) if frame.key else changed()
+        return self._frames.get(frame.cache_key, changed)
 
 
 class ShownKeypoints(Shown):

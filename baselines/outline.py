@@ -169,4 +169,4 @@ class ClothOutline:
         mask = view.mask
         if mask is None:
             return None
-        return self._sides.get(view.key, lambda: outline_sides(load_opencv(self.name), mask))
+        return self._sides.get(view.cache_key, lambda: outline_sides(load_opencv(self.name), mask))

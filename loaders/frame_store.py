@@ -18,7 +18,12 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from pliant.loaders.views import TrainingFrame, read_training_frame, surface_points
+from pliant.loaders.views import (
+    TrainingFrame,
+    read_training_frame,
+    surface_points,
+    working_key,
+)
 from pliant.spec.calls import PATH, check_type, check_whole
 from pliant.spec.dataset import Dataset
 from pliant.spec.errors import CallError, PliantError
@@ -156,7 +161,8 @@ class FrameStore:
                 return self._store(index, self._records)
             self._store_sequence(self.frames[index], self._records)
         stored: dict[str, Any] = {name: np.array(record[name]) for name in _STORED}
-        return TrainingFrame(**stored, key=self.frames[index].key)
+        frame = self.frames[index]
+        return TrainingFrame(**stored, key=frame.key).cached_as(working_key(frame, self.size))
 
     def _store(self, index: int, records: npt.NDArray[np.void]) -> TrainingFrame:
         view = self._decode(index)

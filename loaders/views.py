@@ -57,6 +57,11 @@ def _equals(column: pa.ChunkedArray, text: str) -> npt.NDArray[np.bool_]:
     return np.asarray(pc.equal(column, text).combine_chunks().to_numpy(zero_copy_only=False))
 
 
+def working_key(frame: Frame, size: tuple[int, int]) -> str:
+    """Return the `cache_key` of a frame at a working size (w, h)."""
+    return f"{frame.cache_key} {size[0]}x{size[1]}"
+
+
 def read_training_frame(
     frame: RecordedFrame, size: tuple[int, int], points: npt.NDArray[np.intp]
 ) -> TrainingFrame:
@@ -93,4 +98,4 @@ def read_training_frame(
         key=frame.key,
         uv_px=(uv_full * scale).astype(np.float32),
         visible=_equals(table["visibility"], "visible")[points],
-    )
+    ).cached_as(working_key(frame, size))

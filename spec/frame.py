@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import Any
+import itertools
+from dataclasses import dataclass, field, fields
+from typing import Any, Final, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from pliant.spec.camera import Camera
+
+_CHANGES: Final = itertools.count()
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -21,10 +24,11 @@ class Frame:
         rgb: uint8 (H, W, 3), sRGB.
         mask: bool (H, W), True where the queried object is visible, or None if not known.
         depth_m: float32 (H, W), planar z in metres, +inf is background, or None if not known.
-        key: Stable name of the frame (`SEQUENCE/INDEX`), for caches of descriptors; empty for
-            a frame that must not be cached.
+        key: Name of the frame (`SEQUENCE/INDEX` in a dataset), or empty.
         objects: bool (H, W), True where any object is visible (a rope's ball too), or None.
         camera: Intrinsics and pose, or None if not known.
+        cache_key: Name of what its arrays contain, by which methods cache what they computed: its
+            key, for a frame that is made from arrays. A frame without one is not cached.
 
     Examples:
         >>> frame = pliant.load("sample").frames("test")[0]
@@ -40,24 +44,39 @@ class Frame:
     key: str = ""
     objects: npt.NDArray[np.bool_] | None = None
     camera: Camera | None = None
+    cache_key: str = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.cached_as(self.key)
+
+    def cached_as(self, cache_key: str) -> Self:
+        """Give a frame that was just made another `cache_key`, and return it."""
+        object.__setattr__(self, "cache_key", cache_key)
+        return self
 
     @property
     def size(self) -> tuple[int, int]:
         """(width, height), pixels."""
         return self.rgb.shape[1], self.rgb.shape[0]
 
-    def replace(self, **changes: Any) -> Frame:
-        """Return a frame of this one's arrays with some attributes changed."""
-        kept = (each.name for each in fields(Frame) if each.name not in changes)
-        return Frame(**{name: getattr(self, name) for name in kept}, **changes)
+    def replace(self, *, cache_key: str | None = None, **changes: Any) -> Frame:
+        """Return a frame of this one's arrays with some attributes changed.
+
+        With changes it gets a `cache_key` of its own, unless one or a `key` is given: frames of the
+        same contents share it.
+        """
+        if cache_key is None:
+            changed = self.cache_key and changes
+            cache_key = f"{self.cache_key}+{next(_CHANGES)}" if changed else self.cache_key
+            cache_key = changes.get("key", cache_key)
+        names = (each.name for each in fields(Frame) if each.init)
+        kept = {name: getattr(self, name) for name in names if name not in changes}
+        return Frame(**kept, **changes).cached_as(cache_key)
 
     def without_masks(self) -> Frame:
-        """Return the frame as a method sees it that is given no masks.
-
-        It keeps its key, by which methods cache what they found: show one method frames with masks
-        or frames without, not both.
-        """
-        return self.replace(mask=None, objects=None)
+        """Return the frame as a method sees it that is given no masks."""
+        cache_key = self.cache_key and f"{self.cache_key} without masks"
+        return self.replace(mask=None, objects=None, cache_key=cache_key)
 
     def __repr__(self) -> str:
         return f"Frame({self.key!r}, {self.size[0]}x{self.size[1]})"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import operator
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -228,6 +229,12 @@ class RecordedFrame(Frame):
     def key(self) -> str:
         """`SEQUENCE/INDEX`: a name that is unique in the dataset."""
         return f"{self.sequence.id}/{self.index}"
+
+    @property
+    def cache_key(self) -> str:
+        """A digest of its folder, and its key: frames of two datasets may have one key."""
+        folder = hashlib.blake2b(str(self.sequence.dir).encode(), digest_size=8).hexdigest()
+        return f"{folder}/{self.key}"
 
     @property
     def size(self) -> tuple[int, int]:

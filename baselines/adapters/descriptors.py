@@ -91,7 +91,7 @@ class DescriptorMatcher:
 
     def _map(self, view: Frame) -> npt.NDArray[np.float32]:
         """Return a view's descriptors, float32 (h, w, D), of length 1."""
-        return self._maps.get(view.key, lambda: self._described(view))
+        return self._maps.get(view.cache_key, lambda: self._described(view))
 
     def _described(self, view: Frame) -> npt.NDArray[np.float32]:
         grid = as_grid(self._function(self._images.image(view)), None, self.name)

@@ -210,7 +210,7 @@ class LocalFeatureMatcher:
             uv_px = pixel_centres(mask, stride)
             return _Dense(uv_px, self._features.describe_at(luma(view.rgb), uv_px), stride)
 
-        return self._dense.get(view.key, make)
+        return self._dense.get(view.cache_key, make)
 
     def _keypoints_of(self, view: Frame) -> Keypoints:
         def make() -> Keypoints:
@@ -221,7 +221,7 @@ class LocalFeatureMatcher:
             kept = lies_on(found.uv_px, searched_mask(view))
             return Keypoints(found.uv_px[kept], found.descriptors[kept])
 
-        return self._keypoints.get(view.key, make)
+        return self._keypoints.get(view.cache_key, make)
 
 
 def _paint(

@@ -197,9 +197,9 @@ def warped(
         rgb=warp(view.rgb, Image.Resampling.BILINEAR, outside_rgb),
         mask=masked(view.mask),
         depth_m=depth_m,
-        key=f"{view.key}/{name}" if view.key else "",
+        key=view.key,
         objects=masked(view.objects),
-    )
+    ).cached_as(view.cache_key and f"{view.cache_key}/{name}")
 
 
 def _border(view: Frame) -> tuple[int, ...]:

@@ -64,4 +64,4 @@ class RopeTracer:
                 mask, above.view.objects, nadir=above.nadir
             )
 
-        return self._traces.get(view.key, traced)
+        return self._traces.get(view.cache_key, traced)

@@ -92,7 +92,7 @@ class ViewDescriber:
     def described(self, view: Frame) -> DescribedView:
         """Return a view's descriptors; without a mask, with the one that the network predicts."""
         # A key names a frame, and two frames of other sizes never share one.
-        return self._kept.get(view.key, lambda: self._describe(view))
+        return self._kept.get(view.cache_key, lambda: self._describe(view))
 
     def pixel_scale(self, view: Frame) -> npt.NDArray[np.float64]:
         """Return pixels of a view per network pixel, (u, v)."""
@@ -112,11 +112,11 @@ class ViewDescriber:
         """
         if not self.segments or (view.mask is not None and not view.mask.any()):
             return view
-        found = self._found.get(view.key, lambda: self._find(view))
+        found = self._found.get(view.cache_key, lambda: self._find(view))
         if found is None:
             return view
-        key = f"{view.key}/segmented" if view.key else ""
-        return view.replace(mask=found[0], objects=found[1], key=key)
+        cache_key = view.cache_key and f"{view.cache_key}/segmented"
+        return view.replace(mask=found[0], objects=found[1], cache_key=cache_key)
 
     def foreground(self, view: Frame) -> Frame:
         """Return a view without masks with the network's own foreground as its masks.
@@ -130,8 +130,8 @@ class ViewDescriber:
             None if each is None else resize_nearest(each, view.size)
             for each in (found.mask, found.objects)
         )
-        key = f"{view.key}/segmented" if view.key else ""
-        return view.replace(mask=mask, objects=objects, key=key)
+        cache_key = view.cache_key and f"{view.cache_key}/segmented"
+        return view.replace(mask=mask, objects=objects, cache_key=cache_key)
 
     def _find(self, view: Frame) -> tuple[Mask, Mask | None] | None:
         """Return the masks of `segmented`, or None for those that the view has."""

@@ -85,7 +85,7 @@ class RopeReader:
             seen = seen if shown is None else upright(seen, shown)
             return replace(seen, segmented=masked is not view)
 
-        return self._rectified.get(view.key, prepared)
+        return self._rectified.get(view.cache_key, prepared)
 
     def ways(self, source: Reframed, target: Reframed) -> list[Reframed]:
         """Return the source turned to each other side, where nothing says how a cloth is turned.
@@ -118,7 +118,7 @@ class RopeReader:
         """
         view = seen.view
         own = self._views.described(view)
-        traces, shape = self._readings.get(view.key, lambda: self._read(seen, own, scale))
+        traces, shape = self._readings.get(view.cache_key, lambda: self._read(seen, own, scale))
         return TracedView(view, own.maps[0], traces, shape)
 
     def _read(

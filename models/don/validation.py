@@ -37,10 +37,7 @@ class ValidationPair(Pair):
 
     def without_masks(self) -> ValidationPair:
         """Return the pair as a method meets it that is given no masks."""
-        source, target = (
-            view.replace(mask=None, objects=None, key=f"{view.key} without masks")
-            for view in (self.source, self.target)
-        )
+        source, target = self.source.without_masks(), self.target.without_masks()
         return replace(self, source=source, target=target)
 
 
@@ -75,8 +72,8 @@ def draw_validation_pairs(
         orbit = np.column_stack([points, store.partners[points]])  # (Q, 1 + S)
         drawn.append(
             ValidationPair(
-                source=view_a.replace(key=f"{store.root}/{store.frames[a].key}"),
-                target=view_b.replace(key=f"{store.root}/{store.frames[b].key}"),
+                source=view_a.replace(cache_key=view_a.cache_key),
+                target=view_b.replace(cache_key=view_b.cache_key),
                 uv_a_px=view_a.uv_px[points],
                 uv_b_px=np.nan_to_num(view_b.uv_px[orbit]),
                 visible=view_b.visible[orbit] & np.isfinite(view_b.uv_px[orbit]).all(axis=2),

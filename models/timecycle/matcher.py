@@ -159,7 +159,7 @@ class TimeCycleMatcher:
             with torch.inference_mode():
                 return self.network.encode(image[None].to(device), self.stride)[0].cpu()
 
-        return self._encoded.get(view.key, encode)
+        return self._encoded.get(view.cache_key, encode)
 
     def _searched(self, view: Frame) -> npt.NDArray[np.bool_] | None:
         """Return the cells that touch the object, where the settings look there alone."""

@@ -47,10 +47,7 @@ class Stretch:
         """Yield the frames, at the working size."""
         for number in self.frames:
             view = self.store.view(number)
-            key = self.store.frames[number].key
-            yield Frame(
-                rgb=view.rgb, mask=view.mask, objects=view.objects, depth_m=view.depth_m, key=key
-            )
+            yield view.replace(cache_key=view.cache_key)
 
     def truth(self) -> tuple[Float32Array, npt.NDArray[np.bool_]]:
         """Return where the points are, float32 (F + 1, Q, 2), and whether the camera sees them."""

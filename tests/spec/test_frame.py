@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import shutil
 from dataclasses import fields
 from pathlib import Path
 
@@ -77,7 +78,9 @@ def test_nothing_that_a_method_is_given_leads_to_the_truth(dataset: Dataset) -> 
     assert set(vars(seen)) == {"source", "target", "uv_a_px"}
     for given, frame in ((seen.source, pair.source), (seen.target, pair.target)):
         assert type(given) is Frame
-        assert set(vars(given)) == {"rgb", "mask", "depth_m", "key", "objects", "camera"}
+        names = {"rgb", "mask", "depth_m", "key", "objects", "camera", "cache_key"}
+        assert set(vars(given)) == names
+        assert str(pair.source.sequence.dir) not in given.cache_key
         assert not {"sequence", "surface", "correspondences"} & set(dir(given))
         assert given.mask is not None
         assert frame.mask is not None
@@ -100,6 +103,28 @@ def test_a_frame_of_arrays_and_one_of_a_dataset_have_the_same_attributes(dataset
     changed = made.replace(key="other")
     assert (changed.key, made.key) == ("other", "")
     assert changed.rgb is made.rgb
+
+
+def test_only_frames_of_the_same_contents_share_a_cache_key(
+    dataset: Dataset, tmp_path: Path
+) -> None:
+    frame = dataset[0][0]
+    assert frame.replace().cache_key == frame.cache_key == dataset[0][0].cache_key
+    assert frame.without_masks().cache_key == frame.without_masks().cache_key
+    blank = np.zeros_like(frame.rgb)
+    others = [
+        frame.cache_key,
+        dataset[0][1].cache_key,
+        frame.without_masks().cache_key,
+        frame.replace(rgb=blank).cache_key,
+        frame.replace(rgb=blank).without_masks().cache_key,
+        frame.replace(rgb=blank + 1).cache_key,
+        Dataset.open(shutil.copytree(dataset.root, tmp_path / "copy"))[0][0].cache_key,
+    ]
+    assert len(set(others)) == len(others)
+    photo = Frame(blank)
+    assert photo.cache_key == photo.without_masks().cache_key == ""
+    assert photo.replace(key="a").cache_key == Frame(blank, key="a").cache_key == "a"
 
 
 def test_camera_projects_as_the_tables_say(dataset: Dataset) -> None:

@@ -52,7 +52,7 @@ class FrameStore:
             queried = frame.sequence.described.queried
             return None if surface is None else SurfaceSearch(queried, surface)
 
-        return self._searches.get(frame.key, make)
+        return self._searches.get(frame.cache_key, make)
 
     def mesh(self, frame: RecordedFrame) -> PosedMesh:
         """Return the mesh of the tracked points of a frame's sequence."""
@@ -60,4 +60,4 @@ class FrameStore:
 
     def points(self, frame: RecordedFrame) -> PosedPoints:
         """Return where the tracked points of a frame are."""
-        return self._poses.get(frame.key, lambda: PosedPoints.of(frame, self.mesh(frame)))
+        return self._poses.get(frame.cache_key, lambda: PosedPoints.of(frame, self.mesh(frame)))

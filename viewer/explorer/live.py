@@ -111,7 +111,7 @@ class LiveMethod:
         if not isinstance(matcher, CanonicalMatcher):
             return None
         with self.lock:
-            read = self._canonical.get(view.key, lambda: matcher.canonical_map(view))
+            read = self._canonical.get(view.cache_key, lambda: matcher.canonical_map(view))
             if read is None:
                 return None
             return read.astype(np.float64), self._mask(view, read.shape[0], read.shape[1])

@@ -350,15 +350,13 @@ def test_rectified_views_have_a_calibration_of_their_own(
     assert few.tilted is None, "six pairs are too few"
 
 
-def test_frames_of_two_datasets_have_different_names(
-    sheet_dataset: Dataset, tmp_path: Path
-) -> None:
-    """A matcher remembers what it found in a frame by its name."""
+def test_frames_of_two_datasets_are_not_confused(sheet_dataset: Dataset, tmp_path: Path) -> None:
+    """A matcher remembers what it found in a frame by its `cache_key`."""
     other = Dataset.open(shutil.copytree(sheet_dataset.root, tmp_path / "other"))
     keys = []
     for dataset in (sheet_dataset, other):
         store = FrameStore(dataset, "sheet", "train", SIZE)
-        keys.append({pair.source.key for pair in draw_validation_pairs(store, 4, 5, seed=3)})
+        keys.append({pair.source.cache_key for pair in draw_validation_pairs(store, 4, 5, seed=3)})
     assert not keys[0] & keys[1]
 
 

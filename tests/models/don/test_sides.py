@@ -12,7 +12,7 @@ from pliant.models.don.matcher import DonMatcher
 from pliant.models.don.settings import AnswerSettings, DonSettings
 from pliant.models.don.sides import grid_of, side_of
 from pliant.models.networks.descriptor_network import NetworkSettings, build_network
-from pliant.spec.arrays import FloatArray
+from pliant.spec.arrays import Float32Array, FloatArray
 from pliant.spec.frame import Frame, Pair
 
 SIZE = (240, 180)
@@ -116,7 +116,7 @@ def test_a_torn_network_answers_a_pair_on_one_side() -> None:
     asked = asked[np.abs(asked[:, 0] - 120) > 15]
     pair = Pair(patches(1), patches(2), asked)
 
-    def on_own_half(found: FloatArray) -> float:
+    def on_own_half(found: Float32Array) -> float:
         return float(np.mean((found[:, 0] < 120) == (asked[:, 0] < 120)))
 
     assert 0.2 < on_own_half(matcher(one_side=False).answer(pair).uv_px) < 0.8
