@@ -49,8 +49,8 @@ class Template:
             pair: `source` and `target`, two frames that may differ in size. A frame has `rgb` uint8
                 (H, W, 3); `mask` bool (H, W) of the object, None where masks are withheld;
                 `depth_m` float32 (H, W) and `camera`, or None; and `cache_key`, a name under which
-                you can cache what you computed for it. `uv_a_px` float32 (N, 2) are the queries in the
-                source, (u right, v down); the centre of the first pixel is (0.5, 0.5).
+                you can cache what you computed for it. `uv_a_px` float32 (N, 2) are the queries in
+                the source, (u right, v down); the centre of the first pixel is (0.5, 0.5).
 
         Returns:
             One finite position per query, float32 (N, 2), in pixels of the target. `Answers` also
