@@ -108,7 +108,7 @@ def test_the_picture_moves_as_its_positions_do() -> None:
     column, row = seen.forward(uv).astype(int).T
     assert seen.view.mask[row, column].mean() > 0.98
     assert (seen.view.rgb[row, column, 0] > 100).mean() > 0.98
-    assert seen.view.key != view.key
+    assert seen.view.cache_key != view.key
 
 
 def test_the_table_is_equally_far_everywhere_from_straight_above() -> None:

@@ -28,7 +28,7 @@ def test_a_small_object_takes_the_wanted_share(left: int) -> None:
     assert np.ptp(rows) + 1 == pytest.approx(0.75 * 160, abs=3)
     assert np.ptp(columns) + 1 == pytest.approx(0.75 * 160 * 20 / 24, abs=3)
     assert seen.view.size == view.size
-    assert seen.view.key == "block/zoomed"
+    assert seen.view.cache_key == "block/zoomed"
     assert (seen.view.rgb[rows, columns, 0] > 110).all()
     # The part is inside the picture, so nothing is made up.
     corners = seen.back(Answers(np.array([[0, 0], [200, 160]], np.float32))).uv_px
