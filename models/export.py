@@ -138,7 +138,7 @@ def portable(settings: Mapping[str, Any], further: Sequence[Dataset]) -> dict[st
     Returns:
         The config with the datasets' ids and the name of the weights that it started from.
     """
-    given = {**settings, "network": {**settings.get("network", {})}}
+    given = {**settings, "cache_dir": "", "network": {**settings.get("network", {})}}
     if source := given["network"].get("pretrained", ""):
         given["network"]["pretrained"] = source if ":" in source else Path(source).name
     if further:

@@ -7,6 +7,7 @@ from typing import Any
 
 from pliant.evaluator.report.cells import heading, score_cell
 from pliant.evaluator.report.pages import render_page
+from pliant.evaluator.report.verdict import joined
 
 
 def model_card(
@@ -58,8 +59,8 @@ def model_card(
 def _tiers(first: str, also: Sequence[str]) -> str:
     """Return the tiers of a training and of its other sets, `DATA#TIER` each, as a phrase."""
     others = (each.partition("#")[2] or first for each in also)
-    *most, last = (f"`{tier}`" for tier in sorted({first, *others}))
-    return f"tiers {', '.join(most)} and {last}" if most else f"tier {last}"
+    tiers = [f"`{tier}`" for tier in sorted({first, *others})]
+    return f"{'tiers' if len(tiers) > 1 else 'tier'} {joined(tiers)}"
 
 
 def _inline(values: Mapping[str, Any]) -> str:

@@ -59,24 +59,28 @@ class Frame:
         """(width, height), pixels."""
         return self.rgb.shape[1], self.rgb.shape[0]
 
-    def replace(self, *, cache_key: str | None = None, **changes: Any) -> Frame:
+    def replace(self, *, variant: str = "", **changes: Any) -> Frame:
         """Return a frame of this one's arrays with some attributes changed.
 
-        With changes it gets a `cache_key` of its own, unless one or a `key` is given: frames of the
-        same contents share it.
+        Its `cache_key` is a new `key` if there is one among the changes; else that of this frame
+        with the variant, or with a number of its own if changes have no name.
+
+        Args:
+            variant: Name of the changes: they are the same wherever this frame has this variant.
+            changes: Attributes and their new values.
         """
-        if cache_key is None:
-            changed = self.cache_key and changes
-            cache_key = f"{self.cache_key}+{next(_CHANGES)}" if changed else self.cache_key
-            cache_key = changes.get("key", cache_key)
+        cache_key = self.cache_key
+        if "key" in changes:
+            cache_key = changes["key"]
+        elif changes and cache_key:
+            cache_key = f"{cache_key}/{variant or next(_CHANGES)}"
         names = (each.name for each in fields(Frame) if each.init)
         kept = {name: getattr(self, name) for name in names if name not in changes}
         return Frame(**kept, **changes).cached_as(cache_key)
 
     def without_masks(self) -> Frame:
         """Return the frame as a method sees it that is given no masks."""
-        cache_key = self.cache_key and f"{self.cache_key} without masks"
-        return self.replace(mask=None, objects=None, cache_key=cache_key)
+        return self.replace(variant="without masks", mask=None, objects=None)
 
     def __repr__(self) -> str:
         return f"Frame({self.key!r}, {self.size[0]}x{self.size[1]})"

@@ -193,13 +193,14 @@ def warped(
     if depth_m is not None:
         depth_m = (depth_m * _relative_depth(homography, depth_m.shape)).astype(np.float32)
         depth_m = warp(depth_m, Image.Resampling.NEAREST, np.inf)
-    return Frame(
+    return view.replace(
+        variant=name,
         rgb=warp(view.rgb, Image.Resampling.BILINEAR, outside_rgb),
         mask=masked(view.mask),
         depth_m=depth_m,
-        key=view.key,
         objects=masked(view.objects),
-    ).cached_as(view.cache_key and f"{view.cache_key}/{name}")
+        camera=None,
+    )
 
 
 def _border(view: Frame) -> tuple[int, ...]:

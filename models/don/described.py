@@ -91,7 +91,6 @@ class ViewDescriber:
 
     def described(self, view: Frame) -> DescribedView:
         """Return a view's descriptors; without a mask, with the one that the network predicts."""
-        # A key names a frame, and two frames of other sizes never share one.
         return self._kept.get(view.cache_key, lambda: self._describe(view))
 
     def pixel_scale(self, view: Frame) -> npt.NDArray[np.float64]:
@@ -115,8 +114,7 @@ class ViewDescriber:
         found = self._found.get(view.cache_key, lambda: self._find(view))
         if found is None:
             return view
-        cache_key = view.cache_key and f"{view.cache_key}/segmented"
-        return view.replace(mask=found[0], objects=found[1], cache_key=cache_key)
+        return view.replace(variant="segmented", mask=found[0], objects=found[1])
 
     def foreground(self, view: Frame) -> Frame:
         """Return a view without masks with the network's own foreground as its masks.
@@ -130,8 +128,7 @@ class ViewDescriber:
             None if each is None else resize_nearest(each, view.size)
             for each in (found.mask, found.objects)
         )
-        cache_key = view.cache_key and f"{view.cache_key}/segmented"
-        return view.replace(mask=mask, objects=objects, cache_key=cache_key)
+        return view.replace(variant="foreground", mask=mask, objects=objects)
 
     def _find(self, view: Frame) -> tuple[Mask, Mask | None] | None:
         """Return the masks of `segmented`, or None for those that the view has."""

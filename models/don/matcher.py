@@ -274,8 +274,9 @@ class DonMatcher:
             target: The image to find them in.
             uv_a_px: float32 (N, 2), in pixels of the source's view.
         """
-        log_p, shown = compared.log_p, self._views.described(source.view).mask
-        if not self.settings.one_side or shown is None:
+        log_p = compared.log_p
+        shown = self._views.described(source.view).mask if self.settings.one_side else None
+        if shown is None:
             return log_p
         points, scale = grid_of(shown), self._views.pixel_scale(source.view)
         of_grid = self.compare(

@@ -36,7 +36,7 @@ _TORN_BELOW: Final = 0.9  # share of p near the map from which nothing is weighe
 _PLACE: Final = 22.5  # standard deviation of a query's place around the map
 _ELSEWHERE: Final = 0.02  # weight of any other place
 _TRIES: Final = 300
-_ROUNDS: Final = 5
+_ROUNDS: Final = 6
 _STRETCH: Final = (0.25, 2.2)  # of the affine maps that are tried
 _UNSURE: Final = 0.02  # support of a place that counts half
 
@@ -77,7 +77,7 @@ class SideMap:
         apart = self.points_px - uv_px[:, None]  # (N, G, 2)
         reach = self.unit * _REACH
         near = np.exp(-np.square(apart).sum(axis=2) / (2 * reach**2)) * self.weights + 1e-9
-        design = np.concatenate([apart, np.ones_like(apart[..., :1])], axis=2)
+        design = _with_one(apart)
         weighed = (near[..., None] * design).transpose(0, 2, 1)  # (N, 3, G)
         normal = weighed @ design + np.eye(3) * [1e-6, 1e-6, 0.0]
         return np.linalg.solve(normal, weighed @ self.places_px)[:, 2]
@@ -115,11 +115,13 @@ def side_of(
     if affine is None:
         return None
     expected = _with_one(points_px) @ affine
-    found = _supported(points_px, places, share, expected, unit)
     for _ in range(_ROUNDS):
+        near = _support(places, share, expected, unit)
+        total = near.sum(axis=1)
+        mean = (near[..., None] * places).sum(axis=1) / np.maximum(total, 1e-12)[:, None]
+        found = SideMap(points_px, mean, total / (total + _UNSURE), unit)
         expected = found.at(points_px)
-        found = _supported(points_px, places, share, expected, unit)
-    gap = np.linalg.norm(places - found.at(points_px)[:, None], axis=2)
+    gap = np.linalg.norm(places - expected[:, None], axis=2)
     agreed = (share * (gap < unit * _NEAR)).sum() / len(points_px)
     return found if agreed < _TORN_BELOW else None
 
@@ -150,22 +152,21 @@ def _consensus(
     if len(maps) == 0:
         return None
     expected = _with_one(points_px) @ maps  # (t, G, 2)
-    squares = np.square(expected[:, :, None] - places).sum(axis=3)
-    support = (share * np.exp(-squares / (2 * (unit * _AGREES) ** 2))).sum(axis=(1, 2))
+    support = _support(places, share, expected, unit).sum(axis=(1, 2))
     best: FloatArray = maps[support.argmax()]
     return best
 
 
-def _supported(
-    points_px: FloatArray,
-    places: FloatArray,
-    share: FloatArray,
-    expected: FloatArray,
-    unit: float,
-) -> SideMap:
-    """Return the map of the modes near where the points are expected, float64 (G, 2)."""
-    squares = np.square(places - expected[:, None]).sum(axis=2)
-    near = share * np.exp(-squares / (2 * (unit * _AGREES) ** 2))
-    total = near.sum(axis=1)
-    mean = (near[..., None] * places).sum(axis=1) / np.maximum(total, 1e-12)[:, None]
-    return SideMap(points_px, mean, total / (total + _UNSURE), unit)
+def _support(
+    places: FloatArray, share: FloatArray, expected: FloatArray, unit: float
+) -> FloatArray:
+    """Return how much of p at each mode agrees with maps, float64 (..., G, K).
+
+    Args:
+        places: float64 (G, K, 2), the modes.
+        share: float64 (G, K), how much of p each has.
+        expected: float64 (..., G, 2), where the maps take the points.
+        unit: Pixels of the network per pixel of one 240 wide.
+    """
+    squares = np.square(places - expected[..., None, :]).sum(axis=-1)
+    return np.asarray(share * np.exp(-squares / (2 * (unit * _AGREES) ** 2)))

@@ -72,8 +72,8 @@ def draw_validation_pairs(
         orbit = np.column_stack([points, store.partners[points]])  # (Q, 1 + S)
         drawn.append(
             ValidationPair(
-                source=view_a.replace(cache_key=view_a.cache_key),
-                target=view_b.replace(cache_key=view_b.cache_key),
+                source=view_a.replace(),
+                target=view_b.replace(),
                 uv_a_px=view_a.uv_px[points],
                 uv_b_px=np.nan_to_num(view_b.uv_px[orbit]),
                 visible=view_b.visible[orbit] & np.isfinite(view_b.uv_px[orbit]).all(axis=2),

@@ -46,8 +46,7 @@ class Stretch:
     def views(self) -> Iterator[Frame]:
         """Yield the frames, at the working size."""
         for number in self.frames:
-            view = self.store.view(number)
-            yield view.replace(cache_key=view.cache_key)
+            yield self.store.view(number).replace()
 
     def truth(self) -> tuple[Float32Array, npt.NDArray[np.bool_]]:
         """Return where the points are, float32 (F + 1, Q, 2), and whether the camera sees them."""

@@ -352,7 +352,9 @@ def test_further_data_and_first_weights_are_named_without_paths(
     """The card of a run on several sets names them all; its config has no path of this machine."""
     settings = read_settings(DonSettings, trained / "config.yaml")
     network = settings.network.replace(pretrained=str(trained))
-    changed = settings.replace(network=network, also=(f"{tiny_dataset}#rope",), steps=2)
+    changed = settings.replace(
+        network=network, also=(f"{tiny_dataset}#rope",), steps=2, cache_dir=str(tmp_path / "cache")
+    )
     train_don(Dataset.open(tiny_dataset), tmp_path / "run", changed)
     dataset = Dataset.open(tiny_dataset)
     folder = export_run(tmp_path / "run", "don-more", tmp_path / "out", dataset)
