@@ -77,6 +77,25 @@ def without_small_holes(mask: Mask) -> Mask:
     return np.asarray(mask | small[parts])
 
 
+def thick_places(depth_px: FloatArray, least_px: float) -> list[tuple[int, int]]:
+    """Return the deepest pixel of each connected part of a mask that is deeper than something.
+
+    Args:
+        depth_px: float64 (H, W), distance to the edge of the mask.
+        least_px: Pixels of this depth or less are left out.
+
+    Returns:
+        (row, column) of one pixel per part, the first of those that are equally deep.
+    """
+    parts, _ = ndimage.label(depth_px > least_px)
+    places = []
+    for number, box in enumerate(ndimage.find_objects(parts), 1):
+        inside = np.where(parts[box] == number, depth_px[box], 0.0)
+        row, column = np.unravel_index(inside.argmax(), inside.shape)
+        places.append((int(row) + box[0].start, int(column) + box[1].start))
+    return places
+
+
 def separate_ball(mask: Mask) -> tuple[Mask, Mask | None]:
     """Divide a mask of a rope with a ball at its end.
 
@@ -107,9 +126,8 @@ def separate_ball(mask: Mask) -> tuple[Mask, Mask | None]:
 
 def _candidates(depth_px: FloatArray, half_px: float) -> list[_Candidate]:
     """Return the parts that are thick enough for a ball of a rope of a half width."""
-    parts, count = ndimage.label(depth_px > _THICK * half_px)
     found = []
-    for row, column in ndimage.maximum_position(depth_px, parts, range(1, count + 1)):
+    for row, column in thick_places(depth_px, _THICK * half_px):
         radius_px = float(depth_px[row, column])
         opened_px = (half_px + radius_px) / 2
         cores, _ = ndimage.label(depth_px > opened_px)

@@ -11,7 +11,6 @@ from pliant.baselines.tracing.depth_in_mask import depth_in_mask, ridge, shrunk,
 from pliant.baselines.tracing.settings import TRACING
 from pliant.spec.arrays import FloatArray, Mask
 from pliant.spec.ball import separate_ball, without_small_holes
-from pliant.spec.frame import Frame
 
 
 @dataclass(frozen=True)
@@ -65,13 +64,15 @@ class MaskShape:
         return ""
 
 
-def mask_remarks(source: Frame, target: Frame) -> list[str]:
-    """Return what a user should know of the masks of two pictures of ropes, as sentences."""
-    found = [
-        MaskShape.of(frame.mask, frame.objects).remark(name)
-        for name, frame in (("source", source), ("target", target))
-        if frame.mask is not None
-    ]
+def mask_remarks(source: MaskShape | None, target: MaskShape | None) -> list[str]:
+    """Return what a user should know of the masks of two pictures of ropes, as sentences.
+
+    Args:
+        source: Shape of the source's mask; None where it has none.
+        target: Likewise.
+    """
+    shapes = {"source": source, "target": target}
+    found = [shape.remark(name) for name, shape in shapes.items() if shape is not None]
     return [remark for remark in found if remark]
 
 

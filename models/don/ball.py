@@ -23,6 +23,7 @@ from scipy import ndimage
 
 from pliant.baselines.tracing.depth_in_mask import depth_in_mask, farthest_pixels, ridge
 from pliant.spec.arrays import FloatArray, Mask
+from pliant.spec.ball import thick_places
 
 FIRST_SHARE: Final = 0.1
 """Share of the rope's length that `first` of `ball_in` speaks of."""
@@ -68,7 +69,7 @@ def ball_in(objects: Mask, rope: FloatArray, first: FloatArray) -> Mask:
         )
 
     ends = _ends(objects)
-    best = max([*_thick_places(depth_px, _THICK * half_px), *ends], key=score)
+    best = max([*thick_places(depth_px, _THICK * half_px), *ends], key=score)
     radius_px = _LEAST_DEPTH * half_px
     cores, _ = ndimage.label(depth_px > radius_px)
     if cores[best] == 0:
@@ -108,12 +109,6 @@ def _gap_px(place: Sequence[float] | FloatArray, shape: tuple[int, ...]) -> Floa
     """Return the pixels' distance to a place, (row, column)."""
     rows, columns = np.ogrid[: shape[0], : shape[1]]
     return np.asarray(np.hypot(rows - place[0], columns - place[1]))
-
-
-def _thick_places(depth_px: FloatArray, least_px: float) -> list[tuple[int, int]]:
-    """Return the deepest pixel, (row, column), of each part that is deeper than something."""
-    parts, count = ndimage.label(depth_px > least_px)
-    return list(ndimage.maximum_position(depth_px, parts, range(1, count + 1)))
 
 
 def _ends(objects: Mask) -> list[tuple[int, int]]:

@@ -12,7 +12,7 @@ import numpy.typing as npt
 import torch
 
 from pliant.baselines.matcher import Heat
-from pliant.baselines.tracing import Reframed
+from pliant.baselines.tracing import Reframed, mask_remarks
 from pliant.models.don.certainty import Calibration
 from pliant.models.don.comparison import Comparison, compare
 from pliant.models.don.decoding import decode_position, mixture_of_modes
@@ -167,7 +167,11 @@ class DonMatcher:
 
     def remarks(self, source: Frame, target: Frame) -> list[str]:
         """Return what should be known of two pictures, as sentences; see `RemarkingMatcher`."""
-        return self.reader.remarks(source, target) if self.settings.decode == "trace" else []
+        if self.settings.decode != "trace":
+            return []
+        seen = (self.reader.seen(source), self.reader.seen(target))
+        shapes = [None if each.view.mask is None else self._traced(each).shape for each in seen]
+        return mask_remarks(*shapes)
 
     def _decided(self, source: Frame, target: Frame, uv_a_px: npt.NDArray[np.float32]) -> _Decided:
         """Search for queries in the views as they are answered in, float32 (N, 2), N >= 1."""

@@ -12,7 +12,6 @@ from pliant.baselines.tracing import (
     MaskShape,
     Reframed,
     Trace,
-    mask_remarks,
     rectified,
     rope_traces,
 )
@@ -104,10 +103,6 @@ class RopeReader:
         """Return where a view shows the object, at any resolution, or None where it is unknown."""
         shown = view.mask if view.objects is None else view.objects
         return self._views.described(view).mask if shown is None else shown
-
-    def remarks(self, source: Frame, target: Frame) -> list[str]:
-        """Return what should be known of the masks of two pictures, as sentences."""
-        return mask_remarks(self.seen(source).view, self.seen(target).view)
 
     def traced(self, seen: Reframed, scale: torch.Tensor) -> TracedView:
         """Return a view with its traces.
