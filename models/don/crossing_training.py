@@ -19,7 +19,7 @@ from torch.nn import functional
 from pliant.baselines.tracing import self_crossings
 from pliant.loaders.frame_store import FrameStore
 from pliant.loaders.views import TrainingFrame
-from pliant.models.don.crossings import LEAST_APART, picture_of
+from pliant.models.don.crossings import LEAST_APART
 from pliant.models.networks.crossing_network import (
     CrossingNetwork,
     CrossingPatches,
@@ -38,14 +38,11 @@ _BATCH: Final = 64
 _RATE: Final = 4e-3
 
 
-def fit_crossings(
-    stores: Sequence[FrameStore], *, depth: bool, seed: int
-) -> CrossingNetwork | None:
+def fit_crossings(stores: Sequence[FrameStore], *, seed: int) -> CrossingNetwork | None:
     """Train a network for crossings.
 
     Args:
         stores: Frames of ropes at the dataset's own size.
-        depth: Look at depth instead of colour.
         seed: Seed of all draws.
 
     Returns:
@@ -53,26 +50,25 @@ def fit_crossings(
     """
     rng = np.random.default_rng(seed)
     share = _MOST_FRAMES // len(stores)
-    found = [each for store in stores for each in _labelled(store, share, rng, depth=depth)]
+    found = [each for store in stores for each in _labelled(store, share, rng)]
     if sum(len(patches) for patches, _ in found) < _LEAST_CROSSINGS:
         return None
     patches = CrossingPatches.joined([patches for patches, _ in found])
     first_is_upper = torch.cat([label for _, label in found])
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
-        return _trained(patches, first_is_upper, depth=depth)
+        return _trained(patches, first_is_upper)
 
 
 def _labelled(
-    store: FrameStore, most: int, rng: np.random.Generator, *, depth: bool
+    store: FrameStore, most: int, rng: np.random.Generator
 ) -> Iterator[tuple[CrossingPatches, torch.Tensor]]:
     along = store.material[:, 0]
     for number in range(min(most, len(store))):
         frame = store.view(number)
-        view = frame.replace()
-        picture = picture_of(view, depth=depth)
+        picture = frame.rgb.astype(np.float32) / 255
         line = _middle_line(frame, along)
-        if picture is None or line is None:
+        if line is None:
             continue
         half_px = 0.5 * float(frame.mask.sum()) / _length(line)
         place, ways, label = [], [], []
@@ -119,17 +115,15 @@ def _turned(
     return np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=1)
 
 
-def _trained(
-    patches: CrossingPatches, first_is_upper: torch.Tensor, *, depth: bool
-) -> CrossingNetwork:
-    network = CrossingNetwork(depth=depth)
+def _trained(patches: CrossingPatches, first_is_upper: torch.Tensor) -> CrossingNetwork:
+    network = CrossingNetwork()
     batches = max(1, len(patches) // _BATCH)
     optimiser = torch.optim.AdamW(network.parameters(), lr=_RATE, weight_decay=0.02)
     schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, _RATE, total_steps=_EPOCHS * batches)
     for _ in range(_EPOCHS):
         order = torch.randperm(len(patches))
         for chosen in order.tensor_split(batches):
-            odds = network(_augmented(patches.rows(chosen), depth=depth))
+            odds = network(_augmented(patches.rows(chosen)))
             loss = functional.binary_cross_entropy_with_logits(odds, first_is_upper[chosen])
             optimiser.zero_grad()
             loss.backward()
@@ -138,18 +132,15 @@ def _trained(
     return network.eval()
 
 
-def _augmented(patches: CrossingPatches, *, depth: bool) -> CrossingPatches:
+def _augmented(patches: CrossingPatches) -> CrossingPatches:
     picture, angle = patches.picture, patches.angle
     count = len(picture)
     each = (count, 1, 1, 1, 1)
-    if depth:
-        picture = picture + torch.randn_like(picture) * 0.002 * torch.rand(each)
-    else:
-        mixing = torch.eye(3) + 0.35 * torch.randn(count, 3, 3)
-        mixing = torch.where(torch.rand(count, 1, 1) < 0.2, torch.full((3, 3), 1 / 3), mixing)
-        picture = torch.einsum("nkchw,ndc->nkdhw", picture, mixing)
-        picture = picture + torch.randn_like(picture) * 0.05 * torch.rand(each).square()
-        picture = torch.where(torch.rand(each) < 0.3, _blurred(picture), picture)
+    mixing = torch.eye(3) + 0.35 * torch.randn(count, 3, 3)
+    mixing = torch.where(torch.rand(count, 1, 1) < 0.2, torch.full((3, 3), 1 / 3), mixing)
+    picture = torch.einsum("nkchw,ndc->nkdhw", picture, mixing)
+    picture = picture + torch.randn_like(picture) * 0.05 * torch.rand(each).square()
+    picture = torch.where(torch.rand(each) < 0.3, _blurred(picture), picture)
     # Each strand's patch on its own: mirrored across the strand, and walked the other way.
     own = (count, 2, 1, 1, 1)
     mirrored = torch.rand(own) < 0.5

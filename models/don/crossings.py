@@ -27,17 +27,6 @@ LEAST_APART: Final = 0.04
 _MOST_CROSSINGS: Final = 12  # a trace with more runs along itself
 
 
-def picture_of(view: Frame, *, depth: bool) -> npt.NDArray[np.float32] | None:
-    """Return what a `CrossingNetwork` looks at, float32 (H, W, C); None for a view without it."""
-    if not depth:
-        return view.rgb.astype(np.float32) / 255
-    if view.depth_m is None:
-        return None
-    known = np.isfinite(view.depth_m)
-    usual = float(np.median(view.depth_m[known])) if known.any() else 0.0
-    return np.where(known, view.depth_m, np.float32(usual))[..., None].astype(np.float32)
-
-
 def with_overlaps(
     network: CrossingNetwork,
     view: Frame,
@@ -52,9 +41,7 @@ def with_overlaps(
         mask: bool (h, w), the rope, at any size.
         traces: Its readings, in pixels of the image.
     """
-    picture = picture_of(view, depth=network.depth)
-    if picture is None:
-        return list(traces)
+    picture = view.rgb.astype(np.float32) / 255
     factor = picture.shape[1] / mask.shape[1]
     area_px2 = float(mask.sum()) * factor**2
     parts: list[CrossingPatches] = []

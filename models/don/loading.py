@@ -78,8 +78,7 @@ def load_matcher(run: Path | str, /, **options: Any) -> DonMatcher:
     if values := read_run_json(run / FAMILIARITY):
         matcher.familiarity = Familiarity.from_document(values, run / FAMILIARITY)
     if settings.answer.crossings and (run / CROSSINGS).is_file():
-        depth = not settings.pairs.network_input.colour
-        matcher.reader.crossings = CrossingNetwork(depth=depth)
+        matcher.reader.crossings = CrossingNetwork()
         load_weights(matcher.reader.crossings, run / CROSSINGS)
     if (run / MASKS).is_file():
         masks = MaskNetwork()

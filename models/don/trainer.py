@@ -157,10 +157,8 @@ class DonTask(Task[DonSettings]):
         ]
         matcher = self.matcher(self.settings, facts)
         if self.settings.answer.crossings:
-            depth = not self.settings.pairs.network_input.colour
-            matcher.reader.crossings = fit_crossings(
-                self._frames(self.settings.split, whole=True), depth=depth, seed=seed
-            )
+            frames = self._frames(self.settings.split, whole=True)
+            matcher.reader.crossings = fit_crossings(frames, seed=seed)
             if matcher.reader.crossings is not None:
                 save_weights(run / CROSSINGS, matcher.reader.crossings.state_dict())
         matcher.calibration = calibration = calibrate(matcher, pairs, size)

@@ -20,7 +20,6 @@ PATCH: Final = 32
 """Pixels along each side of a patch."""
 
 _REACH: Final = 4.0  # half the side of a patch, in half widths of the rope
-_DEPTH_UNIT_M: Final = 0.02  # about what one strand on another adds
 _FLATTEST: Final = 4.0 / 255
 
 
@@ -29,8 +28,8 @@ class CrossingPatches:
     """The surroundings of N crossings.
 
     Attributes:
-        picture: float (N, 2, C, PATCH, PATCH), turned to the first and to the second strand:
-            colours from 0 to 1, or depths in metres.
+        picture: float (N, 2, 3, PATCH, PATCH), colours from 0 to 1, turned to the first and to
+            the second strand.
         angle: float (N, 2), rad, from the strand along x to the other one.
     """
 
@@ -60,7 +59,7 @@ def crossing_patches(
     """Sample the surroundings of crossings.
 
     Args:
-        picture: float32 (H, W, C), colours from 0 to 1 or depths in metres.
+        picture: float32 (H, W, 3), colours from 0 to 1.
         place_px: float64 (N, 2).
         ways: float64 (N, 2, 2), unit vectors along both strands.
         half_px: Half the rope's width, of all or of each, (N,).
@@ -87,17 +86,12 @@ def crossing_patches(
 
 
 class CrossingNetwork(nn.Module):
-    """Log odds that the first strand of a crossing is on top.
+    """Log odds that the first strand of a crossing is on top."""
 
-    Args:
-        depth: Patches are of depth, one channel; otherwise of colour, three.
-    """
-
-    def __init__(self, *, depth: bool) -> None:
+    def __init__(self) -> None:
         super().__init__()
-        self.depth = depth
         layers: list[nn.Module] = []
-        channels = (1 if depth else 3) + 2
+        channels = 3 + 2
         for width, stride in ((16, 1), (24, 2), (32, 2), (48, 2)):
             layers += [nn.Conv2d(channels, width, 3, stride, 1), nn.SiLU()]
             channels = width
@@ -113,19 +107,17 @@ class CrossingNetwork(nn.Module):
 
     def forward(self, patches: CrossingPatches) -> torch.Tensor:
         """Return log odds, float (N,)."""
-        picture = self._normalised(patches.picture.flatten(0, 1))
+        picture = _normalised(patches.picture.flatten(0, 1))
         looks = self.layers(torch.cat([picture, _strands(patches.angle.flatten())], dim=1))
         first, second = looks.view(-1, 2).unbind(dim=1)
         return first - second
 
-    def _normalised(self, picture: torch.Tensor) -> torch.Tensor:
-        if self.depth:
-            middle = picture.flatten(1).median(dim=1).values[:, None, None, None]
-            return ((picture - middle) / _DEPTH_UNIT_M).clamp(-3, 3)
-        grey = picture.mean(dim=1, keepdim=True)
-        planes = torch.cat([grey, picture[:, :1] - grey, picture[:, 2:] - grey], dim=1)
-        spread = grey.flatten(1).std(dim=1)[:, None, None, None] + _FLATTEST
-        return (planes - planes.mean(dim=(2, 3), keepdim=True)) / spread
+
+def _normalised(picture: torch.Tensor) -> torch.Tensor:
+    grey = picture.mean(dim=1, keepdim=True)
+    planes = torch.cat([grey, picture[:, :1] - grey, picture[:, 2:] - grey], dim=1)
+    spread = grey.flatten(1).std(dim=1)[:, None, None, None] + _FLATTEST
+    return (planes - planes.mean(dim=(2, 3), keepdim=True)) / spread
 
 
 def _strands(angle: torch.Tensor) -> torch.Tensor:

@@ -17,7 +17,6 @@ from pliant.models.don.crossing_training import fit_crossings
 from pliant.models.don.crossings import CROSSINGS, with_overlaps
 from pliant.models.networks.crossing_network import CrossingNetwork, crossing_patches
 from pliant.models.training.checkpoint import load_weights, save_weights
-from pliant.spec.errors import TrainingError
 from pliant.spec.frame import Frame
 
 SIDE = 96
@@ -36,7 +35,6 @@ def painted(rng: np.random.Generator) -> tuple[TrainingFrame, np.ndarray, bool]:
     y, x = np.mgrid[:SIDE, :SIDE] + 0.5
     rgb = np.full((SIDE, SIDE, 3), rng.uniform(20, 90), np.float64)
     colour = rng.uniform(110, 230, 3)
-    depth = np.full((SIDE, SIDE), 1.0)
     mask = np.zeros((SIDE, SIDE), dtype=np.bool_)
     for passage in (0.0, 1.0):  # the lower one first
         at = line[height == passage]
@@ -44,7 +42,6 @@ def painted(rng: np.random.Generator) -> tuple[TrainingFrame, np.ndarray, bool]:
         body = gap < HALF_PX
         shade = np.where(gap < 0.75 * HALF_PX, 1.0, 0.55)  # a dark rim
         rgb[body] = (colour * shade[..., None])[body]
-        depth[body] = 0.98 - 0.02 * passage
         mask |= body
     rgb += rng.normal(0, 3, rgb.shape)
     visible = np.ones(POINTS, dtype=np.bool_)
@@ -57,7 +54,7 @@ def painted(rng: np.random.Generator) -> tuple[TrainingFrame, np.ndarray, bool]:
         rgb=image,
         mask=mask,
         objects=mask,
-        depth_m=depth.astype(np.float32),
+        depth_m=np.ones((SIDE, SIDE), np.float32),
         uv_px=positions,
         visible=visible,
     )
@@ -84,7 +81,7 @@ def share_right(network: CrossingNetwork, store: PaintedStore) -> float:
     right = []
     for frame, line, first_is_upper in store.drawn:
         length = float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
-        view = Frame(frame.rgb, frame.mask, frame.depth_m)
+        view = Frame(frame.rgb, frame.mask)
         trace = Trace(line, length, HALF_PX, 1.0, 0.0, Nadir.of_image(frame.mask.shape))
         (known,) = with_overlaps(network, view, frame.mask, [trace])
         (overlap,) = known.overlaps
@@ -100,26 +97,23 @@ def stores() -> tuple[PaintedStore, PaintedStore]:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("depth", [False, True])
 def test_a_network_learns_which_strand_is_on_top(
-    depth: bool, stores: tuple[PaintedStore, PaintedStore], tmp_path: Path
+    stores: tuple[PaintedStore, PaintedStore], tmp_path: Path
 ) -> None:
     known: Any
     known, unseen = stores
-    network = fit_crossings([known], depth=depth, seed=0)
+    network = fit_crossings([known], seed=0)
     assert network is not None
     assert share_right(network, unseen) > 0.9
     save_weights(tmp_path / CROSSINGS, network.state_dict())
-    loaded = CrossingNetwork(depth=depth)
+    loaded = CrossingNetwork()
     load_weights(loaded, tmp_path / CROSSINGS)
     assert share_right(loaded, unseen) == share_right(network, unseen)
-    with pytest.raises(TrainingError, match="do not fit"):
-        load_weights(CrossingNetwork(depth=not depth), tmp_path / CROSSINGS)
 
 
 def test_too_few_crossings_train_nothing() -> None:
     stores: Any = [PaintedStore(5, seed=1)]
-    assert fit_crossings(stores, depth=False, seed=0) is None
+    assert fit_crossings(stores, seed=0) is None
 
 
 def test_exchanged_strands_exchange_the_sign() -> None:
@@ -127,7 +121,7 @@ def test_exchanged_strands_exchange_the_sign() -> None:
     (met,) = self_crossings(line, 20)
     picture = frame.rgb.astype(np.float32) / 255
     torch.manual_seed(0)
-    network = CrossingNetwork(depth=False).eval()
+    network = CrossingNetwork().eval()
     one, other = (
         network(crossing_patches(picture, met.place_px[None], ways[None], HALF_PX))
         for ways in (met.ways, met.ways[::-1].copy())
