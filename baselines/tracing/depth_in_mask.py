@@ -11,8 +11,15 @@ from pliant.spec.arrays import FloatArray, Mask
 
 
 def working_factor(mask: Mask) -> int:
-    """Return how many pixels of a mask, along each side, become one pixel to read it."""
-    return max(1, round(mask.shape[1] / TRACING.working_width_px))
+    """Return how many pixels of a mask, along each side, become one pixel to read it.
+
+    Strands stay wide enough to be told apart.
+    """
+    factor = max(1, round(mask.shape[1] / TRACING.working_width_px))
+    if factor == 1 or not mask.any():
+        return 1
+    half_px = float(np.percentile(depth_in_mask(mask, max(mask.shape))[mask], 90))
+    return max(1, min(factor, int(half_px / TRACING.working_half_px)))
 
 
 def shrunk(mask: Mask, factor: int) -> Mask:

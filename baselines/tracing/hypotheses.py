@@ -21,6 +21,7 @@ from pliant.baselines.tracing.depth_in_mask import (
 )
 from pliant.baselines.tracing.ends import Ball, from_end_to_end
 from pliant.baselines.tracing.settings import TRACING
+from pliant.baselines.tracing.strands import straightest_paths
 from pliant.baselines.tracing.tilt import Nadir, small_tilt
 from pliant.baselines.tracing.walk import walks
 from pliant.spec.arrays import FloatArray, Mask
@@ -56,7 +57,15 @@ class Trace:
     @property
     def score(self) -> float:
         """How plausible it is; 1 at most."""
-        return self.coverage - self.retraced
+        return self.coverage - self.retraced - TRACING.bend_weight * self.bend
+
+    @functools.cached_property
+    def bend(self) -> float:
+        """Sum of its squared turns, rad², between chords of one width of the rope."""
+        every = round(2 * self.half_px / self.length_px * (len(self.uv_px) - 1))
+        chords = np.diff(self.uv_px[:: max(1, every)], axis=0)
+        heading = np.arctan2(chords[:, 1], chords[:, 0])
+        return float((np.diff(np.unwrap(heading)) ** 2).sum())
 
     @functools.cached_property
     def axes(self) -> FloatArray:
@@ -106,10 +115,11 @@ def rope_traces(
     ball = Ball.of_mask(opened, factor) if opened.any() else None
     starts = _starts_at_ends(small) if ball is None else [_start_at_ball(small, ball, factor)]
     paths = _walked(depth, half_px, starts)
+    paths += straightest_paths(small, half_px, None if ball is None else starts[0][0])
     if likelihood is not None:
         pixels = np.argwhere(small | other)
-        found = likelihood((pixels[:, ::-1] + 0.5) * factor)
-        evidence = Evidence(pixels, small[tuple(pixels.T)], found)
+        seen = likelihood((pixels[:, ::-1] + 0.5) * factor)
+        evidence = Evidence(pixels, small[tuple(pixels.T)], seen)
         length_px = float(small.sum() / (2 * max(np.percentile(depth[small], 80), 0.8)))
         paths += sampled_paths(evidence, length_px, TRACING.chain_samples)
     if not paths:

@@ -19,6 +19,9 @@ class TracingSettings:
 
     Attributes:
         working_width_px: Masks are walked at about this width (cost).
+        working_half_px: Or at a larger one, where half of the rope's width would be less than this
+            (compared: 40 ropes of half the usual width or less, most of them with a knot, are read
+            rightly in 35 cases instead of 22).
         shortest_steps: Shorter walks, and masks of fewer pixels, are not a rope (unrecorded).
         stations: Places that a trace is resampled to, evenly along it (cost).
         walk_step_px: Length of a step on the working mask (unrecorded).
@@ -72,6 +75,15 @@ class TracingSettings:
         slant_widths: Of the median; wider are strands side by side (geometry).
         slant_residual_px: Widths scatter by this at least (geometry: pixels).
         slant_fill: Share of the frame that a rectified rope fills at most (unrecorded).
+        bend_weight: Of a trace's bend against its coverage (compared: 0 to 0.1 on ropes and cables;
+            0.003 and 0.01 are best).
+        strands_most: Of a mask; with more, the search takes too long (cost).
+        strands_paths: Paths returned (cost).
+        strands_looks: Steps of the search (cost).
+        strands_reach: Length over which the direction of a strand at its end is measured
+            (unrecorded).
+        strands_spur: Shorter loose ends are no strands (geometry: thinning leaves them).
+        strands_twice: Cost of passing a strand again, rad² (unrecorded).
         shape_least_part: Smaller parts than this share of the largest are specks (unrecorded).
         shape_around: Radius in which loose ends are looked for (unrecorded).
         shape_at_end: Area of a rope within that around its end, over that around its middle
@@ -80,6 +92,7 @@ class TracingSettings:
     """
 
     working_width_px: int = 320
+    working_half_px: float = 2.0
     shortest_steps: int = 20
     stations: int = 300
     walk_step_px: float = 1.5
@@ -128,6 +141,13 @@ class TracingSettings:
     slant_widths: tuple[float, float] = (0.6, 1.35)
     slant_residual_px: float = 0.6
     slant_fill: float = 0.86
+    bend_weight: float = 0.003
+    strands_most: int = 16
+    strands_paths: int = 8
+    strands_looks: int = 4000
+    strands_reach: float = 4.0
+    strands_spur: float = 2.5
+    strands_twice: float = 0.5
     shape_least_part: float = 0.1
     shape_around: float = 5.0
     shape_at_end: float = 0.65

@@ -10,12 +10,12 @@ with x_k where pair k of traces carries the query. The answer is the median of p
 mean of the places x_k near it: they are finer than the network's pixels. The weights w_k are the
 softmax of
 
-    30 (c + c') - 1.2 (r + r') - |log(l / l')| - 0.7 mean_s min(d_s, 8),
+    30 (c + c') - 0.09 (b + b') - 1.2 (r + r') - |log(l / l')| - 0.7 mean_s min(d_s, 8),
 
-with c, r and l the coverage, retraced share and length of either trace and d_s the scaled squared
-distance of their descriptors at station s: the log odds, fitted to rendered ropes, that both are
-right. With the small exponent b the network decides between the places of the traces; it does
-not overrule them, since it is often sure of the wrong strand at a crossing.
+with c, b, r and l the coverage, bend, retraced share and length of either trace and d_s the scaled
+squared distance of their descriptors at station s: the log odds, fitted to rendered ropes, that
+both are right. With the small exponent b the network decides between the places of the traces; it
+does not overrule them, since it is often sure of the wrong strand at a crossing.
 
 A rope without a ball has two ends alike, and each reading runs either way. Then p' is the mean of
 two such distributions, one for either way; all answers of a pair are the medians of the same one.
@@ -274,7 +274,13 @@ def _log_odds(source: Sequence[Trace], target: Sequence[Trace]) -> npt.NDArray[n
     """Return what T and U traces themselves say for each pair, float64 (T, U)."""
     own, length = [], []
     for traces in (source, target):
-        own.append([_COVERAGE * each.coverage - _RETRACED * each.retraced for each in traces])
+        own.append(
+            [
+                _COVERAGE * (each.coverage - TRACING.bend_weight * each.bend)
+                - _RETRACED * each.retraced
+                for each in traces
+            ]
+        )
         length.append(np.log([each.length_px for each in traces]))
     return np.add.outer(*own) - _LENGTH * abs(np.subtract.outer(*length))
 
