@@ -13,7 +13,7 @@ from pliant.spec.arrays import FloatArray, Mask
 def working_factor(mask: Mask) -> int:
     """Return how many pixels of a mask, along each side, become one pixel to read it.
 
-    Strands stay wide enough to be told apart.
+    Strands stay wide enough to be distinguished.
     """
     factor = max(1, round(mask.shape[1] / TRACING.working_width_px))
     if factor == 1 or not mask.any():

@@ -82,7 +82,7 @@ class TracingSettings:
         strands_looks: Steps of the search (cost).
         strands_reach: Length over which the direction of a strand at its end is measured
             (unrecorded).
-        strands_spur: Shorter loose ends are no strands (geometry: thinning leaves them).
+        strands_spur: Shorter loose ends do not count (geometry: thinning leaves them).
         strands_twice: Cost of passing a strand again, rad² (unrecorded).
         shape_least_part: Smaller parts than this share of the largest are specks (unrecorded).
         shape_around: Radius in which loose ends are looked for (unrecorded).

@@ -1,7 +1,7 @@
 """Paths that pass all strands of a mask, the straightest first.
 
 The skeleton of a mask (Zhang and Suen 1984) is a graph: strands, which meet at crossings or end
-loosely. A rope passes every strand once, or twice where it lies on itself. All crossings are
+loosely. A rope passes every strand once, or twice where it is on itself. All crossings are
 decided together: of the walks from a loose end that pass every strand, those with the least sum of
 squared turns at the crossings are returned.
 """
