@@ -61,7 +61,9 @@ class Trace:
 
     @functools.cached_property
     def bend(self) -> float:
-        """Sum of its squared turns, rad², between chords of one width of the rope."""
+        """Sum of its squared turns, rad², between chords of one width; 0 unless it is slender."""
+        if self.length_px <= TRACING.slender * self.half_px:
+            return 0.0
         every = round(2 * self.half_px / self.length_px * (len(self.uv_px) - 1))
         chords = np.diff(self.uv_px[:: max(1, every)], axis=0)
         heading = np.arctan2(chords[:, 1], chords[:, 0])
@@ -115,12 +117,14 @@ def rope_traces(
     ball = Ball.of_mask(opened, factor) if opened.any() else None
     starts = _starts_at_ends(small) if ball is None else [_start_at_ball(small, ball, factor)]
     paths = _walked(depth, half_px, starts)
-    paths += straightest_paths(small, half_px, None if ball is None else starts[0][0])
+    deep_px = max(float(np.percentile(depth[small], 80)), 0.8)
+    length_px = float(small.sum() / (2 * deep_px))
+    if length_px > TRACING.slender * deep_px:
+        paths += straightest_paths(small, half_px, None if ball is None else starts[0][0])
     if likelihood is not None:
         pixels = np.argwhere(small | other)
         seen = likelihood((pixels[:, ::-1] + 0.5) * factor)
         evidence = Evidence(pixels, small[tuple(pixels.T)], seen)
-        length_px = float(small.sum() / (2 * max(np.percentile(depth[small], 80), 0.8)))
         paths += sampled_paths(evidence, length_px, TRACING.chain_samples)
     if not paths:
         return []

@@ -75,6 +75,9 @@ class TracingSettings:
         slant_widths: Of the median; wider are strands side by side (geometry).
         slant_residual_px: Widths scatter by this at least (geometry: pixels).
         slant_fill: Share of the frame that a rectified rope fills at most (unrecorded).
+        slender: Ropes longer than this, in half widths, are also read along all strands, and bends
+            count (compared: the usual ropes have up to 152, thin ones 195 to 574; on the usual
+            ones both bring nothing, `docs/design-notes.md`).
         bend_weight: Of a trace's bend against its coverage (compared: 0 to 0.1 on ropes and cables;
             0.003 and 0.01 are best).
         strands_most: Of a mask; with more, the search takes too long (cost).
@@ -141,6 +144,7 @@ class TracingSettings:
     slant_widths: tuple[float, float] = (0.6, 1.35)
     slant_residual_px: float = 0.6
     slant_fill: float = 0.86
+    slender: float = 180.0
     bend_weight: float = 0.003
     strands_most: int = 16
     strands_paths: int = 8
