@@ -13,7 +13,7 @@ class TracingSettings:
     *Geometry*: follows from the shape of strands, masks and cameras. *Compared*: the best of
     several values on validation pairs of rendered ropes (`docs/design-notes.md`). *Cost*: larger
     values cost time. *Unrecorded*: it works, and the history does not say what else was tried. No
-    value was chosen on real pictures or on a test split.
+    value was chosen on real pictures or on a test split; that `slender` is needed was seen on one.
 
     Lengths are in half widths of the rope unless the name says otherwise.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -49,15 +49,14 @@ def write_results(
     rows = finished_rows(config, work)
     document = table_document(config, work, rows)
     write_json(out / "table.json", document)
-    tables = _tables(config, work, rows)
-    text = results_page(config, work, rows, tables, differing, command)
+    text = results_page(config, work, rows, differing, command)
     for target in (out / "results.md", page):
         if target is not None:
             target.write_text(text, encoding="utf-8")
     report = out / "report" / "index.html"
     report.parent.mkdir(parents=True, exist_ok=True)
     with replacing(report) as partial:
-        partial.write_text(report_page(config, work, rows, tables), encoding="utf-8")
+        partial.write_text(report_page(config, work, rows), encoding="utf-8")
     return document
 
 
@@ -65,11 +64,10 @@ def results_page(
     config: BenchmarkConfig,
     work: Workspace,
     rows: Sequence[Row],
-    tables: Mapping[str, Any],
     differing: Differences,
     command: str,
 ) -> str:
-    """Return the tables as Markdown; other arguments as in `write_results`."""
+    """Return the tables as Markdown; arguments as in `write_results`."""
     return render_page(
         "results.md.j2",
         package=_TEMPLATES,
@@ -80,13 +78,11 @@ def results_page(
         sizes=" and ".join({f"{made.width}x{made.height}": 0 for made in config.sets.values()}),
         missing=_missing(config, rows),
         costs=cost_tables(config, work),
-        **tables,
+        **_tables(config, work, rows),
     )
 
 
-def report_page(
-    config: BenchmarkConfig, work: Workspace, rows: Sequence[Row], tables: Mapping[str, Any]
-) -> str:
+def report_page(config: BenchmarkConfig, work: Workspace, rows: Sequence[Row]) -> str:
     """Return the tables with pictures, as one HTML page."""
     return render_page(
         "report.html.j2",
@@ -96,7 +92,7 @@ def report_page(
         pictures=set_pictures(config, work, rows),
         controls=CONTROLS,
         report_of=lambda row: _report(work, row),
-        **tables,
+        **_tables(config, work, rows),
     )
 
 
