@@ -107,9 +107,11 @@ def _graph(skeleton: Mask, half_px: float) -> tuple[list[_Strand], dict[int, Flo
     if joints.any():  # one crossing of two strands has several
         joints = ndimage.distance_transform_edt(~joints) <= half_px
     regions, nodes = ndimage.label(joints, _EIGHT)
-    parts, _ = ndimage.label(skeleton & ~joints, _EIGHT)
+    parts, count = ndimage.label(skeleton & ~joints, _EIGHT)
     strands: list[_Strand] = []
     loose: dict[int, FloatArray] = {}
+    if count > 10 * TRACING.strands_most:  # most of them would have to be spurs
+        return strands, loose
     for number, box in enumerate(ndimage.find_objects(parts), 1):
         pixels = _ordered(parts[box] == number) + [each.start for each in box]
         line = pixels[:, ::-1] + 0.5
