@@ -123,8 +123,8 @@ def rope_traces(
         paths += straightest_paths(small, half_px, None if ball is None else starts[0][0])
     if likelihood is not None:
         pixels = np.argwhere(small | other)
-        seen = likelihood((pixels[:, ::-1] + 0.5) * factor)
-        evidence = Evidence(pixels, small[tuple(pixels.T)], seen)
+        found = likelihood((pixels[:, ::-1] + 0.5) * factor)
+        evidence = Evidence(pixels, small[tuple(pixels.T)], found)
         paths += sampled_paths(evidence, length_px, TRACING.chain_samples)
     if not paths:
         return []
