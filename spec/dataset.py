@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import pyarrow as pa
+import pyarrow.compute as pc
 
 from pliant.spec.calls import check_whole
 from pliant.spec.conventions import SPEC_VERSION, SPLITS
@@ -42,6 +43,12 @@ _LISTED: Final = ["id", "tier", "split", "shape", "frames", "temporal"]
 def is_name(text: str) -> bool:
     """Return whether a text may name a tier or a sequence (and so a folder)."""
     return NAME.fullmatch(text) is not None and ".." not in text
+
+
+def _are_names(column: pa.ChunkedArray) -> bool:
+    """Return whether every text of a column may name a tier or a sequence."""
+    shaped = pc.match_substring_regex(column, f"^(?:{NAME.pattern})$")
+    return pc.all(pc.and_not(shaped, pc.match_substring(column, ".."))).as_py() is not False
 
 
 def check_version(version: object, path: AnyFile) -> None:
@@ -133,10 +140,11 @@ class Dataset:
         named = {name: tier for name, tier in tiers.items() if is_name(name)}
         sequences = []
         decoded = decoded_images()
+        all_named = _are_names(table["id"])
         columns = (table[name].to_pylist() for name in _LISTED)
         for name, tier, split, shape, frames, temporal in zip(*columns, strict=True):
             described = named.get(tier)
-            if not is_name(name) or (described is None and not is_name(tier)):
+            if not (all_named or is_name(name)) or (described is None and not is_name(tier)):
                 raise SpecError(
                     "invalid name of a sequence or tier",
                     path=listing,
