@@ -20,7 +20,7 @@ TRIED: Final[dict[str, tuple[float, ...]]] = {
     "temperature": (0.01, 0.03, 0.1),
     "first_weight": (0.0, 0.25, 1.0),
 }
-"""What is tried; `prior` in cells of 8 px."""
+"""What is tried; `prior` in fortieths of the picture's width."""
 
 
 def choose_readout(matcher: TimeCycleMatcher, stretches: Sequence[Stretch]) -> PropagationSettings:
@@ -36,7 +36,7 @@ def choose_readout(matcher: TimeCycleMatcher, stretches: Sequence[Stretch]) -> P
         own.replace(**dict(zip(names, values, strict=True)))
         for values in itertools.product(*TRIED.values())
     ]
-    cells = 8 / own.stride
+    cells = matcher.settings.width / 40 / own.stride
     tried = [each.replace(prior=each.prior * cells) for each in tried]
     return min(tried, key=lambda each: _error(matcher.read_by(each), stretches))
 

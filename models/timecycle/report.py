@@ -12,7 +12,7 @@ from pliant.evaluator.report.charts import Chart, Labels, line_chart
 from pliant.models.timecycle.guard import Guard
 from pliant.models.training.run_page import Section, history_chart, write_run_page
 
-_PARTS = ("long", "skip", "similarity", "self")
+_PARTS = ("long", "skip", "similarity", "self", "direct", "walk")
 _LISTED = "val/rmse_px_"
 
 

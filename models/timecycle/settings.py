@@ -20,11 +20,12 @@ from pliant.spec.constraints import (
     Count,
     Natural,
     NonNegative,
+    Positive,
     Refused,
     Share,
 )
 
-Stride = Literal[4, 8]
+Stride = Literal[2, 4, 8]
 
 
 class ClipSettings(Settings):
@@ -88,13 +89,34 @@ class CycleLossSettings(Settings):
     long: NonNegative = 0.02
     self_cycle: NonNegative = 1.0
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        if not any((self.similarity, self.skip, self.long, self.self_cycle)):
-            raise Refused(
-                "one weight above 0 of similarity, skip, long and self_cycle", "similarity"
-            )
-        return self
+    @property
+    def any(self) -> bool:
+        """Whether a part has a weight."""
+        return any((self.similarity, self.skip, self.long, self.self_cycle))
+
+
+class WalkSettings(Settings):
+    """The contrastive walk home to a warped copy, see `models/timecycle/walk.py`.
+
+    Attributes:
+        weight: Weight of its two losses; 0 leaves them out.
+        walks: Walks a clip, and at most so many times four pixels of the frame between.
+        sigma_px: Standard deviation of the target, network pixels.
+        turn_deg: Copies are turned by up to this much either way.
+        scale: Their relative size is log-uniform within 1/(1 + scale) to 1 + scale.
+        shift: They are moved by up to this share of the frame's size.
+        bend_px: Standard deviation of their bends, network pixels, at most.
+        knots: Places along the width between which bends are interpolated.
+    """
+
+    weight: NonNegative = 0.0
+    walks: Count = 96
+    sigma_px: Positive = 2.0
+    turn_deg: Annotated[float, Bounds(0, 180)] = 180.0
+    scale: Share = 0.25
+    shift: Annotated[float, Bounds(0, 0.5)] = 0.1
+    bend_px: NonNegative = 6.0
+    knots: Annotated[int, Bounds(3, 64)] = 6
 
 
 class PropagationSettings(Settings):
@@ -167,6 +189,7 @@ class TimeCycleSettings(RunSettings):
             Object Nets are trained with; 0 for none.
         stride: Pixels along a side of a cell in training; the cells' descriptors are means.
         losses: The losses of cycles.
+        walk: The losses of walks home to warped copies.
         validation: How the run is watched.
         propagation: How the result answers.
     """
@@ -183,8 +206,18 @@ class TimeCycleSettings(RunSettings):
     lift: NonNegative = 0.0
     stride: Stride = 8
     losses: CycleLossSettings = CycleLossSettings()
+    walk: WalkSettings = WalkSettings()
     validation: TrackValidationSettings = TrackValidationSettings()
     propagation: PropagationSettings = PropagationSettings()
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if not self.losses.any and self.walk.weight == 0:
+            raise Refused(
+                "one weight above 0 of similarity, skip, long, self_cycle and walk.weight",
+                "losses.similarity",
+            )
+        return self
 
     @property
     def patch_cells(self) -> int:

@@ -17,6 +17,7 @@ from pliant.models.timecycle.patches import draw_patches
 from pliant.models.timecycle.readout import choose_readout
 from pliant.models.timecycle.settings import TimeCycleSettings
 from pliant.models.timecycle.validation import draw_stretches, errors_over_time, figures, track_with
+from pliant.models.timecycle.walk import walk_losses, warped_copies
 from pliant.models.training.processes import Processes
 from pliant.models.training.run import RunOptions, train_task
 from pliant.models.training.run_folder import RUN_FACTS, write_json, write_settings
@@ -51,12 +52,24 @@ class TimeCycleTask(Task[TimeCycleSettings]):
         self, batch: Batch, progress: float, generator: torch.Generator
     ) -> tuple[torch.Tensor, Mapping[str, torch.Tensor]]:
         """Return the loss of a batch and its named parts; see `Task`."""
+        settings = self.settings
+        loss, parts = torch.zeros((), device=batch["image"].device), {}
+        if settings.losses.any:
+            parts = self._cycle_losses(batch, generator)
+            loss = weighted_sum(parts, settings.losses)
+        if settings.walk.weight > 0:
+            walked = self._walk_losses(batch, generator)
+            loss = loss + settings.walk.weight * (walked["direct"] + walked["walk"])
+            parts = {**parts, **walked}
+        return loss, {name: part.detach() for name, part in parts.items()}
+
+    def _cycle_losses(self, batch: Batch, generator: torch.Generator) -> dict[str, torch.Tensor]:
         settings, images = self.settings, batch["image"]
         frames = self.encode(images.flatten(0, 1)).unflatten(0, images.shape[:2])
         clips, cells = settings.clips, self.network.cells
         patches = draw_patches(images, batch["mask"], cells, clips, generator, settings.stride)
         cut = self.encode(patches.images).flatten(2).transpose(1, 2)
-        parts = cycle_losses(
+        return cycle_losses(
             self.network,
             frames[patches.clip],
             cut,
@@ -64,8 +77,23 @@ class TimeCycleTask(Task[TimeCycleSettings]):
             patches.weight,
             settings.losses,
         )
-        loss = weighted_sum(parts, settings.losses)
-        return loss, {name: part.detach() for name, part in parts.items()}
+
+    def _walk_losses(self, batch: Batch, generator: torch.Generator) -> dict[str, torch.Tensor]:
+        """Return the losses of walks from the last frame to the first one, or the other way."""
+        images, mask, settings = batch["image"], batch["mask"], self.settings.walk
+        ends = (
+            (-1, 0) if torch.rand((), generator=generator, device=images.device) < 0.5 else (0, -1)
+        )
+        (frame, shown), (other, between) = ((images[:, t], mask[:, t]) for t in ends)
+        a, b, m = (
+            warped_copies(picture, covered, settings, generator)
+            for picture, covered in ((frame, shown), (frame, shown), (other, between))
+        )
+        seen = torch.cat([a.images, m.images, b.images])
+        with self.precision():
+            described = self.network.encoder(seen.contiguous(memory_format=torch.channels_last))
+        scale = self.network.encoder.scale
+        return walk_losses(described.float().chunk(3), (a, b), m.mask, scale, settings, generator)
 
     def encode(self, images: torch.Tensor) -> torch.Tensor:
         """Return unit descriptors of images (N, C, H, W) at the run's precision."""
