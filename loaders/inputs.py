@@ -8,13 +8,15 @@ from typing import Final, Literal
 import numpy as np
 import numpy.typing as npt
 
+from pliant.loaders.contrast import LUMA, contrast_weights
 from pliant.spec.errors import CallError
 
-InputKind = Literal["rgb", "grey", "depth"]
+InputKind = Literal["rgb", "grey", "contrast", "depth"]
 
 IMAGE_CHANNELS: Final[dict[str, tuple[str, ...]]] = {
     "rgb": ("red", "green", "blue"),
     "grey": ("grey",),
+    "contrast": ("grey",),
     "depth": ("depth",),
 }
 """The image channels of each kind of input, in order."""
@@ -26,7 +28,6 @@ DEPTH_SCALE_M: Final = 0.1
 """One unit of the depth channel, metres."""
 
 _DEPTH_LIMIT: Final = 3.0
-_LUMA: Final = np.array([0.299, 0.587, 0.114], dtype=np.float32)
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,8 @@ class NetworkInput:
     """Which channels a network sees.
 
     Attributes:
-        kind: The image: `rgb`, `grey` or `depth`.
+        kind: The image: `rgb`, `grey`, `contrast` (the grey that tells the colours of the queried
+            object apart, see `pliant.loaders.contrast`) or `depth`.
         masks: Whether two mask channels follow. A network that sees only grey and masks works on
             materials that training never showed.
     """
@@ -86,7 +88,7 @@ class NetworkInput:
 
         Args:
             rgb: uint8 (h, w, 3); may be None for `depth`.
-            depth_m: float32 (h, w), +inf is background; may be None for `rgb` and `grey`.
+            depth_m: float32 (h, w), +inf is background; may be None unless `kind` is `depth`.
             mask: bool (h, w), the queried object, or None where it is not given.
             objects: bool (h, w), any object, or None where it is not given.
 
@@ -100,8 +102,11 @@ class NetworkInput:
             if rgb is None:
                 raise CallError("this network needs a colour image, and there is none", where="rgb")
             values = rgb.astype(np.float32) * (4 / 255) - 2
-            grey = self.kind == "grey"
-            planes = [(values @ _LUMA)[None] if grey else values.transpose(2, 0, 1)]
+            if self.kind == "rgb":
+                planes = [values.transpose(2, 0, 1)]
+            else:
+                weights = contrast_weights(rgb, mask) if self.kind == "contrast" else LUMA
+                planes = [(values @ weights)[None]]
         else:
             if depth_m is None:
                 raise CallError(

@@ -45,7 +45,7 @@ class PairSettings(Settings):
         views: Frames in a sample, >= 2; every ordered pair of them is a training pair.
         queries: Material points in a sample, >= 1.
         pairing: `any` two frames of the tier, two of one `sequence`, or `next` to each other.
-        input: The image that the network sees: `rgb`, `grey` or `depth`.
+        input: The image that the network sees: `rgb`, `grey`, `contrast` or `depth`.
         masks: Whether the masks of the queried object and of all objects are input channels too.
 
     Examples:
