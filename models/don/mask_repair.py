@@ -59,9 +59,11 @@ def repaired(
     )
     if not (ragged or foreign or MaskShape.of(mask, objects).several_ropes):
         return None
-    rope = seen & _near(shown, _REACH_PX * px) | mask & known
+    near = _near(shown, _REACH_PX * px)
     if objects is None:
-        return rope, None
+        return seen & near | mask & known, None
+    # What the picture's ball covers beyond the given one is no rope.
+    rope = found[0] & near | mask & known
     ball = _near(~_near(mask | ~objects, _BALL_PX * px), _BALL_PX * px)
     return rope & ~_near(ball, _BALL_RIM_PX * px), rope | ball
 
