@@ -18,6 +18,7 @@ from typing import Final
 
 import numpy as np
 import numpy.typing as npt
+from scipy import ndimage
 
 from pliant.spec.arrays import Mask
 
@@ -30,6 +31,7 @@ _WEIGHTS: Final = np.array(
 _PAIRS: Final = 2000
 _LEAST_PAIRS: Final = 20
 _ENOUGH: Final = 50.0
+_RIM_SHARE: Final = 1 / 200  # of the width: a mask's rim may show the table
 _OTHER_COLOUR: Final = 0.15
 _DARK: Final = 10.0  # added to m: the chromaticity of dark pixels is noise
 
@@ -44,7 +46,12 @@ def contrast_weights(rgb: npt.NDArray[np.uint8], mask: Mask | None) -> npt.NDArr
     Returns:
         float32 (3,); those of luminance where there is one colour.
     """
-    colours = (rgb.reshape(-1, 3) if mask is None else rgb[mask]).astype(np.float32)
+    shown = np.ones(rgb.shape[:2], np.bool_)
+    if mask is not None:
+        rim = max(1, round(_RIM_SHARE * rgb.shape[1]))
+        inner = ndimage.binary_erosion(mask, iterations=rim)
+        shown = inner if inner.any() else mask
+    colours = rgb[shown].astype(np.float32)
     if len(colours) == 0:
         return LUMA
     one, other = colours[np.random.default_rng(0).integers(len(colours), size=(2, _PAIRS))]

@@ -55,3 +55,16 @@ def test_the_table_has_a_say_without_a_mask_alone() -> None:
     mask = MASK.copy()
     mask[:, 30:] = False
     np.testing.assert_array_equal(contrast_weights(picture, mask), LUMA)
+
+
+def test_a_ragged_rim_has_no_say() -> None:
+    """A mask that reaches a pixel into a bright table chooses as an exact one does."""
+    picture = cloth((150, 40, 40), (60, 110, 40))
+    picture[:, :2] = picture[:2] = (255, 255, 255)
+    exact = MASK.copy()
+    exact[:, :2] = exact[:2] = False
+    ragged = exact.copy()
+    ragged[:, 1:] |= MASK[:, 1:]
+    np.testing.assert_array_equal(
+        contrast_weights(picture, ragged), contrast_weights(picture, exact)
+    )
