@@ -40,7 +40,7 @@ class ClipSettings(Settings):
         choose: Where patches come from: the object's `mask` (truth), or what moves (`motion`).
         turn_deg: A patch is turned by up to this much before it is sought.
         recolour: Gain and offset of each of its channels vary by about this share.
-        input: The image that the network sees: `rgb` or `grey`.
+        input: The image that the network sees: `rgb`, `grey` or `contrast`.
         masks: Whether the masks of the queried object and of all objects are input channels too.
     """
 
@@ -52,7 +52,7 @@ class ClipSettings(Settings):
     choose: Literal["mask", "motion"] = "mask"
     turn_deg: Annotated[float, Bounds(0, 180)] = 30.0
     recolour: Share = 0.1
-    input: Literal["rgb", "grey"] = "rgb"
+    input: Literal["rgb", "grey", "contrast"] = "rgb"
     masks: bool = False
 
     @property

@@ -126,7 +126,7 @@ def walk_losses(
         f, g, h = (each[n].flatten(1).T[i] for each, i in zip(described, indices, strict=True))
         parts.append(_losses(f, g, h, gap[shown], scale, settings.sigma_px))
     if not parts:
-        parts = [(sum(each.sum() for each in described) * 0).expand(3)]
+        parts = [torch.stack([each.sum() * 0 for each in described])]
     direct, walk, home = torch.stack(parts).mean(dim=0)
     return {"direct": direct, "walk": walk, "walk_home": home.detach()}
 
