@@ -28,9 +28,10 @@ LUMA: Final = np.array([0.299, 0.587, 0.114], dtype=np.float32)
 _WEIGHTS: Final = np.array(
     [(r, g, 10 - r - g) for r in range(11) for g in range(11 - r)], dtype=np.float32
 ) / np.float32(10)
+# Set once; validation towels, not each value, say that they are good enough.
 _PAIRS: Final = 2000
 _LEAST_PAIRS: Final = 20
-_ENOUGH: Final = 50.0
+_ENOUGH: Final = 50.0  # of 255
 _RIM_SHARE: Final = 1 / 200  # of the width: a mask's rim may show the table
 _OTHER_COLOUR: Final = 0.15
 _DARK: Final = 10.0  # added to m: the chromaticity of dark pixels is noise

@@ -8,8 +8,8 @@ m of another frame of its clip, and home to the pixels y of a copy B of its own 
 
 over all pixels of the object (global matching). The loss is the cross entropy with a Gaussian about
 the place where B shows the pixel of x (label warping): each copy is turned, scaled and bent in its
-own way, so a network that knows the place in the picture alone does not come home. So does a
-walk from A to B at once. Whole frames are described, so descriptors may say where on the object a
+own way, so a network that knows the place in the picture alone does not come home. A walk from A to
+B at once counts likewise. Whole frames are described, so descriptors may say where on the object a
 pixel is, which a patch that was cut out of its frame cannot.
 """
 
@@ -56,10 +56,8 @@ def warped_copies(
     count, _, height, width = images.shape
     device = images.device
     draws = 2 * torch.rand(count, 4, generator=generator, device=device) - 1
-    angle, scale = (
-        draws[:, 0] * math.radians(settings.turn_deg),
-        (1 + settings.scale) ** draws[:, 1],
-    )
+    angle = draws[:, 0] * math.radians(settings.turn_deg)
+    scale = (1 + settings.scale) ** draws[:, 1]
     size = torch.tensor([width, height], device=device, dtype=torch.float32)
     v, u = torch.meshgrid(
         torch.arange(height, device=device) + 0.5,
