@@ -100,7 +100,7 @@ class WalkSettings(Settings):
 
     Attributes:
         weight: Weight of its two losses; 0 leaves them out.
-        walks: Walks a clip, at most. They lead through four times as many pixels of the other frame.
+        walks: Walks a clip, at most; through four times as many pixels of the other frame.
         sigma_px: Standard deviation of the target, network pixels.
         turn_deg: Copies are turned by up to this much either way.
         scale: Their relative size is log-uniform within 1/(1 + scale) to 1 + scale.
