@@ -59,11 +59,11 @@ def repaired(
     )
     if not (ragged or foreign or MaskShape.of(mask, objects).several_ropes):
         return None
-    near = _near(shown, _REACH_PX * px)
+    # The ball found in the picture may lie beside the given one; its pixels are not rope.
+    added = seen if objects is None else found[0]
+    rope = added & _near(shown, _REACH_PX * px) | mask & known
     if objects is None:
-        return seen & near | mask & known, None
-    # What the picture's ball covers beyond the given one is no rope.
-    rope = found[0] & near | mask & known
+        return rope, None
     ball = _near(~_near(mask | ~objects, _BALL_PX * px), _BALL_PX * px)
     return rope & ~_near(ball, _BALL_RIM_PX * px), rope | ball
 

@@ -54,11 +54,12 @@ def test_a_segmenters_masks_are_corrected() -> None:
         assert objects is not None
         assert overlap(mask, rope) > overlap(damaged.mask, rope)
         assert (mask & rope).sum() > 0.96 * rope.sum()  # holes are filled, the end is back
-        assert overlap(objects & ~mask, ball) > 0.65
+        given = overlap(damaged.objects & ~damaged.mask, ball)
+        assert abs(overlap(objects & ~mask, ball) - given) < 0.02  # the ball is as it was given
 
 
 def test_a_ball_that_the_picture_shows_elsewhere_is_no_rope() -> None:
-    """A ball of the table's colour is drawn where it is guessed, beside the given one."""
+    """The ball found in the picture is 12 px away from the given one; its pixels are not rope."""
     rgb, rope, ball, _ = scene()
     damaged = segmented(Frame(rgb, mask=rope, objects=rope | ball, key="s/0"))
     assert damaged.mask is not None
