@@ -23,6 +23,8 @@ from typing import Any, Final, TypeVar, cast
 import numba
 import platformdirs
 
+from pliant.spec.arrays import FloatArray
+
 F = TypeVar("F", bound=Callable[..., Any])
 
 KEPT: Final = 4
@@ -43,7 +45,7 @@ def inlined(function: F) -> F:
         return cast(F, numba.njit(cache=cache, nogil=True, inline="always")(function))
 
 
-def elementwise(function: Callable[..., float]) -> Callable[..., Any]:
+def elementwise(function: Callable[..., float]) -> Callable[..., FloatArray]:
     """Compile a function of float64 numbers into a NumPy universal function, when first called.
 
     Loading one takes Numba's compiler, half a second that a process without geometry saves.
@@ -51,9 +53,10 @@ def elementwise(function: Callable[..., float]) -> Callable[..., Any]:
     signature = f"float64({', '.join(['float64'] * function.__code__.co_argcount)})"
 
     @functools.cache
-    def loaded() -> Callable[..., Any]:
+    def loaded() -> Callable[..., FloatArray]:
         with _cache_of(function) as cache:
-            return cast(Callable[..., Any], numba.vectorize([signature], cache=cache)(function))
+            made: Callable[..., FloatArray] = numba.vectorize([signature], cache=cache)(function)
+            return made
 
     return lambda *arguments: loaded()(*arguments)
 

@@ -11,7 +11,6 @@ BLAS's code for an older processor and compares.
 from __future__ import annotations
 
 import math
-from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,33 +20,21 @@ from pliant.spec.arrays import FloatArray
 
 
 @elementwise
-def _sin(x: float) -> float:
+def sin(x: float) -> float:
+    """Return the sine of angles in rad: float64 of the shape of `x`."""
     return math.sin(x)
 
 
 @elementwise
-def _cos(x: float) -> float:
+def cos(x: float) -> float:
+    """Return the cosine of angles in rad: float64 of the shape of `x`."""
     return math.cos(x)
 
 
 @elementwise
-def _arctan2(y: float, x: float) -> float:
-    return math.atan2(y, x)
-
-
-def sin(x: ArrayLike) -> FloatArray:
-    """Return the sine of angles in rad: float64 of the shape of `x`."""
-    return cast(FloatArray, _sin(x))
-
-
-def cos(x: ArrayLike) -> FloatArray:
-    """Return the cosine of angles in rad: float64 of the shape of `x`."""
-    return cast(FloatArray, _cos(x))
-
-
-def arctan2(y: ArrayLike, x: ArrayLike) -> FloatArray:
+def arctan2(y: float, x: float) -> float:
     """Return the angle of (x, y) in rad, -pi to pi: float64 of the common shape."""
-    return cast(FloatArray, _arctan2(y, x))
+    return math.atan2(y, x)
 
 
 def product(rows: ArrayLike, matrix: ArrayLike) -> FloatArray:

@@ -20,7 +20,7 @@ from pliant.generator.scene.scene_object import IntArray, Part, Pose, SceneObjec
 from pliant.generator.seeding import RandomStreams, Stream, weighted_choice
 from pliant.generator.settings.scene import SceneSettings
 from pliant.spec.arrays import FloatArray
-from pliant.spec.model import DISTRACTOR, MaterialCoordinate, MaterialObject, Tier
+from pliant.spec.model import DISTRACTOR
 
 _LENGTH_M: Final = (0.4, 1.3)
 _RADIUS_M: Final = {"rope": (0.005, 0.012), "cable": (0.0015, 0.004)}
@@ -37,19 +37,8 @@ _CELL_M: Final = 0.005
 _PLACES: Final = 12
 """Places tried for each; the one that fits is taken."""
 
-_EXTENT_M: Final = 2.0
+EXTENT_M: Final = 2.0
 """Bound of the rest coordinates: what material coordinate 1 stands for."""
-
-
-def with_distractors(tier: Tier, count: int) -> Tier:
-    """Return a tier whose scenes also show up to `count` distractors: the last objects."""
-    along = MaterialCoordinate("along", 0.0, 1.0, _EXTENT_M)
-    across = MaterialCoordinate("across", 0.0, 1.0, _EXTENT_M)
-    first = max(each.id for each in tier.objects) + 1
-    added = (
-        MaterialObject(first + k, f"{DISTRACTOR}-{k + 1}", (along, across)) for k in range(count)
-    )
-    return replace(tier, objects=(*tier.objects, *added))
 
 
 def add_distractors(
@@ -216,4 +205,4 @@ def _colour(rng: np.random.Generator) -> tuple[float, float, float]:
 
 def _chart(rest: FloatArray) -> FloatArray:
     """Return the place along and across: not unique on a tube, nothing is asked here."""
-    return np.clip(np.stack([rest[:, 0], rest[:, 1] + 0.5], axis=1) / _EXTENT_M, 0.0, 1.0)
+    return np.clip(np.stack([rest[:, 0], rest[:, 1] + 0.5], axis=1) / EXTENT_M, 0.0, 1.0)

@@ -16,24 +16,14 @@ import numpy as np
 from pliant.generator import portable
 from pliant.generator.scene.scene_object import GRIPPER, IntArray, Part, Pose, SceneObject, quads
 from pliant.spec.arrays import FloatArray
-from pliant.spec.model import MaterialCoordinate, MaterialObject, Tier
 
 _COLOUR: Final = (0.055, 0.055, 0.06)
 _FINGER_M: Final = (0.010, 0.022, 0.07)
 _PALM_M: Final = (0.075, 0.05, 0.035)
 _ARM_M: Final = (0.8, 0.06, 0.05)
 _ARM_RISE_RAD: Final = (0.45, 0.8)
-_EXTENT_M: Final = 1.0
+EXTENT_M: Final = 1.0
 """Bound of the rest coordinates: what material coordinate 1 stands for."""
-
-
-def with_gripper(tier: Tier) -> Tier:
-    """Return a tier whose scenes also show a gripper: the last object."""
-    heights = MaterialCoordinate("height", 0.0, 1.0, _EXTENT_M)
-    across = MaterialCoordinate("across", 0.0, 1.0, _EXTENT_M)
-    number = max(each.id for each in tier.objects) + 1
-    gripper = MaterialObject(number, GRIPPER, (heights, across))
-    return replace(tier, objects=(*tier.objects, gripper))
 
 
 def add_gripper(scene_object: SceneObject, rng: np.random.Generator) -> SceneObject:
@@ -116,4 +106,4 @@ def _box(middle: FloatArray, size: FloatArray, axes: FloatArray | None = None) -
 
 def _chart(rest: FloatArray) -> FloatArray:
     """Return height above the grasp and distance across: not unique, nothing is asked here."""
-    return np.clip(np.stack([rest[:, 2] + 0.1, rest[:, 1] + 0.5], axis=1) / _EXTENT_M, 0.0, 1.0)
+    return np.clip(np.stack([rest[:, 2] + 0.1, rest[:, 1] + 0.5], axis=1) / EXTENT_M, 0.0, 1.0)

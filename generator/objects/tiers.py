@@ -6,16 +6,17 @@ To add a tier, write a module with `describe` and `sample`, and name it in `TIER
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from importlib import import_module
 from typing import Final, Protocol, cast
 
 from pliant.generator.config import TIER_KINDS, GenerateConfig
-from pliant.generator.objects.distractors import add_distractors, with_distractors
-from pliant.generator.objects.gripper import add_gripper, with_gripper
-from pliant.generator.scene.scene_object import SceneObject
+from pliant.generator.objects import distractors, gripper
+from pliant.generator.scene.scene_object import GRIPPER, SceneObject
 from pliant.generator.seeding import RandomStreams, SequenceTask, Stream
 from pliant.spec.errors import MissingExtraError
-from pliant.spec.model import Tier
+from pliant.spec.model import DISTRACTOR, MaterialCoordinate, MaterialObject, Tier
 
 TIER_MODULES: Final[dict[str, str]] = {
     "rope": "pliant.generator.objects.rope.sampler",
@@ -46,8 +47,18 @@ def describe_tier(config: GenerateConfig, tier: str) -> Tier:
         tier: One of `TIER_KINDS`.
     """
     described = _module(tier).describe(config, tier)
-    described = with_gripper(described) if config.gripper else described
-    return with_distractors(described, config.scene.distractors[1])
+    if config.gripper:
+        described = _with_scenery(described, [GRIPPER], ("height", "across"), gripper.EXTENT_M)
+    names = [f"{DISTRACTOR}-{k + 1}" for k in range(config.scene.distractors[1])]
+    return _with_scenery(described, names, ("along", "across"), distractors.EXTENT_M)
+
+
+def _with_scenery(tier: Tier, names: Sequence[str], axes: tuple[str, str], extent_m: float) -> Tier:
+    """Return a tier whose scenes also show objects about which nothing is asked: the last ones."""
+    first, second = (MaterialCoordinate(axis, 0.0, 1.0, extent_m) for axis in axes)
+    number = max(each.id for each in tier.objects) + 1
+    added = (MaterialObject(number + k, name, (first, second)) for k, name in enumerate(names))
+    return replace(tier, objects=(*tier.objects, *added))
 
 
 def sample_scene_object(config: GenerateConfig, task: SequenceTask) -> SceneObject:
@@ -63,8 +74,10 @@ def sample_scene_object(config: GenerateConfig, task: SequenceTask) -> SceneObje
     streams = RandomStreams(config.seed, task)
     sampled = _module(task.tier).sample(config, streams)
     if config.scene.distractors[1]:  # never in episodes, nor with a gripper
-        return add_distractors(sampled, streams, config.scene)
-    return add_gripper(sampled, streams.generator(Stream.GRIPPER)) if config.gripper else sampled
+        return distractors.add_distractors(sampled, streams, config.scene)
+    if config.gripper:
+        return gripper.add_gripper(sampled, streams.generator(Stream.GRIPPER))
+    return sampled
 
 
 def _module(tier: str) -> TierModule:

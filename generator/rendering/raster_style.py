@@ -21,7 +21,7 @@ from pliant.generator.rendering.materials import (
     value_noise,
 )
 from pliant.generator.rendering.shadow import ShadowMap, shadow_map, sunlight
-from pliant.generator.rendering.sky import sky_maps, vertex_normals
+from pliant.generator.rendering.sky import openness, sky_maps, vertex_normals
 from pliant.generator.rendering.srgb import encode_channel, encode_where
 from pliant.generator.rendering.table import TableView
 from pliant.generator.scene.appearance import Appearance
@@ -68,8 +68,8 @@ class RasterRenderer:
         world, faces, light = truth.world_vertices, self._mesh.faces, self._light
         normals = vertex_normals(world, faces)
         shadow, sky = shadow_map(world, faces, light), sky_maps(world)
-        open_front = sky.openness(world, normals) * self._materials.crevice
-        open_back = sky.openness(world, -normals) if self._two_faced else open_front
+        open_front = openness(world, normals, sky) * self._materials.crevice
+        open_back = openness(world, -normals, sky) if self._two_faced else open_front
         camera = self._camera
         window = self._rasterise(world)
         linear, changed = self._table.under(shadow, sky, _hidden(self._hits, window, camera.size))

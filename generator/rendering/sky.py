@@ -50,18 +50,6 @@ class SkyMaps(NamedTuple):
     centre: FloatArray
     cell_m: float
 
-    def openness(self, points: FloatArray, normals: FloatArray) -> FloatArray:
-        """Return the share of the sky's light that reaches places despite the object.
-
-        Args:
-            points: float64 (N, 3), world metres.
-            normals: float64 (N, 3), unit; the side that is lit.
-
-        Returns:
-            float64 (N,), 0 to 1; 1 where nothing is in the way.
-        """
-        return _openness(points, normals, self)
-
 
 def sky_maps(world: FloatArray) -> SkyMaps:
     """Drop the object's vertices into the maps.
@@ -123,7 +111,17 @@ def _drop(
 
 
 @compiled
-def _openness(points: FloatArray, normals: FloatArray, maps: SkyMaps) -> FloatArray:
+def openness(points: FloatArray, normals: FloatArray, maps: SkyMaps) -> FloatArray:
+    """Return the share of the sky's light that reaches places despite the object.
+
+    Args:
+        points: float64 (N, 3), world metres.
+        normals: float64 (N, 3), unit; the side that is lit.
+        maps: What the sky sees of the object.
+
+    Returns:
+        float64 (N,), 0 to 1; 1 where nothing is in the way.
+    """
     height, centre, cell = maps.height, maps.centre, maps.cell_m
     out = np.empty(points.shape[0])
     half = 0.5 * _CELLS

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from pliant.generator.compiled import compiled
 from pliant.generator.rendering.materials import table_reflectance
 from pliant.generator.rendering.shadow import ShadowMap, may_shade, sunlight
-from pliant.generator.rendering.sky import SkyMaps
+from pliant.generator.rendering.sky import SkyMaps, openness
 from pliant.generator.rendering.srgb import encode_srgb
 from pliant.generator.scene.appearance import Appearance
 from pliant.spec.arrays import BoolArray, FloatArray
@@ -84,7 +84,7 @@ class TableView:
         changed = np.zeros(linear.shape[:2], np.bool_)
         if hidden is None:
             hidden = changed.copy()
-        grid = sky.openness(self._grid, self._up).reshape(self._grid_shape)
+        grid = openness(self._grid, self._up, sky).reshape(self._grid_shape)
         ground = _Ground(self._reflectance, self._xy, self._boxes, self._sun, self._sky, grid)
         _shade(ground, shadow, hidden, linear, changed)
         return linear, changed

@@ -9,7 +9,6 @@ from pydantic import model_validator
 
 from pliant.spec.configuration import Settings
 from pliant.spec.constraints import Bounds, Range, Refused, Share
-from pliant.spec.errors import CallError
 
 if TYPE_CHECKING:
     from pliant.generator.objects.cloth.simulator import Sheet
@@ -112,22 +111,8 @@ class ClothSettings(Settings):
         return self.render_cells + 1
 
     def level_of(self, tier: str) -> int:
-        """Return the level of a tier: the setting's, else the digit that ends its name.
-
-        Raises:
-            CallError: Neither names a level.
-        """
-        if self.level is not None:
-            return self.level
-        for level in COVERAGE_BANDS:
-            if tier.endswith(f"-{level}"):
-                return level
-        raise CallError(
-            f"tier '{tier}' names no cloth level",
-            where="level",
-            found=tier,
-            required="a name ending in -1, -2 or -3, or the setting level",
-        )
+        """Return the level of a tier: the setting's, else the digit that ends its name."""
+        return self.level or int(tier[-1])
 
     def band_of(self, level: int) -> tuple[float, float]:
         """Return the accepted silhouette coverage of a level."""

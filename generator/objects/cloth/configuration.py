@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,9 +13,7 @@ from pliant.generator.objects.cloth.grid import grid_faces
 from pliant.generator.objects.cloth.handling import CALM_SPEED_M_S, Handling
 from pliant.generator.objects.cloth.levels import shape_cloth
 from pliant.generator.objects.cloth.measure import shows_underside
-from pliant.generator.objects.cloth.surface import PART, Placement, cover_of, render_vertices
-from pliant.generator.scene.scene_object import Pose
-from pliant.generator.seeding import RandomStreams, Stream
+from pliant.generator.objects.cloth.surface import Placement, cover_of, render_vertices
 from pliant.generator.settings.cloth import ClothSettings
 from pliant.spec.arrays import FloatArray
 from pliant.spec.configuration import settings_to_dict
@@ -41,27 +39,6 @@ class Configuration:
     info: Mapping[str, Any]
 
 
-class Configurations:
-    """The frames of a sequence of independent configurations, made when asked for."""
-
-    def __init__(self, settings: ClothSettings, level: int, streams: RandomStreams) -> None:
-        self._settings = settings
-        self._level = level
-        self._streams = streams
-        self._last: tuple[int, Pose] | None = None
-
-    def __call__(self, frame: int) -> Pose:
-        """Return the pose of a frame; the last one asked for is kept."""
-        if self._last is None or self._last[0] != frame:
-            rng = self._streams.generator(Stream.CLOTH_CONFIGURATION, frame)
-            underside = None
-            if self._settings.sides == "alternate":
-                underside = self._streams.task.index % 2 == 1
-            made = make_configuration(self._settings, self._level, rng, underside)
-            self._last = (frame, Pose(vertices={PART: made.vertices}, info=made.info))
-        return self._last[1]
-
-
 def make_configuration(
     settings: ClothSettings, level: int, rng: np.random.Generator, underside: bool | None = None
 ) -> Configuration:
@@ -84,8 +61,7 @@ def make_configuration(
     for attempt in range(settings.max_tries):
         made = _try_configuration(settings, level, band, rng, underside)
         if isinstance(made, Configuration):
-            facts = {**made.info, "tries": attempt + 1, "refused": refused}
-            return Configuration(made.handling, made.placement, made.vertices, facts)
+            return replace(made, info={**made.info, "tries": attempt + 1, "refused": refused})
         refused[made] = refused.get(made, 0) + 1
         _log.debug("cloth level %d, try %d refused: %s", level, attempt + 1, made)
     raise GenerationError(

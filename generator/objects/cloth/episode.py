@@ -8,7 +8,6 @@ every frame of an episode keeps the rule that configurations keep.
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from dataclasses import dataclass
 from typing import Any, Final
@@ -54,11 +53,10 @@ class Episode:
         self._settings = settings
         self._level = level
         self._streams = streams
-        self._pose: Pose | None = None
         self._restart()
 
-    def __call__(self, frame: int) -> Pose:
-        """Return the pose of a frame; the last one asked for is kept."""
+    def pose(self, frame: int) -> Pose:
+        """Return the pose of a frame, >= 0."""
         if frame < self._frame:
             self._restart()
         while self._frame < frame:
@@ -66,10 +64,16 @@ class Episode:
                 self._act()
             self._moment = self._waiting.popleft()
             self._frame += 1
-            self._pose = None
-        if self._pose is None:
-            self._pose = self._pose_of(self._moment)
-        return self._pose
+        moment = self._moment
+        info: dict[str, Any] = {
+            **settings_to_dict(cover_of(self._settings, moment.vertices)),
+            "action": None if moment.action is None else self._actions[moment.action],
+            "hand": None if moment.hand_m is None else moment.hand_m.tolist(),
+            "d_action": moment.moved_m.tolist(),
+        }
+        if self._frame == 0:
+            info["start"] = self._start
+        return Pose(vertices={PART: moment.vertices}, info=info)
 
     def _restart(self) -> None:
         settings = self._settings
@@ -90,23 +94,10 @@ class Episode:
         self._waiting: deque[_Moment] = deque()
         self._frame = 0
         self._moment = _Moment(*self._surface(), None, None, np.zeros(3))
-        self._pose = None
 
     def _surface(self) -> tuple[FloatArray, int]:
         positions = self._handling.simulator.positions
         return render_vertices(self._settings, self._placement.apply(positions))
-
-    def _pose_of(self, moment: _Moment) -> Pose:
-        action = None if moment.action is None else self._actions[moment.action]
-        info: dict[str, Any] = {
-            **settings_to_dict(cover_of(self._settings, moment.vertices)),
-            "action": action,
-            "hand": None if moment.hand_m is None else moment.hand_m.tolist(),
-            "d_action": moment.moved_m.tolist(),
-        }
-        if self._frame == 0:
-            info["start"] = self._start
-        return Pose(vertices={PART: moment.vertices}, info=info)
 
     def _act(self) -> None:
         """Simulate one more action whole, and let its frames wait."""
@@ -173,8 +164,7 @@ class Episode:
             name = "drop"
             xy = cloth.middle() + rng.uniform(-0.2, 0.2, 2) * cloth.side_m
             vertex = cloth.top_vertex(xy)
-            angle = rng.uniform(-math.pi, math.pi)
-            carry = rng.uniform(0.05, 0.25) * np.array([math.cos(angle), math.sin(angle)])
+            carry = cloth.anywhere() * rng.uniform(0.05, 0.25)
             lift, lower = rng.uniform(0.2, 0.5), rng.uniform(0.1, 0.6)
         else:
             name, vertex = "fold", self._rim_vertex()
@@ -190,8 +180,7 @@ class Episode:
         cloth, rng = self._handling, self._rng
         if rng.random() < 0.4:
             return int(rng.choice(corner_vertices(cloth.side)))
-        angle = rng.uniform(-math.pi, math.pi)
-        direction = np.array([math.cos(angle), math.sin(angle)])
+        direction = cloth.anywhere()
         offsets = cloth.simulator.positions[:, :2] - cloth.middle()
         outermost = int(portable.product(offsets, direction[:, None]).argmax())
         return cloth.top_vertex(cloth.simulator.positions[outermost, :2])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from pliant.generator.objects.cloth.contact_pbd import PairContact
 from pliant.generator.objects.cloth.grid import corner_vertices, flat_positions, grid_faces
 from pliant.generator.objects.cloth.measure import silhouette_m2
 from pliant.generator.objects.cloth.simulator import Simulator
-from pliant.generator.objects.cloth.step import Table
+from pliant.generator.objects.cloth.step import collide_table
 from pliant.generator.settings.cloth import ClothSettings
 from pliant.spec.arrays import FloatArray
 
@@ -153,8 +154,8 @@ class Handling:
         sheet = settings.sheet()
         contact_m = settings.contact_spacings * sheet.spacing_m
         colliders = (
-            PairContact.of(sheet, contact_m, settings.cloth_friction),
-            Table(height_m, settings.table_friction),
+            PairContact.of(sheet, contact_m, settings.cloth_friction).collide,
+            partial(collide_table, height_m, settings.table_friction),
         )
         self.simulator = Simulator(sheet, flat, gravity=GRAVITY_M_S2, colliders=colliders)
 
@@ -277,6 +278,11 @@ class Handling:
     def corner(self) -> int:
         """Return a random corner mass."""
         return int(self.rng.choice(corner_vertices(self.side)))
+
+    def anywhere(self) -> FloatArray:
+        """Return a random unit direction over the table."""
+        angle = self.rng.uniform(-math.pi, math.pi)
+        return np.array([math.cos(angle), math.sin(angle)])
 
     def inwards(self, vertex: int, spread_rad: float) -> FloatArray:
         """Return a unit direction from a mass to the middle, off by a random angle."""

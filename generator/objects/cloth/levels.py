@@ -8,7 +8,6 @@ follows; below the band, the configuration is dropped and a new one is begun.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import Final
 
@@ -65,8 +64,7 @@ def _pull_rim(cloth: Handling) -> None:
         cloth.act("pull", vertex, carry, rng.uniform(0.06, 0.16))
     else:
         xy = cloth.middle() + rng.uniform(-0.25, 0.25, 2) * cloth.side_m
-        angle = rng.uniform(-math.pi, math.pi)
-        carry = rng.uniform(0.1, 0.25) * np.array([math.cos(angle), math.sin(angle)])
+        carry = cloth.anywhere() * rng.uniform(0.1, 0.25)
         cloth.act("pinch", cloth.top_vertex(xy), carry, rng.uniform(0.1, 0.2), lower_share=0.3)
 
 
@@ -75,8 +73,7 @@ def _begin_wrinkled(cloth: Handling) -> None:
     rng, side = cloth.rng, cloth.side
     if rng.random() < 0.4:
         xy = cloth.middle() + rng.uniform(-0.3, 0.3, 2) * cloth.side_m
-        angle = rng.uniform(-math.pi, math.pi)
-        carry = rng.uniform(0.25, 0.5) * np.array([math.cos(angle), math.sin(angle)])
+        carry = cloth.anywhere() * rng.uniform(0.25, 0.5)
         cloth.act("drag", cloth.top_vertex(xy), carry, rng.uniform(0.15, 0.3), 0.3)
         return
     upper = cloth.stand_up()
@@ -109,8 +106,7 @@ def _scrunch(cloth: Handling) -> None:
     rng = cloth.rng
     if rng.random() < 0.3:
         xy = cloth.middle() + rng.normal(0.0, 0.06, 2) * cloth.side_m
-        angle = rng.uniform(-math.pi, math.pi)
-        carry = rng.uniform(0.05, 0.2) * np.array([math.cos(angle), math.sin(angle)])
+        carry = cloth.anywhere() * rng.uniform(0.05, 0.2)
         lift = rng.uniform(0.3, 0.5)
         cloth.act("drop", cloth.top_vertex(xy), carry, lift, rng.uniform(0.0, 0.4), settle_s=0.8)
         return

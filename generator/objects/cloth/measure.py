@@ -45,13 +45,9 @@ def measure_cover(vertices: FloatArray, faces: IntArray, corners: IntArray, side
     Returns:
         Its cover; the share of the material is taken at the triangles' centroids.
     """
-    centroids = vertices[faces].mean(axis=1)
-    own_face = np.arange(len(faces), dtype=np.int32)
-    none = np.full(len(faces), -1, dtype=np.int32)
-    hidden = covered_from_above(vertices, faces, centroids, own_face, none)
-    hidden_corners = covered_from_above(
-        vertices, faces, vertices[corners], np.full(4, -1, dtype=np.int32), corners
-    )
+    hidden = _hidden_faces(vertices, faces, vertices[faces].mean(axis=1))
+    no_face = np.full(4, -1, dtype=np.int32)
+    hidden_corners = covered_from_above(vertices, faces, vertices[corners], no_face, corners)
     return Cover(
         coverage=silhouette_m2(vertices, faces, side_m / PIXELS_A_SIDE) / side_m**2,
         coverage_hull=float(ConvexHull(vertices[:, :2]).volume) / side_m**2,
@@ -68,12 +64,16 @@ def shows_underside(vertices: FloatArray, faces: IntArray) -> bool:
         faces: int32 (F, 3), counter-clockwise from the upper side.
     """
     a, b, c = (vertices[faces[:, corner]] for corner in range(3))
-    own_face = np.arange(len(faces), dtype=np.int32)
-    none = np.full(len(faces), -1, dtype=np.int32)
-    hidden = covered_from_above(vertices, faces, (a + b + c) / 3, own_face, none)
+    hidden = _hidden_faces(vertices, faces, (a + b + c) / 3)
     across, along = (b - a)[:, :2], (c - a)[:, :2]
     area = across[:, 0] * along[:, 1] - across[:, 1] * along[:, 0]  # twice, signed
     return float(area[~hidden].sum()) < 0
+
+
+def _hidden_faces(vertices: FloatArray, faces: IntArray, centroids: FloatArray) -> BoolArray:
+    """Return which triangles have more of the mesh above their centroids, bool (F,)."""
+    own_face = np.arange(len(faces), dtype=np.int32)
+    return covered_from_above(vertices, faces, centroids, own_face, np.full_like(own_face, -1))
 
 
 @compiled

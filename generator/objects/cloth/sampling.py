@@ -8,12 +8,12 @@ from typing import Final
 import numpy as np
 
 from pliant.generator.config import GenerateConfig
-from pliant.generator.objects.cloth.configuration import Configurations
+from pliant.generator.objects.cloth.configuration import make_configuration
 from pliant.generator.objects.cloth.episode import Episode
 from pliant.generator.objects.cloth.grid import grid_faces, mapped_vertices
 from pliant.generator.objects.cloth.surface import PART
-from pliant.generator.scene.scene_object import Part, Points, SceneObject
-from pliant.generator.seeding import RandomStreams
+from pliant.generator.scene.scene_object import Part, Points, Pose, SceneObject
+from pliant.generator.seeding import RandomStreams, Stream
 from pliant.generator.settings.cloth import ClothSettings, Variant
 from pliant.spec.arrays import FloatArray
 from pliant.spec.configuration import settings_to_dict
@@ -38,32 +38,13 @@ SYMMETRIES: Final[dict[Variant, tuple[Symmetry, ...]]] = {
 """Variant -> the maps of (u, v) under which the cloth looks the same, without the identity."""
 
 
-def cloth_tier(settings: ClothSettings, name: str) -> Tier:
-    """Return the tier of a cloth: objects, material coordinates, symmetries.
-
-    Args:
-        settings: The tier's settings.
-        name: Its name, such as `cloth-1`.
-    """
-    side_m = float(settings.side_m)
-    material = (
-        MaterialCoordinate("u", 0.0, 1.0, side_m),
-        MaterialCoordinate("v", 0.0, 1.0, side_m),
-    )
-    cloth = MaterialObject(CLOTH_ID, PART, material)
-    variant = settings.variant
-    return Tier(name, "cloth", variant, CLOTH_ID, (cloth,), SYMMETRIES[variant])
-
-
 def describe(config: GenerateConfig, tier: str) -> Tier:
-    """Return a cloth tier of a dataset."""
-    return cloth_tier(_settings_of(config, tier), tier)
-
-
-def sample(config: GenerateConfig, streams: RandomStreams) -> SceneObject:
-    """Draw one sequence of a dataset's cloth tier, as `sample_cloth` does."""
-    settings = _settings_of(config, streams.task.tier)
-    return sample_cloth(settings, streams, config.frames, temporal=config.episodes)
+    """Return a cloth tier of a dataset: object, material coordinates, symmetries."""
+    settings = _settings_of(config, tier)
+    u, v = (MaterialCoordinate(name, 0.0, 1.0, float(settings.side_m)) for name in "uv")
+    cloth = MaterialObject(CLOTH_ID, PART, (u, v))
+    variant = settings.variant
+    return Tier(tier, "cloth", variant, CLOTH_ID, (cloth,), SYMMETRIES[variant])
 
 
 def _settings_of(config: GenerateConfig, tier: str) -> ClothSettings:
@@ -74,37 +55,37 @@ def _settings_of(config: GenerateConfig, tier: str) -> ClothSettings:
     return config.cloth.replace(variant="towel", level=level, yaw_max_rad=math.pi)
 
 
-def sample_cloth(
-    settings: ClothSettings, streams: RandomStreams, frames: int = 1, *, temporal: bool = False
-) -> SceneObject:
+def sample(config: GenerateConfig, streams: RandomStreams) -> SceneObject:
     """Sample one sequence of a cloth tier; nothing is simulated before a pose is asked for.
 
     Args:
-        settings: The tier's settings.
+        config: The dataset's config: episodes (pick, lift, carry, release), or independent
+            configurations of the same cloth.
         streams: The sequence and its random numbers.
-        frames: Number of frames.
-        temporal: True for an episode (frames in time, pick, lift, carry, release); False for
-            independent configurations of the same cloth.
 
     Returns:
         The scene object. Asked for twice, a frame is the same.
-
-    Raises:
-        CallError: The tier names no level.
     """
     tier = streams.task.tier
+    settings = _settings_of(config, tier)
     level = settings.level_of(tier)
-    make_poses = Episode if temporal else Configurations
     parts, points = cloth_parts(settings)
+
+    def still(frame: int) -> Pose:
+        rng = streams.generator(Stream.CLOTH_CONFIGURATION, frame)
+        underside = streams.task.index % 2 == 1 if settings.sides == "alternate" else None
+        made = make_configuration(settings, level, rng, underside)
+        return Pose(vertices={PART: made.vertices}, info=made.info)
+
     return SceneObject(
         tier=tier,
         kind="cloth",
         shape=None,
-        temporal=temporal,
-        frames=frames,
+        temporal=config.episodes,
+        frames=config.frames,
         parts=parts,
         points=points,
-        pose=make_poses(settings, level, streams),
+        pose=Episode(settings, level, streams).pose if config.episodes else still,
         size_m=settings.side_m,
         thickness_m=settings.thickness_m,
         info={
@@ -119,16 +100,12 @@ def sample_cloth(
 
 def cloth_parts(settings: ClothSettings) -> tuple[tuple[Part, ...], Points]:
     """Return the mesh of a cloth and its named material points."""
-    return (_part(settings),), _points(settings)
-
-
-def _part(settings: ClothSettings) -> Part:
-    side = settings.render_a_side
+    side, tracked = settings.render_a_side, settings.tracked_a_side
     row, column = np.divmod(np.arange(side * side), side)
     rest = np.zeros((side * side, 3))
     rest[:, 0] = column / settings.render_cells
     rest[:, 1] = row / settings.render_cells
-    return Part(
+    part = Part(
         object_id=CLOTH_ID,
         name=PART,
         faces=grid_faces(side),
@@ -137,28 +114,21 @@ def _part(settings: ClothSettings) -> Part:
         strand=np.zeros(side * side, dtype=np.int32),
         double_sided=True,
     )
+    every = settings.render_cells // (tracked - 1)
+    row, column = np.divmod(np.arange(tracked * tracked), tracked)
+    count = tracked * tracked
+    symmetries = SYMMETRIES[settings.variant]
+    partners = [mapped_vertices(tracked, each.matrix, each.offset) for each in symmetries]
+    points = Points(
+        object_id=np.ones(count, dtype=np.int32),
+        vertex=(row * every * side + column * every).astype(np.int32),
+        centreline=np.zeros(count, dtype=bool),
+        material=np.stack([column, row], axis=1).astype(np.float32) / np.float32(tracked - 1),
+        partners=np.array(partners, np.int32).reshape(-1, count).T,
+    )
+    return (part,), points
 
 
 def _chart(rest: FloatArray) -> FloatArray:
     """A cloth's rest coordinates are (u, v, 0)."""
     return np.asarray(rest[:, :2], dtype=np.float64)
-
-
-def _points(settings: ClothSettings) -> Points:
-    side, tracked = settings.render_a_side, settings.tracked_a_side
-    every = settings.render_cells // (tracked - 1)
-    row, column = np.divmod(np.arange(tracked * tracked), tracked)
-    partners = [
-        mapped_vertices(tracked, symmetry.matrix, symmetry.offset)
-        for symmetry in SYMMETRIES[settings.variant]
-    ]
-    count = tracked * tracked
-    return Points(
-        object_id=np.ones(count, dtype=np.int32),
-        vertex=(row * every * side + column * every).astype(np.int32),
-        centreline=np.zeros(count, dtype=bool),
-        material=np.stack([column, row], axis=1).astype(np.float32) / np.float32(tracked - 1),
-        partners=np.stack(partners, axis=1).astype(np.int32)
-        if partners
-        else np.zeros((count, 0), dtype=np.int32),
-    )

@@ -7,9 +7,8 @@ no files.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -18,12 +17,9 @@ from pliant.generator.objects.cloth.springs import add_spring_forces, build_spri
 from pliant.generator.objects.cloth.step import STRETCH_LIMIT, Motion, limit_stretch, verlet_step
 from pliant.spec.arrays import FloatArray
 
-
-class Collider(Protocol):
-    """Anything that corrects masses after they moved: the cloth itself, or an obstacle."""
-
-    def collide(self, positions: FloatArray, previous: FloatArray, free: FloatArray) -> None:
-        """Correct `positions` (float64 (N, 3)) in place; masses with `free` 0 stay."""
+Collider = Callable[[FloatArray, FloatArray, FloatArray], None]
+"""Corrects masses after they moved, the cloth itself or an obstacle: positions (float64 (N, 3),
+changed in place), the positions before the step, and float64 (N,), 0 for masses that stay."""
 
 
 @dataclass(frozen=True)
@@ -116,12 +112,12 @@ class Simulator:
             hand_m: float64 (3,), how far held masses move in this step, metres.
         """
         sheet, springs = self.sheet, self.springs
-        add_spring_forces(self.positions, self.forces, springs, sheet.side)
+        add_spring_forces(self.positions, self.forces, springs.families, sheet.side)
         hand = self._still if hand_m is None else hand_m
         motion = Motion(self.gravity, sheet.mass_kg, self.damping, self.dt_s, sheet.longest_step_m)
         verlet_step(self.positions, self.previous, self.forces, self.free, hand, motion)
         for collider in self.colliders:
-            collider.collide(self.positions, self.previous, self.free)
+            collider(self.positions, self.previous, self.free)
         ends = springs.a, springs.b
         limit_stretch(self.positions, self.free, *ends, springs.rest_m, STRETCH_LIMIT)
         self.steps += 1

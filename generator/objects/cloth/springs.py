@@ -108,29 +108,21 @@ def build_springs(side: int, side_m: float, ks: float, bending_ratio: float) -> 
     )
 
 
-def add_spring_forces(
-    positions: FloatArray, forces: FloatArray, springs: Springs, side: int
-) -> None:
-    """Add every spring's force to the masses at its two ends.
-
-    Args:
-        positions: float64 (side * side, 3), metres.
-        forces: float64 (side * side, 3), newtons; changed in place.
-        springs: The springs.
-        side: Masses along a side.
-    """
-    _add_families(positions, forces, springs.families, side)
-
-
 @compiled
-def _add_families(
+def add_spring_forces(
     positions: FloatArray, forces: FloatArray, families: tuple[Family, ...], side: int
 ) -> None:
-    """Add the forces of the families, one after another.
+    """Add every spring's force to the masses at its two ends, one family after another.
 
     A family's forces are computed first and then added to the masses at either end: loops over
     one-dimensional arrays without a dependence from one spring to the next, which the compiler runs
     several at a time. What would join the end of a row to the next row gets no force.
+
+    Args:
+        positions: float64 (side * side, 3), metres.
+        forces: float64 (side * side, 3), newtons; changed in place.
+        families: All springs.
+        side: Masses along a side.
     """
     at = np.ascontiguousarray(positions.T)
     total, pulls = np.zeros_like(at), np.empty_like(at)

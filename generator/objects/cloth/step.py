@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -83,35 +82,26 @@ def verlet_step(
             forces[i, c] = 0.0
 
 
-@dataclass(frozen=True)
-class Table:
-    """A horizontal table with Coulomb friction; z is up.
+@compiled
+def collide_table(
+    height_m: float,
+    friction: float,
+    positions: FloatArray,
+    previous: FloatArray,
+    free: FloatArray,
+) -> None:
+    """Collide masses with a horizontal table with Coulomb friction; z is up.
 
     A mass under it is lifted to its surface, and its slip is shortened by at most friction times
     the lift, so that a cloth at rest stays at rest and a pulled cloth slides.
 
-    Attributes:
+    Args:
         height_m: Lowest z of a mass, metres.
         friction: Coulomb's coefficient.
+        positions: float64 (N, 3), metres; changed in place.
+        previous: float64 (N, 3), metres, one step ago.
+        free: float64 (N,), 0 for a mass that stays.
     """
-
-    height_m: float
-    friction: float
-
-    def collide(self, positions: FloatArray, previous: FloatArray, free: FloatArray) -> None:
-        """Lift masses onto the table."""
-        collide_table(positions, previous, free, self.height_m, self.friction)
-
-
-@compiled
-def collide_table(
-    positions: FloatArray,
-    previous: FloatArray,
-    free: FloatArray,
-    height_m: float,
-    friction: float,
-) -> None:
-    """Lift masses under the table and shorten their slip by at most friction x lift."""
     for i in range(positions.shape[0]):
         lift = height_m - positions[i, 2]
         if lift <= 0.0 or free[i] == 0.0:

@@ -24,7 +24,6 @@ from pliant.generator.objects.rope.mesh import (
 from pliant.generator.scene.scene_object import Part, Points, Pose
 from pliant.generator.settings.rope import RopeSettings
 from pliant.spec.arrays import FloatArray
-from pliant.spec.configuration import settings_to_dict
 
 ROPE_ID: Final = 1
 BALL_ID: Final = 2
@@ -94,7 +93,7 @@ class RopeBody:
         if ball_centre is not None:
             vertices["ball"] = place_ball(self.parts[1].rest, ball_centre, frames[0])
         line = resample(centreline, self.settings.centreline_points)
-        facts = {**info, "crossings": settings_to_dict(crossings(centreline))}
+        facts = {**info, "crossings": crossings(centreline)}
         return Pose(vertices=vertices, centreline=line, info=facts)
 
 

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
 from pliant.generator.compiled import compiled
 from pliant.spec.arrays import FloatArray
@@ -18,24 +16,6 @@ many diameters of arc length are between them: a half turn of the tightest bend.
 
 STATIC_RULE: Final = 0.98
 """Least distance of two centre-line stretches of a sampled shape, in diameters."""
-
-
-@dataclass(frozen=True)
-class Crossing:
-    """One crossing of the centre line as seen from above.
-
-    Attributes:
-        s_over: Arc length over length of the upper strand, 0..1.
-        s_under: The same of the lower strand.
-        position_m: Point of the crossing on the table plane, then the height of the upper strand.
-        sign: +1 where the upper strand must turn left (by less than half a turn) to run along
-            the lower one, as seen from above; -1 to the right.
-    """
-
-    s_over: float
-    s_under: float
-    position_m: tuple[float, float, float]
-    sign: int
 
 
 @compiled
@@ -81,8 +61,19 @@ def segment_distance(points: FloatArray, a: int, b: int) -> tuple[float, float, 
 
 
 @compiled
-def _nearest(points: FloatArray, apart: int) -> float:
+def nearest_stretches(points: FloatArray, length_m: float, diameter_m: float) -> float:
+    """Return the least distance of two stretches of a centre line that are not neighbours.
+
+    Args:
+        points: float64 (n, 3), metres, equal steps.
+        length_m: Length of the curve, metres.
+        diameter_m: Diameter of the rope, metres.
+
+    Returns:
+        Metres; inf if the rope is too short to have any.
+    """
     n = points.shape[0]
+    apart = math.ceil(NEIGHBOUR_DIAMETERS * diameter_m / (length_m / (n - 1))) + 1
     best = np.inf
     longest = 0.0
     for i in range(n - 1):
@@ -109,24 +100,17 @@ def _nearest(points: FloatArray, apart: int) -> float:
     return best
 
 
-def nearest_stretches(points: FloatArray, length_m: float, diameter_m: float) -> float:
-    """Return the least distance of two stretches of a centre line that are not neighbours.
+@compiled
+def plane_crossings(points: FloatArray) -> FloatArray:
+    """Return where a polyline crosses itself as seen from above.
 
     Args:
-        points: float64 (n, 3), metres, equal steps.
-        length_m: Length of the curve, metres.
-        diameter_m: Diameter of the rope, metres.
+        points: float64 (n, 2 or 3), metres.
 
     Returns:
-        Metres; inf if the rope is too short to have any.
+        float64 (c, 5): position (in points, with fraction) on the earlier and on the later
+        stretch, x, y, and +1 where (earlier x later) points up, else -1. At most 256.
     """
-    step = length_m / (len(points) - 1)
-    apart = math.ceil(NEIGHBOUR_DIAMETERS * diameter_m / step) + 1
-    return float(_nearest(np.ascontiguousarray(points), apart))
-
-
-@compiled
-def _crossings(points: FloatArray) -> npt.NDArray[np.float64]:
     n = points.shape[0]
     found = np.empty((256, 5))
     count = 0
@@ -163,40 +147,30 @@ def _crossings(points: FloatArray) -> npt.NDArray[np.float64]:
     return found[:count]
 
 
-def plane_crossings(points: FloatArray) -> FloatArray:
-    """Return where a polyline crosses itself as seen from above.
-
-    Args:
-        points: float64 (n, 2 or 3), metres.
-
-    Returns:
-        float64 (c, 5): position (in points, with fraction) on the earlier and on the later
-        stretch, x, y, and +1 where (earlier x later) points up, else -1. At most 256.
-    """
-    return np.asarray(_crossings(np.ascontiguousarray(points)))
-
-
-def crossings(points: FloatArray) -> list[Crossing]:
+def crossings(points: FloatArray) -> list[dict[str, Any]]:
     """Return the crossings of a centre line, in order of arc length of their first passage.
 
     Args:
         points: float64 (n, 3), metres, equal steps.
 
     Returns:
-        The crossings.
+        JSON-able: `s_over` and `s_under`, arc length over length of the upper and of the lower
+        strand, 0..1; `position_m`, the point on the table plane, then the height of the upper
+        strand; `sign`, +1 where the upper strand must turn left (by less than half a turn) to run
+        along the lower one, as seen from above, -1 to the right.
     """
     last = len(points) - 1
     order = np.arange(last + 1)
-    out = []
+    out: list[dict[str, Any]] = []
     for early, late, x, y, sign in plane_crossings(points):
         z_early, z_late = np.interp([early, late], order, points[:, 2])
         over, under = (early, late) if z_early >= z_late else (late, early)
         out.append(
-            Crossing(
-                s_over=float(over / last),
-                s_under=float(under / last),
-                position_m=(float(x), float(y), float(max(z_early, z_late))),
-                sign=int(sign if over == early else -sign),
-            )
+            {
+                "s_over": float(over / last),
+                "s_under": float(under / last),
+                "position_m": [float(x), float(y), float(max(z_early, z_late))],
+                "sign": int(sign if over == early else -sign),
+            }
         )
-    return sorted(out, key=lambda each: min(each.s_over, each.s_under))
+    return sorted(out, key=lambda each: min(each["s_over"], each["s_under"]))

@@ -120,9 +120,23 @@ def _make_normal(vector: FloatArray, tangent: FloatArray) -> None:
 
 
 @compiled
-def _transport(points: FloatArray, tangents: FloatArray, normals: FloatArray) -> None:
-    """Fill tangents, and normals from the first one on."""
+def twist_free_frames(points: FloatArray, normal: FloatArray) -> FloatArray:
+    """Return the rotation-minimising frame along a curve.
+
+    Double reflection (Wang, Juettler, Zheng, Liu 2008, "Computation of rotation minimizing
+    frames", section 4).
+
+    Args:
+        points: float64 (n, 3), metres.
+        normal: float64 (3,), direction wanted for the first normal; it is made to stand at
+            right angles to the tangent and must not be parallel to it.
+
+    Returns:
+        float64 (n, 3, 3): tangent, normal, binormal (their cross product) of each point.
+    """
     n = points.shape[0]
+    tangents, normals = np.empty((n, 3)), np.empty((n, 3))
+    normals[0] = normal
     for i in range(n):
         # Central differences inside, one-sided at the ends.
         low = max(i - 1, 0)
@@ -159,26 +173,7 @@ def _transport(points: FloatArray, tangents: FloatArray, normals: FloatArray) ->
                 normals[i + 1, c] -= 2.0 / c2 * dot * rest[c]
         # Keep it a unit vector at right angles against the drift of rounding.
         _make_normal(normals[i + 1], tangents[i + 1])
-
-
-def twist_free_frames(points: FloatArray, normal: FloatArray) -> FloatArray:
-    """Return the rotation-minimising frame along a curve.
-
-    Double reflection (Wang, Juettler, Zheng, Liu 2008, "Computation of rotation minimizing
-    frames", section 4).
-
-    Args:
-        points: float64 (n, 3), metres.
-        normal: float64 (3,), direction wanted for the first normal; it is made to stand at
-            right angles to the tangent and must not be parallel to it.
-
-    Returns:
-        float64 (n, 3, 3): tangent, normal, binormal (their cross product) of each point.
-    """
-    tangents, normals = np.empty((len(points), 3)), np.empty((len(points), 3))
-    normals[0] = normal
-    _transport(np.ascontiguousarray(points), tangents, normals)
-    return np.stack([tangents, normals, np.cross(tangents, normals)], axis=1)
+    return np.stack((tangents, normals, np.cross(tangents, normals)), axis=1)
 
 
 def turned(vector: FloatArray, before: FloatArray, after: FloatArray) -> FloatArray:
@@ -199,8 +194,20 @@ def turned(vector: FloatArray, before: FloatArray, after: FloatArray) -> FloatAr
 
 
 @compiled
-def _through(points: FloatArray, floor: float, per_segment: int, out: FloatArray) -> None:
+def smooth_curve(points: FloatArray, floor_m: float, per_segment: int = 24) -> FloatArray:
+    """Return points on the natural cubic spline through equally spaced particles.
+
+    Args:
+        points: float64 (n, 3), n >= 3, metres.
+        floor_m: Least height, metres. Where particles rise steeply from it the curve passes
+            above them rather than dip below it in between.
+        per_segment: Points per stretch between two particles.
+
+    Returns:
+        float64 ((n - 1) * per_segment + 1, 3), metres.
+    """
     n = points.shape[0]
+    out = np.empty(((n - 1) * per_segment + 1, 3))
     share = np.empty(n)
     control = np.empty((n + 2, 3))
     # Control points of the uniform cubic B-spline that passes through the particles, straight
@@ -219,7 +226,7 @@ def _through(points: FloatArray, floor: float, per_segment: int, out: FloatArray
             control[i + 1, c] -= share[i] * control[i + 2, c]
     # A B-spline stays within its control points: none below the floor, no dip into the table.
     for i in range(1, n + 1):
-        control[i, 2] = max(control[i, 2], floor)
+        control[i, 2] = max(control[i, 2], floor_m)
     for c in range(3):
         control[0, c] = 2.0 * control[1, c] - control[2, c]
         control[n + 1, c] = 2.0 * control[n, c] - control[n - 1, c]
@@ -236,23 +243,7 @@ def _through(points: FloatArray, floor: float, per_segment: int, out: FloatArray
                 ) / 6.0
     for c in range(3):
         out[(n - 1) * per_segment, c] = points[n - 1, c]
-    out[(n - 1) * per_segment, 2] = max(points[n - 1, 2], floor)
-
-
-def smooth_curve(points: FloatArray, floor_m: float, per_segment: int = 24) -> FloatArray:
-    """Return points on the natural cubic spline through equally spaced particles.
-
-    Args:
-        points: float64 (n, 3), n >= 3, metres.
-        floor_m: Least height, metres. Where particles rise steeply from it the curve passes
-            above them rather than dip below it in between.
-        per_segment: Points per stretch between two particles.
-
-    Returns:
-        float64 ((n - 1) * per_segment + 1, 3), metres.
-    """
-    out = np.empty(((len(points) - 1) * per_segment + 1, 3))
-    _through(np.ascontiguousarray(points), floor_m, per_segment, out)
+    out[(n - 1) * per_segment, 2] = max(points[n - 1, 2], floor_m)
     return out
 
 

@@ -26,24 +26,15 @@ REVERSAL: Final = Symmetry("reversal", ((-1.0, 0.0), (0.0, -1.0)), (1.0, 0.0))
 
 def describe(config: GenerateConfig, tier: str) -> Tier:
     """Return the rope tier of a dataset; ranges of proportions appear as their middle."""
-    return rope_tier(config.rope.nominal, tier)
-
-
-def rope_tier(settings: RopeSettings, name: str = "rope") -> Tier:
-    """Return the tier of a rope: objects, material coordinates, symmetries.
-
-    Args:
-        settings: The tier's settings.
-        name: Tier name.
-    """
+    settings = config.rope.nominal
     along = MaterialCoordinate("s", 0.0, 1.0, settings.length_m)
     rope = MaterialObject(ROPE_ID, "rope", (along, _angle("theta", settings.radius_m)))
     if not settings.ball:
-        return Tier(name, "rope", "plain", ROPE_ID, (rope,), (REVERSAL,))
+        return Tier(tier, "rope", "plain", ROPE_ID, (rope,), (REVERSAL,))
     radius_m = settings.ball_radius_m
     polar = MaterialCoordinate("polar", 0.0, math.pi, radius_m)
     ball = MaterialObject(BALL_ID, "ball", (polar, _angle("azimuth", radius_m)))
-    return Tier(name, "rope", "plain", ROPE_ID, (rope, ball))
+    return Tier(tier, "rope", "plain", ROPE_ID, (rope, ball))
 
 
 def _angle(name: str, radius_m: float) -> MaterialCoordinate:
@@ -51,40 +42,28 @@ def _angle(name: str, radius_m: float) -> MaterialCoordinate:
 
 
 def sample(config: GenerateConfig, streams: RandomStreams) -> SceneObject:
-    """Draw one sequence of a dataset's rope tier, as `sample_rope` does."""
-    return sample_rope(config.rope, streams, config.frames, temporal=config.episodes)
-
-
-def sample_rope(
-    settings: RopeSettings, streams: RandomStreams, frames: int = 1, *, temporal: bool = False
-) -> SceneObject:
     """Return one sequence of a rope.
 
     A sequence has one shape and one rope. Its frames are independent draws of that shape, or
-    (temporal) one episode of a hand moving a rope that starts in it.
+    one episode of a hand moving a rope that starts in it.
 
     Args:
-        settings: The tier's settings. What they give as ranges is drawn here.
+        config: The dataset's config. What its rope settings give as ranges is drawn here.
         streams: The sequence and its random numbers.
-        frames: Number of frames, 1 or more; at most 3,000 for an episode.
-        temporal: True for an episode.
 
     Returns:
         The sequence before it is seen by a camera.
 
     Raises:
-        CallError: The number of frames is impossible.
+        CallError: An episode of more than 3,000 frames.
         GenerationError: A shape finds no room under these settings.
     """
-    if frames < 1:
-        raise CallError(
-            "impossible number of frames", where="frames", found=frames, required=">= 1"
-        )
-    if temporal and frames > LONGEST_EPISODE:
+    settings = config.rope
+    if config.episodes and config.frames > LONGEST_EPISODE:
         raise CallError(
             "the episode is too long",
             where="frames",
-            found=frames,
+            found=config.frames,
             required=f"at most {LONGEST_EPISODE}",
             fix="Make more episodes instead.",
         )
@@ -110,14 +89,14 @@ def sample_rope(
         return body.pose(made.centreline, normal, made.ball_centre, info)
 
     pose = still
-    if temporal:
+    if config.episodes:
         pose = Episode(body, shape, lambda: streams.generator(Stream.ROPE_EPISODE)).pose
     return SceneObject(
         tier=streams.task.tier,
         kind="rope",
         shape=shape,
-        temporal=temporal,
-        frames=frames,
+        temporal=config.episodes,
+        frames=config.frames,
         parts=body.parts,
         points=body.points,
         pose=pose,
