@@ -15,14 +15,15 @@ from collections.abc import Callable
 import numpy as np
 from record import Value, cpu_s, main
 
-from pliant.generator.objects.cloth import ClothSettings, sample_cloth
+from pliant.generator.config import GenerateConfig
 from pliant.generator.objects.cloth.contact_pbd import PairContact
 from pliant.generator.objects.cloth.grid import flat_positions
 from pliant.generator.objects.cloth.simulator import Sheet, Simulator
-from pliant.generator.objects.rope import RopeSettings
 from pliant.generator.objects.rope.body import RopeBody
 from pliant.generator.objects.rope.episode import Episode
-from pliant.generator.seeding import RandomStreams, SequenceTask
+from pliant.generator.objects.tiers import sample_scene_object
+from pliant.generator.seeding import SequenceTask
+from pliant.generator.settings import RopeSettings
 
 POINTS_A_SIDE = (25, 50, 100)
 GRAVITY = (0.0, 0.0, -9.8)
@@ -56,16 +57,16 @@ def _best_ms_per_step(make: Callable[[], Simulator], steps: int, repeats: int) -
 def _hanging(points: int, contact: bool) -> Simulator:
     sheet = Sheet(side=points)
     start = flat_positions(points, 1.0)
-    colliders = (PairContact.of(sheet, sheet.spacing_m),) if contact else ()
+    colliders = (PairContact.of(sheet, sheet.spacing_m).collide,) if contact else ()
     simulator = Simulator(sheet, start, gravity=GRAVITY, colliders=colliders)
     simulator.free[[0, points - 1]] = 0.0
     return simulator
 
 
 def _cpu_s_per_cloth(level: int, cloths: int) -> float:
-    scene_object = sample_cloth(
-        ClothSettings(), RandomStreams(7, SequenceTask(f"cloth-{level}", "train", 0)), cloths
-    )
+    tier = f"cloth-{level}"
+    config = GenerateConfig(tiers=(tier,), seed=7, frames=cloths)
+    scene_object = sample_scene_object(config, SequenceTask(tier, "train", 0))
     return cpu_s(lambda: [scene_object.pose(frame) for frame in range(cloths)]) / cloths
 
 

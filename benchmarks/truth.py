@@ -14,11 +14,11 @@ import numpy as np
 from cycles_passes import PassRenderer, compare_with_cycles
 from record import Value, cpu_s, main
 
-from pliant.generator.objects.cloth import ClothSettings, sample_cloth
-from pliant.generator.objects.rope import RopeSettings, sample_rope
+from pliant.generator.config import GenerateConfig
+from pliant.generator.objects.tiers import sample_scene_object
 from pliant.generator.scene.camera import CameraSettings, sample_camera
 from pliant.generator.scene.scene_object import SceneObject
-from pliant.generator.seeding import RandomStreams, SequenceTask
+from pliant.generator.seeding import SequenceTask
 from pliant.generator.truth.frame_truth import frame_truth
 
 SIZE = (640, 480)
@@ -26,14 +26,15 @@ SIZE = (640, 480)
 
 def rope(index: int) -> SceneObject:
     """The default rope."""
-    return sample_rope(RopeSettings(), RandomStreams(0, SequenceTask("rope", "train", index)))
+    return sample_scene_object(
+        GenerateConfig(tiers=("rope",)), SequenceTask("rope", "train", index)
+    )
 
 
 def cloth(index: int) -> SceneObject:
     """The default cloth of tiers 1 to 3, one after the other."""
-    return sample_cloth(
-        ClothSettings(), RandomStreams(0, SequenceTask(f"cloth-{1 + index % 3}", "train", index))
-    )
+    tier = f"cloth-{1 + index % 3}"
+    return sample_scene_object(GenerateConfig(tiers=(tier,)), SequenceTask(tier, "train", index))
 
 
 def measure(quick: bool) -> dict[str, Value]:

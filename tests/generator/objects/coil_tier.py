@@ -13,9 +13,9 @@ import math
 import numpy as np
 
 from pliant.generator.config import GenerateConfig
+from pliant.generator.objects.rope import sampler
 from pliant.generator.objects.rope.body import RopeBody, upward_normal
 from pliant.generator.objects.rope.curve import arc_length, resample
-from pliant.generator.objects.rope.sampler import rope_tier
 from pliant.generator.scene.scene_object import Pose, SceneObject
 from pliant.generator.seeding import RandomStreams, Stream
 from pliant.spec.model import Tier
@@ -23,7 +23,7 @@ from pliant.spec.model import Tier
 
 def describe(config: GenerateConfig, tier: str) -> Tier:
     """Return the material of the rope: the coil changes its shape alone."""
-    return rope_tier(config.rope, tier)
+    return sampler.describe(config, tier)
 
 
 def sample(config: GenerateConfig, streams: RandomStreams) -> SceneObject:

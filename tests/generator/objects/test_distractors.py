@@ -11,14 +11,11 @@ from scipy.spatial import cKDTree
 
 from pliant.generator.config import GenerateConfig, QuerySettings
 from pliant.generator.objects.tiers import sample_scene_object
-from pliant.generator.runner.run import generate
 from pliant.generator.seeding import SequenceTask
 from pliant.generator.settings import SceneSettings
 from pliant.spec.dataset import Dataset
-from pliant.spec.errors import CallError
 from pliant.spec.sequence import RecordedFrame
-from pliant.spec.validation.validate import validate
-from tests.generator.runner.standin import InProcess
+from tests.generator.world import made
 
 CONFIG = GenerateConfig(
     tiers=("rope",),
@@ -32,11 +29,6 @@ CONFIG = GenerateConfig(
 )
 
 
-def made(config: GenerateConfig, root: Path) -> Dataset:
-    assert not generate(config, root, engine=InProcess()).failed
-    return Dataset.open(root)
-
-
 @pytest.fixture(scope="module")
 def pair(tmp_path_factory: pytest.TempPathFactory) -> tuple[Dataset, Dataset]:
     """The same ropes with distractors over them, and alone."""
@@ -44,9 +36,7 @@ def pair(tmp_path_factory: pytest.TempPathFactory) -> tuple[Dataset, Dataset]:
     return made(CONFIG, root / "with"), made(CONFIG.replace(scene=SceneSettings()), root / "alone")
 
 
-def test_they_are_objects_of_a_valid_dataset(pair: tuple[Dataset, Dataset]) -> None:
-    report = validate(pair[0].root)
-    assert (report.errors, list(report.issues)) == (0, [])
+def test_they_are_objects_of_the_dataset(pair: tuple[Dataset, Dataset]) -> None:
     tier = pair[0].tiers["rope"]
     assert [each.name for each in tier.objects] == [
         "rope", "ball", "distractor-1", "distractor-2", "distractor-3",
@@ -115,9 +105,3 @@ def test_next_to_the_object_where_there_is_room(tmp_path: Path) -> None:
     for sequence in made(CONFIG.replace(scene=scene, rope=rope), tmp_path / "d").sequences:
         states = np.array(sequence.correspondences(0)["visibility"].to_pylist())
         assert (states == "occluded").mean() < 0.1
-
-
-def test_episodes_have_none() -> None:
-    with pytest.raises(CallError) as refused:
-        CONFIG.replace(episodes=True, frames=3)
-    assert refused.value.where == "scene.distractors"

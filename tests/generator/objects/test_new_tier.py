@@ -10,11 +10,8 @@ import pytest
 
 from pliant.generator.config import TIER_KINDS, GenerateConfig
 from pliant.generator.objects.tiers import TIER_MODULES
-from pliant.generator.runner.run import generate
 from pliant.generator.settings import RopeSettings
-from pliant.spec.dataset import Dataset
-from pliant.spec.validation.validate import validate
-from tests.generator.runner.standin import InProcess
+from tests.generator.world import made
 
 EXAMPLE = Path(__file__).with_name("coil_tier.py")
 
@@ -32,10 +29,7 @@ def test_a_tier_of_one_module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
         style="raster",
         rope=RopeSettings(ball=False),
     )
-    root = tmp_path / "coils"
-    assert not generate(config, root, engine=InProcess()).failed
-    assert validate(root).errors == 0
-    dataset = Dataset.open(root)
+    dataset = made(config, tmp_path / "coils")
     sequence = dataset.sequence("rope-coil-test-000000")
     assert sequence.shape == "coil"
     assert (sequence.surface(0).object_id == 1).mean() > 0.05

@@ -5,23 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pliant.generator.objects.cloth import ClothSettings, sample_cloth
-from pliant.generator.objects.rope import RopeSettings, sample_rope
 from pliant.generator.scene.camera import sample_camera
-from pliant.generator.scene.scene_object import SceneObject
-from pliant.generator.seeding import RandomStreams, SequenceTask
-from pliant.generator.settings import CameraSettings
+from pliant.generator.settings import CameraSettings, ClothSettings
 from pliant.generator.truth.frame_truth import frame_truth
+from tests.generator.world import scene
 
 SIZE = (320, 240)
 COARSE_CLOTH = ClothSettings(points_a_side=25, tracked_a_side=9, coverage_band=(0.1, 1.1))
-
-
-def small_scene(tier: str) -> SceneObject:
-    streams = RandomStreams(0, SequenceTask(tier, "train", 0))
-    if tier == "rope":
-        return sample_rope(RopeSettings(), streams)
-    return sample_cloth(COARSE_CLOTH, streams)
 
 
 @pytest.mark.blender
@@ -30,7 +20,7 @@ def test_the_truth_equals_the_passes_of_cycles(tier: str) -> None:
     """Cycles works in float32: a pixel whose centre lies on an outline may fall either way."""
     from benchmarks.cycles_passes import PassRenderer
 
-    scene_object = small_scene(tier)
+    scene_object = scene(tier, cloth=COARSE_CLOTH)
     pose = scene_object.pose(0)
     renderer = PassRenderer(SIZE)
     ids, depths = 0, 0

@@ -13,7 +13,7 @@ from scipy import ndimage
 
 from pliant.generator.rendering import open_renderer
 from pliant.generator.rendering.shadow import may_shade, shadow_map, sunlight
-from pliant.generator.rendering.sky import sky_maps
+from pliant.generator.rendering.sky import openness, sky_maps
 from pliant.generator.rendering.srgb import encode_srgb
 from pliant.generator.rendering.table import TableView
 from pliant.generator.scene.appearance import (
@@ -116,7 +116,7 @@ def test_the_sky_under_a_plate_is_dark_and_far_away_open() -> None:
     sky = sky_maps(np.concatenate([grid, np.full((len(grid), 1), 0.03)], axis=1))
     places = np.array([[0.0, 0, 0], [0.12, 0, 0], [1.0, 0, 0], [0.0, 0, 0.03]])
     up = np.broadcast_to([0.0, 0, 1], places.shape).copy()
-    under, beside, far, above = sky.openness(places, up)
+    under, beside, far, above = openness(places, up, sky)
     assert under < 0.2
     assert 0.5 < beside < 0.95
     assert far == 1.0

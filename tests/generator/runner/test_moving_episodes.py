@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from pliant.generator.config import GenerateConfig, QuerySettings
-from pliant.generator.runner.run import generate
 from pliant.generator.settings import RopeSettings
 from pliant.spec.dataset import Dataset
-from pliant.spec.errors import CallError
-from pliant.spec.validation.validate import validate
-from tests.generator.runner.standin import InProcess
+from tests.generator.world import made
 
 FRAMES = 24
 CONFIG = GenerateConfig(
@@ -31,11 +26,6 @@ CONFIG = GenerateConfig(
 )
 
 
-def made(config: GenerateConfig, root: Path) -> Dataset:
-    assert not generate(config, root, engine=InProcess()).failed
-    return Dataset.open(root)
-
-
 @pytest.fixture(scope="module")
 def episode(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
     return made(CONFIG, tmp_path_factory.mktemp("moving") / "episode")
@@ -45,11 +35,6 @@ def episode(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
 def plain(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
     config = CONFIG.replace(gripper=False)
     return made(config, tmp_path_factory.mktemp("moving") / "plain")
-
-
-def test_the_truth_of_an_episode_with_a_gripper_is_exact(episode: Dataset) -> None:
-    report = validate(episode.root)
-    assert (report.errors, list(report.issues)) == (0, [])
 
 
 def test_the_gripper_is_an_object_that_hides_points_and_is_never_asked(
@@ -98,25 +83,3 @@ def test_asked_points_move_and_targets_are_never_sources(episode: Dataset) -> No
         asked = [int(np.abs(uv[a] - each).sum(axis=1).argmin()) for each in pair.uv_a_px]
         far = np.linalg.norm(uv[[a + 1, a + 5, a + 15]][:, asked] - uv[a, asked], axis=2) > 4
         assert far.any(axis=0).mean() >= 0.5
-
-
-@pytest.mark.parametrize(
-    ("changes", "field"),
-    [
-        ({"episodes": False}, "gripper"),
-        ({"frames": 15}, "queries.skips"),
-        ({"queries": QuerySettings(kind="track", skips=(1,))}, "queries.skips"),
-        (
-            {
-                "gripper": False,
-                "episodes": False,
-                "queries": QuerySettings(moving_share=0.5),
-            },
-            "queries.moving_share",
-        ),
-    ],
-)
-def test_what_needs_an_episode_says_so(changes: dict[str, object], field: str) -> None:
-    with pytest.raises(CallError) as refused:
-        CONFIG.replace(**changes)
-    assert refused.value.where == field

@@ -10,7 +10,6 @@ from pliant.generator.config import GenerateConfig
 from pliant.generator.runner.manifest import RunFolder
 from pliant.generator.runner.run import generate
 from pliant.generator.seeding import RandomStreams, SequenceTask, Stream
-from pliant.spec.configuration import settings_from
 from pliant.spec.errors import CallError
 from pliant.spec.secrets import SECRET_SEED_FILE, read_secret_seed, seed_weakness
 from pliant.spec.validation.validate import validate
@@ -84,12 +83,6 @@ def test_a_public_set_gets_no_secret(config, standin, tmp_path):
     with pytest.raises(CallError, match="secret_seed"):
         generate(config, out)
     assert not (out / SECRET_SEED_FILE).exists()
-
-
-@pytest.mark.parametrize("given", [{"seed": 2**63}, {"seed": 7, "secret_seed": True}])
-def test_seeds_that_are_neither_public_nor_secret_are_refused(given):
-    with pytest.raises(CallError, match="seed"):
-        settings_from(GenerateConfig, {"tiers": ["rope"], **given})
 
 
 def test_every_bit_of_a_secret_seed_counts_and_streams_differ():

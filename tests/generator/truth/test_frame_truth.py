@@ -5,13 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pliant.generator.objects.cloth import ClothSettings, sample_cloth
 from pliant.generator.scene.camera import looking_at, sample_camera
 from pliant.generator.scene.scene_object import Part, Points, Pose, SceneMesh, SceneObject
-from pliant.generator.seeding import RandomStreams, SequenceTask
-from pliant.generator.settings import CameraSettings
+from pliant.generator.settings import CameraSettings, ClothSettings
 from pliant.generator.truth.frame_truth import FrameTruth, frame_truth
 from pliant.spec.camera import Camera
+from tests.generator.world import scene as sampled
 
 
 def embree(
@@ -40,8 +39,8 @@ def embree(
 @pytest.fixture(scope="module", params=["tube", "sheet", "heap"])
 def scene(request: pytest.FixtureRequest) -> tuple[SceneObject, Camera, FrameTruth]:
     if request.param == "heap":
-        streams = RandomStreams(0, SequenceTask("cloth-3", "train", 0))
-        scene_object = sample_cloth(ClothSettings(points_a_side=33), streams, 3)
+        cloth = ClothSettings(points_a_side=33)
+        scene_object = sampled("cloth-3", frames=3, cloth=cloth)
     else:
         scene_object = request.getfixturevalue(request.param)
     settings = CameraSettings(top=0.0)

@@ -7,7 +7,7 @@ from itertools import takewhile
 import numpy as np
 import pytest
 
-from pliant.generator.config import GenerateConfig, QuerySettings
+from pliant.generator.config import QuerySettings
 from pliant.generator.runner.run import generate
 from pliant.generator.seeding import SequenceTask
 from pliant.generator.truth.queries import pair_tables
@@ -19,9 +19,7 @@ from pliant.generator.truth.query_sampling import (
     point_classes,
     skip_pairs,
 )
-from pliant.spec.configuration import settings_from
 from pliant.spec.dataset import Dataset
-from pliant.spec.errors import CallError
 from pliant.spec.io.parquet import read_footer
 
 TASK = SequenceTask("rope", "test", 0)
@@ -210,13 +208,6 @@ def test_a_track_asks_frame_0_in_every_later_frame(standin, tmp_path):
         seen = {k for k, pair in enumerate(zip(states, kinds, strict=True)) if pair == ASKED}
         assert followed[1] == seen  # all of them: a track needs no classes
         assert followed[1] == followed[2] == followed[3] == followed[4]
-
-
-def test_a_track_needs_an_episode():
-    with pytest.raises(CallError, match="only an episode can be tracked"):
-        settings_from(GenerateConfig, {"tiers": ["rope"], "queries": {"kind": "track"}})
-    with pytest.raises(CallError, match=r"query\.kind: .* Did you mean 'track'"):
-        settings_from(QuerySettings, {"kind": "tracks"}, "query")
 
 
 def test_single_frames_are_paired_across_sequences(standin, tmp_path):

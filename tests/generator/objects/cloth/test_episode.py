@@ -7,20 +7,14 @@ import itertools
 import numpy as np
 import pytest
 
-from pliant.generator.objects.cloth import ClothSettings, sample_cloth
 from pliant.generator.objects.cloth.grid import grid_mesh
 from pliant.generator.objects.cloth.handling import Action, grip, hand_path, hand_steps
 from pliant.generator.objects.cloth.intersections import find_intersections
-from pliant.generator.scene.scene_object import SceneObject
-from pliant.generator.seeding import RandomStreams, SequenceTask
+from pliant.generator.settings import ClothSettings
+from tests.generator.world import scene
 
 COARSE = ClothSettings(points_a_side=33)
 FRAMES = 120
-
-
-def episode(tier: str, frames: int = FRAMES) -> SceneObject:
-    streams = RandomStreams(0, SequenceTask(tier, "train", 3))
-    return sample_cloth(COARSE, streams, frames, temporal=True)
 
 
 def test_the_hand_goes_where_it_is_told() -> None:
@@ -46,7 +40,7 @@ def test_a_grip_is_a_patch_cut_at_the_rim() -> None:
 
 @pytest.fixture(scope="module")
 def frames() -> list[tuple[np.ndarray, dict[str, object]]]:
-    scene_object = episode("cloth-1")
+    scene_object = scene("cloth-1", index=3, frames=FRAMES, episodes=True, cloth=COARSE)
     poses = [scene_object.pose(frame) for frame in range(FRAMES)]
     return [(pose.vertices["cloth"], dict(pose.info)) for pose in poses]
 
@@ -103,19 +97,8 @@ def test_no_frame_of_an_episode_crosses_itself_or_jumps(
     assert np.abs(places[:, :, :2]).max() < 1.0  # stays about where the camera looks
 
 
-def test_frames_can_be_asked_for_again() -> None:
-    scene_object, other = episode("cloth-1", 12), episode("cloth-1", 3000)
-    ninth = other.pose(9).vertices["cloth"].copy()
-    for frame in range(12):
-        pose = scene_object.pose(frame)
-        if frame == 9:
-            np.testing.assert_array_equal(pose.vertices["cloth"], ninth)
-    assert scene_object.pose(11) is pose
-    np.testing.assert_array_equal(scene_object.pose(9).vertices["cloth"], ninth)  # going back
-
-
 def test_an_episode_of_a_higher_tier_starts_from_its_configuration() -> None:
-    info = episode("cloth-3").pose(0).info
+    info = scene("cloth-3", index=3, frames=2, episodes=True, cloth=COARSE).pose(0).info
     assert 0.25 <= info["coverage"] <= 0.42
     assert info["start"]["actions"]
     assert info["start"]["coverage"] == info["coverage"]

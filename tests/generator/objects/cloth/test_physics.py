@@ -11,7 +11,7 @@ from pliant.generator.objects.cloth.contact_pbd import PairContact
 from pliant.generator.objects.cloth.grid import flat_positions
 from pliant.generator.objects.cloth.simulator import Sheet, Simulator
 from pliant.generator.objects.cloth.springs import BENDING, SHEAR, STRUCTURAL, build_springs
-from pliant.generator.objects.cloth.step import Table
+from pliant.generator.objects.cloth.step import collide_table
 
 DOWN = (0.0, 0.0, -9.8)
 
@@ -151,7 +151,7 @@ def test_springs_limit_and_contact_keep_the_momentum() -> None:
     sheet = Sheet(side=14, damping_percent=0.0)
     contact = PairContact.of(sheet, 1.0 / 13, friction=0.3)
     crumpled = flat_positions(14, 0.6) + rng.normal(0.0, 0.03, (196, 3))
-    simulator = Simulator(sheet, crumpled, gravity=(0.0, 0.0, 0.0), colliders=[contact])
+    simulator = Simulator(sheet, crumpled, gravity=(0.0, 0.0, 0.0), colliders=[contact.collide])
     simulator.previous -= rng.normal((3e-4, -1e-4, 2e-4), 1e-4, (196, 3))
     before = (simulator.positions - simulator.previous).sum(axis=0)
     middle = simulator.positions.mean(axis=0)
@@ -193,18 +193,16 @@ def test_no_mass_moves_farther_than_the_longest_step() -> None:
     np.testing.assert_allclose(simulator.positions[:, 2], -1e-3)
 
 
-def one_mass(obstacle: Table, last: list[float], now: list[float]) -> np.ndarray:
-    positions, previous = np.array([now]), np.array([last])
-    obstacle.collide(positions, previous, np.ones(1))
-    held = np.array([now])
-    obstacle.collide(held, previous, np.zeros(1))
-    np.testing.assert_array_equal(held, [now])  # a held mass is left alone
-    return positions[0]
-
-
-def test_table_by_hand() -> None:
-    table = Table(0.0, friction=0.5)
-    # 0.2 under the table: lifted, and of a slip of 1 at most 0.5 x 0.2 is taken back.
-    np.testing.assert_allclose(one_mass(table, [0, 0, 0], [0.6, 0.8, -0.2]), [0.54, 0.72, 0.0])
-    # A slip shorter than that is taken back whole.
-    np.testing.assert_allclose(one_mass(table, [0, 0, 0], [0.05, 0.0, -0.2]), [0.0, 0.0, 0.0])
+@pytest.mark.parametrize(
+    ("now", "expected"),
+    [
+        # 0.2 under the table: lifted, and of a slip of 1 at most 0.5 x 0.2 is taken back.
+        ([0.6, 0.8, -0.2], [0.54, 0.72, 0.0]),
+        # A slip shorter than that is taken back whole.
+        ([0.05, 0.0, -0.2], [0.0, 0.0, 0.0]),
+    ],
+)
+def test_table_by_hand(now: list[float], expected: list[float]) -> None:
+    positions = np.array([now, now])
+    collide_table(0.0, 0.5, positions, np.zeros((2, 3)), np.array([1.0, 0.0]))
+    np.testing.assert_allclose(positions, [expected, now])  # a held mass is left alone

@@ -3,33 +3,28 @@
 from __future__ import annotations
 
 import json
-from typing import Any, get_args
+from functools import partial
+from typing import get_args
 
 import numpy as np
 import pytest
 
-from pliant.generator.objects.cloth import ClothSettings, cloth_tier, sample_cloth
+from pliant.generator.config import GenerateConfig
 from pliant.generator.objects.cloth.contact_pbd import PairContact
 from pliant.generator.objects.cloth.grid import flat_positions, grid_mesh
 from pliant.generator.objects.cloth.handling import Action, perform
 from pliant.generator.objects.cloth.intersections import find_intersections
 from pliant.generator.objects.cloth.measure import shows_underside
 from pliant.generator.objects.cloth.simulator import Collider, Simulator
-from pliant.generator.objects.cloth.step import Table
+from pliant.generator.objects.cloth.step import collide_table
+from pliant.generator.objects.tiers import describe_tier
 from pliant.generator.scene.scene_object import Pose, SceneObject
-from pliant.generator.seeding import RandomStreams, SequenceTask
-from pliant.generator.settings.cloth import COVERAGE_BANDS, Variant
+from pliant.generator.settings.cloth import COVERAGE_BANDS, ClothSettings, Variant
 from pliant.spec.errors import GenerationError
-from pliant.spec.model import MaterialCoordinate
 from tests.generator.objects.cloth import independent_intersections
+from tests.generator.world import scene
 
 COARSE = ClothSettings(points_a_side=33)
-
-
-def sample(tier: str, settings: ClothSettings = COARSE, **changes: Any) -> SceneObject:
-    call = {"seed": 0, "split": "train", "index": 0, "frames": 3, **changes}
-    streams = RandomStreams(call["seed"], SequenceTask(tier, call["split"], call["index"]))
-    return sample_cloth(settings, streams, call["frames"])
 
 
 def count_intersections(pose: Pose, scene_object: SceneObject) -> int:
@@ -50,7 +45,7 @@ def count_intersections(pose: Pose, scene_object: SceneObject) -> int:
 )
 def test_a_tier_keeps_its_word(level: int, speed_m_s: float) -> None:
     settings = ClothSettings(points_a_side=33, hand_speed_m_s=speed_m_s)
-    scene_object = sample(f"cloth-{level}", settings)
+    scene_object = scene(f"cloth-{level}", frames=3, cloth=settings)
     low, high = COVERAGE_BANDS[level]
     for frame in range(3 if speed_m_s < 1 else 2):
         pose = scene_object.pose(frame)
@@ -74,7 +69,7 @@ def test_a_tier_keeps_its_word(level: int, speed_m_s: float) -> None:
 
 
 def test_the_material_is_hardly_stretched() -> None:
-    vertices = sample("cloth-3").pose(0).vertices["cloth"].reshape(65, 65, 3)
+    vertices = scene("cloth-3", cloth=COARSE).pose(0).vertices["cloth"].reshape(65, 65, 3)
     cell_m = 0.6 / 64
     for axis in (0, 1):
         length = np.linalg.norm(np.diff(vertices, axis=axis), axis=2) / cell_m
@@ -82,31 +77,19 @@ def test_the_material_is_hardly_stretched() -> None:
         assert np.median(length) > 0.85
 
 
-def test_a_frame_depends_on_its_key_alone() -> None:
-    first, again = sample("cloth-1"), sample("cloth-1", frames=9)
-    later = again.pose(1).vertices["cloth"]
-    assert again.pose(1).vertices["cloth"] is later  # kept, not simulated twice
-    first.pose(0)
-    np.testing.assert_array_equal(first.pose(1).vertices["cloth"], later)
-    for change in ({"seed": 1}, {"split": "test"}, {"index": 1}):
-        other = sample("cloth-1", **change).pose(1).vertices["cloth"]
-        assert not np.array_equal(other, later)
-    assert not np.array_equal(again.pose(0).vertices["cloth"], later)
-
-
 def test_a_band_that_cannot_be_met_is_an_error_that_says_so() -> None:
     settings = ClothSettings(
         points_a_side=17, tracked_a_side=17, coverage_band=(1.1, 1.2), max_tries=2
     )
     with pytest.raises(GenerationError, match=r"coverage_band.*2 x coverage outside the band"):
-        sample("cloth-1", settings).pose(0)
+        scene("cloth-1", cloth=settings).pose(0)
 
 
 @pytest.mark.parametrize("variant", get_args(Variant))
 def test_points_and_partners_are_exact(variant: Variant) -> None:
     settings = ClothSettings(variant=variant)
-    scene_object = sample("cloth-2", settings)
-    tier = cloth_tier(settings, "cloth-2")
+    scene_object = scene("cloth-2", cloth=settings)
+    tier = describe_tier(GenerateConfig(tiers=("cloth-2",), cloth=settings), "cloth-2")
     points, part = scene_object.points, scene_object.parts[0]
     assert scene_object.variant == tier.variant == variant
     assert len(points.vertex) == 33 * 33
@@ -127,28 +110,15 @@ def test_points_and_partners_are_exact(variant: Variant) -> None:
 
 
 def test_the_symmetries_are_a_group_of_the_square() -> None:
-    partners = sample("cloth-1", ClothSettings()).points.partners.T
+    partners = scene("cloth-1").points.partners.T
     maps = {tuple(range(33 * 33)), *map(tuple, partners)}
     for one in maps:
         for two in maps:
             assert tuple(np.array(one)[list(two)]) in maps
 
 
-def test_the_tier_describes_the_material() -> None:
-    tier = cloth_tier(ClothSettings(side_m=0.8), "cloth-1")
-    assert tier.name == "cloth-1"
-    assert tier.kind == "cloth"
-    u, v = tier.objects[0].material
-    assert u == MaterialCoordinate("u", min=0.0, max=1.0, metres_per_unit=0.8, period=None)
-    assert v.name == "v"
-    assert tier.queried_object == tier.objects[0].id == 1
-    scene_object = sample("cloth-1", ClothSettings(side_m=0.8))
-    assert scene_object.size_m == 0.8
-    assert json.loads(json.dumps(scene_object.info)) == scene_object.info
-
-
 def test_faces_are_the_whole_sheet_facing_up() -> None:
-    part = sample("cloth-1").parts[0]
+    part = scene("cloth-1").parts[0]
     a, b, c = (part.rest[part.faces[:, k]] for k in range(3))
     area = 0.5 * np.cross(b - a, c - a)
     assert (area[:, 2] > 0).all()
@@ -163,11 +133,11 @@ def test_contact_keeps_the_layers_apart() -> None:
     crossings = {}
     sheet = settings.sheet()
     contact = PairContact.of(sheet, sheet.spacing_m, settings.cloth_friction)
-    schemes: dict[str, tuple[Collider, ...]] = {"none": (), "contact": (contact,)}
+    schemes: dict[str, tuple[Collider, ...]] = {"none": (), "contact": (contact.collide,)}
     for name, own in schemes.items():
         flat = flat_positions(side, settings.side_m)
         flat[:, 2] = np.random.default_rng(0).uniform(0.001, 0.0011, len(flat))
-        colliders = [*own, Table(0.001, friction=0.6)]
+        colliders: list[Collider] = [*own, partial(collide_table, 0.001, 0.6)]
         simulator = Simulator(sheet, flat, gravity=(0.0, 0.0, -9.8), colliders=colliders)
         middle = (side // 2) * side + side // 2
         for _ in perform(simulator, Action("drop", middle, (0.1, 0.05), 0.3, 0.1, 0.6)):
@@ -181,11 +151,11 @@ def test_alternate_sequences_show_either_side() -> None:
     settings = ClothSettings(
         points_a_side=25, tracked_a_side=25, sides="alternate", max_tries=200
     )  # fmt: skip
-    flat = sample("cloth-1").parts[0]
+    flat = scene("cloth-1").parts[0]
     assert not shows_underside(flat.rest, flat.faces)
     assert shows_underside(flat.rest * [1, -1, 1], flat.faces)
     for index in range(2):
-        scene_object = sample("cloth-2", settings, index=index, seed=3)
+        scene_object = scene("cloth-2", index=index, seed=3, cloth=settings)
         pose = scene_object.pose(0)
         found = shows_underside(pose.vertices["cloth"], scene_object.parts[0].faces)
         assert found == (index % 2 == 1)

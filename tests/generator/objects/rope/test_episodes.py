@@ -2,50 +2,18 @@
 
 from __future__ import annotations
 
-import hashlib
-from typing import Any
-
 import numpy as np
 import pytest
 
-from pliant.generator.objects.rope import RopeSettings, sample_rope
 from pliant.generator.objects.rope.actions import next_action
 from pliant.generator.objects.rope.body import RopeBody
 from pliant.generator.objects.rope.dynamics import RopeState
 from pliant.generator.objects.rope.episode import Episode
-from pliant.generator.scene.scene_object import SceneObject
-from pliant.generator.seeding import RandomStreams, SequenceTask
+from pliant.generator.settings import RopeSettings
 from tests.generator.objects.rope.rope_checks import closest_stretches
+from tests.generator.world import scene
 
 SETTINGS = RopeSettings()
-
-
-def sequence(settings: RopeSettings = SETTINGS, **changes: Any) -> SceneObject:
-    values: dict[str, Any] = {
-        "tier": "rope",
-        "seed": 0,
-        "split": "train",
-        "index": 0,
-        "frames": 40,
-        "temporal": True,
-    }
-    values |= changes
-    streams = RandomStreams(
-        values["seed"], SequenceTask(values["tier"], values["split"], values["index"])
-    )
-    return sample_rope(settings, streams, values["frames"], temporal=values["temporal"])
-
-
-def digest(scene_object: SceneObject, frames: list[int]) -> str:
-    out = hashlib.sha256()
-    for frame in frames:
-        pose = scene_object.pose(frame)
-        for name in sorted(pose.vertices):
-            out.update(pose.vertices[name].tobytes())
-        assert pose.centreline is not None
-        out.update(pose.centreline.tobytes())
-        out.update(repr(pose.info).encode())
-    return out.hexdigest()
 
 
 @pytest.mark.parametrize("shape", [pytest.param("open", marks=pytest.mark.long), "knot"])
@@ -86,7 +54,7 @@ def test_crossings_form_only_because_points_are_lifted() -> None:
 
 
 def test_actions_are_recorded_frame_by_frame() -> None:
-    scene_object = sequence(frames=200)
+    scene_object = scene("rope", frames=200, episodes=True)
     last = -1
     hand = None
     for frame in range(200):
@@ -178,7 +146,7 @@ def test_forces_between_particles_push_nothing_along() -> None:
 
 def test_the_surface_turns_smoothly_in_time() -> None:
     """Beside the motion of its cross section, no point moves by more than a fifth of a radius."""
-    scene_object = sequence(frames=150)
+    scene_object = scene("rope", frames=150, episodes=True)
     rest = scene_object.parts[0].rest
     rows = np.rint(rest[:, 0] / SETTINGS.length_m * (SETTINGS.rows - 1)).astype(int)
     first = np.flatnonzero(rows == 0)
@@ -193,30 +161,8 @@ def test_the_surface_turns_smoothly_in_time() -> None:
         before = now
 
 
-def test_frames_repeat_whatever_was_asked_before() -> None:
-    first = digest(sequence(), [0, 7, 30])
-    again = sequence()
-    again.pose(35)
-    assert digest(again, [0, 7, 30]) == first
-
-
-def test_every_part_of_the_name_changes_the_sequence() -> None:
-    still: dict[str, Any] = {"temporal": False}
-    changes: list[dict[str, Any]] = [
-        {},
-        {"seed": 1},
-        {"tier": "rope-2"},
-        {"split": "test"},
-        {"index": 1},
-    ]
-    digests = {digest(sequence(**(still | each)), [0]) for each in changes}
-    assert len(digests) == len(changes)
-    one = sequence(**still)
-    assert digest(one, [0]) != digest(one, [1])
-
-
 def test_a_scene_object_is_whole() -> None:
-    scene_object = sequence(temporal=False)
+    scene_object = scene("rope")
     pose = scene_object.pose(0)
     assert [part.name for part in scene_object.parts] == ["rope", "ball"]
     for part in scene_object.parts:

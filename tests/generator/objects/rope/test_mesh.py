@@ -8,7 +8,6 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from pliant.generator.objects.rope import RopeSettings
 from pliant.generator.objects.rope.body import rope_points
 from pliant.generator.objects.rope.mesh import (
     RopeMesh,
@@ -18,6 +17,7 @@ from pliant.generator.objects.rope.mesh import (
     rope_chart,
     rope_mesh,
 )
+from pliant.generator.settings import RopeSettings
 
 KINDS = {
     "laid-4": RopeSettings(ball=False),

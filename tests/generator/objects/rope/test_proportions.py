@@ -8,15 +8,10 @@ import numpy as np
 import pytest
 
 from pliant.generator.config import GenerateConfig
-from pliant.generator.objects.rope import RopeSettings, rope_tier, sample_rope
 from pliant.generator.objects.rope.sampler import draw_proportions
-from pliant.generator.runner.run import generate
-from pliant.generator.seeding import RandomStreams, SequenceTask
-from pliant.spec.configuration import settings_from, settings_to_dict
-from pliant.spec.dataset import Dataset
-from pliant.spec.errors import CallError
-from pliant.spec.validation.validate import validate
-from tests.generator.runner.standin import InProcess
+from pliant.generator.settings import RopeSettings
+from pliant.spec.configuration import settings_from
+from tests.generator.world import made, scene
 
 RANGES = {
     "length_m": [1.15, 1.6],
@@ -44,43 +39,10 @@ def test_draws_fill_the_ranges_and_change_nothing_else() -> None:
     assert not ropes[0].drawn
 
 
-def test_the_settings_are_stored_as_given() -> None:
-    stored = settings_to_dict(rope())
-    assert {name: stored[name] for name in RANGES} == RANGES
-    assert settings_from(RopeSettings, stored) == rope()
-
-
-def test_the_tier_describes_the_middle() -> None:
-    along, around = rope_tier(rope().nominal).queried.material
-    assert along.metres_per_unit == pytest.approx(1.375)
-    assert around.metres_per_unit == pytest.approx(0.01075)
-
-
-@pytest.mark.parametrize(
-    ("changes", "field"),
-    [
-        ({"radius_m": [0.008, 0.015]}, "knot_diameters.figure-eight"),
-        ({"radius_m": [0.012, 0.008]}, "radius_m"),
-        ({"radius_m": [0.008]}, "radius_m"),
-        ({"turns": [12, 60]}, "rows"),
-        ({"turns": [12.5, 20]}, "turns.0"),
-        ({"strands": [2, 6]}, "strands"),
-        ({"structure": {"laid": 1, "tube": 1}}, "structure"),
-    ],
-)
-def test_a_range_with_an_impossible_end_is_refused(changes: dict[str, object], field: str) -> None:
-    with pytest.raises(CallError) as refused:
-        rope(**changes)
-    assert refused.value.where == f"rope.{field}"
-
-
 @pytest.mark.parametrize("ball", [True, False])
 def test_ropes_of_all_proportions_name_the_same_points(ball: bool) -> None:
     settings = rope(ball=ball)
-    first, *others = [
-        sample_rope(settings, RandomStreams(4, SequenceTask("rope", "train", index)))
-        for index in range(9)
-    ]
+    first, *others = [scene("rope", seed=4, index=index, rope=settings) for index in range(9)]
     assert len({each.info["strands"] for each in (first, *others)}) > 2
     for other in others:
         np.testing.assert_array_equal(first.points.material, other.points.material)
@@ -88,7 +50,7 @@ def test_ropes_of_all_proportions_name_the_same_points(ball: bool) -> None:
 
 
 def test_a_point_is_on_the_outside_of_the_rope() -> None:
-    sampled = sample_rope(rope(), RandomStreams(4, SequenceTask("rope", "train", 0)))
+    sampled = scene("rope", seed=4, rope=rope())
     rest, tables = sampled.parts[0].rest, sampled.points
     assert tables.other is not None
     assert tables.share is not None
@@ -117,11 +79,7 @@ def test_a_dataset_of_drawn_ropes_is_exact_and_records_the_draws(tmp_path: Path)
         seed=3,
         rope=rope(ball=False),
     )
-    root = tmp_path / "ropes"
-    assert not generate(config, root, engine=InProcess()).failed
-    report = validate(root)
-    assert (report.errors, list(report.issues)) == (0, [])
-    dataset = Dataset.open(root)
+    dataset = made(config, tmp_path / "ropes")
     drawn = [each.info["parameters"] for each in dataset.sequences]
     assert len({each["length_m"] for each in drawn}) == 4
     assert all(0.008 <= each["radius_m"] <= 0.0135 for each in drawn)

@@ -8,17 +8,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pliant.generator.objects.rope import RopeSettings, sample_rope, static
+from pliant.generator.objects.rope import static
 from pliant.generator.objects.rope.contact import crossings, nearest_stretches, segment_distance
 from pliant.generator.objects.rope.lift import lift
 from pliant.generator.objects.rope.static import Configuration, sample_configuration
-from pliant.generator.seeding import RandomStreams, SequenceTask
+from pliant.generator.settings import RopeSettings
 from pliant.spec.errors import GenerationError
 from tests.generator.objects.rope.rope_checks import (
     closest_stretches,
     knot_determinant,
     signed_crossings,
 )
+from tests.generator.world import scene
 
 EACH = 10
 SHAPES: dict[str, dict[str, Any]] = {
@@ -123,7 +124,7 @@ def test_recorded_crossings_are_those_seen_from_above(drawn: Drawn) -> None:
             for over, under, sign in signed_crossings(each.centreline)
         ]
         expected.sort(key=lambda row: min(row[:2]))
-        found = [(c.s_over, c.s_under, c.sign) for c in recorded]
+        found = [(c["s_over"], c["s_under"], c["sign"]) for c in recorded]
         np.testing.assert_allclose(np.reshape(found, (-1, 3)), np.reshape(expected, (-1, 3)))
 
 
@@ -143,7 +144,7 @@ def test_half_of_the_loops_are_tucked(drawn: Drawn) -> None:
     tucked = [each for each in made if each.detail["tucked"]]
     assert 0.2 * len(made) < len(tucked) < 0.8 * len(made)
     for each in tucked:
-        over_later = [c.s_over > c.s_under for c in crossings(each.centreline)]
+        over_later = [c["s_over"] > c["s_under"] for c in crossings(each.centreline)]
         assert sorted(over_later) == [False, True]
 
 
@@ -153,7 +154,7 @@ def test_both_hands_and_both_overhands_occur() -> None:
     for k in range(24):
         made = sample_configuration("knot", settings, np.random.default_rng(k))
         # A trefoil's crossings all have one sign, that of its hand.
-        signs = {c.sign for c in crossings(made.centreline)}
+        signs = {c["sign"] for c in crossings(made.centreline)}
         assert len(signs) == 1
         seen.add((signs.pop(), made.detail["pretzel"]))
     assert len(seen) == 4
@@ -162,10 +163,7 @@ def test_both_hands_and_both_overhands_occur() -> None:
 def test_shapes_occur_by_their_weights() -> None:
     plain = {"structure": "tube", "strands": 1, "ball": False}  # a mesh takes time
     settings = RopeSettings(shapes={"open": 3.0, "knot": 1.0}, **plain)  # type: ignore[arg-type]
-    shapes = [
-        sample_rope(settings, RandomStreams(0, SequenceTask("rope", "train", k))).shape
-        for k in range(32)
-    ]
+    shapes = [scene("rope", index=k, rope=settings).shape for k in range(32)]
     assert set(shapes) == {"open", "knot"}
     assert 16 <= shapes.count("open") <= 30
 
