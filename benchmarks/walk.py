@@ -80,7 +80,6 @@ def _one_sequence(root: Path) -> None:
     )
     maker = SequenceMaker(config, root)
     maker.make(plan_run(config, root).missing[0], lambda: None)
-    maker.close()
 
 
 if __name__ == "__main__":

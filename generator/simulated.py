@@ -32,7 +32,7 @@ from pliant.spec.sequence import SequenceRecord, decoded_images
 from pliant.spec.storage import layout
 
 KEPT_BYTES: Final = 256 * 2**20
-"""Most bytes of simulated sequences that a process keeps, besides the newest one."""
+"""Most bytes of simulated sequences that a process keeps; a larger one is kept alone."""
 
 _NEVER_WRITTEN: Final = (layout.mask_name(0), layout.camera_depth_name(0))
 
@@ -77,8 +77,8 @@ class Simulator:
 
     def __init__(self, config: GenerateConfig) -> None:
         self.config = config
-        self._kept = LRUCache[SimulatedFrames](KEPT_BYTES, lambda frames: frames.nbytes)
-        self._newest: tuple[str, SimulatedFrames] | None = None
+        # The newest sequence is kept however large it is.
+        self._kept = LRUCache[SimulatedFrames](KEPT_BYTES, lambda frames: frames.nbytes, least=1)
 
     @cached_property
     def _maker(self) -> SequenceMaker:
@@ -87,10 +87,7 @@ class Simulator:
 
     def frames(self, task: SequenceTask) -> SimulatedFrames:
         """Return the frames of a sequence."""
-        if self._newest is None or self._newest[0] != task.id:  # it may be too large to be kept
-            made = self._kept.get(task.id, functools.partial(self._simulate, task))
-            self._newest = task.id, made
-        return self._newest[1]
+        return self._kept.get(task.id, functools.partial(self._simulate, task))
 
     def _simulate(self, task: SequenceTask) -> SimulatedFrames:
         shooting = self._maker.shoot(task)
@@ -115,12 +112,9 @@ class Simulator:
 
     local = get
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __reduce__(self) -> tuple[Any, ...]:
         """Leave the renderer and the frames out: another process makes its own."""
-        return {"config": self.config}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__init__(**state)  # type: ignore[misc]
+        return Simulator, (self.config,)
 
 
 @dataclass(frozen=True, repr=False)

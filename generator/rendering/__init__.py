@@ -40,17 +40,14 @@ class Renderer(Protocol):
         """
         ...
 
-    def close(self) -> None:
-        """Release the scene."""
-        ...
-
 
 def open_renderer(
     style: str,
     size: tuple[int, int],
     threads: int = 1,
-    gpu: bool = True,
     depth_camera: DepthCameraSettings | None = None,
+    *,
+    gpu: bool = True,
 ) -> Renderer:
     """Open a renderer.
 
@@ -58,8 +55,8 @@ def open_renderer(
         style: `photo`, `fast`, `raster` or `real-depth`.
         size: Width and height, px.
         threads: Threads that Blender may use; the other styles use one.
-        gpu: Use a GPU if Cycles finds one (OptiX, then CUDA).
         depth_camera: The faults that `real-depth` shows; None takes the defaults.
+        gpu: Use a GPU if Cycles finds one (OptiX, then CUDA).
 
     Raises:
         CallError: The style is unknown.

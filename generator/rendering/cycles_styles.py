@@ -112,12 +112,6 @@ class CyclesRenderer:
             blender.move_vertices(made, truth.world_vertices[rows])
         return self._picture(truth)
 
-    def close(self) -> None:
-        """Empty the scene."""
-        if CyclesRenderer._owner is self:
-            blender.remove_meshes(self._scene)
-            CyclesRenderer._owner = None
-
     @staticmethod
     def release_scene() -> None:
         """Take Blender's scene from whatever renderer has it; its next `begin` makes a new one."""
@@ -175,16 +169,6 @@ class PhotoRenderer(CyclesRenderer):
         places = np.stack([x.ravel(), y.ravel()], axis=1)
         reflectance = table_reflectance(appearance.table, places).astype(np.float32)
         self._add_table(reflectance.reshape(_TEXTURE_PX, _TEXTURE_PX, 3), _TEXTURE_M)
-
-    def set_quality(self, samples: int, *, denoise: bool) -> None:
-        """Render with other samples than the style's: a reference, for example.
-
-        Args:
-            samples: Samples a pixel, >= 1.
-            denoise: Run OpenImageDenoise over the result.
-        """
-        self._scene.cycles.samples = samples
-        self._scene.cycles.use_denoising = denoise
 
     def _set_up(self) -> None:
         self._scene.cycles.samples = PHOTO_SAMPLES

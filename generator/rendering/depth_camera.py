@@ -70,9 +70,6 @@ class DepthCameraRenderer:
         grey = depth_picture(rng, depth_m, self._focal_px, self._table_m, self.settings)
         return np.repeat(grey[..., None], 3, axis=2)
 
-    def close(self) -> None:
-        """Nothing is held."""
-
 
 def table_distance_m(camera: Camera) -> float:
     """Return the depth of the table where the camera's axis meets it, metres."""

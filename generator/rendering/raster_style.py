@@ -91,9 +91,6 @@ class RasterRenderer:
         _shade(view, self._hits, surface, self._materials, lighting, shadow, linear, out)
         return out
 
-    def close(self) -> None:
-        """Nothing is held."""
-
     def _rasterise(self, world: FloatArray) -> npt.NDArray[np.int64]:
         """Fill the sample buffers and return the window of pixels that the object can touch."""
         camera = self._camera

@@ -50,10 +50,6 @@ class Maker(Protocol):
         """Make one sequence and put it into place; call `on_frame` after each frame."""
         ...
 
-    def close(self) -> None:
-        """Release what the maker holds."""
-        ...
-
 
 OpenMaker = Callable[[], Maker]
 """Opens a maker in a worker; picklable."""
@@ -117,16 +113,18 @@ class Engine(Protocol):
         ...
 
 
-def attempt(maker: Maker, task: SequenceTask, on_frame: Callable[[], None]) -> Finished | Failed:
+def attempt(
+    opened: OpenMaker, task: SequenceTask, on_frame: Callable[[], None]
+) -> Finished | Failed:
     """Make one sequence, turning whatever goes wrong into an event.
 
     Args:
-        maker: The worker's maker.
+        opened: Returns the worker's maker, which it opens for the first sequence.
         task: Which sequence.
         on_frame: Called after each frame.
     """
     try:
-        return Finished(task, maker.make(task, on_frame))
+        return Finished(task, opened().make(task, on_frame))
     except Exception as error:
         return failure(task, error)
 

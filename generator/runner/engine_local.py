@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import faulthandler
+import functools
 import itertools
 import multiprocessing
 import os
@@ -65,13 +66,14 @@ class LocalEngine:
     Attributes:
         workers: Processes, >= 1.
         log: File that takes what the workers, Blender included, print.
-        gpus: GPUs to share out, one per worker in turn; 0 leaves the choice to the renderer.
+        gpus: Identifiers of GPUs to share out, one per worker in turn; none leaves the choice to
+            the renderer.
         stall_s: A worker that finishes no frame for so many seconds is killed.
     """
 
     workers: int
     log: Path = field(default=Path(os.devnull))
-    gpus: int = 0
+    gpus: Sequence[str] = ()
     stall_s: float = STALL_S
 
     def events(
@@ -142,7 +144,7 @@ class LocalEngine:
         """Return the environment a worker starts with: libraries on one thread, one GPU."""
         variables = dict.fromkeys(_THREAD_VARIABLES, "1")
         if self.gpus:
-            variables["CUDA_VISIBLE_DEVICES"] = visible_gpus(self.gpus)[number % self.gpus]
+            variables["CUDA_VISIBLE_DEVICES"] = self.gpus[number % len(self.gpus)]
         return variables
 
 
@@ -171,18 +173,13 @@ def _free_number(workers: Iterable[_Worker]) -> int:
     return next(number for number in itertools.count() if number not in taken)
 
 
-def visible_gpus(count: int) -> list[str]:
-    """Return the identifiers of `count` GPUs, within what `CUDA_VISIBLE_DEVICES` allows."""
-    named = os.environ.get("CUDA_VISIBLE_DEVICES", "")
-    return (named.split(",") if named else [str(k) for k in range(count)])[:count]
-
-
-def count_gpus() -> int:
-    """Return how many NVIDIA GPUs this process may use, without loading a driver."""
-    if "CUDA_VISIBLE_DEVICES" in os.environ:
-        named = os.environ["CUDA_VISIBLE_DEVICES"]
-        return len([name for name in named.split(",") if name.strip() not in ("", "-1")])
-    return sum(name[6:].isdigit() for name in os.listdir("/dev") if name.startswith("nvidia"))
+def visible_gpus() -> list[str]:
+    """Return the NVIDIA GPUs that this process may use, without loading a driver."""
+    named = os.environ.get("CUDA_VISIBLE_DEVICES")
+    if named is not None:
+        return [name for name in named.split(",") if name.strip() not in ("", "-1")]
+    numbers = (name[6:] for name in os.listdir("/dev") if name.startswith("nvidia"))
+    return sorted(number for number in numbers if number.isdigit())
 
 
 def _send(worker: _Worker, task: SequenceTask) -> None:
@@ -258,7 +255,7 @@ def _work(pipe: Connection, open_maker: OpenMaker, log: Path, cores: Sequence[in
         os.dup2(stream.fileno(), 2)
     faulthandler.enable()
     sys.path[:] = [path for path in sys.path if not _is_blenders(path)]
-    maker = None
+    opened = functools.cache(open_maker)
     while (task := pipe.recv()) is not None:
         frames, reported = 0, time.monotonic()
 
@@ -269,19 +266,10 @@ def _work(pipe: Connection, open_maker: OpenMaker, log: Path, cores: Sequence[in
                 pipe.send(Rendered(task, frames))
                 frames, reported = 0, time.monotonic()
 
-        try:
-            maker = maker or open_maker()
-        except Exception as error:
-            from pliant.generator.runner.engine import failure
-
-            pipe.send(failure(task, error))
-            continue
-        event = attempt(maker, task, on_frame)
+        event = attempt(opened, task, on_frame)
         if frames and isinstance(event, Finished):
             pipe.send(Rendered(task, frames))
         pipe.send(event)
-    if maker is not None:
-        maker.close()
 
 
 def _is_blenders(path: str) -> bool:

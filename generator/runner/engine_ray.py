@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 from collections import deque
 from collections.abc import Generator, Sequence
@@ -12,7 +13,6 @@ from pliant.generator.runner.engine import (
     Event,
     Failed,
     Finished,
-    Maker,
     OpenMaker,
     Rendered,
     attempt,
@@ -101,15 +101,12 @@ class RayEngine:
         return {} if os.environ.get("RAY_ADDRESS") else {"num_cpus": self.workers}
 
 
-_MAKERS: dict[str, Maker] = {}
+_OPENED: dict[str, OpenMaker] = {}
 # One maker per Ray worker process, kept between its tasks: Blender starts once.
 
 
 def _make(open_maker: OpenMaker, task: SequenceTask) -> Finished | Failed:
     key = repr(open_maker)
-    try:
-        if key not in _MAKERS:
-            _MAKERS[key] = open_maker()
-    except Exception as error:
-        return failure(task, error)
-    return attempt(_MAKERS[key], task, lambda: None)
+    if key not in _OPENED:
+        _OPENED[key] = functools.cache(open_maker)
+    return attempt(_OPENED[key], task, lambda: None)

@@ -13,10 +13,9 @@ from pliant.generator.runner.engine import Failed, Finished, OpenMaker, Sequence
 from pliant.generator.runner.engine_local import LocalEngine
 from pliant.generator.runner.plan import Plan
 from pliant.generator.runner.progress import Forecast
-from pliant.generator.runner.run import required_packages, sequence_maker
+from pliant.generator.runner.run import check_call, sequence_maker
 from pliant.generator.seeding import SequenceTask
-from pliant.spec.errors import CallError, GenerationError
-from pliant.spec.extras import require_packages
+from pliant.spec.errors import GenerationError
 
 TRIAL_FRAMES: Final = 6
 
@@ -55,10 +54,7 @@ def estimate_run(
         MissingExtraError: Numba, or for its styles Blender, is not installed.
         GenerationError: A trial sequence cannot be made.
     """
-    if workers < 1:
-        raise CallError("there must be a worker", where="workers", found=workers, required=">= 1")
-    if open_maker is None:
-        require_packages(required_packages(config.style), "generating a dataset", "generate")
+    check_call(config, workers, open_maker)
     missing = plan.missing
     if not missing:
         return Estimate(0.0, 0, 0)

@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from pliant.generator.config import GenerateConfig
 from pliant.generator.seeding import SequenceTask
@@ -79,7 +78,8 @@ def first_damage(folder: Path) -> str | None:
         folder: The sequence's folder.
     """
     try:
-        files = [(str(e["path"]), e["bytes"], e["sha256"]) for e in _listed(folder)]
+        document = json.loads((folder / SEQUENCE_JSON).read_text(encoding="utf-8"))
+        files = [(str(e["path"]), e["bytes"], e["sha256"]) for e in document["files"]]
     except (OSError, ValueError, KeyError, TypeError) as error:
         return f"{SEQUENCE_JSON} cannot be read: {error}"
     for name, size, _ in files:
@@ -92,12 +92,6 @@ def first_damage(folder: Path) -> str | None:
         if sha256_file(folder / name) != sha256:
             return f"{name} has another sha256 than {SEQUENCE_JSON} lists"
     return None
-
-
-def _listed(folder: Path) -> list[dict[str, Any]]:
-    document = json.loads((folder / SEQUENCE_JSON).read_text(encoding="utf-8"))
-    files: list[dict[str, Any]] = document["files"]
-    return files
 
 
 def plan_tasks(config: GenerateConfig) -> tuple[SequenceTask, ...]:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Final, Literal
 
 from pliant.generator.config import BLENDER_STYLES, GenerateConfig
-from pliant.generator.runner.engine import Engine, Failed, Finished, OpenMaker, Rendered
+from pliant.generator.runner.engine import Engine, Finished, OpenMaker, Rendered
 from pliant.generator.runner.manifest import RUN_DIR, Failure, RunFolder, refuse_changes
 from pliant.generator.runner.plan import Plan, plan_run
 from pliant.generator.runner.progress import Progress, Summary
@@ -64,10 +64,7 @@ def generate(
             done, and nothing that was finished is lost.
     """
     root = Path(out)
-    if workers < 1:
-        raise CallError("there must be a worker", where="workers", found=workers, required=">= 1")
-    if open_maker is None:
-        require_packages(required_packages(config.style), "generating a dataset", "generate")
+    check_call(config, workers, open_maker)
     started = time.monotonic()
     run = RunFolder(root)
     run.open()
@@ -82,7 +79,8 @@ def generate(
         failed: list[Failure] = []
         if plan.missing:
             chosen = _open_engine(engine, workers, log, config.style)
-            maker = open_maker or sequence_maker(config, root, _threads_each(chosen))
+            threads = max(1, cpu_cores() // chosen.workers)  # so that workers do not fight
+            maker = open_maker or sequence_maker(config, root, threads)
             try:
                 failed = _make_missing(root, plan, chosen, maker, state, progress or _ignore)
             finally:
@@ -114,7 +112,10 @@ def _begin(run: RunFolder, config: GenerateConfig, plan: Plan) -> GenerateConfig
     if config.secret_seed:
         config = config.replace(seed=run.secret_seed(begun=stored is not None))
     run.store_config(config, finished=False)
-    _remove_damaged(run.root, plan)
+    for task in plan.tasks:
+        if task.id in plan.damaged:
+            logger.warning("%s is made again: %s", task.id, plan.damaged[task.id])
+            shutil.rmtree(task.folder(run.root))
     run.clear_partial()
     logger.info("%d of %d sequences to make in %s", len(plan.missing), len(plan.tasks), run.root)
     return config
@@ -151,13 +152,6 @@ def _finish(
     return tasks
 
 
-def _remove_damaged(root: Path, plan: Plan) -> None:
-    for task in plan.tasks:
-        if task.id in plan.damaged:
-            logger.warning("%s is made again: %s", task.id, plan.damaged[task.id])
-            shutil.rmtree(task.folder(root))
-
-
 def _make_missing(
     root: Path,
     plan: Plan,
@@ -184,7 +178,12 @@ def _make_missing(
                     state.failures += 1
                     logger.error("%s, attempt %d: %s", event.task.id, number, event.error)
                     if event.fatal is not None:
-                        raise _stopped(event, state)
+                        raise GenerationError(
+                            "the run cannot go on",
+                            where=event.task.id,
+                            found=event.fatal,
+                            fix=_kept(state.sequences, len(plan.tasks)),
+                        )
                     again.append(event.task)
                     failed[event.task.id] = Failure(event.task.id, number, event.error)
                 show(state)
@@ -230,15 +229,6 @@ def _count(state: Progress, event: Finished) -> None:
     )
 
 
-def _stopped(event: Failed, state: Progress) -> GenerationError:
-    return GenerationError(
-        "the run cannot go on",
-        where=event.task.id,
-        found=event.fatal,
-        fix=_kept(state.sequences, len(state.plan.tasks)),
-    )
-
-
 def _kept(finished: int, wanted: int) -> str:
     return (
         f"{finished} of {wanted} sequences are finished and kept: make room or correct the "
@@ -251,9 +241,9 @@ def _open_engine(engine: str | Engine, workers: int, log: Path, style: str) -> E
         return engine
     # Imported here: a finished set gets an error that says so without them.
     if engine == "local":
-        from pliant.generator.runner.engine_local import LocalEngine, count_gpus
+        from pliant.generator.runner.engine_local import LocalEngine, visible_gpus
 
-        return LocalEngine(workers, log, count_gpus() if style in BLENDER_STYLES else 0)
+        return LocalEngine(workers, log, visible_gpus() if style in BLENDER_STYLES else ())
     if engine == "ray":
         from pliant.generator.runner.engine_ray import RayEngine
 
@@ -261,6 +251,19 @@ def _open_engine(engine: str | Engine, workers: int, log: Path, style: str) -> E
     raise CallError(
         "unknown engine", where="engine", found=engine, required="one of " + ", ".join(ENGINES)
     )
+
+
+def check_call(config: GenerateConfig, workers: int, open_maker: OpenMaker | None) -> None:
+    """Refuse a call without workers, or without the packages that render a style.
+
+    Raises:
+        CallError: There is no worker.
+        MissingExtraError: Numba, or for its styles Blender, is not installed.
+    """
+    if workers < 1:
+        raise CallError("there must be a worker", where="workers", found=workers, required=">= 1")
+    if open_maker is None:
+        require_packages(required_packages(config.style), "generating a dataset", "generate")
 
 
 def sequence_maker(config: GenerateConfig, root: Path, threads: int = 1) -> OpenMaker:
@@ -273,11 +276,6 @@ def sequence_maker(config: GenerateConfig, root: Path, threads: int = 1) -> Open
 def required_packages(style: str) -> list[str]:
     """Return the import names of the optional packages that a style needs."""
     return ["numba", "psutil", "platformdirs", "filelock"] + ["bpy"] * (style in BLENDER_STYLES)
-
-
-def _threads_each(engine: Engine) -> int:
-    """Return how many threads each worker's renderer gets, so that workers do not fight."""
-    return max(1, cpu_cores() // engine.workers)
 
 
 @contextmanager

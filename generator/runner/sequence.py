@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -14,6 +15,7 @@ from typing import Any, Final, TypeVar
 
 import numpy as np
 import numpy.typing as npt
+import psutil
 
 from pliant.generator.config import BLENDER_STYLES, GenerateConfig
 from pliant.generator.objects.tiers import describe_tier, sample_scene_object
@@ -68,10 +70,7 @@ class SequenceMaker:
     def __init__(self, config: GenerateConfig, root: Path, *, threads: int = 1) -> None:
         self.config = config
         self.root = root
-        self._depth_camera = config.depth_faults
-        self.renderer = open_renderer(
-            config.style, config.size, threads=threads, depth_camera=self._depth_camera
-        )
+        self.renderer = open_renderer(config.style, config.size, threads, config.depth_faults)
         self._tools = tool_versions(config.style)
         self._tiers: set[str] = set()  # of which a sequence was made
 
@@ -100,12 +99,7 @@ class SequenceMaker:
                 ends_cpu_s.append(time.process_time())
                 on_frame()
             with clock("tables"):
-                size = writer.finish(
-                    self._info(
-                        task, scene_object, settings_to_dict(shooting.appearance), frame_info
-                    ),
-                    scene_object.points,
-                )
+                size = writer.finish(self._info(task, shooting, frame_info), scene_object.points)
         clock.seconds["encode"] = writer.encode_cpu_s
         warm = task.tier in self._tiers
         self._tiers.add(task.tier)
@@ -122,7 +116,7 @@ class SequenceMaker:
             seconds=time.perf_counter() - started,
             cpu_s=ended - cpu_started,
             stage_cpu_s=clock.seconds,
-            memory_bytes=resident_bytes(),
+            memory_bytes=psutil.Process().memory_info().rss,
             setup_cpu_s=max(0.0, ended - cpu_started - len(ends_cpu_s) * each_s),
             warm=warm,
         )
@@ -145,7 +139,12 @@ class SequenceMaker:
         with clock("pose"):
             framed = list(islice(poses, 1 if scene_object.temporal else FRAMED_POSES))
         with clock("sample"):
-            camera, appearance = self._view(streams, scene_object, framed)
+            rng = streams.generator(Stream.CAMERA)
+            camera = sample_camera(rng, scene_object, config.camera, config.size, framed)
+            rng, look, material = streams.generator(Stream.APPEARANCE), config.look, None
+            if look.materials:
+                material = streams.material(look.first_material + int(rng.integers(look.materials)))
+            appearance = sample_appearance(rng, scene_object, look, material)
         queried = describe_tier(config, task.tier).queried_object
 
         def seen() -> Iterator[tuple[Pose, FrameTruth]]:
@@ -172,47 +171,25 @@ class SequenceMaker:
 
         return Shooting(scene_object, camera, appearance, frames())
 
-    def _view(
-        self, streams: RandomStreams, scene_object: SceneObject, framed: Sequence[Pose]
-    ) -> tuple[Camera, Appearance]:
-        """Draw a camera that sees all of the given poses, and an appearance."""
-        config = self.config
-        rng = streams.generator(Stream.CAMERA)
-        camera = sample_camera(rng, scene_object, config.camera, config.size, framed)
-        rng, settings = streams.generator(Stream.APPEARANCE), config.look
-        material = None
-        if settings.materials:
-            number = settings.first_material + int(rng.integers(settings.materials))
-            material = streams.material(number)
-        return camera, sample_appearance(rng, scene_object, settings, material)
-
-    def close(self) -> None:
-        """Release the renderer."""
-        self.renderer.close()
-
     def _info(
-        self,
-        task: SequenceTask,
-        scene_object: SceneObject,
-        appearance: dict[str, Any],
-        frame_info: list[dict[str, Any]],
+        self, task: SequenceTask, shooting: Shooting, frame_info: list[dict[str, Any]]
     ) -> dict[str, Any]:
-        noise = self.config.noise
-        parameters = {**settings_to_dict(scene_object.info), "look": appearance}
-        if self._depth_camera is not None:
-            parameters["depth_camera"] = settings_to_dict(self._depth_camera)
+        config, scene_object = self.config, shooting.scene_object
+        parameters = {**scene_object.info, "look": shooting.appearance}
+        if config.depth_faults is not None:
+            parameters["depth_camera"] = config.depth_faults
         return {
             "id": task.id,
             "tier": task.tier,
             "split": task.split,
             "shape": scene_object.shape,
             "index": task.index,
-            "seed": self.config.public_seed or 0,
+            "seed": config.public_seed or 0,
             "temporal": scene_object.temporal,
             "frames": scene_object.frames,
-            "style": self.config.style,
-            "noise": None if noise is None else settings_to_dict(noise),
-            "parameters": parameters,
+            "style": config.style,
+            "noise": settings_to_dict(config.noise),
+            "parameters": settings_to_dict(parameters),
             "frame_info": frame_info,
             "tools": self._tools,
         }
@@ -228,13 +205,6 @@ def tool_versions(style: str) -> dict[str, str]:
         except PackageNotFoundError:
             continue
     return found
-
-
-def resident_bytes() -> int:
-    """Return this process's resident memory, bytes."""
-    import psutil
-
-    return int(psutil.Process().memory_info().rss)
 
 
 def frame_facts(
@@ -269,14 +239,14 @@ class StageClock:
     """CPU seconds of the calling thread, summed by stage."""
 
     def __init__(self) -> None:
-        self.seconds: dict[str, float] = {}
+        self.seconds: dict[str, float] = defaultdict(float)
 
     @contextmanager
     def __call__(self, stage: str) -> Iterator[None]:
         """Add the CPU time of a block to a stage."""
         start = time.thread_time()
         yield
-        self.seconds[stage] = self.seconds.get(stage, 0.0) + time.thread_time() - start
+        self.seconds[stage] += time.thread_time() - start
 
 
 def _ahead(items: Iterator[T]) -> Iterator[T]:

@@ -57,7 +57,6 @@ def seen(scene_object: SceneObject, settings: DepthCameraSettings) -> tuple[np.n
     )
     truth = frame_truth(scene_object, scene_object.pose(0), VIEW)
     rgb = renderer.render(scene_object.pose(0), truth, np.random.default_rng(0))
-    renderer.close()
     return rgb, truth
 
 

@@ -48,12 +48,12 @@ def picture(
 ) -> np.ndarray:
     renderer: Any = open_renderer(style, SIZE, threads, gpu=False)
     if samples is not None:
-        renderer.set_quality(samples, denoise=False)
+        renderer._scene.cycles.samples = samples
+        renderer._scene.cycles.use_denoising = False
     renderer.begin(scene_object, appearance, VIEW)
     rgb = renderer.render(
         scene_object.pose(0), frame_truth(scene_object, scene_object.pose(0), VIEW)
     )
-    renderer.close()
     return rgb
 
 
@@ -261,7 +261,6 @@ def test_cycles_bytes_depend_on_nothing_but_the_scene(
         rgb = renderer.render(
             scene_object.pose(0), frame_truth(scene_object, scene_object.pose(0), VIEW)
         )
-    renderer.close()
     np.testing.assert_array_equal(rgb, first)
 
 
@@ -276,7 +275,7 @@ def test_an_object_out_of_frame_leaves_the_table(tube: SceneObject) -> None:
     away = looking_at((9.0, 9.0, 1.0), (9.0, 9.3, 0.0), SIZE)
     appearance = plain_appearance(tube)
     for style in ("raster", "fast"):
-        renderer = open_renderer(style, SIZE, 1, gpu=False)
+        renderer = open_renderer(style, SIZE, gpu=False)
         renderer.begin(tube, appearance, away)
         rgb = renderer.render(tube.pose(0), frame_truth(tube, tube.pose(0), away))
         np.testing.assert_array_equal(rgb, TableView(away, appearance).encoded)

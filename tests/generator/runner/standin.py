@@ -12,7 +12,7 @@ import resource
 import signal
 import sys
 import time
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +20,9 @@ import numpy as np
 import psutil
 
 from pliant.generator.config import GenerateConfig
-from pliant.generator.runner.engine import Event, OpenMaker, Rendered, SequenceResult, attempt
-from pliant.generator.runner.sequence_writer import writing_sequence
-from pliant.generator.scene.scene_object import Points
+from pliant.generator.runner.engine import Event, OpenMaker, Rendered, attempt
+from pliant.generator.runner.sequence import SequenceMaker, Shooting, StageClock, TakenFrame
+from pliant.generator.scene.scene_object import Points, Pose, SceneObject
 from pliant.generator.seeding import RandomStreams, SequenceTask, Stream
 from pliant.generator.truth.frame_truth import FrameTruth
 from pliant.generator.truth.rasteriser import Hits
@@ -31,83 +31,61 @@ from pliant.spec.io.exr import Surface
 
 NO_HITS = Hits(np.zeros((0, 0), np.int32), np.zeros((0, 0)), np.zeros((0, 0, 2)))
 SIDE = 4  # points along a side of the sheet
+GRID = np.stack(np.meshgrid(np.arange(SIDE), np.arange(SIDE)), -1).reshape(-1, 2)
+COUNT = len(GRID)
+POINTS = Points(
+    np.ones(COUNT, np.int32),
+    np.arange(COUNT, dtype=np.int32),
+    np.zeros(COUNT, bool),
+    (GRID / SIDE).astype(np.float32),
+    np.zeros((COUNT, 0), np.int32),
+)
 
 
-class StandInMaker:
+class StandInMaker(SequenceMaker):
     """Draws a square that moves; `faults` maps a sequence id to what goes wrong with it."""
 
     def __init__(
         self, config: GenerateConfig, root: Path, faults: Mapping[str, str], frame_s: float
     ) -> None:
-        self.config, self.root, self.faults, self.frame_s = config, root, faults, frame_s
+        super().__init__(config.replace(style="raster", depth_camera=None), root)
+        self.config, self.faults, self.frame_s = config, faults, frame_s
+        self._tiers = {"rope"}  # nothing has to be loaded
 
-    def make(self, task: SequenceTask, on_frame: Callable[[], None]) -> SequenceResult:
-        started = time.perf_counter()
+    def shoot(self, task: SequenceTask, clock: StageClock | None = None) -> Shooting:
+        temporal, frames = self.config.episodes, self.config.frames
+        pose = Pose({})
+        scene_object = SceneObject(
+            task.tier, "rope", None, temporal, frames, (), POINTS, lambda _: pose, 1.0, 0.01
+        )
+        camera = Camera(np.diag([100.0, 100.0, 1.0]), np.eye(4), self.config.size)
+        appearance: Any = {}
+        return Shooting(scene_object, camera, appearance, self._frames(task))
+
+    def _frames(self, task: SequenceTask) -> Iterator[TakenFrame]:
         width, height = self.config.size
-        grid = np.stack(np.meshgrid(np.arange(SIDE), np.arange(SIDE)), -1).reshape(-1, 2)
-        count = len(grid)
-        infos = []
-        with writing_sequence(task.folder(self.root)) as writer:
-            for frame in range(self.config.frames):
-                streams = RandomStreams(self.config.seed, task)
-                rng = streams.generator(Stream.NOISE, frame)
-                time.sleep(self.frame_s)
-                if frame == self.config.frames // 2:
-                    self._fail(task)
-                left, top = rng.integers(0, width - 8), rng.integers(0, height - 8)
-                mask = np.zeros((height, width), bool)
-                mask[top : top + 8, left : left + 8] = True
-                surface = Surface(
-                    np.where(mask, 1.0, np.inf).astype(np.float32),
-                    mask.astype(np.float32) * 0.5,
-                    mask.astype(np.float32) * 0.5,
-                    mask.astype(np.uint32),
-                )
-                rgb = rng.integers(0, 256, (height, width, 3), dtype=np.uint8)
-                truth = FrameTruth(
-                    surface=surface,
-                    uv_px=grid * 2.0 + (left + 1.0, top + 1.0),
-                    depth_m=np.ones(count),
-                    visibility=["visible"] * count,
-                    xyz_m=np.zeros((count, 3)),
-                    hits=NO_HITS,
-                    world_vertices=np.zeros((0, 3)),
-                )
-                camera = Camera(np.diag([100.0, 100.0, 1.0]), np.eye(4), (width, height))
-                writer.add_frame(rgb, truth, camera)
-                box = [int(left), int(top), int(left) + 8, int(top) + 8]
-                infos.append({"box_px": box, "self_occluded": 0.0})
-                on_frame()
-            points = Points(
-                np.ones(count, np.int32),
-                np.arange(count, dtype=np.int32),
-                np.zeros(count, bool),
-                (grid / SIDE).astype(np.float32),
-                np.zeros((count, 0), np.int32),
+        streams = RandomStreams(self.config.seed, task)
+        for frame in range(self.config.frames):
+            rng = streams.generator(Stream.NOISE, frame)
+            time.sleep(self.frame_s)
+            if frame == self.config.frames // 2:
+                self._fail(task)
+            left, top = int(rng.integers(0, width - 8)), int(rng.integers(0, height - 8))
+            mask = np.zeros((height, width), bool)
+            mask[top : top + 8, left : left + 8] = True
+            half = mask.astype(np.float32) * 0.5
+            depth_m = np.where(mask, 1.0, np.inf).astype(np.float32)
+            truth = FrameTruth(
+                surface=Surface(depth_m, half, half, mask.astype(np.uint32)),
+                uv_px=GRID * 2.0 + (left + 1.0, top + 1.0),
+                depth_m=np.ones(COUNT),
+                visibility=["visible"] * COUNT,
+                xyz_m=np.zeros((COUNT, 3)),
+                hits=NO_HITS,
+                world_vertices=np.zeros((0, 3)),
             )
-            size = writer.finish(self._info(task, infos), points)
-        seconds = time.perf_counter() - started
-        return SequenceResult(task.id, self.config.frames, size, seconds, seconds, {}, 1, warm=True)
-
-    def close(self) -> None:
-        pass
-
-    def _info(self, task: SequenceTask, infos: list[dict]) -> dict:
-        return {
-            "id": task.id,
-            "tier": task.tier,
-            "split": task.split,
-            "shape": None,
-            "index": task.index,
-            "seed": self.config.seed,
-            "temporal": self.config.episodes,
-            "frames": self.config.frames,
-            "style": self.config.style,
-            "noise": None,
-            "parameters": {},
-            "frame_info": infos,
-            "tools": {},
-        }
+            rgb = rng.integers(0, 256, (height, width, 3), dtype=np.uint8)
+            yield rgb, truth, {"box_px": [left, top, left + 8, top + 8], "self_occluded": 0.0}
 
     def _fail(self, task: SequenceTask) -> None:
         fault = self.faults.get(task.id)
@@ -138,13 +116,12 @@ class InProcess:
     def events(
         self, tasks: Sequence[SequenceTask], open_maker: OpenMaker
     ) -> Generator[Event, None, None]:
-        opened = open_maker()
+        opened = functools.cache(open_maker)
         for task in tasks:
             frames: list[SequenceTask] = []
             event = attempt(opened, task, functools.partial(frames.append, task))
             yield Rendered(task, len(frames))
             yield event
-        opened.close()
 
 
 def maker(
