@@ -13,6 +13,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from scipy.ndimage import minimum_filter
 
 from pliant.generator.compiled import compiled
 from pliant.generator.scene.appearance import Light
@@ -133,24 +134,11 @@ def _draw(points: FloatArray, faces: IntArray, depth: npt.NDArray[np.float32]) -
                 line[k] = z if nearer else line[k]
 
 
-@compiled
 def _coarse(depth: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-    rows, columns = depth.shape
-    tall = (rows + _BLOCK - 1) // _BLOCK
-    wide = (columns + _BLOCK - 1) // _BLOCK
-    own = np.full((tall, wide), _EMPTY, np.float32)
-    for j in range(rows):
-        for i in range(columns):
-            own[j // _BLOCK, i // _BLOCK] = min(own[j // _BLOCK, i // _BLOCK], depth[j, i])
-    around = np.full((tall, wide), _EMPTY, np.float32)
-    for j in range(tall):
-        for i in range(wide):
-            if own[j, i] == _EMPTY:
-                continue
-            for dj in range(max(0, j - 2), min(tall, j + 3)):
-                for di in range(max(0, i - 2), min(wide, i + 3)):
-                    around[dj, di] = min(around[dj, di], own[j, i])
-    return around
+    down, across = (np.arange(0, side, _BLOCK) for side in depth.shape)
+    own = np.minimum.reduceat(np.minimum.reduceat(depth, down, axis=0), across, axis=1)
+    nearest: npt.NDArray[np.float32] = minimum_filter(own, 5, mode="constant", cval=_EMPTY)
+    return nearest
 
 
 @compiled

@@ -21,13 +21,13 @@ class Plan:
     Attributes:
         tasks: Every sequence of the dataset, in the order of `sequences.parquet`.
         finished: Ids that the folder already contains, whole.
+        frames: Frames of the whole dataset.
         damaged: First damaged file of each sequence that has to be made again, with the reason.
-        frames_per_sequence: Frames of each sequence.
     """
 
     tasks: tuple[SequenceTask, ...]
     finished: frozenset[str]
-    frames_per_sequence: int
+    frames: int
     damaged: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -38,11 +38,6 @@ class Plan:
         """
         tasks = [task for task in self.tasks if task.id not in self.finished]
         return sorted(tasks, key=lambda task: task.index)  # stable: tiers and splits alternate
-
-    @property
-    def frames(self) -> int:
-        """Frames of the whole dataset."""
-        return len(self.tasks) * self.frames_per_sequence
 
 
 def plan_run(config: GenerateConfig, root: Path) -> Plan:
@@ -66,7 +61,7 @@ def plan_run(config: GenerateConfig, root: Path) -> Plan:
             if damage is not None
         }
     finished = frozenset(task.id for task in present) - damaged.keys()
-    return Plan(tasks, finished, config.frames, damaged)
+    return Plan(tasks, finished, len(tasks) * config.frames, damaged)
 
 
 def first_damage(folder: Path) -> str | None:

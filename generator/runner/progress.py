@@ -125,13 +125,6 @@ class Progress:
     memory_bytes: int = 0
     log: Path | None = None
 
-    @classmethod
-    def of(cls, plan: Plan, workers: int, log: Path) -> Progress:
-        """Return the progress of a run that begins."""
-        missing, frames = plan.missing, plan.frames_per_sequence
-        forecast = Forecast.of(missing, frames, workers)
-        return cls(plan, len(plan.finished), len(missing) * frames, forecast, log=log)
-
 
 @dataclass(frozen=True)
 class Summary:

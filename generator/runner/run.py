@@ -15,7 +15,7 @@ from pliant.generator.config import BLENDER_STYLES, GenerateConfig
 from pliant.generator.runner.engine import Engine, Finished, OpenMaker, Rendered
 from pliant.generator.runner.manifest import RUN_DIR, Failure, RunFolder, refuse_changes
 from pliant.generator.runner.plan import Plan, plan_run
-from pliant.generator.runner.progress import Progress, Summary
+from pliant.generator.runner.progress import Forecast, Progress, Summary
 from pliant.generator.seeding import SequenceTask
 from pliant.spec.cores import cpu_cores
 from pliant.spec.errors import CallError, GenerationError
@@ -75,7 +75,9 @@ def generate(
             run.clear_partial()
             return Summary(root, len(plan.tasks), 0, 0, 0, time.monotonic() - started)
         config = _begin(run, config, plan)
-        state = Progress.of(plan, workers, log)
+        missing, frames = plan.missing, config.frames
+        forecast = Forecast.of(missing, frames, workers)
+        state = Progress(plan, len(plan.finished), len(missing) * frames, forecast, log=log)
         failed: list[Failure] = []
         if plan.missing:
             chosen = _open_engine(engine, workers, log, config.style)

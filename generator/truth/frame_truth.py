@@ -16,14 +16,10 @@ from pliant.generator.truth.rasteriser import Hits, interpolate, rasterise
 from pliant.generator.truth.visibility import first_occluders, inside_frame
 from pliant.spec.arrays import FloatArray
 from pliant.spec.camera import Camera
+from pliant.spec.conventions import VISIBILITY_STATES
 from pliant.spec.io.exr import Surface
 
-_VISIBLE, _SELF_OCCLUDED, _OCCLUDED, _OUT_OF_FRAME = (
-    "visible",
-    "self_occluded",
-    "occluded",
-    "out_of_frame",
-)
+_VISIBLE, _SELF_OCCLUDED, _OCCLUDED, _OUT_OF_FRAME = VISIBILITY_STATES
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from pathlib import Path
 
@@ -20,7 +20,6 @@ from pliant.generator.truth.query_sampling import (
     frame_pairs,
     point_classes,
     skip_pairs,
-    track_pairs,
 )
 from pliant.spec.io.jsonfiles import read_json
 from pliant.spec.io.parquet import read_table, write_table
@@ -96,16 +95,19 @@ def _split_tables(
         if not members:
             continue
         points = read_table(members[0].folder(root) / POINTS_TABLE, "points")
-        askable = _queried_points(points, describe_tier(config, tier).queried_object)
+        queried = points["object"].to_numpy() == describe_tier(config, tier).queried_object
+        askable = np.flatnonzero(queried & (points["kind"].to_numpy() == "surface"))
         partners = np.array(points["partners"].to_pylist(), np.int64).reshape(len(points), -1)
         drawn: dict[FrameTask, npt.NDArray[np.int64]] = {}
         for task in members:
             rng = RandomStreams(seed, task).generator(Stream.QUERY_PAIRS)
             frames, wanted = len(tracks(task).boxes_px), settings.pairs_per_sequence
             targets_only = settings.kind == "track" or bool(settings.skips)
+            pairs: Iterator[tuple[FrameTask, FrameTask]]
             if settings.kind == "track":
                 wanted = frames - 1
-                pairs = track_pairs(task, frames)
+                first = FrameTask(task, 0)
+                pairs = ((first, FrameTask(task, frame)) for frame in range(1, frames))
             elif settings.skips:
                 pairs = skip_pairs(rng, task, frames, settings.skips)
             else:
@@ -120,7 +122,9 @@ def _split_tables(
                         classes = point_classes(seed, source, frames, partners)
                         asked = askable[classes[askable] == source.point_class(frames)]
                     drawn[source] = draw_points(
-                        source.random(seed),
+                        RandomStreams(seed, source.task).generator(
+                            Stream.QUERY_POINTS, source.frame
+                        ),
                         tracks(source.task),
                         source.frame,
                         asked,
@@ -138,12 +142,6 @@ def _split_tables(
     if not queries:
         return QUERIES.empty_table(), TRUTH.empty_table()
     return pa.concat_tables(queries), pa.concat_tables(truth)
-
-
-def _queried_points(points: pa.Table, queried: int) -> npt.NDArray[np.int64]:
-    """Return the ids of the surface points of the queried object."""
-    kind = np.array(points["kind"].to_pylist())
-    return np.flatnonzero((points["object"].to_numpy() == queried) & (kind == "surface"))
 
 
 def pair_tables(

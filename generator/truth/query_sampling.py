@@ -29,14 +29,6 @@ class FrameTask(NamedTuple):
     task: SequenceTask
     frame: int
 
-    def random(self, seed: int) -> np.random.Generator:
-        """Return the generator that draws this frame's query points.
-
-        Args:
-            seed: The dataset's seed.
-        """
-        return RandomStreams(seed, self.task).generator(Stream.QUERY_POINTS, self.frame)
-
     def point_class(self, frames: int) -> int:
         """Return the class of the material points that this frame may ask.
 
@@ -126,17 +118,6 @@ def draw_points(
     others = visible[~np.isin(visible, first)]
     total = min(most, math.floor(len(first) / moving_share))
     return rng.permutation(np.concatenate([first, others[: total - len(first)]]))
-
-
-def track_pairs(target: SequenceTask, frames: int) -> Iterator[tuple[FrameTask, FrameTask]]:
-    """Yield frame 0 as the source of every later frame of an episode.
-
-    Args:
-        target: The episode.
-        frames: Its frames.
-    """
-    for frame in range(1, frames):
-        yield FrameTask(target, 0), FrameTask(target, frame)
 
 
 def skip_pairs(

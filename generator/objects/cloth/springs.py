@@ -18,21 +18,17 @@ from pliant.generator.compiled import compiled
 from pliant.generator.scene.scene_object import IntArray
 from pliant.spec.arrays import FloatArray
 
-STRUCTURAL, SHEAR, BENDING = 0, 1, 2
-
 
 class Family(NamedTuple):
     """All springs of one kind and direction: they have one rest length and one stiffness.
 
     Attributes:
-        kind: STRUCTURAL, SHEAR or BENDING.
         rows: Steps down the grid from a spring's first mass to its second, >= 0.
         columns: Steps along the row, negative for a shear spring that leans back.
         rest_m: Rest length, metres.
         stiffness: Newtons per metre.
     """
 
-    kind: int
     rows: int
     columns: int
     rest_m: float
@@ -50,14 +46,12 @@ class Springs:
         families: The six families.
         a: int32 (S,), the later mass of each spring.
         b: int32 (S,), the earlier mass.
-        family: int32 (S,), which family each spring belongs to.
         rest_m: float64 (S,), rest length, metres.
     """
 
     families: tuple[Family, ...]
     a: IntArray
     b: IntArray
-    family: IntArray
     rest_m: FloatArray
 
 
@@ -73,39 +67,31 @@ def build_springs(side: int, side_m: float, ks: float, bending_ratio: float) -> 
     Returns:
         The springs.
     """
-    stiffness = (ks, ks, bending_ratio * ks)
+    bending = bending_ratio * ks
     spacing = side_m / (side - 1)
     families = tuple(
-        Family(kind, row, column, math.hypot(row * spacing, column * spacing), stiffness[kind])
-        for kind, row, column in (
-            (STRUCTURAL, 0, 1),
-            (STRUCTURAL, 1, 0),
-            (SHEAR, 1, 1),
-            (SHEAR, 1, -1),
-            (BENDING, 0, 2),
-            (BENDING, 2, 0),
+        Family(row, column, math.hypot(row * spacing, column * spacing), stiffness)
+        for stiffness, steps in (
+            (ks, ((0, 1), (1, 0))),  # structural
+            (ks, ((1, 1), (1, -1))),  # shear
+            (bending, ((0, 2), (2, 0))),
         )
+        for row, column in steps
     )
     # later - earlier mass is (rows, columns) of the family, for both shear directions
     ends = [
         (
             row * side + column,
             (row - family.rows) * side + column - family.columns,
-            number,
+            family.rest_m,
         )
         for row in range(side)
         for column in range(side)
-        for number, family in enumerate(families)
+        for family in families
         if row >= family.rows and 0 <= column - family.columns < side
     ]
-    a, b, family = (np.array(part, dtype=np.int32) for part in zip(*ends, strict=True))
-    return Springs(
-        families=families,
-        a=a,
-        b=b,
-        family=family,
-        rest_m=np.array([f.rest_m for f in families])[family],
-    )
+    a, b, rest_m = zip(*ends, strict=True)
+    return Springs(families, np.array(a, np.int32), np.array(b, np.int32), np.array(rest_m))
 
 
 @compiled

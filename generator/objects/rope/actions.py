@@ -87,10 +87,6 @@ class Action:
         else:
             self.phase = "carry" if self.progress < 0.75 else "lower"
 
-    def let_go(self) -> None:
-        """Let go before the path's end."""
-        self.phase = "wait"
-
     @property
     def done(self) -> bool:
         """True when the wait is over."""

@@ -136,20 +136,14 @@ def rope_points(settings: RopeSettings, mesh: RopeMesh, same_points: bool = Fals
     choose = _at_angles if same_points else _around
     chosen = [choose(mesh, int(row), settings.point_angles) for row in rows]
     first = np.concatenate(chosen)
-    second = np.concatenate([_mirrored(mesh, each) for each in chosen[::-1]])
+    # Station k from the front is mirrored by station k from the back; within one, in order.
+    ids = np.arange(len(first))
+    mirrored = np.concatenate(np.split(ids, np.cumsum([len(each) for each in chosen]))[::-1])
+    second = first[mirrored]
+    second["vertex"], second["other"] = mesh.mirror[second["vertex"]], mesh.mirror[second["other"]]
     edges = np.concatenate([first, second])
     vertex, other = edges["vertex"], edges["other"]
-    order = np.arange(len(vertex))
-    # Station k from the front is mirrored by station k from the back; within one, in order.
-    sizes = [len(each) for each in chosen]
-    starts = np.concatenate([np.zeros(1, int), np.cumsum(sizes)])
-    partner = np.empty(len(vertex), dtype=np.int64)
-    back_start = len(first)
-    for k in range(len(chosen) - 1, -1, -1):
-        here = order[starts[k] : starts[k + 1]]
-        there = order[back_start : back_start + sizes[k]]
-        partner[here], partner[there] = there, here
-        back_start += sizes[k]
+    partner = np.concatenate([len(first) + np.argsort(mirrored), mirrored])
 
     count = settings.centreline_points
     along = np.linspace(0.0, 1.0, count)
@@ -212,11 +206,4 @@ def _at_angles(mesh: RopeMesh, row: int, angles: int) -> npt.NDArray[np.void]:
     found = np.empty(angles, _EDGES)
     found["vertex"], found["other"] = here[best], after[best]
     found["share"] = share[np.arange(angles), best]
-    return found
-
-
-def _mirrored(mesh: RopeMesh, edges: npt.NDArray[np.void]) -> npt.NDArray[np.void]:
-    """Return where the reversal maps places on edges."""
-    found = edges.copy()
-    found["vertex"], found["other"] = mesh.mirror[edges["vertex"]], mesh.mirror[edges["other"]]
     return found

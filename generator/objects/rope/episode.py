@@ -93,7 +93,7 @@ class Episode:
         action.step(lag, 1.0 / settings.frame_rate_hz, settings.diameter_m)
         stray = float(outside_by(state.chain[:, :2], settings).max())
         if action.kind != "gather" and stray > _STRAY_LENGTHS * settings.length_m:
-            action.let_go()
+            action.phase = "wait"
         self.info = action.record(settings.particles)
         if action.phase == "wait":
             state.advance()

@@ -69,7 +69,7 @@ def _close_pairs(
 
 
 @compiled
-def _spread(z: FloatArray, half: npt.NDArray[np.int64], out: FloatArray) -> None:
+def _spread(z: FloatArray, half: int, out: FloatArray) -> None:
     """Take the highest value within `half` samples, then smooth twice over half as many.
 
     Both smoothings together reach no farther than the maximum did, so the result is nowhere
@@ -78,24 +78,15 @@ def _spread(z: FloatArray, half: npt.NDArray[np.int64], out: FloatArray) -> None
     n = z.shape[0]
     top = np.empty(n)
     for i in range(n):
-        top[i] = z[i]
-    for i in range(n):
-        for j in range(max(0, i - half[i]), min(n, i + half[i] + 1)):
-            if z[i] > top[j]:
-                top[j] = z[i]
-    # One width for the smoothing everywhere: the narrowest in use keeps the promise.
-    narrow = half[0]
-    for i in range(n):
-        narrow = min(narrow, half[i])
-    box = narrow // 2
+        top[i] = z[max(0, i - half) : i + half + 1].max()
+    box = half // 2
     for _ in range(2):
         for i in range(n):
             total = 0.0
             for j in range(i - box, i + box + 1):
                 total += top[min(max(j, 0), n - 1)]
             out[i] = total / (2 * box + 1)
-        for i in range(n):
-            top[i] = out[i]
+        top[:] = out
 
 
 @compiled
@@ -103,7 +94,7 @@ def _settle(
     floor: FloatArray,
     pairs: npt.NDArray[np.int64],
     need: FloatArray,
-    half: npt.NDArray[np.int64],
+    half: int,
     highest: float,
 ) -> tuple[bool, FloatArray]:
     n = floor.shape[0]
@@ -111,8 +102,7 @@ def _settle(
     wanted = np.empty(n)
     _spread(floor, half, z)
     for _ in range(60):
-        for i in range(n):
-            wanted[i] = floor[i]
+        wanted[:] = floor
         short = 0.0
         for k in range(pairs.shape[0]):
             i = pairs[k, 0]
@@ -122,9 +112,8 @@ def _settle(
         if short < 1e-9:
             return True, z
         _spread(wanted, half, z)
-        for i in range(n):
-            if z[i] > highest:
-                return False, z
+        if z.max() > highest:
+            return False, z
     return False, z
 
 
@@ -164,6 +153,6 @@ def lift(
     passages = np.sort(crossing[:, :2].reshape(-1))
     gap = np.diff(passages).min() if len(passages) > 1 else np.inf
     ramp = min(RAMP_DIAMETERS * diameter_m / step, max(0.45 * gap, 0.7 * diameter_m / step))
-    half = np.full(len(xy), max(2, round(ramp)), dtype=np.int64)
+    half = max(2, round(ramp))
     good, z = _settle(floor_m, pairs[:count], need[:count], half, HIGHEST_DIAMETERS * diameter_m)
     return z if good else None

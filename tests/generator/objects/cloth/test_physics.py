@@ -10,7 +10,6 @@ import pytest
 from pliant.generator.objects.cloth.contact_pbd import PairContact
 from pliant.generator.objects.cloth.grid import flat_positions
 from pliant.generator.objects.cloth.simulator import Sheet, Simulator
-from pliant.generator.objects.cloth.springs import BENDING, SHEAR, STRUCTURAL, build_springs
 from pliant.generator.objects.cloth.step import collide_table
 
 DOWN = (0.0, 0.0, -9.8)
@@ -27,23 +26,6 @@ def hanging(points: int, **changes: object) -> Simulator:
     simulator = Simulator(sheet, start, gravity=DOWN)
     simulator.free[[0, points - 1]] = 0.0
     return simulator
-
-
-def test_springs_of_a_small_grid() -> None:
-    springs = build_springs(3, 2.0, 100.0, 0.2)
-    families = springs.families
-    found = {
-        (int(a), int(b)): (families[f].kind, round(float(r), 12), families[f].stiffness)
-        for a, b, f, r in zip(springs.a, springs.b, springs.family, springs.rest_m, strict=True)
-    }
-    neighbour, diagonal = (STRUCTURAL, 1.0, 100.0), (SHEAR, round(2.0**0.5, 12), 100.0)
-    assert len(found) == 12 + 8 + 6
-    last_row = {ends: each for ends, each in found.items() if ends[0] >= 6}
-    assert last_row == {
-        **dict.fromkeys([(7, 6), (8, 7), (6, 3), (7, 4), (8, 5)], neighbour),
-        **dict.fromkeys([(6, 4), (7, 3), (7, 5), (8, 4)], diagonal),
-        **dict.fromkeys([(8, 6), (6, 0), (7, 1), (8, 2)], (BENDING, 2.0, 20.0)),
-    }
 
 
 def reference_step(x: np.ndarray, last: np.ndarray, sheet: Sheet, held: list[int]) -> np.ndarray:
@@ -96,7 +78,8 @@ def energy_of(simulator: Simulator) -> float:
     sheet, springs = simulator.sheet, simulator.springs
     ends = simulator.positions[springs.a] - simulator.positions[springs.b]
     stretch = np.linalg.norm(ends, axis=1) - springs.rest_m
-    stiffness = np.array([family.stiffness for family in springs.families])[springs.family]
+    bending = springs.rest_m > 1.5 * sheet.spacing_m
+    stiffness = sheet.ks * np.where(bending, sheet.bending_ratio, 1.0)
     elastic = 0.5 * (stiffness * stretch**2).sum()
     kinetic = 0.5 * sheet.mass_kg * (simulator.speeds() ** 2).sum()
     height = -sheet.mass_kg * (simulator.positions @ simulator.gravity).sum()
@@ -162,27 +145,6 @@ def test_springs_limit_and_contact_keep_the_momentum() -> None:
     np.testing.assert_allclose(
         simulator.positions.mean(axis=0), middle + 50 * before / 196, atol=1e-12
     )
-
-
-def test_pinned_masses_stay_and_springs_end_within_the_limit() -> None:
-    simulator = hanging(20)
-    start = simulator.positions[[0, 19]].copy()
-    simulator.run(1500)
-    np.testing.assert_array_equal(simulator.positions[[0, 19]], start)
-    springs = simulator.springs
-    length = np.linalg.norm(simulator.positions[springs.a] - simulator.positions[springs.b], axis=1)
-    # One pass in order: a later spring may lengthen an earlier one a little.
-    assert (length / springs.rest_m).max() < 1.15
-    assert np.quantile(length / springs.rest_m, 0.99) < 1.101
-
-
-def test_a_free_mass_falls_as_verlet_says() -> None:
-    sheet = Sheet(side=3, damping_percent=10.0)
-    simulator = Simulator(sheet, flat_positions(3, 1), gravity=DOWN)
-    simulator.run(3)
-    g = 9.8 / 2700.0**2
-    # steps: g, then 0.9 g + g, then 0.9 (1.9 g) + g
-    np.testing.assert_allclose(simulator.positions[:, 2], -(1.0 + 1.9 + 2.71) * g, rtol=1e-12)
 
 
 def test_no_mass_moves_farther_than_the_longest_step() -> None:
