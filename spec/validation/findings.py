@@ -42,46 +42,6 @@ class Findings:
         if seen < self.listed_per_code:
             self.issues.append(make_issue(code, path, where, message))
 
-    def add_rows(
-        self,
-        code: str,
-        path: str,
-        bad: npt.NDArray[np.bool_],
-        describe: RowDescription,
-    ) -> None:
-        """Add a problem for every true element.
-
-        Args:
-            code: Issue code.
-            path: The file.
-            bad: bool (N,), True where the rule is broken.
-            describe: Takes an index and returns (where, message); called for those listed.
-        """
-        indices = np.flatnonzero(bad)
-        seen = self.counts.get(code, 0)
-        if indices.size:
-            self.counts[code] = seen + int(indices.size)
-        for index in indices[: max(0, self.listed_per_code - seen)]:
-            where, message = describe(int(index))
-            self.issues.append(make_issue(code, path, where, message))
-
-    def diagnose(self, code: str, path: str, cause: str) -> None:
-        """Explain every problem of one code by one cause.
-
-        One issue then replaces those of the code listed so far, and their number stays. Equal
-        causes of several files become one issue.
-
-        Args:
-            code: Issue code.
-            path: The file.
-            cause: If rows have this code: what they do, in the plural. Otherwise a sentence; it
-                counts as one problem.
-        """
-        rows = self.counts.get(code, 0)
-        self.counts[code] = max(rows, 1)
-        self.issues = [issue for issue in self.issues if issue.code != code]
-        self.diagnoses.setdefault((code, cause), []).append((path, rows))
-
     def listed(self) -> list[Issue]:
         """Return the issues in words: one for each diagnosis, then those without."""
         found = []
@@ -142,16 +102,37 @@ class FileProblems:
         self.findings.add(code, self.path, where, message)
 
     def add_rows(self, code: str, bad: npt.NDArray[np.bool_], describe: RowDescription) -> None:
-        """Add a problem for every true element; see `Findings.add_rows`."""
-        self.findings.add_rows(code, self.path, bad, describe)
+        """Add a problem for every true element.
+
+        Args:
+            code: Issue code.
+            bad: bool (N,), True where the rule is broken.
+            describe: Takes an index and returns (where, message); called for those listed.
+        """
+        indices = np.flatnonzero(bad)
+        seen = self.counts.get(code, 0)
+        if indices.size:
+            self.counts[code] = seen + int(indices.size)
+        for index in indices[: max(0, self.findings.listed_per_code - seen)]:
+            where, message = describe(int(index))
+            self.findings.issues.append(make_issue(code, self.path, where, message))
 
     def diagnose(self, code: str, cause: str) -> None:
-        """Explain every problem of one code by one cause; see `Findings.diagnose`."""
-        self.findings.diagnose(code, self.path, cause)
+        """Explain every problem of one code by one cause.
 
-    def refuse(self, error: FileRefusedError) -> None:
-        """Add the refusal of the file."""
-        self.add(error.code, error.where or "", reason(error))
+        One issue then replaces those of the code listed so far, and their number stays. Equal
+        causes of several files become one issue.
+
+        Args:
+            code: Issue code.
+            cause: If rows have this code: what they do, in the plural. Otherwise a sentence; it
+                counts as one problem.
+        """
+        findings = self.findings
+        rows = self.counts.get(code, 0)
+        self.counts[code] = max(rows, 1)
+        findings.issues = [issue for issue in findings.issues if issue.code != code]
+        findings.diagnoses.setdefault((code, cause), []).append((self.path, rows))
 
     @contextmanager
     def refusals(self) -> Iterator[None]:
@@ -159,7 +140,7 @@ class FileProblems:
         try:
             yield
         except FileRefusedError as error:
-            self.refuse(error)
+            self.add(error.code, error.where or "", reason(error))
 
 
 def reason(error: FileRefusedError) -> str:

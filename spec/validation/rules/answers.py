@@ -14,9 +14,10 @@ from pliant.spec.io.parquet import open_table, select_schema
 from pliant.spec.io.parquet_columns import codes, load_columns
 from pliant.spec.storage import layout
 from pliant.spec.tables import TRUTH
+from pliant.spec.validation.findings import FileProblems
 from pliant.spec.validation.rules.context import Context
 from pliant.spec.validation.rules.result import SequenceResult
-from pliant.spec.validation.rules.tables import CheckedTable, numbers
+from pliant.spec.validation.rules.tables import numbers
 
 _MAX_ALTERNATIVES = 64  # as many as dataset.schema.json allows symmetries
 
@@ -103,38 +104,23 @@ def compare_answers(
             problems[index].append("alternatives are not where the point's partners are")
 
 
-class Aligned:
-    """The truth's rows, handed out in the portions that the queries come in."""
+def has_few_alternatives(truth: pa.Table, problems: FileProblems) -> bool:
+    """Return whether no row has more alternatives than a tier may have symmetries, on average."""
+    listed = sum(len(chunk.flatten()) for chunk in truth.column("alternatives").chunks)
+    if listed > _MAX_ALTERNATIVES * len(truth):
+        problems.add(
+            "VALUE_OUT_OF_RANGE",
+            "alternatives",
+            f"found {listed} in {len(truth)} rows; no tier has more than {_MAX_ALTERNATIVES}",
+        )
+        return False
+    return True
 
-    def __init__(self, truth: CheckedTable) -> None:
-        self._problems = truth.problems
-        self._batches = truth.batches(TRUTH.names)
-        self._rest: pa.Table | None = None
 
-    def take(self, count: int) -> dict[str, Any] | None:
-        """Return the next rows as columns, or None if the file ends early."""
-        parts, have = [], 0
-        while have < count:
-            if self._rest is None or self._rest.num_rows == 0:
-                following = next(self._batches, None)
-                if following is None:
-                    return None
-                self._rest = following[1]
-            part = self._rest.slice(0, count - have)
-            self._rest = self._rest.slice(part.num_rows)
-            parts.append(part)
-            have += part.num_rows
-        rows = pa.concat_tables(parts)
-        listed = sum(len(chunk.flatten()) for chunk in rows.column("alternatives").chunks)
-        if listed > _MAX_ALTERNATIVES * count:
-            self._problems.add(
-                "VALUE_OUT_OF_RANGE",
-                "alternatives",
-                f"found {listed} in {count} rows; no tier has more than {_MAX_ALTERNATIVES}",
-            )
-            return None
-        plain = {"tier", "visibility_b", "alternatives"}
-        return {
-            name: rows.column(name).to_pylist() if name in plain else numbers(rows, name)
-            for name in TRUTH.names
-        }
+def answer_columns(truth: pa.Table) -> dict[str, Any]:
+    """Return the columns of some rows: numbers as arrays, all else as lists."""
+    plain = {"tier", "visibility_b", "alternatives"}
+    return {
+        name: truth.column(name).to_pylist() if name in plain else numbers(truth, name)
+        for name in TRUTH.names
+    }

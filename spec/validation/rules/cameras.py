@@ -28,12 +28,12 @@ def check_cameras(
         The cameras if all of them are good.
     """
     before = problems.total
-    size = (document["width"], document["height"])
-    if size != (context.width, context.height):
+    width, height = size = (document["width"], document["height"])
+    if size != context.size:
         problems.add(
             "IDENTITY_DIFFERS",
             "width, height",
-            f"found {size[0]} x {size[1]}; dataset.json has {context.width} x {context.height}",
+            f"found {width} x {height}; dataset.json has {context.size[0]} x {context.size[1]}",
         )
     numbers = [entry["frame"] for entry in document["frames"]]
     if numbers != list(range(frames)):

@@ -19,8 +19,7 @@ class Context:
         root: The dataset.
         files: Where the files of its sequences come from.
         quick: True leaves images and geometry alone.
-        width: Of every image, px.
-        height: Of every image, px.
+        size: (width, height) of every image, px.
         tiers: Tier name -> tier.
         splits: The splits declared.
         held_out: Those of them published without their truth.
@@ -31,8 +30,7 @@ class Context:
     root: Path
     files: Files
     quick: bool
-    width: int
-    height: int
+    size: tuple[int, int]
     tiers: dict[str, Tier]
     splits: tuple[str, ...]
     held_out: frozenset[str]
@@ -46,8 +44,7 @@ class Context:
             root=root,
             files=LocalFiles(root),
             quick=quick,
-            width=info["image_size"]["width"],
-            height=info["image_size"]["height"],
+            size=(info["image_size"]["width"], info["image_size"]["height"]),
             tiers={tier.name: tier for tier in tiers},
             splits=tuple(info["splits"]),
             held_out=frozenset(info.get("held_out", ())),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,12 +16,7 @@ from pliant.spec.io import limits
 from pliant.spec.io.parquet_columns import codes
 from pliant.spec.validation.findings import FileProblems
 from pliant.spec.validation.rules.context import Context
-from pliant.spec.validation.rules.tables import (
-    CheckedTable,
-    check_table,
-    numbers,
-    report_not_finite,
-)
+from pliant.spec.validation.rules.tables import CheckedTable, numbers, report_not_finite
 
 VISIBLE, SELF_OCCLUDED, OCCLUDED, OUT_OF_FRAME = range(4)
 
@@ -67,13 +61,6 @@ class FrameRows:
     def chosen(self, rows: npt.NDArray[Any]) -> FrameRows:
         """Return some of the rows, by their numbers or a mask."""
         return replace(self, **{name: getattr(self, name)[rows] for name in _PER_ROW})
-
-
-def open_correspondences(path: Path, problems: FileProblems) -> CheckedTable | None:
-    """Open the table; None if it cannot be opened or lacks a column."""
-    most = limits.MAX_CORRESPONDENCE_ROWS
-    table = check_table(path, "correspondences", problems, max_rows=most)
-    return table if table is not None and table.whole else None
 
 
 def check_keys(table: CheckedTable, frames: int, points: int) -> bool:
@@ -252,14 +239,8 @@ def check_projection(
             f"projects to {uv[i, 0]:.3f}, {uv[i, 1]:.3f}",
         ),
     )
-    margin = np.where(
-        front,
-        np.minimum(
-            np.minimum(rows.uv_px[:, 0], context.width - rows.uv_px[:, 0]),
-            np.minimum(rows.uv_px[:, 1], context.height - rows.uv_px[:, 1]),
-        ),
-        -np.inf,
-    )
+    inside = np.minimum(rows.uv_px, context.size - rows.uv_px).min(axis=1)
+    margin = np.where(front, inside, -np.inf)
     outside = rows.state == OUT_OF_FRAME
     wrong = ~off & (
         (outside & (margin > BORDER_TOLERANCE)) | (~outside & (margin < -BORDER_TOLERANCE))

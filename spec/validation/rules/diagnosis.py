@@ -180,61 +180,50 @@ def _depth_cause(rows: _Compared) -> str | None:
 
 def _camera_cause(sample: RowSample, cameras: Sequence[Camera]) -> str | None:
     """Return which other camera or axes give u_px, v_px and depth_m, or None."""
-    for text, others, points in _cameras(sample, cameras):
+    for text, others, axes in _cameras(cameras):
         good = []
-        for rows, frame in zip(sample.rows, points, strict=True):
-            if frame is None:
+        for rows in sample.rows:
+            camera = others[rows.frame]
+            if camera is None:
                 good.append(np.zeros(len(rows.point), np.bool_))
                 continue
-            index, xyz = frame
-            projected = others[index].project(xyz)
-            uv, z = projected[:, :2], projected[:, 2]
+            uv, z = np.split(camera.project(rows.xyz_m @ axes.T), [2], axis=1)
             with np.errstate(invalid="ignore"):
                 gap = np.abs(rows.uv_px - uv).max(axis=1)
-                depth = np.abs(rows.depth_m - z) <= _DEPTH * np.abs(z) + 2e-5
+                depth = np.abs(rows.depth_m - z[:, 0]) <= _DEPTH * np.abs(z[:, 0]) + 2e-5
             good.append((gap <= _PIXELS * 2) & depth)
         if _most(np.concatenate(good)):
             return text
     return None
 
 
-_Placed = list[tuple[int, FloatArray] | None]
-
-
 def _cameras(
-    sample: RowSample, cameras: Sequence[Camera]
-) -> Iterator[tuple[str, Sequence[Camera], _Placed]]:
-    """Yield (cause, cameras, (camera, positions) of every sampled frame)."""
-    count = len(cameras)
-    plain: _Placed = [(rows.frame, rows.xyz_m) for rows in sample.rows]
+    cameras: Sequence[Camera],
+) -> Iterator[tuple[str, Sequence[Camera | None], FloatArray]]:
+    """Yield (cause, camera of every frame, (3, 3) that turns world positions)."""
+    count, same = len(cameras), np.eye(3)
     turn = np.diag([1.0, -1.0, -1.0, 1.0])
     for text, change in (
         ("fit the inverse pose: camera_to_world?", np.linalg.inv),
         ("fit a camera with y up and z backward (OpenGL, Blender)", turn.__matmul__),
     ):
         others = [replace(c, world_to_camera=change(c.world_to_camera)) for c in cameras]
-        yield text, others, plain
-    for step in (1, -1):
-        moved: _Placed = [
-            (rows.frame + step, rows.xyz_m) if 0 <= rows.frame + step < count else None
-            for rows in sample.rows
-        ]
-        if count > 2:
-            yield "fit the camera of another frame: shifted by one frame", cameras, moved
-    for frame in range(min(count, MAX_FRAMES)):
-        same: _Placed = [(frame, rows.xyz_m) for rows in sample.rows]
-        if count > 1:
-            yield f"fit the camera of frame {frame}: another frame's camera", cameras, same
+        yield text, others, same
+    if count > 2:
+        text = "fit the camera of another frame: shifted by one frame"
+        yield text, [*cameras[1:], None], same
+        yield text, [None, *cameras[:-1]], same
+    for frame in range(min(count, MAX_FRAMES) if count > 1 else 0):
+        text = f"fit the camera of frame {frame}: another frame's camera"
+        yield text, [cameras[frame]] * count, same
     for factor, name in ((1e-3, "millimetres"), (1e-2, "centimetres"), (1e3, "kilometres")):
-        scaled: _Placed = [(rows.frame, rows.xyz_m * factor) for rows in sample.rows]
-        yield f"have a world position {1 / factor:g} times too large: {name}", cameras, scaled
+        text = f"have a world position {1 / factor:g} times too large: {name}"
+        yield text, cameras, factor * same
     for axes in _AXES:
         text = "".join("xyz"[axis] for axis in axes)
-        turned: _Placed = [(rows.frame, rows.xyz_m[:, list(axes)]) for rows in sample.rows]
-        yield f"have their world axes swapped: x, y, z are written as {text}", cameras, turned
-    for axes in ((0, 2, 1), (0, 1, 2)):
+        text = f"have their world axes swapped: x, y, z are written as {text}"
+        yield text, cameras, same[list(axes)]
+    for turned in (same[[0, 2, 1]], same):
         for sign in ((1, -1, 1), (1, 1, -1), (-1, 1, 1)):
-            signed: _Placed = [
-                (rows.frame, rows.xyz_m[:, list(axes)] * np.array(sign)) for rows in sample.rows
-            ]
-            yield "have a world axis turned round: y up, or z down?", cameras, signed
+            text = "have a world axis turned round: y up, or z down?"
+            yield text, cameras, turned * np.array(sign)[:, None]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -49,46 +47,35 @@ class SequenceFiles:
         """Return what adds problems of one of the files."""
         return self.findings.at(f"{self.shown}/{name}")
 
-    def verified(self, name: str) -> bool:
-        """Return whether a file is there and has its checksum.
+    def contents(self, name: str) -> AnyFile | None:
+        """Return a file that is there and has its checksum: an image's bytes, or a path.
 
         Reports `CHECKSUM_DIFFERS`, `FILE_TOO_LARGE` and `FILE_UNREADABLE`.
 
         Args:
             name: Path relative to the folder.
         """
-        return self._checked(name, sha256_file)
-
-    def contents(self, name: str) -> AnyFile | None:
-        """Return a small file that `verified` accepts, read once for its checksum and decoding."""
-        path = self.folder / name
-        loaded: list[AnyFile] = []
-
-        def digest(path: Path) -> str:
-            loaded.append(Blob(str(path), path.read_bytes()))
-            return hashlib.sha256(loaded[0].data).hexdigest()  # type: ignore[union-attr]
-
-        if not self._checked(name, digest):
-            return None
-        return loaded[0] if loaded else path
-
-    def _checked(self, name: str, digest: Callable[[Path], str]) -> bool:
+        file: AnyFile = self.folder / name
         if name not in self.present:
-            return False
+            return None
         if name not in self.hashes:
-            return True
+            return file
         limit = limits.MAX_TABLE_BYTES if name.endswith(".parquet") else limits.MAX_IMAGE_FILE_BYTES
+        listed, listed_size = self.hashes[name]
+        found = None
         try:
-            size = check_regular(self.folder / name, limit)
-            listed, listed_size = self.hashes[name]
-            found = digest(self.folder / name) if size == listed_size else None
+            size = check_regular(file, limit)
+            if size == listed_size:
+                if name.endswith((".png", ".exr")):  # read once for checksum and decoding
+                    file = Blob(str(file), (self.folder / name).read_bytes())
+                found = sha256_file(file)
         except (SpecError, OSError) as error:
             code = error.code if isinstance(error, FileRefusedError) else "FILE_UNREADABLE"
             self.at(name).add(code, "", str(error)[:300])
-            return False
+            return None
         if found == listed:
             self.sound.add(name)
-            return True
+            return file
         self.at(name).add(
             "CHECKSUM_DIFFERS",
             "",
@@ -96,10 +83,10 @@ class SequenceFiles:
             if found is None
             else f"found sha256 {found}; sequence.json lists {listed}",
         )
-        return False
+        return None
 
 
-def read_document(path: Path, schema: str, problems: FileProblems) -> Any:
+def read_document(path: AnyFile, schema: str, problems: FileProblems) -> Any:
     """Read a JSON file of the dataset; return it, or None if it breaks a rule.
 
     Args:
@@ -107,19 +94,17 @@ def read_document(path: Path, schema: str, problems: FileProblems) -> Any:
         schema: Name of its schema.
         problems: Gets the problems.
     """
-    try:
+    with problems.refusals():
         document = parse_json(read_bytes(path, limits.MAX_JSON_BYTES), path)
         version = document.get("spec_version") if isinstance(document, dict) else None
         if isinstance(version, str):
             check_version(version, path)
-    except FileRefusedError as error:
-        problems.refuse(error)
-        return None
-    good = True
-    for where, message in schema_errors(document, schema):
-        problems.add("SCHEMA_INVALID", where, message)
-        good = False
-    return document if good else None
+        errors = list(schema_errors(document, schema))
+        for where, message in errors:
+            problems.add("SCHEMA_INVALID", where, message)
+        if not errors:
+            return document
+    return None
 
 
 def list_sequence(folder: Path, shown: str, findings: Findings) -> SequenceFiles:

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
 from pliant.spec.dataset import is_name
 from pliant.spec.errors import SpecError
 from pliant.spec.io import limits
-from pliant.spec.io.reading import FileRefusedError, sha256_file
+from pliant.spec.io.reading import sha256_file
 from pliant.spec.storage import layout
 from pliant.spec.storage.layout import SEQUENCES_DIR, SEQUENCES_TABLE
 from pliant.spec.storage.manifest import read_checksums
-from pliant.spec.tables import SEQUENCES
 from pliant.spec.validation.findings import FileProblems, Findings
 from pliant.spec.validation.rules.context import Context
 from pliant.spec.validation.rules.files import read_document
@@ -39,21 +39,21 @@ def check_listing(
         return {}
     check_identity(context, table)
     rows: dict[str, dict[str, Any]] = {}
-    for start, batch in table.batches(SEQUENCES.names):
-        for number, row in enumerate(batch.to_pylist(), start):
-            where = f"row {number}"
-            name = row["id"]
-            if not is_name(name):
-                problems.add("PATH_UNSAFE", where, f"{name[:80]!r} is not a sequence name")
-                continue
-            if name in rows:
-                other = rows[name]["split"]
-                code = "ROW_DUPLICATE" if other == row["split"] else "SPLIT_SHARED"
-                text = f"{name} is listed a second time ({other} and {row['split']})"
-                problems.add(code, where, text)
-                continue
-            rows[name] = row
-            _check_row(context, row, where, problems)
+    listed = table.read()
+    for number, row in enumerate([] if listed is None else listed.to_pylist()):
+        where = f"row {number}"
+        name = row["id"]
+        if not is_name(name):
+            problems.add("PATH_UNSAFE", where, f"{name[:80]!r} is not a sequence name")
+            continue
+        if name in rows:
+            other = rows[name]["split"]
+            code = "ROW_DUPLICATE" if other == row["split"] else "SPLIT_SHARED"
+            text = f"{name} is listed a second time ({other} and {row['split']})"
+            problems.add(code, where, text)
+            continue
+        rows[name] = row
+        _check_row(context, row, where, problems)
     _compare_folders(context, rows, folders, findings)
     return rows
 
@@ -117,7 +117,8 @@ def check_checksums(context: Context, findings: Findings) -> None:
     root = context.root
     sums = root / layout.CHECKSUMS
     if sums.is_file() and not sums.is_symlink():
-        _check_sums(context, findings)
+        with findings.at(layout.CHECKSUMS).refusals():
+            _compare_checksums(root, read_checksums(sums), findings)
     manifest = root / layout.MANIFEST_JSON
     if not manifest.is_file() or manifest.is_symlink():
         return
@@ -139,13 +140,7 @@ def check_checksums(context: Context, findings: Findings) -> None:
         findings.add("CHECKSUM_DIFFERS", layout.CHECKSUMS, "", text)
 
 
-def _check_sums(context: Context, findings: Findings) -> None:
-    root = context.root
-    try:
-        listed = read_checksums(root / layout.CHECKSUMS)
-    except FileRefusedError as error:
-        findings.at(layout.CHECKSUMS).refuse(error)
-        return
+def _compare_checksums(root: Path, listed: dict[str, str], findings: Findings) -> None:
     present = {
         path.relative_to(root).as_posix()
         for path in root.rglob("*")

@@ -38,11 +38,10 @@ def check_index(context: Context, findings: Findings) -> list[tuple[str, str]] |
     if table is None or not table.whole:
         return None
     check_identity(context, table)
-    try:
-        rows = read_table(path, "index", max_rows=limits.MAX_SEQUENCES).to_pylist()
-    except FileRefusedError as error:
-        problems.refuse(error)
+    index = table.read()
+    if index is None:
         return None
+    rows = index.to_pylist()
     try:
         listing = read_table(context.root / layout.SEQUENCES_TABLE, "sequences", ["id", "tier"])
     except FileRefusedError:

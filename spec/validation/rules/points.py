@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +14,6 @@ from pliant.spec.conventions import POINT_KINDS
 from pliant.spec.io import limits
 from pliant.spec.io.parquet_columns import codes
 from pliant.spec.model import Tier
-from pliant.spec.tables import POINTS
 from pliant.spec.validation.findings import FileProblems
 from pliant.spec.validation.rules.tables import check_table, numbers, report_not_finite
 
@@ -63,10 +61,9 @@ def check_points(path: Path, tier: Tier, problems: FileProblems) -> PointSet | N
         problems.add("ROW_MISSING", "", "a sequence must have at least one point")
         return None
     before = problems.total
-    parts = [batch for _, batch in table.batches(POINTS.names)]
-    if problems.total != before:
+    rows = table.read()
+    if rows is None:
         return None
-    rows = pa.concat_tables(parts)
     ids = numbers(rows, "point")
     problems.add_rows(
         "ROW_ORDER",
@@ -88,7 +85,16 @@ def check_points(path: Path, tier: Tier, problems: FileProblems) -> PointSet | N
     )
     finite = report_not_finite(rows, ["m0", "m1"], 0, problems)
     material = np.stack([numbers(rows, "m0"), numbers(rows, "m1")], axis=1).astype(np.float64)
-    inside = material_inside(material, object_id, tier)
+    inside = np.zeros(len(material), np.bool_)
+    for each in tier.objects:
+        mine = object_id == each.id
+        inside[mine] = np.all(
+            [
+                c.contains(material[mine, i], MATERIAL_TOLERANCE)
+                for i, c in enumerate(each.material)
+            ],
+            axis=0,
+        )
     problems.add_rows(
         "VALUE_OUT_OF_RANGE",
         known & finite & ~inside,
@@ -100,34 +106,6 @@ def check_points(path: Path, tier: Tier, problems: FileProblems) -> PointSet | N
     points = PointSet(object_id, kind == 1, material, partners, _digest(rows))
     _check_partners(points, tier, problems)
     return points
-
-
-def material_inside(
-    material: npt.NDArray[np.float64],
-    object_id: npt.NDArray[Any],
-    tier: Tier,
-) -> npt.NDArray[np.bool_]:
-    """Return which material coordinates are in the range of their object.
-
-    Args:
-        material: float64 (N, 2).
-        object_id: integer (N,).
-        tier: The tier.
-
-    Returns:
-        bool (N,); False for ids of no object.
-    """
-    inside = np.zeros(len(material), np.bool_)
-    for each in tier.objects:
-        mine = object_id == each.id
-        inside[mine] = np.all(
-            [
-                c.contains(material[mine, i], MATERIAL_TOLERANCE)
-                for i, c in enumerate(each.material)
-            ],
-            axis=0,
-        )
-    return inside
 
 
 def _partners(

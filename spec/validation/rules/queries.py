@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import lru_cache
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -13,14 +14,18 @@ import pyarrow as pa
 from pliant.spec.io import limits
 from pliant.spec.io.reading import sha256_file
 from pliant.spec.storage import layout
-from pliant.spec.tables import QUERIES
 from pliant.spec.validation.findings import FileProblems, Findings
-from pliant.spec.validation.rules.answers import Aligned, compare_answers, read_tracks
+from pliant.spec.validation.rules.answers import (
+    answer_columns,
+    compare_answers,
+    has_few_alternatives,
+    read_tracks,
+)
 from pliant.spec.validation.rules.context import Context
 from pliant.spec.validation.rules.correspondences import VISIBLE
 from pliant.spec.validation.rules.listing import check_identity
 from pliant.spec.validation.rules.result import SequenceResult
-from pliant.spec.validation.rules.tables import CheckedTable, check_table, numbers
+from pliant.spec.validation.rules.tables import check_table, numbers
 
 _TABLES_IN_MEMORY = 16
 
@@ -73,9 +78,10 @@ def check_split_queries(
                 "footer queries_sha256",
                 f"found {truth.footer['queries_sha256']}; the queries file has {found}",
             )
-    _SplitCheck(context, split, sequences, of_queries, of_truth).run(
-        table, truth if truth is not None and truth.whole else None
-    )
+    queries = table.read()
+    if queries is not None:
+        answers = truth.read() if truth is not None and truth.whole else None
+        _SplitCheck(context, split, sequences, of_queries, of_truth).run(queries, answers)
     return findings
 
 
@@ -97,74 +103,49 @@ class _SplitCheck:
         self._tracks_of = lru_cache(_TABLES_IN_MEMORY)(
             lambda name: read_tracks(context, sequences[name])
         )
-        self._last_key = (-1, 0)
-        self._last_pair: dict[str, Any] = {}
 
-    def run(self, table: CheckedTable, truth: CheckedTable | None) -> None:
+    def run(self, queries: pa.Table, truth: pa.Table | None) -> None:
         """Check the rows, pair by pair."""
-        answers = Aligned(truth) if truth is not None else None
-        if truth is not None and truth.rows != table.rows:
-            code = "ROW_MISSING" if truth.rows < table.rows else "ROW_UNKNOWN"
+        if truth is not None and len(truth) != len(queries):
             self.of_truth.add(
-                code,
+                "ROW_MISSING" if len(truth) < len(queries) else "ROW_UNKNOWN",
                 "",
-                f"{truth.rows} answers to {table.rows} queries; required: one each, in order",
+                f"{len(truth)} answers to {len(queries)} queries; required: one each, in order",
             )
-            answers = None
-        for start, batch in table.batches(QUERIES.names):
-            rows = {
-                name: batch.column(name).to_pylist()
-                if pa.types.is_string(QUERIES.field(name).type)
-                else numbers(batch, name)
-                for name in QUERIES.names
-            }
-            beside = answers.take(batch.num_rows) if answers is not None else None
-            if answers is not None and beside is None:
-                answers = None
-            edges = np.flatnonzero(np.diff(rows["pair_id"])) + 1
-            for low, high in zip([0, *edges], [*edges, batch.num_rows], strict=True):
-                self._check_pair(start, rows, beside, int(low), int(high))
+            truth = None
+        if truth is not None and not has_few_alternatives(truth, self.of_truth):
+            truth = None
+        pair_ids = numbers(queries, "pair_id")
+        edges = [0, *(np.flatnonzero(np.diff(pair_ids)) + 1).tolist(), len(queries)]
+        for low, high in pairwise(edges if len(queries) else []):
+            follows = pair_ids[low] == (pair_ids[low - 1] + 1 if low else 0)
+            answers = None if truth is None else truth.slice(low, high - low)
+            self._check_pair(low, queries.slice(low, high - low), answers, follows)
 
     def _check_pair(
-        self,
-        start: int,
-        rows: dict[str, Any],
-        beside: dict[str, Any] | None,
-        low: int,
-        high: int,
+        self, start: int, rows: pa.Table, truth: pa.Table | None, follows: np.bool_
     ) -> None:
-        if high <= low:
-            return
-        pair_id = int(rows["pair_id"][low])
-        query_ids = rows["query_id"][low:high]
-        last_pair, next_query = self._last_key
-        first = 0 if pair_id == last_pair + 1 else next_query if pair_id == last_pair else None
-        expected = None if first is None else np.arange(first, first + high - low)
-        if expected is None or not np.array_equal(query_ids, expected):
+        pair_id, query_ids = rows["pair_id"][0].as_py(), numbers(rows, "query_id")
+        if not follows or not np.array_equal(query_ids, np.arange(len(rows))):
             self.of_queries.add(
                 "ROW_ORDER",
-                f"row {start + low}",
+                f"row {start}",
                 f"pair_id {pair_id} with query_id {query_ids[:3].tolist()} …; required: pairs "
                 "from 0 and queries of a pair from 0, consecutive and ascending",
             )
-        again = pair_id == last_pair
-        self._last_key = (pair_id, int(query_ids[-1]) + 1)
-        names = ("tier", "sequence_a", "frame_a", "sequence_b", "frame_b")
-        pair = {name: rows[name][low] for name in names}
-        mixed = any(value != pair[name] for name in names for value in rows[name][low:high])
-        if mixed or (again and pair != self._last_pair):
+        frames = rows.select(["tier", "sequence_a", "frame_a", "sequence_b", "frame_b"])
+        pair = frames.slice(0, 1).to_pylist()[0]
+        if any(len(column.unique()) > 1 for column in frames.columns):
             text = "its rows name different frames"
             self.of_queries.add("QUERY_INVALID", f"pair {pair_id}", text)
             return
-        self._last_pair = pair
         if not self._check_frames(pair_id, pair):
             return
-        uv_a = np.stack([rows["u_a"][low:high], rows["v_a"][low:high]], axis=1)
-        answers = None if beside is None else {k: v[low:high] for k, v in beside.items()}
+        uv_a = np.stack([numbers(rows, "u_a"), numbers(rows, "v_a")], axis=1)
+        answers = None if truth is None else answer_columns(truth)
         point = self._check_sources(pair_id, query_ids, pair, uv_a, answers)
         if answers is not None:
-            keys = {"pair_id": np.full(high - low, pair_id), "query_id": query_ids}
-            self._check_answers(pair, keys, answers, point)
+            self._check_answers(pair_id, query_ids, pair, answers, point)
 
     def _check_frames(self, pair_id: int, pair: dict[str, Any]) -> bool:
         problems = []
@@ -206,10 +187,9 @@ class _SplitCheck:
         )
         tracks = self._tracks_of(pair["sequence_a"])
         if tracks is None:
-            size = np.array([self.context.width, self.context.height])
             self.of_queries.add_rows(
                 "VALUE_OUT_OF_RANGE",
-                ~bad_value & np.any((uv_a < 0) | (uv_a >= size), axis=1),
+                ~bad_value & np.any((uv_a < 0) | (uv_a >= self.context.size), axis=1),
                 lambda i: (
                     f"pair {pair_id}, query {query_ids[i]}",
                     f"found {uv_a[i].tolist()}, outside the image",
@@ -245,16 +225,14 @@ class _SplitCheck:
 
     def _check_answers(
         self,
+        pair_id: int,
+        query_ids: npt.NDArray[np.int32],
         pair: dict[str, Any],
-        keys: dict[str, Any],
         answers: dict[str, Any],
         point: npt.NDArray[np.int64] | None,
     ) -> None:
-        count = len(keys["query_id"])
-        wrong_key = (answers["pair_id"] != keys["pair_id"]) | (
-            answers["query_id"] != keys["query_id"]
-        )
-        where = [f"pair {p}, query {q}" for p, q in zip(*keys.values(), strict=True)]
+        wrong_key = (answers["pair_id"] != pair_id) | (answers["query_id"] != query_ids)
+        where = [f"pair {pair_id}, query {query_id}" for query_id in query_ids]
         self.of_truth.add_rows(
             "ROW_ORDER",
             wrong_key,
@@ -263,7 +241,7 @@ class _SplitCheck:
                 f"found pair {answers['pair_id'][i]}, query {answers['query_id'][i]}",
             ),
         )
-        problems: list[list[str]] = [[] for _ in range(count)]
+        problems: list[list[str]] = [[] for _ in query_ids]
         for index, tier in enumerate(answers["tier"]):
             if tier != pair["tier"]:
                 problems[index].append(f"tier is {tier[:40]!r}; required: {pair['tier']}")

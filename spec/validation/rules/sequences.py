@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from pliant.spec.camera import Camera
+from pliant.spec.io import limits
 from pliant.spec.model import Tier
 from pliant.spec.storage import layout
 from pliant.spec.validation.findings import FileProblems
@@ -19,7 +20,6 @@ from pliant.spec.validation.rules.correspondences import (
     check_keys,
     check_projection,
     frame_rows,
-    open_correspondences,
 )
 from pliant.spec.validation.rules.evidence import PRECISION_FRAMES, Evidence
 from pliant.spec.validation.rules.files import (
@@ -32,6 +32,7 @@ from pliant.spec.validation.rules.points import PointSet, check_points
 from pliant.spec.validation.rules.precision import check_precision
 from pliant.spec.validation.rules.result import SequenceResult
 from pliant.spec.validation.rules.surfaces import check_recorded, check_rgb, check_surface
+from pliant.spec.validation.rules.tables import check_table
 from pliant.spec.validation.rules.visibility import check_visibility
 from pliant.spec.validation.rules.windows import FrameView
 
@@ -78,16 +79,16 @@ def check_sequence(
             if rgb is not None:
                 evidence.add_picture(frame, rgb)
             check_recorded(context, tier, files, frame)
-        evidence.conclude(tier, info, None, (context.width, context.height), files)
+        evidence.conclude(tier, info, None, context.size, files)
         result.keys = evidence.keys
         return result
     points = None
-    if files.verified(layout.POINTS_TABLE):
+    if files.contents(layout.POINTS_TABLE) is not None:
         points = check_points(folder / layout.POINTS_TABLE, tier, files.at(layout.POINTS_TABLE))
         result.points_digest = None if points is None else points.digest
     _check_frames(context, tier, files, info, cameras, points, row, result)
     broken = any(
-        issue.path.endswith(layout.CORRESPONDENCES_TABLE) and issue.code not in _HARMLESS
+        issue.path.endswith(layout.CORRESPONDENCES_TABLE) and not issue.code.endswith(_HARMLESS)
         for issue in findings.issues
     )
     result.tables_sound = (
@@ -96,22 +97,9 @@ def check_sequence(
     return result
 
 
-_HARMLESS = frozenset(
-    {
-        "REPROJECTION_DISAGREES",
-        "DEPTH_DISAGREES",
-        "OUT_OF_FRAME_DISAGREES",
-        "VISIBLE_DISAGREES",
-        "OCCLUDED_DISAGREES",
-        "MATERIAL_DISAGREES",
-        "OFFSET_DISAGREES",
-        "OFFSET_SCATTERS",
-        "DEPTH_IMAGE_DISAGREES",
-        "DEPTH_IMAGE_SCATTERS",
-    }
-)
-"""Codes of a correspondence table that leave its rows in place, so that queries can be
-compared with them."""
+_HARMLESS = ("_DISAGREES", "_SCATTERS")
+"""Codes of a correspondence table that end so leave its rows in place: queries can be compared
+with them."""
 
 
 def _read_info(
@@ -172,10 +160,8 @@ def _check_held_out(info: dict[str, Any], problems: FileProblems) -> None:
 
 
 def _cameras(context: Context, files: SequenceFiles, info: dict[str, Any]) -> list[Camera] | None:
-    if not files.verified(layout.CAMERAS_JSON):
-        return None
-    problems = files.at(layout.CAMERAS_JSON)
-    document = read_document(files.folder / layout.CAMERAS_JSON, "cameras", problems)
+    file, problems = files.contents(layout.CAMERAS_JSON), files.at(layout.CAMERAS_JSON)
+    document = None if file is None else read_document(file, "cameras", problems)
     return None if document is None else check_cameras(context, document, info["frames"], problems)
 
 
@@ -192,9 +178,11 @@ def _check_frames(
     """Go through the frames once: images, rows, and how they agree."""
     frames, problems = info["frames"], files.at(layout.CORRESPONDENCES_TABLE)
     stream: Iterator[FrameRows] = iter(())
-    if files.verified(layout.CORRESPONDENCES_TABLE):
-        table = open_correspondences(files.folder / layout.CORRESPONDENCES_TABLE, problems)
-        if table is not None and points is not None:
+    if files.contents(layout.CORRESPONDENCES_TABLE) is not None:
+        path = files.folder / layout.CORRESPONDENCES_TABLE
+        most = limits.MAX_CORRESPONDENCE_ROWS
+        table = check_table(path, "correspondences", problems, max_rows=most)
+        if table is not None and table.whole and points is not None:
             grouped = check_keys(table, frames, len(points))
             if not context.quick:
                 stream = frame_rows(table, frames, len(points), grouped)
@@ -230,16 +218,13 @@ def _check_frames(
                 fits = check_visibility(view, problems)
                 evidence.add_surface(view, rgb, fits)
         rows = next(stream, None)
-    size = (context.width, context.height)
     while rows is not None:  # so that broken values after the last frame are reported too
         rows = next(stream, None)
-    evidence.conclude(tier, info, cameras, size, files)
+    evidence.conclude(tier, info, cameras, context.size, files)
     whole = points is not None and count == frames * len(points)
     if row is not None and whole and np.isfinite(shares).all() and np.isfinite(row[_SHARE]):
-        _check_summary(row, float(np.mean(shares)), files.findings.at(layout.SEQUENCES_TABLE))
-
-
-def _check_summary(row: dict[str, Any], share: float, problems: FileProblems) -> None:
-    if abs(row[_SHARE] - share) > 1e-5:
-        text = f"found {row[_SHARE]:.6f}; its correspondences give {share:.6f}"
-        problems.add("SUMMARY_DISAGREES", f"{row['id']}, {_SHARE}", text)
+        share = float(np.mean(shares))
+        if abs(row[_SHARE] - share) > 1e-5:
+            text = f"found {row[_SHARE]:.6f}; its correspondences give {share:.6f}"
+            where = f"{row['id']}, {_SHARE}"
+            files.findings.add("SUMMARY_DISAGREES", layout.SEQUENCES_TABLE, where, text)

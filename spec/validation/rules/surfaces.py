@@ -27,16 +27,15 @@ class ShownSurface:
 
     Attributes:
         image: The image.
-        mask: bool (H, W), True where an object is seen.
     """
 
     image: Surface
-    mask: npt.NDArray[np.bool_]
 
-    @classmethod
-    def of(cls, image: Surface) -> ShownSurface:
-        """Find the pixels of an image that show an object."""
-        return cls(image, image.object_id != 0)
+    @cached_property
+    def mask(self) -> npt.NDArray[np.bool_]:
+        """Bool (H, W), True where an object is seen."""
+        mask: npt.NDArray[np.bool_] = self.image.object_id != 0
+        return mask
 
     @cached_property
     def count(self) -> int:
@@ -82,7 +81,7 @@ def check_rgb(context: Context, files: SequenceFiles, frame: int) -> npt.NDArray
     if file is not None and not context.quick:
         problems = files.at(name)
         with problems.refusals():
-            rgb = read_rgb(file, size=(context.width, context.height))
+            rgb = read_rgb(file, size=context.size)
             for remark in png_remarks(read_bytes(file, limits.MAX_IMAGE_FILE_BYTES)):
                 problems.add("IMAGE_AMBIGUOUS", "", remark)
             return rgb
@@ -91,19 +90,20 @@ def check_rgb(context: Context, files: SequenceFiles, frame: int) -> npt.NDArray
 
 def check_recorded(context: Context, tier: Tier, files: SequenceFiles, frame: int) -> None:
     """Check a frame's mask and camera depth, where it has them; arguments as `check_surface`."""
-    size = (context.width, context.height)
     name = layout.mask_name(frame)
-    if files.verified(name) and not context.quick:
+    file = files.contents(name)
+    if file is not None and not context.quick:
         with files.at(name).refusals():
-            ids = set(np.unique(read_mask(files.folder / name, size=size)).tolist())
+            ids = set(np.unique(read_mask(file, size=context.size)).tolist())
             known = {0, *(each.id for each in tier.objects)}
             if not ids <= known:
                 text = f"found object ids {sorted(ids - known)[:8]}; the tier has {sorted(known)}"
                 files.at(name).add("SURFACE_INVALID", "", text)
     name = layout.camera_depth_name(frame)
-    if files.verified(name) and not context.quick:
+    file = files.contents(name)
+    if file is not None and not context.quick:
         with files.at(name).refusals():
-            depth_m = read_camera_depth(files.folder / name, size=size)
+            depth_m = read_camera_depth(file, size=context.size)
             if not (depth_m > 0).all():
                 text = "found depth <= 0 or NaN; required: > 0, or +inf where it is not known"
                 files.at(name).add("DEPTH_INVALID", "", text)
@@ -129,9 +129,7 @@ def check_surface(
         return None
     problems = files.at(name)
     with problems.refusals():
-        surface = ShownSurface.of(
-            read_surface(file, size=(context.width, context.height), writable=False)
-        )
+        surface = ShownSurface(read_surface(file, size=context.size, writable=False))
         before = problems.total
         _check_values(surface, tier, problems)
         if problems.total == before:

@@ -15,8 +15,7 @@ import pyarrow.parquet as pq
 from pliant.spec.dataset import check_version
 from pliant.spec.io.jsonfiles import is_newer_minor, schema_errors
 from pliant.spec.io.parquet import footer_of, open_table
-from pliant.spec.io.parquet_columns import column_problem, load_batches
-from pliant.spec.io.reading import FileRefusedError
+from pliant.spec.io.parquet_columns import column_problem, load_batches, load_columns
 from pliant.spec.tables import TABLES
 from pliant.spec.validation.findings import FileProblems
 
@@ -30,7 +29,7 @@ class CheckedTable:
         path: Where it is.
         problems: Gets its problems.
         name: Name of the table.
-        columns: The declared columns that are there with their types.
+        whole: True if every declared column is there with its type.
         footer: Its `pliant` footer, empty if it has none that is valid.
     """
 
@@ -38,7 +37,7 @@ class CheckedTable:
     path: Path
     problems: FileProblems
     name: str
-    columns: frozenset[str]
+    whole: bool
     footer: Mapping[str, Any]
 
     @property
@@ -46,10 +45,12 @@ class CheckedTable:
         """Number of rows, by the file's metadata."""
         return int(self.file.metadata.num_rows)
 
-    @property
-    def whole(self) -> bool:
-        """True if every declared column is there."""
-        return len(self.columns) == len(TABLES[self.name])
+    def read(self) -> pa.Table | None:
+        """Return all rows; None if they cannot be read, which is reported."""
+        rows = None
+        with self.problems.refusals():
+            rows = load_columns(self.file, self.path, TABLES[self.name])
+        return rows
 
     def batches(self, columns: list[str]) -> Iterator[tuple[int, pa.Table]]:
         """Yield (first row, rows) of some columns, a few at a time.
@@ -57,7 +58,7 @@ class CheckedTable:
         `FILE_UNREADABLE` and `VALUE_NULL` are reported; the rows end there.
 
         Args:
-            columns: Names, all in `self.columns`.
+            columns: Names of columns that are there.
         """
         start = 0
         schema = pa.schema([TABLES[self.name].field(name) for name in columns])
@@ -81,24 +82,23 @@ def check_table(
     Returns:
         The table, or None if it cannot be opened.
     """
-    try:
+    file = None
+    with problems.refusals():
         file = open_table(path, max_rows=max_rows)
-    except FileRefusedError as error:
-        problems.refuse(error)
+    if file is None:
         return None
     footer = _footer(file, path, name, problems)
     found = file.schema_arrow
-    good = set()
+    whole = True
     for field in TABLES[name]:
         problem = column_problem(found, field)
-        if problem is None:
-            good.add(field.name)
-        else:
+        if problem is not None:
+            whole = False
             problems.add(problem[0], field.name, problem[1])
     unknown = () if is_newer_minor(footer.get("spec_version")) else set(found.names)
     for extra in sorted(set(unknown) - set(TABLES[name].names)):
         problems.add("COLUMN_EXTRA", extra[:80], "the specification has no such column")
-    return CheckedTable(file, path, problems, name, frozenset(good), footer)
+    return CheckedTable(file, path, problems, name, whole, footer)
 
 
 def _footer(file: pq.ParquetFile, path: Path, name: str, problems: FileProblems) -> dict[str, Any]:

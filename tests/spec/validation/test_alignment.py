@@ -21,12 +21,10 @@ from pliant.spec.validation.rules.correspondences import (
     OUT_OF_FRAME,
     SELF_OCCLUDED,
     VISIBLE,
-    FrameRows,
 )
-from pliant.spec.validation.rules.points import PointSet
-from pliant.spec.validation.rules.surfaces import ShownSurface
 from pliant.spec.validation.rules.windows import FrameView
 from tests.dataset_files import coordinate, tier
+from tests.spec.validation.world import view as frame
 
 WIDTH, HEIGHT = 50, 44
 TUBE, BALL = 1, 2
@@ -45,28 +43,20 @@ M0, M1 = (U / 10).astype(np.float32), ((V / 2) % 8).astype(np.float32)
 DEPTH = (1 + U / 100 + V / 1000).astype(np.float32)
 
 
+CAMERA = Camera(np.array([[100.0, 0, 20], [0, 120, 25], [0, 0, 1]]), np.eye(4), (WIDTH, HEIGHT))
+
+
 def view(at: Any, object_id: Any = TUBE, **changes: Any) -> FrameView:
-    """Return a frame in which a tube is everywhere; point k has the material (k / 100, k / 10)."""
-    count = len(at)
-    point = np.arange(count, dtype=np.int32)[::-1].copy()  # row 0 is the last point
-    values: dict[str, Any] = {
-        "object": np.full(count, TUBE, np.int32),
-        "state": np.full(count, VISIBLE, np.int32),
-        "line": np.zeros(count, np.bool_),
-        "good": np.ones(count, np.bool_),
-    } | changes
-    k = np.arange(count)
-    points = PointSet(
-        values["object"][point], values["line"][point], np.stack([k / 100, k / 10], axis=1),
-        np.zeros((count, 0), np.int32), b"",
-    )  # fmt: skip
-    rows = FrameRows(
-        7, point, np.array(at, np.float64), 2 + k / 8, values["state"], np.zeros((count, 3))
-    )
-    shown = Surface(DEPTH, M0, M1, np.broadcast_to(np.array(object_id, np.uint32), DEPTH.shape))
-    K = np.array([[100.0, 0, 20], [0, 120, 25], [0, 0, 1]])
-    camera = Camera(K, np.eye(4), (WIDTH, HEIGHT))
-    return FrameView(TIER, camera, points, rows, values["good"], ShownSurface.of(shown))
+    """Return a frame in which a tube is everywhere; the last row's point has the material 0."""
+    columns = {"object": TUBE, "state": VISIBLE, "line": False, "good": True} | changes
+    points = [
+        {name: np.broadcast_to(values, len(at))[k] for name, values in columns.items()}
+        | {"at": place, "depth": 2 + k / 8}
+        | {"material": ((len(at) - 1 - k) / 100, (len(at) - 1 - k) / 10)}
+        for k, place in enumerate(at)
+    ]
+    ids = np.broadcast_to(np.array(object_id, np.uint32), DEPTH.shape)
+    return frame(TIER, CAMERA, Surface(DEPTH, M0, M1, ids), points, 7)
 
 
 def test_a_sample_is_the_4x4_pixels_around_a_point() -> None:

@@ -14,26 +14,20 @@ import pytest
 from pliant.spec.camera import Camera
 from pliant.spec.conventions import VISIBILITY_STATES
 from pliant.spec.io import limits
-from pliant.spec.storage.files import LocalFiles
 from pliant.spec.tables import CORRESPONDENCES
 from pliant.spec.validation.findings import Findings
 from pliant.spec.validation.rules import correspondences
-from pliant.spec.validation.rules.context import Context
 from pliant.spec.validation.rules.correspondences import (
     OUT_OF_FRAME,
     VISIBLE,
-    FrameRows,
     check_keys,
     check_projection,
     frame_rows,
-    open_correspondences,
 )
-from pliant.spec.validation.rules.tables import CheckedTable
+from pliant.spec.validation.rules.tables import CheckedTable, check_table
+from tests.spec.validation.world import SIZE, context, places, rows_at
 
-WIDTH, HEIGHT = 64, 48
-CONTEXT = Context(
-    Path(), LocalFiles(Path()), False, WIDTH, HEIGHT, {}, ("train",), frozenset(), "d", "1.0.0"
-)
+WIDTH, HEIGHT = SIZE
 FRONT = np.eye(4)
 """At the origin, looks along z."""
 
@@ -44,7 +38,7 @@ FAR[0, 3] = -1e4
 
 def camera(pose: Any = FRONT, centre: tuple[float, float] = (32, 24)) -> Camera:
     K = np.array([[100.0, 0, centre[0]], [0, 150, centre[1]], [0, 0, 1]])
-    return Camera(K, pose, (WIDTH, HEIGHT))
+    return Camera(K, pose, SIZE)
 
 
 def state_at(u: float, v: float) -> int:
@@ -67,11 +61,9 @@ def problems_of(
     if state is not None:
         states[1] = state
     uvz[1] += [*moved, deeper]
-    rows = FrameRows(
-        3, np.array([4, 9], np.int32), uvz[:, :2], uvz[:, 2], np.array(states, np.int32), place
-    )
+    rows = rows_at(3, uvz, place, np.array(states, np.int32), np.array([4, 9], np.int32))
     findings = Findings()
-    good = check_projection(CONTEXT, seen_by, rows, findings.at("table"))
+    good = check_projection(context(), seen_by, rows, findings.at("table"))
     assert good.tolist() == [True, not findings.counts], findings.issues
     assert {issue.where for issue in findings.issues} <= {"frame 3, point 9"}
     assert findings.total == len(findings.counts)
@@ -186,7 +178,8 @@ def table(
     rows = rows.replace_schema_metadata({"pliant": footer})
     pq.write_table(rows, path / "table.parquet", row_group_size=row_group_size)
     findings = Findings()
-    opened = open_correspondences(path / "table.parquet", findings.at("table"))
+    file, problems = path / "table.parquet", findings.at("table")
+    opened = check_table(file, "correspondences", problems, max_rows=100)
     assert opened is not None
     assert not findings.counts
     return opened, findings
@@ -221,8 +214,7 @@ def test_every_point_of_every_frame_has_one_row_in_order(
     for row_group_size in (100, 3, 2, 1):
         rows, findings = table(tmp_path, keys, row_group_size)
         assert check_keys(rows, 3, 2) is grouped
-        assert [(issue.code, issue.where) for issue in findings.issues] == expected
-        assert findings.total == len(expected)
+        assert places(findings) == expected
 
 
 def test_more_rows_than_allowed_are_not_counted(
@@ -260,7 +252,7 @@ def test_rows_without_sound_values_are_left_out(tmp_path: Path, row_group_size: 
     rows, findings = table(tmp_path, keys, row_group_size, z_m=z, visibility=states)
     found = [(each.frame, each.point.tolist()) for each in frame_rows(rows, 3, 2, True)]
     assert found == [(0, [0, 1]), (2, [1])]
-    assert sorted((issue.code, issue.where) for issue in findings.issues) == [
+    assert sorted(places(findings)) == [
         ("VALUE_NOT_FINITE", "row 4, z_m"),
         ("VALUE_OUT_OF_RANGE", "row 6, visibility"),
     ]

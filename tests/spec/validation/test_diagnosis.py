@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 import pytest
@@ -11,7 +12,6 @@ import pytest
 from pliant.spec.arrays import FloatArray
 from pliant.spec.camera import Camera
 from pliant.spec.validation.findings import Findings
-from pliant.spec.validation.rules.correspondences import FrameRows
 from pliant.spec.validation.rules.diagnosis import (
     RowSample,
     _Compared,
@@ -21,6 +21,7 @@ from pliant.spec.validation.rules.diagnosis import (
     _pixel_cause,
     diagnose_rows,
 )
+from tests.spec.validation.world import rows_at
 
 WIDTH, HEIGHT = SIZE = (160, 120)
 FRAMES, POINTS = 24, 40
@@ -38,23 +39,36 @@ def _camera(frame: int) -> Camera:
 
 
 CAMERAS = [_camera(frame) for frame in range(FRAMES)]
+BOTH = {"REPROJECTION_DISAGREES": 1.0, "DEPTH_DISAGREES": 1.0}
 XYZ = np.random.default_rng(0).uniform(-0.3, 0.3, (FRAMES, POINTS, 3))
+
+
+def causes(
+    uvz: FloatArray,
+    xyz: FloatArray,
+    wrong: Mapping[str, float] = MappingProxyType(BOTH),
+    cameras: Sequence[Camera] = CAMERAS,
+) -> Findings:
+    """Look for the cause of tables (F, P, 3) of whose rows a share is called wrong by a code."""
+    findings, sample = Findings(), RowSample()
+    problems = findings.at("table")
+    for frame, (projected, placed) in enumerate(zip(uvz, xyz, strict=True)):
+        sample.add(rows_at(frame, projected, placed))
+        for code, share in wrong.items():
+            bad = np.arange(POINTS) < share * POINTS
+            problems.add_rows(code, bad, lambda index: (str(index), "wrong"))
+    problems.add("OUT_OF_FRAME_DISAGREES", "", "x")
+    diagnose_rows(sample, cameras, SIZE, problems)
+    return findings
 
 
 def diagnosed(
     uvz: FloatArray, xyz: FloatArray, wrong: float = 1.0, cameras: Sequence[Camera] = CAMERAS
 ) -> dict[tuple[str, str], int]:
-    """Return (code, cause) -> rows for tables (F, P, 3) of which a share is called wrong."""
-    findings, sample = Findings(), RowSample()
-    problems = findings.at("table")
-    for frame, (projected, placed) in enumerate(zip(uvz, xyz, strict=True)):
-        number = np.arange(POINTS, dtype=np.int32)
-        rows = FrameRows(frame, number, projected[:, :2], projected[:, 2], 0 * number, placed)
-        sample.add(rows)
-        for code in ("REPROJECTION_DISAGREES", "DEPTH_DISAGREES"):
-            problems.add_rows(code, number < wrong * POINTS, lambda index: (str(index), "wrong"))
-    diagnose_rows(sample, cameras, SIZE, problems)
-    return {key: files[0][1] for key, files in findings.diagnoses.items()}
+    """Return (code, cause) -> rows of wrong positions and depths."""
+    findings = causes(uvz, xyz, dict.fromkeys(BOTH, wrong), cameras)
+    found = {key: files[0][1] for key, files in findings.diagnoses.items()}
+    return {key: rows for key, rows in found.items() if key[0] in BOTH}
 
 
 def right_rows() -> FloatArray:
@@ -96,8 +110,8 @@ def test_a_cause_explains_nearly_all_positions(cause: str, others: int, found: b
     rows[..., :2] = np.stack(PIXELS[cause](rows[..., 0], rows[..., 1]), axis=-1)
     rows[:, :others, :2] += np.arange(1, others + 1)[:, None] * [7.3, -11.7]
     expected = {("REPROJECTION_DISAGREES", cause): FRAMES * POINTS} if found else {}
-    causes = diagnosed(rows, XYZ)
-    assert {key: causes[key] for key in causes if key[0] != "DEPTH_DISAGREES"} == expected
+    explained = diagnosed(rows, XYZ)
+    assert {k: n for k, n in explained.items() if k[0] != "DEPTH_DISAGREES"} == expected
 
 
 DEPTHS: dict[str, Callable[[FloatArray, FloatArray], FloatArray]] = {
@@ -191,9 +205,8 @@ def test_rows_and_frames_are_sampled() -> None:
     sample = RowSample()
     for frame in range(70):
         count = 1000 if frame == 0 else 5
-        number = np.arange(count, dtype=np.int32)
-        xyz = np.repeat(number[:, None], 3, axis=1).astype(float)
-        sample.add(FrameRows(frame, number, xyz[:, :2], xyz[:, 0], number, xyz))
+        xyz = np.repeat(np.arange(count)[:, None], 3, axis=1).astype(float)
+        sample.add(rows_at(frame, xyz, xyz))
     assert sample.checked == 1000 + 69 * 5
     assert [rows.frame for rows in sample.rows] == list(range(64))
     first, second = (rows.point for rows in sample.rows[:2])
@@ -275,17 +288,9 @@ def test_limits_of_a_cause_of_depths(depth: FloatArray, cause: str | None) -> No
 
 def test_each_code_is_explained_by_itself() -> None:
     """Positions are all wrong, depths for a half: these stay, and so do other codes."""
-    findings, sample = Findings(), RowSample()
-    problems = findings.at("table")
-    rows = right_rows() + np.array([0.5, 0.5, 0.15])
-    for frame, (projected, placed) in enumerate(zip(rows, XYZ, strict=True)):
-        number = np.arange(POINTS, dtype=np.int32)
-        part = FrameRows(frame, number, projected[:, :2], projected[:, 2], 0 * number, placed)
-        sample.add(part)
-        for code, share in (("REPROJECTION_DISAGREES", 1), ("DEPTH_DISAGREES", 0.5)):
-            problems.add_rows(code, number < share * POINTS, lambda index: (str(index), "wrong"))
-    problems.add("OUT_OF_FRAME_DISAGREES", "", "x")
-    diagnose_rows(sample, CAMERAS, SIZE, problems)
+    findings = causes(
+        right_rows() + np.array([0.5, 0.5, 0.15]), XYZ, BOTH | {"DEPTH_DISAGREES": 0.5}
+    )
     assert [code for code, _ in findings.diagnoses] == ["REPROJECTION_DISAGREES"]
     assert findings.counts == {
         "REPROJECTION_DISAGREES": FRAMES * POINTS, "DEPTH_DISAGREES": FRAMES * POINTS // 2,
@@ -301,25 +306,12 @@ def test_a_camera_explains_what_is_out_of_the_frame_too(
     moved: float, deeper: float, found: bool
 ) -> None:
     """Within 0.04 px, 2e-5 m and 1e-4 of the depth, 1.2 m, of what the explanation says."""
-    findings, sample = Findings(), RowSample()
-    problems = findings.at("table")
-    for frame, placed in enumerate(XYZ):
-        number = np.arange(POINTS, dtype=np.int32)
-        uvz = CAMERAS[frame].project(placed / 1000)
-        uvz = uvz + np.array([moved, -moved, deeper])
-        sample.add(FrameRows(frame, number, uvz[:, :2], uvz[:, 2], 0 * number, placed))
-        problems.add_rows("REPROJECTION_DISAGREES", number >= 0, lambda index: ("", "wrong"))
-    problems.add("OUT_OF_FRAME_DISAGREES", "", "x")
-    diagnose_rows(sample, CAMERAS, SIZE, problems)
-    if not found:
-        assert findings.diagnoses == {}
-        return
-    assert [code for code, _ in findings.diagnoses] == [
-        "REPROJECTION_DISAGREES", "OUT_OF_FRAME_DISAGREES",
-    ]  # fmt: skip
-    assert {cause for _, cause in findings.diagnoses} == {
-        "have a world position 1000 times too large: millimetres"
-    }
+    uvz = np.stack([c.project(xyz / 1000) for c, xyz in zip(CAMERAS, XYZ, strict=True)])
+    uvz += np.array([moved, -moved, deeper])
+    findings = causes(uvz, XYZ, {"REPROJECTION_DISAGREES": 1})
+    cause = "have a world position 1000 times too large: millimetres"
+    codes = ("REPROJECTION_DISAGREES", "OUT_OF_FRAME_DISAGREES")
+    assert [*findings.diagnoses] == ([(code, cause) for code in codes] if found else [])
 
 
 def test_rows_behind_the_camera_have_no_cause() -> None:

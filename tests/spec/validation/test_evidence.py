@@ -22,9 +22,9 @@ from pliant.spec.validation.rules.files import SequenceFiles
 from pliant.spec.validation.rules.surfaces import ShownSurface, _check_values
 from tests.conformance.base import TIERS
 from tests.dataset_files import coordinate, tier
+from tests.spec.validation.world import SIZE, rows_at
 
 RASTER: dict[str, Any] = {"noise": None, "style": "raster", "temporal": False}
-SIZE = (64, 48)
 
 
 def conclude(
@@ -44,24 +44,32 @@ def rows(frame: int, centre: float, count: int = 2) -> FrameRows:
     """Return points 1 m to the left and right of a place on the x axis."""
     xyz = np.zeros((count, 3))
     xyz[:, 0] = centre + np.where(np.arange(count) % 2, 1, -1)
-    point = np.arange(count, dtype=np.int32)
-    return FrameRows(frame, point, xyz[:, :2], xyz[:, 2], 0 * point, xyz)
+    return rows_at(frame, xyz, xyz)
 
 
-def order(*centres: float) -> str | None:
-    return unordered([rows(frame, centre) for frame, centre in enumerate(centres)])
-
-
-def test_a_step_in_time_is_small_next_to_the_object() -> None:
-    assert order(0) is None
-    assert order(0, 0.59) is None
-    assert str(order(0, 0.61)).startswith("from one frame to the next the points move by 0.61 of")
-    assert order(5, 5.2, 5.4, 5.6) is None  # 0.2, and 0.47 between other frames
-    assert "by 0.20 of the object's radius, 3.00 of" in str(order(5, 5.2, 5, 5.2))
-    assert order(5, 5.2, 5) is None  # too few frames
-    assert order(5, 5.09, 5, 5.09) is None  # small whatever the others are
-    assert order(0, 0.2, 0.1, 0.3) is not None  # steps of 1/6, 1/6 between others
-    assert order(0, 0.2, 0.25, 0.45) is None  # 0.15, 0.32
+@pytest.mark.parametrize(
+    ("centres", "says"),
+    [
+        ((0,), None),
+        # The radius of two points 1 m from their middle is 1 m.
+        ((0, 0.5999), None),
+        ((0, 0.6001), "by 0.60 of the object's radius: independent"),
+        ((5, 5.2, 5.4, 5.6), None),  # 0.2, and 0.47 between other frames
+        ((5, 5.2, 5, 5.2), "by 0.20 of the object's radius, 3.00 of"),
+        ((5, 5.2, 5), None),  # too few frames
+        # Small whatever the others are.
+        ((0, 0.0999, 0, 0.0999), None),
+        ((0, 0.1001, 0, 0.1001), "by 0.10 of"),
+        # Steps 0.2, 0.2 - x, 0.2 are 0.75 of the others, x, x, x + 0.2, for x = 0.45 / 3.25.
+        ((0, 0.2, 0.138, 0.338), "by 0.20 of"),
+        ((0, 0.2, 0.139, 0.339), None),
+    ],
+)
+def test_a_step_in_time_is_small_next_to_the_object(
+    centres: tuple[float, ...], says: str | None
+) -> None:
+    found = unordered([rows(frame, centre) for frame, centre in enumerate(centres)])
+    assert found is None if says is None else says in str(found)
 
 
 def test_only_the_same_points_in_neighbouring_frames_are_compared() -> None:
@@ -69,6 +77,10 @@ def test_only_the_same_points_in_neighbouring_frames_are_compared() -> None:
     assert unordered([rows(0, 0), rows(2, 9), rows(3, 9.1)]) is None
     assert unordered([rows(0, 0), rows(1, 9, 4)]) is None
     assert unordered([rows(0, 0), rows(1, 9)]) is not None
+    # Points of a frame that is left out have no neighbour there.
+    assert unordered([rows(k, at) for k, at in ((0, 0), (1, 0.2), (3, 0), (4, 0.2))]) is not None
+    still = [replace(rows(k, 0), xyz_m=np.zeros((2, 3))) for k in range(4)]
+    assert unordered(still) is None
     evidence = Evidence(2)
     evidence.rows.rows = [rows(0, 0), rows(1, 9)]
     assert conclude(evidence) == {}
@@ -93,17 +105,17 @@ def test_pictures_are_known_by_every_fourth_row() -> None:
     assert evidence.blank == [3]
 
 
-def shown(count: int) -> ShownSurface:
-    object_id = (np.arange(200) < count).astype(np.uint32).reshape(10, 20)
+def shown(object_id: npt.NDArray[Any]) -> ShownSurface:
+    """Return a picture of 10 x 20 pixels that shows these objects."""
     empty = np.zeros((10, 20), np.float32)
-    return ShownSurface.of(Surface(empty, empty, empty, object_id))
+    return ShownSurface(Surface(empty, empty, empty, object_id.reshape(10, 20).astype(np.uint32)))
 
 
 def test_pictures_in_which_little_is_seen_may_be_empty_or_equal() -> None:
     evidence = Evidence(3, blank=[0, 1, 2])
     evidence.keys.depths = {0: 7, 1: 7, 2: 7}
     for frame, count in enumerate((0, 49, 50)):
-        evidence.add_shown(frame, shown(count))
+        evidence.add_shown(frame, shown(np.arange(200) < count))
     assert evidence.blank == [2]
     assert evidence.keys.depths == {1: 7, 2: 7}
 
@@ -137,22 +149,6 @@ def test_grey_pictures() -> None:
     assert "half the size" in conclude(evidence, style="external")["COLOUR_LOST"]
 
 
-@pytest.mark.parametrize(("moved", "wrong"), [(0.039, False), (0.041, True)])
-def test_a_picture_is_not_that_of_points_that_moved(moved: float, wrong: bool) -> None:
-    """2 px of 100 px focal length at 2 m are 4 cm."""
-    K = np.array([[100.0, 0, 32], [0, 150, 24], [0, 0, 1]])
-    cameras = [Camera(K, np.eye(4), SIZE)] * 4
-    evidence = Evidence(4)
-    evidence.keys.pictures = {0: 5, 1: 6, 2: 5, 3: 5}
-    evidence.keys.shapes = {frame: np.array([0, 0, 2, 0.1, 0.1, 0.1]) for frame in range(3)}
-    evidence.keys.shapes[2] = evidence.keys.shapes[0] + [0, 0, 0, 0, moved, 0]
-    found = conclude(evidence, cameras)
-    assert ("COLOUR_DISAGREES" in found) is wrong
-    if wrong:
-        assert found["COLOUR_DISAGREES"].startswith("1 pictures repeat that of an earlier frame")
-    assert conclude(evidence, None) == {}
-
-
 @pytest.mark.parametrize(
     ("certain", "info", "code"),
     [
@@ -171,6 +167,10 @@ def test_an_outline_elsewhere(
     findings = Findings()
     findings.add("OFFSET_DISAGREES", "s/correspondences.parquet", "", "points are shifted")
     assert set(conclude(evidence, findings=findings, **info)) == {"OFFSET_DISAGREES"}
+    evidence.blank, findings = [0], Findings()  # blank pictures are reported as well
+    conclude(evidence, findings=findings, **info)
+    assert len(findings.listed()) == 2
+    assert {issue.message[:6] for issue in findings.listed()} == {"1 of 2", "shifte"}
 
 
 def test_pairs_of_frames_spread_over_a_long_sequence_are_measured(
@@ -192,25 +192,6 @@ def test_pairs_of_frames_spread_over_a_long_sequence_are_measured(
     assert measured == [0, 1, 7, 18, 19, 24, 25, 30, 31, 36, 37]
     assert others == [13]
     assert len(fitting) == 39
-
-
-def moved_points(step: float, frames: int = 2) -> list[FrameRows]:
-    return [rows(frame, step * frame) for frame in range(frames)]
-
-
-def test_steps_at_their_limits() -> None:
-    """The radius of two points 1 m from their middle is 1 m."""
-    assert order(0, 0.5999) is None
-    assert order(0, 0.6001) is not None
-    assert order(0, 0.0999, 0, 0.0999) is None
-    assert order(0, 0.1001, 0, 0.1001) is not None
-    # Steps 0.2, 0.2 - x, 0.2 are 0.75 of the others, x, x, x + 0.2, for x = 0.45 / 3.25.
-    assert order(0, 0.2, 0.138, 0.338) is not None
-    assert order(0, 0.2, 0.139, 0.339) is None
-    # Points of a frame that is left out have no neighbour there.
-    assert unordered([rows(k, at) for k, at in ((0, 0), (1, 0.2), (3, 0), (4, 0.2))]) is not None
-    still = [replace(each, xyz_m=0 * each.xyz_m) for each in moved_points(0, 4)]
-    assert unordered(still) is None
 
 
 def test_a_step_is_the_root_mean_square_of_its_points() -> None:
@@ -236,24 +217,18 @@ def test_rows_are_kept_for_their_cause_and_their_shape() -> None:
     assert evidence.keys.shapes[1].tolist() == [3, 0, 0, 1, 0, 0]
 
 
-@pytest.mark.parametrize(("count", "left"), [(1, True), (2, False)])
-def test_what_follows_from_wrong_depth_images(
-    count: int, left: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.mark.parametrize("wrong", [True, False])
+def test_what_follows_from_wrong_depth_images(wrong: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """More than one problem of the visibility becomes one that says so."""
-    for wrong in (True, False):
-        findings = Findings()
-        for code in ("VISIBLE_DISAGREES", "OCCLUDED_DISAGREES"):
-            for _ in range(count if code == "VISIBLE_DISAGREES" else 1):
-                findings.add(code, "s/correspondences.parquet", "", "x")
-        monkeypatch.setattr(
-            "pliant.spec.validation.rules.evidence.check_agreement", lambda *_, w=wrong: w
-        )
-        found = conclude(Evidence(2), [CAMERA] * 2, findings)
-        follows = f"all {count} rows follow from DEPTH_IMAGE_DISAGREES"
-        expected = "x" if left or not wrong else follows
-        assert found == {"VISIBLE_DISAGREES": expected, "OCCLUDED_DISAGREES": "x"}
-        assert conclude(Evidence(2), None) == {}
+    agreement = "pliant.spec.validation.rules.evidence.check_agreement"
+    monkeypatch.setattr(agreement, lambda *_: wrong)
+    findings = Findings()
+    for code in ("VISIBLE_DISAGREES", "OCCLUDED_DISAGREES", "VISIBLE_DISAGREES"):
+        findings.add(code, "s/correspondences.parquet", "", "x")
+    follows = "all 2 rows follow from DEPTH_IMAGE_DISAGREES" if wrong else "x"
+    assert conclude(Evidence(2), [CAMERA] * 2, findings) == {
+        "VISIBLE_DISAGREES": follows, "OCCLUDED_DISAGREES": "x",
+    }  # fmt: skip
 
 
 def test_repeated_pictures_are_counted_and_explain_a_doubt(
@@ -267,6 +242,10 @@ def test_repeated_pictures_are_counted_and_explain_a_doubt(
     assert found["COLOUR_DISAGREES"].startswith(
         "2 pictures repeat that of an earlier frame, here 0, though"
     )
+    assert conclude(evidence, None) == {}
+    unknown = evidence.keys.shapes.pop(3)  # of frames without rows nothing is known
+    assert conclude(evidence, cameras)["COLOUR_DISAGREES"].startswith("1 pictures repeat")
+    evidence.keys.shapes[3] = unknown
     for certain, messages in ((False, 1), (True, 2)):
         monkeypatch.setattr(evidence.colours, "explain", lambda c=certain: (c, "shifted"))
         findings = Findings()
@@ -283,7 +262,7 @@ def test_depth_decides_how_far_a_move_is_seen() -> None:
     for depth, focal, moved, wrong in (
         (2.0, 100.0, 0.0401, True), (2.0, 100.0, 0.0399, False), (4.0, 100.0, 0.0799, False),
         (2.0, 50.0, 0.0799, False), (2.0, 50.0, 0.0801, True), (0.0, 100.0, 3e-8, True),
-        (0.0, 100.0, 1e-9, False),
+        (2.0, 150.0, 0.0399, False), (2.0, 150.0, 0.0401, True), (0.0, 100.0, 1e-9, False),
     ):  # fmt: skip
         K = np.array([[focal, 0, 32], [0, 100, 24], [0, 0, 1]])
         evidence = Evidence(2)
@@ -302,8 +281,7 @@ def box(*pixels: tuple[int, int]) -> float:
     for row, column in pixels:
         object_id[row, column] = 1
     object_id[5, 19] = 2
-    empty = np.zeros((10, 20), np.float32)
-    return ShownSurface.of(Surface(empty, empty, empty, object_id)).box_px(1)
+    return shown(object_id).box_px(1)
 
 
 def test_the_longer_side_of_the_box() -> None:
@@ -354,7 +332,7 @@ def test_pixels_of_two_objects(
         for at, value in values.items():
             channels[name][at] = value
     findings = Findings()
-    _check_values(ShownSurface.of(Surface(**channels)), ROPE_TIER, findings.at("depth"))
+    _check_values(ShownSurface(Surface(**channels)), ROPE_TIER, findings.at("depth"))
     assert {issue.code: issue.where for issue in findings.issues} == problems
     assert findings.total == len(problems)
 
@@ -363,17 +341,16 @@ def test_pixels_of_one_object_whose_range_does_not_contain_0() -> None:
     """The zeros of the background are not its material."""
     material = [coordinate("u", 1, 2, 0.1), coordinate("v", 1, 2, 0.1)]
     described = Tier.from_document(tier("t", "cloth", {"sheet": material}))
+    second = np.array([[0, 1], [0, 0]])
     for ids in (np.ones((2, 2)), np.array([[1, 1], [0, 0]]), np.zeros((2, 2))):
         seen = ids > 0
         m = np.where(seen, 1.5, 0).astype(np.float32)
         depth = np.where(seen, 1, np.inf).astype(np.float32)
         for value, wrong in ((1.5, False), (0.9, True), (2.1, True)):
-            changed = np.where(seen & (np.arange(4).reshape(2, 2) == 1), value, m).astype(
-                np.float32
-            )
+            changed = np.where(seen & (second == 1), value, m).astype(np.float32)
             for m0, m1 in ((changed, m), (m, changed)):
                 findings = Findings()
                 surface = Surface(depth, m0, m1, ids.astype(np.uint32))
-                _check_values(ShownSurface.of(surface), described, findings.at("depth"))
+                _check_values(ShownSurface(surface), described, findings.at("depth"))
                 expected = {"SURFACE_INVALID": 1} if wrong and seen.any() else {}
                 assert findings.counts == expected

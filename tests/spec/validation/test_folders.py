@@ -14,9 +14,8 @@ import pytest
 
 from pliant.spec.io import limits
 from pliant.spec.io.reading import Blob
-from pliant.spec.storage.files import LocalFiles
 from pliant.spec.validation.findings import Findings
-from pliant.spec.validation.rules.context import Context
+from pliant.spec.validation.rules import files as files_module
 from pliant.spec.validation.rules.files import (
     SequenceFiles,
     check_files,
@@ -28,14 +27,7 @@ from pliant.spec.validation.rules.listing import check_checksums, check_listing
 from pliant.spec.validation.rules.structure import check_root, list_folder
 from tests.conformance.base import TIERS
 from tests.dataset_files import listing_row, write_dataset
-
-Found = list[tuple[str, str, str]]
-
-
-def found(findings: Findings) -> Found:
-    """Return (code, path, where) of every problem; all of them are listed."""
-    assert findings.total == len(findings.issues)
-    return [(issue.code, issue.path, issue.where) for issue in findings.issues]
+from tests.spec.validation.world import Found, context, found
 
 
 def make(root: Path, *entries: str) -> Path:
@@ -229,36 +221,43 @@ def test_a_link_is_not_called_missing_as_well() -> None:
 def test_only_files_with_their_checksum_are_looked_into(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    digest = hashlib.sha256(b"1234567").hexdigest()
+    data, digest = b"1234567", hashlib.sha256(b"1234567").hexdigest()
     names = ("a.png", "a.parquet", "b.png")
     for name in names:
-        (tmp_path / name).write_bytes(b"1234567")
+        (tmp_path / name).write_bytes(data)
     findings = Findings()
     files = SequenceFiles(tmp_path, "s", findings, {*names, "gone.png"})
     assert files.contents("b.png") == tmp_path / "b.png"  # not listed, reported elsewhere
-    assert files.verified("b.png") is True
-    assert files.verified("nowhere") is False
+    assert files.contents("nowhere") is None
     files.hashes = {name: (digest, 7) for name in (*names, "gone.png")}
-    assert files.contents("a.png") == Blob(str(tmp_path / "a.png"), b"1234567")
+    assert files.contents("a.png") == Blob(str(tmp_path / "a.png"), data)
     assert files.sound == {"a.png"}
     monkeypatch.setattr(limits, "MAX_TABLE_BYTES", 7)
     monkeypatch.setattr(limits, "MAX_IMAGE_FILE_BYTES", 6)
-    assert files.verified("a.parquet") is True
-    assert files.verified("b.png") is False
+    assert files.contents("a.parquet") == tmp_path / "a.parquet"
     assert files.contents("b.png") is None
-    assert files.verified("gone.png") is False
+    assert files.contents("gone.png") is None
     assert files.sound == {"a.png", "a.parquet"}
-    assert found(findings) == [
-        ("FILE_TOO_LARGE", "s/b.png", ""),
-        ("FILE_TOO_LARGE", "s/b.png", ""),
-        ("FILE_MISSING", "s/gone.png", ""),
+    files.hashes["a.parquet"] = (hashlib.sha256(b"").hexdigest(), 7)
+    assert files.contents("a.parquet") is None
+    files.hashes["a.parquet"] = (digest, 8)
+    assert files.contents("a.parquet") is None
+    assert [issue.message[:40] for issue in findings.issues[-2:]] == [
+        "found sha256 8bb0cf6eb9b17d0f7d22b456f12",
+        "found 7 bytes; sequence.json lists 8",
     ]
 
-    def fails(path: Path) -> str:
+    def fails(path: Path, limit: int) -> int:
         raise OSError("broken disk")
 
-    assert files._checked("a.parquet", fails) is False
-    assert found(findings)[-1] == ("FILE_UNREADABLE", "s/a.parquet", "")
+    monkeypatch.setattr(files_module, "check_regular", fails)
+    assert files.contents("a.parquet") is None
+    assert found(findings) == [
+        ("FILE_TOO_LARGE", "s/b.png", ""),
+        ("FILE_MISSING", "s/gone.png", ""),
+        *[("CHECKSUM_DIFFERS", "s/a.parquet", "")] * 2,
+        ("FILE_UNREADABLE", "s/a.parquet", ""),
+    ]
 
 
 @pytest.mark.parametrize(
@@ -293,15 +292,6 @@ def listed(root: Path, *rows: dict[str, Any], folders: dict[str, set[str]]) -> t
     findings = Findings()
     used = check_listing(context(root), folders, findings)
     return used, found(findings)
-
-
-def context(root: Path, **changes: Any) -> Context:
-    facts: dict[str, Any] = {
-        "root": root, "files": LocalFiles(root), "quick": False, "width": 64, "height": 48,
-        "tiers": {"rope": None, "rope-bare": None}, "splits": ("train", "test"),
-        "held_out": frozenset(), "id": "d", "version": "1.0.0",
-    }  # fmt: skip
-    return Context(**facts | changes)
 
 
 def row(name: str, **changes: Any) -> dict[str, Any]:
@@ -394,49 +384,46 @@ def manifest(root: Path, **changes: Any) -> None:
     (root / "manifest.json").write_text(json.dumps(document | changes))
 
 
-M = "manifest.json"
+M, SUMS = "manifest.json", "SHA256SUMS"
+OTHER_DATASET = [("IDENTITY_DIFFERS", M, "dataset, half")]
 
 
 @pytest.mark.parametrize(
     ("changes", "after", "expected"),
     [
-        ({}, lambda root: None, []),
-        ({"dataset": {"id": "e", "version": "1.0.0"}}, None, ("IDENTITY_DIFFERS", M, 0)),
-        ({"dataset": {"id": "d", "version": "1.0.1"}}, None, ("IDENTITY_DIFFERS", M, 0)),
-        ({"half": "private"}, None, ("IDENTITY_DIFFERS", M, 0)),
-        ({"held_out": ["val", "test"]}, None, None),
-        ({"held_out": ["test"]}, None, ("IDENTITY_DIFFERS", M, 1)),
-        ({"checksums_sha256": "0" * 64}, None, ("CHECKSUM_DIFFERS", "SHA256SUMS", 2)),
-        ({"half": None}, None, ("SCHEMA_INVALID", M, 3)),
-        ({}, lambda root: (root / M).unlink(), None),
-        ({}, lambda root: (root / "SHA256SUMS").unlink(), ("FILE_MISSING", "SHA256SUMS", 2)),
-        ({}, lambda root: (root / "a").write_text("other"), ("CHECKSUM_DIFFERS", "a", 2)),
-        ({}, lambda root: (root / "a").unlink(), ("FILE_MISSING", "a", 2)),
-        ({}, lambda root: (root / "z").touch(), ("FILE_UNLISTED", "SHA256SUMS", 2)),
-        ({}, lambda root: make(root, ".gitattributes", ".pliant/x", ".git/a/b"), None),
-        ({}, lambda root: make(root, "y -> a", "folder/"), None),
-        ({}, lambda root: (root / "SHA256SUMS").write_text("x"), None),
+        ({}, None, []),
+        ({"dataset": {"id": "e", "version": "1.0.0"}}, None, OTHER_DATASET),
+        ({"dataset": {"id": "d", "version": "1.0.1"}}, None, OTHER_DATASET),
+        ({"half": "private"}, None, OTHER_DATASET),
+        ({"held_out": ["val", "test"]}, None, []),
+        ({"held_out": ["test"]}, None, [("IDENTITY_DIFFERS", M, "held_out")]),
+        ({"checksums_sha256": "0" * 64}, None, [("CHECKSUM_DIFFERS", SUMS, "")]),
+        ({"half": None}, None, [("SCHEMA_INVALID", M, "half")]),
+        ({}, lambda root: (root / M).unlink(), []),
+        ({}, lambda root: (root / SUMS).unlink(), [("FILE_MISSING", SUMS, "")]),
+        ({}, lambda root: (root / "a").write_text("other"), [("CHECKSUM_DIFFERS", "a", "")]),
+        ({}, lambda root: (root / "a").unlink(), [("FILE_MISSING", "a", "")]),
+        ({}, lambda root: (root / "z").touch(), [("FILE_UNLISTED", SUMS, "")]),
+        ({}, lambda root: make(root, ".gitattributes", ".pliant/x", ".git/a/b"), []),
+        ({}, lambda root: make(root, "y -> a", "folder/"), []),
+        (
+            {},
+            lambda root: (root / SUMS).write_text("x"),
+            [("FILE_UNREADABLE", SUMS, "line 1"), ("CHECKSUM_DIFFERS", SUMS, "")],
+        ),
     ],
 )
 def test_what_a_publication_lists(
-    changes: dict[str, Any], after: Callable[[Path], Any] | None, expected: Any, tmp_path: Path
+    changes: dict[str, Any], after: Callable[[Path], Any] | None, expected: Found, tmp_path: Path
 ) -> None:
-    """Files a, b/c and d; both problems of the last two are found after that of the first."""
+    """Files a, b/c and d."""
     for name in ("a", "b/c", "d"):
         make(tmp_path, name)
         (tmp_path / name).write_text(name)
     manifest(tmp_path, **changes)
     if after is not None:
         after(tmp_path)
-    where = ("dataset, half", "held_out", "", "half")
-    found_ = _checked(tmp_path)
-    if (tmp_path / "SHA256SUMS").exists() and (tmp_path / "SHA256SUMS").read_text() == "x":
-        assert found_ == [
-            ("FILE_UNREADABLE", "SHA256SUMS", "line 1"),
-            ("CHECKSUM_DIFFERS", "SHA256SUMS", ""),
-        ]
-    else:
-        assert found_ == ([(*expected[:2], where[expected[2]])] if expected else [])
+    assert _checked(tmp_path) == expected
 
 
 def _checked(root: Path) -> Found:

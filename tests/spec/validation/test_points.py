@@ -14,15 +14,14 @@ import pyarrow.parquet as pq
 import pytest
 
 from pliant.spec.model import Tier
-from pliant.spec.storage.files import LocalFiles
 from pliant.spec.tables import POINTS
 from pliant.spec.validation.findings import Findings
 from pliant.spec.validation.rules.cameras import check_cameras
-from pliant.spec.validation.rules.context import Context
-from pliant.spec.validation.rules.points import PointSet, check_points, material_inside
+from pliant.spec.validation.rules.points import PointSet, check_points
 from pliant.spec.validation.rules.tables import check_table
 from pliant.spec.validation.rules.tiers import check_tiers
 from tests.dataset_files import coordinate, tier
+from tests.spec.validation.world import context, places
 
 Rows = list[dict[str, Any]]
 Found = list[tuple[str, str]]
@@ -57,11 +56,6 @@ def write(path: Path, rows: Rows, footer: Any = FOOTER, **options: Any) -> Path:
         table.replace_schema_metadata({"pliant": text}), path / "points.parquet", **options
     )
     return path / "points.parquet"
-
-
-def found(findings: Findings) -> Found:
-    assert findings.total == len(findings.issues)
-    return [(issue.code, issue.where) for issue in findings.issues]
 
 
 def changed(*changes: tuple[int, dict[str, Any]]) -> Rows:
@@ -101,7 +95,7 @@ RANGE = "VALUE_OUT_OF_RANGE"
 def test_a_row(rows: Rows, expected: Found, tmp_path: Path) -> None:
     findings = Findings()
     points = check_points(write(tmp_path, rows), TIER, findings.at("x"))
-    assert found(findings) == expected
+    assert places(findings) == expected
     assert (points is None) is bool(expected)
 
 
@@ -128,7 +122,7 @@ def test_partners(rows: Rows, expected: list[tuple[int, int]], tmp_path: Path) -
     points = check_points(write(tmp_path, rows), TIER, findings.at("x"))
     assert points is not None
     where = {("PARTNER_DISAGREES", f"row {row}, partners[{n}]") for row, n in expected}
-    assert set(found(findings)) == where
+    assert set(places(findings)) == where
 
 
 def test_a_partner_is_of_the_same_object_and_kind(tmp_path: Path) -> None:
@@ -148,7 +142,7 @@ def test_a_partner_is_of_the_same_object_and_kind(tmp_path: Path) -> None:
         rows[change[0]].update(change[1])
         findings = Findings()
         check_points(write(tmp_path, rows), TIER, findings.at("x"))
-        assert [where for _, where in found(findings)] == expected
+        assert [where for _, where in places(findings)] == expected
 
 
 def test_what_identifies_a_table_of_points(tmp_path: Path) -> None:
@@ -175,14 +169,6 @@ def test_what_identifies_a_table_of_points(tmp_path: Path) -> None:
     assert len(digests) == 6
 
 
-def test_which_material_is_inside_its_object() -> None:
-    material = np.array([[0.5, 0], [2.5, 0], [2.5, 0.5], [0.5, 0.5], [0.5, 1.9], [1.0, 0.5]])
-    object_id = np.array([1, 1, 2, 2, 1, 3])
-    assert material_inside(material, object_id, TIER).tolist() == [
-        True, False, True, False, True, False,
-    ]  # fmt: skip
-
-
 @pytest.mark.parametrize(
     ("footer", "expected"),
     [
@@ -201,7 +187,7 @@ def test_a_footer(footer: Any, expected: Found | None, tmp_path: Path) -> None:
     findings = Findings()
     table = check_table(path, "points", findings.at("x"), max_rows=7)
     assert table is not None
-    assert found(findings) == (expected or [])
+    assert places(findings) == (expected or [])
     assert dict(table.footer) == (footer if not expected else {})
     assert table.whole
     assert table.rows == 7
@@ -211,7 +197,7 @@ def test_a_footer(footer: Any, expected: Found | None, tmp_path: Path) -> None:
     findings = Findings()
     check_table(path, "points", findings.at("x"), max_rows=7)
     extra = [("COLUMN_EXTRA", "a"), ("COLUMN_EXTRA", "b")]
-    assert found(findings) == ([] if expected is None else expected + extra)
+    assert places(findings) == ([] if expected is None else expected + extra)
 
 
 def test_columns(tmp_path: Path) -> None:
@@ -225,12 +211,11 @@ def test_columns(tmp_path: Path) -> None:
     opened = check_table(path, "points", findings.at("x"), max_rows=7)
     assert opened is not None
     assert not opened.whole
-    assert opened.columns == {"point", "kind", "m0", "partners"}
-    assert found(findings) == [("COLUMN_TYPE", "object"), ("COLUMN_MISSING", "m1")]
+    assert places(findings) == [("COLUMN_TYPE", "object"), ("COLUMN_MISSING", "m1")]
     findings = Findings()
     assert check_points(path, TIER, findings.at("x")) is None
     assert check_table(path, "points", findings.at("x"), max_rows=6) is None
-    assert found(findings)[-1] == ("FILE_TOO_LARGE", "")
+    assert places(findings)[-1] == ("FILE_TOO_LARGE", "")
 
 
 def test_batches_carry_the_number_of_their_first_row(tmp_path: Path) -> None:
@@ -302,7 +287,7 @@ def test_tiers(change: Change, expected: Found) -> None:
     other = deepcopy(DOCUMENT) | {"name": "other"}
     findings = Findings()
     check_tiers([Tier.from_document(d) for d in (other, document)], findings.at("dataset.json"))
-    assert sorted(found(findings)) == sorted(expected)
+    assert sorted(places(findings)) == sorted(expected)
 
 
 def test_maps_are_the_same_to_a_hundred_thousandth_of_the_range() -> None:
@@ -343,11 +328,6 @@ def test_names_of_tiers() -> None:
     findings = Findings()
     check_tiers(tiers, findings.at("dataset.json"))
     assert [(i.where, i.message[-3:]) for i in findings.issues] == [("tiers", "'b'")]
-
-
-CONTEXT = Context(
-    Path(), LocalFiles(Path()), False, 64, 48, {}, ("train",), frozenset(), "d", "1.0.0"
-)
 
 
 def turned(angle: float) -> list[list[float]]:
@@ -405,8 +385,8 @@ def test_cameras(change: Change, expected: Found) -> None:
     }
     change(document)
     findings = Findings()
-    cameras = check_cameras(CONTEXT, document, 2, findings.at("x"))
-    assert found(findings) == expected
+    cameras = check_cameras(context(), document, 2, findings.at("x"))
+    assert places(findings) == expected
     assert (cameras is None) is bool(expected)
     if cameras is not None:
         assert [each.size for each in cameras] == [(64, 48)] * 2

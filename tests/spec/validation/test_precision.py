@@ -128,7 +128,7 @@ def test_pixels_of_objects_are_looked_at(count: int, found: bool) -> None:
         channels[0], channels[1], channels[0] / 3, on.astype(np.uint32).reshape(64, 128)
     )
     findings = Findings()
-    check_precision(ShownSurface.of(surface), findings.at("x"))
+    check_precision(ShownSurface(surface), findings.at("x"))
     where = [issue.where for issue in findings.issues]
     assert where == (["Z", "surface.m1"] if found else [])
 

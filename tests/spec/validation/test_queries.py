@@ -20,13 +20,13 @@ import pytest
 from pliant.spec.model import Tier
 from pliant.spec.tables import TRUTH
 from pliant.spec.validation.findings import Findings
-from pliant.spec.validation.rules.answers import Aligned
+from pliant.spec.validation.rules.answers import has_few_alternatives
 from pliant.spec.validation.rules.context import Context
 from pliant.spec.validation.rules.queries import check_split_queries
 from pliant.spec.validation.rules.result import SequenceResult
-from pliant.spec.validation.rules.tables import check_table
 from tests.conformance.edits import change_footer, change_rows, rebind, rewrite
 from tests.spec.conftest import DATASETS
+from tests.spec.validation.world import Found, found
 
 QUERIES, TRUTHS = "queries/test.parquet", "truth/test.parquet"
 ROPE, BARE, SHEET = "rope-test-000000", "rope-bare-test-00000{}", "cloth-1-test-000000"
@@ -40,7 +40,7 @@ def root(tmp_path: Path) -> Path:
     return Path(shutil.copytree(DATASETS / "full", tmp_path / "full", ignore=ignored))
 
 
-def known(root: Path, **changes: Any) -> dict[str, SequenceResult]:
+def known(**changes: Any) -> dict[str, SequenceResult]:
     """Return what the rules of sequences say about them; the boxes are those of the truth."""
     boxes: dict[str, list[float]] = {
         ROPE: [np.nan, 45],
@@ -48,15 +48,13 @@ def known(root: Path, **changes: Any) -> dict[str, SequenceResult]:
         BARE.format(1): [63],
         SHEET: [0, 48],
     }
-    found = {}
-    for name, box in boxes.items():
-        result = SequenceResult(name, name.split("-test-")[0], "test", len(box))
-        result.boxes_px, result.tables_sound = np.array(box, np.float32), True
-        found[name] = replace(result, **changes)
-    return found
-
-
-Found = list[tuple[str, str, str]]
+    return {
+        name: SequenceResult(
+            name, name.split("-test-")[0], "test", len(box), boxes_px=np.array(box, np.float32),
+            **{"tables_sound": True} | changes,
+        )
+        for name, box in boxes.items()
+    }  # fmt: skip
 
 
 def checked(
@@ -70,10 +68,8 @@ def checked(
         edit(root)
     info = json.loads((root / "dataset.json").read_text()) | facts
     context = Context.of(root, info, map(Tier.from_document, info["tiers"]), False)
-    given = known(root) if sequences is None else sequences
-    findings = check_split_queries(context, split, given)
-    assert findings.total == len(findings.issues)
-    return [(issue.code, issue.path, issue.where) for issue in findings.issues]
+    given = known() if sequences is None else sequences
+    return found(check_split_queries(context, split, given))
 
 
 def asked(change: Callable[[Rows], Any]) -> Edit:
@@ -122,6 +118,7 @@ CASES: list[tuple[Edit, Found]] = [
     (both(at(4, query_id=5)), queries("ROW_ORDER", "row 0")),
     (both(at(range(5), query_id=lambda q: q + 1)), queries("ROW_ORDER", "row 0")),
     (both(at(14, query_id=3)), queries("ROW_ORDER", "row 10")),
+    (both(at(4, query_id=0)), queries("ROW_ORDER", "row 0")),
     (both(at(range(10, 15), pair_id=3)), queries("ROW_ORDER", "row 10")),
     # Frames of a pair.
     (asked(at(range(5), sequence_a="nowhere")), queries("QUERY_INVALID", "pair 0")),
@@ -200,19 +197,12 @@ def test_tables_may_be_divided_anywhere(groups: tuple[int, int], root: Path) -> 
     assert checked(root, divide) == []
     wrong = answered(at(13, box_px=1.0))
     assert checked(root, wrong, divide) == truth("TRUTH_DISAGREES", "pair 2, query 3")
-
-
-def test_a_pair_that_goes_on_in_another_row_group(root: Path) -> None:
-    """Its rows there must go on counting, and name the same frames."""
-    divided = rewrite(QUERIES, row_group_size=4)
-    for change, expected in (
-        (at(4, query_id=0), queries("ROW_ORDER", "row 4")),
-        (at(4, frame_a=1, frame_b=0), queries("QUERY_INVALID", "pair 0")),
-    ):
-        shutil.copy(DATASETS / "full" / QUERIES, root / QUERIES)
-        (root / TRUTHS).unlink(missing_ok=True)
-        found = checked(root, asked(change), divided)
-        assert [each for each in found if each[0] != "QUERY_NOT_VISIBLE"] == expected
+    (root / TRUTHS).unlink()
+    wrong = asked(at(4, query_id=0, frame_a=1, frame_b=0))
+    assert checked(root, wrong, rewrite(QUERIES, row_group_size=groups[0])) == [
+        *queries("ROW_ORDER", "row 0"),
+        *queries("QUERY_INVALID", "pair 0"),
+    ]
 
 
 def test_links_are_not_followed(root: Path) -> None:
@@ -229,9 +219,10 @@ def test_splits(root: Path) -> None:
     assert checked(root, splits=["train"]) == queries("SPLIT_UNKNOWN", "")
     assert checked(root, held_out=["test"]) == truth("HELD_OUT_LEAKS", "")
     assert checked(root, held_out=["train"]) == []
-    other = {name: replace(each, split="train") for name, each in known(root).items()}
-    found = checked(root, sequences=other)
-    assert found == queries("QUERY_INVALID", *[f"pair {k}" for k in (0, 0, 1, 1, 2, 2)])
+    other = {name: replace(each, split="train") for name, each in known().items()}
+    assert checked(root, sequences=other) == queries(
+        "QUERY_INVALID", *[f"pair {k}" for k in (0, 0, 1, 1, 2, 2)]
+    )
 
 
 def test_sources_of_tables_that_are_not_known_are_in_the_image(root: Path) -> None:
@@ -244,15 +235,14 @@ def test_sources_of_tables_that_are_not_known_are_in_the_image(root: Path) -> No
         for row, (u, v) in zip(rows, outside + inside, strict=False):
             row.update(u_a=u, v_a=v)
 
-    found = checked(root, asked(change), sequences=known(root, tables_sound=False))
-    assert found == [
+    assert checked(root, asked(change), sequences=known(tables_sound=False)) == [
         *queries("VALUE_OUT_OF_RANGE", *[f"pair 0, query {k}" for k in range(4)]),
         *queries("VALUE_NOT_FINITE", "pair 1, query 1"),
     ]
 
 
 def test_boxes_that_are_not_known_are_not_compared(root: Path) -> None:
-    sequences = known(root, tables_sound=False)
+    sequences = known(tables_sound=False)
     for each in sequences.values():
         each.boxes_px[:] = np.nan
     nonsense = answered(at(range(15), box_px=1.0, u_b=0.0, point=3))
@@ -265,7 +255,6 @@ def test_boxes_that_are_not_known_are_not_compared(root: Path) -> None:
 @pytest.mark.parametrize("change", ["none", "state", "kind", "object", "place"])
 def test_the_truth_says_which_of_two_points_at_a_place_is_meant(change: str, root: Path) -> None:
     """Of two visible points of the rope at one place either may be answered, another one not."""
-    points = pq.read_table(root / f"sequences/rope/{ROPE}/points.parquet").to_pylist()
     table = f"sequences/rope/{ROPE}/correspondences.parquet"
     rows = pq.read_table(root / table).to_pylist()
     (first,) = (row["point"] for row in pq.read_table(root / TRUTHS).to_pylist()[:1])
@@ -287,7 +276,6 @@ def test_the_truth_says_which_of_two_points_at_a_place_is_meant(change: str, roo
 
     change_rows(table, together)(root)
     change_rows(f"sequences/rope/{ROPE}/points.parquet", marked)(root)
-    assert len(points) == 93
     for point in (first, *others):
         target = rows[93 + point]
         values = {"u_b": target["u_px"], "v_b": target["v_px"]}
@@ -297,23 +285,13 @@ def test_the_truth_says_which_of_two_points_at_a_place_is_meant(change: str, roo
         assert checked(root, answered(at(0, **values))) == expected
 
 
-def test_no_answer_has_more_alternatives_than_a_tier_symmetries(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("count", "few"), [(64, True), (65, False)])
+def test_no_answer_has_more_alternatives_than_a_tier_symmetries(count: int, few: bool) -> None:
     place = {"u": 0.0, "v": 0.0, "visibility": "visible"}
-    row = {
-        "pair_id": 0, "query_id": 0, "tier": "t", "point": 0, "u_b": 0.0, "v_b": 0.0,
-        "visibility_b": "visible", "box_px": 1.0,
-    }  # fmt: skip
-    for count, most in ((64, True), (65, False)):
-        rows = [row | {"alternatives": [place] * (2 * count)}, row | {"alternatives": []}]
-        table = pa.Table.from_pylist(rows, schema=TRUTH)
-        pq.write_table(table, tmp_path / "t.parquet", row_group_size=1)
-        findings = Findings()
-        opened = check_table(tmp_path / "t.parquet", "truth", findings.at("t"), max_rows=9)
-        assert opened is not None
-        before = findings.total
-        taken = Aligned(opened).take(2)
-        assert (taken is not None) is most
-        assert findings.total - before == (not most)
-        if taken is not None:
-            assert [len(each) for each in taken["alternatives"]] == [128, 0]
-        assert Aligned(opened).take(3) is None
+    row: dict[str, Any] = dict.fromkeys(("pair_id", "query_id", "point", "u_b", "v_b", "box_px"), 0)
+    row |= dict.fromkeys(("tier", "visibility_b"), "")
+    rows = [row | {"alternatives": [place] * number} for number in (2 * count, 0)]
+    table = pa.Table.from_pylist(rows, schema=TRUTH)
+    findings = Findings()
+    assert has_few_alternatives(table, findings.at(TRUTHS)) is few
+    assert found(findings) == ([] if few else truth("VALUE_OUT_OF_RANGE", "alternatives"))

@@ -12,10 +12,8 @@ import numpy as np
 import pytest
 
 from pliant.spec.camera import Camera
-from pliant.spec.errors import CallError
 from pliant.spec.io.reading import FileRefusedError
 from pliant.spec.validation.findings import Findings
-from pliant.spec.validation.rules.correspondences import FrameRows
 from pliant.spec.validation.rules.result import (
     SequenceResult,
     compare_frames,
@@ -33,12 +31,9 @@ from tests.conformance.edits import (
     write,
 )
 from tests.conformance.publications import pack
+from tests.spec.validation.world import rows_at, words
 
 Copy = Callable[[str], Path]
-
-
-def words(findings: Findings) -> list[tuple[str, str, str, str]]:
-    return [(i.code, i.path, i.where, i.message) for i in findings.listed()]
 
 
 def some(code: str, path: str, count: int, most: int = 20) -> Findings:
@@ -52,10 +47,10 @@ def test_as_many_problems_of_a_code_are_listed_as_asked_for() -> None:
     findings = some("FILE_EXTRA", "a", 4, most=3)
     assert [issue.where for issue in findings.issues] == ["0", "1", "2"]
     bad = np.array([False, True, True, False, True, True])
-    findings.add_rows("VALUE_NULL", "b", bad[:4], lambda i: (f"row {i}", "x"))
-    findings.add_rows("VALUE_NULL", "b", bad, lambda i: (f"row {i}", "y"))
-    findings.add_rows("VALUE_NULL", "b", bad, lambda i: (f"row {i}", "z"))
-    findings.add_rows("ROW_ORDER", "b", ~bad & bad, lambda i: ("", ""))
+    findings.at("b").add_rows("VALUE_NULL", bad[:4], lambda i: (f"row {i}", "x"))
+    findings.at("b").add_rows("VALUE_NULL", bad, lambda i: (f"row {i}", "y"))
+    findings.at("b").add_rows("VALUE_NULL", bad, lambda i: (f"row {i}", "z"))
+    findings.at("b").add_rows("ROW_ORDER", ~bad & bad, lambda i: ("", ""))
     assert [issue.where for issue in findings.issues[3:]] == ["row 1", "row 2", "row 1"]
     assert findings.counts == {"FILE_EXTRA": 4, "VALUE_NULL": 10}
     assert findings.total == 14
@@ -84,8 +79,8 @@ def test_parts_are_merged_up_to_the_limit() -> None:
 def test_a_cause_stands_for_all_rows_of_a_file() -> None:
     findings = some("DEPTH_DISAGREES", "a", 1234)
     findings.add("ROW_ORDER", "a", "", "x")
-    findings.diagnose("DEPTH_DISAGREES", "a", "are too deep")
-    findings.diagnose("OFFSET_DISAGREES", "a", "all is shifted")
+    findings.at("a").diagnose("DEPTH_DISAGREES", "are too deep")
+    findings.at("a").diagnose("OFFSET_DISAGREES", "all is shifted")
     assert words(findings) == [
         ("DEPTH_DISAGREES", "a", "", "all 1,234 rows are too deep"),
         ("OFFSET_DISAGREES", "a", "", "all is shifted"),
@@ -94,7 +89,7 @@ def test_a_cause_stands_for_all_rows_of_a_file() -> None:
     assert findings.counts == {"DEPTH_DISAGREES": 1234, "ROW_ORDER": 1, "OFFSET_DISAGREES": 1}
     for path in "bc":
         other = some("DEPTH_DISAGREES", path, 10)
-        other.diagnose("DEPTH_DISAGREES", path, "are too deep")
+        other.at(path).diagnose("DEPTH_DISAGREES", "are too deep")
         findings.merge(other)
     assert words(findings)[0] == (
         "DEPTH_DISAGREES", "a", "and 2 more files", "all 1,254 rows are too deep",
@@ -104,15 +99,17 @@ def test_a_cause_stands_for_all_rows_of_a_file() -> None:
 
 def test_the_refusal_of_a_file_is_one_sentence() -> None:
     findings = Findings()
-    problems = findings.at("a")
-    error = FileRefusedError("FILE_UNREADABLE", "is broken", where="line 3", found=0, required="")
-    problems.refuse(error)
-    problems.refuse(FileRefusedError("FILE_TOO_LARGE", "is large", fix="Cut it."))
+    for error in (
+        FileRefusedError("FILE_UNREADABLE", "is broken", where="line 3", found=0, required=""),
+        FileRefusedError("FILE_TOO_LARGE", "is large", fix="Cut it."),
+    ):
+        with findings.at("a").refusals():
+            raise error
     assert words(findings) == [
         ("FILE_UNREADABLE", "a", "line 3", "is broken; found 0; required: "),
         ("FILE_TOO_LARGE", "a", "", "is large. Cut it."),
     ]
-    assert (problems.total, problems.counts) == (2, {"FILE_UNREADABLE": 1, "FILE_TOO_LARGE": 1})
+    assert findings.at("b").counts == {"FILE_UNREADABLE": 1, "FILE_TOO_LARGE": 1}
 
 
 def spoil(root: Path) -> None:
@@ -148,7 +145,7 @@ def test_a_report_keeps_some_problems_of_every_code(copy_of: Copy) -> None:
     assert [issue.path for issue in report.issues]== [
         "sequences.parquet", f"{ROPE_TEST}/sequence.json", "x",
     ]  # fmt: skip
-    document = report.as_dict()
+    document = json.loads(json.dumps(report.as_dict()))
     issues = document.pop("issues")
     assert document == {
         "dataset": str(root), "spec_version": "1.0.0", "quick": True, "valid": False,
@@ -185,9 +182,6 @@ def test_a_dataset_that_cannot_be_understood(copy_of: Copy) -> None:
     assert codes(validate(root, quick=True)) == [
         ("PATH_UNSAFE", "dataset.json"), ("FILE_EXTRA", "x"),
     ]  # fmt: skip
-    for workers, limit in ((0, 1), (1, 0), (-1, 1)):
-        with pytest.raises(CallError, match="at least 1"):
-            validate(root, workers=workers, limit=limit)
     assert validate(root, quick=True, workers=1, limit=1).total == 2
 
 
@@ -365,14 +359,7 @@ def test_what_identifies_a_frame() -> None:
     camera = Camera(np.eye(3), pose, (64, 48))
     for count, step in ((511, 1), (512, 2), (1024, 3)):
         xyz = rng.normal(0, 1, (count, 3))
-        number = np.arange(count, dtype=np.int32)
-        rows = FrameRows(0, number, xyz[:, :2], xyz[:, 2], number, xyz)
+        rows = rows_at(0, xyz, xyz)
         some = xyz[::step] @ pose[:3, :3].T + [1, 2, 3]
         expected = np.concatenate([some.mean(axis=0), some.std(axis=0)])
         np.testing.assert_allclose(shape_key(camera, rows), expected)
-
-
-def test_a_document_of_the_report_is_json(copy_of: Copy) -> None:
-    document = validate(copy_of("minimal"), quick=True).as_dict()
-    assert json.loads(json.dumps(document)) == document
-    assert (document["valid"], document["frames"], document["issues"]) == (True, 1, [])

@@ -70,7 +70,7 @@ def test_a_flat_cloth_has_the_steps_of_float32(steps: int, refused: bool) -> Non
     depth_m = (1.25 + steps * 2.0**-23 * levels).astype(np.float32)
     image = Surface(depth_m, depth_m, depth_m, np.ones(depth_m.shape, np.uint32))
     problems = FileProblems(Findings(), "a.exr")
-    check_precision(ShownSurface.of(image), problems)
+    check_precision(ShownSurface(image), problems)
     assert bool(problems.counts) == refused
 
 

@@ -2,26 +2,20 @@
 
 from __future__ import annotations
 
-import hashlib
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from scipy.stats import ttest_1samp
 
-from pliant.spec.conventions import VISIBILITY_STATES
 from pliant.spec.model import MaterialCoordinate, MaterialObject, Tier
 from pliant.spec.validation.findings import Findings
-from pliant.spec.validation.rules.answers import Tracks, compare_answers
 from pliant.spec.validation.rules.colour import MIN_BLOCKS, is_blank, probability
-from pliant.spec.validation.rules.evidence import Evidence
-from pliant.spec.validation.rules.files import SequenceFiles
 from pliant.spec.validation.rules.tiers import check_tiers
 from tests.conformance.base import DIHEDRAL, TIERS
+from tests.dataset_files import coordinate, tier
 
-OPEN = {"name": "a", "min": 0.0, "max": 1.0, "metres_per_unit": 2.0, "period": None}
-CLOSED = {"name": "b", "min": -2.0, "max": 2.0, "metres_per_unit": 0.5, "period": 4.0}
+OPEN, CLOSED = coordinate("a", 0, 1, 2), coordinate("b", -2, 2, 0.5, 4)
 
 
 def _object(first: dict[str, Any], second: dict[str, Any]) -> MaterialObject:
@@ -42,19 +36,10 @@ def test_wrap_difference_by_hand() -> None:
 
 
 def symmetry_issues(material: list[dict[str, Any]], *maps: tuple[Any, Any]) -> int:
-    tier = {
-        "name": "t",
-        "kind": "rope",
-        "variant": "plain",
-        "queried_object": 1,
-        "objects": [{"id": 1, "name": "x", "material": material}],
-        "symmetries": [
-            {"name": f"s{i}", "matrix": matrix, "offset": offset}
-            for i, (matrix, offset) in enumerate(maps)
-        ],
-    }
+    symmetries = [(f"s{i}", *each) for i, each in enumerate(maps)]
+    described = tier("t", "rope", {"x": material}, symmetries)
     findings = Findings()
-    check_tiers([Tier.from_document(tier)], findings.at("dataset.json"))
+    check_tiers([Tier.from_document(described)], findings.at("dataset.json"))
     assert set(findings.counts) <= {"SYMMETRY_INVALID"}
     return findings.total
 
@@ -114,54 +99,9 @@ def test_the_square_has_eight_symmetries() -> None:
     maps = [(matrix, offset) for _, matrix, offset in DIHEDRAL]
     assert symmetry_issues([OPEN, OPEN], *maps) == 0
     assert symmetry_issues([OPEN, OPEN], *maps[:2]) > 0
-    for tier in TIERS.values():
-        findings = Findings()
-        check_tiers([Tier.from_document(tier)], findings.at("dataset.json"))
-        assert findings.total == 0
-
-
-def test_blank_pictures_are_reported_beside_a_doubtful_outline(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
     findings = Findings()
-    evidence = Evidence(2, blank=[0])
-    monkeypatch.setattr(evidence.colours, "explain", lambda: (False, "the outline is not seen"))
-    files = SequenceFiles(Path(), "s", findings, set())
-    info = {"noise": None, "style": "external", "temporal": False}
-    evidence.conclude(Tier.from_document(TIERS["rope"]), info, None, (64, 48), files)
-    blank, outline = (issue.message for issue in findings.listed())
-    assert blank.startswith("1 of 2 pictures are one colour")
-    assert outline == "the outline is not seen"
-
-
-def test_answers_are_compared_with_the_target() -> None:
-    uv = np.arange(12, dtype=np.float32).reshape(2, 3, 2)
-    state = np.array([[0, 0, 0], [0, 1, 0]], np.int8)
-    tracks = Tracks(uv, state, np.ones(3, bool), np.array([[2], [1], [0]]))
-    right: dict[str, Any] = {
-        "point": np.array([0, 1, 2]),
-        "u_b": uv[1, :, 0].copy(),
-        "v_b": uv[1, :, 1].copy(),
-        "visibility_b": [VISIBILITY_STATES[each] for each in state[1]],
-        "alternatives": [
-            [{"u": uv[1, k, 0], "v": uv[1, k, 1], "visibility": VISIBILITY_STATES[state[1, k]]}]
-            for k in (2, 1, 0)
-        ],
-    }
-
-    def problems(**changes: Any) -> list[list[str]]:
-        found: list[list[str]] = [[], [], []]
-        compare_answers(tracks, 1, right | changes, np.array([0, 1, -1]), found)
-        return found
-
-    assert problems() == [[], [], []]
-    for name, value in (("point", 7), ("u_b", 0.5), ("v_b", 0.5)):
-        wrong = right[name].copy()
-        wrong[[0, 2]] = value  # the last query is on no point
-        assert [len(each) for each in problems(**{name: wrong})] == [1, 0, 0], name
-    states = ["occluded", *right["visibility_b"][1:]]
-    assert [len(each) for each in problems(visibility_b=states)] == [1, 0, 0]
-    assert [len(each) for each in problems(alternatives=right["alternatives"][::-1])] == [1, 0, 0]
+    check_tiers([*map(Tier.from_document, TIERS.values())], findings.at("dataset.json"))
+    assert findings.total == 0
 
 
 def test_chance_is_that_of_a_t_test_over_blocks() -> None:
@@ -186,20 +126,3 @@ def test_a_picture_of_one_colour_is_blank() -> None:
         one = rgb.copy()
         one[4, 6, 1] -= np.uint8(step)
         assert is_blank(one) is blank
-
-
-def test_a_file_that_differs_from_its_checksum(tmp_path: Path) -> None:
-    (tmp_path / "a.png").write_bytes(b"abc")
-    for digest, size, message in (
-        (hashlib.sha256(b"abc").hexdigest(), 3, None),
-        (hashlib.sha256(b"abd").hexdigest(), 3, "found sha256 ba7816bf"),
-        (hashlib.sha256(b"abc").hexdigest(), 4, "found 3 bytes; sequence.json lists 4"),
-    ):
-        for check in (SequenceFiles.verified, SequenceFiles.contents):
-            files = SequenceFiles(tmp_path, "s", Findings(), {"a.png"})
-            files.hashes["a.png"] = (digest, size)
-            assert bool(check(files, "a.png")) is (message is None)
-            assert files.sound == (set() if message else {"a.png"})
-            found = [issue.message for issue in files.findings.listed()]
-            assert len(found) == (message is not None)
-            assert message is None or found[0].startswith(message)

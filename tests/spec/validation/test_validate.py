@@ -113,8 +113,9 @@ def test_an_index_with_a_row_without_an_id(copy_of: Copy) -> None:
 def test_wrong_calls(tmp_path: Path) -> None:
     with pytest.raises(CallError, match="folder not found"):
         validate(tmp_path / "nowhere")
-    with pytest.raises(CallError, match="at least 1"):
-        validate(tmp_path, workers=0)
+    for workers, limit in ((0, 1), (1, 0), (-1, 1)):
+        with pytest.raises(CallError, match="at least 1"):
+            validate(tmp_path, workers=workers, limit=limit)
     assert run(["validate", str(tmp_path / "nowhere")]) == 2
     assert validate(tmp_path).counts == {"FILE_MISSING": 3}
 
