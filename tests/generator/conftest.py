@@ -1,11 +1,6 @@
-"""Two small scene objects on curves worked out here: a looped tube with a ball, a folded sheet.
-
-The maker of `runner/standin.py` is here too, because several folders use it.
-"""
+"""Two small scene objects on curves worked out here: a looped tube with a ball, a folded sheet."""
 
 from __future__ import annotations
-
-from types import ModuleType
 
 import numpy as np
 import pytest
@@ -78,11 +73,3 @@ def sheet() -> SceneObject:
         size_m=SIDE_M,
         thickness_m=0.002,
     )
-
-
-@pytest.fixture(scope="session")
-def standin() -> ModuleType:
-    """The stand-in maker."""
-    from tests.generator.runner import standin as module
-
-    return module

@@ -20,7 +20,9 @@ import numpy as np
 import psutil
 
 from pliant.generator.config import GenerateConfig
-from pliant.generator.runner.engine import Event, OpenMaker, Rendered, attempt
+from pliant.generator.runner.engine import Engine, Event, OpenMaker, Rendered, attempt
+from pliant.generator.runner.progress import Progress, Summary
+from pliant.generator.runner.run import generate
 from pliant.generator.runner.sequence import SequenceMaker, Shooting, StageClock, TakenFrame
 from pliant.generator.scene.scene_object import Points, Pose, SceneObject
 from pliant.generator.seeding import RandomStreams, SequenceTask, Stream
@@ -28,6 +30,7 @@ from pliant.generator.truth.frame_truth import FrameTruth
 from pliant.generator.truth.rasteriser import Hits
 from pliant.spec.camera import Camera
 from pliant.spec.io.exr import Surface
+from pliant.spec.io.reading import sha256_file
 
 NO_HITS = Hits(np.zeros((0, 0), np.int32), np.zeros((0, 0)), np.zeros((0, 0, 2)))
 SIDE = 4  # points along a side of the sheet
@@ -134,6 +137,15 @@ def maker(
     return functools.partial(StandInMaker, config, Path(root), faults or {}, frame_s)
 
 
+def digests(root: Path) -> dict[str, str]:
+    """Return file -> sha256 of a dataset, the run's own records left out."""
+    return {
+        path.relative_to(root).as_posix(): sha256_file(path)
+        for path in sorted(root.rglob("*"))
+        if path.is_file() and ".pliant" not in path.parts
+    }
+
+
 def small_config(**changes: Any) -> GenerateConfig:
     """Return a config of six rope sequences of four tiny frames."""
     fields: dict[str, Any] = {
@@ -149,9 +161,27 @@ def small_config(**changes: Any) -> GenerateConfig:
     return GenerateConfig(**fields)
 
 
-if __name__ == "__main__":  # OUT WORKERS: a run in a process of its own, to be killed
-    from pliant.generator.runner.run import generate
+def make(
+    out: Path,
+    *,
+    workers: int = 0,
+    engine: Engine | None = None,
+    progress: Callable[[Progress], None] | None = None,
+    faults: Mapping[str, str] | None = None,
+    frame_s: float = 0.0,
+    **changes: Any,
+) -> Summary:
+    """Make the small set with some changes, here unless workers or an engine are given."""
+    config = small_config(**changes)
+    return generate(
+        config,
+        out,
+        workers=workers or 1,
+        engine=engine or ("local" if workers else InProcess()),
+        progress=progress,
+        open_maker=maker(config, out, faults, frame_s),
+    )
 
-    out, workers = Path(sys.argv[1]), int(sys.argv[2])
-    config = small_config()
-    generate(config, out, workers=workers, open_maker=maker(config, out, frame_s=0.05))
+
+if __name__ == "__main__":  # OUT WORKERS: a run in a process of its own, to be killed
+    make(Path(sys.argv[1]), workers=int(sys.argv[2]), frame_s=0.05)

@@ -2,13 +2,13 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 
 from pliant.generator.runner.engine import Failed
 from pliant.generator.runner.engine_local import LocalEngine, worker_cores
 from pliant.generator.seeding import SequenceTask
+from tests.generator.runner.standin import maker, small_config
 
 
 @pytest.fixture
@@ -36,12 +36,12 @@ def test_workers_share_the_cores_evenly(workers: int, shares: list[list[int]]) -
     [("hang", 2.0, "the worker process hung: it was killed"), ("memory", 600.0, "MemoryError")],
 )
 def test_a_worker_that_hangs_or_has_no_memory_fails_its_sequence(
-    fault: str, stall_s: float, error: str, standin: ModuleType, tmp_path: Path
+    fault: str, stall_s: float, error: str, tmp_path: Path
 ) -> None:
-    config = standin.small_config()
+    config = small_config()
     task = SequenceTask("rope", "train", 0)
     engine = LocalEngine(1, stall_s=stall_s)
-    maker = standin.maker(config, tmp_path, {task.id: fault})
-    events = [each for each in engine.events([task], maker) if isinstance(each, Failed)]
+    opened = maker(config, tmp_path, {task.id: fault})
+    events = [each for each in engine.events([task], opened) if isinstance(each, Failed)]
     assert [error in each.error for each in events] == [True]
     assert not task.folder(tmp_path).exists()

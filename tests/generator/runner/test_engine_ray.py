@@ -6,10 +6,12 @@ import pytest
 
 from pliant.generator.runner.engine_ray import RayEngine
 from pliant.generator.runner.run import generate
+from tests.generator.runner import standin
+from tests.generator.runner.standin import digests, make
 
 
 @pytest.fixture
-def local_ray(monkeypatch, standin):
+def local_ray(monkeypatch):
     """Ray, whose workers can import the stand-in."""
     ray = pytest.importorskip("ray")
     monkeypatch.setenv("PYTHONPATH", str(Path(standin.__file__).parents[3]))
@@ -31,19 +33,16 @@ def cluster(local_ray):
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::ResourceWarning")  # Ray leaves its log files open
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
-def test_a_local_ray_of_two_makes_the_same_bytes(
-    standin, digests, uninterrupted, cluster, tmp_path
-):
+def test_a_local_ray_of_two_makes_the_same_bytes(uninterrupted, cluster, tmp_path):
     out = tmp_path / "set"
-    config = standin.small_config()
     faults = {"rope-test-000000": "raise", "rope-train-000001": "once"}
-    maker = standin.maker(config, out, faults)
-    summary = generate(config, out, engine=RayEngine(2), open_maker=maker)
+    summary = make(out, engine=RayEngine(2), faults=faults)
     # One sequence always raises: recorded. One kills its worker once: Ray made it again.
     assert [each.id for each in summary.failed] == ["rope-test-000000"]
     assert "no such knot" in summary.failed[0].error
     assert summary.sequences == 5
     # The driver starts again, and goes on.
+    config = standin.small_config()
     summary = generate(config, out, engine="ray", workers=2, open_maker=standin.maker(config, out))
     assert summary.made == 1
     assert digests(out) == uninterrupted
@@ -53,7 +52,7 @@ def test_a_local_ray_of_two_makes_the_same_bytes(
 @pytest.mark.long
 @pytest.mark.filterwarnings("ignore::ResourceWarning")
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
-def test_a_lost_node_costs_no_sequence(standin, digests, uninterrupted, local_ray, tmp_path):
+def test_a_lost_node_costs_no_sequence(uninterrupted, local_ray, tmp_path):
     """Of two nodes one is killed while both work: the other makes all that is left."""
     cluster_utils = pytest.importorskip("ray.cluster_utils")
     cluster = cluster_utils.Cluster(
@@ -69,10 +68,8 @@ def test_a_lost_node_costs_no_sequence(standin, digests, uninterrupted, local_ra
             cluster.remove_node(node, allow_graceful=False)
 
     try:
-        out, config = tmp_path / "set", standin.small_config()
-        maker = standin.maker(config, out, frame_s=0.5)
-        engine = RayEngine(2)
-        summary = generate(config, out, engine=engine, open_maker=maker, progress=lose_a_node)
+        out = tmp_path / "set"
+        summary = make(out, engine=RayEngine(2), frame_s=0.5, progress=lose_a_node)
         assert used == [2.0]
         assert summary.failed == ()
         assert digests(out) == uninterrupted

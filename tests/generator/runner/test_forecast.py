@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -9,8 +10,8 @@ from pliant.generator.runner.engine import SequenceResult
 from pliant.generator.runner.estimate import at_length, estimate_run
 from pliant.generator.runner.plan import plan_run
 from pliant.generator.runner.progress import Forecast
-from pliant.generator.runner.run import generate
 from pliant.generator.seeding import SequenceTask
+from tests.generator.runner.standin import InProcess, make, maker, small_config
 
 
 def result(seconds: float, size: int, *, warm: bool) -> SequenceResult:
@@ -43,12 +44,13 @@ def test_a_trial_counts_its_setup_once() -> None:
 
 
 @pytest.mark.long
-def test_trials_and_runs_forecast_what_a_run_takes(standin, tmp_path) -> None:
-    config = standin.small_config(frames=8, splits={"train": 6})
+def test_trials_and_runs_forecast_what_a_run_takes(tmp_path) -> None:
+    changes: dict[str, Any] = {"frames": 8, "splits": {"train": 6}}
+    config = small_config(**changes)
     plan = plan_run(config, tmp_path / "set")
-    maker = standin.maker(config, tmp_path / "trial", frame_s=0.05)
+    opened = maker(config, tmp_path / "trial", frame_s=0.05)
     started = time.monotonic()
-    estimate = estimate_run(config, plan, 2, maker)
+    estimate = estimate_run(config, plan, 2, opened)
     trial_s = time.monotonic() - started  # contains the start of the workers
     forecasts = []
 
@@ -56,9 +58,7 @@ def test_trials_and_runs_forecast_what_a_run_takes(standin, tmp_path) -> None:
         forecasts.append((state.frames, state.forecast.left()))
 
     out = tmp_path / "set"
-    maker = standin.maker(config, out, frame_s=0.05)
-    here = standin.InProcess()
-    summary = generate(config, out, workers=2, engine=here, open_maker=maker, progress=show)
+    summary = make(out, workers=2, engine=InProcess(), progress=show, frame_s=0.05, **changes)
     sleeping_s = 6 * 8 * 0.05 / 2
     # Encoding and syncing come on top.
     assert sleeping_s <= estimate.seconds < 5 * sleeping_s + trial_s

@@ -16,6 +16,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.generator.runner.standin import digests
+
 KILLS = int(os.environ.get("PLIANT_KILLS", "2"))
 SCRIPT = Path(__file__).with_name("standin.py")
 
@@ -46,7 +48,7 @@ def sequences(out: Path) -> int:
 
 
 @pytest.mark.long
-def test_killed_at_random_moments(digests, uninterrupted, tmp_path):
+def test_killed_at_random_moments(uninterrupted, tmp_path):
     out = tmp_path / "set"
     moments = random.Random(KILLS)
     held = 0
@@ -72,7 +74,7 @@ def test_killed_at_random_moments(digests, uninterrupted, tmp_path):
 
 
 @pytest.mark.long
-def test_interrupted_in_a_terminal(digests, uninterrupted, tmp_path):
+def test_interrupted_in_a_terminal(uninterrupted, tmp_path):
     out = tmp_path / "set"
     run = start(out)
     deadline = time.monotonic() + 30

@@ -7,25 +7,14 @@ import time
 
 import pytest
 
+from pliant.generator.runner.manifest import RunFolder
+from pliant.generator.runner.plan import first_damage
 from pliant.generator.runner.run import generate
 from pliant.spec.errors import CallError, GenerationError
+from tests.generator.runner.standin import digests, make, small_config
 
 
-@pytest.fixture
-def make(standin):
-    """Run the small set with some changes, in this process or in some; returns the summary."""
-
-    def run(out, *, workers=0, faults=None, **changes):
-        config = standin.small_config(**changes)
-        maker = standin.maker(config, out, faults)
-        if not workers:
-            return generate(config, out, engine=standin.InProcess(), open_maker=maker)
-        return generate(config, out, workers=workers, open_maker=maker)
-
-    return run
-
-
-def test_a_finished_set_is_left_alone(make, digests, tmp_path):
+def test_a_finished_set_is_left_alone(tmp_path):
     out = tmp_path / "set"
     summary = make(out)
     assert (summary.sequences, summary.made, summary.frames) == (6, 6, 24)
@@ -37,7 +26,7 @@ def test_a_finished_set_is_left_alone(make, digests, tmp_path):
 
 
 def test_growth_that_was_interrupted_before_the_tables_is_finished(
-    make, digests, uninterrupted, tmp_path, monkeypatch
+    uninterrupted, tmp_path, monkeypatch
 ):
     out = tmp_path / "set"
     make(out, splits={"test": 2})
@@ -53,7 +42,7 @@ def test_growth_that_was_interrupted_before_the_tables_is_finished(
         make(out, splits={"train": 3, "test": 1})
 
 
-def test_other_settings_are_refused_and_named(make, digests, tmp_path):
+def test_other_settings_are_refused_and_named(tmp_path):
     out = tmp_path / "set"
     make(out)
     before = digests(out)
@@ -68,7 +57,7 @@ def test_other_settings_are_refused_and_named(make, digests, tmp_path):
     assert make(out).made == 0
 
 
-def test_labels_may_change(make, digests, tmp_path):
+def test_labels_may_change(tmp_path):
     out = tmp_path / "set"
     make(out)
     make(out, title="Six ropes", version="1.1.0")
@@ -76,7 +65,7 @@ def test_labels_may_change(make, digests, tmp_path):
     assert (info["title"], info["version"]) == ("Six ropes", "1.1.0")
 
 
-def test_foreign_folders_and_files_are_refused(make, tmp_path):
+def test_foreign_folders_and_files_are_refused(tmp_path):
     (tmp_path / "photos").mkdir()
     (tmp_path / "photos" / "cat.png").touch()
     (tmp_path / "file").touch()
@@ -89,9 +78,7 @@ def test_foreign_folders_and_files_are_refused(make, tmp_path):
     assert sorted(p.name for p in (tmp_path / "photos").iterdir()) == ["cat.png"]
 
 
-def test_one_run_at_a_time(make, standin, tmp_path):
-    from pliant.generator.runner.manifest import RunFolder
-
+def test_one_run_at_a_time(tmp_path):
     run = RunFolder(tmp_path / "set")
     run.open()
     with run.locked(), pytest.raises(CallError, match="another process is generating"):
@@ -100,9 +87,7 @@ def test_one_run_at_a_time(make, standin, tmp_path):
 
 
 @pytest.mark.parametrize("jump_s", [-3600.0, 86400.0 * 400])
-def test_a_clock_that_jumps_changes_no_byte(
-    jump_s, make, digests, uninterrupted, tmp_path, monkeypatch
-):
+def test_a_clock_that_jumps_changes_no_byte(jump_s, uninterrupted, tmp_path, monkeypatch):
     clock = iter(range(10**9))
     began = time.time()
     monkeypatch.setattr(time, "time", lambda: began + next(clock) * jump_s)
@@ -111,28 +96,22 @@ def test_a_clock_that_jumps_changes_no_byte(
     assert digests(tmp_path / "set") == uninterrupted
 
 
-def test_a_set_that_is_moved_meanwhile_goes_on_where_it_is(
-    make, standin, digests, uninterrupted, tmp_path
-):
+def test_a_set_that_is_moved_meanwhile_goes_on_where_it_is(uninterrupted, tmp_path):
     out, moved = tmp_path / "set", tmp_path / "moved"
-    config = standin.small_config()
 
     def move(state):
         if state.sequences == 2 and not moved.exists():
             out.rename(moved)
 
-    maker = standin.maker(config, out)
     with pytest.raises(GenerationError, match="moved or removed"):
-        generate(config, out, engine=standin.InProcess(), open_maker=maker, progress=move)
+        make(out, progress=move)
     assert not (out / "dataset.json").exists()
     make(moved)
     assert digests(moved) == uninterrupted
 
 
 @pytest.mark.parametrize("fault", ["raise", pytest.param("segfault", marks=pytest.mark.long)])
-def test_failures_are_counted_named_and_made_up_later(
-    fault, make, digests, uninterrupted, tmp_path
-):
+def test_failures_are_counted_named_and_made_up_later(fault, uninterrupted, tmp_path):
     out = tmp_path / "set"
     faults = {"rope-test-000001": fault}
     if fault == "segfault":  # and a worker that is killed once costs nothing
@@ -153,9 +132,7 @@ def test_failures_are_counted_named_and_made_up_later(
     assert not (out / ".pliant" / "failures.json").exists()
 
 
-def test_a_full_disk_stops_the_run_and_keeps_what_is_finished(
-    make, digests, uninterrupted, tmp_path
-):
+def test_a_full_disk_stops_the_run_and_keeps_what_is_finished(uninterrupted, tmp_path):
     out = tmp_path / "set"
     with pytest.raises(GenerationError, match=r"No space left on device.* of 6 sequences"):
         make(out, faults={"rope-test-000001": "full"})
@@ -165,13 +142,13 @@ def test_a_full_disk_stops_the_run_and_keeps_what_is_finished(
     assert digests(out) == uninterrupted
 
 
-def test_no_sequence_at_all_is_an_error(make, tmp_path):
+def test_no_sequence_at_all_is_an_error(tmp_path):
     faults = {f"rope-test-{k:06d}": "raise" for k in range(2)}
     with pytest.raises(GenerationError, match=r"no sequence could be made.*no such knot"):
         make(tmp_path / "set", splits={"test": 2}, faults=faults)
 
 
-def test_each_run_has_a_log_and_leaves_the_logger_as_it_was(make, tmp_path):
+def test_each_run_has_a_log_and_leaves_the_logger_as_it_was(tmp_path):
     logger = logging.getLogger("pliant.generator")
     before = logger.level, list(logger.handlers)
     make(tmp_path / "set")
@@ -181,6 +158,56 @@ def test_each_run_has_a_log_and_leaves_the_logger_as_it_was(make, tmp_path):
 
 
 @pytest.mark.parametrize(("workers", "engine"), [(0, "local"), (1, "slurm")])
-def test_impossible_calls(workers, engine, standin, tmp_path):
+def test_impossible_calls(workers, engine, tmp_path):
     with pytest.raises(CallError, match=r"workers|engine"):
-        generate(standin.small_config(), tmp_path / "set", workers=workers, engine=engine)
+        generate(small_config(), tmp_path / "set", workers=workers, engine=engine)
+
+
+def truncate(path):
+    path.write_bytes(path.read_bytes()[:-20])
+
+
+def change_one_byte(path):
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 1
+    path.write_bytes(data)
+
+
+@pytest.mark.parametrize("damage", [truncate, change_one_byte])
+def test_damaged_sequences_are_made_again(damage, uninterrupted, tmp_path):
+    out = tmp_path / "set"
+    make(out)
+    names = ["rgb/000001.png", "depth/000002.exr", "correspondences.parquet", "points.parquet"]
+    places = ["test-000000", "test-000001", "train-000000", "train-000002"]
+    for name, place in zip(names, places, strict=True):
+        damage(out / "sequences" / "rope" / f"rope-{place}" / name)
+    assert make(out).made == 4
+    assert digests(out) == uninterrupted
+    logs = "".join(path.read_text() for path in (out / ".pliant" / "logs").iterdir())
+    for name, place in zip(names, places, strict=True):
+        assert f"rope-{place} is made again: {name} has" in logs
+    assert make(out).unchanged
+
+
+def test_a_lost_file_and_a_broken_list_of_files_are_damage(uninterrupted, tmp_path):
+    out = tmp_path / "set"
+    make(out)
+    folder = out / "sequences" / "rope" / "rope-train-000000"
+    (folder / "rgb" / "000000.png").unlink()
+    truncate(out / "sequences" / "rope" / "rope-train-000001" / "sequence.json")
+    assert first_damage(folder) == "rgb/000000.png is missing"
+    assert make(out).made == 2
+    assert digests(out) == uninterrupted
+
+
+def test_sizes_are_compared_before_any_file_is_read(monkeypatch, tmp_path):
+    out = tmp_path / "set"
+    make(out)
+    folder = out / "sequences" / "rope" / "rope-test-000001"
+    assert first_damage(folder) is None
+    last = json.loads((folder / "sequence.json").read_text())["files"][-1]["path"]
+    truncate(folder / last)
+    monkeypatch.setattr("pliant.generator.runner.plan.sha256_file", lambda path: 1 / 0)
+    damage = first_damage(folder)
+    assert damage is not None
+    assert f"{last} has" in damage

@@ -13,6 +13,7 @@ from pliant.generator.seeding import RandomStreams, SequenceTask, Stream
 from pliant.spec.errors import CallError
 from pliant.spec.secrets import SECRET_SEED_FILE, read_secret_seed, seed_weakness
 from pliant.spec.validation.validate import validate
+from tests.generator.runner.standin import InProcess, digests
 
 
 @pytest.fixture
@@ -43,27 +44,27 @@ def test_a_secret_seed_is_in_no_file_but_its_own(config, tmp_path, capfd):
     assert validate(out).issues == []
 
 
-def test_a_run_with_a_secret_seed_resumes_and_can_be_repeated(config, standin, digests, tmp_path):
+def test_a_run_with_a_secret_seed_resumes_and_can_be_repeated(config, tmp_path):
     def public(root):
         return {name: sha for name, sha in digests(root).items() if name != SECRET_SEED_FILE}
 
     first, again, other = (tmp_path / name for name in ("first", "again", "other"))
-    generate(config, first, engine=standin.InProcess())
+    generate(config, first, engine=InProcess())
     made = public(first)
     shutil.rmtree(first / "sequences" / "rope" / "rope-test-000000")
-    assert generate(config, first, engine=standin.InProcess()).made == 1
+    assert generate(config, first, engine=InProcess()).made == 1
     assert public(first) == made
     shutil.copytree(first / ".private", again / ".private")
-    generate(config, again, engine=standin.InProcess())
+    generate(config, again, engine=InProcess())
     assert public(again) == made
-    generate(config, other, engine=standin.InProcess())
+    generate(config, other, engine=InProcess())
     assert read_secret_seed(other) != read_secret_seed(first)
     assert not {v for n, v in public(other).items() if n.endswith("png")} & set(made.values())
 
 
-def test_a_lost_or_damaged_seed_stops_the_run(config, standin, tmp_path):
+def test_a_lost_or_damaged_seed_stops_the_run(config, tmp_path):
     out = tmp_path / "set"
-    generate(config, out, engine=standin.InProcess())
+    generate(config, out, engine=InProcess())
     shutil.rmtree(out / "sequences")
     with pytest.raises(CallError, match=r"secret_seed \(true there, false in this call\)"):
         generate(config.replace(secret_seed=False, seed=0), out)
@@ -76,10 +77,10 @@ def test_a_lost_or_damaged_seed_stops_the_run(config, standin, tmp_path):
     assert not (out / SECRET_SEED_FILE).exists()
 
 
-def test_a_public_set_gets_no_secret(config, standin, tmp_path):
+def test_a_public_set_gets_no_secret(config, tmp_path):
     out = tmp_path / "set"
     public = config.replace(secret_seed=False)
-    generate(public, out, engine=standin.InProcess())
+    generate(public, out, engine=InProcess())
     with pytest.raises(CallError, match="secret_seed"):
         generate(config, out)
     assert not (out / SECRET_SEED_FILE).exists()

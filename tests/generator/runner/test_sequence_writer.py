@@ -12,18 +12,17 @@ from pliant.generator.seeding import SequenceTask
 from pliant.spec.errors import CallError
 from pliant.spec.io.parquet import TableWriter, read_footer, read_table, write_table
 from pliant.spec.io.reading import sha256_file
+from tests.generator.runner.standin import maker, small_config
 
 TASK = SequenceTask("rope", "train", 0)
 
 
 @pytest.fixture
-def make(standin, tmp_path):
+def make(tmp_path):
     """Make one stand-in sequence of some frames; returns its folder."""
 
     def run(frames=4, **faults):
-        config = standin.small_config(frames=frames)
-        maker = standin.maker(config, tmp_path, faults)()
-        maker.make(TASK, lambda: None)
+        maker(small_config(frames=frames), tmp_path, faults)().make(TASK, lambda: None)
         return TASK.folder(tmp_path)
 
     return run

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import json
 from collections import Counter
 from itertools import takewhile
 
@@ -8,7 +7,6 @@ import numpy as np
 import pytest
 
 from pliant.generator.config import QuerySettings
-from pliant.generator.runner.run import generate
 from pliant.generator.seeding import SequenceTask
 from pliant.generator.truth.queries import pair_tables
 from pliant.generator.truth.query_sampling import (
@@ -20,7 +18,7 @@ from pliant.generator.truth.query_sampling import (
     skip_pairs,
 )
 from pliant.spec.dataset import Dataset
-from pliant.spec.io.parquet import read_footer
+from tests.generator.runner.standin import make
 
 TASK = SequenceTask("rope", "test", 0)
 ASKED = ("visible", "surface")
@@ -104,12 +102,6 @@ def test_half_of_the_pairs_spread_over_the_sequence():
     assert {tuple(from_frame_0(seed, 3, 8)[:2]) for seed in range(20)} == {(1, 2)}
 
 
-def test_classes_of_frames():
-    assert [FrameTask(TASK, frame).point_class(24) for frame in range(6)] == [0, 1, 2, 3, 1, 2]
-    members = [FrameTask(SequenceTask("rope", "test", k), 0) for k in range(6)]
-    assert [each.point_class(1) for each in members] == [0, 1, 2, 3, 0, 1]
-
-
 @pytest.mark.parametrize(("share", "expected"), [(0.25, (1, 4)), (0.75, (2, 2)), (1.0, (2, 2))])
 def test_points_that_move_have_their_share(share, expected):
     # Point 0 moves by a 3-4-5 triangle in frame 2, point 1 by exactly 4 px, which is none; point 2
@@ -140,9 +132,12 @@ def test_no_target_of_a_skip_is_a_source():
             assert frame in targets or {frame + 1, frame + 3} & set(sources)
 
 
-@pytest.mark.parametrize("frames", [1, 24])
-def test_no_pair_has_source_and_target_of_one_class(frames):
-    members = [SequenceTask("rope", "test", k) for k in range(9)] if frames == 1 else [TASK]
+@pytest.mark.parametrize(("frames", "first"), [(1, [0, 1, 2, 3, 0, 1]), (24, [0, 1, 2, 3, 1, 2])])
+def test_no_pair_has_source_and_target_of_one_class(frames, first):
+    tasks = [SequenceTask("rope", "test", k) for k in range(9)]
+    members = tasks if frames == 1 else [TASK]
+    places = [FrameTask(tasks[k], 0) if frames == 1 else FrameTask(TASK, k) for k in range(6)]
+    assert [each.point_class(frames) for each in places] == first
     pairs = list(frame_pairs(np.random.default_rng(1), members[0], members, frames, 8))
     assert len(pairs) >= 6
     for source, target in pairs:
@@ -184,16 +179,10 @@ def test_an_episode_asks_the_same_points_in_neighbouring_frames(tiny_episode):
         assert asked[sequence, a, b] == asked[sequence, a, b + 1]
 
 
-def test_a_track_asks_frame_0_in_every_later_frame(standin, tmp_path):
-    config = standin.small_config(
-        frames=5,
-        episodes=True,
-        splits={"test": 2},
-        queries=QuerySettings(queries_per_pair=10_000, kind="track"),
-    )
-    out = tmp_path / "set"
-    generate(config, out, engine=standin.InProcess(), open_maker=standin.maker(config, out))
-    dataset = Dataset.open(out)
+def test_a_track_asks_frame_0_in_every_later_frame(tmp_path):
+    asked = QuerySettings(queries_per_pair=10_000, kind="track")
+    make(tmp_path / "set", frames=5, splits={"test": 2}, queries=asked)
+    dataset = Dataset.open(tmp_path / "set")
     queries, points = dataset.queries("test"), dataset.truth("test")["point"].to_pylist()
     rows = list(zip(queries.to_pylist(), points, strict=True))
     for sequence in ("rope-test-000000", "rope-test-000001"):
@@ -210,61 +199,12 @@ def test_a_track_asks_frame_0_in_every_later_frame(standin, tmp_path):
         assert followed[1] == followed[2] == followed[3] == followed[4]
 
 
-def test_single_frames_are_paired_across_sequences(standin, tmp_path):
-    config = standin.small_config(frames=1, episodes=False, splits={"val": 1, "test": 3})
-    out = tmp_path / "set"
-    generate(config, out, engine=standin.InProcess(), open_maker=standin.maker(config, out))
-    dataset = Dataset.open(out)
+def test_single_frames_are_paired_across_sequences(tmp_path):
+    make(tmp_path / "set", frames=1, episodes=False, splits={"val": 1, "test": 3})
+    dataset = Dataset.open(tmp_path / "set")
     # One sequence alone makes no pair: the split has no queries, and that is no error.
     assert dataset.splits_with_queries() == ["test"]
     rows = dataset.queries("test").to_pylist()
     pairs = {(row["sequence_a"], row["sequence_b"]) for row in rows}
     assert all(a != b for a, b in pairs)
     assert Counter(b for _, b in pairs) == {f"rope-test-{k:06d}": 2 for k in range(3)}
-
-
-@pytest.mark.parametrize("made", ["tiny_dataset", "tiny_episode"])
-def test_queries_lie_on_visible_points_and_truth_follows_the_tables(made, request):
-    dataset = Dataset.open(request.getfixturevalue(made))
-    assert "test" in dataset.splits_with_queries()
-    for split in dataset.splits_with_queries():
-        queries, truth = dataset.queries(split), dataset.truth(split)
-        assert len(queries) == len(truth) > 0
-        ids = queries["pair_id"].to_numpy()
-        assert ids[0] == 0
-        assert set(np.diff(ids)) <= {0, 1}
-        assert read_footer(dataset.root / "truth" / f"{split}.parquet")["queries_sha256"] == (
-            dataset.queries_sha256(split)
-        )
-        for query, answer in zip(queries.to_pylist(), truth.to_pylist(), strict=True):
-            a, b = dataset.sequence(query["sequence_a"]), dataset.sequence(query["sequence_b"])
-            assert a.split == b.split == split
-            assert a.tier == b.tier == query["tier"] == answer["tier"]
-            point = answer["point"]
-            at_a = a.correspondences(query["frame_a"]).slice(point, 1).to_pylist()[0]
-            at_b = b.correspondences(query["frame_b"]).slice(point, 1).to_pylist()[0]
-            assert at_a["visibility"] == "visible"
-            assert (at_a["u_px"], at_a["v_px"]) == (query["u_a"], query["v_a"])
-            assert (at_b["u_px"], at_b["v_px"]) == (answer["u_b"], answer["v_b"])
-            assert at_b["visibility"] == answer["visibility_b"]
-            symmetries = a.described.symmetries
-            assert len(answer["alternatives"]) == len(symmetries)
-
-
-def test_boxes_are_those_of_the_object_mask(tiny_dataset):
-    dataset = Dataset.open(tiny_dataset)
-    queries, truth = dataset.queries("test"), dataset.truth("test")
-    for row in {row["pair_id"]: row for row in queries.to_pylist()}.values():
-        target = dataset.sequence(row["sequence_b"])
-        rows, columns = np.nonzero(target.surface(row["frame_b"]).object_id == 1)
-        side = max(np.ptp(rows), np.ptp(columns)) + 1
-        boxes = truth.filter(truth["pair_id"].to_numpy() == row["pair_id"])["box_px"]
-        assert set(boxes.to_pylist()) == {float(side)}
-
-
-def test_sequence_rows_state_what_their_frames_say(tiny_dataset):
-    for sequence in Dataset.open(tiny_dataset).sequences:
-        info = json.loads((sequence.dir / "sequence.json").read_text())
-        assert len(info["frame_info"]) == sequence.frames
-        if sequence.tier != "rope":
-            assert all(0.2 < frame["coverage"] <= 1.0 for frame in info["frame_info"])

@@ -9,48 +9,34 @@ from scipy.spatial import cKDTree
 from pliant.generator.objects.cloth.contact_pbd import Layers, PairContact, Pairs, part_pairs
 
 
-def part(
-    positions: list[list[float]],
-    previous: list[list[float]],
-    free: list[float],
-    friction: float = 0.0,
-    target: float = 1.0,
-) -> np.ndarray:
-    x = np.array(positions)
+@pytest.mark.parametrize(
+    ("now", "before", "free", "friction", "expected"),
+    [
+        # A pair nearer than 1 is parted evenly, a held mass stays and the other goes all the way.
+        ("0,0,0 0.6,0,0", "0,0,0 0.6,0,0", (1, 1), 0.0, "-0.2,0,0 0.8,0,0"),
+        ("0,0,0 0,0,0.5", "0,0,0 0,0,0.5", (0, 1), 0.0, "0,0,0 0,0,1"),
+        ("0,0,0 0,0,0.5", "0,0,0 0,0,0.5", (0, 0), 0.0, "0,0,0 0,0,0.5"),
+        # A pair that is far enough is left alone.
+        ("0,0,0 1,0,0", "0,0.3,0 1,0,0", (1, 1), 1.0, "0,0,0 1,0,0"),
+        # Depth 0.4; the first mass slid 0.3 along y. Coulomb with 0.5 takes 0.2 of it, by halves.
+        ("0,0.3,0 0.6,0.3,0", "0,0,0 0.6,0.3,0", (1, 1), 0.5, "-0.2,0.2,0 0.8,0.4,0"),
+        # With 1.0 it could take 0.4: the slip ends, and does not turn round.
+        ("0,0.3,0 0.6,0.3,0", "0,0,0 0.6,0.3,0", (1, 1), 1.0, "-0.2,0.15,0 0.8,0.45,0"),
+        # A common motion is no slip.
+        ("0,0.3,0 0.6,0.3,0", "0,0,0 0.6,0,0", (1, 1), 1.0, "-0.2,0.3,0 0.8,0.3,0"),
+    ],
+)
+def test_a_pair_by_hand(
+    now: str, before: str, free: tuple[float, float], friction: float, expected: str
+) -> None:
+    def places(text: str) -> np.ndarray:
+        return np.array([each.split(",") for each in text.split()], float)
+
+    x = places(now)
     ends = np.array([0], np.int32), np.array([1], np.int32)
-    pairs = Pairs(*ends, np.array([target]), np.array([friction]))
-    part_pairs(x, np.array(previous), np.array(free), pairs, 1)
-    return x
-
-
-def test_a_close_pair_is_parted_evenly() -> None:
-    x = part([[0, 0, 0], [0.6, 0, 0]], [[0, 0, 0], [0.6, 0, 0]], [1, 1])
-    np.testing.assert_allclose(x, [[-0.2, 0, 0], [0.8, 0, 0]])
-
-
-def test_a_held_mass_stays_and_the_other_goes_all_the_way() -> None:
-    x = part([[0, 0, 0], [0, 0, 0.5]], [[0, 0, 0], [0, 0, 0.5]], [0, 1])
-    np.testing.assert_allclose(x, [[0.0, 0, 0], [0, 0, 1.0]])
-    x = part([[0, 0, 0], [0, 0, 0.5]], [[0, 0, 0], [0, 0, 0.5]], [0, 0])
-    np.testing.assert_allclose(x, [[0.0, 0, 0], [0, 0, 0.5]])
-
-
-def test_a_pair_that_is_far_enough_is_left_alone() -> None:
-    x = part([[0, 0, 0], [1.0, 0, 0]], [[0, 0.3, 0], [1, 0, 0]], [1, 1], friction=1.0)
-    np.testing.assert_array_equal(x, [[0, 0, 0], [1, 0, 0]])
-
-
-def test_friction_brakes_the_slip_by_at_most_its_share_of_the_push() -> None:
-    # Depth 0.4; the first mass slid 0.3 along y. Coulomb with 0.5 takes 0.2 of it, by halves.
-    start = [[0.0, 0.3, 0.0], [0.6, 0.3, 0.0]]
-    x = part(start, [[0, 0, 0], [0.6, 0.3, 0]], [1, 1], friction=0.5)
-    np.testing.assert_allclose(x, [[-0.2, 0.2, 0], [0.8, 0.4, 0]])
-    # With 1.0 it could take 0.4: the slip ends, and does not turn round.
-    x = part(start, [[0, 0, 0], [0.6, 0.3, 0]], [1, 1], friction=1.0)
-    np.testing.assert_allclose(x, [[-0.2, 0.15, 0], [0.8, 0.45, 0]])
-    # A common motion is no slip.
-    x = part(start, [[0, 0, 0], [0.6, 0, 0]], [1, 1], friction=1.0)
-    np.testing.assert_allclose(x, [[-0.2, 0.3, 0], [0.8, 0.3, 0]])
+    pairs = Pairs(*ends, np.array([1.0]), np.array([friction]))
+    part_pairs(x, places(before), np.array(free, float), pairs, 1)
+    np.testing.assert_allclose(x, places(expected), atol=1e-15)
 
 
 def contact_of(rest: np.ndarray) -> PairContact:
