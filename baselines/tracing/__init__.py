@@ -3,8 +3,8 @@
 from pliant.baselines.tracing.crossings import Crossing, Overlap, overlap, self_crossings
 from pliant.baselines.tracing.hypotheses import Likelihood, Trace, rope_traces
 from pliant.baselines.tracing.mask_shape import MaskShape, mask_remarks
-from pliant.baselines.tracing.rectification import rectified
-from pliant.baselines.tracing.reframing import Reframed
+from pliant.baselines.tracing.rectification import rectified, untilted
+from pliant.baselines.tracing.reframing import Reframed, border_rgb
 from pliant.baselines.tracing.rope_tracer import RopeTracer
 from pliant.baselines.tracing.tilt import Nadir
 from pliant.baselines.tracing.transfer import Located, located, placed
@@ -19,6 +19,7 @@ __all__ = [
     "Reframed",
     "RopeTracer",
     "Trace",
+    "border_rgb",
     "located",
     "mask_remarks",
     "overlap",
@@ -26,4 +27,5 @@ __all__ = [
     "rectified",
     "rope_traces",
     "self_crossings",
+    "untilted",
 ]

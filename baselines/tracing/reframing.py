@@ -100,7 +100,7 @@ class Reframed:
         """Return the original under one map more, in one step from its own pixels."""
         original = self.original or self.view
         homography = step if self.homography is None else step @ self.homography
-        seen = warped(original, homography, name, _border(original))
+        seen = warped(original, homography, name, border_rgb(original))
         return Reframed(seen, nadir, homography, original, self.tilted, self.turned)
 
     def forward(self, uv_px: npt.NDArray[np.floating[Any]]) -> npt.NDArray[np.float32]:
@@ -203,7 +203,7 @@ def warped(
     )
 
 
-def _border(view: Frame) -> tuple[int, ...]:
+def border_rgb(view: Frame) -> tuple[int, ...]:
     """Return the mean colour of a view's border, which training shows outside its pictures."""
     rgb = view.rgb
     border = np.concatenate([rgb[0], rgb[-1], rgb[:, 0], rgb[:, -1]])

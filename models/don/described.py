@@ -143,7 +143,34 @@ class ViewDescriber:
             found = repaired(view.mask, view.objects, found)
         return found
 
+    def sureness(self, view: Frame) -> float:
+        """Return the mean log probability of the likeliest material coordinates on the object.
+
+        It is 0 for a network without a canonical head.
+        """
+        head = self.network.canonical
+        if head is None:
+            return 0.0
+        image, mask, _ = self._image(view)
+        with torch.inference_mode():
+            upright = self.network(self._turned(image, 0))[0].cpu()
+            rows = DescribedView([upright], None, mask, None).on_object()
+            parts = torch.from_numpy(rows).split(_PIXELS_AT_ONCE)
+            scale = self.network.scale.cpu()
+            best = [head.log_probabilities(part, scale).max(dim=1).values for part in parts]
+        return float(torch.cat(best).mean())
+
     def _describe(self, view: Frame) -> DescribedView:
+        image, mask, objects = self._image(view)
+        with torch.inference_mode():
+            maps = [self.network(self._turned(image, turn))[0].cpu() for turn in self.turns]
+            mirrored = None
+            if self.mirrored:
+                mirrored = self.network(self._turned(image.flip(2), 0))[0].cpu().flip(2)
+        return DescribedView(maps, mirrored, mask, objects)
+
+    def _image(self, view: Frame) -> tuple[torch.Tensor, Mask | None, Mask | None]:
+        """Return a view as the network sees it, and its masks at the network's size."""
         rgb, depth_m = self._resized(view)
         mask, objects = (
             None if each is None else resize_mask(each, self.size, keep_thin=True)
@@ -152,13 +179,7 @@ class ViewDescriber:
         if mask is None and self.given.masks and self.network.foreground:
             logits = self._out(self.given.image(rgb, depth_m)).foreground[0].cpu()
             mask, objects = (logits > 0).numpy()
-        image = torch.from_numpy(self.given.image(rgb, depth_m, mask, objects))
-        with torch.inference_mode():
-            maps = [self.network(self._turned(image, turn))[0].cpu() for turn in self.turns]
-            mirrored = None
-            if self.mirrored:
-                mirrored = self.network(self._turned(image.flip(2), 0))[0].cpu().flip(2)
-        return DescribedView(maps, mirrored, mask, objects)
+        return torch.from_numpy(self.given.image(rgb, depth_m, mask, objects)), mask, objects
 
     def _resized(
         self, view: Frame

@@ -12,8 +12,10 @@ from pliant.baselines.tracing import (
     MaskShape,
     Reframed,
     Trace,
+    border_rgb,
     rectified,
     rope_traces,
+    untilted,
 )
 from pliant.models.don.crossings import with_overlaps
 from pliant.models.don.described import DescribedView, ViewDescriber
@@ -31,6 +33,8 @@ _KEPT_BYTES = 128 * 2**20
 _LEAST_KEPT = 8
 _BYTES_PER_PIXEL = 9  # colour, depth and two masks
 _KEPT_TRACES = 256
+_TILT = 0.70  # the tangent of 35 degrees
+_SURER = 0.02  # of a mean log probability, so that a view is not changed for nothing
 
 
 def _bytes_of(seen: Reframed) -> int:
@@ -78,13 +82,32 @@ class RopeReader:
 
         def prepared() -> Reframed:
             masked = self._views.segmented(view) if self._settings.decode == "trace" else view
-            seen = rectified(masked) if self._settings.rectify else Reframed.unchanged(masked)
-            seen = seen.zoomed(self._shown(seen.view), *self._settings.fill)
+            seen = self._from_above(masked)
             shown = None if self._settings.blank_square == "no" else self._shown(seen.view)
             seen = seen if shown is None else upright(seen, shown)
             return replace(seen, segmented=masked is not view)
 
         return self._rectified.get(view.cache_key, prepared)
+
+    def _from_above(self, view: Frame) -> Reframed:
+        """Return a view from straight above, as far as settings ask for it, and not too small.
+
+        A rope's widths tell the tilt. For a cloth, the network looks at the picture as it is, and
+        as a camera straight above would take it if this one were tilted by 35 degrees; the one in
+        which it is surer of the material coordinates is kept.
+        """
+        if self._settings.decode == "trace" and self._settings.rectify:
+            return self._large(rectified(view))
+        as_it_is = self._large(Reframed.unchanged(view))
+        shown = self._shown(view) if self._settings.rectify else None
+        if shown is None or not shown.any():
+            return as_it_is
+        above = self._large(untilted(view, _TILT, shown, border_rgb(view)))
+        gain = self._views.sureness(above.view) - self._views.sureness(as_it_is.view)
+        return above if gain > _SURER else as_it_is
+
+    def _large(self, seen: Reframed) -> Reframed:
+        return seen.zoomed(self._shown(seen.view), *self._settings.fill)
 
     def ways(self, source: Reframed, target: Reframed) -> list[Reframed]:
         """Return the source turned to each other side, where nothing says how a cloth is turned.

@@ -150,8 +150,9 @@ class AnswerSettings(Settings):
         rotations: 1, 2 or 4: how many quarter-turned copies of both images vote.
         mirrored: Mirrored copies of both images vote too, with half the weight of the others: a
             blank cloth in a mirror looks like the same cloth turned over.
-        rectify: For ropes: answer in views from straight above, where a mask shows that the camera
-            was tilted (`baselines/tracing/rectification.py`).
+        rectify: Answer in views from straight above (`baselines/tracing/rectification.py`): with
+            `trace` where the widths of a rope's mask show that the camera was tilted, else where
+            the network is surer of what it sees then.
         fill: A picture in which the object's box takes less than the first share of the frame's
             width or height, whichever is more, is answered in a part of it in which it takes the
             second: what training shows at least, with its augmentation, and in the middle.
