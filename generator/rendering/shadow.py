@@ -34,18 +34,16 @@ _TAPS: Final = 12
 _EMPTY: Final = np.float32(1e9)
 
 
-def _disc(count: int) -> FloatArray:
-    """Return points spread evenly over the unit disc (Vogel's spiral)."""
-    k = np.arange(count)
-    turn, radius = k * (math.pi * (3.0 - math.sqrt(5.0))), np.sqrt((k + 0.5) / count)
-    return np.stack([radius * np.cos(turn), radius * np.sin(turn)], axis=1)
-
-
 def _turned_discs() -> FloatArray:
-    """Return float64 (16, taps, 2): the disc turned by each angle of the pattern."""
+    """Return float64 (16, taps, 2): a disc turned by each angle of the pattern.
+
+    The taps are spread evenly over the unit disc (Vogel's spiral).
+    """
+    k = np.arange(_TAPS)
+    turn, radius = k * (math.pi * (3.0 - math.sqrt(5.0))), np.sqrt((k + 0.5) / _TAPS)
+    u, v = radius * np.cos(turn), radius * np.sin(turn)
     order = np.array([0, 8, 2, 10, 12, 4, 14, 6, 3, 11, 1, 9, 15, 7, 13, 5])
     c, s = np.cos(2 * np.pi * order / 16)[:, None], np.sin(2 * np.pi * order / 16)[:, None]
-    u, v = _disc(_TAPS).T
     return np.stack([c * u - s * v, s * u + c * v], axis=-1)
 
 

@@ -7,7 +7,6 @@ object takes away a share of each light. No renderer is needed for either.
 from __future__ import annotations
 
 import math
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -35,6 +34,7 @@ class TableView:
     Attributes:
         linear: float32 (H, W, 3), the table without the object, linear light.
         encoded: uint8 (H, W, 3), the same in sRGB.
+        reflected: float64 (3,), mean radiance of the open table; it lights objects from below.
     """
 
     def __init__(self, camera: Camera, appearance: Appearance) -> None:
@@ -49,6 +49,7 @@ class TableView:
         linear = reflectance * (self._sun + self._sky)
         linear[~seen] = self._sky  # above the horizon
         self._reflectance = reflectance.reshape(height, width, 3).astype(np.float32)
+        self.reflected = self._reflectance.mean(axis=(0, 1)) * (self._sun + self._sky)
         self._xy = xy.reshape(height, width, 2)
         self.linear = linear.reshape(height, width, 3).astype(np.float32)
         self.encoded = encode_srgb(self.linear)
@@ -60,12 +61,6 @@ class TableView:
         self._grid = np.concatenate([grid, np.zeros((len(grid), 1))], axis=1)
         self._up = np.broadcast_to([0.0, 0.0, 1.0], self._grid.shape).copy()
         self._grid_shape = len(grid_rows), len(grid_columns)
-
-    @cached_property
-    def reflected(self) -> FloatArray:
-        """float64 (3,): mean radiance of the open table; it lights objects from below."""
-        mean: FloatArray = self._reflectance.mean(axis=(0, 1)) * (self._sun + self._sky)
-        return mean
 
     def under(
         self, shadow: ShadowMap, sky: SkyMaps, hidden: BoolArray | None = None

@@ -6,9 +6,7 @@ Nothing here is part of the dataset; deleting the folder of a finished set loses
 from __future__ import annotations
 
 import json
-import os
 import shutil
-import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
@@ -165,10 +163,6 @@ class RunFolder:
         """Remove what killed workers left unfinished."""
         for path in self.root.glob(f"{sequence_name('*', '.*.partial')}"):
             shutil.rmtree(path, ignore_errors=True)
-
-    def new_log(self) -> Path:
-        """Return the path of this run's log file."""
-        return self.logs / time.strftime(f"run-%Y%m%d-%H%M%S-{os.getpid()}.log", time.gmtime())
 
 
 def refuse_changes(stored: Mapping[str, Any], wanted: Mapping[str, Any], root: Path) -> None:

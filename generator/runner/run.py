@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import logging
+import os
 import shutil
 import time
 from collections.abc import Callable, Iterator
@@ -283,7 +284,7 @@ def required_packages(style: str) -> list[str]:
 @contextmanager
 def _logged(run: RunFolder) -> Iterator[Path]:
     """Send this package's log to a file of the run while it lasts."""
-    path = run.new_log()
+    path = run.logs / time.strftime(f"run-%Y%m%d-%H%M%S-{os.getpid()}.log", time.gmtime())
     handler = _LogFile(path, delay=True)
     handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(message)s"))
     level = logger.level

@@ -16,6 +16,7 @@ from typing import Any, Final, TypeVar
 import numpy as np
 import numpy.typing as npt
 import psutil
+from scipy.ndimage import find_objects
 
 from pliant.generator.config import BLENDER_STYLES, GenerateConfig
 from pliant.generator.objects.tiers import describe_tier, sample_scene_object
@@ -212,27 +213,15 @@ def frame_facts(
 ) -> dict[str, Any]:
     """Return a frame's entry of `sequence.json`: the sampler's facts and what the camera sees."""
     states = np.asarray(truth.visibility)[~scene_object.points.centreline]
+    # Left, top, right and bottom: the edges of the outermost pixels, px; None if it is not seen.
+    box = None
+    for rows, columns in find_objects((truth.surface.object_id == queried).astype(np.uint8)):
+        box = [columns.start, rows.start, columns.stop, rows.stop]
     return {
         **settings_to_dict(pose.info),
         "self_occluded": float(np.mean(states == "self_occluded")),
-        "box_px": visible_box(truth.surface.object_id == queried),
+        "box_px": box,
     }
-
-
-def visible_box(mask: np.ndarray[Any, np.dtype[np.bool_]]) -> list[int] | None:
-    """Return the bounding box of a mask.
-
-    Args:
-        mask: bool (H, W).
-
-    Returns:
-        [left, top, right, bottom], px, the edges of the outermost pixels; None if it is empty.
-    """
-    columns = np.flatnonzero(mask.any(axis=0))
-    rows = np.flatnonzero(mask.any(axis=1))
-    if len(columns) == 0:
-        return None
-    return [int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1]
 
 
 class StageClock:

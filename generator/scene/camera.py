@@ -131,7 +131,9 @@ def sample_camera(
         if elevation > 89.0:
             up = _direction(0.0, turn + 180.0)
     toward = _direction(elevation, turn)
-    rotation = _rolled(_facing(-toward, up), roll)
+    c, s = math.cos(math.radians(roll)), math.sin(math.radians(roll))
+    rolled = [[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]
+    rotation = portable.product(rolled, _facing(-toward, up))
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
     if settings.distance_m is not None:
         eye = middle + toward * rng.uniform(*settings.distance_m)
@@ -163,11 +165,6 @@ def _facing(
     x = np.cross(z, up)
     x /= portable.norm(x)
     return np.stack([x, np.cross(z, x), z])
-
-
-def _rolled(rotation: npt.NDArray[np.float64], roll_deg: float) -> npt.NDArray[np.float64]:
-    c, s = math.cos(math.radians(roll_deg)), math.sin(math.radians(roll_deg))
-    return portable.product([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]], rotation)
 
 
 def _placed(

@@ -118,8 +118,7 @@ class RopeSettings(Settings):
         """
         for extreme in self._extremes():
             extreme._check_mesh()
-            extreme._check_shapes()
-            extreme._check_points()
+            extreme._check_shapes_and_points()
             extreme._check_episodes()
         return self
 
@@ -186,7 +185,7 @@ class RopeSettings(Settings):
                 "ball_strand_radii",
             )
 
-    def _check_shapes(self) -> None:
+    def _check_shapes_and_points(self) -> None:
         longest = LONGEST_KNOT_SHARE * self.length_m / self.diameter_m
         for knot, shortest in SHORTEST_KNOT_DIAMETERS.items():
             where = f"knot_diameters.{knot}"
@@ -205,8 +204,6 @@ class RopeSettings(Settings):
         tightest, widest = 2.2 * self.radius_m, 0.6 * self.length_m / (2.0 * math.pi)
         if self.loop_radius_m[0] < tightest or self.loop_radius_m[1] > widest:
             raise Refused(f"within {tightest:.4g} and {widest:.4g}", "loop_radius_m")
-
-    def _check_points(self) -> None:
         if self.point_stations > self.rows:
             raise Refused(f"at most rows, {self.rows}", "point_stations")
         around = 3 * self.ring if self.structure == "tube" else self.strands * (self.ring // 2)
