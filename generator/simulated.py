@@ -28,7 +28,7 @@ from pliant.spec.errors import CallError, SpecError
 from pliant.spec.extras import require_packages
 from pliant.spec.io.exr import Surface
 from pliant.spec.lru_cache import LRUCache
-from pliant.spec.sequence import SequenceRecord, decoded_images
+from pliant.spec.sequence import SequenceRecord
 from pliant.spec.storage import layout
 
 KEPT_BYTES: Final = 256 * 2**20
@@ -166,6 +166,8 @@ class SimulatedSequence(SequenceRecord):
 class SimulatedDataset(Dataset):
     """A dataset without files or queries; its frames equal those that `pliant generate` writes."""
 
+    sequence_class: ClassVar = SimulatedSequence
+
     @classmethod
     def of(cls, config: GenerateConfig | Mapping[str, Any] | Path | str) -> SimulatedDataset:
         """Open the dataset that a config describes; nothing is simulated yet.
@@ -188,25 +190,18 @@ class SimulatedDataset(Dataset):
         tiers = {name: describe_tier(config, name) for name in config.tiers}
         tools = tool_versions(config.style)
         infos = [{"split": task.split, "tools": tools} for task in tasks]
-        root, decoded = Path(simulator.address), decoded_images()
-        sequences: list[SequenceRecord] = [
-            SimulatedSequence(
-                id=task.id,
-                tier=task.tier,
-                described=tiers[task.tier],
-                split=task.split,
-                shape=None,
-                frames=config.frames,
-                temporal=config.episodes,
-                root=root,
-                size=config.size,
-                files=simulator,
-                decoded=decoded,
-            )
-            for task in tasks
-        ]
         info = describe_dataset(config, list(tiers.values()), infos)
-        return cls(root, info, tiers, sequences, simulator)
+        listing = pa.table(
+            {
+                "id": [task.id for task in tasks],
+                "tier": [task.tier for task in tasks],
+                "split": [task.split for task in tasks],
+                "shape": pa.nulls(len(tasks), pa.string()),
+                "frames": [config.frames] * len(tasks),
+                "temporal": [config.episodes] * len(tasks),
+            }
+        )
+        return cls(Path(simulator.address), info, tiers, listing, simulator)
 
     def fingerprint(self) -> bytes:
         """Return a constant: `info` contains the config, which determines the sequences."""

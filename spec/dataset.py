@@ -5,11 +5,11 @@ from __future__ import annotations
 import operator
 import re
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, ClassVar, Final
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -51,6 +51,29 @@ def _are_names(column: pa.ChunkedArray) -> bool:
     return pc.all(pc.and_not(shaped, pc.match_substring(column, ".."))).as_py() is not False
 
 
+def _check_names(listing: pa.Table, tiers: Mapping[str, Tier], path: AnyFile) -> None:
+    """Refuse sequences whose names are no folder names, or whose tiers nothing describes."""
+    if not _are_names(listing["id"]) or not _are_names(listing["tier"]):
+        named = zip(listing["id"].to_pylist(), listing["tier"].to_pylist(), strict=True)
+        name, tier = next(each for each in named if not all(map(is_name, each)))
+        raise SpecError(
+            "invalid name of a sequence or tier",
+            path=path,
+            where="id, tier",
+            found=f"{name!r:.80}, {tier!r:.80}",
+        )
+    for tier in listing["tier"].unique().to_pylist():
+        if tier not in tiers:
+            first = pc.index(listing["tier"], tier).as_py()
+            raise SpecError(
+                "a sequence names a tier that dataset.json does not describe",
+                path=path,
+                where=f"sequence {listing['id'][first].as_py()}, tier",
+                found=f"{tier!r:.80}",
+                required="one of " + ", ".join(tiers),
+            )
+
+
 def check_version(version: object, path: AnyFile) -> None:
     """Refuse a file of another major version.
 
@@ -82,7 +105,7 @@ class Dataset:
         root: Its folder; of a remote one, its URL for messages.
         info: Its `dataset.json`.
         tiers: Its tiers by name.
-        sequences: Its sequences, in the order of `sequences.parquet`.
+        listing: The columns of `sequences.parquet` that its sequences are made of.
         files: Where its files come from.
 
     Examples:
@@ -97,8 +120,10 @@ class Dataset:
     root: Path
     info: dict[str, Any] = field(repr=False)
     tiers: dict[str, Tier] = field(repr=False)
-    sequences: list[SequenceRecord]
+    listing: pa.Table = field(repr=False)
     files: Files = field(repr=False, compare=False)
+
+    sequence_class: ClassVar[type[SequenceRecord]] = SequenceRecord
 
     @classmethod
     def open(cls, root: Path | str) -> Dataset:
@@ -131,50 +156,38 @@ class Dataset:
         check_version(info.get("spec_version") if isinstance(info, dict) else None, path)
         info = read_json(path, "dataset")
         tiers = _tiers(info, path)
-        size = (info["image_size"]["width"], info["image_size"]["height"])
-        listing = storage.get(layout.SEQUENCES_TABLE)
-        table = read_table(listing, "sequences")
+        table_path = storage.get(layout.SEQUENCES_TABLE)
+        listing = read_table(table_path, "sequences").select(_LISTED)
+        _check_names(listing, tiers, table_path)
         if storage.has(layout.INDEX_TABLE):
-            files = PackedFiles(storage, table["id"].to_pylist())
-        place = Path(root)
-        named = {name: tier for name, tier in tiers.items() if is_name(name)}
-        sequences = []
+            files = PackedFiles(storage, listing["id"].to_pylist())
+        return cls(Path(root), info, tiers, listing, files)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # A copy in another process lists its sequences itself.
+        return type(self), (self.root, self.info, self.tiers, self.listing, self.files)
+
+    @cached_property
+    def sequences(self) -> list[SequenceRecord]:
+        """Its sequences, in the order of `sequences.parquet`."""
         decoded = decoded_images()
-        all_named = _are_names(table["id"])
-        columns = (table[name].to_pylist() for name in _LISTED)
-        for name, tier, split, shape, frames, temporal in zip(*columns, strict=True):
-            described = named.get(tier)
-            if not (all_named or is_name(name)) or (described is None and not is_name(tier)):
-                raise SpecError(
-                    "invalid name of a sequence or tier",
-                    path=listing,
-                    where="id, tier",
-                    found=f"{name!r:.80}, {tier!r:.80}",
-                )
-            if described is None:
-                raise SpecError(
-                    "a sequence names a tier that dataset.json does not describe",
-                    path=listing,
-                    where=f"sequence {name}, tier",
-                    found=f"{tier!r:.80}",
-                    required="one of " + ", ".join(tiers),
-                )
-            sequences.append(
-                SequenceRecord(
-                    id=name,
-                    tier=tier,
-                    described=described,
-                    split=split,
-                    shape=shape,
-                    frames=frames,
-                    temporal=temporal,
-                    root=place,
-                    size=size,
-                    files=files,
-                    decoded=decoded,
-                )
+        columns = (self.listing[name].to_pylist() for name in _LISTED)
+        return [
+            self.sequence_class(
+                id=name,
+                tier=tier,
+                described=self.tiers[tier],
+                split=split,
+                shape=shape,
+                frames=frames,
+                temporal=temporal,
+                root=self.root,
+                size=self.size,
+                files=self.files,
+                decoded=decoded,
             )
-        return cls(place, info, tiers, sequences, files)
+            for name, tier, split, shape, frames, temporal in zip(*columns, strict=True)
+        ]
 
     def with_private(self, folder: Path | str) -> Dataset:
         """Return this dataset with the private half that `pliant publish` made of it.
@@ -188,14 +201,15 @@ class Dataset:
         private = LocalFiles(Path(folder))
         check_halves(self.files, private)
         files = LayeredFiles(private, self.files)
-        decoded = decoded_images()
         listed = read_table(files.get(layout.SEQUENCES_TABLE), "sequences")
         shapes = dict(zip(listed["id"].to_pylist(), listed["shape"].to_pylist(), strict=True))
-        sequences = [
-            replace(each, shape=shapes.get(each.id, each.shape), files=files, decoded=decoded)
-            for each in self.sequences
-        ]
-        return replace(self, sequences=sequences, files=files)
+        rows = zip(self.listing["id"].to_pylist(), self.listing["shape"].to_pylist(), strict=True)
+        known = pa.array(
+            [shapes.get(name, shape) for name, shape in rows], self.listing["shape"].type
+        )
+        place = self.listing.column_names.index("shape")
+        listing = self.listing.set_column(place, "shape", known)
+        return replace(self, listing=listing, files=files)
 
     @property
     def address(self) -> str:
