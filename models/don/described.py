@@ -200,7 +200,7 @@ class ViewDescriber:
             rows, scale = sparse.flatten(1).T, self.network.scale.cpu()
             in_first = head.anchors[:, 0] < FIRST_SHARE
             parts = rows.split(_PIXELS_AT_ONCE)
-            p = [head.log_probabilities(part, scale).exp()[:, in_first].sum(1) for part in parts]
+            p = [head.log_probabilities(part, scale)[:, in_first].exp().sum(1) for part in parts]
             return torch.cat(p).view(*sparse.shape[1:])
 
     def _out(self, image: npt.NDArray[np.float32]) -> NetworkOutput:
