@@ -9,21 +9,17 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from pliant.generator.config import GenerateConfig, QuerySettings
+from pliant.generator.config import QuerySettings
 from pliant.generator.objects.tiers import sample_scene_object
 from pliant.generator.seeding import SequenceTask
 from pliant.generator.settings import SceneSettings
 from pliant.spec.dataset import Dataset
 from pliant.spec.sequence import RecordedFrame
-from tests.generator.world import made
+from tests.generator.world import made, newly_hidden, small
 
-CONFIG = GenerateConfig(
-    tiers=("rope",),
-    splits={"test": 2},
-    width=200,
-    height=150,
+CONFIG = small(
+    size=(200, 150),
     seed=11,
-    style="raster",
     scene=SceneSettings(distractors=(2, 3), distractor_over=1.0),
     queries=QuerySettings(pairs_per_sequence=2, queries_per_pair=16),
 )
@@ -49,14 +45,7 @@ def test_they_are_objects_of_the_dataset(pair: tuple[Dataset, Dataset]) -> None:
 def test_the_object_is_the_same_and_partly_hidden(pair: tuple[Dataset, Dataset]) -> None:
     hidden = 0
     for with_them, alone in zip(*(each.sequences for each in pair), strict=True):
-        here, there = with_them.correspondences(0), alone.correspondences(0)
-        for column in ("u_px", "v_px", "depth_m", "x_m", "y_m", "z_m"):
-            np.testing.assert_array_equal(here[column], there[column])
-        before, after = (np.array(each["visibility"].to_pylist()) for each in (there, here))
-        newly = before != after
-        assert set(after[newly]) <= {"occluded"}
-        hidden += newly.sum()
-        assert set(with_them.points()["object"].to_pylist()) == {1}
+        hidden += newly_hidden(with_them, alone, 0)
         assert 2 <= len(with_them.info["parameters"]["distractors"]) <= 3
     assert hidden > 0
 

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pliant.generator.config import TIER_KINDS, GenerateConfig
+from pliant.generator.config import TIER_KINDS
 from pliant.generator.objects.tiers import TIER_MODULES
 from pliant.generator.settings import RopeSettings
-from tests.generator.world import made
+from tests.generator.world import made, small
 
 EXAMPLE = Path(__file__).with_name("coil_tier.py")
 
@@ -21,14 +21,7 @@ def test_a_tier_of_one_module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.delitem(sys.modules, "coil_tier", raising=False)
     monkeypatch.setitem(TIER_KINDS, "rope-coil", "rope")
     monkeypatch.setitem(TIER_MODULES, "rope-coil", "coil_tier")
-    config = GenerateConfig(
-        tiers=("rope-coil",),
-        splits={"test": 2},
-        width=160,
-        height=120,
-        style="raster",
-        rope=RopeSettings(ball=False),
-    )
+    config = small("rope-coil", (160, 120), rope=RopeSettings(ball=False))
     dataset = made(config, tmp_path / "coils")
     sequence = dataset.sequence("rope-coil-test-000000")
     assert sequence.shape == "coil"

@@ -12,7 +12,7 @@ from pliant.generator.settings import AppearanceSettings, ClothSettings, RopeSet
 from pliant.spec.configuration import settings_from
 from pliant.spec.dataset import Dataset
 from tests.generator.runner.standin import InProcess, digests
-from tests.generator.world import made
+from tests.generator.world import made, small
 
 
 def config(style, count):
@@ -46,33 +46,32 @@ def test_grown_by_workers_equals_made_at_once_in_one_process(style, tmp_path):
     assert digests(tmp_path / "grown") == digests(tmp_path / "at-once")
 
 
-def test_noise_changes_the_colours_alone(tmp_path):
-    plain = config("raster", 1).replace(tiers=("rope",))
-    noisy = plain.replace(noise={"gaussian": [2.0, 2.0]})
+@pytest.mark.parametrize(
+    ("changes", "named"),
+    [
+        ({"noise": {"gaussian": [2.0, 2.0]}}, {"sequence.json", "dataset.json"}),
+        (  # the tables name the style
+            {"style": "real-depth", "depth_camera": {"specks": [2, 2]}},
+            {"sequence.json", "dataset.json", "sequences.parquet"},
+        ),
+    ],
+)
+def test_noise_and_the_depth_camera_change_the_colours_alone(changes, named, tmp_path):
+    """Their pictures are of the same truth, the same queries and the same cameras."""
+    plain = small(frames=2, episodes=True)
     generate(plain, tmp_path / "plain", engine=InProcess())
-    generate(noisy, tmp_path / "noisy", engine=InProcess())
-    before, after = digests(tmp_path / "plain"), digests(tmp_path / "noisy")
-    changed = {name.split("/")[-1] for name in before if before[name] != after[name]}
-    assert changed == {"000000.png", "000001.png", "sequence.json", "dataset.json"}
-
-
-def test_the_depth_camera_changes_the_colours_alone(tmp_path):
-    """Its pictures are of the same truth, the same queries and the same cameras."""
-    small = config("raster", 1).replace(tiers=("rope",))
-    deep = small.replace(style="real-depth", depth_camera={"specks": [2, 2]})
-    generate(small, tmp_path / "raster", engine=InProcess())
-    dataset = made(deep, tmp_path / "deep")
-    before, after = digests(tmp_path / "raster"), digests(tmp_path / "deep")
+    dataset = made(plain.replace(**changes), tmp_path / "changed")
+    before, after = digests(tmp_path / "plain"), digests(tmp_path / "changed")
     assert before.keys() == after.keys()
     changed = {name.split("/")[-1] for name in before if before[name] != after[name]}
-    named = {"sequence.json", "dataset.json", "sequences.parquet"}  # they name the style
     assert changed == {"000000.png", "000001.png"} | named
-    kept = dataset.sequences[0].info
-    assert kept["style"] == "real-depth"
+    kept, config = dataset.sequences[0].info, dataset.info["provenance"]["config"]
+    assert kept["style"] == config["style"]
     assert "bpy" not in kept["tools"]
-    faults = kept["parameters"]["depth_camera"]
+    assert kept["noise"] == config["noise"]
+    assert kept["parameters"].get("depth_camera") == config.get("depth_camera")
+    faults = kept["parameters"]["depth_camera"] if "style" in changes else {"specks": [2, 2]}
     assert faults["specks"] == [2, 2]
-    assert faults == dataset.info["provenance"]["config"]["depth_camera"]
 
 
 def test_the_camera_sees_every_configuration_whole(tiny_dataset):
@@ -83,17 +82,10 @@ def test_the_camera_sees_every_configuration_whole(tiny_dataset):
 
 
 def test_sequences_share_materials_and_another_set_has_others(tmp_path):
-    small = GenerateConfig(
-        tiers=("rope",),
-        splits={"train": 2, "test": 1},
-        frames=1,
-        width=64,
-        height=48,
-        style="raster",
-        look=AppearanceSettings(materials=1),
-    )
-    other_look = small.replace(look=AppearanceSettings(materials=1, first_material=1))
-    generate(small, tmp_path / "seen", engine=InProcess())
+    look = AppearanceSettings(materials=1)
+    config = small(splits={"train": 2, "test": 1}, look=look)
+    other_look = config.replace(look=look.replace(first_material=1))
+    generate(config, tmp_path / "seen", engine=InProcess())
     generate(other_look, tmp_path / "unseen", engine=InProcess())
     seen, unseen = (
         [s.info["parameters"]["look"] for s in Dataset.open(tmp_path / name).sequences]
@@ -113,15 +105,8 @@ def test_sequences_share_materials_and_another_set_has_others(tmp_path):
 def test_a_dataset_says_how_to_make_it_again(tmp_path):
     """From `provenance.config` alone, whatever order its keys were given in."""
     shapes = {"open": 1.0, "loop": 1.0, "knot": 1.0, "overlap": 1.0}
-    given = GenerateConfig(
-        tiers=("rope",),
-        splits={"test": 4},
-        width=64,
-        height=48,
-        style="raster",
-        seed=3,
-        rope=RopeSettings(shapes=shapes, knots={"figure-eight": 1.0, "overhand": 1.0}),
-    )
+    rope = RopeSettings(shapes=shapes, knots={"figure-eight": 1.0, "overhand": 1.0})
+    given = small(splits={"test": 4}, seed=3, rope=rope)
     generate(given, tmp_path / "first", engine=InProcess())
     document = json.loads((tmp_path / "first" / "dataset.json").read_text())
     again = settings_from(GenerateConfig, document["provenance"]["config"])

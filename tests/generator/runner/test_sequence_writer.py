@@ -40,12 +40,6 @@ def test_every_file_is_listed_with_its_sum(make):
         assert entry["sha256"] == sha256_file(there[name])
 
 
-def test_a_failure_leaves_nothing(make, tmp_path):
-    with pytest.raises(ValueError, match="no such knot"):
-        make(**{TASK.id: "raise"})
-    assert not list(TASK.folder(tmp_path).parent.iterdir())
-
-
 def test_an_encoder_that_fails_fails_the_sequence(make, tmp_path, monkeypatch):
     def full(*arguments, **options):
         raise OSError(errno.ENOSPC, "No space left on device")

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
 from colorsys import rgb_to_hsv
 from typing import Any
@@ -18,7 +17,6 @@ from pliant.generator.rendering.materials import (
 from pliant.generator.scene.appearance import Appearance, sample_appearance
 from pliant.generator.scene.scene_object import SceneObject
 from pliant.generator.settings.scene import AppearanceSettings
-from pliant.spec.configuration import settings_to_dict
 from pliant.spec.errors import CallError
 
 
@@ -26,13 +24,6 @@ def appearance_of(scene_object: SceneObject, seed: int = 0, **values: Any) -> Ap
     return sample_appearance(
         np.random.default_rng(seed), scene_object, AppearanceSettings(**values)
     )
-
-
-def test_an_appearance_is_json_and_repeats(tube: SceneObject) -> None:
-    first, second = appearance_of(tube), appearance_of(tube)
-    assert first == second
-    assert json.loads(json.dumps(settings_to_dict(first)))["pattern"] == "plain"
-    assert appearance_of(tube, 1) != first
 
 
 @pytest.mark.parametrize("seed", range(12))
@@ -102,20 +93,6 @@ def test_colours_that_cannot_stand_out_are_refused(sheet: SceneObject) -> None:
     same = {"object_value": (0.5, 0.5), "object_saturation": (0.0, 0.0)}
     with pytest.raises(CallError, match=r"look\.least_contrast"):
         appearance_of(sheet, 0, **grey, **same)
-
-
-def test_sequences_that_share_a_material_differ_in_light_alone(tube: SceneObject) -> None:
-    one, two = (
-        sample_appearance(
-            np.random.default_rng(seed),
-            tube,
-            AppearanceSettings(),
-            material=np.random.default_rng(9),
-        )
-        for seed in (0, 1)
-    )
-    assert one.light != two.light
-    assert dataclasses.replace(one, light=two.light) == two
 
 
 def test_materials_stay_in_their_family_of_hues(sheet: SceneObject) -> None:

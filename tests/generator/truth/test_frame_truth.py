@@ -105,32 +105,6 @@ def test_material_of_a_pixel_is_the_material_that_a_ray_meets(scene: Scene) -> N
     assert (np.abs(off).max(axis=1) < 1e-4).mean() > 0.999
 
 
-def test_every_pixel_reprojects_to_its_centre(scene: Scene) -> None:
-    scene_object, camera, truth = scene
-    from pliant.generator.truth.rasteriser import interpolate
-
-    mesh = SceneMesh.of(scene_object)
-    rows, columns = np.nonzero(truth.hits.triangle >= 0)
-    world = interpolate(
-        truth.hits.triangle[rows, columns],
-        truth.hits.weights[rows, columns],
-        mesh.faces,
-        truth.world_vertices,
-    )
-    uvz = camera.project(world)
-    np.testing.assert_allclose(uvz[:, 0], columns + 0.5, atol=1e-6)
-    np.testing.assert_allclose(uvz[:, 1], rows + 0.5, atol=1e-6)
-
-
-def test_files_reproject_within_a_hundredth_of_a_pixel(scene: Scene) -> None:
-    """What the tables hold (float32) and what the camera file holds agree."""
-    _, camera, truth = scene
-    stored = truth.xyz_m.astype(np.float32).astype(np.float64)
-    uvz = camera.project(stored)
-    assert np.abs(uvz[:, :2] - truth.uv_px.astype(np.float32)).max() < 1e-4
-    assert np.abs(uvz[:, 2] - truth.depth_m.astype(np.float32)).max() < 1e-6
-
-
 def _plates(height: float, one_object: bool) -> tuple[SceneObject, Camera]:
     """A large plate at z = 0 and a small one `height` over its first corner."""
     corners = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, -1, 0]])
@@ -214,19 +188,3 @@ def test_the_centre_line_is_seen_through_its_own_surface_only(tube: SceneObject)
     # What counts is the length in metres, in diameters: ten times of both changes nothing.
     large = replace(tube, size_m=10 * tube.size_m, thickness_m=10 * tube.thickness_m)
     assert frame_truth(large, tube.pose(0), camera).visibility == truth.visibility
-
-
-def test_theta_has_no_seam(tube: SceneObject) -> None:
-    """On every pixel of the rope, theta is that of the rest position, never a mean across pi."""
-    camera = looking_at((0, 0.05, 1.0), (0, 0, 0), (320, 240), fov_deg=50.0)
-    truth = frame_truth(tube, tube.pose(0), camera)
-    on = truth.surface.object_id == 1
-    theta = truth.surface.m1[on]
-    assert theta.min() >= -np.pi - 1e-6
-    assert theta.max() <= np.pi + 1e-6
-    part, mesh = tube.parts[0], SceneMesh.of(tube)
-    corner_theta = part.chart(part.rest)[:, 1][mesh.faces[truth.hits.triangle[on]]]
-    off = (corner_theta - theta[:, None] + np.pi) % (2 * np.pi) - np.pi
-    assert np.abs(off).max() < 2 * np.pi / 12 + 1e-6 or np.abs(off).max() < np.pi
-    inside = np.abs(off).max(axis=1) < 2 * np.pi / 12 + 1e-5
-    assert inside.mean() > 0.99  # the rest lies on the end caps

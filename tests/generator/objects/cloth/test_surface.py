@@ -104,7 +104,6 @@ def test_cover_of_a_flat_and_of_a_folded_sheet() -> None:
     folded[over, 2] = -0.01
     cover = measure_cover(folded, faces, corners, 0.5)
     assert cover.hidden_corners == (1, 3)
-    assert cover.hidden_corners == (1, 3)
 
 
 def test_the_masses_stand_in_the_finer_grid() -> None:

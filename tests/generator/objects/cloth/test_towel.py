@@ -8,23 +8,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pliant.generator.config import GenerateConfig
 from pliant.generator.objects.tiers import describe_tier, sample_scene_object
 from pliant.generator.rendering.materials import cloth_images
 from pliant.generator.scene.appearance import sample_appearance
 from pliant.generator.seeding import SequenceTask
 from pliant.generator.settings import AppearanceSettings, ClothSettings
 from pliant.spec.model import SQUARE_MIRRORS, SQUARE_ROTATIONS
-from tests.generator.world import made
+from tests.generator.world import made, small
 
-CONFIG = GenerateConfig(
-    tiers=("towel",),
-    splits={"test": 2},
-    width=160,
-    height=120,
-    style="raster",
-    cloth=ClothSettings(points_a_side=33, tracked_a_side=17),
-)
+CONFIG = small("towel", (160, 120), cloth=ClothSettings(points_a_side=33, tracked_a_side=17))
 
 
 def test_every_map_of_the_square_changes_the_pattern_whatever_the_colours_are() -> None:

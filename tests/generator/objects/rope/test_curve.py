@@ -39,17 +39,6 @@ def test_a_square_of_nodes_gives_nearly_a_circle() -> None:
     np.testing.assert_allclose(np.hypot(*inner.T), 1.0, atol=2e-3)
 
 
-def test_bezier_passes_its_nodes_with_tangents_along_the_handles() -> None:
-    rng = np.random.default_rng(0)
-    nodes = rng.normal(size=(7, 2))
-    handles = automatic_handles(nodes)
-    curve = bezier_curve(nodes, handles, per_segment=2000)
-    np.testing.assert_allclose(curve[::2000], nodes)
-    step = curve[2001] - curve[2000]
-    along = handles[1, 1] - nodes[1]
-    assert abs(step[0] * along[1] - step[1] * along[0]) < 5e-3 * np.hypot(*step) * np.hypot(*along)
-
-
 def test_resampling_is_even_and_keeps_the_ends() -> None:
     t = np.linspace(0, 1, 4000) ** 2
     spiral = np.stack([t * np.cos(9 * t), t * np.sin(9 * t), t], axis=1)

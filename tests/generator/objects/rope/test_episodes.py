@@ -159,21 +159,3 @@ def test_the_surface_turns_smoothly_in_time() -> None:
             arms = [each[ring] - each[ring].mean(axis=0) for each in (before, now)]
             assert np.linalg.norm(arms[1] - arms[0], axis=1).max() < 0.2 * SETTINGS.radius_m
         before = now
-
-
-def test_a_scene_object_is_whole() -> None:
-    scene_object = scene("rope")
-    pose = scene_object.pose(0)
-    assert [part.name for part in scene_object.parts] == ["rope", "ball"]
-    for part in scene_object.parts:
-        assert pose.vertices[part.name].shape == part.rest.shape
-        assert pose.vertices[part.name][:, 2].min() >= -1e-4
-        assert np.isfinite(pose.vertices[part.name]).all()
-    assert pose.centreline is not None
-    assert len(pose.centreline) == SETTINGS.centreline_points
-    on_line = scene_object.points.vertex[scene_object.points.centreline]
-    assert on_line.max() < len(pose.centreline)
-    # Every surface vertex lies within the rope's radius of the centre line.
-    picked = pose.vertices["rope"][::50]
-    gap = np.linalg.norm(picked[:, None] - pose.centreline[None], axis=-1).min(axis=1)
-    assert gap.max() < 1.2 * SETTINGS.radius_m

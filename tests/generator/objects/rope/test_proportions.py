@@ -7,11 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pliant.generator.config import GenerateConfig
 from pliant.generator.objects.rope.sampler import draw_proportions
 from pliant.generator.settings import RopeSettings
 from pliant.spec.configuration import settings_from
-from tests.generator.world import made, scene
+from tests.generator.world import made, scene, small
 
 RANGES = {
     "length_m": [1.15, 1.6],
@@ -70,15 +69,7 @@ def test_a_point_is_on_the_outside_of_the_rope() -> None:
 
 
 def test_a_dataset_of_drawn_ropes_is_exact_and_records_the_draws(tmp_path: Path) -> None:
-    config = GenerateConfig(
-        tiers=("rope",),
-        splits={"test": 4},
-        width=320,
-        height=240,
-        style="raster",
-        seed=3,
-        rope=rope(ball=False),
-    )
+    config = small(size=(320, 240), splits={"test": 4}, seed=3, rope=rope(ball=False))
     dataset = made(config, tmp_path / "ropes")
     drawn = [each.info["parameters"] for each in dataset.sequences]
     assert len({each["length_m"] for each in drawn}) == 4
