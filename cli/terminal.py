@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import sys
 import time
-from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
 from threading import Event, Thread
@@ -14,13 +13,13 @@ from typing import TYPE_CHECKING, Final
 import click
 
 if TYPE_CHECKING:
-    from rich.progress import Progress, TaskID
+    from rich.progress import Progress
 
 LOG_EVERY_S: Final = 30.0
 """Seconds between the lines of a command whose stderr is not a terminal."""
 
-_RATE_CALLS: Final = 200
-"""The rate is that of the last so many calls."""
+_RATE_S: Final = 1800.0
+"""The rate is that of the last so many seconds, and of rich's last 1,000 calls at most."""
 
 
 def echo(text: str, *, err: bool = False) -> None:
@@ -56,15 +55,12 @@ def echo_result(document: object, text: str, *, as_json: bool) -> None:
         echo(text)
 
 
-def rich_progress(
-    unit: str = "", *, hidden: bool = False, transient: bool = True, time_left: bool = False
-) -> Progress:
+def rich_progress(unit: str = "", *, hidden: bool = False, time_left: bool = False) -> Progress:
     """Return rich's display of tasks on stderr.
 
     Args:
         unit: What is counted, shown after the numbers.
         hidden: Show nothing.
-        transient: Whether the display disappears at the end.
         time_left: Show rich's estimate of the time left.
     """
     from rich.console import Console
@@ -86,8 +82,9 @@ def rich_progress(
         *([TimeRemainingColumn()] if time_left else []),
         TextColumn("{task.fields[facts]}"),
         console=Console(stderr=True),
-        transient=transient,
+        transient=True,
         disable=hidden,
+        speed_estimate_period=_RATE_S,
     )
 
 
@@ -104,75 +101,43 @@ class Bar:
 
     def __init__(self, title: str, unit: str, progress: Progress) -> None:
         self._title, self._unit, self._progress = title, unit, progress
-        self._task: TaskID | None = None
         self._begun = time.monotonic()
-        self._seen: deque[tuple[float, int]] = deque(maxlen=_RATE_CALLS)
-        self._pause_s = self._all_pauses_s = 0.0
-        self._total, self._pauses_left, self._facts = 0, 0, ""
+        self._facts = ""
 
-    def __call__(
-        self,
-        done: int,
-        total: int,
-        *,
-        title: str = "",
-        facts: str = "",
-        paused: bool = False,
-        pauses_left: int = 0,
-    ) -> None:
+    def __call__(self, done: int, total: int, *, title: str = "", facts: str = "") -> None:
         """Move the bar, which appears at the first call.
 
         Args:
             done: Units done.
             total: Units in all.
-            title: What is being done now; empty keeps the bar's title.
+            title: What is being done now; empty keeps the title.
             facts: Text after the bar.
-            paused: Whether work that is not counted, such as a validation, was done since the last
-                call. Its time is not part of the rate.
-            pauses_left: How often it will be done; each time takes what the last one took.
         """
-        now = time.monotonic() - self._all_pauses_s
-        if paused and (rate := self._rate()):
-            last, before = self._seen[-1]
-            self._pause_s = max(0.0, now - last - (done - before) / rate)
-            self._all_pauses_s += self._pause_s
-            now -= self._pause_s
-        self._seen.append((now, done))
-        self._total, self._pauses_left, self._facts = total, pauses_left, facts
-        if self._task is None:
-            self._task = self._progress.add_task("", total=total, facts="")
-        self._progress.update(
-            self._task,
-            description=title or self._title,
-            completed=done,
-            total=total,
-            facts=self._rate_and_facts(),
-        )
+        self._facts = facts
+        if not self._progress.tasks:
+            self._progress.add_task(self._title, total=total, facts="")
+        (task,) = self._progress.task_ids
+        self._progress.update(task, description=title or None, completed=done, total=total)
+        self._progress.update(task, facts=self._rate_and_facts())
 
     def line(self) -> str:
         """Return the state in one line, for a log."""
-        if not self._seen:
+        if not self._progress.tasks:
             return f"{self._title}: preparing, {duration(time.monotonic() - self._begun)} so far"
-        done = f"{self._seen[-1][1]:,} of {self._total:,} {self._unit}"
+        (task,) = self._progress.tasks
+        done = f"{task.completed:,} of {task.total:,} {self._unit}"
         return f"{self._title}: {done}, {self._rate_and_facts()}".rstrip(", ")
 
-    def _rate(self) -> float | None:
-        """Return the units per second since the first of the last calls.
+    def _rate_and_facts(self) -> str:
+        """Return the rate, the time left by it, and the facts.
 
         The first call is where measuring begins, so the time of preparations does not count.
         """
-        if not self._seen:
-            return None
-        (begun, first), (now, done) = self._seen[0], self._seen[-1]
-        return (done - first) / (now - begun) if done > first and now > begun else None
-
-    def _rate_and_facts(self) -> str:
-        """Return the rate, the time left by it, and the facts."""
+        (task,) = self._progress.tasks
         texts = []
-        if rate := self._rate():
+        if rate := task.speed:
             texts = [f"{rate:.2g} {self._unit}/s"]
-            if (units := self._total - self._seen[-1][1]) > 0:
-                left_s = units / rate + self._pauses_left * self._pause_s
+            if left_s := task.time_remaining:
                 texts.append(f"{duration(left_s)} left")
         return ", ".join(text for text in (*texts, self._facts) if text)
 
@@ -182,22 +147,19 @@ class Bar:
 
 
 @contextmanager
-def progress_bar(
-    title: str, unit: str = "", *, hidden: bool = False, transient: bool = True
-) -> Iterator[Bar]:
+def progress_bar(title: str, unit: str = "", *, hidden: bool = False) -> Iterator[Bar]:
     """Show progress on stderr: a bar on a terminal, elsewhere a line every 30 s.
 
     Args:
         title: What is being done.
         unit: What is counted.
         hidden: Show nothing.
-        transient: Whether the bar disappears at the end.
 
     Yields:
         The bar.
     """
     in_log = not sys.stderr.isatty()
-    with rich_progress(unit, hidden=hidden or in_log, transient=transient) as progress:
+    with rich_progress(unit, hidden=hidden or in_log) as progress:
         bar = Bar(title, unit, progress)
         if hidden or not in_log:
             yield bar

@@ -149,9 +149,9 @@ def _train(
     said = f"Interrupted: continue with --resume --out {out}" if first else ""
     with (
         terminated_like_interrupted(said),
-        progress_bar("Training", "steps", hidden=not first, transient=False) as bar,
+        progress_bar("Training", "steps", hidden=not first) as bar,
     ):
-        progress = _Progress(bar, chosen.steps, chosen.validation.every)
+        progress = _Progress(bar, chosen.steps)
         facts = train(dataset, out, chosen, resume=resume, progress=progress)
     if not first:
         return
@@ -193,8 +193,8 @@ def _timecycle_figures(facts: Mapping[str, Any]) -> None:
 class _Progress:
     """Shows the steps done, and the newest loss and validation error."""
 
-    def __init__(self, bar: Bar, steps: int, every: int) -> None:
-        self._bar, self._steps, self._every = bar, steps, every
+    def __init__(self, bar: Bar, steps: int) -> None:
+        self._bar, self._steps = bar, steps
         self._latest: dict[str, float] = {}
 
     def __call__(self, step: int, figures: Mapping[str, float]) -> None:
@@ -204,10 +204,4 @@ class _Progress:
             texts.append(f"loss {self._latest['loss']:.3f}")
         if "val/rmse_px" in self._latest:
             texts.append(f"val RMSE {self._latest['val/rmse_px']:.1f} px")
-        self._bar(
-            step,
-            self._steps,
-            facts=", ".join(texts),
-            paused="val/criterion_px" in figures,
-            pauses_left=-(-self._steps // self._every) - step // self._every,
-        )
+        self._bar(step, self._steps, facts=", ".join(texts))
